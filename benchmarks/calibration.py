@@ -3,7 +3,7 @@
 The paper's ideal robot flies the missions of fixed planners on day 6 over environments of Miniberries; the
 last estimate, and that at a part of the flight, are judged on relevant cells that were not observed. Of
 Waterberry, rows of 25,000 readings are judged. All estimators get the same readings. Numbers are means over
-environments; in brackets is how far Student's interval of 95 % reaches.
+environments; in brackets is their interval of 95 %.
 
 Examples::
 
@@ -21,13 +21,13 @@ import numpy as np
 from epidemic_estimator import flown_cells
 from gp_scale import BATTERY, DAY, look, rows_over_waterberry, truth_of, unseen
 from numpy.typing import NDArray
-from scipy.stats import t as student
 
 from sensors.estimators import Estimator, make_estimator
 from sensors.fields import PAPER_FIELDS
 from sensors.observations import Observations
 from sensors.scoring.calibration import SICK_BELOW, calibration
 from sensors.scoring.score import RunningScore
+from wbf_mission.bench.intervals import mean_interval
 
 PLANNERS = ("lawnmower", "spiral", "random-waypoint")
 ESTIMATORS = ("gp-mean", "gp", "epidemic")
@@ -66,14 +66,11 @@ def judge(name: str, seen: Observations, farm: str, seed: int) -> dict[str, floa
 
 
 def interval(values: list[float]) -> str:
-    """Return mean and Student's interval in words."""
-    found = np.array([one for one in values if math.isfinite(one)])
-    if not len(found):
-        return "-"
-    reach = math.nan
-    if len(found) > 1:
-        reach = student.ppf(0.975, len(found) - 1) * found.std(ddof=1) / math.sqrt(len(found))
-    return f"{found.mean():.4f}" + (f" ({reach:.4f})" if math.isfinite(reach) else "")
+    """Return mean and interval of 95 % in words."""
+    found = mean_interval(np.array(values))
+    return f"{found.mean:.4f}" + (
+        f" ({found.low:.4f} to {found.high:.4f})" if math.isfinite(found.low) else ""
+    )
 
 
 def main() -> int:
@@ -100,12 +97,12 @@ def main() -> int:
                 found[name].append(means)
         for field in PAPER_FIELDS:
             columns = ("loss", *(("interval", *OF_DISEASES) if field.kind == "disease" else OF_OTHERS))
-            print(f"\n{farm}, {field.name}\n{'':<10}" + "".join(f"{column:>18}" for column in columns))
+            print(f"\n{farm}, {field.name}\n{'':<10}" + "".join(f"{column:>28}" for column in columns))
             for name, means in found.items():
                 values = (
                     [one.get(f"{field.name}_{column}", math.nan) for one in means] for column in columns
                 )
-                print(f"{name:<10}" + "".join(f"{interval(one):>18}" for one in values), flush=True)
+                print(f"{name:<10}" + "".join(f"{interval(one):>28}" for one in values), flush=True)
     return 0
 
 

@@ -4,7 +4,7 @@ Days 3 to 10 of Miniberry-30, 100 observations a day, along rows that move by th
 random legs; environments that nothing was tuned on. The loss is the paper's weighted one of all three fields,
 and that of both diseases, mean over five scored times a day from the second day on. Printed are the losses of
 the estimator that carries the earlier days forward by those of the same estimator that forgets them, and that
-takes them all as seen today, with 95 % bootstrap intervals over the environments.
+takes them all as seen today, with 95 % intervals over the environments.
 
     python benchmarks/days.py [--estimators gp adaptive-disk point] [--environments 8]
 
@@ -29,6 +29,7 @@ from sensors.estimators import advance_estimator, make_estimator
 from sensors.fields import PAPER_FIELDS
 from sensors.observations import Observations
 from sensors.scoring.score import PAPER_WEIGHTS, RunningScore
+from wbf_mission.bench.intervals import ratio_interval
 
 FARM = "miniberry-30"
 DAYS = range(3, 11)
@@ -38,7 +39,6 @@ FIRST_SEED = 810_000
 ESTIMATORS = ("gp", "adaptive-disk", "point")
 PATHS = ("rows", "random")
 WAYS = ("carried", "forgotten", "as new")
-RESAMPLES = 4000
 Losses = NDArray[np.float64]
 
 
@@ -104,10 +104,8 @@ def losses(name: str, kind: str, seed: int) -> Losses:
 
 def told(ours: Losses, theirs: Losses) -> tuple[float, str]:
     """Return the ratio of the means over environments, and it with its interval in words."""
-    drawn = np.random.default_rng(0).integers(0, len(ours), (RESAMPLES, len(ours)))
-    low, high = np.quantile(ours[drawn].mean(axis=1) / theirs[drawn].mean(axis=1), [0.025, 0.975])
-    value = float(ours.mean() / theirs.mean())
-    return value, f"{value:.2f} ({low:.2f}-{high:.2f})"
+    found = ratio_interval(ours, theirs)
+    return found.mean, f"{found.mean:.2f} ({found.low:.2f}-{found.high:.2f})"
 
 
 def main() -> int:

@@ -2,7 +2,7 @@
 
 Every estimator gets the same observations of the same environments: the paper's ideal robot flies the mission
 of each planner on day 6, and the loss of every field is taken along the way and at the end. All comparisons
-are paired over environments; intervals are 95 % bootstrap intervals over environments. The seeds of the
+are paired over environments; intervals are 95 % intervals over environments. The seeds of the
 environments have nothing to do with those that the estimator was trained on.
 
 Examples::
@@ -24,6 +24,7 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
+from policies import ratio
 
 from geo.farms import get_farm
 from geo.seeds import child_seed
@@ -41,7 +42,6 @@ PLANNERS = ("lawnmower", "adaptive-lawnmower", "spiral", "random-waypoint")
 ESTIMATORS = ("adaptive-disk", "gp", "gp-zero", "epidemic")
 GPS = ("gp", "gp-zero")
 DAY = 6
-RESAMPLES = 4000
 FITTED_GP = {"learn_from": "observations"}
 ZERO_MEAN_GP = {**FITTED_GP, "prior_mean": (0.0, 0.0, 0.0), "amplitude_bounds": (1.0, 1.0), "clip": False}
 BARS = {"final / AD": 0.25, "final / best GP": 0.5, "run / AD": 0.6}
@@ -118,19 +118,6 @@ def run(
     return out
 
 
-def ratio(ours: Losses, theirs: Losses, rng: np.random.Generator) -> tuple[float, float, float]:
-    """Return the ratio of mean losses and its 95 % bootstrap interval.
-
-    The arrays are paired over environments, their last axis; `theirs` may have a leading axis of methods, of
-    which the better counts.
-    """
-    theirs = np.atleast_2d(theirs)
-    drawn = rng.integers(0, ours.shape[-1], (RESAMPLES, ours.shape[-1]))
-    means = ours[drawn].mean(axis=-1) / theirs[:, drawn].mean(axis=-1).min(axis=0)
-    low, high = np.quantile(means, [0.025, 0.975])
-    return float(ours.mean() / theirs.mean(axis=-1).min()), float(low), float(high)
-
-
 def show(farm: str, planners: Sequence[str], names: Sequence[str], losses: Losses) -> bool:
     """Print the tables; return whether the bars are held."""
     print(f"\n{farm}: mean loss of {losses.shape[2]} environments, at the end | averaged over the run")
@@ -142,7 +129,6 @@ def show(farm: str, planners: Sequence[str], names: Sequence[str], losses: Losse
             print(f"{planner:<20} {name:<14}{cells}")
     if "epidemic" not in names or len(names) == 1:
         return True
-    rng = np.random.default_rng(0)
     ours = losses[:, names.index("epidemic")]
     others = {name: losses[:, j] for j, name in enumerate(names) if name != "epidemic"}
     rivals = {
@@ -162,13 +148,13 @@ def show(farm: str, planners: Sequence[str], names: Sequence[str], losses: Losse
             for k, column in enumerate(COLUMNS):
                 mine = ours[part, :, when, k].mean(axis=0)
                 them = np.stack([others[method][part, :, when, k].mean(axis=0) for method in methods])
-                value, low, high = ratio(mine, them, rng)
+                value, text = ratio(mine, them)
                 bar = BARS[what] if column in ("tylcv", "ccr", "diseases") else 1.0
                 missed = value > bar and (i == len(planners) or value > 1.0)
                 # The soil has to be as good as that of the Gaussian processes, not a part of the disks'.
                 if column != "all" and (column != "soil" or methods != ["adaptive-disk"]):
                     held &= not missed
-                texts.append(f"{value:.3f} ({low:.3f}-{high:.3f}){'!' if missed else ' '}")
+                texts.append(f"{text}{'!' if missed else ' '}")
             print(f"{planner:<20} {what:<16}" + "".join(f"{text:>22}" for text in texts))
     print(
         "bars:", ", ".join(f"{what} <= {bar:g}" for what, bar in BARS.items()), "held" if held else "MISSED"

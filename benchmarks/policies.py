@@ -8,7 +8,7 @@ budget (the last estimate holds when a path ends early), ``end`` the one at its 
 estimator itself expects it to be there: the same on average, but without the luck of whether there is an
 outbreak where nobody looked. The best fixed plan of a measure is the best of lawnmower, spiral and
 adaptive-lawnmower by that measure; a fleet's fixed plans share the farm in strips. Intervals are 95 %
-bootstrap intervals of the ratio of means, over environments.
+intervals of the ratio of means, over environments.
 
 Examples::
 
@@ -51,6 +51,7 @@ from sensors.estimators import make_estimator
 from sensors.fields import PAPER_FIELDS
 from sensors.observations import Observations
 from sensors.scoring.score import PAPER_WEIGHTS, RunningScore
+from wbf_mission.bench.intervals import ratio_interval
 
 DAY = 6
 SCORED = 36
@@ -59,7 +60,6 @@ PLANNERS = ("lawnmower", "spiral", "adaptive-lawnmower")
 POLICIES = ("greedy", "rolling-horizon", "orienteering", "refining-lawnmower")
 MEASURES = ("diseases", "tylcv", "ccr")
 WEIGHTS = replace(PAPER_WEIGHTS, field=(*PAPER_WEIGHTS.field[:2], 0.0))
-RESAMPLES = 4000
 FIRST_SEED = 700_000
 WORST_END = 0.03
 
@@ -293,18 +293,16 @@ def run_cached(case: Case, name: str, seed: int, cache: Path | None) -> Run:
     return done
 
 
-def ratio(ours: Losses, theirs: Losses) -> tuple[float, float, float]:
-    """Return our mean by the best of their means, and its 95 % bootstrap interval.
+def ratio(ours: Losses, theirs: Losses) -> tuple[float, str]:
+    """Return our mean by the best of their means, and it with its interval of 95 % in words.
 
     Parameters
     ----------
     ours : float64[environments]
     theirs : float64[plans, environments]
     """
-    drawn = np.random.default_rng(0).integers(0, len(ours), (RESAMPLES, len(ours)))
-    means = ours[drawn].mean(axis=-1) / theirs[:, drawn].mean(axis=-1).min(axis=0)
-    low, high = np.quantile(means, [0.025, 0.975])
-    return float(ours.mean() / theirs.mean(axis=-1).min()), float(low), float(high)
+    found = ratio_interval(ours, theirs[theirs.mean(axis=-1).argmin()])
+    return found.mean, f"{found.mean:.3f} ({found.low:.3f}-{found.high:.3f})"
 
 
 def show(case: Case, runs: dict[str, list[Run]]) -> bool:
@@ -334,12 +332,12 @@ def show(case: Case, runs: dict[str, list[Run]]) -> bool:
             for what, at, bar in (("run", slice(None), case.run), ("end", slice(-1, None), case.end)):
                 ours = curves[name][:, at, k].mean(axis=1)
                 theirs = np.stack([curves[other][:, at, k].mean(axis=1) for other in fixed])
-                value, low, high = ratio(ours, theirs)
+                value, text = ratio(ours, theirs)
                 if measure == "diseases":
                     kept &= value <= bar
                 elif measure == "ccr" and case.farm == "miniberry-100" and what == "end":
                     kept &= value <= 1.0
-                texts.append(f"{measure} {what} {value:.3f} ({low:.3f}-{high:.3f})")
+                texts.append(f"{measure} {what} {text}")
         held |= bool(kept)
         print(f"{name:<34.34}{'held' if kept else 'missed':<7}" + "  ".join(texts))
     print(f"bars: run <= {case.run:g}, end <= {case.end:g}")

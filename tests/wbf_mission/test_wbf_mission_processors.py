@@ -96,6 +96,31 @@ def test_no_kernel_changes_a_bit(kernel, by_itself, tmp_path):
     assert names <= set(by_itself["features"])
 
 
+INTERVALS = """
+import numpy as np
+from wbf_mission.bench.intervals import mean_intervals, ratio_intervals
+losses = [(np.arange(1.0, 41.0) * 0.37 * step) % 1.0 for step in (1, 2, 3)]
+found = mean_intervals(losses, together=True) + ratio_intervals(list(zip(losses, losses[1:])), together=True)
+print([value.hex() for one in found for value in (one.mean, one.low, one.high)])
+"""
+
+
+def test_intervals_are_equal_to_the_bit(tmp_path):
+    kernel = {"OPENBLAS_CORETYPE": "Sandybridge"} if "Sandybridge" in KERNELS else {}
+    told = [
+        subprocess.run(
+            [sys.executable, "-c", INTERVALS],
+            env=environment_of(tmp_path, **forced),
+            check=True,
+            capture_output=True,
+            text=True,
+        ).stdout
+        for forced in ({}, disabled("") | kernel)
+    ]
+    assert told[0] == told[1]
+    assert told[0].count("0x") == 15
+
+
 SPEC = {"planners": ["spiral", "greedy"], "estimators": ["gp", "adaptive-disk"], "seeds": 1}
 COSTS = ("wall_time_s", "cpu_time_s", "timings_s", "hardware", "versions")
 

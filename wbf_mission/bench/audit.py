@@ -19,7 +19,7 @@ from sensors.field_files import load_field_set
 from sensors.fields import FieldSet
 from sensors.scoring.score import ScoreWeights
 from wbf_mission.bench.asked import read_asked
-from wbf_mission.bench.meaning import built_in_digest, meaning_of
+from wbf_mission.bench.meaning import meaning_of
 from wbf_mission.bench.rows import BenchRow, by_pair, by_scenario
 from wbf_mission.bench.spec import require_mover, run_keys, seed_ranges, seeds_of
 from wbf_mission.planning.plan import farm_of
@@ -27,7 +27,6 @@ from wbf_mission.results.storage import ResultError
 from wbf_mission.run.estimation import estimator_of
 from wbf_mission.scenario import Choice, load_scenario, scenario_ids
 from wbf_mission.scenario.choice import choose
-from wbf_mission.version import __version__
 
 _LEAST_ERROR = 1e-9
 _MOST_LOSS = 1e6
@@ -55,12 +54,12 @@ def require_asked(rows: Sequence[BenchRow], folder: Path) -> None:
 
 
 def require_whole(rows: Sequence[BenchRow]) -> None:
-    """Raise ResultError unless rows can be published: of one code, complete, and consistent in themselves.
+    """Raise ResultError unless rows can be published: of one behaviour, complete and consistent.
 
     The text is one line that begins with what is wrong, and says what to do. Rows of runs that failed are in
     order: they are told as failed.
     """
-    _require_one_code(rows)
+    _require_one_behaviour(rows)
     if len(rows) > _MOST_ROWS:
         raise ResultError(f"holds {len(rows)} rows, more than {_MOST_ROWS}; make several submissions")
     scenarios = by_scenario(rows)
@@ -75,19 +74,13 @@ def require_whole(rows: Sequence[BenchRow]) -> None:
                 raise ResultError(f"{one_line(row.named)}: {why}; fly it again into a new folder")
 
 
-def _require_one_code(rows: Sequence[BenchRow]) -> None:
+def _require_one_behaviour(rows: Sequence[BenchRow]) -> None:
     if not all({"code", "scenario"} <= row.codes.keys() for row in rows):
         raise ResultError("some rows do not tell which code flew them; fly them again into a new folder")
-    for what, values in (
-        ("versions of wbf-mission", {row.versions.get("wbf-mission", "") for row in rows}),
-        ("states of its code", {row.codes["code"] for row in rows}),
-    ):
-        if len(values) > 1:
-            several = ", ".join(sorted(values)[:3])
-            raise ResultError(f"rows of {len(values)} {what} ({several}); fly all of them into a new folder")
-    version, code = rows[0].versions.get("wbf-mission", ""), rows[0].codes["code"]
-    if code == built_in_digest() and version != __version__:
-        msg = f"tells version {one_line(version, 40)} of code that is that of {__version__}; fly it again"
+    behaviours = {row.codes["code"] for row in rows}
+    if len(behaviours) > 1:
+        several = ", ".join(sorted(behaviours)[:3])
+        msg = f"rows of {len(behaviours)} behaviours ({several}); fly all of them into a new folder"
         raise ResultError(msg)
     names: dict[tuple[str, str, str], set[str]] = {}
     for row in rows:

@@ -1,7 +1,7 @@
 """The leaderboard: submissions and frozen baselines, compared where they were flown on the same environments.
 
-There is a table for each scenario, state of the code and set of environments. It has every method that was
-flown on all of them, so no submission of few environments narrows what others are compared by.
+There is a table for each scenario, behaviour of the program and set of environments. It has every method that
+was flown on all of them, so no submission of few environments narrows what others are compared by.
 """
 
 from __future__ import annotations
@@ -63,10 +63,10 @@ class Line:
 
 @dataclass(frozen=True, slots=True)
 class BoardTable:
-    """Methods that were flown in a scenario by one state of the code, on the same environments."""
+    """Methods that were flown in a scenario with the same behaviour numbers, on the same environments."""
 
     scenario: str
-    version: str
+    versions: tuple[str, ...]
     code: str
     seeds: tuple[int, ...]
     held_out: bool
@@ -162,20 +162,20 @@ def _entry(path: Path, *, frozen: bool, verify: int | None, progress: Progress) 
 
 
 def _tables(entries: Sequence[Entry], secret: Secret | None) -> Iterator[BoardTable]:
-    groups: dict[tuple[str, str, str], list[tuple[Entry, list[BenchRow]]]] = {}
+    groups: dict[tuple[str, str], list[tuple[Entry, list[BenchRow]]]] = {}
     for entry in entries:
         told = entry.submission
         for scenario, rows in by_scenario(entry.rows).items():
-            groups.setdefault((scenario, told.version, told.code), []).append((entry, rows))
+            groups.setdefault((scenario, told.code), []).append((entry, rows))
     sealed = frozenset() if secret is None else frozenset(secret.seeds())
-    for (scenario, version, code), group in sorted(groups.items(), key=lambda one: one[0]):
+    for (scenario, code), group in sorted(groups.items(), key=lambda one: one[0]):
         of_round = secret is not None and scenario in (secret.scenarios or [scenario])
         flown = [frozenset(row.seed for row in rows) for _, rows in group]
         for seeds in sorted(set(flown), key=lambda one: (one != sealed, -len(one), min(one))):
             here = [one for one, own in zip(group, flown, strict=True) if own >= seeds]
             yield BoardTable(
                 scenario=scenario,
-                version=version,
+                versions=tuple(sorted({entry.submission.version for entry, _ in here})),
                 code=code,
                 seeds=tuple(sorted(seeds)),
                 held_out=of_round and seeds == sealed,

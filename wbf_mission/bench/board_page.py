@@ -12,7 +12,7 @@ from msgspec import structs
 
 from geo.texts import one_line
 from wbf_mission.bench.board import SHOWN_DIGEST, Board, BoardTable, Entry, Line
-from wbf_mission.bench.intervals import Interval, verdict
+from wbf_mission.bench.intervals import Interval, doubt_in_words, verdict
 from wbf_mission.bench.page import Page, Picture, Section, Table
 from wbf_mission.bench.spec import seeds_text
 from wbf_mission.bench.standings import Standing
@@ -24,7 +24,8 @@ _NAMED = ("planner, estimator", "submission", "kind")
 _ABOUT = (
     "Scores: 0 is perfect; the mean over the run and at its end, each with its interval of 95 % over the"
     " environments. Difference: of the scores over the run to those of the best frozen baseline, in pairs on"
-    " the same environments; positive is better. Failed: runs without a result, which count as the worst"
+    " the same environments; positive is better; the intervals of a table hold all at once in 95 of"
+    " 100 cases. Failed: runs without a result, which count as the worst"
     " score. Bad: the share of a policy's answers that were not flown, or came too late. Flown again:"
     " how many rows were flown again for this board, and whether they came out the same; a method of which"
     " none was is what its submission says. In brackets after a name: digests of own code. A baseline is a"
@@ -87,7 +88,8 @@ def title_of(table: BoardTable) -> str:
 
 
 def _flown_by(table: BoardTable) -> str:
-    return f"Flown by wbf-mission {table.version}, code {table.code[:SHOWN_DIGEST]}."
+    flown_by = f"Flown by wbf-mission {', '.join(table.versions)}, behaviour {table.code}."
+    return f"{flown_by} {doubt_in_words(len(table.seeds))}"
 
 
 def board_table(table: BoardTable) -> Table:
@@ -189,7 +191,7 @@ def board_values(board: Board) -> dict[str, Any]:
         "tables": [
             {
                 "scenario": table.scenario,
-                "version": table.version,
+                "versions": list(table.versions),
                 "code": table.code,
                 "seeds": seeds_text(table.seeds),
                 "environments": len(table.seeds),

@@ -23,7 +23,7 @@ from mission.errors import PlanningError
 from mission.outcome import Outcome
 from mission.planners.budget import parse_budget
 from sensors.scoring.calibration import calibration
-from wbf_mission.bench.meaning import built_in_digest, is_own
+from wbf_mission.bench.meaning import is_own
 from wbf_mission.bench.provenance import hardware, versions
 from wbf_mission.bench.rows import BenchRow
 from wbf_mission.bench.spec import BenchRun
@@ -33,6 +33,7 @@ from wbf_mission.results.result import Result
 from wbf_mission.run.record import RunRecord
 from wbf_mission.run.reuse import memory_of_process
 from wbf_mission.scenario import Scenario
+from wbf_mission.version import behaviour
 
 
 def fly_run(run: BenchRun) -> BenchRow:
@@ -339,7 +340,7 @@ def _packed(run: BenchRun) -> tuple[bytes, str]:
     for module in own:
         cloudpickle.register_pickle_by_value(module)
     try:
-        return cloudpickle.dumps((fly_run, run)), built_in_digest()
+        return cloudpickle.dumps((fly_run, run)), behaviour()
     finally:
         for module in own:
             cloudpickle.unregister_pickle_by_value(module)
@@ -350,7 +351,7 @@ def _fly_packed(sent: bytes, code: str) -> _Flown:
 
     ClusterError if this process has other code than that one: its row would be another.
     """
-    if code != built_in_digest():
+    if code != behaviour():
         raise ClusterError("it has another wbf-mission; install the same version there")
     try:
         function, run = pickle.loads(sent)  # noqa: S301 (of this command, over its own pool or scheduler)

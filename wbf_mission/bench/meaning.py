@@ -1,4 +1,4 @@
-"""What decides a run, as digests: what its scenario means, the code that flies it, and what users give.
+"""What decides a run beside the behaviour of the program, as digests: scenarios, and code of users' own.
 
 Of a user's object code and state count: its classes and functions with all of the user's own that these name,
 the files that hold them, and whatever it stores. What a notebook defines counts by its compiled code.
@@ -9,7 +9,6 @@ from __future__ import annotations
 import dataclasses
 import dis
 import hashlib
-import importlib
 import sys
 from collections.abc import Iterable, Iterator
 from functools import cache
@@ -24,21 +23,9 @@ import shapely
 from geo import Crop, Farm, Obstacle, Patch
 from geo.errors import PACKAGES, is_users_file
 from sensors.field_files import field_to_table, load_field_set
+from sensors.fields import Field
 from sim_vehicle.airframe.catalog import get_vehicle
 from wbf_mission.scenario import Scenario
-
-_SOURCES = frozenset({".py", ".csv", ".npz"})
-# What only tells of runs, or begins them; of the benchmark itself nothing but its engine decides a row.
-NO_PART_IN_FLIGHTS = (
-    "mission/check",
-    "mission/logs",
-    "wbf_mission/bench",
-    "wbf_mission/cli",
-    "wbf_mission/exports",
-    "wbf_mission/rl",
-    "wbf_mission/web",
-)
-_ENGINE = "wbf_mission/bench/engine.py"
 
 _ROWS = ("planner", "policy", "estimator", "seed")
 _FILES = (
@@ -50,39 +37,29 @@ _FILES = (
     "vehicle",
     "world",
 )  # What they give counts, not how
-# What was added after the first ids, with the values that leave everything as it was: these do not count.
-_LATER_OPTIONS = {
-    "estimate_errors": False,
-    "margin_m": 2.0,
-    "fence_m": None,
-    "max_altitude_m": 120.0,
-    "height_above_ground_m": None,
-    "terrain": (),
-    "terrain_frame": False,
-    "camera_model": None,
-    "gsd_cm": None,
-    "front_overlap": 0.75,
-    "side_overlap": 0.7,
-    "camera_orientation": "landscape",
-}
-_LATER_OF_VEHICLES = {"airframe": None, "return_margin_m": 0.0}
+_LABELS = ("title", "unit", "colours")  # Of a field; no score depends on them
 
 
 def meaning_of(scenario: Scenario) -> str:
-    """Return the digest of a scenario's options, farm, fields and vehicles.
+    """Return the digest of a scenario's options, farm, fields and vehicles, without what is at its default.
 
-    A farm, field, world or vehicle file counts by what is in it, not by its name.
+    So a new option whose default leaves all as it was changes no meaning. A farm, field, world or vehicle
+    file counts by what is in it, not by its name.
 
     WbfMissionError if the farm, a field or a vehicle is unknown.
     """
-    options = {key: one for key, one in scenario.to_dict().items() if key not in (*_ROWS, *_FILES)}
-    options = _without(options, _LATER_OPTIONS)
+    defaults = Scenario().to_dict()
+    options = {
+        key: value
+        for key, value in scenario.to_dict().items()
+        if key not in (*_ROWS, *_FILES) and value != defaults[key]
+    }
     fields, world = load_field_set(scenario.farm.fields), scenario.farm.load_world()
     return digest(
         {
             "options": options,
             "farm": _farm(scenario.farm.load()),
-            "fields": [field_to_table(one) for one in fields],
+            "fields": [_field(field) for field in fields],
             "vehicles": [_vehicle(name) for name in scenario.vehicle.fleet],
             **({} if world is None else {"world": world.to_table()}),
         }
@@ -93,27 +70,6 @@ def digest(values: Any) -> str:
     """Return the first 96 bits of a SHA-256 over plain values, as hexadecimal digits."""
     text = msgspec.json.encode(values, order="deterministic", enc_hook=str)
     return hashlib.sha256(text).hexdigest()[:24]
-
-
-@cache
-def built_in_digest() -> str:
-    """Return the digest of the code that flies: sources of the five packages, and the data beside them.
-
-    Folders that no flight imports, such as the command line, do not count (`NO_PART_IN_FLIGHTS`): rows stay
-    those of this code when a report changes. Vehicles, farms and scenarios, which are TOML and GeoJSON, count
-    where they are used (`meaning_of`). It is taken once in a process, which flies what it has loaded.
-    """
-    taken = hashlib.sha256()
-    for name in PACKAGES:
-        (root,) = importlib.import_module(name).__path__
-        for path in sorted(one for one in Path(root).rglob("*") if one.suffix in _SOURCES):
-            file = f"{name}/{path.relative_to(root).as_posix()}"
-            if file != _ENGINE and any(file.startswith(f"{one}/") for one in NO_PART_IN_FLIGHTS):
-                continue
-            content = path.read_bytes()
-            taken.update(f"{file} {len(content)}\n".encode())
-            taken.update(content)
-    return taken.hexdigest()[:24]
 
 
 def own_digest(made: Any) -> str:
@@ -257,14 +213,24 @@ def _global_names(code: CodeType) -> set[str]:
     return names.union(*(_global_names(one) for one in code.co_consts if isinstance(one, CodeType)))
 
 
+def _field(field: Field) -> dict[str, Any]:
+    table = {key: value for key, value in field_to_table(field).items() if key not in _LABELS}
+    at_default = {one.name for one in dataclasses.fields(field) if getattr(field, one.name) == one.default}
+    kept = {key: value for key, value in table.items() if key not in at_default}
+    return {**kept, "dynamics": _chosen(field.dynamics)}
+
+
 def _vehicle(name: str) -> dict[str, Any]:
-    values = dataclasses.asdict(get_vehicle(name))
-    del values["name"]
-    return _without(values, _LATER_OF_VEHICLES)
+    chosen = _chosen(get_vehicle(name))
+    return {key: value for key, value in chosen.items() if key not in ("name", "description")}
 
 
-def _without(values: dict[str, Any], left_out: dict[str, Any]) -> dict[str, Any]:
-    return {key: one for key, one in values.items() if key not in left_out or one != left_out[key]}
+def _chosen(value: Any) -> Any:
+    """Return the fields of a dataclass that are not at their defaults, at any depth."""
+    if not dataclasses.is_dataclass(value):
+        return value
+    held = {one.name: (getattr(value, one.name), one.default) for one in dataclasses.fields(value)}
+    return {name: _chosen(given) for name, (given, default) in held.items() if given != default}
 
 
 def _farm(farm: Farm) -> dict[str, Any]:

@@ -25,7 +25,7 @@ _MOST_BLOCKS = 256
 _VALUES = ("outcome", "error", "score", "final_score", "observations", "path_length_m", "decisions")
 _LISTS = ("times_s", "scores")
 _CODES = {
-    "code": "the code of this program",
+    "code": "the program's behaviour",
     "scenario": "what the scenario means",
     "planner": "the planner or policy",
     "estimator": "the estimator",
@@ -201,11 +201,11 @@ def _where(old: Sequence[float], new: Sequence[float]) -> str:
 def causes(row: BenchRow, again: BenchRow) -> Iterator[str]:
     """Yield in what else two rows differ, which can be why their values do, in words."""
     if not row.codes:
-        yield "no digest of the code in the row"
+        yield "no behaviour numbers in the row"
     else:
         changed = [what for key, what in _CODES.items() if row.codes.get(key) != again.codes.get(key)]
         if changed:
-            yield f"another digest of {', '.join(changed)}"
+            yield f"another state of {', '.join(changed)}"
     for name in dict.fromkeys([*row.versions, *again.versions]):
         old, new = row.versions.get(name, "unknown"), again.versions.get(name, "unknown")
         if old != new:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from wbf_mission.bench.asked import AskedFor
 from wbf_mission.bench.cards import known_cards
 from wbf_mission.bench.environments import Scored, scored
-from wbf_mission.bench.intervals import Interval, mean_interval, score_text, students_reach
+from wbf_mission.bench.intervals import Interval, doubt_in_words, mean_intervals, score_text
 from wbf_mission.bench.page import Listing, Page, Picture, Section, Table
 from wbf_mission.bench.rows import BenchRow, by_pair
 from wbf_mission.bench.standings import Ratio, Standing, by_fixed, standings_of
@@ -26,12 +26,14 @@ if TYPE_CHECKING:
 
 READING = (
     "Scores: 0 is perfect; the mean over the run and at its end, each with its interval of 95 % over the "
-    "environments. Only environments count of which all have a row; a run that failed counts as the worst "
-    "score and the worst losses that any row has on its environment. Losses are means a cell. Rank: the mean "
-    "place among all rows on the same environment. Wins: on how many a row was the best, shared ones in "
-    "parts. Bad answers: the share of a policy's answers that were not flown, or came too late. How sure, "
-    "how right: of the last estimate, on relevant cells that nobody looked at. Sick held is the part of the "
-    "sick plants among those that may be sick, meant to be 90 %; healthy held, that of the healthy ones."
+    "environments. The intervals of a table of differences hold together, all at once in 95 of 100 cases; so "
+    "do those of ratios with one estimator. Only environments count of which all have a row; a run that "
+    "failed counts as the worst score and the worst losses that any row has on its environment. Losses are "
+    "means a cell. Rank: the mean place among all rows on the same environment. Wins: on how many a row was "
+    "the best, shared ones in parts. Bad answers: the share of a policy's answers that were not flown, or "
+    "came too late. How sure, how right: of the last estimate, on relevant cells that nobody looked at. Sick "
+    "held is the part of the sick plants among those that may be sick, meant to be 90 %; healthy held, that "
+    "of the healthy ones."
 )
 SCORES = "Scores over the run and at its end"
 _POINTS = 200
@@ -97,6 +99,7 @@ def _by_fixed(ratios: Sequence[Ratio], when: str) -> Table:
 
 def _ratio(one: Interval) -> str:
     interval = "" if math.isnan(one.low) or one.low == one.high else f" ({one.low:.2f} to {one.high:.2f})"
+    interval = interval.replace(" to inf", " or more")
     return _number(one.mean, 2) + interval
 
 
@@ -152,13 +155,14 @@ def draw_mean_score(
     alpha: float,
     linewidth: float | None = None,
 ) -> None:
-    """Draw the mean score of rows over time, of five and more with Student's intervals."""
+    """Draw the mean score of rows over time, of five and more with intervals of 95 %."""
     times_s, scores = score_over_time(rows)
     means = scores.mean(axis=0)
     axes.plot(times_s, means, color=colour, label=label, linewidth=linewidth)
     if len(rows) >= _FEWEST_FOR_A_BAND:
-        reach = students_reach(scores)
-        axes.fill_between(times_s, means - reach, means + reach, color=colour, alpha=alpha, linewidth=0.0)
+        band = mean_intervals(scores.T)
+        limits = [one.low for one in band], [one.high for one in band]
+        axes.fill_between(times_s, *limits, color=colour, alpha=alpha, linewidth=0.0)
 
 
 def report_page(rows: Sequence[BenchRow], folder: Path, *, title: str, asked: AskedFor | None = None) -> Page:
@@ -188,6 +192,7 @@ def _section(group: Scored, folder: Path) -> Section:
     over_run, at_end = by_fixed(group, over_run=True), by_fixed(group, over_run=False)
     text = [
         group.environments_in_words(),
+        doubt_in_words(len(group.seeds)),
         worse_in_words(over_run, "over the run"),
         worse_in_words(at_end, "at its end"),
     ]
@@ -223,7 +228,7 @@ def _repeat(asked: AskedFor, rows: Sequence[BenchRow]) -> Iterator[Section]:
 
 
 def _plot(scenario: str, found: Sequence[Standing], rows: Sequence[BenchRow], folder: Path) -> Picture:
-    """Draw the mean score over time of the best rows, with Student's intervals."""
+    """Draw the mean score over time of the best rows, with intervals of 95 %."""
     figure = new_figure(8.0, 4.5)
     axes = figure.add_subplot()
     pairs = by_pair(rows)
@@ -233,9 +238,7 @@ def _plot(scenario: str, found: Sequence[Standing], rows: Sequence[BenchRow], fo
     axes.set_xlabel("time, s")
     axes.set_ylabel("score, 0 is perfect")
     left_out = f" (the best {_MOST_LINES} of {len(found)})" if len(found) > _MOST_LINES else ""
-    axes.set_title(
-        f"{scenario}: mean score, with Student's interval of 95 %{left_out}", fontsize=10, loc="left"
-    )
+    axes.set_title(f"{scenario}: mean score, with its interval of 95 %{left_out}", fontsize=10, loc="left")
     axes.set_ylim(top=0.0)
     axes.grid(alpha=0.3)
     axes.legend(fontsize=8, loc="lower right")
@@ -263,7 +266,7 @@ def _calibration(good: Sequence[BenchRow]) -> Table:
     for pair, own in by_pair(good).items():
         for field in fields:
             each = ([row.calibration.get(f"{field}_{key}", math.nan) for row in own] for key in _SURE)
-            means = [mean_interval(np.array(one)) for one in each]
+            means = mean_intervals(map(np.array, each))
             if any(math.isfinite(one.mean) for one in means):
                 told = (f"{mean} ({limits})" for mean, limits in map(_interval, means))
                 lines.append((", ".join(pair), field, *(one.replace(" (-)", "") for one in told)))

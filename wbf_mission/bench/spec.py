@@ -17,7 +17,7 @@ from mission.policies.policy import ENTRY_POINT_GROUP as POLICIES
 from mission.policies.policy import Policy, make_policy
 from sensors.estimators.base import ENTRY_POINT_GROUP as ESTIMATORS
 from sensors.field_files import load_field_set
-from wbf_mission.bench.meaning import built_in_digest, digest, meaning_of, own_digest
+from wbf_mission.bench.meaning import digest, meaning_of, own_digest
 from wbf_mission.bench.provenance import in_words
 from wbf_mission.planning import planner_of
 from wbf_mission.run.estimation import estimator_of
@@ -31,6 +31,7 @@ from wbf_mission.scenario import (
 )
 from wbf_mission.scenario.choice import choose, names_of
 from wbf_mission.scenario.scenario import unknown_key
+from wbf_mission.version import behaviour
 
 if TYPE_CHECKING:
     from wbf_mission.bench.rows import BenchRow
@@ -61,8 +62,8 @@ class BenchRun:
     scenario: Scenario
     """All of it, with planner, estimator and seed."""
     codes: dict[str, str] = field(default_factory=dict)
-    """Digests of the built-in ``code``, of what the ``scenario`` means, and of the code and state of a
-    ``planner`` and an ``estimator`` that are no part of this program."""
+    """Behaviour numbers of the built-in ``code`` (`wbf_mission.version.behaviour`), digests of the meaning of
+    the ``scenario`` and of a ``planner`` and an ``estimator`` that are no part of this program."""
     objects: dict[str, str] = field(default_factory=dict)
     """In words, with its parameters, a ``planner`` (or policy) and an ``estimator`` given as an object."""
 
@@ -195,7 +196,7 @@ class BenchSpec:
         movers = list(zip(self.planners, own, strict=True))
         estimators = [(one, _code_of(one, "estimator")) for one in self.estimators]
         for name, base in self.scenarios:
-            built_in = {"code": built_in_digest(), "scenario": meaning_of(base)}
+            built_in = {"code": behaviour(), "scenario": meaning_of(base)}
             for seed in self.seeds:
                 for (planner, of_planner), (estimator, of_estimator) in itertools.product(movers, estimators):
                     mover = "planner" if _is_planner(planner) else "policy"

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from wbf_mission.bench.environments import Scored, scored
-from wbf_mission.bench.intervals import Interval, mean_interval, ratio_interval
+from wbf_mission.bench.intervals import Interval, mean_intervals, ratio_intervals
 from wbf_mission.bench.rows import BenchRow
 from wbf_mission.bench.versions import apart
 
@@ -32,7 +32,7 @@ class Standing:
     final_score: Interval
     behind: Interval
     """By how much the score is below that of the scenario's best, in pairs of runs on the same environment;
-    0 and no interval for the best itself."""
+    the intervals of a scenario hold together. 0 and no interval for the best itself."""
     losses: dict[str, float]
     """Mean loss a cell at the end, by field."""
     losses_over_run: dict[str, float]
@@ -68,8 +68,9 @@ def standings(rows: Sequence[BenchRow]) -> list[Standing]:
 def standings_of(group: Scored) -> list[Standing]:
     """Return the standings in one scenario, the best score first."""
     ranks, wins = _places(group.scores)
-    means = [mean_interval(one) for one in group.scores]
+    means, ends = mean_intervals(group.scores), mean_intervals(group.final_scores)
     best = max(range(len(means)), key=lambda k: (np.isfinite(means[k].mean), means[k].mean))
+    behind = mean_intervals([group.scores[best] - own for own in group.scores], together=True)
     all_failed = sum(not lacking for lacking in group.left_out.values())
     found = []
     for k, (planner, estimator) in enumerate(group.pairs):
@@ -83,10 +84,8 @@ def standings_of(group: Scored) -> list[Standing]:
                 environments=len(own),
                 failed=len(own) - len(good) + all_failed,
                 score=means[k],
-                final_score=mean_interval(group.final_scores[k]),
-                behind=Interval(0.0, np.nan, np.nan)
-                if k == best
-                else mean_interval(group.scores[best] - group.scores[k]),
+                final_score=ends[k],
+                behind=Interval(0.0, np.nan, np.nan) if k == best else behind[k],
                 losses=_means(group.final_losses, k),
                 losses_over_run=_means(group.losses, k),
                 rank=float(ranks[k]),
@@ -140,32 +139,38 @@ def compare(rows: Sequence[BenchRow], mine: str | Sequence[str], against: Sequen
     """Compare one, or each of several, with others, by scenario and estimator, on the same environments.
 
     Environments and failed runs count as in the `standings`; rows of different code are not compared with
-    each other, but by code (`apart`).
+    each other, but by code (`apart`). The intervals of a scenario hold together.
     """
-    found = []
+    found: list[Comparison] = []
     several = [mine] if isinstance(mine, str) else mine
     for group in scored(apart(rows)):
         place = {pair: k for k, pair in enumerate(group.pairs)}
-        for estimator in sorted({estimator for _, estimator in group.pairs}):
-            for each, other in itertools.product(several, against):
-                both = (each, estimator), (other, estimator)
-                known = all(pair in place for pair in both)
-                one, two = (place[pair] for pair in both) if known else (0, 0)
-                count = len(group.seeds) if known else 0
-                scores = (group.scores[one] - group.scores[two])[:count]
-                ends = (group.final_scores[one] - group.final_scores[two])[:count]
-                found.append(
-                    Comparison(
-                        group.scenario,
-                        estimator,
-                        each,
-                        other,
-                        count,
-                        mean_interval(scores),
-                        mean_interval(ends),
-                        float((scores > 0.0).mean()) if count else np.nan,
-                    )
-                )
+        estimators = sorted({estimator for _, estimator in group.pairs})
+        named = list(itertools.product(estimators, several, against))
+        differences = []
+        for estimator, each, other in named:
+            both = (each, estimator), (other, estimator)
+            known = all(pair in place for pair in both)
+            one, two = (place[pair] for pair in both) if known else (0, 0)
+            count = len(group.seeds) if known else 0
+            differences.append((group.scores[one] - group.scores[two])[:count])
+            differences.append((group.final_scores[one] - group.final_scores[two])[:count])
+        intervals = mean_intervals(differences, together=True)
+        found += [
+            Comparison(
+                group.scenario,
+                estimator,
+                each,
+                other,
+                len(scores),
+                over_run,
+                at_end,
+                float((scores > 0.0).mean()) if len(scores) else np.nan,
+            )
+            for (estimator, each, other), scores, over_run, at_end in zip(
+                named, differences[::2], intervals[::2], intervals[1::2], strict=True
+            )
+        ]
     return found
 
 
@@ -182,7 +187,7 @@ class Ratio:
     fixed : bool
         Whether it is a fixed planner itself: one that decides once, before the flight.
     ratios : dict of str to Interval
-        Of the `WHOLE` and of each field; below 1 is better.
+        Of the `WHOLE` and of each field; below 1 is better. The intervals with an estimator hold together.
     best : dict of str to str
         The fixed planner by whose loss each is divided: the best in this alone.
     """
@@ -208,12 +213,14 @@ def by_fixed(group: Scored, *, over_run: bool) -> list[Ratio]:
         if not fixed:
             continue
         best = {name: fixed[_least([one[k].mean() for k in fixed])] for name, one in tables.items()}
+        pairs = [(one[k], one[best[name]]) for k in places for name, one in tables.items()]
+        ratios = iter(ratio_intervals(pairs, together=True))
         found += [
             Ratio(
                 planner=group.pairs[k][0],
                 estimator=estimator,
                 fixed=k in fixed,
-                ratios={name: ratio_interval(one[k], one[best[name]]) for name, one in tables.items()},
+                ratios={name: next(ratios) for name in tables},
                 best={name: group.pairs[which][0] for name, which in best.items()},
             )
             for k in places

@@ -80,7 +80,7 @@ class Submission(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
         Of the round whose environments it was flown on, empty without one.
     flown : list of Flown
     version, code : str
-        Of wbf-mission, and the digest of the built-in code that flew it.
+        Of wbf-mission, and its behaviour numbers (`wbf_mission.version.behaviour`).
     versions : dict
         Those of the rows, such as of Python; most rows have one.
     hardware : list of dict
@@ -165,7 +165,7 @@ def _submission(rows: Sequence[BenchRow], **given: Any) -> Submission:
     }
     return Submission(
         flown=[_flown(name, here) for name, here in by_scenario(rows).items()],
-        version=rows[0].versions.get("wbf-mission", ""),
+        version=", ".join(sorted({row.versions.get("wbf-mission", "") for row in rows})),
         code=rows[0].codes.get("code", ""),
         versions={key: sorted({row.versions.get(key, "") for row in rows}) for key in sorted(keys)},
         hardware=[dict(one) for one in sorted(machines)],

@@ -16,20 +16,20 @@ from geo.texts import one_line
 from geo.workers import Processes
 from wbf_mission.bench.audit import FILES, names_files
 from wbf_mission.bench.engine import fly_run
-from wbf_mission.bench.meaning import built_in_digest
 from wbf_mission.bench.replay import causes, differences, run_of
 from wbf_mission.bench.rows import BenchRow
 from wbf_mission.bench.spec import BenchRun
 from wbf_mission.progress import Progress, silent
 from wbf_mission.scenario import Choice
 from wbf_mission.scenario.choice import choose
+from wbf_mission.version import behaviour
 
 VERIFIED = 1
 """So many rows of each method of a submission are flown again where nobody says how many."""
 NEAR = 1e-6
 """Values that differ by less were flown by the same code with other libraries for linear algebra."""
 EQUAL, CLOSE, OTHER, ENDLESS = "equal", f"within {NEAR:g}", "differ", "not ended"
-OTHER_CODE = "another state of the code flew it"
+OTHER_CODE = "a wbf-mission of other behaviour numbers flew it"
 _MOST_S = 600.0
 Method = tuple[str, str, str]
 """A scenario, a planner (or policy) and an estimator."""
@@ -159,7 +159,7 @@ def _compared(row: BenchRow, again: BenchRow | None) -> FlownAgain:
 
 def _run_of(row: BenchRow, own: Mapping[str, Choice]) -> BenchRun | str:
     """Return the run of a row; if it cannot be flown here, why."""
-    if row.codes.get("code") != built_in_digest():
+    if row.codes.get("code") != behaviour():
         return OTHER_CODE
     given: dict[str, Choice | None] = {}
     try:

@@ -32,7 +32,7 @@ def _commit(row: BenchRow) -> str:
 
 
 def _digest(row: BenchRow, key: str) -> str:
-    """Return the beginning of a digest; rows of old folders have none."""
+    """Return behaviour numbers, or the beginning of a digest; rows of old folders have none."""
     return row.codes.get(key, "built in" if row.codes else "unknown code")[:12]
 
 
@@ -40,6 +40,10 @@ def _of_old(row: BenchRow, key: str) -> str:
     """Return what tells a row apart: the digest, of rows without digests the version."""
     unknown = f"unknown {build_of(row)}" if key == _CODE else "unknown"
     return row.codes.get(key, "") or ("built in" if row.codes else unknown)
+
+
+def _shown(digest: str) -> str:
+    return digest if "." in digest else digest[:_SHORT].strip()  # behaviour numbers are shown whole
 
 
 def _words(row: BenchRow, key: str) -> str:
@@ -77,12 +81,12 @@ def _labels(name: str, words: dict[str, str]) -> dict[str, str]:
         if told and count[told] == 1:
             found[digest] = told if told.startswith(f"{name}(") else f"{name} [{told}]"
         else:
-            found[digest] = f"{name} [{', '.join(filter(None, (told, digest[:_SHORT].strip())))}]"
+            found[digest] = f"{name} [{', '.join(filter(None, (told, _shown(digest))))}]"
     return found
 
 
 def builds_in_words(rows: Iterable[BenchRow]) -> str:
-    """Return which builds flew rows, if these are several, and whether their code is the same.
+    """Return which builds flew rows, if these are several, and whether their behaviour numbers are the same.
 
     Empty if all are of one.
     """
@@ -92,11 +96,11 @@ def builds_in_words(rows: Iterable[BenchRow]) -> str:
     codes = {code for _, code in count}
     several = Counter(build for build, _ in count)
     told = "; ".join(
-        f"{build}{f', {code[:_SHORT].strip()}' if several[build] > 1 else ''}: {number} rows"
+        f"{build}{f', {_shown(code)}' if several[build] > 1 else ''}: {number} rows"
         for (build, code), number in count.items()
     )
-    same = "the same code flew them" if len(codes) == 1 else f"{len(codes)} different codes flew them"
-    return f"rows of {len(count)} versions ({told}); {same}"
+    same = "of the same behaviour" if len(codes) == 1 else f"of {len(codes)} behaviours"
+    return f"rows of {len(count)} versions ({told}), {same}"
 
 
 def what_was_run(rows: Sequence[BenchRow]) -> Table:

@@ -85,7 +85,7 @@ def submit_command(
 ) -> int:
     """Check the results of a benchmark, and pack them into one file that others can check.
 
-    All scenarios must be of the catalogue, all rows of one state of the code, no seed missing. Runs that
+    All scenarios must be of the catalogue, all rows of the same behaviour numbers, no seed missing. Runs that
     failed are allowed, and told.
     """
     from wbf_mission.bench.audit import require_asked, require_whole
@@ -149,7 +149,7 @@ def submit_command(
             "pack": f"{path}, {size / 1e3:.0f} kB",
             "rows": f"{len(rows)}" + (f", {failed} of runs that failed" if failed else ""),
             "scenarios": scenarios,
-            "code": f"wbf-mission {told.version}, {told.code[:8]}",
+            "code": f"wbf-mission {told.version}, behaviour {told.code}",
             "flown again": str(found),
         },
     )
@@ -215,9 +215,9 @@ def board_command(
 ) -> int:
     """Make a leaderboard of submissions and frozen baselines.
 
-    Methods stand in one table where the same state of the code flew them on the same environments. What a
-    file cannot prove is refused in a line, and the others go on; the exit code is 1 then. Code in a pack is
-    never run.
+    Methods stand in one table where they were flown with the same behaviour numbers on the same environments.
+    What a file cannot prove is refused in a line, and the others go on; the exit code is 1 then. Code in a
+    pack is never run.
     """
     from wbf_mission.bench.board import board_of, packs_of
     from wbf_mission.bench.board_page import board_values, short_table

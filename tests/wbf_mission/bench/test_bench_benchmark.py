@@ -167,21 +167,21 @@ def test_rows_of_other_code_are_kept_apart_with_a_word(tmp_path, monkeypatch, ca
             store.add(one)
     with pytest.warns(UserWarning, match="2 rows with the names of these runs were flown by other code"):
         assert len(benchmark(spec, out=tmp_path)) == 2
-    monkeypatch.setattr("wbf_mission.bench.spec.built_in_digest", lambda: "f" * 24)
+    monkeypatch.setattr("wbf_mission.bench.spec.behaviour", lambda: "1.2.3")
     with pytest.warns(UserWarning, match="4 rows with the names"):
         again = benchmark(spec, out=tmp_path)
-    assert {one.codes["code"] for one in again} == {"f" * 24}
+    assert {one.codes["code"] for one in again} == {"1.2.3"}
     assert main(["bench", "report", str(tmp_path), "--json", "--out", str(tmp_path / "report")]) == 0
     told = capsys.readouterr()
     found = json.loads(told.out)["standings"]
     assert [one["environments"] for one in found] == [2, 2, 2]
     build = build_of(old[0])
     names = {one["scenario"] for one in found}
-    assert f"{TEN[0]} [{build}, ffffffff]" in names
+    assert f"{TEN[0]} [{build}, 1.2.3]" in names
     assert len(names) == 3
     assert "warning: rows of 3 versions" in told.err
-    assert f"{build}, ffffffff: 2 rows" in told.err
-    assert "3 different codes flew them" in told.err
+    assert f"{build}, 1.2.3: 2 rows" in told.err
+    assert "of 3 behaviours" in told.err
 
 
 def _fly_or_die(run):

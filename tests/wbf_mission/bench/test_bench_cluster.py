@@ -189,7 +189,7 @@ def test_own_code_on_a_cluster_of_this_machine(tmp_path, capsys):
 
 @pytest.mark.slow
 def test_a_worker_with_other_code_is_refused(monkeypatch):
-    monkeypatch.setattr(engine, "built_in_digest", lambda: "other")
+    monkeypatch.setattr(engine, "behaviour", lambda: "other")
     runs = list(BenchSpec.of(TEN, planners=["spiral"], estimators=["point"], seeds=1).runs())
     with pytest.raises(
         ClusterError, match="a worker cannot fly: it has another wbf-mission; install the same"

@@ -113,7 +113,7 @@ def test_what_can_be_why_is_said():
     assert list(causes(row, row)) == []
     other = {"codes": {"code": "9", "scenario": "8"}, "versions": {"numpy": "2", "python": "3"}}
     assert list(causes(row, msgspec.structs.replace(row, **other))) == [
-        "another digest of the code of this program, what the scenario means",
+        "another state of the program's behaviour, what the scenario means",
         "another numpy (1 then, 2 now)",
     ]
     here, there = (
@@ -121,7 +121,7 @@ def test_what_can_be_why_is_said():
     )
     assert list(causes(here, there)) == ["other kernels of linear algebra (Haswell then, SkylakeX now)"]
     old = msgspec.structs.replace(row, codes={})
-    assert list(causes(old, row)) == ["no digest of the code in the row"]
+    assert list(causes(old, row)) == ["no behaviour numbers in the row"]
     equal = Replay(row, row, None, (), (), ("another numpy (1 then, 2 now)",))
     assert equal.verdict.endswith("(1 scored times), though there is another numpy (1 then, 2 now)")
     differs = Replay(row, row, None, (), ("score (1 then, 2 now)",), ())
@@ -198,7 +198,7 @@ def test_a_row_that_differs_is_told_with_what_can_be_why(rows, tmp_path, capsys)
     final, history = told["differences"]
     assert final.startswith("final_score (-9.0 then, -0.")
     assert history.startswith(f"scores (1 of {len(scores)} values from the {len(scores)}. on")
-    assert told["causes"] == ["another digest of the code of this program"]
+    assert told["causes"] == ["another state of the program's behaviour"]
 
 
 @pytest.mark.parametrize(

@@ -3,19 +3,17 @@
 import os
 import subprocess
 import sys
-from importlib.metadata import distribution
+from pathlib import Path
 
-import grimp
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from geo.errors import PACKAGES
 from sensors.estimators.point import PointEstimator
-from wbf_mission.bench.meaning import NO_PART_IN_FLIGHTS, built_in_digest
 from wbf_mission.bench.spec import BenchSpec, seeds_of, seeds_text
 from wbf_mission.scenario import ScenarioError
+from wbf_mission.version import BEHAVIOUR
 
 TEN = ["WBF/Miniberry-10-v1"]
 
@@ -88,9 +86,9 @@ class Mine(PointEstimator):
 
 def test_a_notebooks_digest_is_that_of_another_process():
     text = (
-        "from wbf_mission.bench.meaning import built_in_digest, own_digest\n"
+        "from wbf_mission.bench.meaning import own_digest\n"
         "class Mine:\n    def decide(self, s):\n        return s in {'a', 'b', 'c', 'd'}, lambda: s\n"
-        "print(own_digest(Mine()), built_in_digest())\n"
+        "print(own_digest(Mine()))\n"
     )
     found = {
         subprocess.run(
@@ -103,13 +101,19 @@ def test_a_notebooks_digest_is_that_of_another_process():
         for seed in ("1", "2")
     }
     assert len(found) == 1
-    assert found.pop().split()[1] == built_in_digest()
 
 
-def test_the_code_that_flies_counts(monkeypatch):
+@pytest.mark.parametrize("room", BEHAVIOUR)
+def test_the_behaviour_of_each_room_counts(monkeypatch, room):
     before = keys_of(planners=["spiral"], estimators=["point"])
-    monkeypatch.setattr("wbf_mission.bench.spec.built_in_digest", lambda: "other")
+    monkeypatch.setitem(BEHAVIOUR, room, 99)
     assert not before & keys_of(planners=["spiral"], estimators=["point"])
+
+
+def test_keys_do_not_depend_on_source_files(monkeypatch):
+    kept = keys_of(planners=["spiral", "greedy"], estimators=["gp"])
+    monkeypatch.setattr(Path, "read_bytes", lambda path: b"")
+    assert keys_of(planners=["spiral", "greedy"], estimators=["gp"]) == kept
 
 
 def test_a_policy_is_asked_in_flight_and_a_planner_before():
@@ -186,18 +190,3 @@ def test_a_file_that_is_wrong_is_named(tmp_path):
     (tmp_path / "spec.toml").write_text("nix = 1\n")
     with pytest.raises(ScenarioError, match=r"spec.toml: unknown key"):
         BenchSpec.read(tmp_path / "spec.toml")
-
-
-def test_no_flight_imports_what_its_digest_leaves_out():
-    graph = grimp.build_graph(*PACKAGES)
-    named = [
-        one.module for one in distribution("wbf-mission").entry_points if one.group.startswith("wbf_mission.")
-    ]
-    assert "mission.planners.spiral" in named
-    roots = {"wbf_mission.bench.engine", *named}
-    flown = roots.union(*(graph.find_upstream_modules(one) for one in roots))
-    told = {"wbf_mission.bench." + name for name in ("engine", "meaning", "provenance", "rows", "spec")}
-    for folder in NO_PART_IN_FLIGHTS:
-        root = folder.replace("/", ".")
-        assert root in graph.modules
-        assert {one for one in flown if one == root or one.startswith(f"{root}.")} <= told, folder

@@ -108,10 +108,9 @@ def floats(values):
 
 WRONG = {
     "a missing run": (lambda number, row: None if number == 1 else row, "lacks 1 runs that were asked for"),
-    "two versions": (other(versions={"wbf-mission": "9"}), "rows of 2 versions of wbf-mission"),
     "two codes": (
         lambda n, row: structs.replace(row, codes=row.codes | {"code": str(n)}),
-        "rows of 6 states",
+        "rows of 6 behaviours",
     ),
     "no code": (other(codes={}), "do not tell which code flew them"),
     "another scenario": (other(scenario="mine.toml"), "mine.toml is no id of the catalogue"),

@@ -53,7 +53,7 @@ def test_old_rows_without_digests_are_told_apart_by_their_version():
 def test_the_same_code_of_two_commits_counts_together_and_is_told():
     rows = [flown(), flown(seed=1, commit=NEW)]
     assert apart(rows) is rows
-    told = "rows of 2 versions (0.1.0, 4622a3d6: 1 rows; 0.1.0, 5d01c2b3: 1 rows); the same code flew them"
+    told = "rows of 2 versions (0.1.0, 4622a3d6: 1 rows; 0.1.0, 5d01c2b3: 1 rows), of the same behaviour"
     assert builds_in_words(rows) == told
 
 

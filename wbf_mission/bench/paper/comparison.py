@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from geo import Farm, FarmGrid
 from sensors.field_files import load_field_set
 from sensors.fields import FieldSet
-from wbf_mission.bench.intervals import Interval, mean_interval
+from wbf_mission.bench.intervals import Interval, mean_intervals
 from wbf_mission.bench.page import Table
 from wbf_mission.bench.paper.shown import ShownRun
 from wbf_mission.bench.report import draw_mean_score, scores_at
@@ -89,7 +89,7 @@ def plot_pairs(
 def plot_scores(
     rows: Sequence[BenchRow], estimators: Sequence[str], colours: Mapping[str, str], paths: Sequence[Path]
 ) -> None:
-    """Draw the mean score over time of all planners, a panel for each estimator, with Student's intervals."""
+    """Draw the mean score over time of all planners, a panel for each estimator, with intervals of 95 %."""
     across = min(len(estimators), _ACROSS)
     down = -(-len(estimators) // across)
     figure = new_sheet(4.4 * across, 0.5 + 3.1 * down)
@@ -163,7 +163,7 @@ def early_table(rows: Sequence[BenchRow]) -> Table:
     lines = []
     for (planner, estimator), own in by_pair(good).items():
         at = np.array([scores_at(row, np.array(_PARTS) * last_s) for row in own])
-        cells = (_interval(mean_interval(one)) for one in at.T)
+        cells = map(_interval, mean_intervals(at.T))
         lines.append((f"{planner}, {estimator}", *cells))
     return Table("How the score stands on the way", header, tuple(lines))
 
@@ -171,13 +171,14 @@ def early_table(rows: Sequence[BenchRow]) -> Table:
 def lead_table(rows: Sequence[BenchRow]) -> Table:
     """Return who has the best mean score at parts of the time, and by how much the others are behind it.
 
-    Differences are taken in pairs of runs in the same environment, with intervals of 95 %.
+    Differences are taken in pairs of runs in the same environment, with intervals of 95 % that hold together.
     """
     good = [row for row in rows if row.scores]
     last_s = max((row.times_s[-1] for row in good), default=0.0)
     at = {(row.planner, row.estimator, row.seed): row for row in good}
     planners = list(dict.fromkeys(row.planner for row in good))
-    lines = []
+    leads: list[tuple[str, str]] = []
+    differences: list[NDArray[np.float64]] = []
     for estimator, part in itertools.product(dict.fromkeys(row.estimator for row in good), _PARTS):
         # Environments in which all planners have a score.
         seeds = [
@@ -193,18 +194,21 @@ def lead_table(rows: Sequence[BenchRow]) -> Table:
             for planner in planners
         }
         first = max(planners, key=lambda planner: float(scores[planner].mean()))
-        behind = [
-            "leads" if one == first else _interval(mean_interval(scores[first] - scores[one]))
-            for one in planners
-        ]
-        lines.append((f"{estimator}, at {part * last_s:.0f} s", *behind))
+        leads.append((f"{estimator}, at {part * last_s:.0f} s", first))
+        differences += [scores[first] - scores[planner] for planner in planners]
+    behind = iter(mean_intervals(differences, together=True))
+    lines = []
+    for name, first in leads:
+        cells = [_interval(next(behind)) for _ in planners]
+        cells[planners.index(first)] = "leads"
+        lines.append((name, *cells))
     return Table("Who leads, and by how much", ("estimator, time", *planners), tuple(lines))
 
 
 def pair_table(rows: Sequence[BenchRow]) -> Table:
     """Return the differences of planners' mean scores over parts of the time, in pairs of runs.
 
-    Positive where the first is better, with intervals of 95 %.
+    Positive where the first is better, with intervals of 95 % that hold together.
     """
     good = [row for row in rows if row.scores]
     last_s = max((row.times_s[-1] for row in good), default=0.0)
@@ -212,7 +216,8 @@ def pair_table(rows: Sequence[BenchRow]) -> Table:
     times_s = np.linspace(0.0, last_s, _STEPS)
     early, half = times_s <= _EARLY * last_s, times_s <= 0.5 * last_s
     planners = list(dict.fromkeys(row.planner for row in good))
-    lines = []
+    names: list[str] = []
+    differences: list[NDArray[np.float64]] = []
     for estimator, (one, other) in itertools.product(
         dict.fromkeys(row.estimator for row in good), itertools.combinations(planners, 2)
     ):
@@ -224,9 +229,11 @@ def pair_table(rows: Sequence[BenchRow]) -> Table:
         if not pairs:
             continue
         apart = np.array([scores_at(mine, times_s) - scores_at(theirs, times_s) for mine, theirs in pairs])
-        means = (apart[:, part].mean(axis=1) for part in (early, half, ~half))
-        cells = (_interval(mean_interval(each)) for each in (*means, apart[:, -1]))
-        lines.append((f"{estimator}: {one} - {other}", *cells))
+        names.append(f"{estimator}: {one} - {other}")
+        differences += [apart[:, part].mean(axis=1) for part in (early, half, ~half)]
+        differences.append(apart[:, -1])
+    cells = iter(map(_interval, mean_intervals(differences, together=True)))
+    lines = zip(names, cells, cells, cells, cells, strict=True)
     header = (
         "estimator: planners",
         f"first {_EARLY * last_s:.0f} s",

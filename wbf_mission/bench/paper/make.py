@@ -224,7 +224,7 @@ def _comparison(work: _Work) -> tuple[Section, list[BenchRow]]:
         f"Planners with estimators in {name}. A picture for each estimator ({each}) shows the environment"
         f" of seed {first}: the path flown, the truth and the last estimate of the diseases, each on the"
         " plants that it can befall, and the score over time (thin: the other planners). The last picture is"
-        f" the mean score over {len(spec.seeds)} environments with Student's interval of 95 %. 0 is perfect."
+        f" the mean score over {len(spec.seeds)} environments with its interval of 95 %. 0 is perfect."
     )
     found = standings(rows)
     scores = standing_table("Scores over the run and at its end", found)

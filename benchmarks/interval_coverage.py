@@ -1,0 +1,183 @@
+"""How often intervals of 95 % hold what they are of, and how wide they are, by several methods.
+
+Pairs of losses over n environments are drawn from made-up distributions and, with replacement, from the
+frozen rows in `results/`; the ratio of the true means is known. Means are ratios by ones. For each n: in
+how many of 100 cases the interval holds, and its median width by the true value ("inf": without an end).
+
+- percentile: of the ratio in resamples (Efron & Tibshirani 1993, 13.3);
+- Student: of means; Fieller's interval of ratios (1954);
+- log: Student's of the logarithm of a ratio (Bonett & Price 2020);
+- log-t: the bootstrap-t of the logarithm;
+- t drawn: the bootstrap-t of Fieller's statistic by drawing environments (Hwang 1995);
+- t weighed: by weights from Beta(1/2, 3/2) in place of it (Owen 2025);
+- ours: the same, no narrower than Student's (`wbf_mission.bench.intervals`), which all tables use.
+
+The last table has eight comparisons at a time: how often all of them hold, each by itself and together.
+
+    python benchmarks/interval_coverage.py --cases 2000
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+from threadpoolctl import threadpool_limits
+
+from wbf_mission.bench import intervals
+from wbf_mission.bench.environments import scored
+from wbf_mission.bench.submission import read_pack
+
+Floats = NDArray[np.float64]
+Draw = Callable[[np.random.Generator, tuple[int, int]], tuple[Floats, Floats]]
+
+COUNTS = (5, 8, 12, 20, 40)
+RESULTS = Path(__file__).parent.parent / "results" / "0.1.0"
+DRAWS, COMPARED = 1999, 8
+
+
+def made_up(spread: float, rare: float) -> tuple[Draw, float]:
+    """Return paired losses, one with a spread of its own and rare misses, and the ratio of their means."""
+
+    def draw(random: np.random.Generator, shape: tuple[int, int]) -> tuple[Floats, Floats]:
+        hard = random.lognormal(0.0, 0.4, shape)
+        misses = (random.random(shape) < rare) * random.exponential(3.0, shape)
+        return hard * random.lognormal(-0.5, spread, shape) + misses, hard * random.lognormal(0.0, 0.3, shape)
+
+    return draw, (np.exp(0.08 - 0.5 + spread**2 / 2.0) + 3.0 * rare) / np.exp(0.08 + 0.045)
+
+
+def by_ones(
+    values: Callable[[np.random.Generator, tuple[int, int]], Floats], mean: float
+) -> tuple[Draw, float]:
+    """Return values as of `values`, as a ratio by ones."""
+    return (lambda random, shape: (values(random, shape), np.ones(shape))), mean
+
+
+def frozen(pack: str, estimator: str, above: str, below: str, field: str) -> tuple[Draw, float]:
+    """Return losses at the end (over the run of the score, "") in all scenarios of a pack, drawn again."""
+    pairs = []
+    for group in scored(read_pack(RESULTS / pack).rows):
+        losses = group.final_losses[field] if field else -group.scores
+        pairs.append(losses[[group.pairs.index((name, estimator)) for name in (above, below)]])
+    one, other = np.concatenate(pairs, axis=1)
+
+    def draw(random: np.random.Generator, shape: tuple[int, int]) -> tuple[Floats, Floats]:
+        which = random.integers(0, len(one), shape)
+        return one[which], other[which]
+
+    return draw, float(one.mean() / other.mean())
+
+
+def cases() -> dict[str, tuple[Draw, float]]:
+    """Return how pairs are drawn, and the true ratio."""
+    return {
+        "ratio, mild": made_up(0.4, 0.0),
+        "ratio, skewed": made_up(1.0, 0.0),
+        "ratio, 10 % rare misses": made_up(0.4, 0.1),
+        "ratio, rows: greedy by spiral, TYLCV": frozen("own.zip", "epidemic", "greedy", "spiral", "tylcv"),
+        "ratio, rows: six farms": frozen("farms.zip", "epidemic", "greedy", "adaptive-lawnmower", ""),
+        "mean, normal": by_ones(lambda random, shape: random.normal(1.0, 1.0, shape), 1.0),
+        "mean, exponential": by_ones(lambda random, shape: random.exponential(1.0, shape), 1.0),
+        "mean, lognormal": by_ones(lambda random, shape: random.lognormal(0.0, 1.0, shape), np.exp(0.5)),
+        "mean, 10 % rare outbreaks": by_ones(
+            lambda random, shape: (
+                random.exponential(0.1, shape) + (random.random(shape) < 0.1) * random.exponential(3.0, shape)
+            ),
+            0.4,
+        ),
+    }
+
+
+def weights(count: int, kind: str) -> Floats:
+    """Return float64[draws, count], how resamples weigh environments."""
+    random = np.random.default_rng(0)
+    if kind == "drawn":
+        return random.multinomial(count, np.full(count, 1.0 / count), DRAWS) / count
+    drawn = random.beta(0.5, 1.5, (DRAWS, count))
+    return drawn / drawn.sum(axis=1, keepdims=True)
+
+
+def limits_of_t(residuals: Floats, by: Floats) -> Floats:
+    """Return the quantiles of the t-statistics of resamples, float64[2, cases]."""
+    means = by @ residuals.T
+    errors = np.sqrt(np.maximum(by @ (residuals**2).T - means**2, np.finfo(float).tiny))
+    return np.quantile(means / errors, [0.025, 0.975], axis=0, method="nearest") * np.sqrt(residuals.shape[1])
+
+
+def others(a: Floats, b: Floats) -> dict[str, tuple[Floats, Floats]]:
+    """Return the limits of each other method, for pairs float64[cases, environments]."""
+    count, ratio = a.shape[1], a.mean(axis=1) / b.mean(axis=1)
+    drawn, weighed = weights(count, "drawn"), weights(count, "weighed")
+    residuals = a - ratio[:, None] * b
+    student = stats.t.ppf(0.975, count - 1) * np.sqrt(count / (count - 1.0))
+    low, high = np.quantile((drawn @ a.T) / (drawn @ b.T), [0.025, 0.975], axis=0)
+    found = {"percentile": (low, high)}
+
+    def fieller(name: str, least: Floats, most: Floats) -> None:
+        each = [intervals._fieller(*one) for one in zip(a, b, least, most, strict=True)]
+        found[name] = np.array([one[0] for one in each]), np.array([one[1] for one in each])
+
+    fieller("Student", np.full(len(a), -student), np.full(len(a), student))
+    if np.ptp(b) > 0.0:
+        error = np.sqrt((residuals**2).mean(axis=1) / count) / a.mean(axis=1)
+        found["log"] = ratio * np.exp(-student * error), ratio * np.exp(student * error)
+        above, below = weighed @ a.T, weighed @ b.T
+        spread = (
+            (weighed @ (a**2).T) / above**2
+            + (weighed @ (b**2).T) / below**2
+            - 2.0 * (weighed @ (a * b).T) / (above * below)
+        )
+        t = np.log(above / below / ratio) / np.sqrt(np.maximum(spread / count, np.finfo(float).tiny))
+        least, most = np.quantile(t, [0.025, 0.975], axis=0)
+        found["log-t"] = ratio * np.exp(-most * error), ratio * np.exp(-least * error)
+    fieller("t drawn", *limits_of_t(residuals, drawn))
+    fieller("t weighed", *limits_of_t(residuals, weighed))
+    return found
+
+
+def ours(a: Floats, b: Floats, together: bool = False) -> tuple[Floats, Floats]:
+    """Return the limits of the method that is used, also of so few environments that no table shows them."""
+    found = intervals._intervals(list(zip(a, b, strict=True)), fewest=2, together=together)
+    return np.array([one.low for one in found]), np.array([one.high for one in found])
+
+
+def main() -> None:
+    """Print the tables."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--cases", type=int, default=2000)
+    many = parser.parse_args().cases
+    header = f"| {' | '.join(f'n = {count}' for count in COUNTS)} |\n|---|---|{'--:|' * len(COUNTS)}"
+    print(f"| what | method {header}")
+    for what, (draw, true) in cases().items():
+        cells: dict[str, list[str]] = {}
+        for count in COUNTS:
+            a, b = draw(np.random.default_rng(count), (many, count))
+            for name, (low, high) in {**others(a, b), "ours": ours(a, b)}.items():
+                held = 100.0 * np.mean((low <= true) & (true <= high))
+                cells.setdefault(name, []).append(f"{held:.0f} ({np.median(high - low) / abs(true):.2f})")
+        for name, texts in cells.items():
+            print(f"| {what} | {name} | {' | '.join(texts)} |", flush=True)
+    print(f"\n| {COMPARED} comparisons | intervals {header}")
+    for what in ("ratio, mild", "ratio, skewed", "mean, normal", "mean, exponential"):
+        draw, true = cases()[what]
+        for name, together in (("each by itself", False), ("together", True)):
+            texts = []
+            for count in COUNTS:
+                random, held = np.random.default_rng(count), 0
+                for _ in range(many // COMPARED):
+                    low, high = ours(*draw(random, (COMPARED, count)), together=together)
+                    held += bool(np.all((low <= true) & (true <= high)))
+                texts.append(f"{100.0 * held / (many // COMPARED):.0f}")
+            print(f"| {what} | {name} | {' | '.join(texts)} |", flush=True)
+
+
+if __name__ == "__main__":
+    with threadpool_limits(1):
+        main()

@@ -387,12 +387,12 @@ def test_a_setpoint_at_or_below_the_ground_is_flown_to_the_ground(autopilot, dow
     assert not any("refused" in text for text in peer.texts())
 
 
-@pytest.mark.parametrize(("autopilot", "headings"), [("ardupilot", (180, 270, 270)), ("px4", (0, 0, 0))])
+@pytest.mark.parametrize(("autopilot", "headings"), [("ardupilot", (180, 270, 270, 270)), ("px4", (0,) * 4)])
 def test_arducopter_looks_along_velocities_without_a_heading(autopilot, headings):
     peer = Peer(autopilot)
     peer.fly()
     seen = []
-    for velocity in ((-2.0, 0.0, 0.0), (0.0, -2.0, 0.5), (0.0, 0.0, -0.5)):
+    for velocity in ((-2.0, 0.0, 0.0), (0.0, -2.0, 0.5), (0.0, 0.0, -0.5), (0.2, 0.0, 0.0)):
         for _ in range(80):
             peer.tell(
                 m.MAVLink_set_position_target_local_ned_message(

@@ -51,7 +51,7 @@ class Identity:
     custom_version: bytes = bytes(8)
     """The source's git hash in AUTOPILOT_VERSION, eight bytes; zeros for none."""
     banner: str = ""
-    """Status text that follows a request for all parameters (ArduPilot); empty for none."""
+    """Status text that answers a request for it or for all parameters (ArduPilot); empty for none."""
 
     @property
     def flight_sw_version(self) -> int:

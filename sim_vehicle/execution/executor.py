@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from sim_vehicle.autopilot import fixed_wing_procedures, flight_procedures
@@ -189,6 +190,8 @@ class MissionExecutor:
             legs = [circle_leg((x_m, y_m, altitude_m), speed, radius_m, MAX_TURNS)]
         else:
             legs = circle_legs((x_m, y_m, altitude_m), here, MAX_TURNS, radius_m, speed, self.spec)
+            # The circle is approached at the cruise speed (PX4's FlightTaskOrbit).
+            legs[0] = replace(legs[0], speed_m_s=max(speed, self.spec.cruise_speed_m_s))
         self.flight.fly(legs, FlightPhase.GOTO)
 
     def return_home(self, position_m: Position | None = None) -> None:

@@ -21,7 +21,7 @@ from sim_vehicle.mavlink.gimbal import GIMBAL_BUILDERS, GIMBAL_COMMANDS, command
 from sim_vehicle.mavlink.telemetry import BUILDERS, built
 from sim_vehicle.mavlink.vehicle_command import Result, VehicleCommand, read_command
 from sim_vehicle.motion.legs import ALONG, KEEP, Heading
-from sim_vehicle.pilot.controls import RefusedError
+from sim_vehicle.pilot.controls import RefusedError, Severity
 from sim_vehicle.pilot.failsafe import FORCE
 
 if TYPE_CHECKING:
@@ -275,14 +275,17 @@ def _change_speed(vehicle: CommandedVehicle, command: VehicleCommand) -> Result:
 
 
 def _orbit(vehicle: CommandedVehicle, command: VehicleCommand) -> None:
-    """DO_ORBIT (PX4): radius, speed, -, -, position; what is not given is 10 m, the cruise speed, here."""
+    """DO_ORBIT (PX4): radius, speed, -, -, position; what is not given is 10 m, the cruise speed, here.
+
+    PX4 takes the altitude as one above the sea, whatever the frame.
+    """
     pilot, modes = vehicle.pilot, vehicle.state.mavlink.modes
     radius, speed, altitude = command.params[0], command.params[1], command.params[6]
     position = command.position or pilot.frame.to_wgs84(*pilot.state.position_m[:2])
     here = pilot.state.position_m[2]
     pilot.orbit(
         *position,
-        vehicle.state.above_start(altitude, command.frame) if math.isfinite(altitude) else here,
+        vehicle.state.above_start(altitude, int(m.MAV_FRAME_GLOBAL)) if math.isfinite(altitude) else here,
         radius_m=radius if math.isfinite(radius) and radius else 10.0,
         speed_m_s=speed if math.isfinite(speed) and speed > 0.0 else pilot.spec.cruise_speed_m_s,
         mode=modes.after_command,
@@ -474,6 +477,10 @@ def _servo(vehicle: CommandedVehicle, command: VehicleCommand) -> Result:
     return None if _FIRST_FREE_SERVO <= channel <= _LAST_SERVO else _FAILED
 
 
+def _banner(vehicle: CommandedVehicle, _command: VehicleCommand) -> None:
+    vehicle.pilot.note(Severity.INFO, vehicle.state.mavlink.identity.banner)
+
+
 def _accept(_vehicle: CommandedVehicle, _command: VehicleCommand) -> None:
     """Take a command that nothing here hangs on."""
 
@@ -500,6 +507,7 @@ HANDLERS: dict[int, Handler] = {
     Command.DO_LAND_START: _land_start,
     m.MAV_CMD_DO_PAUSE_CONTINUE: _pause_continue,
     m.MAV_CMD_DO_SET_MISSION_CURRENT: _set_current,
+    m.MAV_CMD_DO_SEND_BANNER: _banner,
     m.MAV_CMD_GET_HOME_POSITION: _send(m.MAVLINK_MSG_ID_HOME_POSITION),
     m.MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES: _send(m.MAVLINK_MSG_ID_AUTOPILOT_VERSION),
     m.MAV_CMD_REQUEST_PROTOCOL_VERSION: _send(m.MAVLINK_MSG_ID_PROTOCOL_VERSION),

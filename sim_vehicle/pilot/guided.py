@@ -31,6 +31,10 @@ __all__ = ["AttitudePilot", "AttitudeTarget", "AutoYaw", "Setpoint", "SetpointFo
 _SLOWEST_M_S = 0.05
 # A setpoint no higher above a vehicle on the ground leaves it there: its height is rounded on the wire.
 _STANDS_M = 0.01
+# Share of the top speed from which ArduCopter's nose turns to the velocity (`AC_PosControl`).
+_TRAVELS = 0.05
+# A position at the ground or below it is flown to at this height: the autopilots press on the ground there.
+_LOWEST_M = 0.1
 
 
 @dataclass(frozen=True, slots=True)
@@ -157,13 +161,15 @@ class SetpointFollower:
         if math.isnan(x) and not (math.isnan(vx) and math.isnan(vz)):
             across = (0.0, 0.0) if math.isnan(vx) else (vx, vy)
             up = 0.0 if math.isnan(vz) else vz
-            executor.steer((*across, up), height_m=z, heading=heading or KEEP)
+            travels = math.hypot(*across) > _TRAVELS * executor.spec.top_speed_m_s
+            default = ALONG if self._rules.yaws_to_setpoint and travels else KEEP
+            executor.steer((*across, up), height_m=z, heading=heading or default)
             return
         here = executor.motion.stopping_point()
         if heading is None:
             heading = ALONG if self._rules.yaws_to_setpoint and not math.isnan(x) else KEEP
         target = (here[0], here[1]) if math.isnan(x) else (x, y)
-        height = here[2] if math.isnan(z) else z
+        height = here[2] if math.isnan(z) else max(z, _LOWEST_M) if executor.spec.hovers else z
         if self._rules.fences_setpoints and (reason := self._failsafe.outside((*target, height))) is not None:
             raise VehicleError(f"position outside the fence ({reason})")
         speed = math.nan if math.isnan(vx) else math.hypot(vx, vy)

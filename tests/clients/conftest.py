@@ -98,12 +98,13 @@ def request_streams(flying):
 class Flying:
     """A vehicle behind a server in a thread."""
 
-    def __init__(self, autopilot, urls, speed, camera):
+    def __init__(self, autopilot, urls, speed, camera, home):
         from wbf_mission.scenario import Scenario, scenario_with
-        from wbf_mission.simulator import make_components
+        from wbf_mission.simulator import make_components, parse_home
 
         scenario = scenario_with(Scenario(), {"farm": "miniberry-10", "autopilot": autopilot})
-        simulated = make_components(scenario, with_camera=camera)
+        homes = () if home is None else (parse_home(home),)
+        simulated = make_components(scenario, homes=homes, with_camera=camera)
         self.autopilot, self.vehicle, self.home = autopilot, simulated.vehicle, simulated.vehicle.home
         self.camera = next((c for c in simulated.components if c.component_id == 100), None)
         self.server = Server(simulated.components, urls, speed=speed)
@@ -136,11 +137,11 @@ class Flying:
 
 @pytest.fixture
 def fly():
-    """Start a vehicle: ``fly(autopilot, urls, speed=, camera=)``."""
+    """Start a vehicle: ``fly(autopilot, urls, speed=, camera=, home=)``."""
     running = []
 
-    def start(autopilot, urls=("tcpin:127.0.0.1:0",), *, speed=SPEED, camera=False):
-        running.append(Flying(autopilot, urls, speed, camera))
+    def start(autopilot, urls=("tcpin:127.0.0.1:0",), *, speed=SPEED, camera=False, home=None):
+        running.append(Flying(autopilot, urls, speed, camera, home))
         return running[-1]
 
     yield start

@@ -83,6 +83,7 @@ COPTER_MAVLINK = MavlinkProfile(
         version=(4, 7, 0),
         custom_version=_GIT_HASH,
         capabilities=_CAPABILITIES | int(m.MAV_PROTOCOL_CAPABILITY_SET_ATTITUDE_TARGET),
+        banner="ArduCopter V4.7.0 (1511f271)",
     ),
     modes=ModeTable(
         rows=(

@@ -116,6 +116,7 @@ def mavlink_profile(mav_type: int) -> MavlinkProfile:
                 int(m.MAV_CMD_DO_FENCE_ENABLE),
                 int(m.MAV_CMD_DO_GO_AROUND),
                 int(m.MAV_CMD_DO_PAUSE_CONTINUE),
+                int(m.MAV_CMD_DO_SEND_BANNER),
                 int(m.MAV_CMD_DO_SET_MISSION_CURRENT),
                 int(m.MAV_CMD_DO_SET_RELAY),
                 int(m.MAV_CMD_DO_SET_SERVO),
@@ -124,7 +125,8 @@ def mavlink_profile(mav_type: int) -> MavlinkProfile:
                 int(m.MAV_CMD_DO_CANCEL_MAG_CAL),
             }
         ),
-        silent=frozenset({int(m.MAV_CMD_INJECT_FAILURE)}),
+        # Those of modules that do not run by default: Commander leaves the answer to them.
+        silent=frozenset(map(int, (m.MAV_CMD_INJECT_FAILURE, m.MAV_CMD_DO_GRIPPER, m.MAV_CMD_DO_WINCH))),
         takeoff_above_sea=True,
         home_above_sea=True,
         reposition_turns=True,

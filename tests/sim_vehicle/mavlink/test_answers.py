@@ -309,8 +309,19 @@ def test_servos_relays_and_compasses_of_ardupilot():
     assert px4.result(187, 0.5) == 0
 
 
-def test_px4_does_not_answer_an_injected_failure():
-    assert Peer("px4").result(420, 0.0, 1.0) is None
+@pytest.mark.parametrize("command", [420, 211, 42600])
+def test_px4_does_not_answer_an_injected_failure_a_gripper_or_a_winch(command):
+    assert Peer("px4").result(command, 0.0, 1.0) is None
+
+
+def test_ardupilot_sends_its_banner_when_asked():
+    peer = Peer("ardupilot")
+    assert peer.result(42428) == 0
+    assert peer.texts()[-1].startswith("ArduCopter V4.")
+    assert Peer("px4").result(42428) == 3
+
+
+def test_ardupilot_knows_no_injected_failures():
     assert Peer("ardupilot").result(420, 0.0, 1.0) == 3
 
 
@@ -335,6 +346,64 @@ def test_px4_orbits_in_position_control():
     peer.tell(order)
     peer.wait(2.0)
     assert peer.of("HEARTBEAT")[-1].custom_mode == 1 << 24 | 3 << 16
+
+
+@pytest.mark.parametrize("frame", [0, 3, 5, 6])
+def test_the_altitude_of_an_orbit_is_above_the_sea_in_any_frame_and_its_approach_fast(frame):
+    """MAVSDK sends it so with frame 3."""
+    peer = Peer("px4")
+    peer.fly()
+    east_m, north_m, up_m = peer.vehicle.pilot.state.position_m
+    latitude, longitude = peer.vehicle.pilot.frame.to_wgs84(east_m + 60.0, north_m)
+    degrees = (round(latitude * 1e7), round(longitude * 1e7))
+    amsl_m = peer.vehicle.home.altitude_m + up_m + 5.0
+    peer.tell(m.MAVLink_command_int_message(1, 1, frame, 34, 0, 0, 10.0, 2.0, 0, NAN, *degrees, amsl_m))
+    peer.wait(6.0)
+    assert math.hypot(*peer.vehicle.pilot.state.velocity_m_s[:2]) > 3.0
+    peer.wait(20.0)
+    east, north, up = peer.vehicle.pilot.state.position_m
+    assert up == pytest.approx(up_m + 5.0, abs=0.5)
+    assert math.hypot(east - east_m - 60.0, north - north_m) == pytest.approx(10.0, abs=0.5)
+    assert math.hypot(*peer.vehicle.pilot.state.velocity_m_s[:2]) == pytest.approx(2.0, abs=0.2)
+
+
+@pytest.mark.parametrize("down_m", [0.0, 2.0])
+@pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
+def test_a_setpoint_at_or_below_the_ground_is_flown_to_the_ground(autopilot, down_m):
+    peer = Peer(autopilot)
+    peer.fly()
+    setpoint = m.MAVLink_set_position_target_local_ned_message(
+        0, 1, 1, 1, 0b100111111000, 8.0, 0.0, down_m, 0, 0, 0, 0, 0, 0, 0.0, 0
+    )
+    peer.tell(setpoint)
+    if autopilot == "px4":
+        assert peer.result(176, 1.0, 6.0) == 0
+    for _ in range(200):
+        peer.tell(setpoint)
+        peer.wait(0.1)
+    east, north, up = peer.vehicle.pilot.state.position_m
+    assert (east, north) == pytest.approx((0.0, 8.0), abs=0.5)
+    assert 0.0 <= up < 0.3
+    assert not any("refused" in text for text in peer.texts())
+
+
+@pytest.mark.parametrize(("autopilot", "headings"), [("ardupilot", (180, 270, 270, 270)), ("px4", (0,) * 4)])
+def test_arducopter_looks_along_velocities_without_a_heading(autopilot, headings):
+    peer = Peer(autopilot)
+    peer.fly()
+    seen = []
+    for velocity in ((-2.0, 0.0, 0.0), (0.0, -2.0, 0.5), (0.0, 0.0, -0.5), (0.2, 0.0, 0.0)):
+        for _ in range(80):
+            peer.tell(
+                m.MAVLink_set_position_target_local_ned_message(
+                    0, 1, 1, 1, 0b111111000111, 0, 0, 0, *velocity, 0, 0, 0, 0, 0
+                )
+            )
+            if autopilot == "px4" and peer.vehicle.pilot.mode is not Mode.GUIDED:
+                assert peer.result(176, 1.0, 6.0) == 0
+            peer.wait(0.1)
+        seen.append(round(math.degrees(peer.vehicle.pilot.state.yaw_rad)) % 360)
+    assert seen == pytest.approx(headings, abs=5)
 
 
 def test_the_origin_is_told_when_another_is_asked_for():

@@ -198,9 +198,6 @@ MAVSDK_3 = {
     "firmware_version": Example(said("flight_sw_major: 1, flight_sw_minor: 17")),
     "ftp_download_file": Example(said(r"got (\d+) of \1\n")),
     "ftp_list_dir": Example(said("fs")),
-    "follow_me_example": Example(
-        lambda run: (run.was_in("takeoff", "follow", "land"), run.said("following False"))
-    ),
     "geofence": Example(has_fence),
     "goto": Example(lambda run: run.was_over(47.397606, 8.543060, 20.0)),
     "highres_imu": Example(said(r"down_m_s2: -9\.[78]")),

@@ -16,7 +16,6 @@ from pathlib import Path
 from mavsdk import System, mavlink_direct
 from mavsdk.action import OrbitYawBehavior
 from mavsdk.camera import Mode
-from mavsdk.follow_me import Config, TargetLocation
 from mavsdk.geofence import Circle, FenceType, GeofenceData, Point, Polygon
 from mavsdk.mission import MissionItem, MissionPlan
 from mavsdk.mission_raw import MissionItem as RawItem
@@ -124,23 +123,6 @@ async def do_orbit():
 async def firmware_version():
     drone = await connected()
     say(await drone.info.get_version())
-
-
-async def follow_me_example():
-    drone = await healthy()
-    await drone.action.arm()
-    await drone.action.takeoff()
-    await wait(8)
-    altitude = Config.FollowAltitudeMode.CONSTANT
-    await drone.follow_me.set_config(Config(8.0, 8.0, 0.02, altitude, 8.0, 180.0))
-    await drone.follow_me.start()
-    await wait(8)
-    for latitude, longitude in PLACES:
-        await drone.follow_me.set_target_location(TargetLocation(latitude, longitude, 0, 0, 0, 0))
-        await wait(2)
-    await drone.follow_me.stop()
-    say("following", await drone.follow_me.is_active())
-    await drone.action.land()
 
 
 async def ftp_list_dir():

@@ -19,10 +19,10 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
+from wbf_mission.addons.boards.submission import read_pack
 from wbf_mission.bench.intervals import Interval, verdict
 from wbf_mission.bench.rows import BenchRow, read_rows
 from wbf_mission.bench.standings import Standing, standings
-from wbf_mission.bench.submission import read_pack
 from wbf_mission.scenario import Family, families
 
 POLICIES = ("greedy", "rolling-horizon")

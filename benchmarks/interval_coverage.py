@@ -28,9 +28,9 @@ from numpy.typing import NDArray
 from scipy import stats
 from threadpoolctl import threadpool_limits
 
+from wbf_mission.addons.boards.submission import read_pack
 from wbf_mission.bench import intervals
 from wbf_mission.bench.environments import scored
-from wbf_mission.bench.submission import read_pack
 
 Floats = NDArray[np.float64]
 Draw = Callable[[np.random.Generator, tuple[int, int]], tuple[Floats, Floats]]

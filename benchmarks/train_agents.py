@@ -92,7 +92,7 @@ def vector_env(one: Training, seed: int) -> Any:
     from stable_baselines3.common.vec_env import VecEnv
     from trained_agent import MOVES, View
 
-    from wbf_mission.rl import SurveyVectorEnv
+    from wbf_mission.addons.rl import SurveyVectorEnv
 
     class Runs(VecEnv):
         def __init__(self) -> None:

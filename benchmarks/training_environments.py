@@ -15,7 +15,7 @@ import time
 import numpy as np
 from gymnasium.vector import SyncVectorEnv, VectorEnv
 
-from wbf_mission.rl import SurveyEnv, SurveyVectorEnv
+from wbf_mission.addons.rl import SurveyEnv, SurveyVectorEnv
 
 
 def rate(envs: VectorEnv, actions: np.ndarray) -> tuple[float, float]:

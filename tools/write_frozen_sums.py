@@ -13,7 +13,7 @@ from pathlib import Path
 import msgspec
 
 from geo.atomic import atomic_write
-from wbf_mission.bench.frozen import TABLE, sums_of
+from wbf_mission.addons.boards.frozen import TABLE, sums_of
 
 RESULTS = Path(__file__).parents[1] / "results"
 

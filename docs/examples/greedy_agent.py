@@ -5,7 +5,7 @@ import sys
 import numpy as np
 from scipy.ndimage import uniform_filter
 
-from wbf_mission.rl import SurveyEnv
+from wbf_mission.addons.rl import SurveyEnv
 
 
 def act(shown: dict) -> int:

@@ -4,9 +4,9 @@ import sys
 
 import gymnasium
 
-import wbf_mission.rl
+import wbf_mission.addons.rl
 
-gymnasium.register_envs(wbf_mission.rl)
+gymnasium.register_envs(wbf_mission.addons.rl)
 
 
 def run(scenario: str, seed: int) -> float:

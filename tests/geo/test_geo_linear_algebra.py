@@ -181,9 +181,9 @@ LEFT_TO_THE_PROCESSOR = frozenset(
 )
 ALLOWED = {
     "sensors/estimators/gp/sklearn_gp.py": "scikit-learn's own",
-    "wbf_mission/bench/audit.py": "compared to a tolerance",
-    "wbf_mission/bench/paper/cost.py": "values to measure the time with",
-    "wbf_mission/exports/rerun.py": "drawn",
+    "wbf_mission/addons/boards/audit.py": "compared to a tolerance",
+    "wbf_mission/addons/paper/cost.py": "values to measure the time with",
+    "wbf_mission/addons/export/rerun.py": "drawn",
     "wbf_mission/maps/gis.py": "the georeference of a picture, checked to a tolerance",
 }
 

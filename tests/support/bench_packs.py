@@ -5,10 +5,10 @@ import zipfile
 
 from msgspec import structs
 
+from wbf_mission.addons.boards.submission import ABOUT, write_pack
 from wbf_mission.bench.benchmark import benchmark
 from wbf_mission.bench.rows import TABLE, BenchStore, read_rows
 from wbf_mission.bench.spec import BenchSpec, run_keys
-from wbf_mission.bench.submission import ABOUT, write_pack
 
 SCENARIO = "WBF/Miniberry-10-v1"
 

@@ -12,11 +12,11 @@ from mission.files import read_mission
 from mission.outcome import Outcome
 from sim_vehicle.faults.fault import FaultError
 from wbf_mission import Scenario, fly, load_result
+from wbf_mission.addons.rl.task import SurveyTask
 from wbf_mission.cli.app import main
 from wbf_mission.planning import plan
 from wbf_mission.planning.fleet import single_vehicles
 from wbf_mission.planning.plan import plan_fleet
-from wbf_mission.rl.task import SurveyTask
 from wbf_mission.run.resolve import resolve
 from wbf_mission.run.reuse import FlightMemory
 from wbf_mission.scenario import ScenarioError, scenario_with

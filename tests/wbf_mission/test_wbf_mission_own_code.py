@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 from wbf_mission import BenchSpec, ScenarioError, benchmark, load_scenario
+from wbf_mission.addons.boards.submission import code_files
 from wbf_mission.bench.engine import fly_all
-from wbf_mission.bench.submission import code_files
 from wbf_mission.cli.app import main
 from wbf_mission.own_code import own_choice
 

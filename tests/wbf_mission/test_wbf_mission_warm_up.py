@@ -15,7 +15,7 @@ from sensors.fields import PAPER_FIELDS
 from sensors.scoring.information import InformationModel
 from wbf_mission.cli.warm_up import _draw_blocks, _step_batched, fly_all
 from wbf_mission.events import DayBegun, Estimated, RunBegun
-from wbf_mission.rl.vector_env import SurveyVectorEnv
+from wbf_mission.addons.rl.vector_env import SurveyVectorEnv
 from wbf_mission.web.view import View
 
 first, later = [], []

@@ -14,7 +14,7 @@ from wbf_mission.exit_codes import ExitCode
 from wbf_mission.scenario import Choice
 
 if TYPE_CHECKING:
-    from mission.check.registry import CheckResult
+    from wbf_mission.addons.check.registry import CheckResult
 
 EXAMPLES = """
 Examples
@@ -42,7 +42,7 @@ def check_command(
     It never arms unless --fly is given, and puts the vehicle's plans back. Exit code 1: something required
     does not hold.
     """
-    from mission.check import Verdict, all_checks, check_vehicle
+    from wbf_mission.addons.check import Verdict, all_checks, check_vehicle
 
     if list_checks:
         keys = ("id", "required_of", "text", "suffers")

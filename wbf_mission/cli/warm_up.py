@@ -86,7 +86,7 @@ def _step_batched() -> None:
     """Take a step of the training environment that is compiled; it needs the extra ``rl``."""
     import numpy as np
 
-    from wbf_mission.rl.vector_env import SurveyVectorEnv
+    from wbf_mission.addons.rl.vector_env import SurveyVectorEnv
 
     # Arrays of a single run are contiguous where those of several are not, and are compiled for apart.
     envs = SurveyVectorEnv(2, _TRAINED_IN)

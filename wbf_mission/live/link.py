@@ -246,7 +246,7 @@ class LiveLink:
 def via_named(name: str) -> Via:
     """Return a way by its name, ``own`` or ``mavsdk``; MAVSDK is loaded only when it is asked for."""
     if name == "mavsdk":
-        from wbf_mission.live.via_mavsdk.adapter import MavsdkVia
+        from wbf_mission.addons.mavsdk.adapter import MavsdkVia
 
         return MavsdkVia()
     return Via()

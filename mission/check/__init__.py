@@ -1,6 +1,0 @@
-"""The conformance kit: does a MAVLink autopilot do what ground software expects of one."""
-
-from mission.check.registry import Check, CheckResult, Verdict
-from mission.check.runner import CheckReport, all_checks, check_vehicle
-
-__all__ = ["Check", "CheckReport", "CheckResult", "Verdict", "all_checks", "check_vehicle"]

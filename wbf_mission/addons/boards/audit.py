@@ -1,0 +1,232 @@
+"""Whether rows of a benchmark are what they say: complete, and consistent in themselves."""
+
+from __future__ import annotations
+
+import functools
+import itertools
+import re
+import tomllib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from geo.errors import WbfMissionError
+from geo.texts import one_line
+from sensors.field_files import load_field_set
+from sensors.fields import FieldSet
+from sensors.scoring.score import ScoreWeights
+from wbf_mission.addons.boards.limits import impossible
+from wbf_mission.bench.asked import read_asked
+from wbf_mission.bench.meaning import meaning_of
+from wbf_mission.bench.rows import BenchRow, by_pair, by_scenario
+from wbf_mission.bench.spec import require_mover, run_keys, seed_ranges, seeds_of
+from wbf_mission.planning.plan import farm_of
+from wbf_mission.results.storage import ResultError
+from wbf_mission.run.estimation import estimator_of
+from wbf_mission.scenario import Choice, load_scenario, scenario_ids
+from wbf_mission.scenario.choice import choose, names_of, registered_elsewhere
+
+_LEAST_ERROR = 1e-9
+_MOST_LOSS = 1e6
+_MOST_ROWS, _MOST_METHODS, _MOST_SEEDS = 100_000, 300, 10_000
+_DIGEST = re.compile(r"[0-9a-f]{24}")
+_KINDS = ("planner", "estimator")
+FILES = "its parameters name files of a machine"
+
+
+def require_asked(rows: Sequence[BenchRow], folder: Path) -> None:
+    """Raise ResultError unless rows have all runs that their folder was asked for."""
+    there = {(row.scenario, row.planner, row.estimator, row.seed) for row in rows}
+    for one in read_asked(folder).asked:
+        table = tomllib.loads(one.specification)
+        # What was given as an object stands only in a comment.
+        names = [table.get(key, []) for key in ("scenarios", "planners", "estimators")]
+        missing = [
+            run for run in itertools.product(*names, seeds_of(str(table["seeds"]))) if run not in there
+        ]
+        if missing:
+            scenario, planner, estimator, seed = missing[0]
+            first = f"such as {scenario}, {planner}, {estimator}, seed {seed}"
+            msg = f"lacks {len(missing)} runs that were asked for, {first}; fly them, or use a new folder"
+            raise ResultError(msg)
+
+
+def require_whole(rows: Sequence[BenchRow], *, sealed: bool = False) -> None:
+    """Raise ResultError unless rows can be published: of one behaviour, complete, possible and consistent.
+
+    The seeds of each scenario are all from the first to the last, but those of a `sealed` round. The text is
+    one line that begins with what is wrong, and says what to do. Rows of runs that failed are in order: they
+    are told as failed.
+    """
+    _require_one_behaviour(rows)
+    if len(rows) > _MOST_ROWS:
+        raise ResultError(f"holds {len(rows)} rows, more than {_MOST_ROWS}; make several submissions")
+    scenarios = by_scenario(rows)
+    for scenario, here in scenarios.items():
+        _require_meaning(scenario, here[0].codes["scenario"])
+        _require_methods(scenario, here)
+    for scenario, here in scenarios.items():
+        _require_complete(scenario, here)
+        if not sealed:
+            _require_all_seeds(scenario, {row.seed for row in here})
+        parts = _field_parts(scenario)
+        for row in here:
+            if why := _stranger(row) or _inconsistency(row, parts) or impossible(row):
+                raise ResultError(f"{one_line(row.named)}: {why}; fly it again into a new folder")
+
+
+def _require_one_behaviour(rows: Sequence[BenchRow]) -> None:
+    if not all({"code", "scenario"} <= row.codes.keys() for row in rows):
+        raise ResultError("some rows do not tell which code flew them; fly them again into a new folder")
+    behaviours = {row.codes["code"] for row in rows}
+    if len(behaviours) > 1:
+        several = ", ".join(sorted(behaviours)[:3])
+        msg = f"rows of {len(behaviours)} behaviours ({several}); fly all of them into a new folder"
+        raise ResultError(msg)
+    names: dict[tuple[str, str, str], set[str]] = {}
+    for row in rows:
+        for kind in ("scenario", "planner", "estimator"):
+            key = (row.scenario if kind == "scenario" else "", kind, getattr(row, kind))
+            names.setdefault(key, set()).add(row.codes.get(kind, ""))
+    for (_, kind, name), digests in names.items():
+        if len(digests) > 1:
+            msg = f"{kind} {name} stands for {len(digests)} things; fly all of one into a new folder"
+            raise ResultError(msg)
+
+
+def _require_meaning(scenario: str, meaning: str) -> None:
+    if scenario not in scenario_ids():
+        msg = f"{one_line(scenario)} is no id of the catalogue; fly scenarios that 'bench list' prints"
+        raise ResultError(msg)
+    if meaning != _meaning(scenario):
+        raise ResultError(f"{scenario} meant something else when it was flown; fly it again")
+
+
+@functools.cache
+def _built_in(kind: str) -> frozenset[str]:
+    kinds = (kind, "policy") if kind == "planner" else (kind,)
+    names = (name for one in kinds for name in names_of(one) if registered_elsewhere(name, one) is None)
+    return frozenset(name.lower() for name in names)
+
+
+@functools.cache
+def _meaning(scenario: str) -> str:
+    return meaning_of(load_scenario(scenario))
+
+
+def _require_methods(scenario: str, rows: Sequence[BenchRow]) -> None:
+    """Raise ResultError unless each planner and estimator of a scenario can be one."""
+    pairs, seeds = by_pair(rows), {row.seed for row in rows}
+    if len(pairs) > _MOST_METHODS or len(seeds) > _MOST_SEEDS:
+        msg = f"{scenario} has {len(pairs)} methods on {len(seeds)} environments"
+        raise ResultError(f"{msg}, more than {_MOST_METHODS} on {_MOST_SEEDS}; make several submissions")
+    fields = load_field_set(load_scenario(scenario).farm.fields)
+    for kind in _KINDS:
+        for label, code in dict.fromkeys((getattr(row, kind), row.codes.get(kind)) for row in rows):
+            why = _unusable(kind, label, fields) if code is None else ""
+            if code is not None and not _DIGEST.fullmatch(code):
+                why = "its digest is none of own code"
+            elif code is not None and label.partition(":")[0].lower() in _built_in(kind):
+                why = "own code has a name of what is built in; give it another one"
+            if why:
+                msg = f"{kind} {one_line(label, 60) or 'without a name'}: {why}; fly what all can fly again"
+                raise ResultError(msg)
+
+
+def names_files(choice: Choice) -> bool:
+    """Return whether parameters name files or folders: a row of somebody else's is not to reach these."""
+    return any(key == "cache" or "/" in str(value) for key, value in choice.params.items())
+
+
+def _unusable(kind: str, label: str, fields: FieldSet) -> str:
+    """Return why a name of a row is no built-in planner, policy or estimator; empty if it is one."""
+    try:
+        choice = choose(label, kind)
+        if names_files(choice):
+            return FILES
+        if kind == "estimator":
+            estimator_of(choice, 0, fields)
+        else:
+            require_mover(choice)
+    except WbfMissionError as error:
+        return one_line(str(error), 200)
+    except (TypeError, ValueError) as error:  # what a class says of its parameters
+        return one_line(f"{type(error).__name__}: {error}", 200)
+    return ""
+
+
+def _require_complete(scenario: str, rows: Sequence[BenchRow]) -> None:
+    """Raise ResultError unless every planner and estimator of a scenario has each seed once."""
+    every = {row.seed for row in rows}
+    for (planner, estimator), own in by_pair(rows).items():
+        seeds = [row.seed for row in own]
+        missing, label = sorted(every - set(seeds)), one_line(f"{scenario}, {planner}, {estimator}")
+        if len(set(seeds)) < len(seeds):
+            raise ResultError(f"{label}: a seed is there twice; fly it again into a new folder")
+        if missing:
+            which = one_line(seed_ranges(missing), 60)
+            raise ResultError(f"{label}: lacks rows that others have, of seeds {which}; fly them, too")
+
+
+def _require_all_seeds(scenario: str, seeds: set[int]) -> None:
+    """Raise ResultError if seeds were left out: they may be those on which a method did badly."""
+    first, last = min(seeds), max(seeds)
+    if last - first >= len(seeds):
+        which = one_line(seed_ranges(sorted(seeds)), 60)
+        msg = f"{scenario}: seeds {which} leave some out between {first} and {last}; fly these, too"
+        raise ResultError(msg)
+
+
+@dataclass(frozen=True, slots=True)
+class _Parts:
+    """How much each field counts in the loss of a scenario: its weight times its cells, in parts of all."""
+
+    names: tuple[str, ...]
+    parts: NDArray[np.float64]
+
+
+@functools.cache
+def _field_parts(scenario: str) -> _Parts:
+    farm, fields = farm_of(load_scenario(scenario).farm)
+    cells = fields.masks(farm.grid()).sum(axis=(1, 2))
+    weights = np.array(ScoreWeights.of(fields).field) * cells
+    return _Parts(fields.names, weights / weights.sum())
+
+
+def _stranger(row: BenchRow) -> str:
+    """Return what of a row no run tells; empty if nothing does."""
+    if row.key not in run_keys(row):
+        return "its key is not that of its run"
+    return ""
+
+
+def _inconsistency(row: BenchRow, fields: _Parts) -> str:
+    """Return what of a row contradicts the rest of it; empty if nothing does."""
+    scores = np.array(row.scores)
+    if row.score is None or row.final_score is None or not len(scores):
+        return "" if row.error is not None else "it has no score and no error"
+    if set(row.history) != set(fields.names) or set(row.losses) != set(fields.names):
+        return f"its losses are not those of {', '.join(fields.names)}"
+    history = [np.array(row.history[name]) for name in fields.names]
+    if {len(row.times_s), *map(len, history)} != {len(scores)}:
+        return "its history has lists of several lengths"
+    losses = np.array(history)
+    numbers = (scores, losses, np.array(row.times_s), np.array([row.score, row.final_score]))
+    if (
+        not all(np.isfinite(one).all() for one in numbers)
+        or not ((losses >= 0.0) & (losses <= _MOST_LOSS)).all()
+    ):
+        return "its history has values that are no losses"
+    if row.score != float(np.mean(scores)):
+        return f"its score {row.score} is not the mean of its history"
+    if row.final_score != scores[-1]:
+        return f"its score at the end {row.final_score} is not the last of its history"
+    for name in fields.names:
+        if row.losses[name] != row.history[name][-1]:
+            return f"its loss {name} is not the last of its history"
+    if (np.abs(scores + fields.parts @ losses) > _LEAST_ERROR * np.maximum(1.0, np.abs(scores))).any():
+        return "its scores are not those of its losses"
+    return ""

@@ -1,0 +1,234 @@
+"""The leaderboard as a page with pictures, and as plain values."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from msgspec import structs
+
+from geo.texts import one_line
+from wbf_mission.addons.boards.board import SHOWN_DIGEST, Board, BoardTable, Entry, Line
+from wbf_mission.bench.intervals import Interval, doubt_in_words, verdict
+from wbf_mission.bench.page import Page, Picture, Section, Table
+from wbf_mission.bench.spec import seeds_text
+from wbf_mission.bench.standings import Standing
+from wbf_mission.pictures.plots import new_figure, save_figure
+
+_MOST_DRAWN, _FEWEST_DRAWN = 24, 2
+_GREY, _BLUE = "#777777", "#1f6fb4"
+_NAMED = ("planner, estimator", "submission", "kind")
+_ABOUT = (
+    "Scores: 0 is perfect; the mean over the run and at its end, each with its interval of 95 % over the"
+    " environments. Difference: of the scores over the run to those of the best frozen baseline, in pairs on"
+    " the same environments; positive is better; the intervals of a table hold all at once in 95 of"
+    " 100 cases. Failed: runs without a result, which count as the worst"
+    " score. Bad: the share of a policy's answers that were not flown, or came too late. Flown again:"
+    " how many rows were flown again for this board, and whether they came out the same; a method of which"
+    " none was is what its submission says. In brackets after a name: digests of own code. A baseline is a"
+    " pack of the folder of frozen baselines, all else is a submission."
+)
+
+
+def board_page(board: Board, pictures: Mapping[int, Picture] | None = None) -> Page:
+    """Return the board as a page, with a picture beside the tables of these numbers."""
+    sections = [
+        Section(
+            title_of(table),
+            text=_flown_by(table),
+            pictures=(pictures[number],) if pictures and number in pictures else (),
+            tables=tuple(one for one in (board_table(table), difference_table(table)) if one.rows),
+        )
+        for number, table in enumerate(board.tables)
+    ]
+    sections.append(Section("Submissions", tables=(_submissions(board.entries),)))
+    if board.refused:
+        refused = Table("Files that are left out", ("file", "why"), tuple(board.refused.items()))
+        sections.append(Section("What was refused", tables=(refused,)))
+    return Page("Leaderboard", _ABOUT, tuple(sections))
+
+
+def draw_board(board: Board, folder: Path) -> dict[int, Picture]:
+    """Draw the scores over the run of each table that has several methods, into a folder."""
+    found = {}
+    for number, table in enumerate(board.tables):
+        lines = [one for one in table.lines if math.isfinite(one.standing.score.low)][:_MOST_DRAWN]
+        if len(lines) < _FEWEST_DRAWN:
+            continue
+        figure = new_figure(9.0, 0.9 + 0.24 * len(lines))
+        axes = figure.add_subplot()
+        for place, one in enumerate(lines):
+            score, colour = one.standing.score, _GREY if one.entry.frozen else _BLUE
+            axes.plot([score.low, score.high], [place, place], color=colour, linewidth=2.0)
+            axes.plot(score.mean, place, "o", color=colour, markersize=5.0)
+        axes.set_yticks(range(len(lines)), [_label(one) for one in lines], fontsize=8)
+        axes.set_ylim(len(lines) - 0.5, -0.5)
+        axes.set_xlabel("score over the run, 0 is perfect, with its interval of 95 %", fontsize=8)
+        axes.tick_params(axis="x", labelsize=8)
+        axes.grid(axis="x", alpha=0.3)
+        figure.tight_layout()
+        save_figure(figure, folder / f"board-{number + 1}.png")
+        of = "" if len(lines) == len(table.lines) else f" (the best {len(lines)} of {len(table.lines)})"
+        found[number] = Picture(f"board-{number + 1}.png", f"Scores of {title_of(table)}{of}")
+    return found
+
+
+def _label(line: Line) -> str:
+    text = f"{line.standing.planner}, {line.standing.estimator}"
+    whose = "" if line.entry.frozen else f" ({line.entry.submission.name})"
+    return one_line(text + whose, 60).replace("$", r"\$")
+
+
+def title_of(table: BoardTable) -> str:
+    """Return what a table is about."""
+    return f"{table.scenario}, {table.environments}"
+
+
+def _flown_by(table: BoardTable) -> str:
+    flown_by = f"Flown by wbf-mission {', '.join(table.versions)}, behaviour {table.code}."
+    return f"{flown_by} {doubt_in_words(len(table.seeds))}"
+
+
+def board_table(table: BoardTable) -> Table:
+    """Return the methods of a table in texts, the best first."""
+    header = (*_NAMED, "run", "95 %", "end", "95 %", "failed", "bad", "flown again")
+    rows = tuple(
+        (
+            *_named(one),
+            *_interval(one.standing.score),
+            *_interval(one.standing.final_score),
+            str(one.standing.failed),
+            _bad(one.standing),
+            _again(one),
+        )
+        for one in table.lines
+    )
+    return Table("Scores", header, rows, texts=len(_NAMED))
+
+
+def difference_table(table: BoardTable) -> Table:
+    """Return by how much the methods of a table differ from its best frozen baseline, if it has one."""
+    rows = tuple(
+        (
+            *_named(line),
+            *_interval(one.score, "+"),
+            verdict(one.score),
+            "-" if math.isnan(one.better) else f"{one.better:.0%}",
+        )
+        for line in table.lines
+        if (one := line.against) is not None
+    )
+    best = next((", ".join(_named(one)[:1]) for one in table.lines if one.against is None), "")
+    header = (*_NAMED, "difference", "95 %", "verdict", "better on")
+    return Table(f"Against the best baseline, {best}", header, rows, texts=len(_NAMED))
+
+
+def _named(line: Line) -> tuple[str, str, str]:
+    own = f" [{line.own}]" if line.own else ""
+    name = f"{line.standing.planner}, {line.standing.estimator}{own}"
+    return name, line.entry.submission.name, _kind(line.entry)
+
+
+def _kind(entry: Entry) -> str:
+    return "baseline" if entry.frozen else "submission"
+
+
+def _again(line: Line) -> str:
+    one = line.standing
+    return str(line.entry.verification.of(one.scenario, one.planner, one.estimator))
+
+
+def short_table(table: BoardTable) -> Table:
+    """Return what of a table fits into a terminal."""
+    rows = tuple(
+        (
+            *_named(one),
+            *_interval(one.standing.score),
+            _interval(one.standing.final_score)[0],
+            "-" if one.against is None else _interval(one.against.score, "+")[0],
+            "-" if one.against is None else verdict(one.against.score),
+            str(one.standing.failed),
+            _again(one),
+        )
+        for one in table.lines
+    )
+    header = (*_NAMED, "run", "95 %", "end", "difference", "verdict", "failed", "flown again")
+    return Table(title_of(table), header, rows, texts=len(_NAMED))
+
+
+def _interval(one: Interval, sign: str = "-") -> tuple[str, str]:
+    spread = "-" if math.isnan(one.low) else f"{one.low:{sign}#.3g} to {one.high:{sign}#.3g}"
+    return "-" if math.isnan(one.mean) else f"{one.mean:{sign}#.3g}", spread
+
+
+def _bad(one: Standing) -> str:
+    return "-" if math.isnan(one.bad_share) else f"{one.bad_share:.1%}"
+
+
+def _submissions(entries: Sequence[Entry]) -> Table:
+    rows = tuple(
+        (
+            entry.submission.name,
+            _kind(entry),
+            entry.submission.by,
+            entry.submission.about or "-",
+            str(entry.verification),
+            entry.submission.made,
+            entry.digest[:SHOWN_DIGEST],
+        )
+        for entry in entries
+    )
+    header = ("submission", "kind", "by", "about", "flown again", "flown until", "SHA-256")
+    return Table("Whose they are", header, rows, texts=5)
+
+
+def board_values(board: Board) -> dict[str, Any]:
+    """Return the board in plain values, for JSON."""
+    return {
+        "tables": [
+            {
+                "scenario": table.scenario,
+                "versions": list(table.versions),
+                "code": table.code,
+                "seeds": seeds_text(table.seeds),
+                "environments": len(table.seeds),
+                "held_out": table.held_out,
+                "methods": [_line_values(line) for line in table.lines],
+            }
+            for table in board.tables
+        ],
+        "submissions": [
+            {
+                "file": str(entry.path),
+                "sha256": entry.digest,
+                "frozen": entry.frozen,
+                "verification": dataclasses.asdict(entry.verification),
+                **structs.asdict(entry.submission),
+            }
+            for entry in board.entries
+        ],
+        "refused": board.refused,
+    }
+
+
+def _line_values(line: Line) -> dict[str, Any]:
+    against = line.against
+    return {
+        "name": line.entry.submission.name,
+        "by": line.entry.submission.by,
+        "frozen": line.entry.frozen,
+        "own_code": line.own,
+        **dataclasses.asdict(line.standing),
+        "against_the_best_baseline": None
+        if against is None
+        else {
+            **dataclasses.asdict(against.score),
+            "verdict": verdict(against.score),
+            "better": against.better,
+        },
+        "sha256": line.entry.digest,
+        "flown_again": _again(line),
+    }

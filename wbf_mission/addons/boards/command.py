@@ -1,0 +1,378 @@
+"""``wbf-mission bench submit``, ``board``, ``verify`` and ``seal``: results that others can check.
+
+They stand in the group of `wbf_mission.cli.bench`.
+"""
+
+from __future__ import annotations
+
+import datetime
+import re
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from wbf_mission.cli import bench_output, options
+from wbf_mission.cli.options import option
+from wbf_mission.cli.output import Output
+from wbf_mission.exit_codes import ExitCode
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from wbf_mission.addons.boards.board import Board
+    from wbf_mission.addons.boards.verification import Verification
+    from wbf_mission.bench.rows import BenchRow
+    from wbf_mission.bench.sealed import Secret
+    from wbf_mission.scenario import Choice
+
+SUBMIT_EXAMPLES = """
+Examples
+wbf-mission bench submit results --name "My policy" --by "A. Grower, Example Farm"
+wbf-mission bench submit results --name UCB --by "A. Grower" --code my_policy.py --verify 10 --out ucb.zip
+"""
+BOARD_EXAMPLES = """
+Examples
+wbf-mission bench board results
+wbf-mission bench board results ucb.zip --out board
+wbf-mission bench board baselines *.zip --seal round.seal.json --secret round.secret --out board
+"""
+VERIFY_EXAMPLES = """
+Examples
+wbf-mission bench verify ucb.zip
+wbf-mission bench verify ucb.zip --environments 100 --json
+"""
+SEAL_EXAMPLES = """
+Examples
+wbf-mission bench seal --environments 40 --out round
+wbf-mission bench run --sealed round.secret --scenarios WBF/Miniberry-30-v1 --out held-out
+"""
+_CHECKED = "What is checked"
+_SHOWN = 5
+
+_VERIFY = "Fly so many rows of each method again and compare them; 0: none."
+_rows = options.whole_number_in(0, 10_000_000)
+SealFile = Annotated[
+    Path | None, option("The seal of a round that has ended; with --secret.", panel=_CHECKED)
+]
+SecretFile = Annotated[
+    Path | None, option("Its secret: says whether the environments are those of the round.", panel=_CHECKED)
+]
+
+
+def _secret(seal: Path | None, secret: Path | None) -> Secret | None:
+    from wbf_mission.bench.sealed import opened
+    from wbf_mission.scenario import ScenarioError
+
+    if (seal is None) != (secret is None):
+        raise ScenarioError("--seal and --secret belong together: give both files of the round, or neither")
+    return None if seal is None or secret is None else opened(seal, secret)
+
+
+@options.speaks()
+def submit_command(
+    output: Output,
+    folder: Annotated[Path, typer.Argument(help="Folder of the results.")],
+    *,
+    name: Annotated[str, option("What it is called on boards.")],
+    by: Annotated[str, option("Who you are.")],
+    about: Annotated[str, option("A few words on it.")] = "",
+    code: Annotated[
+        list[Path] | None, option("A file or folder of your own code to be packed; several times.")
+    ] = None,
+    out: Annotated[Path | None, option("The pack.  [default: the name, in small letters, .zip]")] = None,
+    verify: Annotated[
+        int,
+        option(_VERIFY, panel=_CHECKED, parser=_rows),
+    ] = 1,
+    seal: SealFile = None,
+    secret: SecretFile = None,
+) -> int:
+    """Check the results of a benchmark, and pack them into one file that others can check.
+
+    All scenarios must be of the catalogue, all rows of the same behaviour numbers, no seed missing. Runs that
+    failed are allowed, and told.
+    """
+    from wbf_mission.addons.boards.audit import require_asked, require_whole
+    from wbf_mission.addons.boards.submission import SUFFIX, code_files, made_when, write_pack
+    from wbf_mission.addons.boards.verification import fly_again
+    from wbf_mission.bench.rows import read_rows
+    from wbf_mission.bench.sealed import require_seeds
+    from wbf_mission.results.storage import ResultError
+
+    rows = read_rows(folder)
+    if not rows:
+        raise ResultError(f"{folder}: holds no results of a benchmark; give the folder of 'bench run --out'")
+    path = out or Path(re.sub(r"[^a-z0-9]+", "-", name.lower()).strip("-") or "submission").with_suffix(
+        SUFFIX
+    )
+    if path.suffix.lower() != SUFFIX:
+        raise ResultError(f"--out {path}: a pack is a {SUFFIX} file; give a name that ends so")
+    options.refuse_overwrite(path, suffixes=(SUFFIX,))
+    opened = _secret(seal, secret)
+    try:
+        require_asked(rows, folder)
+        require_whole(rows, sealed=opened is not None)
+        if opened is not None:
+            require_seeds(opened, rows)
+    except ResultError as error:
+        raise ResultError(f"{folder}: {error}") from None
+    files = code_files(code or ())
+    with output.progress() as progress:
+        found = fly_again(rows, verify, own=_own(code or (), rows), progress=progress)
+    if found.differing:
+        for one in found.differing[:_SHOWN]:
+            output.warn(one.why)
+        raise ResultError(
+            f"{folder}: {len(found.differing)} of {len(found.rows)} rows are not what is flown again"
+        )
+    _warn_of(output, rows, found)
+    told = write_pack(
+        path,
+        rows,
+        name=name,
+        by=by,
+        about=about,
+        made=made_when(folder),
+        seal="" if opened is None else opened.seal().seal,
+        code=files,
+    )
+    failed = sum(row.error is not None for row in rows)
+    scenarios = ", ".join(one.scenario for one in told.flown)
+    size = path.stat().st_size
+    output.result(
+        {
+            "file": str(path),
+            "bytes": size,
+            "rows": len(rows),
+            "failed": failed,
+            "scenarios": [one.scenario for one in told.flown],
+            "code": told.code,
+            "flown_again": str(found),
+        },
+        {
+            "pack": f"{path}, {size / 1e3:.0f} kB",
+            "rows": f"{len(rows)}" + (f", {failed} of runs that failed" if failed else ""),
+            "scenarios": scenarios,
+            "code": f"wbf-mission {told.version}, behaviour {told.code}",
+            "flown again": str(found),
+        },
+    )
+    return ExitCode.GOOD
+
+
+def _warn_of(output: Output, rows: Sequence[BenchRow], found: Verification) -> None:
+    if found.left_out:
+        output.warn(str(found))
+    failed = [row for row in rows if row.error is not None]
+    for row in failed[:_SHOWN]:
+        output.warn(f"{row.named} failed: {row.error}")
+    if len(failed) > _SHOWN:
+        output.warn(f"{len(failed) - _SHOWN} more runs failed; boards count each as the worst score")
+
+
+def _own(code: Sequence[Path], rows: Sequence[BenchRow]) -> dict[str, Choice]:
+    """Return the own planners, policies and estimators of rows that stand in files, by their digests."""
+    from wbf_mission.bench.meaning import own_digest
+    from wbf_mission.own_code import own_choice
+    from wbf_mission.scenario import ScenarioError
+
+    found: dict[str, Choice] = {}
+    wanted = {
+        (kind, getattr(row, kind), row.codes[kind])
+        for row in rows
+        for kind in ("planner", "estimator")
+        if kind in row.codes
+    }
+    for path in (one for one in code if one.suffix == ".py"):
+        for kind, label, digest in wanted:
+            try:
+                choice = own_choice(f"{path}:{label}", kind)
+            except ScenarioError:
+                continue  # it stands in another of the files
+            if choice is not None and own_digest(choice.made) == digest:
+                found[digest] = choice
+    return found
+
+
+@options.speaks()
+def board_command(
+    output: Output,
+    packs: Annotated[
+        list[Path],
+        typer.Argument(help="Files of 'bench submit', and folders of such, which are the frozen baselines."),
+    ],
+    *,
+    out: Annotated[
+        Path | None, option("Write the board into this folder: board.md, board.html, board.json, pictures.")
+    ] = None,
+    verify: Annotated[
+        int | None,
+        option(
+            _VERIFY,
+            panel=_CHECKED,
+            parser=_rows,
+            show_default="1 of submissions, none of the frozen baselines",
+        ),
+    ] = None,
+    seal: SealFile = None,
+    secret: SecretFile = None,
+) -> int:
+    """Make a leaderboard of submissions and frozen baselines.
+
+    Methods stand in one table where they were flown with the same behaviour numbers on the same environments.
+    What a file cannot prove is refused in a line, and the others go on; the exit code is 1 then. Code in a
+    pack is never run.
+    """
+    from wbf_mission.addons.boards.board import board_of, packs_of
+    from wbf_mission.addons.boards.board_page import board_values, short_table
+
+    opened = _secret(seal, secret)
+    with output.progress() as progress:
+        board = board_of(packs_of(packs), verify=verify, secret=opened, progress=progress)
+    if not board.entries:
+        from wbf_mission.results.storage import ResultError
+
+        more = len(board.refused) - 1
+        first = next(iter(board.refused.values()))
+        raise ResultError(
+            f"{first}; nothing is left to make a board of" + (f" ({more} more refused)" if more else "")
+        )
+    for why in board.refused.values():
+        output.warn(f"left out: {why}")
+    if out is not None:
+        _write(output, board, out)
+    if output.as_json:
+        output.raw_json(board_values(board))
+    else:
+        for one in board.tables:
+            table = short_table(one)
+            output.table(None, list(table.header), [list(row) for row in table.rows], title=table.title)
+    differing = [one for one in board.entries if one.verification.differing]
+    for entry in board.entries:
+        for again in entry.verification.differing[:_SHOWN]:
+            output.warn(f"{entry.path}: {again.why}")
+        if entry.verification.left_out:
+            output.warn(f"{entry.path}: {entry.verification}")
+    return ExitCode.NOT_GOOD if board.refused or differing else ExitCode.GOOD
+
+
+def _write(output: Output, board: Board, out: Path) -> None:
+    import msgspec
+
+    from geo.atomic import atomic_write
+    from wbf_mission.addons.boards.board_page import board_page, board_values, draw_board
+    from wbf_mission.web.bench_page import write_bench_page
+
+    out.mkdir(parents=True, exist_ok=True)
+    page = board_page(board, draw_board(board, out))
+    page.write(out / "board.md")
+    write_bench_page(out / "board.html", page, out)
+    with atomic_write(out / "board.json", "wb") as file:
+        file.write(msgspec.json.format(msgspec.json.encode(board_values(board))) + b"\n")
+    output.note(f"written: {out / 'board.md'}, {out / 'board.html'}, {out / 'board.json'}")
+
+
+@options.speaks(quiet=False)
+def seal_command(
+    output: Output,
+    *,
+    out: Annotated[Path, option("Beginning of the names of the two files.")],
+    environments: Annotated[
+        int, option("How many environments the round has.", parser=options.whole_number_in(1, 10_000))
+    ] = 40,
+    scenarios: Annotated[
+        str | None, option("Ids of the round's scenarios, separated by commas.  [default: any]")
+    ] = None,
+) -> int:
+    """Draw the secret of a round of held-out environments, and its seal, which is to be published now.
+
+    NAME.secret, which only you may read, is for 'bench run --sealed', and is published when the round ends.
+    """
+    from wbf_mission.bench.sealed import new_secret, write_round
+
+    names = [one.strip() for one in (scenarios or "").split(",") if one.strip()]
+    secret = new_secret(environments, names, datetime.datetime.now(datetime.UTC))
+    kept, published = write_round(secret, out)
+    output.result(
+        {"secret": str(kept), "seal": str(published), "digest": secret.seal().seal},
+        {
+            "secret": f"{kept}: keep it until the round ends",
+            "seal": f"{published}: publish it now",
+            "digest": secret.seal().seal,
+        },
+    )
+    return ExitCode.GOOD
+
+
+@options.speaks()
+def verify_command(
+    output: Output,
+    pack: Annotated[Path, typer.Argument(help="A file of 'bench submit' with --code.")],
+    *,
+    environments: Annotated[
+        int,
+        option("How many fresh environments of each scenario.", parser=options.whole_number_in(2, 10_000)),
+    ] = 20,
+) -> int:
+    """Fly the own code of a submission on fresh environments, and compare its scores with those it has.
+
+    The seeds are drawn from the system's randomness, and told when all was flown. The code runs in a process
+    of its own that has neither the run nor its files: read it before, and see to it that it can do no harm
+    (a container without network). The exit code is 1 if a method is worse than its rows, or was not flown.
+    """
+    import tempfile
+
+    import msgspec
+    import numpy as np
+
+    from wbf_mission.addons.boards.audit import require_whole
+    from wbf_mission.addons.boards.fresh import fly_fresh
+    from wbf_mission.addons.boards.submission import read_pack, unpack_code
+    from wbf_mission.bench.intervals import score_text
+    from wbf_mission.results.storage import ResultError
+
+    read = read_pack(pack)
+    try:
+        require_whole(read.rows, sealed=bool(read.submission.seal))
+        with tempfile.TemporaryDirectory() as folder, output.progress() as progress:
+            unpack_code(pack, Path(folder))
+            found = fly_fresh(read.rows, Path(folder), environments, progress=progress)
+    except ResultError as error:
+        raise ResultError(f"{pack}: {error}") from None
+    values = [msgspec.to_builtins(one) | {"verdict": one.verdict} for one in found.gaps]
+    table = [
+        [
+            ", ".join(one.method),
+            score_text(float(np.mean(one.open_scores))),
+            score_text(float(np.mean(one.fresh_scores)))
+            + (f", {len(one.failed)} failed" if one.failed else ""),
+            *bench_output.difference(one.gap),
+            one.verdict,
+        ]
+        for one in found.gaps
+    ]
+    header = ["scenario, planner, estimator", "open", "fresh", "gap", "95 %", "verdict"]
+    title = f"{pack}: scores on open environments and on {environments} fresh ones"
+    if output.as_json:
+        left = [{"method": method, "why": why} for method, why in found.left_out]
+        output.raw_json({"gaps": values, "seeds": found.seeds, "left_out": left})
+    else:
+        output.table(None, header, table, title=title)
+    for scenario, seeds in found.seeds.items():
+        output.note(f"{scenario}: the seeds were {','.join(map(str, seeds))}")
+    for one in found.gaps:
+        for why in dict.fromkeys(one.failed):
+            output.warn(f"{', '.join(one.method)}: {why}")
+    for method, why in found.left_out:
+        output.warn(f"{', '.join(method)}: not flown: {why}")
+    worse = any(one.gap.high < 0.0 for one in found.gaps)
+    return ExitCode.NOT_GOOD if worse or found.left_out else ExitCode.GOOD
+
+
+COMMANDS = (
+    ("submit", submit_command, SUBMIT_EXAMPLES),
+    ("board", board_command, BOARD_EXAMPLES),
+    ("verify", verify_command, VERIFY_EXAMPLES),
+    ("seal", seal_command, SEAL_EXAMPLES),
+)

@@ -1,0 +1,153 @@
+"""Own code of a submission on environments that nobody can know: their seeds are drawn when it is flown."""
+
+from __future__ import annotations
+
+import secrets
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy import stats
+
+from geo.errors import WbfMissionError, told_error
+from geo.texts import one_line
+from wbf_mission.addons.boards.apart import Apart, EstimatorApart, PlannerApart, PolicyApart
+from wbf_mission.addons.boards.verification import OTHER_CODE, Method
+from wbf_mission.bench.engine import failed_row, flown
+from wbf_mission.bench.intervals import Interval
+from wbf_mission.bench.rows import BenchRow
+from wbf_mission.bench.spec import BenchRun, BenchSpec
+from wbf_mission.progress import Progress, silent
+from wbf_mission.results.storage import ResultError
+from wbf_mission.scenario import Choice
+from wbf_mission.scenario.choice import choose
+from wbf_mission.version import behaviour
+
+_SEED_BITS = 63
+_CHANCE = 0.05
+
+
+@dataclass(frozen=True, slots=True)
+class Gap:
+    """How a method did on open environments, as its rows say, and on fresh ones."""
+
+    method: Method
+    open_scores: tuple[float, ...]
+    fresh_scores: tuple[float, ...]
+    """A run that failed counts as the worst of all, as on boards."""
+    failed: tuple[str, ...]
+    """The causes of fresh runs that failed."""
+    gap: Interval
+    """Mean of the fresh scores less that of the open ones: Welch's interval, 95 % for all together."""
+
+    @property
+    def verdict(self) -> str:
+        """What that tells."""
+        if self.gap.high < 0.0:
+            return "worse where nobody knows the environments"
+        return "no difference can be told"
+
+
+@dataclass(frozen=True, slots=True)
+class Fresh:
+    """What came of it: the gaps, the seeds, which were secret until now, and why methods were not flown."""
+
+    gaps: tuple[Gap, ...]
+    seeds: dict[str, tuple[int, ...]]
+    left_out: tuple[tuple[Method, str], ...]
+
+
+def fly_fresh(
+    rows: Sequence[BenchRow], folder: Path, environments: int, *, progress: Progress = silent
+) -> Fresh:
+    """Fly the methods of own code in a folder on fresh environments, each in a process of its own.
+
+    The seeds of a scenario come from the system's randomness, and are the same for all of its methods.
+    """
+    methods: dict[Method, list[BenchRow]] = {}
+    for row in rows:
+        if row.codes.keys() & {"planner", "estimator"}:
+            methods.setdefault((row.scenario, row.planner, row.estimator), []).append(row)
+    if not methods:
+        raise ResultError("holds no own code; 'bench board --verify' flies rows of what is built in again")
+    seeds = {
+        scenario: tuple(secrets.randbits(_SEED_BITS) for _ in range(environments))
+        for scenario in sorted({method[0] for method in methods})
+    }
+    gaps, left_out, done = [], [], 0
+    for method, own in sorted(methods.items()):
+        try:
+            if own[0].codes.get("code") != behaviour():
+                raise ResultError(OTHER_CODE)
+            fresh = []
+            for row in _flown(own[0], folder, seeds[method[0]]):
+                fresh.append(row)
+                progress("flying on fresh environments", done + len(fresh), len(methods) * environments)
+        except WbfMissionError as error:
+            left_out.append((method, one_line(str(error), 300)))
+        else:
+            gaps.append(_gap(method, own, fresh, len(methods)))
+        done += environments
+    return Fresh(tuple(gaps), seeds, tuple(left_out))
+
+
+def _flown(row: BenchRow, folder: Path, seeds: Sequence[int]) -> Iterator[BenchRow]:
+    """Yield the rows of the method of a row on seeds."""
+    with ExitStack() as stack:
+        given: dict[str, Any] = {}
+        for kind in ("planner", "estimator"):
+            label, digest = getattr(row, kind), row.codes.get(kind)
+            if digest is None:
+                given[kind] = choose(label, kind)
+            else:
+                made = stack.enter_context(_apart(folder, kind, label, digest))
+                given[kind] = Choice(label, {}, made)
+        spec = BenchSpec.of([row.scenario], [given["planner"]], [given["estimator"]], list(seeds))
+        for run in spec.runs():
+            yield _row_of(run)
+
+
+def _apart(folder: Path, kind: str, label: str, digest: str) -> Apart:
+    if kind == "estimator":
+        return EstimatorApart(folder, kind, label, digest)
+    found = PolicyApart(folder, kind, label, digest)
+    if found.said.triggers is not None:
+        return found
+    found.close()
+    return PlannerApart(folder, kind, label, digest)
+
+
+def _row_of(run: BenchRun) -> BenchRow:
+    """Fly a run without the caches in which environments lie."""
+    try:
+        return flown(run, use_cache=False)[0]
+    except WbfMissionError as error:
+        return failed_row(run, str(error))
+    except Exception as error:  # of own code
+        return failed_row(run, told_error(error))
+
+
+def _gap(method: Method, own: Sequence[BenchRow], fresh: Sequence[BenchRow], methods: int) -> Gap:
+    told = [score for row in (*own, *fresh) for score in (*row.scores, row.score) if score is not None]
+    worst = min(told, default=np.nan)
+    old, new = (
+        tuple(worst if row.error is not None or row.score is None else row.score for row in each)
+        for each in (own, fresh)
+    )
+    return Gap(method, old, new, tuple(row.error for row in fresh if row.error), _welch(old, new, methods))
+
+
+def _welch(old: Sequence[float], new: Sequence[float], methods: int) -> Interval:
+    """Return the difference of two means, new less old, with Welch's interval."""
+    mean = float(np.mean(new) - np.mean(old))
+    if min(len(old), len(new)) < 2:
+        return Interval(mean, np.nan, np.nan)
+    parts = [float(np.var(each, ddof=1)) / len(each) for each in (old, new)]
+    if (error := sum(parts)) == 0.0:  # as where all failed
+        return Interval(mean, mean, mean)
+    freedom = error**2 / sum(one**2 / (len(each) - 1) for one, each in zip(parts, (old, new), strict=True))
+    reach = float(stats.t.ppf(1.0 - _CHANCE / methods / 2.0, freedom)) * error**0.5
+    return Interval(mean, mean - reach, mean + reach)

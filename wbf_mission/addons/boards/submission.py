@@ -1,0 +1,334 @@
+"""A submission: the rows of a benchmark with who flew them and what, in one file.
+
+The file is a zip of ``submission.json``, ``rows.parquet`` and, under ``code/``, files of own code, for people
+to read: nothing here runs them. Its time stamps are fixed, so equal content gives equal bytes. What
+``submission.json`` tells of the rows follows from them, and is derived again when it is read.
+"""
+
+from __future__ import annotations
+
+import datetime
+import hashlib
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from geo.archives import Archive, ArchiveError, archive_of
+from geo.atomic import atomic_write
+from geo.memory import memory_bounded
+from geo.reading import UnreadableError, misfit, not_json, read_file
+from wbf_mission.bench.rows import TABLE, BenchRow, by_pair, by_scenario, rows_of, rows_table
+from wbf_mission.bench.spec import seeds_text
+from wbf_mission.beside import files_beside
+from wbf_mission.results.storage import ResultError, table_bytes
+
+FORMAT = 1
+SUFFIX = ".zip"
+ABOUT = "submission.json"
+_CODE = "code"
+_CODE_NAME = re.compile(rf"{_CODE}(/[A-Za-z0-9_][A-Za-z0-9_.+-]*)+")
+_SEAL = re.compile(r"[0-9a-f]{64}")
+MAX_PACK_BYTES = 64 * 2**20
+_MAX_UNPACKED_BYTES = 2 * MAX_PACK_BYTES
+_MAX_MEMORY_BYTES = 2**31
+_MAX_CODE_FILES = 200
+_MAX_CODE_BYTES = 2**20
+_MAX_NAME, _MAX_ABOUT, _MAX_LABEL = 80, 2000, 400
+
+
+class Flown(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """What was flown in one scenario.
+
+    Attributes
+    ----------
+    scenario, meaning : str
+        Its id, and the digest of what it means.
+    methods : list of (str, str)
+        Planners (or policies) with estimators.
+    seeds : str
+        As `bench run` takes them; the same of all methods.
+    """
+
+    scenario: str
+    meaning: str
+    methods: list[tuple[str, str]]
+    seeds: str
+
+
+class Own(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """A planner, policy or estimator that is not built in: its name in the rows, in words, and its digest."""
+
+    kind: str
+    name: str
+    words: str
+    digest: str
+
+
+class Submission(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """What ``submission.json`` holds.
+
+    Attributes
+    ----------
+    name, by, about : str
+        What the submitter calls it, who that is, and a few words.
+    made : str
+        When its last row was kept, UTC.
+    seal : str
+        Of the round whose environments it was flown on, empty without one.
+    flown : list of Flown
+    version, code : str
+        Of wbf-mission, and its behaviour numbers (`wbf_mission.version.behaviour`).
+    versions : dict
+        Those of the rows, such as of Python; most rows have one.
+    hardware : list of dict
+        The machines.
+    own : list of Own
+    files : dict
+        SHA-256 of the other members, by name.
+    """
+
+    format: int = FORMAT
+    name: str
+    by: str
+    about: str = ""
+    made: str
+    seal: str = ""
+    flown: list[Flown]
+    version: str
+    code: str
+    versions: dict[str, list[str]]
+    hardware: list[dict[str, str]]
+    own: list[Own]
+    files: dict[str, str]
+
+
+@dataclass(frozen=True, slots=True)
+class Pack:
+    """A submission that was read: what it tells, its rows, and the SHA-256 of its file."""
+
+    submission: Submission
+    rows: list[BenchRow]
+    digest: str
+
+
+def write_pack(
+    path: Path,
+    rows: Sequence[BenchRow],
+    *,
+    name: str,
+    by: str,
+    about: str,
+    made: str,
+    seal: str = "",
+    code: Mapping[str, bytes] | None = None,
+) -> Submission:
+    """Write a submission; rows are taken as they are, see `wbf_mission.addons.boards.audit`.
+
+    Parameters
+    ----------
+    code : mapping of str to bytes, optional
+        Files of own code by their names below ``code/`` (`code_files`).
+
+    ResultError if a text is too long or no plain line, or the pack would be larger than one may be.
+    """
+    members = {TABLE: table_bytes(rows_table(rows)), **(code or {})}
+    files = {member: hashlib.sha256(content).hexdigest() for member, content in members.items()}
+    told = _submission(rows, name=name, by=by, about=about, made=made, seal=seal, files=files)
+    _require_texts(told)
+    packed = archive_of({ABOUT: msgspec.json.format(msgspec.json.encode(told)) + b"\n", **members})
+    if len(packed) > MAX_PACK_BYTES:
+        limit = f"{MAX_PACK_BYTES // 2**20} MiB"
+        raise ResultError(f"{path}: would be larger than {limit}; make a submission of fewer scenarios")
+    with atomic_write(path, "wb") as file:
+        file.write(packed)
+    return told
+
+
+def made_when(folder: Path) -> str:
+    """Return when the last row of a benchmark was kept, so that packing it again gives the same file."""
+    last_s = max(one.stat().st_mtime for one in folder.iterdir() if one.suffix in (".parquet", ".jsonl"))
+    return datetime.datetime.fromtimestamp(int(last_s), datetime.UTC).isoformat()
+
+
+def _submission(rows: Sequence[BenchRow], **given: Any) -> Submission:
+    """Return what rows of one version and code, and those texts, tell."""
+    keys = dict.fromkeys(key for row in rows for key in row.versions)
+    machines = {tuple(sorted(row.hardware.items())) for row in rows if row.hardware}
+    own = {
+        (kind, getattr(row, kind), row.objects.get(kind, ""), row.codes[kind])
+        for row in rows
+        for kind in ("planner", "estimator")
+        if kind in row.codes
+    }
+    return Submission(
+        flown=[_flown(name, here) for name, here in by_scenario(rows).items()],
+        version=", ".join(sorted({row.versions.get("wbf-mission", "") for row in rows})),
+        code=rows[0].codes.get("code", ""),
+        versions={key: sorted({row.versions.get(key, "") for row in rows}) for key in sorted(keys)},
+        hardware=[dict(one) for one in sorted(machines)],
+        own=[Own(kind=k, name=n, words=w, digest=d) for k, n, w, d in sorted(own)],
+        **given,
+    )
+
+
+def _flown(scenario: str, rows: Sequence[BenchRow]) -> Flown:
+    return Flown(
+        scenario=scenario,
+        meaning=rows[0].codes.get("scenario", ""),
+        methods=list(by_pair(rows)),
+        seeds=seeds_text(sorted({row.seed for row in rows})),
+    )
+
+
+def code_files(paths: Iterable[Path]) -> dict[str, bytes]:
+    """Return files of own code by their names in a pack; of folders all but hidden ones and caches.
+
+    With a file go those beside it that count with it (`files_beside`).
+
+    ResultError if there is none, or one is too large or of a name that is no plain one.
+    """
+    found: dict[str, bytes] = {}
+    taken: set[Path] = set()
+    for given in paths:
+        root = given.resolve() if given.is_dir() else given.resolve().parent
+        inner = (
+            sorted(root.rglob("*"))
+            if given.is_dir()
+            else [root / given.name, *files_beside(root / given.name)]
+        )
+        for path in inner:
+            below = path.relative_to(root).parts
+            hidden = any(part.startswith(".") or part == "__pycache__" for part in below)
+            if path.is_symlink() or hidden or (given.is_dir() and not path.is_file()):
+                continue
+            member = "/".join((_CODE, *((root.name,) if given.is_dir() else ()), *below))
+            if path in taken:
+                continue
+            taken.add(path)
+            if not _CODE_NAME.fullmatch(member) or member in found:
+                msg = f"{path}: cannot be packed as {member}; give it another name, of letters and digits"
+                raise ResultError(msg)
+            try:
+                found[member] = read_file(path, _MAX_CODE_BYTES)
+            except UnreadableError as error:
+                raise ResultError(f"{path}: {error}; --code takes files of source") from None
+    if len(found) > _MAX_CODE_FILES:
+        raise ResultError(f"--code gives {len(found)} files, at most {_MAX_CODE_FILES} are packed")
+    return found
+
+
+def read_pack(path: Path) -> Pack:
+    """Read a submission without trust in it; its code is neither unpacked nor run.
+
+    ResultError if it is none, is too large, is damaged, or tells something else than its rows.
+    """
+    data = _content(path)
+    members = _members(path, data)
+    told = _told(path, members.pop(ABOUT))
+    digests = {name: hashlib.sha256(content).hexdigest() for name, content in members.items()}
+    if told.files != digests:
+        wrong = min(name for name, _ in told.files.items() ^ digests.items())
+        raise ResultError(f"{path}: {wrong} is not what {ABOUT} tells; get the file again")
+    try:
+        # A table may hold more than it says.
+        with memory_bounded(_MAX_MEMORY_BYTES):
+            rows = list(rows_of(path / TABLE, members[TABLE]))
+    except MemoryError:
+        raise ResultError(f"{path}: {TABLE} takes more memory than a submission may") from None
+    if not rows:
+        raise ResultError(f"{path}: holds no rows")
+    _require_labels(path, rows)
+    again = _submission(
+        rows, name=told.name, by=told.by, about=told.about, made=told.made, seal=told.seal, files=told.files
+    )
+    for field in Submission.__struct_fields__:
+        if getattr(told, field) != getattr(again, field):
+            raise ResultError(f"{path}: {ABOUT} tells other {field} than the rows; pack it again")
+    return Pack(told, rows, hashlib.sha256(data).hexdigest())
+
+
+def unpack_code(path: Path, folder: Path) -> None:
+    """Write the own code of a submission into an empty folder, for who wants to run it.
+
+    ResultError if it has none, or cannot be read.
+    """
+    members = {
+        name: one for name, one in _members(path, _content(path)).items() if name.startswith(_CODE + "/")
+    }
+    if not members:
+        raise ResultError("holds no code; it is packed by 'bench submit --code FILE|DIR'")
+    for name, content in members.items():
+        file = folder.joinpath(*name.split("/")[1:])  # of plain names alone (`_CODE_NAME`)
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_bytes(content)
+
+
+def _content(path: Path) -> bytes:
+    try:
+        return read_file(path, MAX_PACK_BYTES)
+    except UnreadableError as error:
+        raise ResultError(f"{path}: {error}") from None
+
+
+def _members(path: Path, data: bytes) -> dict[str, bytes]:
+    """Return the members of an archive, whose names are those that a pack has."""
+    try:
+        with Archive(data, _MAX_UNPACKED_BYTES) as archive:
+            for name in archive.names:
+                if (
+                    not (name in (ABOUT, TABLE) or _CODE_NAME.fullmatch(name))
+                    or archive.names.count(name) > 1
+                ):
+                    raise ResultError(f"{path}: holds {name[:80]!r}, which has no place in a submission")
+            found = {name: archive.read(name) for name in archive.names}
+    except ArchiveError as error:
+        raise ResultError(f"{path}: {error}") from None
+    for name in (ABOUT, TABLE):
+        if name not in found:
+            raise ResultError(f"{path}: has no {name}; it is no file of 'bench submit'")
+    return found
+
+
+def _told(path: Path, data: bytes) -> Submission:
+    try:
+        version = msgspec.json.decode(data, type=_Format).format
+        if version != FORMAT:
+            msg = f"is of format {version}, this version reads {FORMAT}; use the version that wrote it"
+            raise ResultError(f"{path}: {msg}")
+        told = msgspec.json.decode(data, type=Submission)
+    except msgspec.ValidationError as error:
+        raise ResultError(f"{path}: {ABOUT}: {misfit(error)}") from None
+    except (msgspec.DecodeError, UnicodeDecodeError) as error:
+        raise ResultError(f"{path}: {ABOUT}: {not_json(error, data)}") from None
+    except RecursionError:
+        raise ResultError(f"{path}: {ABOUT}: is nested too deeply") from None
+    _require_texts(told, f"{path}: ")
+    return told
+
+
+class _Format(msgspec.Struct):
+    format: int
+
+
+def _require_texts(told: Submission, where: str = "") -> None:
+    if told.seal and not _SEAL.fullmatch(told.seal):
+        raise ResultError(f"{where}seal is none of 'bench seal', which has 64 hexadecimal digits")
+    limits = {"name": (1, _MAX_NAME), "by": (1, _MAX_NAME), "about": (0, _MAX_ABOUT), "made": (0, 40)}
+    for field, (least, most) in limits.items():
+        text = getattr(told, field)
+        if not (least <= len(text) <= most and text.isprintable() and text == text.strip()):
+            raise ResultError(f"{where}{field} {text[:most]!r} is no line of {least} to {most} characters")
+
+
+def _require_labels(path: Path, rows: Iterable[BenchRow]) -> None:
+    for row in rows:
+        given = (row.objects, row.versions, row.codes, row.hardware, row.bad_answers)
+        names = (row.key, row.scenario, row.planner, row.estimator, row.outcome or "", row.budget or "")
+        values = (str(text) for one in given for text in (*one.keys(), *one.values()))
+        for text in (*names, *values, (row.error or "")[:_MAX_LABEL]):
+            if len(text) > _MAX_LABEL or not text.isprintable():
+                raise ResultError(f"{path}: {text[:40]!r} in {TABLE} is no line of {_MAX_LABEL} characters")

@@ -1,0 +1,176 @@
+"""Rows of a benchmark that are flown again by who checks them, and how near they come."""
+
+from __future__ import annotations
+
+import secrets
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import closing
+from dataclasses import dataclass
+
+import numpy as np
+
+from geo.errors import WbfMissionError
+from geo.texts import one_line
+from geo.workers import Processes
+from wbf_mission.addons.boards.audit import FILES, names_files
+from wbf_mission.bench.engine import fly_run
+from wbf_mission.bench.replay import causes, differences, run_of
+from wbf_mission.bench.rows import BenchRow
+from wbf_mission.bench.spec import BenchRun
+from wbf_mission.progress import Progress, silent
+from wbf_mission.scenario import Choice
+from wbf_mission.scenario.choice import choose
+from wbf_mission.version import behaviour
+
+VERIFIED = 1
+"""So many rows of each method of a submission are flown again where nobody says how many."""
+NEAR = 1e-6
+"""Values that differ by less were flown by the same code with other libraries for linear algebra."""
+EQUAL, CLOSE, OTHER, ENDLESS = "equal", f"within {NEAR:g}", "differ", "not ended"
+OTHER_CODE = "a wbf-mission of other behaviour numbers flew it"
+_MOST_S = 600.0
+Method = tuple[str, str, str]
+"""A scenario, a planner (or policy) and an estimator."""
+
+
+@dataclass(frozen=True, slots=True)
+class FlownAgain:
+    """A row that was flown again, and how near it came: `EQUAL`, `CLOSE`, `OTHER`, or `ENDLESS`."""
+
+    method: Method
+    seed: int
+    same: str
+    why: str = ""
+    """What differs, in words."""
+
+
+@dataclass(frozen=True, slots=True)
+class Verification:
+    """What came of flying some rows of each method again."""
+
+    rows: tuple[FlownAgain, ...] = ()
+    left_out: tuple[tuple[Method, str], ...] = ()
+    """Methods of which no row was flown, and why."""
+
+    @property
+    def differing(self) -> tuple[FlownAgain, ...]:
+        """The rows that are not the same, or of which that is not known."""
+        return tuple(one for one in self.rows if one.same in (OTHER, ENDLESS))
+
+    def of(self, *method: str) -> Verification:
+        """Return the part of one method: scenario, planner, estimator."""
+        return Verification(
+            tuple(one for one in self.rows if one.method == method),
+            tuple(one for one in self.left_out if one[0] == method),
+        )
+
+    def __str__(self) -> str:
+        """Count the rows by how near they came, and the methods that were not flown, in words."""
+        counts = Counter(one.same for one in self.rows)
+        told = [f"{counts[same]} {same}" for same in (OTHER, ENDLESS, CLOSE, EQUAL) if counts[same]]
+        if self.left_out:
+            reasons = ", ".join(dict.fromkeys(why for _, why in self.left_out))
+            flown = len({one.method for one in self.rows})
+            of = f" ({len(self.left_out)} of {flown + len(self.left_out)} methods)" if flown else ""
+            told.append(f"not flown again{of}: {reasons}")
+        return "; ".join(told) or "not asked"
+
+
+def fly_again(
+    rows: Sequence[BenchRow],
+    count: int,
+    *,
+    own: Mapping[str, Choice] | None = None,
+    salt: bytes | None = None,
+    progress: Progress = silent,
+) -> Verification:
+    """Fly some rows of each method that have a score again, and compare them.
+
+    Which rows is drawn by who checks, so that who made the rows cannot know. Only built-in planners, policies
+    and estimators fly, and those of `own`, by their digests. Without `own` they fly in another process, for
+    ten minutes each at most: a row may name parameters that take for ever.
+
+    Parameters
+    ----------
+    count : int
+        How many rows of each method.
+    salt : bytes, optional
+        Draws the rows; by default from the system's randomness.
+    """
+    if count < 1:
+        return Verification()
+    draw = np.random.default_rng(list(secrets.token_bytes(16) if salt is None else salt))
+    methods: dict[Method, list[BenchRow]] = {}
+    for row in rows:
+        good = methods.setdefault((row.scenario, row.planner, row.estimator), [])
+        if row.score is not None and row.error is None:
+            good.append(row)
+    chosen: list[tuple[BenchRow, BenchRun]] = []
+    left_out: list[tuple[Method, str]] = []
+    for method, good in sorted(methods.items()):
+        drawn = [good[k] for k in draw.permutation(len(good))[:count]]
+        found = [_run_of(row, own or {}) for row in drawn]
+        runs = [one for one in found if isinstance(one, BenchRun)]
+        if len(runs) < len(drawn) or not drawn:
+            why = next((one for one in found if isinstance(one, str)), "all of its runs failed")
+            left_out.append((method, why))
+        else:
+            chosen += zip(drawn, runs, strict=True)
+    again = (fly_run(run) for _, run in chosen) if own else _flown_apart(run for _, run in chosen)
+    compared = []
+    for number, (row, _) in enumerate(chosen):
+        progress("flying again", number, len(chosen))
+        compared.append(_compared(row, next(again)))
+    return Verification(tuple(compared), tuple(left_out))
+
+
+def _flown_apart(runs: Iterable[BenchRun]) -> Iterator[BenchRow | None]:
+    """Yield the rows of runs that another process flies; None if one takes too long, or is killed."""
+    waiting = iter(runs)
+    while (run := next(waiting, None)) is not None:
+        with closing(Processes(1)) as processes:
+            while run is not None:
+                try:
+                    row = processes.submit(fly_run, run).result(_MOST_S)
+                except (TimeoutError, BrokenProcessPool):
+                    yield None
+                    break
+                yield row
+                run = next(waiting, None)
+
+
+def _compared(row: BenchRow, again: BenchRow | None) -> FlownAgain:
+    why = ""
+    if again is None:
+        same, why = ENDLESS, f"{one_line(row.named, 200)}: was not flown again in {_MOST_S:g} s"
+    elif not (found := list(differences(row, again))):
+        same = EQUAL
+    elif not list(differences(row, again, NEAR)):
+        same = CLOSE
+    else:
+        same = OTHER
+        why = f"{one_line(row.named, 200)}: {one_line('; '.join(found), 200)}"
+        if known := one_line(" and ".join(causes(row, again)), 200):
+            why = f"{why} (there is {known})"
+    return FlownAgain((row.scenario, row.planner, row.estimator), row.seed, same, why)
+
+
+def _run_of(row: BenchRow, own: Mapping[str, Choice]) -> BenchRun | str:
+    """Return the run of a row; if it cannot be flown here, why."""
+    if row.codes.get("code") != behaviour():
+        return OTHER_CODE
+    given: dict[str, Choice | None] = {}
+    try:
+        for kind in ("planner", "estimator"):
+            code = row.codes.get(kind)
+            if code is not None and code not in own:
+                return "own code is not run"
+            given[kind] = None if code is None else own[code]
+            if code is None and names_files(choose(getattr(row, kind), kind)):
+                return FILES
+        run = run_of(row, **given)
+    except WbfMissionError as error:
+        return one_line(str(error), 200)
+    return run if run.codes == row.codes else "it is other code here"

@@ -1,0 +1,108 @@
+"""Checks of the command protocol; none of them arms."""
+
+from __future__ import annotations
+
+from mission.link.codec.dialect import mavlink as m
+from mission.transfer.wire import command_long
+from wbf_mission.addons.check.peer import FailedError, Peer, needed, result_name
+from wbf_mission.addons.check.registry import Checks
+
+check = Checks()
+
+_UNKNOWN = 31999  # no MAV_CMD has this number
+_REFUSED = frozenset({m.MAV_RESULT_UNSUPPORTED, m.MAV_RESULT_DENIED, m.MAV_RESULT_FAILED})
+
+
+@check("command.unknown-long")
+def unknown_long(peer: Peer) -> None:
+    """An unknown COMMAND_LONG is answered UNSUPPORTED."""
+    answer = needed(peer.command(_UNKNOWN), "no COMMAND_ACK")
+    if answer.result != m.MAV_RESULT_UNSUPPORTED:
+        raise FailedError(f"it is answered {result_name(answer.result)}")
+
+
+@check("command.unknown-int")
+def unknown_int(peer: Peer) -> None:
+    """An unknown COMMAND_INT is answered UNSUPPORTED."""
+    question = m.MAVLink_command_int_message(*peer.address, 0, _UNKNOWN, 0, 0, 0.0, 0.0, 0.0, 0.0, 0, 0, 0.0)
+    answer = needed(
+        peer.ask(question, m.MAVLink_command_ack_message, where=lambda a: a.command == _UNKNOWN),
+        "no COMMAND_ACK",
+    )
+    if answer.result != m.MAV_RESULT_UNSUPPORTED:
+        raise FailedError(f"it is answered {result_name(answer.result)}")
+
+
+@check("command.ack-address")
+def ack_address(peer: Peer) -> str | None:
+    """COMMAND_ACK is addressed to the sender, or (as in MAVLink 1) to nobody."""
+    answer = needed(peer.command(_UNKNOWN), "no COMMAND_ACK")
+    target = (answer.target_system, answer.target_component)
+    if target == (0, 0):
+        return "to nobody: where there are several ground stations, each takes it for its own"
+    if target != (peer.endpoint.system_id, peer.endpoint.component_id):
+        raise FailedError(f"it is addressed to {target}")
+    return None
+
+
+@check("command.request-message")
+def request_message(peer: Peer) -> None:
+    """REQUEST_MESSAGE is acknowledged."""
+    peer.must(m.MAV_CMD_REQUEST_MESSAGE, float(m.MAVLINK_MSG_ID_AUTOPILOT_VERSION))
+
+
+@check("command.request-unknown")
+def request_unknown(peer: Peer) -> None:
+    """REQUEST_MESSAGE for a message that does not exist is not accepted."""
+    answer = needed(peer.command(m.MAV_CMD_REQUEST_MESSAGE, 65500.0), "no COMMAND_ACK")
+    if answer.result not in _REFUSED:
+        raise FailedError(f"it is answered {result_name(answer.result)}")
+
+
+@check("command.repeated")
+def repeated(peer: Peer) -> None:
+    """A repeated command (confirmation 1) is acknowledged again."""
+    values = (float(m.MAVLINK_MSG_ID_AUTOPILOT_VERSION), *[0.0] * 6)
+    command = m.MAV_CMD_REQUEST_MESSAGE
+    for confirmation in (0, 1):
+        needed(
+            peer.ask(
+                m.MAVLink_command_long_message(*peer.address, command, confirmation, *values),
+                m.MAVLink_command_ack_message,
+                where=lambda a: a.command == command,
+            ),
+            f"no COMMAND_ACK with confirmation {confirmation}",
+        )
+
+
+@check("command.foreign-system")
+def foreign_system(peer: Peer) -> None:
+    """A command for another system is not answered."""
+    other = 237 if peer.vehicle.system_id != 237 else 236
+    peer.forget()
+    peer.send(command_long((other, peer.address[1]), _UNKNOWN))
+    if peer.expect(m.MAVLink_command_ack_message, 1.0, lambda a: a.command == _UNKNOWN) is not None:
+        raise FailedError(f"it answers a command for system {other}")
+
+
+@check(
+    "command.broadcast", required=False, suffers="scripts that send commands before they know who is there"
+)
+def broadcast(peer: Peer) -> None:
+    """A command for system 0, component 0 is answered."""
+    question = command_long((0, 0), _UNKNOWN)
+    if peer.ask(question, m.MAVLink_command_ack_message, where=lambda a: a.command == _UNKNOWN) is None:
+        raise FailedError("no COMMAND_ACK")
+
+
+@check("command.bad-arming")
+def bad_arming(peer: Peer) -> str:
+    """Arming with a parameter that is neither 0 nor 1 does not arm."""
+    answer = peer.command(m.MAV_CMD_COMPONENT_ARM_DISARM, 0.3)
+    peer.sleep(1.2)
+    if peer.armed:
+        peer.command(m.MAV_CMD_COMPONENT_ARM_DISARM, 0.0)
+        raise FailedError("it armed")
+    if answer is None:
+        raise FailedError("no COMMAND_ACK")
+    return f"answered {result_name(answer.result)}"

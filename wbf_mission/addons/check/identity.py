@@ -1,0 +1,272 @@
+"""Checks of who the vehicle says it is, and of what it tells by itself."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
+
+from mission.link.codec.dialect import Message
+from mission.link.codec.dialect import mavlink as m
+from mission.transfer.wire import command_long
+from wbf_mission.addons.check.peer import FailedError, Peer, SkippedError, needed
+from wbf_mission.addons.check.registry import Checks
+
+check = Checks()
+
+_WATCH_S = 4.2
+_GROUND_TYPES = frozenset({m.MAV_TYPE_GCS, m.MAV_TYPE_CAMERA, m.MAV_TYPE_GIMBAL, m.MAV_TYPE_ADSB})
+
+
+@check("identity.heartbeat")
+def heartbeat(peer: Peer) -> str:
+    """HEARTBEAT comes at least each 1.5 s, as peers give up after 3 s."""
+    times = [now_s for now_s, _ in peer.collect(m.MAVLink_heartbeat_message, _WATCH_S)]
+    if len(times) < 2:
+        raise FailedError(f"{len(times)} heartbeats in {_WATCH_S} s")
+    gap_s = max(after - before for before, after in pairwise(times))
+    if gap_s > 1.5:
+        raise FailedError(f"{gap_s:.1f} s between two heartbeats")
+    return f"longest gap {gap_s:.2f} s"
+
+
+@check("identity.heartbeat-fields")
+def heartbeat_fields(peer: Peer) -> str:
+    """HEARTBEAT: a vehicle type, an autopilot, the custom mode bit, a state."""
+    message = needed(peer.expect(m.MAVLink_heartbeat_message, 3.0), "no heartbeat")
+    if message.type in _GROUND_TYPES or message.type == m.MAV_TYPE_GENERIC:
+        raise FailedError(f"type {message.type} is no vehicle")
+    if message.autopilot == m.MAV_AUTOPILOT_INVALID:
+        raise FailedError("autopilot is INVALID")
+    if not message.base_mode & m.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED:
+        raise FailedError("base_mode lacks the custom mode bit: the mode is not read")
+    if message.system_status not in range(1, 9):
+        raise FailedError(f"system_status {message.system_status} tells nothing")
+    return f"type {message.type}, autopilot {message.autopilot}, custom mode {message.custom_mode:#x}"
+
+
+@check(
+    "identity.component",
+    required=False,
+    suffers="MAVSDK and QGroundControl, which look for the autopilot there",
+)
+def component(peer: Peer) -> None:
+    """The autopilot is component 1."""
+    if peer.vehicle.component_id != m.MAV_COMP_ID_AUTOPILOT1:
+        raise FailedError(f"it is component {peer.vehicle.component_id}")
+
+
+@check("identity.mavlink2")
+def mavlink2(peer: Peer) -> None:
+    """It speaks MAVLink 2 to a peer that does."""
+    message = needed(peer.expect(m.MAVLink_heartbeat_message, 3.0), "no heartbeat")
+    if message.get_msgbuf()[0] != 0xFD:
+        raise FailedError("its frames are MAVLink 1")
+
+
+@check("identity.version")
+def version(peer: Peer) -> str:
+    """AUTOPILOT_VERSION is sent on REQUEST_MESSAGE."""
+    message = needed(peer.request(m.MAVLink_autopilot_version_message), "it does not come")
+    number = message.flight_sw_version
+    return f"firmware {number >> 24}.{number >> 16 & 255}.{number >> 8 & 255}"
+
+
+@check("identity.version-old", required=False, suffers="older clients; MAVSDK asks so each second time")
+def version_old(peer: Peer) -> None:
+    """AUTOPILOT_VERSION is sent on REQUEST_AUTOPILOT_CAPABILITIES."""
+    peer.forget()
+    question = command_long(peer.address, m.MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES, 1.0)
+    if peer.ask(question, m.MAVLink_autopilot_version_message) is None:
+        raise FailedError("it does not come")
+
+
+@check("identity.capabilities")
+def capabilities(peer: Peer) -> str:
+    """Capabilities: MISSION_INT, MAVLINK2, parameters not encoded in two ways.
+
+    Of the way to encode parameters there may be no word but PARAM_FLOAT (ArduPilot): values are cast then.
+    """
+    message = needed(peer.request(m.MAVLink_autopilot_version_message), "no AUTOPILOT_VERSION")
+    bits = message.capabilities
+    for name in ("MISSION_INT", "MAVLINK2"):
+        if not bits & getattr(m, f"MAV_PROTOCOL_CAPABILITY_{name}"):
+            raise FailedError(f"the bit {name} is missing: clients refuse to transfer missions")
+    bytewise = bool(bits & m.MAV_PROTOCOL_CAPABILITY_PARAM_ENCODE_BYTEWISE)
+    cast = bool(bits & m.MAV_PROTOCOL_CAPABILITY_PARAM_ENCODE_C_CAST)
+    if bytewise and cast:
+        raise FailedError("parameters are encoded both bytewise and cast")
+    if not bytewise and not cast and not bits & m.MAV_PROTOCOL_CAPABILITY_PARAM_FLOAT:
+        raise FailedError("no parameter encoding")
+    return f"{bits} ({bits:#x}), parameters {'bytewise' if bytewise else 'cast'}"
+
+
+@check(
+    "identity.protocol-version",
+    required=False,
+    suffers="clients that begin with MAVLink 1 and change to MAVLink 2 by it",
+)
+def protocol_version(peer: Peer) -> str:
+    """PROTOCOL_VERSION is sent on REQUEST_MESSAGE."""
+    message = needed(peer.request(m.MAVLink_protocol_version_message), "it does not come")
+    return f"{message.min_version} to {message.max_version}"
+
+
+@dataclass(frozen=True, slots=True)
+class _Stream:
+    """A message that comes by itself; ``problem`` tells what is wrong with one, None for nothing."""
+
+    kind: type[Message]
+    interval_us: float = 500_000.0
+    problem: Callable[[Any], str | None] | None = None
+
+    def __call__(self, peer: Peer) -> str:
+        """Find it in what comes; some autopilots have to be asked for their streams."""
+        found, asked = peer.collect(self.kind, 2.5), ""
+        if not found:
+            peer.command(m.MAV_CMD_SET_MESSAGE_INTERVAL, float(self.kind.id), self.interval_us)
+            found, asked = peer.collect(self.kind, 3.0), ", after SET_MESSAGE_INTERVAL"
+        if not found:
+            raise FailedError(f"no {self.kind.msgname} in 3 s, also not after SET_MESSAGE_INTERVAL")
+        if self.problem is not None:
+            message = peer.expect(self.kind, 3.0)
+            problem = None if message is None else self.problem(message)
+            if problem is not None:
+                raise FailedError(problem)
+        return f"{len(found)} in 3 s{asked}"
+
+
+def _position_problem(message: m.MAVLink_global_position_int_message) -> str | None:
+    if abs(message.lat) > 900_000_000 or abs(message.lon) > 1_800_000_000:
+        return f"latitude {message.lat}, longitude {message.lon} are no position"
+    return None
+
+
+def _sensors_problem(message: m.MAVLink_sys_status_message) -> str | None:
+    return None if message.onboard_control_sensors_present else "no sensor is present"
+
+
+def _landed_problem(message: m.MAVLink_extended_sys_state_message) -> str | None:
+    if message.landed_state != m.MAV_LANDED_STATE_ON_GROUND:
+        return f"landed_state is {message.landed_state} on a vehicle that is disarmed"
+    return None
+
+
+for _name, _text, _stream in (
+    (
+        "position",
+        "GLOBAL_POSITION_INT comes, with a position on the globe",
+        _Stream(m.MAVLink_global_position_int_message, problem=_position_problem),
+    ),
+    ("attitude", "ATTITUDE comes", _Stream(m.MAVLink_attitude_message)),
+    (
+        "sys-status",
+        "SYS_STATUS comes, with sensors and battery",
+        _Stream(m.MAVLink_sys_status_message, problem=_sensors_problem),
+    ),
+    ("gps", "GPS_RAW_INT comes", _Stream(m.MAVLink_gps_raw_int_message)),
+    (
+        "landed-state",
+        "EXTENDED_SYS_STATE says that it is on the ground",
+        _Stream(m.MAVLink_extended_sys_state_message, problem=_landed_problem),
+    ),
+    (
+        "mission-current",
+        "MISSION_CURRENT comes at about 1 Hz",
+        _Stream(m.MAVLink_mission_current_message, 1e6),
+    ),
+):
+    check(f"telemetry.{_name}", _text)(_stream)
+
+
+@check("telemetry.home")
+def home(peer: Peer) -> str:
+    """HOME_POSITION is sent on REQUEST_MESSAGE or GET_HOME_POSITION."""
+    kind = m.MAVLink_home_position_message
+    message = peer.request(kind)
+    if message is None:
+        question = command_long(peer.address, m.MAV_CMD_GET_HOME_POSITION)
+        message = peer.ask(question, kind)
+    if message is None:
+        fix = peer.request(m.MAVLink_gps_raw_int_message)
+        if fix is not None and fix.fix_type < 3:
+            raise SkippedError(f"it has no home before it has a position: GPS fix {fix.fix_type}")
+        raise FailedError("it does not come")
+    return f"{message.latitude / 1e7:.6f}, {message.longitude / 1e7:.6f}"
+
+
+@check("telemetry.interval")
+def interval(peer: Peer) -> str:
+    """SET_MESSAGE_INTERVAL changes the rate: ATTITUDE at 5 Hz."""
+    kind = m.MAVLink_attitude_message
+    peer.must(m.MAV_CMD_SET_MESSAGE_INTERVAL, float(kind.id), 200_000.0)
+    found = [message.time_boot_ms for _, message in peer.collect(kind, 3.0)]
+    peer.command(m.MAV_CMD_SET_MESSAGE_INTERVAL, float(kind.id), 0.0)
+    if len(found) < 3 or found[-1] <= found[0]:
+        raise FailedError(f"{len(found)} messages in 3 s")
+    rate_hz = 1000.0 * (len(found) - 1) / (found[-1] - found[0])
+    if not 3.0 <= rate_hz <= 7.5:
+        raise FailedError(f"it comes at {rate_hz:.1f} Hz")
+    return f"{rate_hz:.1f} Hz"
+
+
+@check("telemetry.interval-off", required=False, suffers="ground stations that spare a slow radio")
+def interval_off(peer: Peer) -> None:
+    """SET_MESSAGE_INTERVAL with -1 stops a message."""
+    kind = m.MAVLink_attitude_message
+    peer.must(m.MAV_CMD_SET_MESSAGE_INTERVAL, float(kind.id), -1.0)
+    peer.sleep(0.5)
+    found = peer.collect(kind, 2.0)
+    peer.command(m.MAV_CMD_SET_MESSAGE_INTERVAL, float(kind.id), 0.0)
+    if found:
+        raise FailedError(f"{len(found)} messages in 2 s")
+
+
+@check("telemetry.interval-get", required=False, suffers="scripts that look at a rate before they change it")
+def interval_get(peer: Peer) -> str:
+    """GET_MESSAGE_INTERVAL is answered by MESSAGE_INTERVAL."""
+    kind = m.MAVLink_message_interval_message
+    question = command_long(peer.address, m.MAV_CMD_GET_MESSAGE_INTERVAL)
+    message = needed(
+        peer.ask(question, kind, where=lambda answer: answer.message_id == 0), "it does not come"
+    )
+    return f"heartbeat {message.interval_us} us"
+
+
+@check("telemetry.timesync")
+def timesync(peer: Peer) -> None:
+    """TIMESYNC is answered with the vehicle's time and our own."""
+    own = 123_456_789_123
+    kind = m.MAVLink_timesync_message
+    answer = needed(
+        peer.ask(m.MAVLink_timesync_message(0, own), kind, where=lambda a: a.ts1 == own),
+        "no answer with our time",
+    )
+    if answer.tc1 == 0:
+        raise FailedError("the vehicle's time is 0")
+
+
+@check(
+    "telemetry.ping",
+    required=False,
+    suffers="who measures the round trip so; MAVSDK pings all but ArduPilot every 5 s",
+)
+def ping(peer: Peer) -> None:
+    """PING to everybody is answered to the sender."""
+    answer = needed(
+        peer.ask(
+            m.MAVLink_ping_message(77, 4242, 0, 0), m.MAVLink_ping_message, where=lambda a: a.seq == 4242
+        ),
+        "no answer",
+    )
+    if answer.target_system != peer.endpoint.system_id:
+        raise FailedError(f"it is addressed to system {answer.target_system}")
+
+
+check(
+    "telemetry.system-time",
+    "SYSTEM_TIME comes",
+    required=False,
+    suffers="who wants the date in a telemetry log",
+)(_Stream(m.MAVLink_system_time_message, 1e6))

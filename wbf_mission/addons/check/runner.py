@@ -1,0 +1,238 @@
+"""Running the checks, and the report."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterable
+from contextlib import ExitStack
+from dataclasses import dataclass
+from typing import Any, TypeAlias
+
+from geo.errors import WbfMissionError
+from mission.errors import LinkError, TransferError
+from mission.link import open_link
+from mission.link.address import Link
+from mission.link.codec.dialect import mavlink as m
+from mission.link.codec.typed import is_a
+from mission.model import GeoPoint
+from mission.transfer import RemoteTransferError
+from mission.transfer.driver import wait_readable
+from mission.transfer.vehicles import Vehicle
+from wbf_mission.addons.check import commands, flight, identity, missions, parameters, transfers
+from wbf_mission.addons.check.peer import CheckError, FailedError, Peer, SkippedError
+from wbf_mission.addons.check.registry import Check, CheckResult, Verdict
+
+__all__ = ["CheckReport", "all_checks", "check_vehicle", "chosen_checks"]
+
+_MODULES = (identity, commands, parameters, missions, transfers, flight)
+_GROUPS = ("identity", "command", "telemetry", "param", "mission", "transfer", "fly")
+
+
+def all_checks() -> tuple[Check, ...]:
+    """Every check in its order.
+
+    Examples
+    --------
+    >>> all_checks()[0].id
+    'identity.heartbeat'
+    """
+    checks = (one for module in _MODULES for one in module.check)
+    return tuple(sorted(checks, key=lambda one: _GROUPS.index(one.group)))
+
+
+def chosen_checks(only: tuple[str, ...], *, fly: bool) -> tuple[Check, ...]:
+    """The checks whose id or group is among ``only`` (empty: all); CheckError if one is neither."""
+    checks = all_checks()
+    known = {check.id for check in checks} | {check.group for check in checks}
+    for name in only:
+        if name not in known:
+            groups = ", ".join(dict.fromkeys(check.group for check in checks))
+            msg = f"unknown check {name!r}: give an id of 'wbf-mission check --list' or a group ({groups})"
+            raise CheckError(msg)
+    return tuple(
+        one for one in checks if (fly or not one.flies) and (not only or one.id in only or one.group in only)
+    )
+
+
+_MISSION_GROUPS = frozenset({"mission", "transfer", "fly"})
+OnResult = Callable[[CheckResult], None]
+
+
+@dataclass(frozen=True, slots=True)
+class CheckReport:
+    """What was found on a link, and what the vehicle lost by being checked."""
+
+    name: str
+    vehicle: Vehicle
+    results: tuple[CheckResult, ...]
+    warnings: tuple[str, ...] = ()
+
+    @property
+    def passed(self) -> bool:
+        """Whether everything required holds."""
+        return not any(result.bad for result in self.results)
+
+    def result(self, check_id: str) -> CheckResult:
+        """Return the result of one check; CheckError if it was not run."""
+        for result in self.results:
+            if result.check.id == check_id:
+                return result
+        raise CheckError(f"check {check_id!r} was not run")
+
+    def summary(self) -> dict[str, Any]:
+        """Return plain values for JSON."""
+        verdicts = [result.verdict for result in self.results]
+        return {
+            "url": self.name,
+            "system": self.vehicle.system_id,
+            "component": self.vehicle.component_id,
+            "autopilot": self.vehicle.profile.name,
+            "vehicle_type": self.vehicle.vehicle_type,
+            "passed": self.passed,
+            "counts": {verdict.value: verdicts.count(verdict) for verdict in Verdict},
+            "checks": [result.summary() for result in self.results],
+            "warnings": list(self.warnings),
+        }
+
+
+def check_vehicle(
+    link: str | Link,
+    *,
+    fly: bool = False,
+    only: Iterable[str] = (),
+    system_id: int | None = None,
+    wait_s: float = 10.0,
+    on_result: OnResult | None = None,
+    clock: Callable[[], float] = time.monotonic,
+    wait: Callable[[Link, float], None] = wait_readable,
+) -> CheckReport:
+    """Check the vehicle behind a link.
+
+    It never arms unless `fly` is given, refuses a vehicle that is armed, and puts the vehicle's own plans
+    back at the end.
+
+    Parameters
+    ----------
+    link : str or Link
+        An address, see `mission.link.parse_link_url`, or an open link, which stays open.
+    fly : bool
+        Also run the checks that arm and fly.
+    only : iterable of str
+        Ids or groups of checks; empty: all.
+    system_id : int, optional
+        Which vehicle, where there are several.
+    wait_s : float
+        How long to wait for its heartbeat.
+    on_result : callable, optional
+        Called with each result as it is found.
+    clock, wait : callable
+        See `wbf_mission.addons.check.peer.Peer`.
+
+    Raises
+    ------
+    CheckError
+        If a check does not exist, or the vehicle is armed.
+    LinkError
+        If the link cannot be opened or breaks.
+    TransferError
+        If no vehicle is heard.
+
+    Examples
+    --------
+    On the virtual clock of a simulation:
+
+    >>> from mission.model import GeoPoint
+    >>> from sim_vehicle.host.simulation import Simulation
+    >>> from sim_vehicle.airframe.catalog import get_vehicle
+    >>> from sim_vehicle.mavlink import SimVehicle
+    >>> simulation = Simulation([SimVehicle(get_vehicle("quad"), GeoPoint(28.05, -82.15))])
+    >>> link = simulation.open_link()
+    >>> check_vehicle(link, only=["identity.heartbeat"], clock=link.clock, wait=link.wait).passed
+    True
+    """
+    checks = chosen_checks(tuple(only), fly=fly)
+    results: list[CheckResult] = []
+    warnings: list[str] = []
+    with ExitStack() as stack:
+        if isinstance(link, str):
+            link = open_link(link)
+            stack.callback(link.close)
+        peer = Peer(link, clock=clock, wait=wait)
+        vehicle = peer.find(wait_s, system_id)
+        peer.sleep(1.5)
+        if peer.armed:
+            msg = f"{link.name}: the vehicle is armed; land and disarm it before it is checked"
+            raise CheckError(msg)
+        _find_home(peer)
+        kept = False
+        for one in checks:
+            if one.group in _MISSION_GROUPS and not kept:
+                kept = True
+                _keep_plans(peer, stack, warnings)
+            result = _run(one, peer)
+            if one.group in _MISSION_GROUPS:
+                peer.settle()
+            results.append(result)
+            if on_result is not None:
+                on_result(result)
+    return CheckReport(link.name, vehicle, tuple(results), tuple(warnings))
+
+
+def _keep_plans(peer: Peer, stack: ExitStack, warnings: list[str]) -> None:
+    """Read the vehicle's plans, to be put back at the end as well as it lets us."""
+    try:
+        plans = peer.plans()
+    except RemoteTransferError as error:
+        warnings.append(f"the vehicle's own plans could not be read, so they are not put back: {error}")
+        return
+
+    def put_back() -> None:
+        try:
+            try:
+                peer.put_back(plans)
+            except TransferError:
+                # A check may have left an upload that the vehicle has to give up first.
+                peer.sleep(peer.profile.abort_s + 1.0)
+                peer.put_back(plans)
+        except TransferError as error:
+            warnings.append(f"the vehicle's own plans could not be put back: {error}")
+
+    stack.callback(put_back)
+
+
+_Where: TypeAlias = m.MAVLink_home_position_message | m.MAVLink_global_position_int_message
+
+
+def _find_home(peer: Peer) -> None:
+    """Learn where the vehicle is, so that the missions are near it."""
+    kinds: tuple[type[_Where], ...] = (m.MAVLink_home_position_message, m.MAVLink_global_position_int_message)
+    for kind in kinds:
+        message = peer.expect((kind,), 1.2)
+        if message is None:
+            message = peer.request(kind)
+        if message is None:
+            continue
+        if is_a(message, m.MAVLink_home_position_message):
+            position = (message.latitude / 1e7, message.longitude / 1e7, message.altitude / 1e3)
+        else:
+            position = (message.lat / 1e7, message.lon / 1e7, message.alt / 1e3)
+        if abs(position[0]) < 89.0 and abs(position[1]) < 179.0 and any(position[:2]):
+            peer.home = GeoPoint(*position)
+            return
+
+
+def _run(one: Check, peer: Peer) -> CheckResult:
+    began_s = peer.now()
+    verdict = Verdict.PASSED
+    try:
+        peer.forget()
+        detail = one.function(peer) or ""
+    except FailedError as error:
+        verdict, detail = Verdict.FAILED, str(error)
+    except SkippedError as error:
+        verdict, detail = Verdict.SKIPPED, str(error)
+    except LinkError:
+        raise
+    except WbfMissionError as error:
+        verdict, detail = Verdict.FAILED, str(error)
+    return CheckResult(one, one.requirement(peer.profile), verdict, detail, peer.now() - began_s)

@@ -1,0 +1,98 @@
+"""An upload by hand, for checks that break the rules of the mission transfer."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from mission.link.codec.dialect import Message
+from mission.link.codec.dialect import mavlink as m
+from mission.link.codec.typed import is_a
+from mission.model import MissionItem
+from mission.transfer import result_text, wire
+from wbf_mission.addons.check.peer import ACK, ANSWERS, MISSION, RE_REQUEST_S, FailedError, Peer
+
+_SETTLE_S = 1.0  # what is still on its way over a slow radio belongs to the check before
+
+
+class Sender:
+    """An upload by hand: each message is ours to send, to leave out, or to send wrong."""
+
+    def __init__(self, peer: Peer, items: Sequence[MissionItem]) -> None:
+        home = [
+            MissionItem(16, 0, x=peer.home.latitude_deg, y=peer.home.longitude_deg, z=peer.home.altitude_m)
+        ]
+        self.peer = peer
+        self.items = [*home, *items] if peer.profile.home_at_zero else list(items)
+
+    @classmethod
+    def begun(cls, peer: Peer, items: Sequence[MissionItem]) -> Sender:
+        """Return an upload whose item 0 is asked for."""
+        sender = cls(peer, items)
+        sender.begin()
+        return sender
+
+    def begin(self, kind: int = MISSION) -> None:
+        """Send COUNT until item 0 is asked for; FailedError if it is not."""
+        question = m.MAVLink_mission_count_message(*self.peer.address, len(self.items), kind)
+        answer = self.peer.opened(question, ANSWERS, _asks_for_the_first)
+        if answer is None:
+            raise FailedError("COUNT is not answered by a request for item 0")
+        if not _asks_for_the_first(answer):
+            raise FailedError(told(answer))
+
+    def message(self, number: int, kind: int = MISSION) -> wire.ItemMessage:
+        """Return the message with one item."""
+        return wire.item_to_message(self.items[number], number, kind, self.peer.address, current=number == 0)
+
+    def send(self, number: int) -> None:
+        """Send one item."""
+        self.peer.send(self.message(number))
+
+    def finish(self, first: int = 0) -> wire.AckMessage:
+        """Answer requests until the last ACK, and return that."""
+        self.send(first)
+        asked = first
+        for _ in range(4 * len(self.items) + 20):
+            answer = self.peer.expect(ANSWERS, RE_REQUEST_S)
+            if answer is None:
+                raise FailedError("the vehicle falls silent in the middle of the upload")
+            if is_a(answer, ACK):
+                if answer.type == self.peer.profile.order_result:
+                    continue
+                return answer
+            if answer.seq >= len(self.items):
+                raise FailedError(f"item {answer.seq} of {len(self.items)} is asked for")
+            if answer.seq > asked + 1:
+                self.cancel()
+                raise FailedError(f"item {answer.seq} is asked for after item {asked}")
+            asked = answer.seq
+            self.send(asked)
+        self.cancel()
+        raise FailedError(f"the vehicle does not come to an end; it asks for item {asked}")
+
+    def cancel(self) -> None:
+        """Break off, and wait until the vehicle has."""
+        self.peer.send(cancelling(self.peer))
+        self.peer.sleep(_SETTLE_S)
+
+
+def _asks_for_the_first(answer: wire.RequestMessage | wire.AckMessage) -> bool:
+    return wire.is_request(answer) and answer.seq == 0
+
+
+def cancelling(peer: Peer) -> Message:
+    """Return the message that breaks a transfer of the mission off."""
+    return wire.ack(peer.address, wire.OPERATION_CANCELLED, MISSION)
+
+
+def told(message: wire.RequestMessage | wire.AckMessage) -> str:
+    """Return in words what the vehicle answered."""
+    if is_a(message, ACK):
+        return f"the vehicle answers: {result_text(message.type)}"
+    return f"the vehicle asks for item {message.seq}"
+
+
+def require_accepted(answer: wire.AckMessage) -> None:
+    """Raise FailedError unless the upload was accepted."""
+    if answer.type != wire.ACCEPTED:
+        raise FailedError(told(answer))

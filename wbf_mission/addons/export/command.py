@@ -1,0 +1,73 @@
+"""``wbf-mission export``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+import typer
+
+from wbf_mission.cli import options
+from wbf_mission.cli.options import OUTPUT_PANEL, Overwrite, TargetError, option, refuse_overwrite
+from wbf_mission.cli.output import Output
+
+EXAMPLES = """
+Examples
+wbf-mission export runs/mine --to mcap
+wbf-mission export runs/mine --to kml --out flight.kml
+wbf-mission export runs/mine --to geojson --overwrite --json
+"""
+
+_ESTIMATES = 20
+To = Literal["mcap", "rerun", "gpx", "kml", "geojson", "csv"]
+
+
+@options.speaks()
+def export_command(
+    output: Output,
+    folder: Annotated[Path, typer.Argument(help="The folder of a finished run.", metavar="DIR")],
+    to: Annotated[To, option("For which tool.", "--to")],
+    out: Annotated[
+        Path | None,
+        option("The file.  [default: beside the folder, with its name]", "--out", panel=OUTPUT_PANEL),
+    ] = None,
+    estimates: Annotated[
+        int | None,
+        option(
+            "At about so many moments the estimate is shown as it was, learned again from what was seen until"
+            " then; 0: at the end only.  [default: 20]",
+            "--estimates",
+            parser=options.whole_number_in(0, 1000),
+        ),
+    ] = None,
+    overwrite: Overwrite = False,
+) -> None:
+    """Write a finished run for other tools: Foxglove, Rerun, Google Earth, GIS."""
+    from wbf_mission.addons.export.formats import FORMATS, export
+    from wbf_mission.results.result import load_result
+
+    chosen = FORMATS[to]
+    if estimates is not None and not chosen.shows_estimates:
+        shown = " or ".join(name for name, one in FORMATS.items() if one.shows_estimates)
+        msg = f"--estimates has an effect only with --to {shown}: leave it out"
+        raise TargetError(msg)
+    path = out or folder.resolve().with_name(folder.resolve().name + chosen.suffix)
+    log = folder / "flight.tlog"
+    for file in chosen.files(path):
+        refuse_overwrite(file, [log])
+        if file.is_file() and not overwrite:
+            msg = f"{file}: is there already; give another name (--out), or --overwrite"
+            raise TargetError(msg)
+    result = load_result(folder)
+    with output.progress() as progress:
+        files = export(
+            result,
+            path,
+            to,
+            estimates=_ESTIMATES if estimates is None else estimates,
+            log=log if log.is_file() else None,
+            progress=progress,
+        )
+    values = {"folder": str(folder), "format": to, "files": [str(one) for one in files]}
+    rows = {"format": f"{to} ({chosen.what})", "files": ", ".join(map(str, files))}
+    output.result(values, rows, title="Exported")

@@ -1,0 +1,306 @@
+"""What vehicles flew as tracks with times, and what was planned: GPX, KML for Google Earth, GeoJSON, CSV."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+from xml.etree import ElementTree
+
+import msgspec
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from geo import Farm
+from geo.atomic import atomic_write
+from geo.geojson import farm_document
+from geo.texts import printable
+from mission.files.xml import add, decimal, document
+from mission.model import Command, Frame, Mission
+from mission.outcome import in_words
+from wbf_mission.addons.export.looks import OBSTACLE, crop_colour, vehicle_colour
+from wbf_mission.events import Event, FlightEnded, Planned, RunBegun, Seen, VehicleMoved
+
+if TYPE_CHECKING:
+    from wbf_mission.run.record import RunRecord
+
+_GPX = {
+    "version": "1.1",
+    "creator": "wbf-mission",
+    "xmlns": "http://www.topografix.com/GPX/1/1",
+}
+_KML = {"xmlns": "http://www.opengis.net/kml/2.2", "xmlns:gx": "http://www.google.com/kml/ext/2.2"}
+_CSV = ("time", "time_s", "day", "flight", "vehicle", "latitude_deg", "longitude_deg", "altitude_m")
+_TOLD = ("x_m", "y_m", "height_m", "speed_m_s", "heading_rad", "battery", "mode", "item")
+
+
+@dataclass(slots=True)
+class _Flight:
+    """One flight of a vehicle."""
+
+    day: int
+    flight: int
+    system_id: int
+    vehicle: str
+    states: list[VehicleMoved] = field(default_factory=list)
+    plan: Planned | None = None  # Before take-off
+    outcome: str = ""
+
+    @property
+    def name(self) -> str:
+        """What it is called in all files."""
+        return printable(f"day {self.day}, flight {self.flight}, vehicle {self.system_id} ({self.vehicle})")
+
+
+class _Tracks:
+    """What the events of a run tell of flights and readings."""
+
+    def __init__(self, record: RunRecord, events: Iterable[Event], epoch_s: float) -> None:
+        self.farm = record.farm
+        self.epoch = datetime.fromtimestamp(epoch_s, UTC)
+        self.flights: dict[tuple[int, int, int], _Flight] = {}
+        self.seen: list[Seen] = []
+        self.title = ""
+        names: dict[int, str] = {}
+        for event in events:
+            if isinstance(event, RunBegun):
+                self.title = printable(event.title)
+                names = {one.system_id: one.name for one in event.vehicles}
+            elif isinstance(event, Seen):
+                self.seen.append(event)
+            elif isinstance(event, Planned | VehicleMoved | FlightEnded):
+                key = (event.day, event.flight, event.system_id)
+                flight = self.flights.setdefault(key, _Flight(*key, names[event.system_id]))
+                if isinstance(event, VehicleMoved):
+                    flight.states.append(event)
+                elif isinstance(event, FlightEnded):
+                    flight.outcome = event.outcome
+                elif flight.plan is None:
+                    flight.plan = event
+
+    @property
+    def flown(self) -> list[_Flight]:
+        """The flights of which there is a track."""
+        return [one for one in self.flights.values() if len(one.states) > 1]
+
+    def time(self, time_s: float) -> str:
+        """Return a time of the run as ISO 8601 has it."""
+        told = self.epoch + timedelta(seconds=time_s)
+        return told.isoformat(timespec="milliseconds").replace("+00:00", "Z")
+
+    def places(self, points_m: NDArray[np.floating]) -> NDArray[np.float64]:
+        """Return points, float64[n, 2 or more], as latitude and longitude, float64[n, 2]."""
+        latitude, longitude = self.farm.frame.to_wgs84(points_m[:, 0].copy(), points_m[:, 1].copy())
+        return np.round(np.column_stack([latitude, longitude]), 8)
+
+    def track(self, flight: _Flight) -> list[tuple[VehicleMoved, float, float, float]]:
+        """Return the states of a flight with latitude, longitude and height above the sea."""
+        places = self.places(np.array([(one.x_m, one.y_m) for one in flight.states])).tolist()
+        sea_m = self.farm.frame.altitude_m
+        return [
+            (one, latitude, longitude, round(sea_m + one.height_m, 3))
+            for one, (latitude, longitude) in zip(flight.states, places, strict=True)
+        ]
+
+    def planned(self, flight: _Flight) -> list[tuple[float, float, float]]:
+        """Return latitude, longitude and height above home of the waypoints that were planned."""
+        return [] if flight.plan is None else waypoints_of(flight.plan.mission, self.farm)
+
+
+def waypoints_of(mission: Mission, farm: Farm) -> list[tuple[float, float, float]]:
+    """Return latitude, longitude and height above home of the waypoints of a mission."""
+    home_m = farm.frame.altitude_m if mission.home is None else mission.home.altitude_m
+    return [
+        (one.x, one.y, one.z - (home_m if one.frame == Frame.GLOBAL else 0.0))
+        for one in mission.items
+        if one.command == Command.NAV_WAYPOINT
+    ]
+
+
+def highest_m(mission: Mission, farm: Farm) -> float:
+    """Return the height above home of a mission's highest waypoint, metres; 0 without any."""
+    return max((height_m for *_, height_m in waypoints_of(mission, farm)), default=0.0)
+
+
+def write_gpx(record: RunRecord, files: tuple[Path, ...], events: Iterable[Event], epoch_s: float) -> None:
+    """Write tracks with times, heights above the sea and the planned waypoints as routes."""
+    tracks = _Tracks(record, events, epoch_s)
+    gpx = ElementTree.Element("gpx", _GPX)
+    about = add(gpx, "metadata")
+    add(about, "name", tracks.title)
+    add(about, "time", tracks.time(0.0))
+    sea_m = tracks.farm.frame.altitude_m
+    (home,) = tracks.places(np.array([tracks.farm.home_m])).tolist()
+    mark = add(gpx, "wpt", lat=decimal(home[0]), lon=decimal(home[1]))
+    add(mark, "ele", decimal(sea_m))
+    add(mark, "name", "Home")
+    for flight in tracks.flights.values():
+        if waypoints := tracks.planned(flight):
+            route = add(gpx, "rte")
+            add(route, "name", f"Planned, {flight.name}")
+            for latitude, longitude, height_m in waypoints:
+                point = add(route, "rtept", lat=decimal(latitude), lon=decimal(longitude))
+                add(point, "ele", decimal(sea_m + height_m))
+    for flight in tracks.flown:
+        track = add(gpx, "trk")
+        add(track, "name", flight.name)
+        add(track, "desc", printable(in_words(flight.outcome)))
+        segment = add(track, "trkseg")
+        for state, latitude, longitude, altitude_m in tracks.track(flight):
+            point = add(segment, "trkpt", lat=decimal(latitude), lon=decimal(longitude))
+            add(point, "ele", decimal(altitude_m))
+            add(point, "time", tracks.time(state.time_s))
+    _write(files, document(gpx).encode())
+
+
+def write_kml(record: RunRecord, files: tuple[Path, ...], events: Iterable[Event], epoch_s: float) -> None:
+    """Write tracks that Google Earth plays, planned paths, and the farm with its obstacles."""
+    tracks = _Tracks(record, events, epoch_s)
+    kml = ElementTree.Element("kml", _KML)
+    top = add(kml, "Document")
+    add(top, "name", tracks.title)
+    _add_farm(top, tracks)
+    planned, flown = add(top, "Folder"), add(top, "Folder")
+    add(planned, "name", "Planned")
+    add(flown, "name", "Flown")
+    for flight in tracks.flights.values():
+        if len(waypoints := tracks.planned(flight)) > 1:
+            mark = _mark(planned, f"Planned, {flight.name}", vehicle_colour(flight.system_id), opacity=0x80)
+            line = add(mark, "LineString")
+            add(line, "altitudeMode", "relativeToGround")
+            add(line, "coordinates", " ".join(_coordinate(*place) for place in waypoints))
+    for flight in tracks.flown:
+        mark = _mark(flown, flight.name, vehicle_colour(flight.system_id))
+        add(mark, "description", printable(in_words(flight.outcome)))
+        track = add(mark, "gx:Track")
+        add(track, "altitudeMode", "relativeToGround")
+        rows = tracks.track(flight)
+        for state, *_ in rows:
+            add(track, "when", tracks.time(state.time_s))
+        for state, latitude, longitude, _ in rows:
+            add(track, "gx:coord", _coordinate(latitude, longitude, state.height_m).replace(",", " "))
+    _write(files, document(kml).encode())
+
+
+def write_geojson(
+    record: RunRecord, files: tuple[Path, ...], events: Iterable[Event], epoch_s: float
+) -> None:
+    """Write the farm, planned waypoints, tracks with their times, and readings as features with a kind.
+
+    The third coordinate of a track is its height above the sea; ``coordTimes`` has a time for each point.
+    """
+    tracks = _Tracks(record, events, epoch_s)
+    features = farm_document(tracks.farm)["features"]
+    for feature in features:
+        kind = "obstacle" if feature["properties"].pop("obstacle", False) else "patch"
+        feature["properties"] = {"kind": kind, **feature["properties"]}
+    for flight in tracks.flights.values():
+        about = {"day": flight.day, "flight": flight.flight, "vehicle": flight.system_id}
+        for number, (latitude, longitude, height_m) in enumerate(tracks.planned(flight)):
+            properties = {"kind": "waypoint", **about, "number": number, "height_m": height_m}
+            features.append(_feature("Point", [longitude, latitude], properties))
+    for flight in tracks.flown:
+        rows = tracks.track(flight)
+        times = [tracks.time(state.time_s) for state, *_ in rows]
+        properties = {
+            "kind": "track",
+            "name": flight.name,
+            "day": flight.day,
+            "flight": flight.flight,
+            "vehicle": flight.system_id,
+            "begin": times[0],
+            "end": times[-1],
+            "outcome": flight.outcome,
+            "coordTimes": times,
+        }
+        line = [[longitude, latitude, altitude_m] for _, latitude, longitude, altitude_m in rows]
+        features.append(_feature("LineString", line, properties))
+    for seen in tracks.seen:
+        features += _readings(tracks, seen)
+    collection = {"type": "FeatureCollection", "name": tracks.title, "features": features}
+    _write(files, msgspec.json.encode(collection))
+
+
+def write_csv(record: RunRecord, files: tuple[Path, ...], events: Iterable[Event], epoch_s: float) -> None:
+    """Write the states of all vehicles as a table."""
+    tracks = _Tracks(record, events, epoch_s)
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow((*_CSV, *_TOLD))
+    for flight in tracks.flown:
+        for state, latitude, longitude, altitude_m in tracks.track(flight):
+            numbers = flight.day, flight.flight, flight.system_id
+            told = [getattr(state, name) for name in _TOLD]
+            writer.writerow(
+                [tracks.time(state.time_s), round(state.time_s, 3), *numbers, latitude, longitude, altitude_m]
+                + [round(one, 4) if isinstance(one, float) else one for one in told]
+            )
+    _write(files, text.getvalue().encode())
+
+
+def _write(files: tuple[Path, ...], content: bytes) -> None:
+    with atomic_write(files[0], "wb") as stream:
+        stream.write(content)
+
+
+def _coordinate(latitude: float, longitude: float, height_m: float) -> str:
+    return f"{decimal(longitude)},{decimal(latitude)},{decimal(round(height_m, 3))}"
+
+
+def _mark(parent: ElementTree.Element, name: str, colour: str, *, opacity: int = 0xFF) -> ElementTree.Element:
+    """Add a placemark in a colour, which KML writes backwards."""
+    mark = add(parent, "Placemark")
+    add(mark, "name", name)
+    style = add(mark, "Style")
+    shown = f"{opacity:02x}{colour[5:7]}{colour[3:5]}{colour[1:3]}"
+    add(add(style, "IconStyle"), "color", shown)
+    line = add(style, "LineStyle")
+    add(line, "color", shown)
+    add(line, "width", "3")
+    add(add(style, "PolyStyle"), "color", f"40{shown[2:]}")
+    return mark
+
+
+def _add_farm(top: ElementTree.Element, tracks: _Tracks) -> None:
+    farm = tracks.farm
+    folder = add(top, "Folder")
+    add(folder, "name", printable(farm.name))
+    shapes = [(patch.name, patch.polygon, 0.0, crop_colour(str(patch.crop))) for patch in farm.patches]
+    shapes += [(one.name or "obstacle", one.polygon, one.height_m or 0.0, OBSTACLE) for one in farm.obstacles]
+    for name, polygon, height_m, colour in shapes:
+        area = add(_mark(folder, printable(name), colour), "Polygon")
+        if height_m:
+            add(area, "extrude", "1")
+        add(area, "altitudeMode", "relativeToGround" if height_m else "clampToGround")
+        for number, ring in enumerate((polygon.exterior, *polygon.interiors)):
+            places = tracks.places(shapely.get_coordinates(ring)).tolist()
+            edge = add(add(area, "innerBoundaryIs" if number else "outerBoundaryIs"), "LinearRing")
+            add(edge, "coordinates", " ".join(_coordinate(lat, lon, height_m) for lat, lon in places))
+
+
+def _feature(kind: str, coordinates: list[Any], properties: dict[str, Any]) -> dict[str, Any]:
+    return {
+        "type": "Feature",
+        "properties": properties,
+        "geometry": {"type": kind, "coordinates": coordinates},
+    }
+
+
+def _readings(tracks: _Tracks, seen: Seen) -> list[dict[str, Any]]:
+    """Return a feature for each reading, at the middle of its cell."""
+    observations, side_m = seen.observations, tracks.farm.cell_size_m
+    middles = side_m * (np.stack([observations.x, observations.y], 1) + 0.5)
+    places = tracks.places(middles).tolist()
+    features = []
+    for k, (latitude, longitude) in enumerate(places):
+        values = dict(zip(observations.fields, observations.values[k].tolist(), strict=True))
+        known = {name: round(value, 6) for name, value in values.items() if value == value}
+        time = tracks.time(seen.offset_s + float(observations.time_s[k]))
+        properties = {"kind": "reading", "time": time, "day": int(observations.day[k]), **known}
+        features.append(_feature("Point", [longitude, latitude], properties))
+    return features

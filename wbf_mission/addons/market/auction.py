@@ -1,0 +1,156 @@
+"""A sequential single-item auction of segments among vehicles."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mission.planners.path import Points
+from mission.policies.observation import TravelCost
+from wbf_mission.addons.market.segments import VARIANTS, Segment, corners_of
+
+_FREE, _HOME, _FIRST = 0, 1, 2
+_CORNERS = 2 * VARIANTS
+_AT_ONCE = 16
+
+
+@dataclass(frozen=True, slots=True)
+class Bid:
+    """What a vehicle asks for a segment: all that it would have flown when it is done with everything."""
+
+    cost: float  # In the unit of the vehicle's budget
+    # position, variant: where in its route the segment would stand, and from which corner it would be flown.
+    position: int
+    variant: int
+
+
+@dataclass(slots=True, eq=False)
+class Bidder:
+    """One vehicle on the market."""
+
+    system_id: int
+    # float64[n, n]: costs between where it will be free, home, and the corners of all segments.
+    legs: NDArray[np.float64]
+    # float64[segments]: cost of the rows of each; infinite for what it does not take.
+    own: NDArray[np.float64]
+    until_free: float  # Cost of what it has to finish first
+    limit: float  # The most that all may cost
+    returns: bool  # Whether the way home counts
+    # What it was awarded: number of the segment on the list, and variant, in the order of the flight.
+    route: list[tuple[int, int]] = field(default_factory=list)
+
+    @classmethod
+    def of(
+        cls,
+        system_id: int,
+        travel_cost: TravelCost,
+        segments: Sequence[Segment],
+        takes: Sequence[bool],
+        free_m: Points,
+        home_m: tuple[float, float],
+        until_free: float,
+        limit: float,
+        *,
+        returns: bool,
+    ) -> Bidder:
+        """Ask the travel costs once for all that bids need."""
+        nodes = np.vstack((free_m, home_m, corners_of(segments).reshape(-1, 2)))
+        own = [
+            _rows_cost(travel_cost, segment) if take else math.inf
+            for segment, take in zip(segments, takes, strict=True)
+        ]
+        return cls(system_id, travel_cost.legs(nodes, nodes), np.array(own), until_free, limit, returns)
+
+    @property
+    def cost(self) -> float:
+        """What everything costs that it has to do."""
+        cost, at = self.until_free, _FREE
+        for k, variant in self.route:
+            cost += float(self.legs[at, _entry(k, variant)] + self.own[k])
+            at = _exit(k, variant)
+        return cost + self._home(at)
+
+    def bid(self, segment: int) -> Bid | None:
+        """Return its bid for a segment, by the cheapest insertion into its route; None if it cannot."""
+        if not math.isfinite(self.own[segment]):
+            return None
+        before, best = self.cost, Bid(math.inf, 0, 0)
+        for position in range(len(self.route) + 1):
+            at = _exit(*self.route[position - 1]) if position else _FREE
+            last = position == len(self.route)
+            onward = None if last else _entry(*self.route[position])
+            without = self._home(at) if onward is None else float(self.legs[at, onward])
+            for variant in range(VARIANTS):
+                end = _exit(segment, variant)
+                after = self._home(end) if onward is None else float(self.legs[end, onward])
+                extra = float(self.legs[at, _entry(segment, variant)] + self.own[segment]) + after - without
+                if before + extra < best.cost:
+                    best = Bid(before + extra, position, variant)
+        return best if best.cost <= self.limit else None
+
+    def award(self, segment: int, bid: Bid) -> None:
+        """Put a segment into its route as it was bid for."""
+        self.route.insert(bid.position, (segment, bid.variant))
+
+    def _home(self, at: int) -> float:
+        return float(self.legs[at, _HOME]) if self.returns else 0.0
+
+
+def hold_auction(bidders: Sequence[Bidder], offered: Iterable[int]) -> list[int]:
+    """Sell segments one after the other, each time the one with the lowest bid of all, to who made it.
+
+    A bid is what the vehicle would have flown in all, so that vehicles come to about the same (the rule
+    MiniMax of sequential single-item auctions; Lagoudakis et al. 2005, Koenig et al. 2006). Equal bids go to
+    the first bidder.
+    """
+    left = list(offered)
+    bids = [{segment: bidder.bid(segment) for segment in left} for bidder in bidders]
+    while True:
+        best: tuple[float, int, int] | None = None
+        for k, of_bidder in enumerate(bids):
+            for segment in left:
+                bid = of_bidder[segment]
+                if bid is not None and (best is None or bid.cost < best[0]):
+                    best = bid.cost, k, segment
+        if best is None:
+            return left
+        _, winner, sold = best
+        bid = bids[winner][sold]
+        assert bid is not None
+        bidders[winner].award(sold, bid)
+        left.remove(sold)
+        bids[winner] = {segment: bidders[winner].bid(segment) for segment in left}
+
+
+def path_cost(travel_cost: TravelCost, points_m: Points) -> float:
+    """Return roughly what flying through points costs, from the first one on."""
+    if len(points_m) < 2:
+        return 0.0
+    return float(leg_costs(travel_cost, points_m).sum())
+
+
+def leg_costs(travel_cost: TravelCost, points_m: Points) -> NDArray[np.float64]:
+    """Return roughly what each leg between neighbouring points costs, float64[n - 1], n > 1."""
+    # The travel costs price all pairs: in blocks, so that long paths do not take their square.
+    begins, ends = points_m[:-1], points_m[1:]
+    parts = [
+        np.diagonal(travel_cost.legs(begins[k : k + _AT_ONCE], ends[k : k + _AT_ONCE]))
+        for k in range(0, len(begins), _AT_ONCE)
+    ]
+    return np.concatenate(parts)
+
+
+def _rows_cost(travel_cost: TravelCost, segment: Segment) -> float:
+    return path_cost(travel_cost, np.concatenate([ends for _, ends in segment.ordered(0)]))
+
+
+def _entry(segment: int, variant: int) -> int:
+    return _FIRST + segment * _CORNERS + variant
+
+
+def _exit(segment: int, variant: int) -> int:
+    return _FIRST + segment * _CORNERS + VARIANTS + variant

@@ -1,0 +1,321 @@
+"""The market: vehicles sell each other survey segments, coarse ones first, fine ones about detections.
+
+Source: the exploration packages, pioneers and contractors of ``papers/y2025_mrmr`` and ``papers/y2027_mrmr``
+(multi-resolution multi-robot) of the authors' repository WaterberryFarms; the contract net of R. G. Smith,
+IEEE Transactions on Computers C-29, 1980.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import shapely
+
+from geo.seeds import stream
+from mission.errors import PlanningError
+from mission.planners.path import Points
+from mission.planners.terrain import TOLERANCE_M, Terrain, draw_places
+from mission.policies.decision import NO_CHANGE, Decision
+from mission.policies.observation import Event, PolicyObservation, Status, VehicleReport, pays_for_return
+from mission.policies.planning_grid import LegCosts
+from mission.policies.policy import LEAST_S, Triggers
+from mission.policies.steering import affordable
+from wbf_mission.addons.market.auction import Bidder, hold_auction, leg_costs, path_cost
+from wbf_mission.addons.market.contract import NO_POINTS, Contract, Stretch
+from wbf_mission.addons.market.segments import Detections, Segment, blocks_of, rows_over
+
+_NAME = "market"
+_MOST_LEGS = 40
+_AT_CELLS = 0.5
+_SAME_M = 0.1
+_KEEP = (Status.READY, Status.CLIMBING, Status.CHANGING, Status.SILENT)
+
+
+class Market:
+    """Sell survey segments to the vehicles that are done with them first.
+
+    At the start the farm is divided into blocks with rows far apart, which are sold. Where sick plants were
+    found and the run of detections is over, a segment of rows close to each other is made about them; then
+    everything is sold anew that is not begun, the fine segments first, and rows of coarse ones that are not
+    flown. The same happens when a vehicle is lost. Who has nothing left to do flies to random places.
+
+    Parameters
+    ----------
+    border : float
+        A fine segment reaches so far beyond the detections, cells.
+    step : float
+        Distance of its rows, cells.
+    pioneers : int
+        So many vehicles, the first ones, take no fine segments as long as there are others.
+    field : str
+        Of which disease the detections are; ``all``: of every one that is scored.
+    below : float
+        A plant is a detection if its value is less: by default the lost ones (0), not infected ones (0.5).
+    explore : float
+        Part of the fleet's budget for the coarse segments, between 0 and 1.
+    blocks : int
+        Coarse segments, for each vehicle.
+    every : int
+        Look for detections after so many observations.
+
+    Raises
+    ------
+    PlanningError
+        If a parameter is out of its range.
+    """
+
+    def __init__(
+        self,
+        border: float = 3.0,
+        step: float = 2.0,
+        pioneers: int = 1,
+        field: str = "tylcv",
+        below: float = 0.25,
+        explore: float = 0.5,
+        blocks: int = 4,
+        every: int = 5,
+    ) -> None:
+        if not 0.0 < explore < 1.0:
+            msg = f"{_NAME}: explore must be between 0 and 1, not {explore!r}"
+            raise PlanningError(msg)
+        for name, value in (("step", step), ("blocks", blocks), ("every", every)):
+            if not value > 0:
+                msg = f"{_NAME}: {name} must be above zero, not {value!r}"
+                raise PlanningError(msg)
+        self._explore, self._blocks = float(explore), int(blocks)
+        self._pioneers = int(pioneers)
+        self.triggers = Triggers(observations=int(every), least_s=LEAST_S)
+        self._detections = Detections(float(border), float(step), field, float(below), _NAME)
+        self.start()
+
+    def start(self) -> None:
+        """Forget the run before."""
+        self._detections.start()
+        self._day: int | None = None
+        self._contracts: dict[int, Contract] = {}
+        self._open: list[Segment] = []
+        self._terrains: dict[int, Terrain] = {}
+        self._streams: dict[int, np.random.Generator] = {}
+
+    def decide(self, observation: PolicyObservation) -> Decision:
+        """Sell what there is to be sold, if that changed."""
+        spacing: dict[int, float] = {}
+        if observation.event is Event.START:
+            self._begin_flight(observation.day)
+            spacing = self._divide(observation)
+            returned = True
+        else:
+            returned = self._settle(observation)
+        terrains = [self._terrain(one) for one in observation.steerable]
+        found = self._detections.segments(observation, terrains, self._fine_ahead())
+        self._open += found
+        idle = self._open and self._somebody_idle(observation)
+        if not (found or returned or idle or observation.event is Event.ENDING):
+            return NO_CHANGE
+        paths = self._trade(observation)
+        if not paths:
+            return NO_CHANGE
+        reason = "first look" if spacing else "packages about finds" if found else "packages sold anew"
+        return Decision(paths, reason=reason, spacing_m=spacing)
+
+    def _begin_flight(self, day: int) -> None:
+        """Keep of the flight before what is left of its fine segments, if it was on the same day."""
+        left = [*self._open]
+        for contract in self._contracts.values():
+            left += contract.unflown()
+        self._contracts, self._open = {}, []
+        if day == self._day:
+            self._open = [segment for segment in left if segment.fine]
+        else:
+            self._detections.begin_day()
+        self._day = day
+
+    def _divide(self, observation: PolicyObservation) -> dict[int, float]:
+        """Offer the coarse segments of every area; return the distance of their rows for each vehicle."""
+        spacings: dict[int, float] = {}
+        vehicles = list(observation.steerable)
+        while vehicles:
+            same = [one for one in vehicles if one.request.area == vehicles[0].request.area]
+            vehicles = [one for one in vehicles if one not in same]
+            flyable, footprint = self._terrain(same[0]).flyable, same[0].request.footprint_m
+            cell_m = observation.farm.cell_size_m
+            reach = sum(one.left * cell_m / LegCosts.of(one, cell_m).per_cell for one in same)
+            spacing = max(flyable.area / (self._explore * reach), footprint, TOLERANCE_M)
+            for box in blocks_of(flyable, self._blocks * len(same)):
+                rows = rows_over(box, flyable, spacing)
+                if rows:
+                    self._open.append(Segment(self._detections.next_number(), False, box, rows))
+            spacings |= {one.system_id: spacing for one in same}
+        return spacings
+
+    def _settle(self, observation: PolicyObservation) -> bool:
+        """Take note of what was flown; return whether segments are to be sold again."""
+        returned: list[Segment] = []
+        for vehicle in observation.vehicles:
+            contract = self._contracts.get(vehicle.system_id)
+            if contract is None or vehicle.status in _KEEP:
+                continue
+            # Of a vehicle that is lost nothing may be known any more: then what was known before holds.
+            silent = vehicle.status is Status.LOST and not len(vehicle.rest_m)
+            follows = silent or contract.follow(vehicle.rest_m)
+            if vehicle.status is Status.FLYING and follows:
+                continue
+            returned += contract.unflown(vehicle.position_m)
+            del self._contracts[vehicle.system_id]
+        self._open += returned
+        return bool(returned)
+
+    def _fine_ahead(self) -> list[Segment]:
+        """Return the fine segments that are not flown yet."""
+        sold = [one.segment for contract in self._contracts.values() for one, _ in contract.ahead]
+        return [segment for segment in [*self._open, *sold] if segment is not None and segment.fine]
+
+    def _somebody_idle(self, observation: PolicyObservation) -> bool:
+        contracts = [self._contracts.get(one.system_id) for one in observation.steerable]
+        return any(contract is None or not len(contract.work()) for contract in contracts)
+
+    def _trade(self, observation: PolicyObservation) -> dict[int, Points]:
+        """Sell all that is not begun; return the paths of the vehicles that have something else to do now."""
+        vehicles = observation.steerable
+        kept: dict[int, list[Stretch]] = {}
+        for vehicle in vehicles:
+            kept[vehicle.system_id] = []
+            contract = self._contracts.get(vehicle.system_id)
+            if contract is None:
+                continue
+            begun = contract.begun
+            finishes = begun is not None and begun.fine
+            self._open += [
+                segment
+                for segment in contract.unflown(vehicle.position_m)
+                if not (finishes and begun is not None and segment.number == begun.number)
+            ]
+            if finishes:
+                kept[vehicle.system_id] = [
+                    Stretch(one.segment, one.row, one.points_m[-left:])
+                    for one, left in contract.ahead
+                    if one.segment is begun
+                ]
+        segments = sorted(self._open, key=lambda segment: segment.number)
+        bidders = [self._bidder(one, segments, kept[one.system_id]) for one in vehicles]
+        fine = [k for k, segment in enumerate(segments) if segment.fine]
+        coarse = [k for k, segment in enumerate(segments) if not segment.fine]
+        contractors = [one for one in bidders if not self._is_pioneer(one.system_id, observation)]
+        unsold = hold_auction(contractors or bidders, fine) + hold_auction(bidders, coarse)
+        self._open = [segments[k] for k in unsold]
+        paths: dict[int, Points] = {}
+        for vehicle, bidder in zip(vehicles, bidders, strict=True):
+            awarded = [(segments[k], variant) for k, variant in bidder.route]
+            points = self._sign(observation, vehicle, kept[vehicle.system_id], awarded)
+            if points is not None:
+                paths[vehicle.system_id] = points
+        return paths
+
+    def _is_pioneer(self, system_id: int, observation: PolicyObservation) -> bool:
+        return system_id in sorted(one.system_id for one in observation.vehicles)[: self._pioneers]
+
+    def _bidder(self, vehicle: VehicleReport, segments: Sequence[Segment], kept: list[Stretch]) -> Bidder:
+        flyable = shapely.buffer(self._terrain(vehicle).flyable, TOLERANCE_M)
+        rows = [shapely.multilinestrings([row.ends_m for row in segment.rows]) for segment in segments]
+        first = np.concatenate([np.asarray(vehicle.position_m)[None], *(one.points_m for one in kept)])
+        return Bidder.of(
+            vehicle.system_id,
+            vehicle.travel_cost,
+            segments,
+            [bool(shapely.covers(flyable, one)) for one in rows],
+            first[-1],
+            vehicle.request.start_xy_m,
+            path_cost(vehicle.travel_cost, first),
+            vehicle.left,
+            returns=pays_for_return(vehicle),
+        )
+
+    def _sign(
+        self,
+        observation: PolicyObservation,
+        vehicle: VehicleReport,
+        kept: list[Stretch],
+        awarded: list[tuple[Segment, int]],
+    ) -> Points | None:
+        """Make the path of what was awarded; None if it is what the vehicle flies already.
+
+        What it cannot pay for after all is open again.
+        """
+        stretches = kept + self._stretches(observation, vehicle, kept, awarded)
+        before = self._contracts.get(vehicle.system_id)
+        work = affordable(vehicle, _points(stretches))
+        ending = observation.event is Event.ENDING and len(vehicle.rest_m) <= 1
+        if before is not None and _same(before.work(), work) and not ending:
+            return None
+        if len(work) < len(_points(stretches)):
+            self._open += _beyond(stretches, work)
+        else:
+            stretches = stretches + self._wander(vehicle, work)
+        points = affordable(vehicle, _points(stretches))
+        if not len(points):
+            if observation.event is Event.START:
+                budget = vehicle.request.budget
+                msg = f"budget of {budget.limit:g} {budget.unit} is too small: {_NAME} cannot reach the area"
+                raise PlanningError(msg)
+            return None
+        under_way = kept[0].segment if kept else None
+        self._contracts[vehicle.system_id] = Contract(tuple(stretches), points, under_way)
+        return points
+
+    def _stretches(
+        self,
+        observation: PolicyObservation,
+        vehicle: VehicleReport,
+        kept: list[Stretch],
+        awarded: list[tuple[Segment, int]],
+    ) -> list[Stretch]:
+        flown = [(segment, *row) for segment, variant in awarded for row in segment.ordered(variant)]
+        if not flown:
+            return []
+        here = kept[-1].points_m[-1] if kept else np.asarray(vehicle.position_m)
+        legs = self._terrain(vehicle).legs([ends for _, _, ends in flown], here)
+        # A waypoint where the vehicle is already would only make it stop there.
+        near = np.hypot(*(legs[0] - here).T) < _AT_CELLS * observation.farm.cell_size_m
+        passed = int(np.argmin(near)) if not near.all() else len(near) - 1
+        legs[0] = legs[0][passed:]
+        return [Stretch(segment, row, leg) for (segment, row, _), leg in zip(flown, legs, strict=True)]
+
+    def _wander(self, vehicle: VehicleReport, after_m: Points) -> list[Stretch]:
+        """Return legs to random places for what is left of the budget."""
+        terrain = self._terrain(vehicle)
+        number = vehicle.system_id
+        rng = self._streams.setdefault(
+            number, stream(vehicle.request.seed, _NAME, f"vehicle-{number}", "wander")
+        )
+        here = after_m[-1] if len(after_m) else np.asarray(vehicle.position_m)
+        left = vehicle.left - vehicle.travel_cost.rest([after_m])[0]
+        places = draw_places(terrain.flyable, _MOST_LEGS, rng)[:_MOST_LEGS]
+        legs = terrain.legs(list(places[:, None, :]), here)
+        way = np.vstack((here, *legs))
+        ends = np.cumsum([len(leg) for leg in legs])
+        spent = np.cumsum(leg_costs(vehicle.travel_cost, way))[ends - 1]
+        count = int(np.searchsorted(spent, left)) + 1
+        return [Stretch(None, 0, leg) for leg in legs[:count]]
+
+    def _terrain(self, vehicle: VehicleReport) -> Terrain:
+        if vehicle.system_id not in self._terrains:
+            request = vehicle.request
+            self._terrains[vehicle.system_id] = Terrain(request.area, request.footprint_m, request.passable)
+        return self._terrains[vehicle.system_id]
+
+
+def _points(stretches: Sequence[Stretch]) -> Points:
+    return np.concatenate([one.points_m for one in stretches]) if stretches else NO_POINTS
+
+
+def _same(before: Points, after: Points) -> bool:
+    return len(before) == len(after) and np.allclose(before, after, rtol=0.0, atol=_SAME_M)
+
+
+def _beyond(stretches: list[Stretch], flown: Points) -> list[Segment]:
+    """Return segments of the rows that a path does not reach to the end of."""
+    whole = Contract(tuple(stretches), _points(stretches))
+    whole.follow(whole.points_m[max(len(flown) - 1, 0) :])
+    here = flown[-1] if len(flown) else whole.points_m[0]
+    return whole.unflown((float(here[0]), float(here[1])))

@@ -1,0 +1,278 @@
+"""MAVSDK as a way to a vehicle: it keeps the link, uploads, arms, starts and orders; we look on."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from mavsdk.plugins.action import Action
+from mavsdk.plugins.mavlink_direct import MavlinkDirect, MavlinkDirectResult, MavlinkMessage
+from mavsdk.plugins.mission_raw import MissionRaw
+
+from mission.ground.modes import Maneuver, VehicleModes
+from mission.ground.station import GroundStation
+from mission.link import MavlinkEndpoint
+from mission.link.codec.dialect import Message
+from mission.link.codec.dialect import mavlink as m
+from mission.link.codec.frames import FrameReader, FrameWriter
+from mission.link.codec.typed import is_a
+from mission.model import Command
+from mission.transfer import TransferMaker
+from mission.transfer.driver import OnEvent, OnText, TransferDriver
+from mission.transfer.vehicles import Vehicle
+from mission.transfer.wire import GROUND_STATION
+from sim_vehicle.component import Component
+from sim_vehicle.host.server import Server
+from wbf_mission.addons.mavsdk.link import Call, MavsdkLink
+from wbf_mission.addons.mavsdk.transfers import mavsdk_transfers
+from wbf_mission.live.discovery import LiveFlightError
+from wbf_mission.live.hosting import Heard, LinkHost, Note, Tap, Via
+from wbf_mission.scenario import Scenario
+
+__all__ = ["MavsdkOrders", "MavsdkVia"]
+
+_POLL_S = 0.02
+_Commanding = m.MAVLink_command_long_message | m.MAVLink_command_int_message
+_AUTOPILOT = int(m.MAV_COMP_ID_AUTOPILOT1)
+# What the vehicle says of a refusal may come after it.
+_WORDS_S = 0.3
+_RESULTS = {
+    "SUCCESS": m.MAV_RESULT_ACCEPTED,
+    "BUSY": m.MAV_RESULT_TEMPORARILY_REJECTED,
+    "UNSUPPORTED": m.MAV_RESULT_UNSUPPORTED,
+    "COMMAND_DENIED": m.MAV_RESULT_DENIED,
+    "COMMAND_DENIED_LANDED_STATE_UNKNOWN": m.MAV_RESULT_DENIED,
+    "COMMAND_DENIED_NOT_LANDED": m.MAV_RESULT_DENIED,
+    "DENIED": m.MAV_RESULT_DENIED,
+}
+_NO_ANSWER = frozenset({"TIMEOUT", "NO_SYSTEM", "CONNECTION_ERROR"})
+
+
+@dataclass(slots=True)
+class _Order:
+    """A command that MAVSDK carries out.
+
+    ``due_s`` is when its answer is handed on.
+    """
+
+    command: int
+    name: str
+    call: Call
+    result: int | None = None
+    due_s: float = 0.0
+
+
+class MavsdkOrders:
+    """Carries out what a ground station would send to an autopilot; what comes of it is a COMMAND_ACK again.
+
+    Arming, return, landing and PX4's hold go by the plugin action, the mission's start by mission_raw.
+    Every other command goes by mavlink_direct, which repeats it, too: other modes (MAVSDK's hold of an
+    ArduCopter is LOITER, in which it sinks without a stick), rates of messages, and the start of an
+    ArduCopter's mission, which takes off at MISSION_START only (MAVSDK's start_mission chooses the mode).
+
+    MISSION_SET_CURRENT is not for MAVSDK: its set_current_mission_item sends it again at each MISSION_CURRENT
+    that names another item, without end if a vehicle goes on from a command to its next waypoint at once.
+    """
+
+    def __init__(
+        self,
+        link: MavsdkLink,
+        system_id: int,
+        autopilot: int,
+        vehicle_type: int,
+        note: Note,
+    ) -> None:
+        self._link, self._system_id, self._note = link, system_id, note
+        # By command, and its first three parameters where these matter: plugin and function.
+        self._functions: dict[tuple[int, tuple[float, ...] | None], tuple[type, str]] = {
+            (m.MAV_CMD_COMPONENT_ARM_DISARM, (1.0, 0.0, 0.0)): (Action, "arm"),
+            (Command.NAV_RETURN_TO_LAUNCH, None): (Action, "return_to_launch"),
+            (Command.NAV_LAND, None): (Action, "land"),
+        }
+        if autopilot == m.MAV_AUTOPILOT_PX4:
+            hold = VehicleModes(autopilot, vehicle_type).maneuver(Maneuver.HOLD)
+            self._functions |= {
+                hold: (Action, "hold"),
+                (m.MAV_CMD_MISSION_START, None): (MissionRaw, "start_mission"),
+            }
+        self._orders: list[_Order] = []
+        self._writer = FrameWriter(system_id, _AUTOPILOT)
+
+    @property
+    def waiting(self) -> bool:
+        """Whether MAVSDK has not answered everything yet."""
+        return bool(self._orders)
+
+    def takes(self, message: Message) -> bool:
+        """Return whether a message of the ground station is an order to the autopilot, and so for MAVSDK."""
+        if not isinstance(message, _Commanding):
+            return False
+        return (message.target_system, message.target_component) == (self._system_id, _AUTOPILOT)
+
+    def carry_out(self, message: Message) -> list[Message]:
+        """Let MAVSDK do what a message asks for; return what can be answered at once."""
+        assert isinstance(message, _Commanding)
+        if any(one.command == message.command for one in self._orders) and not _is_setting(message):
+            # It is under way; MAVSDK repeats it by itself.
+            return [self._ack(message.command, int(m.MAV_RESULT_IN_PROGRESS))]
+        name, begin, arguments = self._function(message)
+        self._orders.append(_Order(message.command, name, Call(begin, *arguments)))
+        return []
+
+    def answers(self, now_s: float) -> list[Message]:
+        """Return what MAVSDK has answered since the last call, as the vehicle would."""
+        done: list[Message] = []
+        for order in list(self._orders):
+            if order.result is None:
+                self._take_answer(order, now_s)
+            if order.result is not None and now_s >= order.due_s:
+                self._orders.remove(order)
+                if order.result >= 0:
+                    done.append(self._ack(order.command, order.result))
+        return done
+
+    def _take_answer(self, order: _Order, now_s: float) -> None:
+        """Take MAVSDK's answer, if there is one; -1 is none of the vehicle."""
+        answer = order.call.answer()
+        if answer is None:
+            return
+        result = answer[0]
+        if result is MavlinkDirectResult.SUCCESS:
+            order.result = int(json.loads(answer[1].fields_json)["result"])
+        elif result.name in _NO_ANSWER:
+            order.result = -1
+        else:
+            order.result = int(_RESULTS.get(result.name, m.MAV_RESULT_FAILED))
+        order.due_s = now_s
+        if order.result != m.MAV_RESULT_ACCEPTED:
+            order.due_s = now_s + _WORDS_S
+            if result is not MavlinkDirectResult.SUCCESS:
+                self._note(f"MAVSDK: {order.name}: {result.name}")
+
+    def _function(self, message: _Commanding) -> tuple[str, Callable[..., None], tuple[Any, ...]]:
+        """Return MAVSDK's function for a command: its name, itself, and what it takes."""
+        wanted = (message.command, (message.param1, message.param2, message.param3))
+        direct = (MavlinkDirect, "send_command")
+        kind, name = self._functions.get(wanted) or self._functions.get((message.command, None), direct)
+        begin = getattr(self._link.plugin(kind, self._system_id), f"{name}_async")
+        return name, begin, (self._direct(message),) if kind is MavlinkDirect else ()
+
+    def _direct(self, message: Message) -> MavlinkMessage:
+        fields = {name: getattr(message, name) for name in type(message).fieldnames}
+        return MavlinkMessage(
+            message_name=message.get_type(),
+            target_system_id=self._system_id,
+            target_component_id=_AUTOPILOT,
+            fields_json=json.dumps(fields),
+        )
+
+    def _ack(self, command: int, result: int) -> Message:
+        """Return the COMMAND_ACK that the vehicle would have sent."""
+        frame = self._writer.encode(m.MAVLink_command_ack_message(command, result))
+        return FrameReader().feed(frame)[0]
+
+
+def _is_setting(message: _Commanding) -> bool:
+    """Return whether such a command is sent for one thing after the other: rates of messages."""
+    return message.command == m.MAV_CMD_SET_MESSAGE_INTERVAL
+
+
+class _GroundByMavsdk:
+    """A ground station whose orders MAVSDK carries out, as a component of the host."""
+
+    def __init__(self, ground: GroundStation, orders: MavsdkOrders) -> None:
+        self.system_id, self.component_id = ground.system_id, ground.component_id
+        self.wanted = ground.wanted
+        self._ground, self._orders = ground, orders
+        self._due_s = math.inf
+
+    def receive(self, message: Message, now_s: float) -> list[Message]:
+        """Take a message; MAVSDK alone tells what became of an order."""
+        return [] if is_a(message, m.MAVLink_command_ack_message) else self._hear(message, now_s)
+
+    def _hear(self, message: Message, now_s: float) -> list[Message]:
+        return self.hand_on(self._ground.receive(message, now_s), now_s)
+
+    def poll(self, now_s: float) -> list[Message]:
+        """Take MAVSDK's answers, and send what is due."""
+        out: list[Message] = []
+        for answer in self._orders.answers(now_s):
+            out += self._hear(answer, now_s)
+        self._due_s = now_s + _POLL_S
+        return out + self.hand_on(self._ground.poll(now_s), now_s)
+
+    def next_deadline(self) -> float:
+        """When `poll` has something to do."""
+        return min(self._ground.next_deadline(), self._due_s if self._orders.waiting else math.inf)
+
+    def hand_on(self, messages: Iterable[Message], now_s: float) -> list[Message]:
+        """Give MAVSDK the orders; return the rest. MAVSDK sends the heartbeat itself."""
+        rest: list[Message] = []
+        for message in messages:
+            if self._orders.takes(message):
+                for answer in self._orders.carry_out(message):
+                    rest += self._hear(answer, now_s)
+            elif not is_a(message, m.MAVLink_heartbeat_message):
+                rest.append(message)
+        self._due_s = min(self._due_s, now_s + _POLL_S)
+        return rest
+
+
+class MavsdkVia(Via):
+    """MAVSDK keeps the link, carries the plans and gives the orders; all else is as in the own way."""
+
+    def __init__(self) -> None:
+        self._link: MavsdkLink | None = None
+
+    @property
+    def transfers(self) -> TransferMaker:
+        """Uploads and readings by MAVSDK."""
+        return mavsdk_transfers(self._opened)
+
+    def _opened(self) -> MavsdkLink:
+        assert self._link is not None
+        return self._link
+
+    def serve(
+        self,
+        heard: Sequence[Heard],
+        cameras: Sequence[Component],
+        grounds: Sequence[GroundStation],
+        tap: Tap | None,
+        note: Note,
+    ) -> LinkHost:
+        """Let MAVSDK open the link, for one vehicle; ``note`` is told of refusals.
+
+        The log has what MAVSDK hands on; what it sends by itself is not in it.
+        """
+        ((url, vehicle),), (station,) = heard, grounds
+        link = self._link = MavsdkLink(url)
+        orders = MavsdkOrders(link, vehicle.system_id, vehicle.autopilot, vehicle.vehicle_type, note)
+        ground = _GroundByMavsdk(station, orders)
+        return LinkHost(Server([*cameras, ground], [], tap=tap, links=[link]), ground.hand_on)
+
+    def driver(self, url: str, on_event: OnEvent, on_text: OnText | None = None) -> TransferDriver:
+        """Let MAVSDK open a link; LinkError if the address is wrong, or MAVSDK cannot open it."""
+        link = MavsdkLink(url)
+        endpoint = MavlinkEndpoint(link, *GROUND_STATION, wanted=())
+        transfers = mavsdk_transfers(lambda: link)
+        return TransferDriver(endpoint, on_event=on_event, on_text=on_text, maker=transfers, heartbeat=False)
+
+    def check_count(self, vehicles: int) -> None:
+        """Refuse several vehicles."""
+        if vehicles > 1:
+            msg = f"--via mavsdk flies one vehicle, not {vehicles}: leave out --via mavsdk, or fly one"
+            raise LiveFlightError(msg)
+
+    def check(self, scenario: Scenario, vehicle: Vehicle) -> None:
+        """Refuse a policy for a vehicle that leaves its mission while that is changed."""
+        policy = scenario.mission.policy
+        if policy is not None and vehicle.vehicle_type in (vehicle.profile.change_modes or {}):
+            msg = (
+                f"policy {policy} changes the mission in flight, which --via mavsdk does not do with "
+                f"{vehicle.profile.name}: leave out --via mavsdk, or give a planner"
+            )
+            raise LiveFlightError(msg)

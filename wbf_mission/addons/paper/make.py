@@ -1,0 +1,247 @@
+"""The figures of the paper: flies and measures what is missing, draws, and writes the page."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from geo import Crop
+from geo.farms import get_farm
+from wbf_mission.addons.paper.comparison import (
+    authors_table,
+    early_table,
+    fall_table,
+    lead_table,
+    pair_table,
+    plot_pairs,
+    plot_scores,
+)
+from wbf_mission.addons.paper.cost import FARMS, LIMIT_S, measured_costs, plot_costs
+from wbf_mission.addons.paper.dynamics import DAYS, Dynamics, plot_dynamics
+from wbf_mission.addons.paper.shown import shown_runs
+from wbf_mission.bench.benchmark import benchmark
+from wbf_mission.bench.page import Page, Picture, Section
+from wbf_mission.bench.report import field_table, standing_table
+from wbf_mission.bench.rows import BenchRow
+from wbf_mission.bench.spec import BenchSpec
+from wbf_mission.bench.standings import standings
+from wbf_mission.pictures.plots import CROP_COLOURS, LINE_COLOURS, draw_farm, new_sheet, save_sheet
+from wbf_mission.progress import Progress, silent
+from wbf_mission.results.storage import ResultError
+from wbf_mission.run.resolve import FlightError
+from wbf_mission.scenario import scenario_with
+
+_DRAWN = ("waterberry", "miniberry-10", "miniberry-30", "miniberry-100")
+"""The paper's, the full one first."""
+
+
+def plot_geometry(paths: Sequence[Path]) -> None:
+    """Draw the paper's farms: the full one large, the small ones beside it."""
+    from matplotlib.lines import Line2D
+    from matplotlib.patches import Patch
+
+    figure = new_sheet(8.0, 5.2)
+    panels = figure.add_gridspec(3, 2, width_ratios=(3.6, 1.0))
+    farms = [get_farm(name) for name in _DRAWN]
+    shown: set[str] = set()
+    for number, farm in enumerate(farms):
+        axes = figure.add_subplot(panels[:, 0] if number == 0 else panels[number - 1, 1])
+        draw_farm(axes, farm, legend=False)
+        shown |= {patch.crop for patch in farm.patches}
+        cells = f"{farm.width_cells} x {farm.height_cells} cells of one square foot"
+        axes.set_title(f"{farm.name}\n{cells}" if number == 0 else farm.name, fontsize=9)
+        axes.tick_params(labelsize=7)
+        if number:
+            axes.set_ylabel("")
+            if number < len(farms) - 1:
+                axes.set_xlabel("")
+    crops = [crop for crop in Crop if crop in shown and crop != Crop.NONE]
+    handles: list[Any] = [Patch(color=CROP_COLOURS[crop], label=str(crop)) for crop in crops]
+    handles.append(Line2D([], [], color="#5b4636", linewidth=1.2, linestyle="--", label="the owner's land"))
+    figure.legend(handles=handles, loc="outside lower center", ncols=5, fontsize=8, frameon=False)
+    save_sheet(figure, paths)
+
+
+FIGURES = ("geometry", "dynamics", "comparison", "cost")
+FORMATS = ("png", "pdf")
+PAGE = "paper.md"
+
+
+@dataclass(frozen=True, slots=True)
+class Paper:
+    """What `make_paper` made."""
+
+    page: Page
+    files: tuple[Path, ...]
+    """The page as Markdown, then the pictures."""
+    rows: tuple[BenchRow, ...]
+    """Of the comparison; empty if that was not wanted."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Work:
+    """What all figures need: the specification, the folder, how to work."""
+
+    spec: BenchSpec
+    folder: Path
+    formats: tuple[str, ...]
+    jobs: int
+    cost_farms: tuple[str, ...]
+    dynamics_farms: tuple[str, ...]
+    progress: Progress
+
+    def paths(self, name: str) -> list[Path]:
+        """Return the files of a picture, one for each format."""
+        return [self.folder / f"{name}.{one}" for one in self.formats]
+
+    def picture(self, name: str, shows: str) -> Picture:
+        """Return a picture for the page: the PNG, if there is one."""
+        suffix = FORMATS[0] if FORMATS[0] in self.formats else self.formats[0]
+        return Picture(f"{name}.{suffix}", shows)
+
+
+def make_paper(
+    spec: BenchSpec,
+    out: str | Path,
+    *,
+    figures: Sequence[str] = FIGURES,
+    formats: Sequence[str] = FORMATS[:1],
+    jobs: int = 1,
+    cost_farms: Sequence[str] = FARMS,
+    dynamics_farms: Sequence[str] = (),
+    progress: Progress = silent,
+) -> Paper:
+    """Make some of the `FIGURES` of the paper in some `FORMATS`, and a page with their captions.
+
+    Flights, maps and costs are kept in the folder: a second call only draws. What is compared is in one
+    scenario; the first seed is the environment that is shown, the days are those of its farm or of
+    `dynamics_farms`. Costs are measured on `cost_farms`.
+
+    Raises
+    ------
+    ResultError
+        If a figure or a format is unknown, there is more than one scenario, or a file there is damaged.
+    WbfMissionError
+        If a farm is unknown, or a run gives nothing to be shown.
+    BenchmarkInterrupted, KeyboardInterrupt
+        At Ctrl-C; what was done is kept.
+    """
+    for what, given, known in (("figure", figures, FIGURES), ("format", formats, FORMATS)):
+        wrong = next((one for one in given if one not in known), None)
+        if wrong is not None or not given:
+            name = f"unknown {what} {wrong!r}" if wrong is not None else f"no {what} is given"
+            raise ResultError(f"{name}: known are {', '.join(known)}")
+    if len(spec.scenarios) != 1:
+        raise ResultError(f"{len(spec.scenarios)} scenarios: the paper's comparison is of one; give one")
+    for farm in (*cost_farms, *dynamics_farms):
+        get_farm(farm)
+    folder = Path(out)
+    folder.mkdir(parents=True, exist_ok=True)
+    unique = tuple(dict.fromkeys(formats))
+    work = _Work(spec, folder, unique, jobs, tuple(cost_farms), tuple(dynamics_farms), progress)
+    rows: list[BenchRow] = []
+    sections = []
+    for name in (one for one in FIGURES if one in figures):
+        if name == "geometry":
+            sections.append(_geometry(work))
+        elif name == "dynamics":
+            sections.append(_dynamics(work))
+        elif name == "comparison":
+            section, rows = _comparison(work)
+            sections.append(section)
+        else:
+            sections.append(_cost(work))
+    page = Page("The figures of the Waterberry Farms paper", _ABOUT, tuple(sections))
+    page.write(folder / PAGE)
+    stems = [Path(picture.file).stem for section in sections for picture in section.pictures]
+    return Paper(page, (folder / PAGE, *(path for stem in stems for path in work.paths(stem))), tuple(rows))
+
+
+_ABOUT = (
+    "Made by wbf-mission bench paper. After S. Matloob, P. P. Datta, O. P. Kreidl, A. Dutta, S. Roy and"
+    " L. Bölöni, “Waterberry Farms: A Novel Benchmark For Informative Path Planning”, arXiv:2305.06243."
+)
+
+
+def _geometry(work: _Work) -> Section:
+    plot_geometry(work.paths("geometry"))
+    caption = (
+        "The farms of the benchmark; one cell is one square foot. What lies outside the dashed line is the"
+        " neighbours': diseases spread there, too, but it is not scored."
+    )
+    return Section("The farms", caption, (work.picture("geometry", "The farms"),))
+
+
+def _dynamics(work: _Work) -> Section:
+    name, scenario = work.spec.scenarios[0]
+    seeds, title = work.spec.seeds, f"{len(DAYS)} days of the environment"
+    drawn = {f"dynamics-{one}": scenario_with(scenario, {"farm": one}) for one in work.dynamics_farms}
+    pictures, farms = [], []
+    for file, one in (drawn or {"dynamics": scenario}).items():
+        dynamics = Dynamics.of(one, seeds, work.progress)
+        plot_dynamics(dynamics, work.paths(file))
+        pictures.append(work.picture(file, f"{len(DAYS)} days of {dynamics.farm.name}"))
+        farms.append(dynamics.farm.name)
+    right = "what becomes of it"
+    if len(seeds) > 1:
+        right = f"the mean of {len(seeds)} environments with the range from the lowest to the highest"
+    caption = (
+        f"{len(DAYS)} days of {' and '.join(farms)} ({name}): the environment of seed {seeds[0]}, and on the"
+        f" right {right}. Of a large farm a pixel is its sickest plant. Grey: no concern of the field."
+    )
+    return Section(title, caption, tuple(pictures))
+
+
+def _comparison(work: _Work) -> tuple[Section, list[BenchRow]]:
+    spec = work.spec
+    name, scenario = spec.scenarios[0]
+    rows = benchmark(spec, out=work.folder / "runs", jobs=work.jobs, progress=work.progress)
+    first = spec.seeds[0]
+    failed = {row.key for row in rows if row.error is not None}
+    runs = [
+        run for run in itertools.islice(spec.runs(), len(spec) // len(spec.seeds)) if run.key not in failed
+    ]
+    shown = shown_runs(runs, work.folder / "shown", jobs=work.jobs, progress=work.progress)
+    colours = {str(one): LINE_COLOURS[k % len(LINE_COLOURS)] for k, one in enumerate(spec.planners)}
+    # An estimator that failed with each planner has nothing to be shown.
+    estimators = [str(one) for one in spec.estimators if any(own == str(one) for _, own in shown)]
+    if not estimators:
+        msg = f"comparison: every run on seed {first} failed; {next(row.error for row in rows if row.error)}"
+        raise FlightError(msg)
+    of_first = [row for row in rows if row.seed == first and row.error is None]
+    pictures = []
+    for number, estimator in enumerate(estimators, 1):
+        file = f"comparison-{number}"
+        plot_pairs(scenario, estimator, shown, of_first, colours, work.paths(file))
+        pictures.append(work.picture(file, f"{estimator}: path, truth, estimate and score of each planner"))
+    plot_scores(rows, estimators, colours, work.paths("comparison-scores"))
+    each = "; ".join(f"{one.file}: {of}" for one, of in zip(pictures, estimators, strict=True))
+    pictures.append(work.picture("comparison-scores", "Mean score over time"))
+    caption = (
+        f"Planners with estimators in {name}. A picture for each estimator ({each}) shows the environment"
+        f" of seed {first}: the path flown, the truth and the last estimate of the diseases, each on the"
+        " plants that it can befall, and the score over time (thin: the other planners). The last picture is"
+        f" the mean score over {len(spec.seeds)} environments with its interval of 95 %. 0 is perfect."
+    )
+    found = standings(rows)
+    scores = standing_table("Scores over the run and at its end", found)
+    tables = (
+        *(scores, field_table(found)),
+        *(early_table(rows), lead_table(rows), pair_table(rows), fall_table(rows)),
+        authors_table(of_first, shown),
+    )
+    return Section("Planners and estimators", caption, tuple(pictures), tables), rows
+
+
+def _cost(work: _Work) -> Section:
+    costs = measured_costs(work.folder / "cost.json", farms=work.cost_farms, progress=work.progress)
+    plot_costs(costs, work.paths("cost"))
+    caption = (
+        "Processor seconds, on one thread, of one estimate of the three fields over the whole farm from"
+        " nothing, against the number of observations in random cells; on the right of one score of the whole"
+        f" farm. A cross: more than {LIMIT_S:g} s, or refused as too much. Measured on {costs[0].machine}."
+    )
+    return Section("What it costs", caption, (work.picture("cost", "What it costs"),))

@@ -1,0 +1,98 @@
+"""Which scenarios of the catalogue are environments, by which interface, and why the others are not."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import gymnasium
+
+from mission.planners import parse_budget
+from sim_vehicle.airframe.catalog import get_vehicle
+from wbf_mission.scenario import Scenario, load_scenario, scenario_ids
+
+
+@dataclass(frozen=True, slots=True)
+class Interfaces:
+    """How a scenario can be trained in; each is empty if it can, else it says in a line why not."""
+
+    name: str
+    single: str
+    """`gymnasium.make`, and `gymnasium.make_vec` with ``vectorization_mode="sync"`` or ``"async"``."""
+    batched: str
+    """`gymnasium.make_vec` without a mode, which makes many runs in arrays (`SurveyVectorEnv`)."""
+    parallel: str
+    """`parallel_env`."""
+
+    def __str__(self) -> str:
+        had = [
+            word
+            for word, missing in (
+                ("make", self.single),
+                ("make_vec", self.batched),
+                ("parallel_env", self.parallel),
+            )
+            if not missing
+        ]
+        why = self.parallel or self.single or self.batched
+        return f"{self.name}: {', '.join(had) or 'none'}{f' ({why})' if why else ''}"
+
+
+def interfaces() -> tuple[Interfaces, ...]:
+    """Return what holds of each id of the catalogue, in their order.
+
+    >>> [str(one) for one in interfaces() if one.name == "WBF/Miniberry-10-v1"]
+    ['WBF/Miniberry-10-v1: make, make_vec, parallel_env']
+    """
+    return tuple(interfaces_of(name) for name in scenario_ids())
+
+
+def interfaces_of(name: str) -> Interfaces:
+    """Return what holds of one id or scenario file."""
+    scenario = load_scenario(name)
+    unfit = why_not_stepped(scenario)
+    several = unfit or why_not_single(scenario)
+    return Interfaces(name, several, several or why_not_batched(scenario), unfit)
+
+
+def why_not_stepped(scenario: Scenario) -> str:
+    """Return why the robots of a scenario cannot be moved cell by cell; empty if they can."""
+    for one in scenario.vehicle.fleet:
+        if not get_vehicle(one).is_ideal:
+            return f'{one} flies under an autopilot, only "ideal" can be moved cell by cell'
+    if scenario.vehicle.gps_noise_m > 0.0:
+        return "the robot errs about where it is, which a move from cell to cell does not"
+    budget = scenario.mission.budget
+    value, unit = (0.0, "") if budget is None else parse_budget(budget)
+    if unit != "steps" or value < 2:
+        return f"the budget is {budget or 'not given'}; give two steps or more, such as 500steps"
+    return ""
+
+
+def why_not_single(scenario: Scenario) -> str:
+    """Return why a scenario that can be stepped is no environment of one robot; empty if it is."""
+    robots = len(scenario.vehicle.fleet)
+    if robots == 1:
+        return ""
+    return f"{robots} robots fly: take wbf_mission.addons.rl.parallel_env"
+
+
+def why_not_batched(scenario: Scenario) -> str:
+    """Return why an environment of one robot is not batched; empty if it is."""
+    of = scenario.farm
+    if of.days * of.flights_per_day > 1:
+        return "runs of several flights are not batched"
+    return "images of several cells are not batched" if scenario.camera.footprint > 1 else ""
+
+
+def register_all() -> None:
+    """Register the ids of the catalogue, if they are new; making one that cannot be says why."""
+    for one in interfaces():
+        if one.name not in gymnasium.registry:
+            gymnasium.register(
+                one.name,
+                entry_point="wbf_mission.addons.rl.env:SurveyEnv",
+                vector_entry_point=None
+                if one.batched
+                else "wbf_mission.addons.rl.vector_env:SurveyVectorEnv",
+                kwargs={"scenario": one.name},
+            )

@@ -1,0 +1,164 @@
+"""Gymnasium's environment of one robot."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import numpy as np
+from numpy.typing import NDArray
+
+from sensors.estimators import Estimator
+from wbf_mission.addons.rl.catalogue import why_not_single
+from wbf_mission.addons.rl.episode import Episode
+from wbf_mission.addons.rl.errors import TrainingError
+from wbf_mission.addons.rl.observing import Shown
+from wbf_mission.addons.rl.rendering import ARRAY, FRAMES_A_SECOND, HUMAN, Rendering
+from wbf_mission.addons.rl.task import SurveyTask, checked_moves
+from wbf_mission.scenario import Scenario
+
+Observation = dict[str, Any]
+_FIRST_DRAWN, _LAST_DRAWN = 2**32, 2**63
+
+
+class SurveyEnv(gymnasium.Env[Observation, Any]):
+    """A robot surveys a farm; an episode is a run of the scenario, over all of its days.
+
+    Actions, observations, rewards and their formulas are on the page docs/training.md.
+
+    Parameters
+    ----------
+    scenario : Scenario, str or path-like
+        Of one of the paper's robots; an id such as ``WBF/Miniberry-30-v1``, or a file.
+    estimator : Estimator or str
+        Who makes the map.
+    block : int, optional
+        Cells along a side of a block of the maps that are shown; by default 1, and on farms of more than 64
+        cells along a side as many as make 64 blocks.
+    render_mode : {"rgb_array", "human"}, optional
+        What `render` gives: a frame, or nothing but a window, which follows every step.
+    render_field : str, optional
+        Which field is drawn; by default the one with the largest weight in the score.
+
+    Raises
+    ------
+    TrainingError
+        If the scenario is none of one of the paper's robots, or cannot be shown so.
+    WbfMissionError
+        If the scenario or the estimator is unknown.
+    """
+
+    metadata: dict[str, Any] = {  # noqa: RUF012 (Gymnasium's own)
+        "render_modes": [HUMAN, ARRAY],
+        "render_fps": FRAMES_A_SECOND,
+    }
+
+    def __init__(
+        self,
+        scenario: Scenario | str | Path = "WBF/Miniberry-30-v1",
+        estimator: Estimator | str = "adaptive-disk",
+        block: int | None = None,
+        render_mode: str | None = None,
+        render_field: str | None = None,
+    ) -> None:
+        self.task = SurveyTask.of(scenario, estimator)
+        several = why_not_single(self.task.scenario)
+        if several:
+            raise TrainingError(several)
+        self.render_mode = render_mode
+        self._rendering = Rendering(self.task, render_mode, render_field)
+        self.shown = Shown(self.task, block)
+        self.observation_space = self.shown.space()
+        self.action_space = self.shown.action_space()
+        self._episode: Episode | None = None
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Observation, dict[str, Any]]:
+        """Begin a run.
+
+        Parameters
+        ----------
+        seed : int, optional
+            The environment is that of ``bench run`` with this seed. Without, one is drawn, from 2^32 on: none
+            that a benchmark has.
+        options : dict, optional
+            Not used.
+        """
+        super().reset(seed=seed, options=options)
+        self._end()
+        episode = self._episode = Episode(self.task, run_seed(seed, self.np_random))
+        if self.render_mode == HUMAN:
+            self.render()
+        return observations_of(self.shown, episode)[0], {"environment": episode.seed}
+
+    def step(self, action: Any) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
+        """Move; the episode is terminated when the budget of the last flight is spent.
+
+        TrainingError if the action is not a whole number 0 to 4, or there is no episode that goes on.
+        """
+        episode = self._episode
+        if episode is None or episode.ended:
+            raise TrainingError("the episode is over, or was not begun: call reset")
+        reward = episode.move([int(checked_moves(action, (), "action"))])
+        if self.render_mode == HUMAN:
+            self.render()
+        info: dict[str, Any] = end_info(episode) if episode.ended else {}
+        return observations_of(self.shown, episode)[0], reward, episode.ended, False, info
+
+    def action_masks(self) -> NDArray[np.bool_]:
+        """Return which actions move the robot or are meant to stay, bool[5]: what MaskablePPO asks for."""
+        masks: NDArray[np.bool_] = self.task.possible(self._begun().cells)[0]
+        return masks
+
+    def render(self) -> NDArray[np.uint8] | None:
+        """Return a frame, uint8[height, width, 3]; None if a window has it, or there is no render mode."""
+        return self._rendering.frame(self._begun().scene())
+
+    def close(self) -> None:
+        """End the run that is open, if any, and close the window."""
+        self._end()
+        self._rendering.close()
+
+    def _begun(self) -> Episode:
+        if self._episode is None:
+            raise TrainingError("no episode was begun: call reset")
+        return self._episode
+
+    def _end(self) -> None:
+        if self._episode is not None:
+            self._episode.close()
+            self._episode = None
+
+
+def run_seed(seed: int | None, rng: np.random.Generator) -> int:
+    """Return the seed of a run: the one that is given, or one that is drawn and no benchmark has."""
+    return int(rng.integers(_FIRST_DRAWN, _LAST_DRAWN)) if seed is None else seed
+
+
+def end_info(episode: Episode) -> dict[str, Any]:
+    """Return what is told when a run is over."""
+    return {
+        "score": episode.score,
+        "final_score": episode.final_score,
+        "loss_before": episode.returns.loss_before,
+    }
+
+
+def observations_of(shown: Shown, episode: Episode) -> list[Observation]:
+    """Return what each robot is shown."""
+    model = episode.model()
+    positions = shown.positions(episode.cells)
+    maps = {
+        "value": shown.maps(model.value),
+        "uncertainty": shown.maps(model.uncertainty),
+        "seen": shown.maps(episode.seen[None])[0],
+    }
+    found: list[Observation] = []
+    for robot, position in enumerate(positions):
+        own = {name: array.copy() for name, array in maps.items()}
+        found.append({"position": position, "left": np.array(episode.left, np.float32), **own})
+        if len(positions) > 1:
+            found[robot]["others"] = np.delete(positions, robot, axis=0)
+    return found

@@ -1,0 +1,244 @@
+"""One run of the paper's robots, move by move, with the very parts that a flight has; and its rewards.
+
+With the loss L_0 of the estimate before anything was seen, and L_1, ... L_c at the c scored times, the k-th
+scored time gives::
+
+    r_k = (c - k + 1) / c * (L_{k-1} - L_k)
+
+what the estimate became better by, times the part of the scored times that profits from it. The sum of all is
+``L_0 - mean(L_1 ... L_c)``, the score of the run (`sensors.scoring.score`) plus the constant L_0, which no
+action changes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from geo.seeds import stream
+from sensors.camera.leaf_camera import LeafCamera, footprint_offsets
+from sensors.estimation import RunEstimate, attribute_errors_to, prepare_days
+from sensors.estimators import advance_estimator
+from sensors.observations import Observations
+from sensors.scoring.information import InformationModel
+from sensors.scoring.score import RunningScore, ScoreWeights
+from wbf_mission.addons.rl.drawing import Scene
+from wbf_mission.addons.rl.task import MOVES, SurveyTask
+from wbf_mission.planning.assignment import SortieNumber
+from wbf_mission.progress import silent
+
+
+class Episode:
+    """A run of a task on the environment of a seed.
+
+    As in a flight, an image arrives when the robot has moved on: the one at home with the one after the first
+    move, those of one robot after those of the one before it. Equal seeds give the same environment and the
+    same errors of the camera.
+
+    `cells`, int64[robots, 2], is where the robots are, `moved` the moves of each in this flight, `path` the
+    cells of these moves, home first, and `seen`, float32[W, H], is 1 where something was seen in the run.
+    """
+
+    def __init__(self, task: SurveyTask, seed: int) -> None:
+        self.task, self.seed = task, seed
+        self._environment = task.environment(seed)
+        self._learner = task.estimator(seed)
+        of = task.scenario.farm
+        prepare_days(self._learner, of.day, of.days, silent)
+        with attribute_errors_to(self._learner):
+            advance_estimator(self._learner, of.day)
+        masks = task.fields.masks(task.grid)
+        weights = ScoreWeights.of(task.fields)
+        self.truth = self._environment.values(of.day)
+        score = RunningScore(self.truth, masks, weights, task.fields)
+        self._estimate = RunEstimate(self._learner, score, task.every, of.day)
+        self.returns = Returns(task.points, score.evaluate(self.model()).loss)
+        self._scored = 0
+        self.seen = np.zeros(task.grid.shape, np.float32)
+        self._flight = 0
+        self._actions: list[list[int]] = []
+        self._begin_flight()
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Copy by moving again: what an estimator and its thread are doing cannot be copied."""
+        return _again, (self.task, self.seed, self._actions)
+
+    def model(self) -> InformationModel:
+        """Return what is believed now, in the estimator's own arrays."""
+        return self._estimate.current()
+
+    def close(self) -> None:
+        """Give up the run."""
+        self._estimate.close()
+
+    @property
+    def flight(self) -> tuple[int, int]:
+        """Day and number on that day of the flight, of the last one when the run is over."""
+        return self.task.flights[min(self._flight, len(self.task.flights) - 1)]
+
+    @property
+    def day(self) -> int:
+        """The day that is flown."""
+        return self.flight[0]
+
+    @property
+    def ended(self) -> bool:
+        """Whether the run is over."""
+        return self._flight == len(self.task.flights)
+
+    @property
+    def left(self) -> tuple[float, float]:
+        """Which part of the moves is left, of this flight and of the run."""
+        if self.ended:
+            return 0.0, 0.0
+        a_flight = self.task.steps - 1
+        done = self._flight * a_flight + self.moved
+        return 1.0 - self.moved / a_flight, 1.0 - done / self.task.moves
+
+    @property
+    def score(self) -> float:
+        """The score of the run so far; 0 is perfect."""
+        score = self._estimate.history.score
+        return float("nan") if score is None else score
+
+    @property
+    def final_score(self) -> float:
+        """The score at the last scored time."""
+        scores = self._estimate.history.scores
+        return scores[-1] if scores else float("nan")
+
+    def move(self, actions: Sequence[int]) -> float:
+        """Move every robot, learn what is seen, and return the reward.
+
+        A robot whose move leads to where it must not fly stays; that costs the step, too. After the last
+        move of a flight the robots are at home again, for the next one.
+        """
+        self._actions.append(list(actions))
+        task, (width, height) = self.task, self.task.grid.shape
+        before = self.cells.copy()
+        for robot, action in enumerate(actions):
+            x, y = (self.cells[robot] + MOVES[action]).tolist()
+            if 0 <= x < width and 0 <= y < height and task.allowed[x, y]:
+                self.cells[robot] = x, y
+        for robot in range(task.robots):
+            if self.moved == 0:
+                self._look(robot, before[robot])
+            self._look(robot, self.cells[robot])
+        self.moved += 1
+        self.path.append(self.cells.copy())
+        if self.moved == task.steps - 1:
+            self._end_flight()
+        # Who waits for the estimate has the scores, too.
+        self.model()
+        entries = self._estimate.history.entries
+        reward = self.returns.add([one.loss for one in entries[self._scored :]])
+        self._scored = len(entries)
+        return reward + self.returns.rest(self.score) if self.ended else reward
+
+    def scene(self) -> Scene:
+        """Return what a picture of the run shows."""
+        model, path = self.model(), np.array(self.path)
+        return Scene(
+            truth=self.truth,
+            value=model.value,
+            uncertainty=model.uncertainty,
+            paths=list(np.swapaxes(path, 0, 1)),
+            flight=self.flight,
+            left=self.left,
+            score=self.score,
+        )
+
+    def _begin_flight(self) -> None:
+        task = self.task
+        day, flight = task.flights[self._flight]
+        self.cells = np.tile(np.array(task.home), (task.robots, 1))
+        self.moved = 0
+        self.path = [self.cells.copy()]
+        self._cameras = []
+        for robot in range(task.robots):
+            number = SortieNumber(day, flight, robot + 1, task.scenario.farm.day)
+            rng = stream(self.seed, *number.stream_names("camera"))
+            self._cameras.append(
+                LeafCamera(self._environment, task.grid.shape, day, task.cameras[robot], rng)
+            )
+
+    def _end_flight(self) -> None:
+        day = self.day
+        self._estimate.end_flight(0.0)
+        self._flight += 1
+        if self.ended:
+            return
+        if self.day != day:
+            self.truth = self._environment.values(self.day)
+            self._estimate.begin_day(self.day, self.truth, 0.0)
+        self._begin_flight()
+
+    def _look(self, robot: int, cell: NDArray[np.integer]) -> None:
+        """Learn from an image of a robot; cells beyond the farm's border give nothing."""
+        x, y = (int(along) for along in cell)
+        values = self._cameras[robot].capture([x], [y])[0]
+        dx, dy = footprint_offsets(self.task.camera.footprint_cells)
+        kept = ~np.isnan(values).all(axis=1)
+        count = int(np.count_nonzero(kept))
+        self.seen[x + dx[kept], y + dy[kept]] = 1.0
+        time_s, day = np.full(count, float(self.moved)), np.full(count, self.day)
+        names = self.task.fields.names
+        self._estimate.add([Observations(x + dx[kept], y + dy[kept], time_s, day, values[kept], names)])
+
+
+def _again(task: SurveyTask, seed: int, actions: list[list[int]]) -> Episode:
+    episode = Episode(task, seed)
+    for one in actions:
+        episode.move(one)
+    return episode
+
+
+def rewards_of(
+    number: NDArray[np.integer], points: int, before: NDArray[np.float64], after: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return the reward of the scored times with these numbers, from 1, of `points`.
+
+    `before` and `after` are the losses at the scored time before each, and at it, float64[n].
+
+    >>> rewards_of(np.array([1, 2]), 2, np.array([3.0, 2.0]), np.array([2.0, 0.0])).tolist()
+    [1.0, 1.0]
+    """
+    part = np.maximum(points - number + 1, 0) / points
+    rewards: NDArray[np.float64] = part * (before - after)
+    return rewards
+
+
+class Returns:
+    """The rewards of one run, from the loss of the estimate before anything was seen.
+
+    `points` is how often the estimate is scored in a run all of whose images lie on the farm.
+    """
+
+    def __init__(self, points: int, loss: float) -> None:
+        self.points = points
+        self.loss_before = loss
+        self.total = 0.0
+        self._last = loss
+        self._count = 0
+
+    def add(self, losses: list[float]) -> float:
+        """Return the reward of the next scored times."""
+        reward = 0.0
+        for loss in losses:
+            self._count += 1
+            number, before, after = np.array([self._count]), np.array([self._last]), np.array([loss])
+            reward += float(rewards_of(number, self.points, before, after)[0])
+            self._last = loss
+        self.total += reward
+        return reward
+
+    def rest(self, score: float) -> float:
+        """Return what is missing at the end; not 0 only if images beyond the border made times fewer."""
+        if self._count == self.points:
+            return 0.0
+        rest = self.loss_before + score - self.total
+        self.total += rest
+        return rest

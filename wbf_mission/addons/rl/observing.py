@@ -1,0 +1,107 @@
+"""What an agent is shown: where it is, what is left, and the estimate with its uncertainty; never the truth.
+
+Maps hold the means of square blocks of cells, as coarse as it takes for at most `MOST_BLOCKS` along a side.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from gymnasium import spaces
+
+from geo.compiled import compiled
+from wbf_mission.addons.rl.errors import TrainingError
+from wbf_mission.addons.rl.task import MOVE_NAMES, SurveyTask
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+MOST_BLOCKS = 64
+
+
+class Shown:
+    """The spaces of a task, and its observations.
+
+    Parameters
+    ----------
+    block : int, optional
+        Cells along a side of a block of the maps; by default the least that `MOST_BLOCKS` allow.
+
+    Attributes
+    ----------
+    map_shape : tuple of int
+        Blocks along x and y.
+
+    Raises
+    ------
+    TrainingError
+        If the block is not a whole number of cells within the farm.
+    """
+
+    def __init__(self, task: SurveyTask, block: int | None = None) -> None:
+        width, height = task.grid.shape
+        longest = max(width, height)
+        self.task = task
+        self.block = -(-longest // MOST_BLOCKS) if block is None else block
+        if not isinstance(self.block, int) or not 1 <= self.block <= longest:
+            raise TrainingError(f"block {block!r}: give a whole number of cells from 1 to {longest}")
+        self.map_shape = -(-width // self.block), -(-height // self.block)
+
+    def action_space(self) -> spaces.Discrete[Any]:
+        """Return the space of the moves of one robot."""
+        return spaces.Discrete(len(MOVE_NAMES))
+
+    def space(self) -> spaces.Dict:
+        """Return the space of what one robot is shown."""
+        maps = (len(self.task.fields), *self.map_shape)
+        parts: dict[str, spaces.Space[Any]] = {
+            "position": _unit((2,)),
+            "left": _unit((2,)),
+            "value": _unit(maps),
+            "uncertainty": _unit(maps),
+            "seen": _unit(self.map_shape),
+        }
+        if self.task.robots > 1:
+            parts["others"] = _unit((self.task.robots - 1, 2))
+        return spaces.Dict(parts)
+
+    def positions(self, cells: NDArray[np.integer]) -> NDArray[np.float32]:
+        """Return the centres of cells as parts of the farm's width and height, float32[..., 2]."""
+        parts: NDArray[np.float64] = (cells + 0.5) / np.array(self.task.grid.shape)
+        return parts.astype(np.float32)
+
+    def maps(self, array: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Return the means of the blocks within 0..1, float32[n, blocks along x, blocks along y]."""
+        out = np.empty((len(array), *self.map_shape), np.float32)
+        block_means(np.ascontiguousarray(array), self.block, out)
+        return out
+
+
+def _unit(shape: tuple[int, ...]) -> spaces.Box:
+    return spaces.Box(0.0, 1.0, shape, np.float32)
+
+
+@compiled(nogil=True, allocates=False)
+def block_means(array: NDArray[np.float32], block: int, out: NDArray[np.float32]) -> None:
+    """Write the means of the square blocks of maps, limited to 0..1, into an array of the maps' own blocks.
+
+    Parameters
+    ----------
+    array : float32[n, W, H]
+    block : int
+        Cells along a side; blocks at the far borders are cut off.
+    out : float32[n, ceil(W / block), ceil(H / block)]
+    """
+    number, width, height = array.shape
+    for k in range(number):
+        for column in range(out.shape[1]):
+            x0, x1 = column * block, min((column + 1) * block, width)
+            for row in range(out.shape[2]):
+                y0, y1 = row * block, min((row + 1) * block, height)
+                total = 0.0
+                for x in range(x0, x1):
+                    for y in range(y0, y1):
+                        total += array[k, x, y]
+                mean = total / ((x1 - x0) * (y1 - y0))
+                out[k, column, row] = np.float32(min(max(mean, 0.0), 1.0))

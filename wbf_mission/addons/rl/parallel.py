@@ -1,0 +1,155 @@
+"""PettingZoo's environment of robots that move at the same time."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+from gymnasium import spaces
+from gymnasium.utils import seeding
+from numpy.typing import NDArray
+from pettingzoo import ParallelEnv
+
+from geo.texts import one_line
+from sensors.estimators import Estimator
+from wbf_mission.addons.rl.env import Observation, end_info, observations_of, run_seed
+from wbf_mission.addons.rl.episode import Episode
+from wbf_mission.addons.rl.errors import TrainingError
+from wbf_mission.addons.rl.observing import Shown
+from wbf_mission.addons.rl.rendering import ARRAY, FRAMES_A_SECOND, HUMAN, Rendering
+from wbf_mission.addons.rl.task import SurveyTask, checked_moves
+from wbf_mission.scenario import Scenario
+
+
+class SurveyParallelEnv(ParallelEnv):  # type: ignore[misc]  # PettingZoo is not typed
+    """Robots survey a farm together; each is rewarded for what all have learned.
+
+    Parameters
+    ----------
+    scenario, estimator, block, render_mode, render_field
+        As of `wbf_mission.addons.rl.env.SurveyEnv`, of one or several of the paper's robots.
+
+    Raises
+    ------
+    TrainingError, WbfMissionError
+        As of `wbf_mission.addons.rl.env.SurveyEnv`.
+    """
+
+    metadata: ClassVar[dict[str, Any]] = {
+        "name": "wbf_survey_v1",
+        "render_modes": [HUMAN, ARRAY],
+        "render_fps": FRAMES_A_SECOND,
+    }
+
+    def __init__(
+        self,
+        scenario: Scenario | str | Path = "WBF/Miniberry-30-Robots-2-v1",
+        estimator: Estimator | str = "adaptive-disk",
+        block: int | None = None,
+        render_mode: str | None = None,
+        render_field: str | None = None,
+    ) -> None:
+        self.task = SurveyTask.of(scenario, estimator)
+        self.render_mode = render_mode
+        self._rendering = Rendering(self.task, render_mode, render_field)
+        self.shown = Shown(self.task, block)
+        self.possible_agents = [f"robot_{number + 1}" for number in range(self.task.robots)]
+        self.agents: list[str] = []
+        self.observation_spaces = {agent: self.shown.space() for agent in self.possible_agents}
+        self.action_spaces = {agent: self.shown.action_space() for agent in self.possible_agents}
+        self._rng: np.random.Generator | None = None
+        self._episode: Episode | None = None
+
+    def observation_space(self, agent: str) -> spaces.Dict:
+        """Return the space of what a robot is shown."""
+        return self.observation_spaces[agent]
+
+    def action_space(self, agent: str) -> spaces.Discrete[Any]:
+        """Return the space of a robot's moves."""
+        return self.action_spaces[agent]
+
+    def reset(
+        self,
+        seed: int | None = None,
+        options: dict[str, Any] | None = None,  # noqa: ARG002 (PettingZoo's signature)
+    ) -> tuple[dict[str, Observation], dict[str, dict[str, Any]]]:
+        """Begin a run, as `wbf_mission.addons.rl.env.SurveyEnv.reset`."""
+        if seed is not None or self._rng is None:
+            self._rng, _ = seeding.np_random(seed)
+        self._end()
+        episode = self._episode = Episode(self.task, run_seed(seed, self._rng))
+        self.agents = list(self.possible_agents)
+        if self.render_mode == HUMAN:
+            self.render()
+        return self._by_agent(episode), {agent: {"environment": episode.seed} for agent in self.agents}
+
+    def step(
+        self, actions: dict[str, Any]
+    ) -> tuple[
+        dict[str, Observation],
+        dict[str, float],
+        dict[str, bool],
+        dict[str, bool],
+        dict[str, dict[str, Any]],
+    ]:
+        """Move all robots; one that is given no move stays. All end together.
+
+        TrainingError if a robot is unknown, an action is not a whole number 0 to 4, or there is no episode
+        that goes on; then nobody has moved.
+        """
+        episode, agents = self._episode, self.agents
+        if episode is None or not agents:
+            raise TrainingError("the episode is over, or was not begun: call reset")
+        unknown = sorted(map(str, set(actions) - set(agents)))
+        if unknown:
+            raise TrainingError(f"actions: there is no {one_line(unknown[0])}; there are {', '.join(agents)}")
+        moves = [int(checked_moves(actions.get(agent, 0), (), f"action of {agent}")) for agent in agents]
+        reward = episode.move(moves)
+        if self.render_mode == HUMAN:
+            self.render()
+        info = end_info(episode) if episode.ended else {}
+        observations = self._by_agent(episode)
+        if episode.ended:
+            self.agents = []
+        return (
+            observations,
+            dict.fromkeys(agents, reward),
+            dict.fromkeys(agents, episode.ended),
+            dict.fromkeys(agents, False),
+            {agent: dict(info) for agent in agents},
+        )
+
+    def action_masks(self) -> dict[str, NDArray[np.bool_]]:
+        """Return by robot which actions move it or are meant to stay, bool[5] each."""
+        return dict(zip(self.possible_agents, self.task.possible(self._begun().cells), strict=True))
+
+    def render(self) -> NDArray[np.uint8] | None:
+        """As `wbf_mission.addons.rl.env.SurveyEnv.render`."""
+        return self._rendering.frame(self._begun().scene())
+
+    def close(self) -> None:
+        """End the run that is open, if any, and close the window."""
+        self._end()
+        self.agents = []
+        self._rendering.close()
+
+    def _begun(self) -> Episode:
+        if self._episode is None:
+            raise TrainingError("no episode was begun: call reset")
+        return self._episode
+
+    def _end(self) -> None:
+        if self._episode is not None:
+            self._episode.close()
+            self._episode = None
+
+    def _by_agent(self, episode: Episode) -> dict[str, Observation]:
+        return dict(zip(self.possible_agents, observations_of(self.shown, episode), strict=True))
+
+
+def parallel_env(
+    scenario: Scenario | str | Path = "WBF/Miniberry-30-Robots-2-v1", **options: Any
+) -> SurveyParallelEnv:
+    """Return the PettingZoo environment of a scenario, as such modules do; see `SurveyParallelEnv`."""
+    return SurveyParallelEnv(scenario, **options)

@@ -1,0 +1,103 @@
+"""The render modes of Gymnasium: frames as arrays, and a window by pygame."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import gymnasium
+
+from wbf_mission.addons.rl.drawing import Drawing, Scene
+from wbf_mission.addons.rl.errors import TrainingError
+from wbf_mission.addons.rl.task import SurveyTask
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+FRAMES_A_SECOND = 15
+HUMAN, ARRAY = "human", "rgb_array"
+
+
+class Rendering:
+    """What an environment shows of its runs.
+
+    Parameters
+    ----------
+    mode : str or None
+        One of `modes`; None shows nothing.
+    field : str or None
+        As of `wbf_mission.addons.rl.drawing.Drawing`.
+
+    Raises
+    ------
+    TrainingError
+        If mode or field is unknown, or a library is missing.
+    """
+
+    def __init__(
+        self, task: SurveyTask, mode: str | None, field: str | None, modes: Sequence[str] = (HUMAN, ARRAY)
+    ) -> None:
+        if mode is not None and mode not in modes:
+            raise TrainingError(f"render_mode {mode!r}: give {' or '.join(modes)}")
+        self.mode = mode
+        self._drawing = None if mode is None else Drawing(task, field)
+        self._window = Window() if mode == HUMAN else None
+
+    def frame(self, scene: Scene) -> NDArray[np.uint8] | None:
+        """Return what ``render()`` does: a frame, None if it is for a window, which then shows it."""
+        if self._drawing is None:
+            gymnasium.logger.warn('render() shows nothing: make the environment with render_mode="rgb_array"')
+            return None
+        frame = self._drawing.frame(scene)
+        if self._window is None:
+            return frame
+        self._window.show(frame)
+        return None
+
+    def close(self) -> None:
+        """Close the window, if there is one."""
+        if self._window is not None:
+            self._window.close()
+
+
+class Window:
+    """Shows frames, no more than `FRAMES_A_SECOND`; it opens with the first one. A copy is another window."""
+
+    def __init__(self) -> None:
+        try:
+            import pygame
+        except ImportError:
+            raise TrainingError(
+                "render_mode=\"human\" needs pygame: install with pip install 'wbf-mission[rl]'"
+            ) from None
+        self._pygame = pygame
+        self._screen: Any = None
+        self._clock = pygame.time.Clock()
+
+    def __reduce__(self) -> tuple[type[Window], tuple[()]]:
+        return Window, ()
+
+    def show(self, frame: NDArray[np.uint8]) -> None:
+        """Show a frame, uint8[height, width, 3]; TrainingError where no window can be opened."""
+        pygame = self._pygame
+        if self._screen is None:
+            try:
+                pygame.display.init()
+                self._screen = pygame.display.set_mode(frame.shape[1::-1])
+            except pygame.error as error:
+                raise TrainingError(
+                    f'render_mode="human" can open no window: {error}; run it where there is a display,'
+                    ' or give render_mode="rgb_array"'
+                ) from None
+            pygame.display.set_caption("wbf-mission")
+        self._screen.blit(pygame.surfarray.make_surface(frame.swapaxes(0, 1)), (0, 0))
+        pygame.event.pump()
+        pygame.display.flip()
+        self._clock.tick(FRAMES_A_SECOND)
+
+    def close(self) -> None:
+        """Close the window."""
+        if self._screen is not None:
+            self._pygame.display.quit()
+            self._screen = None

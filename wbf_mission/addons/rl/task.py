@@ -1,0 +1,156 @@
+"""What is to be done in a training environment: a scenario of the paper's robots, in cells and steps."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import shapely
+
+from geo import Farm
+from geo.texts import one_line
+from mission.planners import parse_budget
+from sensors.camera.leaf_camera import LeafCameraOptions
+from sensors.environment import Environment
+from sensors.errors import EstimatorError
+from sensors.estimators import Estimator
+from sensors.field_files import load_field_set
+from sensors.fields import FieldSet
+from wbf_mission.addons.rl.catalogue import why_not_stepped
+from wbf_mission.addons.rl.errors import TrainingError
+from wbf_mission.run.estimation import estimator_of, readings_a_score
+from wbf_mission.run.resolve import cameras_of, make_environment
+from wbf_mission.scenario import Scenario, load_scenario, scenario_with
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from geo.grid import FarmGrid
+
+MOVE_NAMES = ("stay", "east", "north", "west", "south")
+"""The actions by their numbers: along x, along y, and back."""
+MOVES = np.array([(0, 0), (1, 0), (0, 1), (-1, 0), (0, -1)])
+MOVES.flags.writeable = False
+
+
+def checked_moves(actions: object, shape: tuple[int, ...], who: str) -> NDArray[np.int64]:
+    """Return actions as int64 of a shape; TrainingError if they are not whole numbers 0 to 4 of it."""
+    try:
+        moves = np.asarray(actions)
+        fit = moves.shape == shape and moves.dtype.kind in "iu"
+    except ValueError:
+        fit = False
+    if not fit or not ((moves >= 0) & (moves < len(MOVES))).all():
+        whom = f" to each of {shape[0]} runs" if shape else ""
+        told = one_line(repr(actions), 80)
+        raise TrainingError(f"{who} {told}: give a whole number from 0 (stay) to 4 (south){whom}")
+    return moves.astype(np.int64)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SurveyTask:
+    """A scenario that the paper's robots fly: one cell a step, one image of each step's cell."""
+
+    scenario: Scenario  # That names its estimator; its seed is not used
+    farm: Farm
+    grid: FarmGrid
+    fields: FieldSet
+    cameras: tuple[LeafCameraOptions, ...]  # That of each robot
+    home: tuple[int, int]  # The cell in which every flight begins
+    allowed: NDArray[np.bool_]  # bool[W, H]: the cells that may be flown to: the owner's, without obstacles
+    robots: int
+    steps: int  # Images that a robot takes in a flight, the one at home among them; as many moves less one
+    flights: tuple[tuple[int, int], ...]  # Day and number on that day of each flight of the run
+    every: int  # The estimate is scored after so many readings of a flight
+    points: int  # How often it is scored in the run
+
+    @classmethod
+    def of(cls, scenario: Scenario | str | Path, estimator: Estimator | str = "adaptive-disk") -> SurveyTask:
+        """Return the task of a scenario, or of its id or file."""
+        given = scenario if isinstance(scenario, Scenario) else load_scenario(scenario)
+        name = given.farm.name if isinstance(scenario, Scenario) else str(scenario)
+        given = scenario_with(given, {"estimator": estimator})
+        robots = len(given.vehicle.fleet)
+        unfit = why_not_stepped(given)
+        if unfit:
+            raise TrainingError(f"{name}: {unfit}")
+        assert given.mission.budget is not None
+        steps = int(parse_budget(given.mission.budget)[0])
+        farm = given.farm.load()
+        grid, fields = farm.grid(), load_field_set(given.farm.fields)
+        cameras = cameras_of(given, fields)
+        of = given.farm
+        flights = tuple(
+            (day, flight)
+            for day in range(of.day, of.day + of.days)
+            for flight in range(1, of.flights_per_day + 1)
+        )
+        readings = robots * steps * given.camera.footprint**2
+        learner = estimator_of(given.estimate.estimator, 0, fields)
+        every = readings_a_score(given.score.points, farm, learner, len(flights), readings, ideal=True)
+        home = int(farm.home_m[0] / farm.cell_size_m), int(farm.home_m[1] / farm.cell_size_m)
+        return cls(
+            scenario=given,
+            farm=farm,
+            grid=grid,
+            fields=fields,
+            cameras=cameras,
+            home=home,
+            allowed=_allowed(farm, grid),
+            robots=robots,
+            steps=steps,
+            flights=flights,
+            every=every,
+            # Each flight at its end, too, and what is believed at the beginning of each later day.
+            points=len(flights) * -(-readings // every) + of.days - 1,
+        )
+
+    def possible(self, cells: NDArray[np.integer]) -> NDArray[np.bool_]:
+        """Return which moves lead to where a robot may fly, bool[n, 5], from cells int[n, 2]; a stay does."""
+        there = cells[:, None] + MOVES
+        inside = ((there >= 0) & (there < self.grid.shape)).all(axis=2)
+        x, y = np.moveaxis(np.where(inside[..., None], there, 0), 2, 0)
+        possible: NDArray[np.bool_] = inside & self.allowed[x, y]
+        possible[:, 0] = True
+        return possible
+
+    @property
+    def camera(self) -> LeafCameraOptions:
+        """The camera of the first robot; those of the others differ by what they sense only."""
+        return self.cameras[0]
+
+    @property
+    def moves(self) -> int:
+        """How many moves a robot makes in the run."""
+        return len(self.flights) * (self.steps - 1)
+
+    def environment(self, seed: int) -> Environment:
+        """Return the environment that a run of this seed has."""
+        return make_environment(scenario_with(self.scenario, {"seed": seed}), self.farm)
+
+    def estimator(self, seed: int) -> Estimator:
+        """Return the estimator that a run of this seed has, fitted to the farm."""
+        choice = self.scenario.estimate.estimator
+        learner = estimator_of(choice, seed, self.fields)
+        try:
+            return learner.fit(self.grid)
+        except Exception as error:
+            if isinstance(error, EstimatorError):
+                raise
+            raise EstimatorError(f"estimator {choice} failed: {type(error).__name__}: {error}") from error
+
+
+def _allowed(farm: Farm, grid: FarmGrid) -> NDArray[np.bool_]:
+    """Mark the owner's cells in whose centre there is no obstacle."""
+    allowed: NDArray[np.bool_] = np.array(grid.owned)
+    if farm.obstacles:
+        x, y = np.nonzero(allowed)
+        size = farm.cell_size_m
+        inside = shapely.intersects_xy(
+            shapely.union_all([one.polygon for one in farm.obstacles]), (x + 0.5) * size, (y + 0.5) * size
+        )
+        allowed[x, y] = ~inside
+    allowed.flags.writeable = False
+    return allowed

@@ -1,0 +1,244 @@
+"""Gymnasium's vector environment: many runs at a time, batched; equal to the single one to the bit."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from gymnasium.utils import seeding
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
+from numpy.typing import NDArray
+
+from sensors.estimators import Estimator
+from sensors.estimators.disk.adaptive_disk import AdaptiveDiskEstimator
+from wbf_mission.addons.rl.batch import Batch
+from wbf_mission.addons.rl.catalogue import why_not_batched, why_not_single
+from wbf_mission.addons.rl.env import Observation, run_seed
+from wbf_mission.addons.rl.errors import TrainingError
+from wbf_mission.addons.rl.observing import Shown, block_means
+from wbf_mission.addons.rl.rendering import ARRAY, FRAMES_A_SECOND, Rendering
+from wbf_mission.addons.rl.task import SurveyTask, checked_moves
+from wbf_mission.scenario import Scenario
+
+_Bools = NDArray[np.bool_]
+
+
+class SurveyVectorEnv(VectorEnv[Observation, NDArray[np.int64], NDArray[Any]]):
+    """Many runs of the environment `wbf_mission.addons.rl.env.SurveyEnv` at a time, with adaptive disks.
+
+    It follows Gymnasium's own vector environments: `reset(seed=n)` gives the i-th run the seed n + i, and
+    what is told in `info` has a mask beside it.
+
+    Parameters
+    ----------
+    scenario : Scenario, str or path-like
+        Of one of the paper's robots, one flight, and images of one cell.
+    estimator : str
+        ``adaptive-disk``, the only one that is batched.
+    block : int, optional
+        As of the single environment.
+    render_mode : {"rgb_array"}, optional
+        `render` then gives a frame of each run.
+    render_field : str, optional
+        As of the single environment.
+    autoreset_mode : AutoresetMode or str
+        When a run that has ended begins anew: with the next step (``NextStep``), in the same one
+        (``SameStep``), or when `reset` is called with ``options={"reset_mask": ...}`` (``Disabled``).
+    copy : bool
+        Whether observations stay as they are with the next step; without, they are the environment's own.
+
+    Raises
+    ------
+    TrainingError
+        If the scenario or the estimator cannot be batched; `gymnasium.make_vec` with
+        ``vectorization_mode="sync"`` takes any.
+    """
+
+    def __init__(
+        self,
+        num_envs: int = 1,
+        scenario: Scenario | str | Path = "WBF/Miniberry-30-v1",
+        estimator: Estimator | str = "adaptive-disk",
+        block: int | None = None,
+        *,
+        render_mode: str | None = None,
+        render_field: str | None = None,
+        autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
+        copy: bool = True,
+    ) -> None:
+        if num_envs < 1:
+            raise TrainingError(f"num_envs {num_envs}: give one or more")
+        self.task = SurveyTask.of(scenario, estimator)
+        _require_batch(self.task)
+        self.num_envs = num_envs
+        self.shown = Shown(self.task, block)
+        self.single_observation_space = self.shown.space()
+        self.single_action_space = self.shown.action_space()
+        self.observation_space = batch_space(self.single_observation_space, num_envs)
+        self.action_space = batch_space(self.single_action_space, num_envs)
+        self.autoreset_mode = AutoresetMode(autoreset_mode)
+        self.render_mode = render_mode
+        self._rendering = Rendering(self.task, render_mode, render_field, (ARRAY,))
+        self.metadata = {
+            "render_modes": [ARRAY],
+            "render_fps": FRAMES_A_SECOND,
+            "autoreset_mode": self.autoreset_mode,
+        }
+        self.copy = copy
+        self._batch = Batch(self.task, num_envs)
+        self._rngs: list[np.random.Generator | None] = [None] * num_envs
+        self._seeds = np.zeros(num_envs, np.int64)
+        self._ended = np.ones(num_envs, np.bool_)
+        self._begun = False
+        shape, maps = self.shown.map_shape, 2 * len(self.task.fields) + 1
+        self._blocks = np.zeros((num_envs, maps, *shape), np.float32)
+
+    def reset(
+        self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Observation, dict[str, Any]]:
+        """Begin all runs, or with ``options={"reset_mask": bool[num_envs]}`` some of them.
+
+        Parameters
+        ----------
+        seed : int or sequence of int or None, optional
+            Of the first run, the others have the next ones; or of each.
+
+        Raises
+        ------
+        TrainingError
+            If there are not as many seeds or entries of the mask as runs.
+        """
+        if seed is None or isinstance(seed, int | np.integer):
+            seeds = [None if seed is None else int(seed) + one for one in range(self.num_envs)]
+        elif isinstance(seed, Iterable):
+            seeds = [int(one) if isinstance(one, np.integer) else one for one in seed]
+        else:
+            raise TrainingError(f"reset: seed {seed!r}: give a whole number, or one for each environment")
+        mask = np.ones(self.num_envs, np.bool_)
+        if options is not None and "reset_mask" in options:
+            mask = np.asarray(options["reset_mask"], np.bool_)
+        if len(seeds) != self.num_envs or mask.shape != (self.num_envs,):
+            msg = f"reset: {len(seeds)} seeds and a mask of {mask.shape} for {self.num_envs} environments"
+            raise TrainingError(msg)
+        runs = np.flatnonzero(mask)
+        for run in runs.tolist():
+            self._begin(run, seeds[run])
+        self._begun = True
+        return self._observation(), self._begin_info(mask)
+
+    def step(
+        self, actions: NDArray[np.int64]
+    ) -> tuple[Observation, NDArray[np.float64], _Bools, _Bools, dict[str, Any]]:
+        """Move in every run; see `gymnasium.vector.VectorEnv.step`.
+
+        TrainingError if the actions are not a whole number 0 to 4 for each run; then nobody has moved.
+        """
+        ended, batch = self._ended, self._batch
+        if not self._begun or (self.autoreset_mode is AutoresetMode.DISABLED and ended.any()):
+            raise TrainingError("an episode is over, or was not begun: call reset")
+        actions = checked_moves(actions, (self.num_envs,), "actions")
+        rewards = batch.move(np.flatnonzero(~ended), actions)
+        info: dict[str, Any] = {}
+        anew = ended.copy()
+        for run in np.flatnonzero(ended).tolist():
+            self._begin(run, None)
+        over = (batch.counts == self.task.steps) & ~anew
+        self._ended = over.copy()
+        if over.any():
+            info = self._end_info(over)
+            if self.autoreset_mode is AutoresetMode.SAME_STEP:
+                info = self._with_final_observations(info, over)
+                for run in np.flatnonzero(over).tolist():
+                    self._begin(run, None)
+                anew = over
+        if anew.any():
+            info |= self._begin_info(anew)
+        return self._observation(), rewards, over, np.zeros(self.num_envs, np.bool_), info
+
+    def action_masks(self) -> _Bools:
+        """Return which actions of each run move its robot or are meant to stay, bool[num_envs, 5]."""
+        return self.task.possible(self._batch.cells)
+
+    def render(self) -> tuple[NDArray[np.uint8], ...] | None:
+        """Return a frame of each run, uint8[height, width, 3]; None without a render mode."""
+        if not self._begun:
+            raise TrainingError("no episode was begun: call reset")
+        frames = [self._rendering.frame(self._batch.scene(run)) for run in range(self.num_envs)]
+        return None if self.render_mode is None else tuple(one for one in frames if one is not None)
+
+    def _begin(self, run: int, seed: int | None) -> None:
+        rng = self._rngs[run]
+        if seed is not None or rng is None:
+            rng, _ = seeding.np_random(seed)
+            self._rngs[run] = rng
+        self._seeds[run] = run_seed(seed, rng)
+        self._batch.begin(run, int(self._seeds[run]))
+        self._ended[run] = False
+
+    def _observation(self) -> Observation:
+        batch = self._batch
+        left = 1.0 - np.maximum(batch.counts - 1, 0) / self.task.moves
+        maps, k = batch.maps, len(self.task.fields)
+        if self.shown.block > 1:
+            shape = self._blocks.shape
+            flat = maps.reshape(-1, *maps.shape[2:])
+            block_means(flat, self.shown.block, self._blocks.reshape(-1, *shape[2:]))
+            maps = self._blocks
+        if self.copy:
+            maps = maps.copy()
+        return {
+            "position": self.shown.positions(batch.cells),
+            "left": np.repeat(left.astype(np.float32)[:, None], 2, axis=1),
+            "value": maps[:, :k],
+            "uncertainty": maps[:, k : 2 * k],
+            "seen": maps[:, 2 * k],
+        }
+
+    def _begin_info(self, begun: _Bools) -> dict[str, Any]:
+        return {"environment": np.where(begun, self._seeds, 0), "_environment": begun.copy()}
+
+    def _end_info(self, over: _Bools) -> dict[str, Any]:
+        batch = self._batch
+        scores = np.zeros(self.num_envs)
+        scores[over] = [batch.score(run) for run in np.flatnonzero(over).tolist()]
+        found = {
+            "score": scores,
+            "final_score": np.where(over, -batch.last_loss, 0.0),
+            "loss_before": np.where(over, batch.loss_before, 0.0),
+        }
+        return found | {f"_{name}": over.copy() for name in found}
+
+    def _with_final_observations(self, info: dict[str, Any], over: _Bools) -> dict[str, Any]:
+        """Return what Gymnasium tells of runs that ended and began anew in one step."""
+        shown = self._observation()
+        final = np.full(self.num_envs, None, dtype=object)
+        for run in np.flatnonzero(over).tolist():
+            final[run] = {name: array[run].copy() for name, array in shown.items()}
+        return {
+            "final_obs": final,
+            "_final_obs": over.copy(),
+            "final_info": info,
+            "_final_info": over.copy(),
+        }
+
+
+def _require_batch(task: SurveyTask) -> None:
+    scenario = task.scenario
+    estimator = task.estimator(0)
+    plain = type(estimator) is AdaptiveDiskEstimator and not any(
+        (estimator.default_values is not None, estimator.radius is not None)
+    )
+    if not plain:
+        raise TrainingError(
+            f"estimator {scenario.estimate.estimator} is not batched, only adaptive-disk is: give"
+            ' vectorization_mode="sync" to gymnasium.make_vec'
+        )
+    several = why_not_single(scenario)
+    if several:
+        raise TrainingError(several)
+    unfit = why_not_batched(scenario)
+    if unfit:
+        raise TrainingError(f'{unfit}: give vectorization_mode="sync" to gymnasium.make_vec')

@@ -1,0 +1,1 @@
+"""Add-ons: what the core does not know. Each registers its commands and other parts as entry points."""

@@ -16,12 +16,9 @@ from geo.errors import WbfMissionError, told_error, users_line
 from geo.texts import printable
 from wbf_mission.cli import (
     bench,
-    bench_paper,
     bench_replay,
-    bench_results,
-    check,
+    contracts,
     convert,
-    export,
     farm,
     fly,
     operate,
@@ -36,6 +33,7 @@ from wbf_mission.cli import (
     warm_up,
 )
 from wbf_mission.cli import map as treatment_map
+from wbf_mission.cli.command import add_commands
 from wbf_mission.cli.help import HelpCommand, HelpGroup
 from wbf_mission.cli.output import StdoutError, to_stdout
 from wbf_mission.exit_codes import ExitCode, exit_code_of
@@ -63,31 +61,25 @@ _COMMANDS = (
     ("map", treatment_map.map_command, treatment_map.EXAMPLES),
     ("report", report.report_command, report.EXAMPLES),
     ("sim", sim.sim_command, sim.EXAMPLES),
-    ("check", check.check_command, check.EXAMPLES),
     ("convert", convert.convert_command, convert.EXAMPLES),
-    ("export", export.export_command, export.EXAMPLES),
     ("preflight", preflight.preflight_command, preflight.EXAMPLES),
     ("upload", transfer.upload_command, transfer.UPLOAD_EXAMPLES),
     ("download", transfer.download_command, transfer.DOWNLOAD_EXAMPLES),
     ("monitor", operate.monitor_command, operate.MONITOR_EXAMPLES),
     ("command", operate.command_command, operate.COMMAND_EXAMPLES),
     ("warm-up", warm_up.warm_up_command, warm_up.EXAMPLES),
-    ("check-planner", check.check_planner_command, check.CONTRACT_EXAMPLES),
-    ("check-policy", check.check_policy_command, check.CONTRACT_EXAMPLES),
-    ("check-estimator", check.check_estimator_command, check.CONTRACT_EXAMPLES),
+    ("check-planner", contracts.check_planner_command, contracts.EXAMPLES),
+    ("check-policy", contracts.check_policy_command, contracts.EXAMPLES),
+    ("check-estimator", contracts.check_estimator_command, contracts.EXAMPLES),
 )
 for _name, _command, _examples in _COMMANDS:
     # A height of -5 is a value of `command`, no option.
     _settings = {"ignore_unknown_options": True} if _name == "command" else None
     app.command(_name, cls=HelpCommand, epilog=_examples, context_settings=_settings)(_command)
-for _name, _command, _examples in (
-    ("replay", bench_replay.replay_command, bench_replay.EXAMPLES),
-    ("paper", bench_paper.paper_command, bench_paper.EXAMPLES),
-    *bench_results.COMMANDS,
-):
-    bench.app.command(_name, cls=HelpCommand, epilog=_examples)(_command)
+bench.app.command("replay", cls=HelpCommand, epilog=bench_replay.EXAMPLES)(bench_replay.replay_command)
 for _group in (farm, vehicle, bench):
     app.add_typer(_group.app, name=_group.__name__.rpartition(".")[2])
+add_commands({"": app, "bench": bench.app})
 
 
 def _print_version(wanted: bool) -> None:

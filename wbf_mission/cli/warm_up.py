@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-import importlib.util
 import time
 from collections.abc import Callable
 from typing import Any
 
+from geo.imports import entry_points, load_entry
 from geo.texts import duration
 from wbf_mission.cli import options
+from wbf_mission.cli.options import TargetError
 from wbf_mission.cli.output import Output
 
 EXAMPLES = """
@@ -31,7 +32,8 @@ _FLIGHTS: dict[str, dict[str, str]] = {
     "policy rolling-horizon": {"policy": "rolling-horizon", "vehicle": "ideal"},
     "policy orienteering": {"policy": "orienteering", "vehicle": "ideal"},
 }
-_TRAINED_IN = "WBF/Miniberry-10-v1"
+GROUP = "wbf_mission.warm_ups"
+"""Entry points of functions that compile the rest ahead; each announces by its argument what it compiles."""
 
 
 @options.speaks()
@@ -52,9 +54,8 @@ def warm_up_command(output: Output) -> None:
     fly_all(begin)
     begin("the live page of large farms")
     _draw_blocks()
-    if importlib.util.find_spec("gymnasium") is not None:
-        begin("training environments")
-        _step_batched()
+    for entry in entry_points(GROUP):
+        load_entry(entry, f"the warm-up {entry.name}", TargetError)(begin)
     ends = [*(since_s for _, since_s in begun[1:]), time.perf_counter()]
     seconds = {what: end_s - since_s for (what, since_s), end_s in zip(begun, ends, strict=True)}
     wall_time_s = sum(seconds.values())
@@ -80,16 +81,3 @@ def _draw_blocks() -> None:
     from wbf_mission.web.layers import Layers
 
     Layers(get_farm("miniberry-100"), longest=50)
-
-
-def _step_batched() -> None:
-    """Take a step of the training environment that is compiled; it needs the extra ``rl``."""
-    import numpy as np
-
-    from wbf_mission.addons.rl.vector_env import SurveyVectorEnv
-
-    # Arrays of a single run are contiguous where those of several are not, and are compiled for apart.
-    envs = SurveyVectorEnv(2, _TRAINED_IN)
-    envs.reset(seed=0)
-    envs.step(np.zeros(2, np.int64))
-    envs.close()

@@ -9,6 +9,8 @@ from functools import partial
 from pathlib import Path
 
 from geo.errors import WbfMissionError
+from geo.imports import entry_points, load_entry
+from mission.errors import LinkError
 from mission.ground.arming_gate import FARTHEST_M
 from mission.ground.link import find_vehicles
 from mission.model import GeoPoint
@@ -244,9 +246,9 @@ class LiveLink:
 
 
 def via_named(name: str) -> Via:
-    """Return a way by its name, ``own`` or ``mavsdk``; MAVSDK is loaded only when it is asked for."""
-    if name == "mavsdk":
-        from wbf_mission.addons.mavsdk.adapter import MavsdkVia
-
-        return MavsdkVia()
+    """Return a way by its name: ``own``, or one that a package registered, which is loaded only then."""
+    for entry in entry_points("wbf_mission.vias"):
+        if entry.name == name:
+            way: Via = load_entry(entry, f"the way {name}", LinkError)()
+            return way
     return Via()

@@ -1,0 +1,1 @@
+"""Leaderboards: submissions, their audit and verification, frozen baselines."""

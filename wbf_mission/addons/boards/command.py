@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from wbf_mission.cli import bench_output, options
+from wbf_mission.cli.command import Command
 from wbf_mission.cli.options import option
 from wbf_mission.cli.output import Output
 from wbf_mission.exit_codes import ExitCode
@@ -370,9 +371,7 @@ def verify_command(
     return ExitCode.NOT_GOOD if worse or found.left_out else ExitCode.GOOD
 
 
-COMMANDS = (
-    ("submit", submit_command, SUBMIT_EXAMPLES),
-    ("board", board_command, BOARD_EXAMPLES),
-    ("verify", verify_command, VERIFY_EXAMPLES),
-    ("seal", seal_command, SEAL_EXAMPLES),
-)
+SUBMIT = Command(submit_command, SUBMIT_EXAMPLES)
+BOARD = Command(board_command, BOARD_EXAMPLES)
+VERIFY = Command(verify_command, VERIFY_EXAMPLES)
+SEAL = Command(seal_command, SEAL_EXAMPLES)

@@ -8,6 +8,7 @@ from typing import Annotated, Literal
 import typer
 
 from wbf_mission.cli import options
+from wbf_mission.cli.command import Command
 from wbf_mission.cli.options import OUTPUT_PANEL, Overwrite, TargetError, option, refuse_overwrite
 from wbf_mission.cli.output import Output
 
@@ -71,3 +72,6 @@ def export_command(
     values = {"folder": str(folder), "format": to, "files": [str(one) for one in files]}
     rows = {"format": f"{to} ({chosen.what})", "files": ", ".join(map(str, files))}
     output.result(values, rows, title="Exported")
+
+
+COMMAND = Command(export_command, EXAMPLES)

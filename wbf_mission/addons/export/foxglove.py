@@ -1,7 +1,7 @@
 """A run as an MCAP file for Foxglove: map, scene, layers, readings, plots and log on one time line.
 
-Messages are JSON with the schemas of `wbf_mission.addons.export.foxglove_schemas`. The frame ``farm`` is that of
-the farm: metres along its x and y axes (east and north, unless the farm is turned) and above home.
+Messages are JSON with the schemas of `wbf_mission.addons.export.foxglove_schemas`. The frame ``farm`` is that
+of the farm: metres along its x and y axes (east and north, unless the farm is turned) and above home.
 """
 
 from __future__ import annotations

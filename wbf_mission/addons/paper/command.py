@@ -10,6 +10,7 @@ import typer
 from wbf_mission.cli import options
 from wbf_mission.cli.bench import RUN_PANEL, selection
 from wbf_mission.cli.bench_output import exit_code, tell_failures
+from wbf_mission.cli.command import Command
 from wbf_mission.cli.options import option
 from wbf_mission.cli.output import Output
 from wbf_mission.exit_codes import ExitCode
@@ -92,3 +93,6 @@ def paper_command(
         {"pages": "\n".join(pages), "pictures": "\n".join(pictures)},
     )
     return exit_code(made.rows, interrupted=False)
+
+
+COMMAND = Command(paper_command, EXAMPLES)

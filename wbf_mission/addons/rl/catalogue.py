@@ -90,9 +90,7 @@ def register_all() -> None:
         if one.name not in gymnasium.registry:
             gymnasium.register(
                 one.name,
-                entry_point="wbf_mission.addons.rl.env:SurveyEnv",
-                vector_entry_point=None
-                if one.batched
-                else "wbf_mission.addons.rl.vector_env:SurveyVectorEnv",
+                entry_point=f"{__package__}.env:SurveyEnv",
+                vector_entry_point=None if one.batched else f"{__package__}.vector_env:SurveyVectorEnv",
                 kwargs={"scenario": one.name},
             )

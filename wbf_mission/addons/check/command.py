@@ -1,0 +1,79 @@
+"""``wbf-mission check``."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from wbf_mission.cli import options
+from wbf_mission.cli.command import Command
+from wbf_mission.cli.options import option
+from wbf_mission.cli.output import Output
+
+if TYPE_CHECKING:
+    from wbf_mission.addons.check.registry import CheckResult
+
+EXAMPLES = """
+Examples
+wbf-mission check udpin:127.0.0.1:14550
+wbf-mission check tcp:127.0.0.1:5760 --only mission --only transfer
+wbf-mission check udpin:127.0.0.1:14540 --fly --json
+"""
+
+
+@options.speaks()
+def check_command(
+    output: Output,
+    url: Annotated[
+        str | None,
+        typer.Argument(help=f"The link: {options.LINKS}"),
+    ] = None,
+    fly: Annotated[bool, option("Also run the checks that arm and fly.", "--fly")] = False,
+    only: Annotated[list[str] | None, option("Only this check or group of checks; may be repeated.")] = None,
+    system_id: options.SystemId = None,
+    wait: options.Wait = 10.0,
+    list_checks: Annotated[bool, option("List the checks.", "--list")] = False,
+) -> None:
+    """Check whether a vehicle does what ground software expects of a MAVLink autopilot.
+
+    It never arms unless --fly is given, and puts the vehicle's plans back. Exit code 1: something required
+    does not hold.
+    """
+    from wbf_mission.addons.check import Verdict, all_checks, check_vehicle
+
+    if list_checks:
+        keys = ("id", "required_of", "text", "suffers")
+        rows = [[getattr(one, key) for key in keys] for one in all_checks()]
+        values = [dict(zip(keys, row, strict=True)) for row in rows]
+        headings = ["check", "required of", "what must hold", "otherwise trouble for"]
+        output.table(values, headings, rows, title="Checks", left=True)
+        return
+    if url is None:
+        msg = "give the link to the vehicle, such as udpin:127.0.0.1:14550, or --list"
+        raise typer.BadParameter(msg)
+
+    def tell(result: CheckResult) -> None:
+        output.note(f"{result.verdict.value:8}{result.check.id}{': ' + result.told if result.told else ''}")
+
+    report = check_vehicle(url, fly=fly, only=only or (), system_id=system_id, wait_s=wait, on_result=tell)
+    for text in report.warnings:
+        output.warn(text)
+    marks = {Verdict.PASSED: "holds", Verdict.SKIPPED: "skipped", Verdict.FAILED: "FAILS"}
+    rows = [
+        [
+            result.check.id,
+            marks[result.verdict] if result.required or result.verdict is not Verdict.FAILED else "fails",
+            result.check.text,
+            result.told,
+        ]
+        for result in report.results
+    ]
+    vehicle = report.vehicle
+    title = f"{vehicle.profile.name}, system {vehicle.system_id} on {report.name}"
+    output.table(report.summary(), ["check", "", "what must hold", "seen"], rows, title=title, left=True)
+    if not report.passed:
+        raise typer.Exit(1)
+
+
+COMMAND = Command(check_command, EXAMPLES)

@@ -1,0 +1,54 @@
+"""Commands that packages bring: entry points of one group, each a `Command`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import typer
+
+from geo.imports import entry_points, load_entry
+from wbf_mission.cli.help import HelpCommand
+from wbf_mission.cli.options import TargetError
+
+GROUP = "wbf_mission.commands"
+"""Entry points by the command's name; ``bench.NAME`` is one of ``wbf-mission bench``."""
+
+
+class Command(NamedTuple):
+    """A command of the command line.
+
+    Attributes
+    ----------
+    call : callable
+        As `typer` takes it; its docstring is the help.
+    examples : str
+        A heading, and a line for each example.
+    """
+
+    call: Callable[..., Any]
+    examples: str
+
+
+def add_commands(apps: dict[str, typer.Typer]) -> None:
+    """Add the commands that packages registered to the groups, by the groups' names; the root's is empty.
+
+    A command that cannot be loaded is there, too, and says why.
+    """
+    for entry in sorted(entry_points(GROUP), key=lambda entry: entry.name):
+        group, _, name = entry.name.rpartition(".")
+        if group not in apps:
+            continue
+        try:
+            command = load_entry(entry, f"the command {entry.name}", TargetError)
+        except TargetError as error:
+            command = _broken(error)
+        apps[group].command(name, cls=HelpCommand, epilog=command.examples)(command.call)
+
+
+def _broken(error: TargetError) -> Command:
+    def call() -> None:
+        raise error
+
+    call.__doc__ = "(cannot be loaded)"
+    return Command(call, "")

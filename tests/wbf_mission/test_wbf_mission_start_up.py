@@ -70,7 +70,7 @@ COMMANDS = (
     *((f"check-{one}",) for one in ("planner", "policy", "estimator")),
     ("bench",),
     *(("bench", name) for name in ("list", "show", "run", "compare", "report", "replay", "paper")),
-    *(("bench", name) for name in ("submit", "board", "seal")),
+    *(("bench", name) for name in ("submit", "board", "verify", "seal")),
     ("farm",),
     *(("farm", name) for name in ("list", "show", "draw", "save", "generate")),
     ("vehicle",),

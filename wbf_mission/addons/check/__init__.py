@@ -1,6 +1,15 @@
 """The conformance kit: does a MAVLink autopilot do what ground software expects of one."""
 
-from wbf_mission.addons.check.registry import Check, CheckResult, Verdict
-from wbf_mission.addons.check.runner import CheckReport, all_checks, check_vehicle
+from typing import TYPE_CHECKING
 
-__all__ = ["Check", "CheckReport", "CheckResult", "Verdict", "all_checks", "check_vehicle"]
+from geo.imports import attach
+
+if TYPE_CHECKING:
+    from wbf_mission.addons.check.registry import Check as Check
+    from wbf_mission.addons.check.registry import CheckResult as CheckResult
+    from wbf_mission.addons.check.registry import Verdict as Verdict
+    from wbf_mission.addons.check.runner import CheckReport as CheckReport
+    from wbf_mission.addons.check.runner import all_checks as all_checks
+    from wbf_mission.addons.check.runner import check_vehicle as check_vehicle
+else:
+    __getattr__, __dir__, __all__ = attach(__name__)

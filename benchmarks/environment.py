@@ -30,9 +30,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from common import scratch_folder
 from numpy.typing import NDArray
 from scipy.signal import convolve2d
-from scratch import scratch_folder
 
 from geo.farms import get_farm
 from geo.grid import Crop, FarmGrid

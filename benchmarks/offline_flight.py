@@ -19,7 +19,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from scratch import scratch_folder
+from common import scratch_folder
 
 from geo.farms import get_farm
 from mission.link.codec.dialect import Message

@@ -242,8 +242,8 @@ def whole_farm(path: Path) -> bool:
     memory_gb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024 / 1e9
     print(
         f"waterberry, {n} observations: prior {before_s:.2f} s, value and deviation {first_s:.2f} s"
-        f" (bar {BARS_S[n]:g} s), updates of {UPDATE}: median {middle_s:.3f} s, slowest {max(updates_s):.3f} s"
-        f" (bar {UPDATE_BAR_S:g} s), {memory_gb:.2f} GB (bar {MEMORY_BAR_GB:g} GB)",
+        f" (bar {BARS_S[n]:g} s), updates of {UPDATE}: median {middle_s:.3f} s, slowest"
+        f" {max(updates_s):.3f} s (bar {UPDATE_BAR_S:g} s), {memory_gb:.2f} GB (bar {MEMORY_BAR_GB:g} GB)",
         flush=True,
     )
     return first_s < BARS_S[n] and middle_s < UPDATE_BAR_S and memory_gb < MEMORY_BAR_GB

@@ -10,14 +10,13 @@ of a flight, and all else that of the flight whose time is in the middle.
 
 from __future__ import annotations
 
-import argparse
 import sys
 from dataclasses import astuple, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from common import print_table
+from common import options_of, print_table
 from flight_measures import phases, turns
 from recordings import START_S, Comparison, Flight, Recording, compare, fly_recording, load_recording
 
@@ -81,7 +80,7 @@ class Pair:
 
 def main() -> None:
     """Fly all recordings and print the tables."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = options_of(__doc__)
     parser.add_argument("--folder", type=Path, default=FOLDER)
     parser.add_argument("--only", default="", help="recordings whose name contains this")
     parser.add_argument("--seeds", type=int, default=8, help="flights of a vehicle whose estimate errs")

@@ -14,14 +14,12 @@ minutes). The exit code tells whether the bars are held.
 
 from __future__ import annotations
 
-import argparse
 import resource
 import sys
 import time
 from collections.abc import Sequence
-from typing import Any
 
-from common import scratch_folder
+from common import options_of, scratch_folder
 
 from wbf_mission.bench.benchmark import benchmark
 from wbf_mission.bench.rows import BenchRow
@@ -69,9 +67,7 @@ def plain_s(spec: BenchSpec, rows: Sequence[BenchRow]) -> float:
 
 def main() -> int:
     """Run the benchmark."""
-    parser: Any = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = options_of(__doc__)
     parser.add_argument("--seeds", type=int, default=125)
     parser.add_argument("--plain", type=int, default=5, help="seeds of the plain loop")
     parser.add_argument("--jobs", type=int, default=1)

@@ -2,15 +2,12 @@
 
 Each runs in a virtual environment of its own, because their libraries do not fit beside ours: sgptools brings
 TensorFlow, PyPolo an older NumPy and PyTorch, 1 to 2 GB each. Questions and answers cross as lines of JSON
-(``benchmarks/peer_workers``). Answers are kept in the folder, so that a plan or a flight is decided once for
-all estimators. The first command makes the environments, the last prints the seconds that planning and all
-decisions of a flight took on one core, without the start of a library::
+(``benchmarks/peer_workers``). The first command makes the environments::
 
     python benchmarks/peers.py FOLDER
     export WBF_MISSION_PEERS=FOLDER
     wbf-mission bench run --scenarios WBF/Miniberry-30-v1 --estimators gp --seeds 10 --out results
         --planners greedy,benchmarks/peers.py:sgptools:method=CMA,benchmarks/peers.py:PyPolo:kernel=AK
-    python benchmarks/peers.py FOLDER --seconds
 """
 
 from __future__ import annotations
@@ -18,7 +15,6 @@ from __future__ import annotations
 import atexit
 import bisect
 import contextlib
-import hashlib
 import json
 import math
 import os
@@ -26,15 +22,14 @@ import shutil
 import subprocess
 import tempfile
 import venv
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import shapely
-from common import end_on_signals, options_of, print_table
+from common import end_on_signals, options_of
 
-from geo.atomic import atomic_write
 from mission.planners.budget import StepBudget
 from mission.planners.path import PlannedPath
 from mission.planners.request import PlanningRequest
@@ -51,11 +46,9 @@ PACKAGES = {
 FOLDER = "WBF_MISSION_PEERS"
 """The environment variable with the folder of the virtual environments."""
 WORKERS = "workers"
-TIMES = "times.jsonl"
 LAND_POINTS = 900
 """Most points on which the objective of sgptools is defined."""
 _GOALS_AHEAD = 1
-_PLACES = ("low", "high", "start", "land")
 
 
 class Worker:
@@ -66,7 +59,6 @@ class Worker:
         script = Path(os.environ[FOLDER]) / WORKERS / f"{name}_worker.py"
         # Some libraries leave files where they run.
         end_on_signals()
-        self.questions: list[dict[str, Any]] = []
         self._folder = tempfile.TemporaryDirectory()
         self._process = subprocess.Popen(
             [python, script],
@@ -118,33 +110,15 @@ def worker(name: str) -> Worker:
     return _workers[name]
 
 
-def asked(name: str, questions: Sequence[dict[str, Any]]) -> dict[str, Any]:
-    """Return the answer of a worker to the last of a row of questions; it is kept beside the environments.
+_tours: dict[str, list[list[float]]] = {}
 
-    So what is flown with several estimators is decided once. The row begins a flight, or is a plan's one
-    question. A line of ``times.jsonl`` tells what an answer cost: planner, seed, seconds of a core.
-    """
-    folder = Path(os.environ[FOLDER]) / "answers"
-    script = Path(os.environ[FOLDER]) / WORKERS / f"{name}_worker.py"
-    text = json.dumps(questions, sort_keys=True)
-    file = folder / f"{hashlib.sha256(script.read_bytes() + text.encode()).hexdigest()[:24]}.json"
-    if file.exists():
-        kept: dict[str, Any] = json.loads(file.read_text(encoding="utf-8"))
-        return kept
-    program = worker(name)
-    begun = program.questions == questions[:-1]
-    if not begun:
-        program.questions = []
-    for question in questions[len(program.questions) :]:
-        answer = program.ask(question)
-        program.questions.append(question)
-    folder.mkdir(exist_ok=True)
-    with (folder / TIMES).open("a", encoding="utf-8") as times:
-        first = {key: value for key, value in questions[0].items() if key not in _PLACES}
-        times.write(json.dumps({"name": name, "first": first, "cpu_s": answer["cpu_s"]}) + "\n")
-    with atomic_write(file) as out:
-        out.write(json.dumps(answer))
-    return answer
+
+def tour(question: dict[str, Any]) -> list[list[float]]:
+    """Return the points that sgptools plans, metres; a question is asked once in a process."""
+    text = json.dumps(question)
+    if text not in _tours:
+        _tours[text] = worker("sgptools").ask(question)["points_m"]
+    return _tours[text]
 
 
 def box(request: PlanningRequest) -> dict[str, Any]:
@@ -195,9 +169,9 @@ def sgptools(
     waypoints: int = 125,
     max_steps: int | None = None,
 ) -> PlannedPath:
-    """Plan by a method of sgptools: ContinuousSGP, GreedySGP, CMA or HexCover.
+    """Plan by a method of sgptools: ContinuousSGP, CMA or HexCover.
 
-    Its plan depends on farm, start and budget alone, so that it is asked once for each.
+    Its plan depends on farm, start and budget alone, so that it is asked once for each in a process.
 
     Parameters
     ----------
@@ -230,7 +204,7 @@ def sgptools(
         "waypoints": waypoints,
         "max_steps": max_steps,
     }
-    points = np.array(asked("sgptools", [question])["points_m"], dtype=np.float64)
+    points = np.array(tour(question), dtype=np.float64)
     if isinstance(request.budget, StepBudget):
         points = steps_along(points, request.start_xy_m, request.budget.step_m)
     return PlannedPath(fitting(points, request.cost, request.budget.limit), None, method)
@@ -251,7 +225,6 @@ class PyPolo:
     def __init__(self, kernel: str = "AK", mean: float = 0.0204, deviation: float = 0.0768) -> None:
         self.kernel, self.mean, self.deviation = kernel, mean, deviation
         self._told = 0
-        self._questions: list[dict[str, Any]] = []
 
     @property
     def triggers(self) -> Triggers:
@@ -260,7 +233,7 @@ class PyPolo:
 
     def start(self) -> None:
         """Begin a flight."""
-        self._told, self._questions = 0, []
+        self._told = 0
 
     def decide(self, observation: PolicyObservation) -> Decision:
         """Fly the pilot survey, then to PyPolo's next goal, as far as the budget goes."""
@@ -270,24 +243,21 @@ class PyPolo:
         if observation.event is Event.START:
             seed = int(np.random.default_rng(vehicle.request.seed).integers(2**31))
             given = {"kernel": self.kernel, "mean": self.mean, "deviation": self.deviation, "seed": seed}
-            pilot = self._ask({"ask": "start", **box(vehicle.request), **given})["pilot"]
+            pilot = worker("pypolo").ask({"ask": "start", **box(vehicle.request), **given})["pilot"]
             path = steps_along(pilot, vehicle.position_m, vehicle.request.footprint_m)
             path = fitting(path, lambda rest: vehicle.travel_cost.rest([rest])[0], vehicle.left)
             return Decision({vehicle.system_id: path}, reason="pilot survey")
         if len(vehicle.rest_m) > _GOALS_AHEAD:
             return NO_CHANGE
         here = np.asarray(vehicle.position_m if len(vehicle.rest_m) == 0 else vehicle.rest_m[-1])
-        goal = self._ask({"ask": "goal", "position": here.tolist(), "seen": self._seen(observation)})["goal"]
+        question = {"ask": "goal", "position": here.tolist(), "seen": self._seen(observation)}
+        goal = worker("pypolo").ask(question)["goal"]
         path = np.vstack((vehicle.rest_m, [goal]))
         for share in (1.0, 0.8, 0.6, 0.4, 0.2, 0.1, 0.05):
             path[-1] = here + share * (np.asarray(goal) - here)
             if vehicle.travel_cost.rest([path])[0] <= vehicle.left:
                 return Decision({vehicle.system_id: path}, reason="goal")
         return NO_CHANGE
-
-    def _ask(self, question: dict[str, Any]) -> dict[str, Any]:
-        self._questions.append(question)
-        return asked("pypolo", self._questions)
 
     def _seen(self, observation: PolicyObservation) -> list[list[float]]:
         """What came since the last question: x, y in metres and how sick both plants look, 0 to 1."""
@@ -312,38 +282,13 @@ def prepare(folder: Path) -> None:
             (folder / name / "made").touch()
 
 
-def seconds(folder: Path) -> dict[tuple[str, str, float], list[float]]:
-    """Return what the kept answers cost, of sgptools for each plan, of PyPolo for each flight.
-
-    Keys are the library, its method or kernel, and the budget.
-    """
-    found: dict[tuple[str, str, float], dict[str, float]] = {}
-    times = folder / "answers" / TIMES
-    for line in times.read_text(encoding="utf-8").splitlines() if times.exists() else ():
-        answer = json.loads(line)
-        first = answer["first"]
-        key = answer["name"], first.get("method") or first["kernel"], first["limit"]
-        flights = found.setdefault(key, {})
-        flight = json.dumps(first)
-        flights[flight] = flights.get(flight, 0.0) + answer["cpu_s"]
-    return {key: list(flights.values()) for key, flights in found.items()}
-
-
 def main() -> None:
-    """Make the environments, or print the seconds."""
+    """Make the environments."""
     parser = options_of(__doc__)
     parser.add_argument("folder", type=Path, help="where the virtual environments are or go")
-    parser.add_argument("--seconds", action="store_true", help="print what the kept answers cost")
-    options = parser.parse_args()
-    if not options.seconds:
-        prepare(options.folder)
-        print(f"now: export {FOLDER}={options.folder.resolve()}")
-        return
-    rows = [
-        [name, method, f"{limit:g}", str(len(spent_s)), f"{np.mean(spent_s):.2f}"]
-        for (name, method, limit), spent_s in seconds(options.folder).items()
-    ]
-    print_table(["library", "method or kernel", "budget", "flights", "CPU seconds, mean"], rows)
+    folder = parser.parse_args().folder
+    prepare(folder)
+    print(f"now: export {FOLDER}={folder.resolve()}")
 
 
 if __name__ == "__main__":

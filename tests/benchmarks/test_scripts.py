@@ -44,3 +44,13 @@ def test_a_page_rests_on_every_script_and_a_script_or_a_test_on_every_module() -
             assert path.name in on_pages, f"no page names benchmarks/{path.name}"
         else:
             assert path.stem in imported, f"nothing imports benchmarks/{path.name}"
+
+
+def test_a_figure_stands_on_one_page() -> None:
+    pages: dict[str, set[str]] = {}
+    for path in ROOT.glob("docs/**/*.md"):
+        for line in path.read_text(encoding="utf-8").splitlines():
+            if line.startswith("|") and len(re.findall(r"\d\.\d", line)) >= 2:
+                pages.setdefault(line, set()).add(path.name)
+    assert len(pages) > 100
+    assert {line: names for line, names in pages.items() if len(names) > 1} == {}

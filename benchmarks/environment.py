@@ -5,34 +5,23 @@ farm and a random number for every cell on each day of a disease, and for the so
 evaluated and added on its own. On the same draws both give the same epidemics, which this script checks day
 by day, and the same soil up to the rounding of float32.
 
-Examples::
+Ours runs before and after the reference; it also writes its days to disk on large farms, the reference keeps
+none. With ``--reference-days N`` the reference works on the first N days only (of the soil: on the warm-up
+and one day) and its time is scaled to all days, as its cost a day is constant; "~" marks such times.
 
     python benchmarks/environment.py --sizes 30 100 1000
     python benchmarks/environment.py --sizes waterberry --reference-days 1
-
-Ours runs in processes of its own, on one core and on all, before and after the reference; it also writes its
-days to disk on large farms, the reference keeps none. With ``--reference-days N`` the reference works on the
-first N days only (of the soil: on the warm-up and one day) and its time is scaled to all days, as its cost a
-day is constant; such times are marked with "~".
 """
 
 from __future__ import annotations
 
-import argparse
-import os
-import resource
-import shutil
 import statistics
-import subprocess
-import sys
 import time
-from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
+from common import options_of, print_table, scratch_folder
 from numpy.typing import NDArray
 from scipy.signal import convolve2d
-from scratch import scratch_folder
 
 from geo.farms import get_farm
 from geo.grid import Crop, FarmGrid
@@ -134,77 +123,37 @@ def make_grid(size: str) -> FarmGrid:
     return FarmGrid(shape, FOOT_M, crop, np.ones(shape, np.bool_))
 
 
-@dataclass(frozen=True)
-class Run:
-    """One generation by ours, in a process of its own."""
-
-    seconds: float
-    memory_gb: float
-
-
-def run_ours(size: str, days: int, cores: int, folder: Path) -> Run:
-    """Generate in a new process that may use some cores only."""
-    command = [sys.executable, __file__, "--ours", size, "--days", str(days), "--directory", str(folder)]
-    usable = sorted(os.sched_getaffinity(0))[:cores]
-
-    def limit() -> None:
-        os.sched_setaffinity(0, usable)
-
-    environment = {**os.environ, "OMP_NUM_THREADS": "1"}
-    done = subprocess.run(
-        command, stdout=subprocess.PIPE, check=True, text=True, env=environment, preexec_fn=limit
-    )
-    seconds, memory_gb = map(float, done.stdout.split())
-    return Run(seconds, memory_gb)
-
-
-def ours(size: str, days: int, directory: Path) -> None:
-    """Print seconds and the peak of memory in GB of one generation, all days kept."""
+def ours(size: str, days: int) -> float:
+    """Return the seconds of one generation, all days kept."""
     grid = make_grid(size)
-    generate_environment(make_grid("10"), days=1, seed=1)  # loads what is loaded at the first use
-    folder = directory / "environment" if grid.crop.size >= ON_DISK_FROM_CELLS else None
-    start = time.perf_counter()
-    generate_environment(grid, days=days, seed=1, keep_days=range(1, days + 1), directory=folder)
-    seconds = time.perf_counter() - start
-    print(seconds, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6)
-    if folder is not None:
-        shutil.rmtree(folder)
+    with scratch_folder() as folder:
+        kept = folder / "environment" if grid.crop.size >= ON_DISK_FROM_CELLS else None
+        begin_s = time.perf_counter()
+        generate_environment(grid, days=days, seed=1, keep_days=range(1, days + 1), directory=kept)
+        return time.perf_counter() - begin_s
 
 
-def measure(size: str, days: int, reference_days: int, repeats: int, directory: Path) -> str:
-    """Measure one size, ours before and after the reference, and give a line of the table."""
+def measure(size: str, days: int, reference_days: int, repeats: int) -> list[str]:
+    """Measure one size, ours before and after the reference, and return a row of the table."""
     grid = make_grid(size)
-    cores = len(os.sched_getaffinity(0))
-    runs: dict[int, list[Run]] = {1: [], cores: []}
-
-    def repeat() -> None:
-        for number, done in runs.items():
-            done += [run_ours(size, days, number, directory) for _ in range(repeats)]
-
-    repeat()
+    generate_environment(make_grid("10"), days=1, seed=1)  # Loads what is loaded at the first use
+    own_s = [ours(size, days) for _ in range(repeats)]
     measured = min(days, reference_days)
-    diseases = sum(
+    diseases_s = sum(
         reference_disease(grid.of_crops([crop]), parameters, days, measured)
         for crop, parameters in ((Crop.TOMATO, TYLCV), (Crop.STRAWBERRY, CCR))
     )
-    soil, difference = reference_soil(grid.shape, days, measured)
-    repeat()
-    one, all_cores = (statistics.median(run.seconds for run in runs[number]) for number in (1, cores))
-    memory = max(run.memory_gb for done in runs.values() for run in done)
-    mark = "~" if measured < days else " "
-    reference = diseases + soil
-    return (
-        f"{size:>12} {one:9.3f} {all_cores:9.3f} {memory:8.2f} {mark}{reference:10.2f} {mark}{diseases:9.2f} "
-        f"{mark}{soil:9.2f} {mark}{reference / one:8.0f} x {mark}{reference / all_cores:8.0f} x "
-        f"{difference:9.1e}"
-    )
+    soil_s, difference = reference_soil(grid.shape, days, measured)
+    own_s += [ours(size, days) for _ in range(repeats)]
+    middle_s, reference_s = statistics.median(own_s), diseases_s + soil_s
+    mark = "~" if measured < days else ""
+    theirs = [f"{mark}{seconds:.2f}" for seconds in (reference_s, diseases_s, soil_s)]
+    return [size, f"{middle_s:.3f}", *theirs, f"{mark}{reference_s / middle_s:.0f}", f"{difference:.1e}"]
 
 
 def main() -> None:
     """Print the table."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = options_of(__doc__)
     parser.add_argument("--sizes", nargs="+", default=["30", "100", "1000"], help="N, WxH or a farm's name")
     parser.add_argument("--days", type=int, default=15)
     parser.add_argument(
@@ -213,31 +162,11 @@ def main() -> None:
     parser.add_argument(
         "--repeats", type=int, default=2, help="runs of ours before, and as many after, the reference"
     )
-    parser.add_argument(
-        "--directory", type=Path, help="where our days are written (default: a temporary folder)"
-    )
-    parser.add_argument("--ours", metavar="SIZE", help=argparse.SUPPRESS)
-    arguments = parser.parse_args()
-    if arguments.ours is not None:
-        ours(arguments.ours, arguments.days, arguments.directory)
-        return
-    cores = len(os.sched_getaffinity(0))
-    place = f"in memory, from {ON_DISK_FROM_CELLS:.0e} cells on disk"
-    print(f"three fields, {arguments.days} days, all kept ({place}); seconds, medians of ours; load {load()}")
-    print(
-        f"{'cells':>12} {'1 core':>9} {f'{cores} cores':>9} {'peak GB':>8} {'reference':>11} "
-        f"{'diseases':>10} {'soil':>10} {'1 core':>11} {f'{cores} cores':>11} {'soil diff':>9}"
-    )
-    with scratch_folder(arguments.directory) as folder:
-        for size in arguments.sizes:
-            days = max(1, arguments.reference_days)
-            print(measure(size, arguments.days, days, max(1, arguments.repeats), folder), flush=True)
-    print(f"load at the end {load()}")
-
-
-def load() -> str:
-    """Give the load of the last minute: more than ours and the times are of a busy machine."""
-    return f"{os.getloadavg()[0]:.1f}"
+    options = parser.parse_args()
+    reference_days, repeats = max(1, options.reference_days), max(1, options.repeats)
+    rows = [measure(size, options.days, reference_days, repeats) for size in options.sizes]
+    heads = ["cells", "ours, s", "reference, s", "diseases, s", "soil, s", "ratio", "soil, difference"]
+    print_table(heads, rows, f"Three fields, {options.days} days, all kept")
 
 
 if __name__ == "__main__":

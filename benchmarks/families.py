@@ -11,13 +11,14 @@ paired difference tells whether it is.
 
 from __future__ import annotations
 
-import argparse
 import math
 import sys
 import textwrap
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
+
+from common import options_of
 
 from wbf_mission.addons.boards.submission import read_pack
 from wbf_mission.bench.intervals import Interval, verdict
@@ -218,7 +219,7 @@ def _told(one: Interval) -> str:
 
 def main() -> None:
     """Print the page, or write it."""
-    options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    options = options_of(__doc__)
     options.add_argument("sources", nargs="+", type=Path)
     options.add_argument("--out", type=Path)
     given = options.parse_args()

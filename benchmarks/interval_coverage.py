@@ -1,16 +1,9 @@
-"""How often intervals of 95 % hold what they are of, and how wide they are, by several methods.
+"""How often our intervals of 95 % hold what they are of, and how wide they are, beside Student's.
 
 Pairs of losses over n environments are drawn from made-up distributions and, with replacement, from the
 frozen rows in `results/`; the ratio of the true means is known. Means are ratios by ones. For each n: in
 how many of 100 cases the interval holds, and its median width by the true value ("inf": without an end).
-
-- percentile: of the ratio in resamples (Efron & Tibshirani 1993, 13.3);
-- Student: of means; Fieller's interval of ratios (1954);
-- log: Student's of the logarithm of a ratio (Bonett & Price 2020);
-- log-t: the bootstrap-t of the logarithm;
-- t drawn: the bootstrap-t of Fieller's statistic by drawing environments (Hwang 1995);
-- t weighed: by weights from Beta(1/2, 3/2) in place of it (Owen 2025);
-- ours: the same, no narrower than Student's (`wbf_mission.bench.intervals`), which all tables use.
+*ours* is `wbf_mission.bench.intervals`, which all tables use; *Student* of a ratio is Fieller's interval.
 
 The last table has eight comparisons at a time: how often all of them hold, each by itself and together.
 
@@ -19,11 +12,11 @@ The last table has eight comparisons at a time: how often all of them hold, each
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+from common import options_of, print_table
 from numpy.typing import NDArray
 from scipy import stats
 from threadpoolctl import threadpool_limits
@@ -37,7 +30,7 @@ Draw = Callable[[np.random.Generator, tuple[int, int]], tuple[Floats, Floats]]
 
 COUNTS = (5, 8, 12, 20, 40)
 RESULTS = Path(__file__).parent.parent / "results" / "0.1.0"
-DRAWS, COMPARED = 1999, 8
+COMPARED = 8
 
 
 def made_up(spread: float, rare: float) -> tuple[Draw, float]:
@@ -93,51 +86,12 @@ def cases() -> dict[str, tuple[Draw, float]]:
     }
 
 
-def weights(count: int, kind: str) -> Floats:
-    """Return float64[draws, count], how resamples weigh environments."""
-    random = np.random.default_rng(0)
-    if kind == "drawn":
-        return random.multinomial(count, np.full(count, 1.0 / count), DRAWS) / count
-    drawn = random.beta(0.5, 1.5, (DRAWS, count))
-    return drawn / drawn.sum(axis=1, keepdims=True)
-
-
-def limits_of_t(residuals: Floats, by: Floats) -> Floats:
-    """Return the quantiles of the t-statistics of resamples, float64[2, cases]."""
-    means = by @ residuals.T
-    errors = np.sqrt(np.maximum(by @ (residuals**2).T - means**2, np.finfo(float).tiny))
-    return np.quantile(means / errors, [0.025, 0.975], axis=0, method="nearest") * np.sqrt(residuals.shape[1])
-
-
-def others(a: Floats, b: Floats) -> dict[str, tuple[Floats, Floats]]:
-    """Return the limits of each other method, for pairs float64[cases, environments]."""
-    count, ratio = a.shape[1], a.mean(axis=1) / b.mean(axis=1)
-    drawn, weighed = weights(count, "drawn"), weights(count, "weighed")
-    residuals = a - ratio[:, None] * b
-    student = stats.t.ppf(0.975, count - 1) * np.sqrt(count / (count - 1.0))
-    low, high = np.quantile((drawn @ a.T) / (drawn @ b.T), [0.025, 0.975], axis=0)
-    found = {"percentile": (low, high)}
-
-    def fieller(name: str, least: Floats, most: Floats) -> None:
-        each = [intervals._fieller(*one) for one in zip(a, b, least, most, strict=True)]
-        found[name] = np.array([one[0] for one in each]), np.array([one[1] for one in each])
-
-    fieller("Student", np.full(len(a), -student), np.full(len(a), student))
-    if np.ptp(b) > 0.0:
-        error = np.sqrt((residuals**2).mean(axis=1) / count) / a.mean(axis=1)
-        found["log"] = ratio * np.exp(-student * error), ratio * np.exp(student * error)
-        above, below = weighed @ a.T, weighed @ b.T
-        spread = (
-            (weighed @ (a**2).T) / above**2
-            + (weighed @ (b**2).T) / below**2
-            - 2.0 * (weighed @ (a * b).T) / (above * below)
-        )
-        t = np.log(above / below / ratio) / np.sqrt(np.maximum(spread / count, np.finfo(float).tiny))
-        least, most = np.quantile(t, [0.025, 0.975], axis=0)
-        found["log-t"] = ratio * np.exp(-most * error), ratio * np.exp(-least * error)
-    fieller("t drawn", *limits_of_t(residuals, drawn))
-    fieller("t weighed", *limits_of_t(residuals, weighed))
-    return found
+def student(a: Floats, b: Floats) -> tuple[Floats, Floats]:
+    """Return the limits of Student's and Fieller's method, for pairs float64[cases, environments]."""
+    count = a.shape[1]
+    most = stats.t.ppf(0.975, count - 1) * np.sqrt(count / (count - 1.0))
+    found = [intervals._fieller(above, below, -most, most) for above, below in zip(a, b, strict=True)]
+    return np.array([limits[0] for limits in found]), np.array([limits[1] for limits in found])
 
 
 def ours(a: Floats, b: Floats, together: bool = False) -> tuple[Floats, Floats]:
@@ -148,25 +102,25 @@ def ours(a: Floats, b: Floats, together: bool = False) -> tuple[Floats, Floats]:
 
 def main() -> None:
     """Print the tables."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = options_of(__doc__)
     parser.add_argument("--cases", type=int, default=2000)
     many = parser.parse_args().cases
-    header = f"| {' | '.join(f'n = {count}' for count in COUNTS)} |\n|---|---|{'--:|' * len(COUNTS)}"
-    print(f"| what | method {header}")
-    for what, (draw, true) in cases().items():
+    counts = [f"n = {count}" for count in COUNTS]
+    methods = {"Student": student, "ours": ours}
+    rows = []
+    for case, (draw, true) in cases().items():
         cells: dict[str, list[str]] = {}
         for count in COUNTS:
             a, b = draw(np.random.default_rng(count), (many, count))
-            for name, (low, high) in {**others(a, b), "ours": ours(a, b)}.items():
+            for name, method in methods.items():
+                low, high = method(a, b)
                 held = 100.0 * np.mean((low <= true) & (true <= high))
                 cells.setdefault(name, []).append(f"{held:.0f} ({np.median(high - low) / abs(true):.2f})")
-        for name, texts in cells.items():
-            print(f"| {what} | {name} | {' | '.join(texts)} |", flush=True)
-    print(f"\n| {COMPARED} comparisons | intervals {header}")
-    for what in ("ratio, mild", "ratio, skewed", "mean, normal", "mean, exponential"):
-        draw, true = cases()[what]
+        rows += [[case, name, *texts] for name, texts in cells.items()]
+    print_table(["case", "method", *counts], rows)
+    rows = []
+    for case in ("ratio, mild", "ratio, skewed", "mean, normal", "mean, exponential"):
+        draw, true = cases()[case]
         for name, together in (("each by itself", False), ("together", True)):
             texts = []
             for count in COUNTS:
@@ -175,7 +129,8 @@ def main() -> None:
                     low, high = ours(*draw(random, (COMPARED, count)), together=together)
                     held += bool(np.all((low <= true) & (true <= high)))
                 texts.append(f"{100.0 * held / (many // COMPARED):.0f}")
-            print(f"| {what} | {name} | {' | '.join(texts)} |", flush=True)
+            rows.append([case, name, *texts])
+    print_table(["case", "intervals", *counts], rows, f"{COMPARED} comparisons")
 
 
 if __name__ == "__main__":

@@ -5,21 +5,18 @@ messages, a ground station that parses everything it would show, and a tlog that
 the in-memory link on one core: short rows on Miniberry-100, and long ones at full speed on Waterberry. The
 time is that of the processor. The bar is 500 times real time.
 
-    python benchmarks/offline_flight.py [--exact] [--profile] [SURVEY ...]
+    python benchmarks/offline_flight.py [SURVEY ...]
 """
 
 from __future__ import annotations
 
-import argparse
-import cProfile
-import pstats
 import sys
 import time
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from scratch import scratch_folder
+from common import options_of, scratch_folder
 
 from geo.farms import get_farm
 from mission.link.codec.dialect import Message
@@ -29,8 +26,8 @@ from mission.model import Command, Frame, GeoPoint, MissionItem
 from mission.outcome import Outcome
 from sensors.camera.leaf_camera import LeafCamera
 from sim_vehicle.airframe.catalog import get_vehicle
-from sim_vehicle.airframe.sensor_errors import SensorNoise
 from sim_vehicle.autopilot import with_autopilot
+from sim_vehicle.autopilot.modes import Mode
 from sim_vehicle.camera.component import LeafCameraComponent
 from sim_vehicle.host.simulation import Simulation
 from sim_vehicle.mavlink import SimVehicle
@@ -47,52 +44,23 @@ class Field:
 
 
 class Ground:
-    """A ground station that uploads, arms, starts, and listens to what it would show or use."""
+    """A ground station that listens to what it would show or use."""
 
     system_id, component_id = 255, 190
     wanted = frozenset({0, 1, 24, 30, 33, 42, 44, 46, 47, 51, 40, 74, 77, 147, 245, 253, 263, 350})
 
-    def __init__(self, items: list[MissionItem]) -> None:
-        self.items, self.due_s, self.heard = items, 0.0, 0
+    def __init__(self) -> None:
+        self.due_s, self.heard = 0.0, 0
 
-    def receive(self, message: Message, _now_s: float) -> list[Message]:
-        """Answer requests for items; arm and start when they are taken."""
+    def receive(self, _message: Message, _now_s: float) -> list[Message]:
+        """Hear it."""
         self.heard += 1
-        kind = type(message).id
-        if kind == m.MAVLINK_MSG_ID_MISSION_REQUEST_INT:
-            item = self.items[message.seq]
-            first = [
-                float("nan") if p is None else p for p in (item.param1, item.param2, item.param3, item.param4)
-            ]
-            return [
-                m.MAVLink_mission_item_int_message(
-                    1,
-                    1,
-                    message.seq,
-                    item.frame,
-                    item.command,
-                    0,
-                    1,
-                    *first,
-                    item.wire_x(),
-                    item.wire_y(),
-                    item.z,
-                )
-            ]
-        if kind == m.MAVLINK_MSG_ID_MISSION_ACK:
-            return [
-                m.MAVLink_command_long_message(1, 1, command, 0, 1.0 if command == 400 else 0.0, *[0.0] * 6)
-                for command in (m.MAV_CMD_COMPONENT_ARM_DISARM, m.MAV_CMD_MISSION_START)
-            ]
         return []
 
     def poll(self, now_s: float) -> list[Message]:
-        """Send heartbeats, and at the start the mission."""
+        """Send heartbeats."""
         self.due_s = now_s + 1.0
-        messages = [m.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3)]
-        if now_s == 0.0:
-            messages.append(m.MAVLink_mission_count_message(1, 1, len(self.items), 0))
-        return messages
+        return [m.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3)]
 
     def next_deadline(self) -> float:
         """Return when the next heartbeat is due."""
@@ -136,16 +104,17 @@ def plan(survey: Survey) -> tuple[GeoPoint, list[MissionItem]]:
     return home, items
 
 
-def fly(survey: Survey, tlog: Path, *, exact: bool) -> tuple[float, float, Simulation, LeafCameraComponent]:
+def fly(survey: Survey, tlog: Path) -> tuple[float, float, Simulation, LeafCameraComponent]:
     """Fly once; returns simulated and processor seconds."""
     farm = get_farm(survey.farm)
     home, items = plan(survey)
-    noise = SensorNoise(estimate_errors=not exact)
-    vehicle = SimVehicle(with_autopilot(get_vehicle("quad"), "px4"), home, noise=noise)
+    vehicle = SimVehicle(with_autopilot(get_vehicle("quad"), "px4"), home)
     camera = LeafCameraComponent(LeafCamera(Field(), (farm.width_cells, farm.height_cells), 6), farm)
-    ground = Ground(items)
+    vehicle.pilot.load(tuple(items))
+    vehicle.pilot.arm(force=True)
+    vehicle.pilot.set_mode(Mode.MISSION)
     with TlogWriter(tlog) as log:
-        simulation = Simulation([vehicle, camera, ground], tap=log.write)
+        simulation = Simulation([vehicle, camera, Ground()], tap=log.write)
         started = time.process_time()
         simulation.run(lambda _: vehicle.finished, limit_s=7200.0)
         busy_s = time.process_time() - started
@@ -154,9 +123,9 @@ def fly(survey: Survey, tlog: Path, *, exact: bool) -> tuple[float, float, Simul
     return simulation.now_s, busy_s, simulation, camera
 
 
-def measure(survey: Survey, tlog: Path, *, exact: bool) -> bool:
+def measure(survey: Survey, tlog: Path) -> bool:
     """Print the best of three flights; return whether it meets the bar."""
-    best = max((fly(survey, tlog, exact=exact) for _ in range(3)), key=lambda run: run[0] / run[1])
+    best = max((fly(survey, tlog) for _ in range(3)), key=lambda run: run[0] / run[1])
     simulated_s, busy_s, simulation, camera = best
     factor = simulated_s / busy_s
     print(
@@ -171,10 +140,8 @@ def measure(survey: Survey, tlog: Path, *, exact: bool) -> bool:
 
 def main() -> None:
     """Measure the surveys that were asked for."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = options_of(__doc__)
     parser.add_argument("survey", nargs="*", help="all without", metavar="|".join(SURVEYS))
-    parser.add_argument("--exact", action="store_true", help="with an exact estimate")
-    parser.add_argument("--profile", action="store_true", help="show where the time goes")
     options = parser.parse_args()
     unknown = [name for name in options.survey if name not in SURVEYS]
     if unknown:
@@ -182,14 +149,8 @@ def main() -> None:
     surveys = [SURVEYS[name] for name in options.survey or SURVEYS]
     with scratch_folder() as folder:
         tlog = folder / "flight.tlog"
-        fly(replace(surveys[0], rows=2), tlog, exact=options.exact)
-        if options.profile:
-            for survey in surveys:
-                profiler = cProfile.Profile()
-                profiler.runcall(fly, survey, tlog, exact=options.exact)
-                pstats.Stats(profiler).sort_stats("tottime").print_stats(30)
-            return
-        met = [measure(survey, tlog, exact=options.exact) for survey in surveys]
+        fly(replace(surveys[0], rows=2), tlog)
+        met = [measure(survey, tlog) for survey in surveys]
     sys.exit(0 if all(met) else 1)
 
 

@@ -1,194 +1,30 @@
-"""Measure what the page costs a flight, how fast it follows one, and how fast the studio plans.
+"""Measure how fast the studio plans: from a changed draft to its plan over HTTP.
 
-    python benchmarks/page_speed.py [--case cost] [--case rate] [--case load] [--case studio] [--rounds 5]
+The first of a process and later ones. Bars: 1 s for Miniberry-100, 3 s for Waterberry.
 
-- *cost*: three quads over Miniberry-100, flown as fast as the machine can in this process: alone, with a page
-  that nobody looks at, with ten viewers in another process, and with a further one that never reads. In
-  turns, each as a ratio to alone in its round, wall and processor time; the median of the rounds counts.
-- *rate*: ten quads at real time for some seconds, ten viewers: updates a second with new states that each
-  gets, and the longest gap. Bar: 5 a second.
-- *load*: from the address to the drawn map in Chromium, Miniberry-100 with ten vehicles, and Waterberry with
-  an estimate of all its fields. Bar: 2 s.
-- *studio*: from a changed draft to its plan over HTTP, the first of a process and later ones. Bars: 1 s for
-  Miniberry-100, 3 s for Waterberry.
+    python benchmarks/page_speed.py
 """
 
 from __future__ import annotations
 
-import argparse
 import contextlib
 import http.client
 import json
-import multiprocessing
-import shutil
-import socket
-import threading
 import time
-from collections.abc import Iterator
-from itertools import pairwise
 from statistics import median
-from typing import Any
 from urllib.parse import urlsplit
 
-from websockets.exceptions import ConnectionClosed
-from websockets.sync.client import connect
+from common import options_of
 
-from wbf_mission.events import EventStream
-from wbf_mission.flight import fly
 from wbf_mission.scenario import Scenario
 from wbf_mission.web.server import LiveServer
 from wbf_mission.web.studio import Studio
 from wbf_mission.web.view import View
 
-VIEWERS = 10
-CASES = ("cost", "rate", "load", "studio")
-FLIGHT = Scenario(farm="miniberry-100", planner="lawnmower", vehicles=3, budget="5min", estimator="point")
-RATE_S = 8.0
-LOAD_BAR_S = 2.0
 
-
-def page_text(update: str | bytes) -> str:
-    """Return an update as text."""
-    return update if isinstance(update, str) else update.decode()
-
-
-def view_all(url: str, ready: Any, results: Any) -> None:
-    """Look at a page as ten viewers do, until it is gone; give how many updates each got and when."""
-    times: list[list[float]] = [[] for _ in range(VIEWERS)]
-
-    def look(mine: list[float]) -> None:
-        with (
-            contextlib.suppress(ConnectionClosed, OSError),
-            connect(url.replace("http", "ws") + "live", origin=url.rstrip("/"), max_size=None) as page,
-        ):
-            ready.release()
-            mine.extend(time.monotonic() for update in page if '"states"' in page_text(update))
-
-    threads = [threading.Thread(target=look, args=(mine,)) for mine in times]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    results.put(times)
-
-
-@contextlib.contextmanager
-def viewers(url: str, results: Any) -> Iterator[None]:
-    """Let ten viewers look from another process."""
-    context = multiprocessing.get_context("spawn")
-    ready = context.Semaphore(0)
-    process = context.Process(target=view_all, args=(url, ready, results))
-    process.start()
-    for _ in range(VIEWERS):
-        ready.acquire()
-    yield
-    process.join()
-
-
-def never_reading(url: str) -> socket.socket:
-    """Ask for the updates and read none of them."""
-    where = urlsplit(url)
-    client = socket.create_connection((where.hostname, where.port))
-    client.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
-    head = f"GET /live HTTP/1.1\r\nHost: {where.netloc}\r\nOrigin: {url.rstrip('/')}\r\n"
-    head += "Upgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Version: 13\r\n"
-    client.sendall((head + "Sec-WebSocket-Key: MDEyMzQ1Njc4OWFiY2RlZg==\r\n\r\n").encode())
-    return client
-
-
-def flown(how: str) -> tuple[float, float]:
-    """Fly once, looked at in some way; return wall and processor seconds of this process."""
-    results = multiprocessing.get_context("spawn").Queue()
-    with contextlib.ExitStack() as stack:
-        stream, looking = EventStream(), contextlib.ExitStack()
-        if how != "alone":
-            view = View()
-            stream.listen(view.take)
-            if how != "nobody":
-                looking.callback(results.get)
-            url = stack.enter_context(LiveServer(view)).url
-            if how != "nobody":
-                looking.enter_context(viewers(url, results))
-            if how == "sleeper":
-                stack.enter_context(contextlib.closing(never_reading(url)))
-        wall_s, cpu_s = time.perf_counter(), time.process_time()
-        fly(FLIGHT, events=stream)
-        taken = time.perf_counter() - wall_s, time.process_time() - cpu_s
-    looking.close()
-    return taken
-
-
-def cost(rounds: int) -> None:
-    """Print what being looked at costs a flight."""
-    ways = ("alone", "nobody", "ten", "sleeper")
-    flown("alone")
-    taken = [{how: flown(how) for how in ways} for _ in range(rounds)]
-    for how in ways[1:]:
-        wall, cpu = (median(one[how][k] / one["alone"][k] for one in taken) for k in range(2))
-        print(f"cost: {how}: {wall:.2f} of the wall time alone, {cpu:.2f} of its processor time")
-
-
-def rate() -> None:
-    """Print how often ten viewers hear of ten vehicles at real time."""
-    results = multiprocessing.get_context("spawn").Queue()
-    view, stream = View(), EventStream()
-    stream.listen(view.take)
-    scenario = Scenario(
-        farm="miniberry-100", planner="lawnmower", vehicles=10, budget="5min", estimator="point"
-    )
-    with LiveServer(view) as server:
-        flight = threading.Thread(target=lambda: fly(scenario, events=stream, pace=1.0), daemon=True)
-        flight.start()
-        # Planning and upload are over when states come.
-        while b'"states"' not in view.update(None)[0].json():
-            time.sleep(0.2)
-        looking = viewers(server.url, results)
-        looking.__enter__()
-        time.sleep(RATE_S)
-    times = results.get()
-    looking.__exit__(None, None, None)
-    rates = [len(mine) / (mine[-1] - mine[0]) for mine in times]
-    gaps = [max(b - a for a, b in pairwise(mine)) for mine in times]
-    slowest, gap_s = min(rates), max(gaps)
-    print(f"rate: {slowest:.1f} updates a second (bar 5: {slowest / 5.0:.1f} of it), gap {gap_s:.2f} s")
-
-
-def load() -> None:
-    """Print how long the page takes to show its map."""
-    from playwright.sync_api import sync_playwright
-
-    path = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))))
-    scenarios = {
-        "Miniberry-100, ten vehicles": Scenario(
-            farm="miniberry-100", planner="lawnmower", vehicles=10, budget="5min", estimator="point"
-        ),
-        "Waterberry": Scenario(farm="waterberry", planner="spiral", budget="15min"),
-    }
-    with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=path, args=["--no-sandbox"])
-        for name, scenario in scenarios.items():
-            view, stream = View(), EventStream()
-            stream.listen(view.take)
-            fly(scenario, events=stream)
-            with LiveServer(view) as server:
-                taken = []
-                for _ in range(5):
-                    page = browser.new_context().new_page()
-                    page.goto(server.url)
-                    # Waiting in the page itself is what its policy forbids.
-                    while not page.evaluate("performance.getEntriesByName('map drawn').length"):
-                        page.wait_for_timeout(20)
-                    taken.append(
-                        page.evaluate("performance.getEntriesByName('map drawn')[0].startTime") / 1e3
-                    )
-                    page.close()
-            shown_s = median(taken)
-            print(f"load: {name}: {shown_s:.2f} s (bar {LOAD_BAR_S:g} s: {LOAD_BAR_S / shown_s:.1f} of it)")
-        browser.close()
-
-
-def studio() -> None:
+def main() -> None:
     """Print how long a changed draft takes to be planned."""
+    options_of(__doc__).parse_args()
     for farm, bar_s in (("miniberry-100", 1.0), ("waterberry", 3.0)):
         made = Studio(Scenario(farm=farm))
         with contextlib.closing(made), LiveServer(View(), routes=made.routes(), home="studio") as server:
@@ -212,18 +48,6 @@ def studio() -> None:
                 f"studio: {farm}, {planner}: {later:.2f} s, the first {seconds[0]:.2f} s"
                 f" (bar {bar_s:g} s: {bar_s / later:.1f} of it)"
             )
-
-
-def main() -> None:
-    """Run the cases that are asked for."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--case", action="append", choices=CASES)
-    parser.add_argument("--rounds", type=int, default=5)
-    given = parser.parse_args()
-    for case in given.case or CASES:
-        {"cost": lambda: cost(given.rounds), "rate": rate, "load": load, "studio": studio}[case]()
 
 
 if __name__ == "__main__":

@@ -1,94 +1,278 @@
-"""Score the planners of sgptools and PyPolo beside ours: same farms, budgets, observations, environments.
+"""The planners of sgptools and PyPolo as planners and policies of one's own (docs/your-own.md).
 
-They take part by the contract of planners and policies of one's own (``benchmarks/peer_planners.py``), each
-in a virtual environment that this script makes: sgptools brings TensorFlow, PyPolo an older NumPy and
-PyTorch, 1 to 2 GB each. What they answered is kept there, so that a plan or a flight is decided once for all
-estimators. Seconds are those that planning and all decisions of a flight take on one core, without the start
-of a library; those of ours are measured on ``--timed`` environments.
+Each runs in a virtual environment of its own, because their libraries do not fit beside ours: sgptools brings
+TensorFlow, PyPolo an older NumPy and PyTorch, 1 to 2 GB each. Questions and answers cross as lines of JSON
+(``benchmarks/peer_workers``). The first command makes the environments::
 
-    python benchmarks/peers.py --folder FOLDER [--scenarios WBF/Miniberry-30-v1] [--estimators gp,epidemic]
-        [--seeds 10] [--out DIR] [--ours spiral,greedy] [--peers sgptools:method=CMA,PyPolo]
+    python benchmarks/peers.py FOLDER
+    export WBF_MISSION_PEERS=FOLDER
+    wbf-mission bench run --scenarios WBF/Miniberry-30-v1 --estimators gp --seeds 10 --out results
+        --planners greedy,benchmarks/peers.py:sgptools:method=CMA,benchmarks/peers.py:PyPolo:kernel=AK
 """
 
 from __future__ import annotations
 
-import argparse
+import atexit
+import bisect
+import contextlib
 import json
+import math
 import os
+import shutil
 import subprocess
-import sys
-import time
-import tomllib
+import tempfile
 import venv
-from collections.abc import Sequence
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
-from rich.console import Console
-from rich.table import Table
+import shapely
+from common import end_on_signals, options_of
 
-from mission.planners.budget import parse_budget
-from mission.policies.decision import Decision
-from mission.policies.observation import PolicyObservation
-from mission.policies.policy import Policy, Triggers, make_policy
-from wbf_mission import fly
-from wbf_mission.bench.benchmark import benchmark
-from wbf_mission.bench.intervals import Interval, mean_interval, verdict
-from wbf_mission.bench.rows import BenchRow
-from wbf_mission.bench.spec import BenchSpec
-from wbf_mission.bench.standings import compare, standings
-from wbf_mission.own_code import own_choice
-from wbf_mission.planning import plan
-from wbf_mission.scenario import Choice, load_scenario, scenario_with
-from wbf_mission.scenario.choice import choose, names_of, split_choices
+from mission.planners.budget import StepBudget
+from mission.planners.path import PlannedPath
+from mission.planners.request import PlanningRequest
+from mission.policies.decision import NO_CHANGE
+from mission.policies.observation import Event, PolicyObservation
+from mission.policies.policy import Triggers
+from wbf_mission import Decision
 
-HERE = Path(__file__).resolve().parent
 PACKAGES = {
     "sgptools": ("sgptools==2.0.7",),
     # PyPolo calls what NumPy 2 has no more; later versions of bezier need NumPy 2.
     "pypolo": ("pypolo==0.0.3", "numpy<2", "bezier<2024.6", "torch==2.13.0"),
 }
-TUNED = HERE.parent / "missions" / "bench" / "tuned.toml"
-"""The fixed planners that `benchmarks/tune_baselines.py` chose."""
-OURS = "lawnmower,adaptive-lawnmower,spiral,random-waypoint,greedy,rolling-horizon,refining-lawnmower"
-PEERS = ",".join(
-    [
-        "sgptools:method=ContinuousSGP,max_steps=5000",
-        "sgptools:method=CMA",
-        "sgptools:method=GreedySGP",
-        "sgptools:method=HexCover",
-        "PyPolo:kernel=RBF",
-        "PyPolo:kernel=AK",
-    ]
-)
+FOLDER = "WBF_MISSION_PEERS"
+"""The environment variable with the folder of the virtual environments."""
+WORKERS = "workers"
+LAND_POINTS = 900
+"""Most points on which the objective of sgptools is defined."""
+_GOALS_AHEAD = 1
 
 
-class Clocked:
-    """A policy of which the seconds of its decisions are counted, of this process alone."""
+class Worker:
+    """A program in another virtual environment, which answers line by line."""
 
-    def __init__(self, policy: Policy) -> None:
-        self._policy, self.spent_s = policy, 0.0
+    def __init__(self, name: str) -> None:
+        python = Path(os.environ[FOLDER]) / name / "bin" / "python"
+        script = Path(os.environ[FOLDER]) / WORKERS / f"{name}_worker.py"
+        # Some libraries leave files where they run.
+        end_on_signals()
+        self._folder = tempfile.TemporaryDirectory()
+        self._process = subprocess.Popen(
+            [python, script],
+            cwd=self._folder.name,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            text=True,
+        )
+        atexit.register(self.close)
+        self._answer()
+
+    def ask(self, question: dict[str, Any]) -> dict[str, Any]:
+        """Return the answer.
+
+        Raises
+        ------
+        RuntimeError
+            If the worker ends, or has none.
+        """
+        assert self._process.stdin is not None
+        with contextlib.suppress(BrokenPipeError):
+            self._process.stdin.write(json.dumps(question) + "\n")
+            self._process.stdin.flush()
+        return self._answer()
+
+    def close(self) -> None:
+        """End the program."""
+        self._process.kill()
+        self._process.wait()
+        self._folder.cleanup()
+
+    def _answer(self) -> dict[str, Any]:
+        assert self._process.stdout is not None
+        line = self._process.stdout.readline()
+        told: dict[str, Any] = json.loads(line) if line else {"error": "its program has ended"}
+        if "error" in told:
+            raise RuntimeError(told["error"])
+        return told
+
+
+_workers: dict[str, Worker] = {}
+
+
+def worker(name: str) -> Worker:
+    """Return the worker of this process; it is started when it is asked for first."""
+    if name not in _workers:
+        _workers[name] = Worker(name)
+    return _workers[name]
+
+
+_tours: dict[str, list[list[float]]] = {}
+
+
+def tour(question: dict[str, Any]) -> list[list[float]]:
+    """Return the points that sgptools plans, metres; a question is asked once in a process."""
+    text = json.dumps(question)
+    if text not in _tours:
+        _tours[text] = worker("sgptools").ask(question)["points_m"]
+    return _tours[text]
+
+
+def box(request: PlanningRequest) -> dict[str, Any]:
+    """Return what every question tells: the box that the camera's middle may reach, start and budget."""
+    x_min, y_min, x_max, y_max = request.area.bounds
+    inset = request.footprint_m / 2
+    low, high = [x_min + inset, y_min + inset], [x_max - inset, y_max - inset]
+    start = np.clip(request.start_xy_m, low, high).tolist()
+    return {"low": low, "high": high, "start": start, "limit": request.budget.limit}
+
+
+def land(request: PlanningRequest) -> list[list[float]]:
+    """Return points of the crops' land, a footprint apart or as far as `LAND_POINTS` of them are."""
+    area = shapely.union_all([one.area for one in request.crop_areas] or [request.area])
+    step = max(request.footprint_m, math.sqrt(area.area / LAND_POINTS))
+    x_min, y_min, x_max, y_max = area.bounds
+    x, y = np.arange(x_min + step / 2, x_max, step), np.arange(y_min + step / 2, y_max, step)
+    points = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1).reshape(-1, 2)
+    found: list[list[float]] = points[shapely.contains_xy(area, points)].tolist()
+    return found
+
+
+def steps_along(points_m: Any, start_m: tuple[float, float], step_m: float) -> Any:
+    """Return points a step apart along a path, float64[n, 2] in metres.
+
+    A budget of steps counts whole ones for each leg, so a path of short legs would lose up to half of it.
+    """
+    line = shapely.LineString(np.vstack((start_m, points_m)))
+    count = max(1, math.ceil(line.length / step_m - 1e-9))
+    found = line.interpolate(np.minimum(step_m * np.arange(1, count + 1), line.length))
+    return shapely.get_coordinates(found)
+
+
+def fitting(points_m: Any, cost: Callable[[Any], float], limit: float) -> Any:
+    """Return a path without what is too long at its end."""
+    fits = bisect.bisect_right(range(1, len(points_m) + 1), limit, key=lambda count: cost(points_m[:count]))
+    return points_m[: max(1, fits)]
+
+
+def sgptools(
+    request: PlanningRequest,
+    /,
+    *,
+    method: str = "ContinuousSGP",
+    reach_m: float = 0.5,
+    variance: float = 0.68,
+    noise: float = 0.26,
+    waypoints: int = 125,
+    max_steps: int | None = None,
+) -> PlannedPath:
+    """Plan by a method of sgptools: ContinuousSGP, CMA or HexCover.
+
+    Its plan depends on farm, start and budget alone, so that it is asked once for each in a process.
+
+    Parameters
+    ----------
+    request : PlanningRequest
+    method : str
+    reach_m, variance, noise : float
+        Length scale and variance of the kernel, and variance of the noise. The defaults are the most likely
+        ones of how sick plants look (mean 0, deviation 1) on Miniberry-30, from 500 plants of an environment:
+        the medians of ten of the tuning environments of ``benchmarks/tune_baselines.py``.
+    waypoints : int
+        Of ContinuousSGP and CMA.
+    max_steps : int, optional
+        Of the optimiser of these; None: the method's default.
+    """
+    # What a metre costs, by a leg of half the farm's width: a budget may be of steps or seconds.
+    x, y = request.start_xy_m
+    leg_m = 0.5 * (request.area.bounds[2] - request.area.bounds[0])
+    length_m = request.budget.limit * leg_m / request.cost(np.array([[x + leg_m, y]]))
+    if isinstance(request.budget, StepBudget):
+        length_m = request.budget.limit * request.budget.step_m
+    question = {
+        **box(request),
+        "seed": 0,
+        "method": method,
+        "length_m": length_m,
+        "reach_m": reach_m,
+        "variance": variance,
+        "noise": noise,
+        "land": land(request),
+        "waypoints": waypoints,
+        "max_steps": max_steps,
+    }
+    points = np.array(tour(question), dtype=np.float64)
+    if isinstance(request.budget, StepBudget):
+        points = steps_along(points, request.start_xy_m, request.budget.step_m)
+    return PlannedPath(fitting(points, request.cost, request.budget.limit), None, method)
+
+
+class PyPolo:
+    """PyPolo's myopic planning as a policy: one goal after the other, by what was seen of both diseases.
+
+    Parameters
+    ----------
+    kernel : {"RBF", "AK"}
+        Stationary, or the attentive kernel.
+    mean, deviation : float
+        Of how sick the plants of a farm look, 0 to 1; those of the tuning environments of
+        ``benchmarks/tune_baselines.py`` on Miniberry-30.
+    """
+
+    def __init__(self, kernel: str = "AK", mean: float = 0.0204, deviation: float = 0.0768) -> None:
+        self.kernel, self.mean, self.deviation = kernel, mean, deviation
+        self._told = 0
 
     @property
     def triggers(self) -> Triggers:
-        """Those of the policy."""
-        return self._policy.triggers
+        """When a goal is reached."""
+        return Triggers(waypoints=True)
 
     def start(self) -> None:
         """Begin a flight."""
-        self._policy.start()
+        self._told = 0
 
     def decide(self, observation: PolicyObservation) -> Decision:
-        """Decide as the policy does."""
-        began_s = time.process_time()
-        try:
-            return self._policy.decide(observation)
-        finally:
-            self.spent_s += time.process_time() - began_s
+        """Fly the pilot survey, then to PyPolo's next goal, as far as the budget goes."""
+        if observation.event is Event.LOST or not observation.steerable:
+            return NO_CHANGE
+        vehicle = observation.steerable[0]
+        if observation.event is Event.START:
+            seed = int(np.random.default_rng(vehicle.request.seed).integers(2**31))
+            given = {"kernel": self.kernel, "mean": self.mean, "deviation": self.deviation, "seed": seed}
+            pilot = worker("pypolo").ask({"ask": "start", **box(vehicle.request), **given})["pilot"]
+            path = steps_along(pilot, vehicle.position_m, vehicle.request.footprint_m)
+            path = fitting(path, lambda rest: vehicle.travel_cost.rest([rest])[0], vehicle.left)
+            return Decision({vehicle.system_id: path}, reason="pilot survey")
+        if len(vehicle.rest_m) > _GOALS_AHEAD:
+            return NO_CHANGE
+        here = np.asarray(vehicle.position_m if len(vehicle.rest_m) == 0 else vehicle.rest_m[-1])
+        question = {"ask": "goal", "position": here.tolist(), "seen": self._seen(observation)}
+        goal = worker("pypolo").ask(question)["goal"]
+        path = np.vstack((vehicle.rest_m, [goal]))
+        for share in (1.0, 0.8, 0.6, 0.4, 0.2, 0.1, 0.05):
+            path[-1] = here + share * (np.asarray(goal) - here)
+            if vehicle.travel_cost.rest([path])[0] <= vehicle.left:
+                return Decision({vehicle.system_id: path}, reason="goal")
+        return NO_CHANGE
+
+    def _seen(self, observation: PolicyObservation) -> list[list[float]]:
+        """What came since the last question: x, y in metres and how sick both plants look, 0 to 1."""
+        seen, begin = observation.observations, self._told
+        self._told = len(seen)
+        side = observation.farm.grid().cell_size_m
+        chosen = [observation.fields.index(one.name) for one in observation.fields.diseases]
+        values = 1.0 - np.nan_to_num(seen.values[begin:, chosen], nan=1.0).clip(0.0, 1.0).mean(axis=1)
+        places = np.stack((seen.x[begin:], seen.y[begin:]), axis=1) * side + 0.5 * side
+        return np.column_stack((places, values)).tolist()
 
 
 def prepare(folder: Path) -> None:
-    """Make the virtual environments that are missing, and tell the planners where they are."""
+    """Make the virtual environments that are missing, and copy the programs that run in them."""
+    shutil.copytree(Path(__file__).with_name("peer_workers"), folder / WORKERS, dirs_exist_ok=True)
     for name, packages in PACKAGES.items():
         if not (folder / name / "made").exists():
             print(f"making {folder / name} with {', '.join(packages)}")
@@ -96,131 +280,15 @@ def prepare(folder: Path) -> None:
             python = folder / name / "bin" / "python"
             subprocess.run([python, "-m", "pip", "install", "--quiet", *packages], check=True)
             (folder / name / "made").touch()
-    os.environ["WBF_MISSION_PEERS"] = str(folder.resolve())
-    os.environ["WBF_MISSION_PEERS_WORKERS"] = str(HERE / "peer_workers")
-
-
-def peer(text: str) -> Choice:
-    """Return a planner of ``peer_planners.py``, its library started."""
-    what = "planner" if text.startswith("sgptools") else "policy"
-    choice = own_choice(f"{HERE / 'peer_planners.py'}:{text}", what)
-    assert choice is not None
-    module = sys.modules[choice.made.__module__]
-    module.worker("sgptools" if what == "planner" else "pypolo")
-    return choice
-
-
-def own_seconds(scenario: str, choice: Choice, seeds: Sequence[int]) -> list[float]:
-    """Return the seconds of planning and deciding of one of ours, a flight each."""
-    base, found = load_scenario(scenario), []
-    for seed in seeds:
-        if choice.name in names_of("planner"):
-            began_s = time.process_time()
-            plan(scenario_with(base, {"planner": choice, "seed": seed}))
-            found.append(time.process_time() - began_s)
-        else:
-            clocked = Clocked(make_policy(choice.name, **choice.params))
-            given = {"policy": clocked, "estimator": choose("gp", "estimator"), "seed": seed}
-            fly(scenario_with(base, given))
-            found.append(clocked.spent_s)
-    return found
-
-
-def peer_seconds(folder: Path, scenario: str, choice: Choice) -> list[float]:
-    """Return the same of a peer, from what its answers cost: of sgptools a plan each, of PyPolo a flight."""
-    limit = parse_budget(load_scenario(scenario).mission.budget or "")[0]
-    found: dict[str, float] = {}
-    times = folder / "answers" / "times.jsonl"
-    for line in times.read_text(encoding="utf-8").splitlines() if times.exists() else ():
-        told = json.loads(line)
-        first = told["first"]
-        if first["limit"] == limit and all(first.get(key) == value for key, value in choice.params.items()):
-            key = json.dumps(first)
-            found[key] = found.get(key, 0.0) + told["cpu_s"]
-    return list(found.values())
-
-
-def interval_text(found: Interval, digits: int = 4, sign: str = "") -> str:
-    """Return a mean with its interval, without one where there is none."""
-    one = f"{sign}.{digits}f"
-    if np.isnan(found.low):
-        return f"{found.mean:{one}}"
-    return f"{found.mean:{one}} [{found.low:{one}}, {found.high:{one}}]"
-
-
-def show(rows: Sequence[BenchRow], peers: Sequence[str], seconds: dict[tuple[str, str], list[float]]) -> None:
-    """Print the standings, and what tells the best of ours from each peer and from the best fixed path."""
-    console = Console(width=170)
-    for scenario, estimator in sorted({(row.scenario, row.estimator) for row in rows}):
-        some = [row for row in rows if (row.scenario, row.estimator) == (scenario, estimator)]
-        found = standings(some)
-        table = Table(title=f"{scenario}, {estimator}: score with its interval of 95 %; 0 is perfect")
-        for name in ("planner", "run", "end", "planning, s", "runs", "failed"):
-            table.add_column(name, justify="left" if name == "planner" else "right", no_wrap=True)
-        for one in found:
-            taken = mean_interval(np.array(seconds.get((scenario, one.planner), [])))
-            scores = [interval_text(v) for v in (one.score, one.final_score)]
-            table.add_row(
-                one.planner, *scores, interval_text(taken, 2), str(one.environments), str(one.failed)
-            )
-        console.print(table)
-        ours = [one for one in found if one.planner not in peers and one.environments]
-        if not ours:
-            continue
-        best = max(ours, key=lambda one: one.score.mean).planner
-        others = [one.planner for one in found if one.planner != best]
-        table = Table(title=f"{best} less each of them: above 0 is better")
-        for name in ("planner", "run", "", "end", " "):
-            table.add_column(name, no_wrap=True)
-        for pair in compare(some, best, others):
-            cells = [
-                text
-                for v in (pair.score, pair.final_score)
-                for text in (interval_text(v, 4, "+"), verdict(v))
-            ]
-            table.add_row(pair.against, *cells)
-        console.print(table)
-    for cause in sorted({f"{row.planner}: {row.error}" for row in rows if row.error}):
-        console.print(f"failed: {cause}")
 
 
 def main() -> None:
-    """Fly and print."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--folder", type=Path, required=True, help="where the virtual environments are or go")
-    parser.add_argument("--scenarios", default="WBF/Miniberry-30-v1")
-    parser.add_argument("--estimators", default="gp,epidemic")
-    parser.add_argument("--seeds", type=int, default=10)
-    parser.add_argument("--first", type=int, default=0, help="the first seed")
-    parser.add_argument("--out", type=Path, help="a folder that keeps what was flown")
-    parser.add_argument("--ours", default=OURS)
-    parser.add_argument("--peers", default=PEERS)
-    parser.add_argument("--timed", type=int, default=5, help="environments on which ours are timed")
-    given = parser.parse_args()
-    prepare(given.folder)
-    peers = [peer(one) for one in split_choices(given.peers, "planner")]
-    tuned = tomllib.loads(TUNED.read_text(encoding="utf-8"))["planners"]
-    names = dict.fromkeys([*split_choices(given.ours, "planner"), *tuned])
-    ours = [choose(one, "planner") for one in names]
-    scenarios = given.scenarios.split(",")
-    spec = BenchSpec.of(
-        scenarios,
-        [*ours, *peers],
-        split_choices(given.estimators, "estimator"),
-        list(range(given.first, given.first + given.seeds)),
-    )
-    rows = benchmark(
-        spec, out=given.out, progress=lambda _, done, total: print(f"\r{done} of {total}", end="", flush=True)
-    )
-    print()
-    timed = range(given.first, given.first + given.timed)
-    seconds = {(name, str(one)): own_seconds(name, one, timed) for name in scenarios for one in ours}
-    seconds |= {
-        (name, str(one)): peer_seconds(given.folder, name, one) for name in scenarios for one in peers
-    }
-    show(rows, [str(one) for one in peers], seconds)
+    """Make the environments."""
+    parser = options_of(__doc__)
+    parser.add_argument("folder", type=Path, help="where the virtual environments are or go")
+    folder = parser.parse_args().folder
+    prepare(folder)
+    print(f"now: export {FOLDER}={folder.resolve()}")
 
 
 if __name__ == "__main__":

@@ -10,13 +10,13 @@ of a flight, and all else that of the flight whose time is in the middle.
 
 from __future__ import annotations
 
-import argparse
 import sys
 from dataclasses import astuple, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+from common import options_of, print_table
 from flight_measures import phases, turns
 from recordings import START_S, Comparison, Flight, Recording, compare, fly_recording, load_recording
 
@@ -25,7 +25,7 @@ from sim_vehicle.autopilot import estimate_errs
 from sim_vehicle.errors import VehicleError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Iterable
 
     from sim_vehicle.airframe.spec import VehicleSpec
 
@@ -80,7 +80,7 @@ class Pair:
 
 def main() -> None:
     """Fly all recordings and print the tables."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = options_of(__doc__)
     parser.add_argument("--folder", type=Path, default=FOLDER)
     parser.add_argument("--only", default="", help="recordings whose name contains this")
     parser.add_argument("--seeds", type=int, default=8, help="flights of a vehicle whose estimate errs")
@@ -114,7 +114,7 @@ def main() -> None:
         "path, 95 %",
         "speed, r",
     )
-    _table("First to last waypoint", heads, times)
+    print_table(heads, times, "First to last waypoint")
     heads = (
         "recording",
         "take-off",
@@ -124,7 +124,7 @@ def main() -> None:
         "landing",
         "start to disarming",
     )
-    _table("Phases, recorded / simulated", heads, parts)
+    print_table(heads, parts, "Phases, recorded / simulated")
     heads = (
         "recording",
         "passes at",
@@ -134,24 +134,12 @@ def main() -> None:
         "rate of turning",
         "ends apart",
     )
-    _table("Corners, recorded / simulated, medians", heads, corners)
+    print_table(heads, corners, "Corners, recorded / simulated, medians")
     if options.out is not None:
         for vehicle in dict.fromkeys(pair.vehicle for pair in pairs):
             path = options.out / f"{vehicle.lower().replace(' ', '-')}.png"
             _plot([pair for pair in pairs if pair.vehicle == vehicle], path)
             print(path)
-
-
-def _table(title: str, heads: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
-    """Print a table in Markdown whose columns line up."""
-    if not rows:
-        return
-    wide = [max(len(cell) for cell in column) for column in zip(heads, *rows, strict=True)]
-    rule = ["-" * width for width in wide]
-    print(f"### {title}\n")
-    for row in (heads, rule, *rows):
-        print("| " + " | ".join(cell.ljust(width) for cell, width in zip(row, wide, strict=True)) + " |")
-    print()
 
 
 def _times(pair: Pair, result: Comparison) -> tuple[str, ...]:

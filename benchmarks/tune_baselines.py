@@ -27,6 +27,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from common import options_of
 
 from geo.atomic import atomic_write
 from mission.errors import PlanningError
@@ -180,9 +181,7 @@ def show(rows: Sequence[BenchRow]) -> None:
 
 def main() -> None:
     """Tune, print, write."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = options_of(__doc__)
     parser.add_argument("--scenarios", default=SCENARIOS)
     parser.add_argument("--estimators", default=ESTIMATORS)
     parser.add_argument("--seeds", type=int, default=20)

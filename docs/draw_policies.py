@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import argparse
 import sys
-from dataclasses import replace
 from pathlib import Path
 
 import matplotlib
@@ -20,7 +19,7 @@ matplotlib.use("Agg")
 from matplotlib import pyplot as plt
 from matplotlib.axes import Axes
 from matplotlib.colors import LinearSegmentedColormap
-from policies import CASES, DAY, Case, Run, fly, made
+from policies import DAY, Case, Run, fly, made
 
 from geo.farms import get_farm
 from geo.seeds import child_seed
@@ -29,7 +28,7 @@ from sensors.fields import HEALTH_COLOURS, PAPER_FIELDS
 
 ROOT = Path(__file__).parents[1]
 SEED = 700_001
-SMALL, LARGE = CASES[0], CASES[1]
+SMALL, LARGE = "miniberry-30", "miniberry-100"
 PICTURES = {
     "policies.png": (
         ("adaptive-lawnmower", SMALL, 1),
@@ -94,8 +93,8 @@ def main() -> int:
     options = parser.parse_args()
     for picture in options.pictures or PICTURES:
         figure, grid = plt.subplots(2, 3, figsize=(10.0, 7.4), layout="constrained")
-        for axes, (name, case, vehicles) in zip(grid.flat, PICTURES[picture], strict=True):
-            case = replace(case, vehicles=vehicles)
+        for axes, (name, farm, vehicles) in zip(grid.flat, PICTURES[picture], strict=True):
+            case = Case(farm, vehicles)
             draw_flight(axes, case, name, fly(case, made(name), SEED))
         figure.savefig(options.out / picture, dpi=110)
     return 0

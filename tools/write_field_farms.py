@@ -2,7 +2,7 @@
 
     python tools/write_field_farms.py [--out FOLDER]
 
-The outlines are those of `benchmarks/fields.json` (sources and licences are there, and in each file). They
+The outlines are those of `tools/fields.json` (sources and licences are there, and in each file). They
 keep their shape, direction and place; lengths are scaled so that the land has about a thousand cells of a
 foot, nearly as many as Miniberry-30, and the crops are planted in blocks of equal area across the land,
 strawberries first.
@@ -28,7 +28,7 @@ from geo.frame import LocalFrame
 from geo.geojson import save_farm
 from geo.units import FOOT_M
 
-SOURCE = Path(__file__).parents[1] / "benchmarks" / "fields.json"
+SOURCE = Path(__file__).with_name("fields.json")
 OUT = Path(__file__).parents[1] / "wbf_mission" / "scenario" / "catalogue" / "WBF" / "farms"
 CELLS = 1000
 GAP_CELLS = 3  # Between the parts of a farm

@@ -8,9 +8,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from changed_flights import ChangedFlight, fly_changed
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from recordings import ChangedFlight, compare, fly_changed, fly_recording, load_recording
+from recordings import compare, fly_recording, load_recording
 
 from geo.frame import LocalFrame
 from mission.model import Command, MissionItem

@@ -4,7 +4,7 @@ Miniberry-30, 360 steps, scored at 36 times: the paper's four planners with two 
 flown by `wbf_mission.benchmark` into a folder, as ``wbf-mission bench run`` does. Beside it, the plain loop:
 `wbf_mission.fly` for each run of some seeds, in this process. Scores of both must be equal.
 
-    python benchmarks/bench_throughput.py [--seeds 125] [--plain 5] [--jobs 1]
+    python benchmarks/throughput.py [--seeds 125] [--plain 5] [--jobs 1]
 
 Printed are processor seconds a run (processes that are started count, with their start), the share that is
 not the runs' own work (bar: 5 %), the ratio to the plain loop, the most memory of this process after a
@@ -14,14 +14,12 @@ minutes). The exit code tells whether the bars are held.
 
 from __future__ import annotations
 
-import argparse
 import resource
 import sys
 import time
 from collections.abc import Sequence
-from typing import Any
 
-from scratch import scratch_folder
+from common import options_of, scratch_folder
 
 from wbf_mission.bench.benchmark import benchmark
 from wbf_mission.bench.rows import BenchRow
@@ -69,9 +67,7 @@ def plain_s(spec: BenchSpec, rows: Sequence[BenchRow]) -> float:
 
 def main() -> int:
     """Run the benchmark."""
-    parser: Any = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = options_of(__doc__)
     parser.add_argument("--seeds", type=int, default=125)
     parser.add_argument("--plain", type=int, default=5, help="seeds of the plain loop")
     parser.add_argument("--jobs", type=int, default=1)

@@ -1,19 +1,47 @@
-"""Folders for what a benchmark leaves nowhere: they vanish when it ends, however it is ended."""
+"""What the benchmarks share: options, tables, times, and folders that vanish when a benchmark ends."""
 
 from __future__ import annotations
 
+import argparse
 import signal
 import sys
 import tempfile
 import threading
-from collections.abc import Iterator
+import time
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from types import FrameType
 
-__all__ = ["end_on_signals", "scratch_folder"]
+__all__ = ["cpu_seconds", "end_on_signals", "options_of", "print_table", "scratch_folder"]
 
 _SIGNALS = (signal.SIGTERM, signal.SIGHUP)
+
+
+def options_of(text: str | None) -> argparse.ArgumentParser:
+    """Return a parser of options whose help is the text of a script's first lines."""
+    return argparse.ArgumentParser(
+        description=text, formatter_class=argparse.RawDescriptionHelpFormatter, allow_abbrev=False
+    )
+
+
+def cpu_seconds(work: Callable[[], object]) -> float:
+    """Return the processor seconds of this process that the work takes, all threads together."""
+    begin_s = time.process_time()
+    work()
+    return time.process_time() - begin_s
+
+
+def print_table(heads: Sequence[str], rows: Sequence[Sequence[str]], title: str = "") -> None:
+    """Print a table in Markdown whose columns line up; nothing if it has no rows."""
+    if not rows:
+        return
+    widths = [max(3, *map(len, column)) for column in zip(heads, *rows, strict=True)]
+    if title:
+        print(f"\n### {title}\n")
+    for row in (heads, ["-" * width for width in widths], *rows):
+        print("| " + " | ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)) + " |")
+    sys.stdout.flush()
 
 
 @contextmanager

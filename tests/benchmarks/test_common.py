@@ -10,7 +10,7 @@ import pytest
 BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
 PROGRAM = """
 import time
-from scratch import scratch_folder
+from common import scratch_folder
 with scratch_folder({folder!r}) as folder:
     (folder / "flight.tlog").write_bytes(b"frames")
     print("written", flush=True)

@@ -1,10 +1,13 @@
 """The command line as it is made from the options of the parts."""
 
 import re
+from typing import Any
 
 import pytest
+from advice import commands
 
 from wbf_mission.cli.app import main
+from wbf_mission.cli.help import HELP_ALL
 from wbf_mission.cli.options import Given, scenario_options
 from wbf_mission.scenario import Scenario, ScenarioError, WeatherOptions
 from wbf_mission.scenario.option import Part
@@ -20,7 +23,7 @@ def flags_of(part: type[Part]) -> set[str]:
 
 
 def helped(capsys: pytest.CaptureFixture[str], command: str) -> str:
-    assert main([command, "--help"]) == 0
+    assert main([command, HELP_ALL]) == 0
     return " ".join(capsys.readouterr().out.split())
 
 
@@ -43,6 +46,57 @@ def test_help_shows_defaults_and_dependence(capsys: pytest.CaptureFixture[str], 
     assert "[default: quad]" in text
     assert "0.05 to 1000 m" in text or command == "sim"
     assert ("(not with --mission)" in text) == (command in ("fly", "plan"))
+
+
+def listed(text: str) -> list[str]:
+    """The options that begin a line of a help, without its examples."""
+    return re.findall(r"^  (?:-\w, )?(--[a-z-]+)", text, re.MULTILINE)
+
+
+def own_flags(command: Any) -> list[str]:
+    return [
+        next(flag for flag in parameter.opts if flag.startswith("--"))
+        for parameter in command.params
+        if parameter.param_type_name == "option" and HELP_ALL not in parameter.opts
+    ]
+
+
+@pytest.mark.parametrize("name", commands())
+def test_help_of_many_options_shows_those_for_beginners(
+    name: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    command = commands()[name]
+    flags = own_flags(command)
+    assert main([*name.split(), "--help"]) == 0
+    text = capsys.readouterr().out
+    if len(flags) <= 20:
+        assert (command.beginners, sorted(listed(text))) == ((), sorted(["--help", *flags]))
+        assert main([*name.split(), HELP_ALL]) == 2
+        return
+    assert 8 <= len(command.beginners) <= 12
+    assert listed(text) == [*command.beginners, "--help", HELP_ALL]
+    assert f"{HELP_ALL}  Show all {len(flags)} options and exit." in text
+    assert all(argument.name in text for argument in command.params if argument.param_type_name == "argument")
+    assert main([*name.split(), HELP_ALL]) == 0
+    whole = capsys.readouterr().out
+    assert sorted(listed(whole)) == sorted(["--help", HELP_ALL, *flags])
+    panels = {getattr(parameter, "rich_help_panel", None) for parameter in command.params} - {None}
+    assert all(f"\n{panel}:\n" in whole for panel in panels)
+    assert text.split("Examples:")[1] == whole.split("Examples:")[1]
+
+
+def test_a_beginner_sees_these_options_of_fly(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["fly", "-h"]) == 0
+    needed = {"farm", "planner", "policy", "budget", "vehicle", "autopilot", "connect", "live", "estimator"}
+    needed |= {"seed", "out", "mission"}
+    assert set(listed(capsys.readouterr().out)) == {f"--{name}" for name in needed} | {"--help", HELP_ALL}
+
+
+def test_the_help_of_all_options_is_no_run(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["fly", "--farm", "nowhere", HELP_ALL]) == 0
+    assert main(["upload", HELP_ALL]) == 0
+    assert "Arguments:\n  file" in capsys.readouterr().out
+    assert main(["fly", "--no-files", "--farm", "nowhere"]) == 2
 
 
 def test_help_names_no_types_of_python(capsys: pytest.CaptureFixture[str]) -> None:

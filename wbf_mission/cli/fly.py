@@ -53,6 +53,10 @@ wbf-mission fly --farm miniberry-30 --planner spiral --connect udpin:127.0.0.1:1
 wbf-mission fly --farm miniberry-100 --policy greedy --vehicles 3 --live 0 --open
 wbf-mission fly --policy greedy --connect udpin:127.0.0.1:14550 --connect serial:/dev/ttyUSB0:57600
 """
+BEGINNERS = (
+    *("--farm", "--planner", "--policy", "--mission", "--budget", "--vehicle"),
+    *("--autopilot", "--connect", "--live", "--estimator", "--seed", "--out"),
+)
 
 
 @dataclass(frozen=True, slots=True)

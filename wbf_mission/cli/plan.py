@@ -41,6 +41,10 @@ wbf-mission plan --farm waterberry --planner lawnmower --budget 40km --out rows.
 wbf-mission plan --farm waterberry --planner lawnmower --budget 3batteries --out rows.plan
 wbf-mission plan --farm waterberry --mission rows.plan --resume flight.tlog --out rest.plan
 """
+BEGINNERS = (
+    *("--farm", "--planner", "--policy", "--mission", "--budget", "--vehicle"),
+    *("--autopilot", "--altitude", "--fence", "--wind", "--seed", "--out"),
+)
 
 
 @options.scenario_options(

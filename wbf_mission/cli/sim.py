@@ -37,6 +37,10 @@ wbf-mission sim --listen tcpin:127.0.0.1:5760 --listen udpout:127.0.0.1:14550 --
 wbf-mission sim --count 3 --live 0 --open --control
 wbf-mission sim --fault loss=0.2 --fault gps-loss,at=airborne,from=20,for=10
 """
+BEGINNERS = (
+    *("--farm", "--vehicle", "--autopilot", "--count", "--home", "--wind"),
+    *("--listen", "--speed", "--fault", "--live", "--seed", "--tlog"),
+)
 
 
 @options.scenario_options(

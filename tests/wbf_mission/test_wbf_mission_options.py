@@ -94,6 +94,7 @@ def test_a_beginner_sees_these_options_of_fly(capsys: pytest.CaptureFixture[str]
 
 def test_the_help_of_all_options_is_no_run(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["fly", "--farm", "nowhere", HELP_ALL]) == 0
+    assert main(["fly", "--seed", "x", HELP_ALL]) == 0
     assert main(["upload", HELP_ALL]) == 0
     assert "Arguments:\n  file" in capsys.readouterr().out
     assert main(["fly", "--no-files", "--farm", "nowhere"]) == 2

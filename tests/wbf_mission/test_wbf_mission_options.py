@@ -76,7 +76,8 @@ def test_help_of_many_options_shows_those_for_beginners(
     assert 8 <= len(command.beginners) <= 12
     assert listed(text) == [*command.beginners, "--help", HELP_ALL]
     assert f"{HELP_ALL}  Show all {len(flags)} options and exit." in text
-    assert all(argument.name in text for argument in command.params if argument.param_type_name == "argument")
+    arguments = [parameter.name for parameter in command.params if parameter.param_type_name == "argument"]
+    assert all(f"\n  {argument} <" in text for argument in arguments)
     assert main([*name.split(), HELP_ALL]) == 0
     whole = capsys.readouterr().out
     assert sorted(listed(whole)) == sorted(["--help", HELP_ALL, *flags])

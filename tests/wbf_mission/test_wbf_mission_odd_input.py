@@ -140,7 +140,10 @@ def run(*arguments, script='"$@"', **options):
         ('{ "$@"; echo $? >&2; } | true', 0, "141\n"),
     ],
 )
-@pytest.mark.parametrize("arguments", [["vehicle", "list"], ["vehicle", "list", "--json"], ["fly", "--help"]])
+@pytest.mark.parametrize(
+    "arguments",
+    [["vehicle", "list"], ["vehicle", "list", "--json"], ["fly", "--help"], ["fly", "--help-all"]],
+)
 def test_an_output_that_takes_nothing(arguments, script, code, says):
     done = run(*arguments, script=script)
     assert (done.returncode, done.stderr) == (code, says)

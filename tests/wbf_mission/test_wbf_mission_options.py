@@ -1,10 +1,13 @@
 """The command line as it is made from the options of the parts."""
 
 import re
+from typing import Any
 
 import pytest
+from advice import commands
 
 from wbf_mission.cli.app import main
+from wbf_mission.cli.help import HELP_ALL
 from wbf_mission.cli.options import Given, scenario_options
 from wbf_mission.scenario import Scenario, ScenarioError, WeatherOptions
 from wbf_mission.scenario.option import Part
@@ -20,7 +23,7 @@ def flags_of(part: type[Part]) -> set[str]:
 
 
 def helped(capsys: pytest.CaptureFixture[str], command: str) -> str:
-    assert main([command, "--help"]) == 0
+    assert main([command, HELP_ALL]) == 0
     return " ".join(capsys.readouterr().out.split())
 
 
@@ -45,11 +48,72 @@ def test_help_shows_defaults_and_dependence(capsys: pytest.CaptureFixture[str], 
     assert ("(not with --mission)" in text) == (command in ("fly", "plan"))
 
 
-def test_help_names_no_types_of_python(capsys: pytest.CaptureFixture[str]) -> None:
-    text = helped(capsys, "sim")
-    assert "--fault TEXT" in text
-    assert "[default: camera; with ArduPilot no-camera" in text
-    assert "True" not in text and "list[" not in text
+def listed(text: str) -> list[str]:
+    """The options that begin a line of a help, without its examples."""
+    return re.findall(r"^  (?:-\w, )?(--[a-z-]+)", text, re.MULTILINE)
+
+
+def own_flags(command: Any) -> list[str]:
+    return [
+        next(flag for flag in parameter.opts if flag.startswith("--"))
+        for parameter in command.params
+        if parameter.param_type_name == "option" and HELP_ALL not in parameter.opts
+    ]
+
+
+@pytest.mark.parametrize("name", commands())
+def test_help_of_many_options_shows_those_for_beginners(
+    name: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    command = commands()[name]
+    flags = own_flags(command)
+    assert main([*name.split(), "--help"]) == 0
+    text = capsys.readouterr().out
+    if len(flags) <= 20:
+        assert (command.beginners, sorted(listed(text))) == ((), sorted(["--help", *flags]))
+        assert main([*name.split(), HELP_ALL]) == 2
+        return
+    assert 8 <= len(command.beginners) <= 12
+    assert listed(text) == [*command.beginners, "--help", HELP_ALL]
+    assert f"{HELP_ALL}  Show all {len(flags)} options and exit." in text
+    arguments = [parameter.name for parameter in command.params if parameter.param_type_name == "argument"]
+    assert all(f"\n  {argument} <" in text for argument in arguments)
+    assert main([*name.split(), HELP_ALL]) == 0
+    whole = capsys.readouterr().out
+    assert sorted(listed(whole)) == sorted(["--help", HELP_ALL, *flags])
+    panels = {getattr(parameter, "rich_help_panel", None) for parameter in command.params} - {None}
+    assert all(f"\n{panel}:\n" in whole for panel in panels)
+    assert text.split("Examples:")[1] == whole.split("Examples:")[1]
+
+
+def test_a_beginner_sees_these_options_of_fly(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["fly", "-h"]) == 0
+    needed = {"farm", "planner", "policy", "budget", "vehicle", "autopilot", "connect", "live", "estimator"}
+    needed |= {"seed", "out", "mission"}
+    assert set(listed(capsys.readouterr().out)) == {f"--{name}" for name in needed} | {"--help", HELP_ALL}
+
+
+def test_the_help_of_all_options_is_no_run(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["fly", "--farm", "nowhere", HELP_ALL]) == 0
+    assert main(["fly", "--seed", "x", HELP_ALL]) == 0
+    assert main(["upload", HELP_ALL]) == 0
+    assert "Arguments:\n  file" in capsys.readouterr().out
+    assert main(["fly", "--no-files", "--farm", "nowhere"]) == 2
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_help_names_no_types_of_python(capsys: pytest.CaptureFixture[str], command: str) -> None:
+    text = helped(capsys, command)
+    assert ("--fault TEXT" in text) == (command != "plan")
+    assert ("[default: camera; with ArduPilot no-camera" in text) == (command == "sim")
+    assert "True" not in text.replace("True development", "") and "list[" not in text
+
+
+def test_help_says_the_range_beside_what_it_is_of(capsys: pytest.CaptureFixture[str]) -> None:
+    text = helped(capsys, "fly")
+    fence = "Geofence METRES outside the farm's border, 1 to 1000 m; exclusion zones round obstacles"
+    assert f"--fence METRES {fence} (not with --mission). [default: none]" in text
+    assert "Autopilot to simulate: px4 or ardupilot; a list gives one per vehicle. [default: px4]" in text
 
 
 @pytest.mark.parametrize("command", ["plan", "fly", "sim"])

@@ -36,7 +36,7 @@ import contextlib, io, json, sys
 from wbf_mission.__main__ import main
 told = []
 for words in json.loads(sys.argv[1]):
-    sys.argv[1:] = [*words, "--help"]
+    sys.argv[1:] = words
     with contextlib.redirect_stdout(io.StringIO()) as out:
         try:
             code = main()
@@ -80,11 +80,11 @@ COMMANDS = (
 
 
 def test_help_loads_no_library():
-    arguments = [sys.executable, "-c", HELP, json.dumps(COMMANDS)]
-    done = subprocess.run(arguments, capture_output=True, text=True, check=True)
-    for command, (code, text, modules) in zip(COMMANDS, json.loads(done.stdout), strict=True):
-        assert (code, modules) == (0, []), command
-        assert f"Usage: {' '.join(('wbf-mission', *command))} " in text
+    asked = [*((*command, "--help") for command in COMMANDS), ("fly", "--help-all")]
+    done = subprocess.run([sys.executable, "-c", HELP, json.dumps(asked)], capture_output=True, check=True)
+    for words, (code, text, modules) in zip(asked, json.loads(done.stdout), strict=True):
+        assert (code, modules) == (0, []), words
+        assert f"Usage: {' '.join(('wbf-mission', *words[:-1]))} " in text
 
 
 def test_every_command_is_in_the_list_above():
@@ -110,6 +110,7 @@ def test_the_version_loads_no_library():
     [
         ("wbf-mission pl", {"plan"}),
         ("wbf-mission fly --win", {"--wind", "--wind-shear"}),
+        ("wbf-mission fly --help", {"--help", "--help-all"}),
         ("wbf-mission plan --farm water", {"waterberry"}),
         ("wbf-mission plan --planner spi", {"spiral"}),
         ("wbf-mission fly --estimator ada", {"adaptive-disk"}),

@@ -3,6 +3,7 @@
 import json
 
 import pytest
+from advice import commands
 from preflight_plans import box, farm_with_obstacle, fenced, good
 from stand_in import stand_in
 
@@ -90,7 +91,8 @@ def test_farm_and_wind_are_checked_before_an_upload(file, tmp_path, capsys):
 
 @pytest.mark.parametrize("command", ["fly", "preflight", "upload", "download", "check", "command"])
 def test_options_of_the_link_stand_together_in_the_help(command, capsys):
-    text = run(capsys, command, "--help").out
+    every = "--help-all" if commands()[command].beginners else "--help"
+    text = run(capsys, command, every).out
     panel = text.split("The vehicle's link:")[1].split("\n\n")[0]
     for option in ("--wait", "--system-id"):
         assert option in panel

@@ -33,8 +33,8 @@ from wbf_mission.cli import (
     warm_up,
 )
 from wbf_mission.cli import map as treatment_map
-from wbf_mission.cli.command import add_commands
-from wbf_mission.cli.help import HelpCommand, HelpGroup
+from wbf_mission.cli.command import Command, add_commands
+from wbf_mission.cli.help import HelpGroup
 from wbf_mission.cli.output import StdoutError, to_stdout
 from wbf_mission.exit_codes import ExitCode, exit_code_of
 
@@ -54,29 +54,28 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110},
 )
-_COMMANDS = (
-    ("plan", plan.plan_command, plan.EXAMPLES),
-    ("fly", fly.fly_command, fly.EXAMPLES),
-    ("studio", studio.studio_command, studio.EXAMPLES),
-    ("map", treatment_map.map_command, treatment_map.EXAMPLES),
-    ("report", report.report_command, report.EXAMPLES),
-    ("sim", sim.sim_command, sim.EXAMPLES),
-    ("convert", convert.convert_command, convert.EXAMPLES),
-    ("preflight", preflight.preflight_command, preflight.EXAMPLES),
-    ("upload", transfer.upload_command, transfer.UPLOAD_EXAMPLES),
-    ("download", transfer.download_command, transfer.DOWNLOAD_EXAMPLES),
-    ("monitor", operate.monitor_command, operate.MONITOR_EXAMPLES),
-    ("command", operate.command_command, operate.COMMAND_EXAMPLES),
-    ("warm-up", warm_up.warm_up_command, warm_up.EXAMPLES),
-    ("check-planner", contracts.check_planner_command, contracts.EXAMPLES),
-    ("check-policy", contracts.check_policy_command, contracts.EXAMPLES),
-    ("check-estimator", contracts.check_estimator_command, contracts.EXAMPLES),
-)
-for _name, _command, _examples in _COMMANDS:
+_COMMANDS = {
+    "plan": Command(plan.plan_command, plan.EXAMPLES, plan.BEGINNERS),
+    "fly": Command(fly.fly_command, fly.EXAMPLES, fly.BEGINNERS),
+    "studio": Command(studio.studio_command, studio.EXAMPLES, studio.BEGINNERS),
+    "map": Command(treatment_map.map_command, treatment_map.EXAMPLES, treatment_map.BEGINNERS),
+    "report": Command(report.report_command, report.EXAMPLES),
+    "sim": Command(sim.sim_command, sim.EXAMPLES, sim.BEGINNERS),
+    "convert": Command(convert.convert_command, convert.EXAMPLES),
+    "preflight": Command(preflight.preflight_command, preflight.EXAMPLES, preflight.BEGINNERS),
+    "upload": Command(transfer.upload_command, transfer.UPLOAD_EXAMPLES, transfer.UPLOAD_BEGINNERS),
+    "download": Command(transfer.download_command, transfer.DOWNLOAD_EXAMPLES),
+    "monitor": Command(operate.monitor_command, operate.MONITOR_EXAMPLES),
+    "command": Command(operate.command_command, operate.COMMAND_EXAMPLES),
+    "warm-up": Command(warm_up.warm_up_command, warm_up.EXAMPLES),
+    "check-planner": Command(contracts.check_planner_command, contracts.EXAMPLES),
+    "check-policy": Command(contracts.check_policy_command, contracts.EXAMPLES),
+    "check-estimator": Command(contracts.check_estimator_command, contracts.EXAMPLES),
+}
+for _name, _command in _COMMANDS.items():
     # A height of -5 is a value of `command`, no option.
-    _settings = {"ignore_unknown_options": True} if _name == "command" else None
-    app.command(_name, cls=HelpCommand, epilog=_examples, context_settings=_settings)(_command)
-bench.app.command("replay", cls=HelpCommand, epilog=bench_replay.EXAMPLES)(bench_replay.replay_command)
+    _command.add_to(app, _name, **({"ignore_unknown_options": True} if _name == "command" else {}))
+Command(bench_replay.replay_command, bench_replay.EXAMPLES).add_to(bench.app, "replay")
 for _group in (farm, vehicle, bench):
     app.add_typer(_group.app, name=_group.__name__.rpartition(".")[2])
 add_commands({"": app, "bench": bench.app})

@@ -24,10 +24,18 @@ class Command(NamedTuple):
         As `typer` takes it; its docstring is the help.
     examples : str
         A heading, and a line for each example.
+    beginners : tuple of str
+        The options that ``--help`` shows, of a command with more than twenty; ``--help-all`` shows all.
     """
 
     call: Callable[..., Any]
     examples: str
+    beginners: tuple[str, ...] = ()
+
+    def add_to(self, app: typer.Typer, name: str, **settings: Any) -> None:
+        """Add the command to a group; `settings` are those of its context."""
+        kind = HelpCommand.showing(self.beginners)
+        app.command(name, cls=kind, epilog=self.examples, context_settings=settings)(self.call)
 
 
 def add_commands(apps: dict[str, typer.Typer]) -> None:
@@ -43,7 +51,7 @@ def add_commands(apps: dict[str, typer.Typer]) -> None:
             command = load_entry(entry, f"the command {entry.name}", TargetError)
         except TargetError as error:
             command = _broken(error)
-        apps[group].command(name, cls=HelpCommand, epilog=command.examples)(command.call)
+        command.add_to(apps[group], name)
 
 
 def _broken(error: TargetError) -> Command:

@@ -53,6 +53,10 @@ wbf-mission fly --farm miniberry-30 --planner spiral --connect udpin:127.0.0.1:1
 wbf-mission fly --farm miniberry-100 --policy greedy --vehicles 3 --live 0 --open
 wbf-mission fly --policy greedy --connect udpin:127.0.0.1:14550 --connect serial:/dev/ttyUSB0:57600
 """
+BEGINNERS = (
+    *("--farm", "--planner", "--policy", "--mission", "--budget", "--vehicle"),
+    *("--autopilot", "--connect", "--live", "--estimator", "--seed", "--out"),
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,17 +66,18 @@ class _Links:
     connect: Annotated[
         list[str] | None,
         options.link(
-            "Fly the vehicle behind this link in place of a simulated one; repeated, one for each vehicle,"
-            " or once for all"
+            "Link to the vehicle that flies in place of a simulated one; give one for all vehicles, or one"
+            " for each"
         ),
     ] = None
     yes: Annotated[bool, option("Start without asking.", "--yes", panel=options.LINK_PANEL)] = False
     system_id: Annotated[
         list[int] | None,
         option(
-            "The vehicle's system id, 1 to 255; of several repeated, one for each in the order of --connect."
-            "  [default: the first ones heard]",
+            "System id of the vehicle, 1 to 255; may be repeated, in the order of --connect.  [default: the"
+            " first ones heard]",
             panel=options.LINK_PANEL,
+            metavar="NUMBER",
             parser=options.whole_number_in(1, 255),
         ),
     ] = None
@@ -131,15 +136,15 @@ class _Saving:
         Path | None,
         option("Folder for the results.  [default: runs/ and a name from the scenario]", panel=_OUT),
     ] = None
-    files: Annotated[bool, option("Write the results, or only print them.", panel=_OUT)] = True
-    plots: Annotated[bool, option("Draw pictures among the results.", panel=_OUT)] = True
+    files: Annotated[bool, option("Write the results into a folder, or only print them.", panel=_OUT)] = True
+    plots: Annotated[bool, option("Draw pictures into the folder.", panel=_OUT)] = True
     animate: Annotated[
-        bool, option("Write the run as a moving picture (run.gif), too.", "--animate", panel=_OUT)
+        bool, option("Write an animation of the run (run.gif), too.", "--animate", panel=_OUT)
     ] = False
     treatment_map: Annotated[
         bool,
         option(
-            "Write a treatment map among the results, too, as 'wbf-mission map' does (needs the extra gis).",
+            "Write a treatment map, too, as 'wbf-mission map' does (needs the extra gis).",
             "--treatment-map",
             panel=_OUT,
         ),
@@ -147,7 +152,7 @@ class _Saving:
     overwrite: Annotated[
         bool,
         option(
-            "Replace the result of another run in the folder, or write among other files.",
+            "Replace another run's result in the folder, or write beside other files.",
             "--overwrite",
             panel=_OUT,
         ),
@@ -233,8 +238,8 @@ def fly_command(
     change_time: Annotated[
         float,
         option(
-            "Seconds that changing a battery takes, where a mission is flown in sorties; with --connect and"
-            " --yes the most that it may take.",
+            "Duration of a battery change between sorties, s; with --connect and --yes the longest wait for"
+            " it.",
             panel="What to run",
             parser=options.number,
         ),
@@ -243,10 +248,11 @@ def fly_command(
     fault: Annotated[
         list[str] | None,
         option(
-            "What goes wrong in each flight, besides what the scenario file says:"
-            " KIND[=VALUE][,vehicle=N][,from=S][,for=S][,at=EVENT][,...],"
-            " may be repeated; 'wbf-mission sim --list-faults' lists the kinds.",
+            "Fault to simulate in each flight, besides those of the scenario file:"
+            " KIND[=VALUE][,vehicle=N][,from=S][,for=S][,at=EVENT][,...]; may be repeated; 'wbf-mission sim"
+            " --list-faults' lists the kinds.",
             panel="Faults",
+            metavar="TEXT",
         ),
     ] = None,
     saving: _Saving,

@@ -1,4 +1,4 @@
-"""Help pages: options by panel, examples as they are typed.
+"""Help pages: options by panel, or only those for beginners; examples as they are typed.
 
 Plain text on purpose: drawing boxes around it would take longer than everything else that ``--help`` does.
 """
@@ -6,7 +6,8 @@ Plain text on purpose: drawing boxes around it would take longer than everything
 from __future__ import annotations
 
 import sys
-from typing import Any
+from collections.abc import Iterable
+from typing import Any, ClassVar
 
 import typer
 from typer.core import TyperCommand, TyperGroup
@@ -14,7 +15,8 @@ from typer.core import TyperCommand, TyperGroup
 from wbf_mission.cli.options import TargetError
 from wbf_mission.exit_codes import ExitCode
 
-_ARGUMENTS, _OPTIONS = "Arguments", "Options"
+_ARGUMENTS, _MAIN, _OPTIONS = "Arguments", "Main options", "Options"
+HELP_ALL = "--help-all"
 
 
 class _Help:
@@ -23,11 +25,9 @@ class _Help:
     def format_options(self: Any, ctx: Any, formatter: Any) -> None:
         """Write arguments first, then the options of each panel in the order in which the panels are met."""
         sections: dict[str, list[tuple[str, str]]] = {_ARGUMENTS: []}
-        for parameter in self.get_params(ctx):
+        for panel, parameter in self.shown(ctx):
             record = parameter.get_help_record(ctx)
             if record is not None:
-                is_argument = parameter.param_type_name == "argument"
-                panel = _ARGUMENTS if is_argument else getattr(parameter, "rich_help_panel", None) or _OPTIONS
                 name, text = record
                 sections.setdefault(panel, []).append((name.replace(" range>", ">"), text))
         sections[_OPTIONS] = sections.pop(_OPTIONS, [])  # last: --help and what belongs nowhere else
@@ -35,6 +35,13 @@ class _Help:
             if rows:
                 with formatter.section(title):
                     formatter.write_dl(rows)
+
+    def shown(self: Any, ctx: Any) -> Iterable[tuple[str, Any]]:
+        """Return the parameters that the help shows, each with its panel."""
+        for parameter in self.get_params(ctx):
+            is_argument = parameter.param_type_name == "argument"
+            panel = _ARGUMENTS if is_argument else getattr(parameter, "rich_help_panel", None) or _OPTIONS
+            yield panel, parameter
 
     def format_epilog(self: Any, ctx: Any, formatter: Any) -> None:  # noqa: ARG002
         """Write the first line as a heading and the others as they are, so that they can be copied."""
@@ -48,6 +55,30 @@ class _Help:
 class HelpCommand(_Help, TyperCommand):
     """A command whose help shows its options by panel."""
 
+    beginners: ClassVar[tuple[str, ...]] = ()
+    """The options that ``--help`` shows, in this order, where ``--help-all`` shows the others; none: all."""
+
+    def __init__(self, *args: Any, **settings: Any) -> None:
+        super().__init__(*args, **settings)
+        if self.beginners:
+            count = sum(parameter.param_type_name == "option" for parameter in self.params)
+            self.params.append(_help_all(count))
+
+    @classmethod
+    def showing(cls, beginners: tuple[str, ...]) -> type[HelpCommand]:
+        """Return the class of a command whose ``--help`` shows these options; of none: all of its options."""
+        return type(cls.__name__, (cls,), {"beginners": beginners})
+
+    def shown(self, ctx: Any) -> Iterable[tuple[str, Any]]:
+        """Return the parameters that the help shows, each with its panel."""
+        every = list(super().shown(ctx))
+        if not self.beginners or ctx.meta.get(HELP_ALL):
+            return every
+        by_flag = {flag: parameter for _, parameter in every for flag in parameter.opts}
+        arguments = [(panel, parameter) for panel, parameter in every if panel == _ARGUMENTS]
+        main = [(_MAIN, by_flag[flag]) for flag in self.beginners]
+        return [*arguments, *main, (_OPTIONS, by_flag["--help"]), (_OPTIONS, by_flag[HELP_ALL])]
+
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Read the arguments; who wants to replace a file with ``--force`` is told what does it."""
         try:
@@ -58,6 +89,25 @@ class HelpCommand(_Help, TyperCommand):
                 msg = f"{ctx.command_path} has no --force: --overwrite replaces a file that is there"
                 raise TargetError(msg) from None
             raise
+
+
+def _help_all(count: int) -> Any:
+    def show(ctx: typer.Context, wanted: bool) -> None:
+        if wanted and not ctx.resilient_parsing:
+            ctx.meta[HELP_ALL] = True
+            sys.stdout.write(ctx.get_help() + "\n")
+            raise typer.Exit
+
+    text = f"Show all {count} options and exit."
+    only = typer.Typer(add_completion=False)
+
+    @only.command()
+    def command(_: bool = typer.Option(False, HELP_ALL, help=text, is_eager=True, callback=show)) -> None:
+        """Has the option, which only typer can make."""
+
+    (option,) = typer.main.get_command(only).params
+    option.expose_value = False
+    return option
 
 
 class HelpGroup(_Help, TyperGroup):

@@ -32,7 +32,7 @@ class LivePage:
     live: Annotated[
         int | None,
         option(
-            "Show what happens on a page at this port of this machine; 0 is any free one.",
+            "Port of this machine for the live page; 0 takes any free port.",
             panel=PANEL,
             parser=options.whole_number_in(0, 65_535),
             metavar="PORT",
@@ -41,19 +41,18 @@ class LivePage:
     live_host: Annotated[
         str,
         option(
-            "Address at which the page is served; any but this machine's own needs the token that the printed"
-            " address has.",
+            "Address of the live page; any but this machine's own needs the token in the printed address.",
             panel=PANEL,
         ),
     ] = "127.0.0.1"
     open_page: Annotated[bool, option("Open the page in a browser.", "--open", panel=PANEL)] = False
     control: Annotated[
         bool,
-        option("Let the page give orders to the vehicles, not only show them.", "--control", panel=PANEL),
+        option("Allow the page to command the vehicles, not only to show them.", "--control", panel=PANEL),
     ] = False
     tiles: Annotated[
         Path | None,
-        option("Raster tiles behind the farm: an MBTiles or PMTiles file of your own.", panel=PANEL),
+        option("Map tiles behind the farm: an MBTiles or PMTiles file of yours.", panel=PANEL),
     ] = None
 
     @property

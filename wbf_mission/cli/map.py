@@ -37,6 +37,10 @@ wbf-mission map --log 00000012.BIN --observations leaves.csv --farm my-farm.geoj
 wbf-mission map --log pictures/ --observations leaves.csv --fields tylcv --treat-cost 300 --out map
 wbf-mission map --log runs/mine --out map --next again.plan --budget 10min --policy orienteering
 """
+BEGINNERS = (
+    *("--log", "--observations", "--farm", "--fields", "--estimator", "--treat-cost"),
+    *("--loss", "--next", "--budget", "--vehicle", "--out", "--overwrite"),
+)
 
 _COSTS = "What it costs"
 _NEXT = "The next flight"

@@ -91,7 +91,7 @@ def require_processes(jobs: int) -> None:
 
 ScenarioFile = Annotated[
     Path | None,
-    option("A scenario file (TOML); other options change it.", "--scenario", panel=RUN),
+    option("Scenario file (TOML); other options change it.", "--scenario", panel=RUN),
 ]
 LINK_PANEL = "The vehicle's link"
 LINKS = "udpin:, udpout:, tcp: or tcpin:HOST:PORT, or serial:DEVICE:BAUD."
@@ -100,15 +100,15 @@ Way = Literal["own", "mavsdk"]
 """Who talks to a vehicle behind a link."""
 Via = Annotated[
     Way,
-    option("Who talks to the vehicle: wbf-mission itself or, independently of it, MAVSDK.", panel=LINK_PANEL),
+    option("MAVLink client: wbf-mission's own, or MAVSDK, which is independent of it.", panel=LINK_PANEL),
 ]
 Wait = Annotated[
-    float, option("Seconds to wait for the vehicle's heartbeat.", panel=LINK_PANEL, min=0.1, max=3600.0)
+    float, option("Time to wait for the vehicle's heartbeat, s.", panel=LINK_PANEL, min=0.1, max=3600.0)
 ]
 SystemId = Annotated[
     int | None,
     option(
-        "The vehicle's system id, 1 to 255.  [default: the first one heard]",
+        "System id of the vehicle, 1 to 255.  [default: the first one heard]",
         panel=LINK_PANEL,
         parser=whole_number_in(1, 255),
     ),
@@ -117,18 +117,18 @@ SystemId = Annotated[
 
 def link(what: str) -> Any:
     """Return the option ``--connect``."""
-    return option(f"{what}: {LINKS}", panel=LINK_PANEL)
+    return option(f"{what}: {LINKS}", panel=LINK_PANEL, metavar="LINK")
 
 
 MISSION_SUFFIXES = (".plan", ".waypoints", ".wpl")
 """Of files that hold nothing but missions; a .json, .txt, .kml or .gpx may hold anything."""
 
 Overwrite = Annotated[
-    bool, option("Replace an existing file of any kind, not only of ours.", "--overwrite", panel=OUTPUT_PANEL)
+    bool, option("Replace an existing output file, whatever its kind.", "--overwrite", panel=OUTPUT_PANEL)
 ]
 """Replaces files that are there; `Force` does not."""
 Force = Annotated[
-    bool, option("Go on in spite of errors that the preflight check finds.", "--force", panel=CHECK_PANEL)
+    bool, option("Go on despite errors that the preflight check finds.", "--force", panel=CHECK_PANEL)
 ]
 """Does what has errors; `Overwrite` does not."""
 
@@ -389,7 +389,7 @@ def _command_line_type(one: Option) -> Any:
 
 
 def _help(one: Option, default: Any, flags: set[str]) -> str:
-    """Return the help of an option: what, range or unit, on what it depends, default."""
+    """Return the help of an option: its subject, range or unit, more on it, its dependence, the default."""
     scale = one.allowed if not (one.choices or one.read) else ""
     choices = f": {one.allowed}" if one.choices else ""
     depends = ""
@@ -403,4 +403,6 @@ def _help(one: Option, default: Any, flags: set[str]) -> str:
         "" if default is None else f"{default:g}" if isinstance(default, float) else default
     )
     range_or_unit = f", {scale}" if scale else f", {one.unit}" if one.unit else ""
-    return f"{one.help}{choices}{range_or_unit}{depends}." + (f"  [default: {told}]" if told != "" else "")
+    subject, more, rest = one.help.partition("; ")
+    text = f"{subject}{choices}{range_or_unit}{more}{rest}{depends}."
+    return text + (f"  [default: {told}]" if told != "" else "")

@@ -41,6 +41,10 @@ wbf-mission plan --farm waterberry --planner lawnmower --budget 40km --out rows.
 wbf-mission plan --farm waterberry --planner lawnmower --budget 3batteries --out rows.plan
 wbf-mission plan --farm waterberry --mission rows.plan --resume flight.tlog --out rest.plan
 """
+BEGINNERS = (
+    *("--farm", "--planner", "--policy", "--mission", "--budget", "--vehicle"),
+    *("--autopilot", "--altitude", "--fence", "--wind", "--seed", "--out"),
+)
 
 
 @options.scenario_options(
@@ -73,9 +77,9 @@ def plan_command(
     out: Annotated[
         Path | None,
         option(
-            "Mission file: .plan (QGroundControl), .waypoints (WPL 110), .json (ours), .kml, .kmz, .geojson,"
-            " .gpx, .csv, .wpml.kmz (DJI); of several vehicles NAME-1.plan, NAME-2.plan ...,"
-            " of several sorties NAME-sortie-1.plan ...",
+            "Mission file to write: .plan (QGroundControl), .waypoints (WPL 110), .json (ours), .kml, .kmz,"
+            " .geojson, .gpx, .csv, .wpml.kmz (DJI); several vehicles give NAME-1.plan, NAME-2.plan ...,"
+            " several sorties NAME-sortie-1.plan ...",
             panel="Output",
         ),
     ] = None,

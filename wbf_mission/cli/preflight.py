@@ -121,6 +121,10 @@ wbf-mission preflight spiral.plan --farm my-farm.geojson --margin 5
 wbf-mission preflight survey.plan --farm my-farm.kml --crop wheat --camera dji-p1-35
 wbf-mission preflight spiral.plan --connect udpin:127.0.0.1:14550 --json
 """
+BEGINNERS = (
+    *("--connect", "--farm", "--vehicle", "--autopilot", "--wind", "--camera"),
+    *("--margin", "--max-altitude", "--json"),
+)
 _HEADER = ["", "item", "finding"]
 
 

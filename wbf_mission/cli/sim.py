@@ -37,6 +37,10 @@ wbf-mission sim --listen tcpin:127.0.0.1:5760 --listen udpout:127.0.0.1:14550 --
 wbf-mission sim --count 3 --live 0 --open --control
 wbf-mission sim --fault loss=0.2 --fault gps-loss,at=airborne,from=20,for=10
 """
+BEGINNERS = (
+    *("--farm", "--vehicle", "--autopilot", "--count", "--home", "--wind"),
+    *("--listen", "--speed", "--fault", "--live", "--seed", "--tlog"),
+)
 
 
 @options.scenario_options(
@@ -65,8 +69,8 @@ def sim_command(
     signing_key: Annotated[
         str | None,
         option(
-            "Hear only who signs with this key, and sign: 64 hexadecimal digits, a phrase, or @FILE that"
-            " holds one.",
+            "MAVLink signing key: 64 hexadecimal digits, a phrase, or @FILE that holds one; the vehicles"
+            " sign, and hear only messages signed with it.",
             panel=LINKS,
             envvar="WBF_MISSION_SIGNING_KEY",
             show_envvar=True,
@@ -75,8 +79,8 @@ def sim_command(
     fault: Annotated[
         list[str] | None,
         option(
-            "What goes wrong: KIND[=VALUE][,from=S][,for=S][,at=EVENT][,...], may be repeated; see"
-            " --list-faults.",
+            "Fault to simulate: KIND[=VALUE][,from=S][,for=S][,at=EVENT][,...]; may be repeated;"
+            " --list-faults lists the kinds.",
             panel="Faults",
             metavar="TEXT",
         ),
@@ -86,13 +90,13 @@ def sim_command(
     ] = False,
     tlog: Annotated[
         Path | None,
-        option("Log every frame there; an existing .tlog is replaced.", panel="Output"),
+        option("Telemetry log (.tlog) of all frames; an existing .tlog is replaced.", panel="Output"),
     ] = None,
     overwrite: Overwrite = False,
     ready_file: Annotated[
         Path | None,
         option(
-            "Write the links there, one a line, as soon as they can be used; it is removed at the end.",
+            "File for the links, one per line; written once they can be used, removed at the end.",
             panel="Output",
         ),
     ] = None,

@@ -30,7 +30,7 @@ class SortieOptions:
     whole: Annotated[
         bool,
         option(
-            "Leave a mission whole that is longer than a battery, in place of cutting it.",
+            "Keep a mission that is longer than a battery whole, instead of cutting it into sorties.",
             "--whole",
             panel=_PANEL,
         ),
@@ -38,8 +38,8 @@ class SortieOptions:
     home: Annotated[
         list[str] | None,
         option(
-            "Latitude and longitude, degrees, of a place where the vehicle can take off and land; may be"
-            " repeated: each sortie is flown from the one that costs least.  [default: the mission's home]",
+            "Take-off and landing place, latitude and longitude in degrees; may be repeated: each sortie uses"
+            " the place that costs least.  [default: the mission's home]",
             panel=_PANEL,
             metavar="LAT,LON",
         ),
@@ -47,21 +47,21 @@ class SortieOptions:
     overlap: Annotated[
         float | None,
         option(
-            "Metres that are flown again where a sortie goes on.  [default: twice the distance between"
-            " images, and what it takes to come onto the row]",
+            "Length flown again where a sortie goes on, m.  [default: twice the distance between images, and"
+            " the way needed to come onto the row]",
             panel=_PANEL,
             parser=options.number,
         ),
     ] = None
     change_time: Annotated[
         float,
-        option("Seconds that changing a battery takes.", panel=_PANEL, parser=options.number),
+        option("Duration of a battery change, s.", panel=_PANEL, parser=options.number),
     ] = 180.0
     resume: Annotated[
         str | None,
         option(
-            "Go on with the mission file where it was broken off: at an item (12), metres on the way to it"
-            " (12+35m), or as a telemetry log, a results folder or the vehicle's own link tells.",
+            "Place where the mission file was broken off, to go on from there: an item (12), metres on the"
+            " way to it (12+35m), a telemetry log, a results folder, or the vehicle's link.",
             panel=_PANEL,
             metavar="FROM",
         ),

@@ -26,6 +26,10 @@ wbf-mission studio
 wbf-mission studio --farm my-farm.geojson --vehicle mapping-quad --open
 wbf-mission studio --farm miniberry-100 --planner lawnmower --budget 10min --port 8080
 """
+BEGINNERS = (
+    *("--farm", "--planner", "--policy", "--budget", "--vehicle", "--autopilot"),
+    *("--altitude", "--camera", "--wind", "--seed", "--port", "--open"),
+)
 _PAGE = "The page"
 _USUAL_PORT = 8735
 

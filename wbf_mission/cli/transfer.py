@@ -29,6 +29,10 @@ wbf-mission upload spiral.plan --connect udpin:127.0.0.1:14550
 wbf-mission upload spiral.plan --system-id 2 --farm my-farm.geojson --wind 5,270,1
 wbf-mission upload rows.waypoints --connect tcp:127.0.0.1:5760 --via mavsdk
 """
+UPLOAD_BEGINNERS = (
+    *("--connect", "--farm", "--vehicle", "--autopilot", "--wind", "--camera"),
+    *("--margin", "--max-altitude", "--system-id", "--force"),
+)
 DOWNLOAD_EXAMPLES = """
 Example
 wbf-mission download --connect udpin:127.0.0.1:14550 --out onboard.plan

@@ -50,22 +50,20 @@ class FarmOptions(Part):
 
     name: str = option(
         "miniberry-30",
-        "Farm: a name (see 'wbf-mission farm list') or a file: GeoJSON, KML/KMZ, Shapefile, GeoPackage, GPX,"
-        " Mission Planner's .poly",
+        "Farm: a name from 'wbf-mission farm list', or a file (GeoJSON, KML/KMZ, Shapefile, GeoPackage,"
+        " GPX, Mission Planner's .poly)",
         RUN,
         key="farm",
         kind="farm",
     )
-    day: int = option(
-        6, "Day of the environment that is flown, or the first of them", RUN, low=0, high=LAST_DAY
-    )
-    days: int = option(1, "How many days are flown, one after the other", RUN, low=1, high=LAST_DAY)
+    day: int = option(6, "Day of the environment; of several days, the first", RUN, low=0, high=LAST_DAY)
+    days: int = option(1, "Number of days flown, one after the other", RUN, low=1, high=LAST_DAY)
     flights_per_day: int = option(
-        1, "Flights a day, each with full batteries and the whole budget", RUN, low=1, high=100
+        1, "Flights per day; each has full batteries and the whole budget", RUN, low=1, high=100
     )
     fields: tuple[str, ...] = option(
         ("tylcv", "ccr", "soil"),
-        "What there is to sense and to score: tylcv, ccr, soil, and field files (.toml)",
+        "Fields to sense and score, separated by commas: tylcv, ccr, soil, or field files (.toml)",
         RUN,
         metavar="NAMES",
         default="tylcv,ccr,soil",
@@ -73,24 +71,26 @@ class FarmOptions(Part):
     )
     world: str | None = option(
         None,
-        "How the fields really develop, which nobody but the environment knows: a built-in world, such as"
-        " wrong-rates, or a .toml file",
+        "True development of the fields, hidden from planner, policy and estimator: a built-in world,"
+        " such as wrong-rates, or a .toml file",
         RUN,
         metavar="NAME",
-        default="as is published of the fields",
+        default="as published",
     )
     crop: str | None = option(
-        None, "Crop of those patches of a farm file that tell none", RUN, metavar="NAME", default="crop"
+        None, "Crop of the patches that name none, in a farm file", RUN, metavar="NAME", default="crop"
     )
     crs: str | None = option(
         None,
-        "Coordinate system of a farm file that does not tell its own, such as EPSG:32617",
+        "Coordinate system of a farm file that names none, such as EPSG:32617",
         RUN,
         key="farm_crs",
         metavar="CODE",
         default="WGS 84, if its coordinates are degrees",
     )
-    repair: bool = option(False, "Mend a farm file's broken polygons where that is safe, and say what", RUN)
+    repair: bool = option(
+        False, "Repair invalid polygons of a farm file where that is safe, and report each repair", RUN
+    )
 
     def load(self) -> Farm:
         """Return the farm; FarmError if there is none, or its file cannot be used."""
@@ -130,7 +130,7 @@ class MissionOptions(Part):
     planner: Any = option(
         _SPIRAL,
         "Planner, NAME[:KEY=VALUE,...]: lawnmower, adaptive-lawnmower, spiral, random-waypoint, survey,"
-        " or one of yours",
+        " or FILE.py:NAME of your own",
         RUN,
         kind="planner",
         not_with=("mission", "policy"),
@@ -138,9 +138,9 @@ class MissionOptions(Part):
     )
     policy: Any = option(
         None,
-        "Policy that decides in flight where to go next, NAME[:KEY=VALUE,...]: greedy,"
-        " orienteering, rolling-horizon, refining-lawnmower, confidence-guided, grid-limited-randomness,"
-        " market, or one of yours",
+        "Policy that chooses the path in flight, NAME[:KEY=VALUE,...]: greedy, orienteering,"
+        " rolling-horizon, refining-lawnmower, confidence-guided, grid-limited-randomness, market, or"
+        " FILE.py:NAME of your own",
         RUN,
         kind="policy",
         not_with=("mission",),
@@ -149,8 +149,8 @@ class MissionOptions(Part):
     )
     budget: str | None = option(
         None,
-        "How much each vehicle may fly, before it is cut into sorties for its batteries: 8000m, 2.5km, 25min,"
-        " 1500s, 50Wh or 360steps; unlimited: as much as a survey takes, whatever the battery holds",
+        "Budget of each vehicle, before its flight is cut into sorties: 8000m, 2.5km, 25min, 1500s, 50Wh"
+        " or 360steps; unlimited: all that a survey needs, whatever the battery holds",
         RUN,
         default="the battery less its reserve; ideal: 0.4 x the owner's cells in steps",
         example="60s",
@@ -158,14 +158,14 @@ class MissionOptions(Part):
     )
     file: str | None = option(
         None,
-        "Fly this mission file (.plan, .waypoints, .json) instead of planning",
+        "Mission file to use instead of planning: .plan, .waypoints or .json",
         RUN,
         key="mission",
         metavar="FILE",
     )
     partition: str = option(
         PARTITIONS[0],
-        "How the vehicles of a fleet share the farm when a planner plans",
+        "Division of the farm among the vehicles of a fleet",
         RUN,
         choices=PARTITIONS,
         not_with=("mission", "policy"),
@@ -182,7 +182,8 @@ class MissionOptions(Part):
     )
     height_above_ground_m: float | None = option(
         None,
-        "Flight height above the ground, which --terrain tells, or the autopilot knows (--terrain-frame)",
+        "Flight height above the ground; needs --terrain, the ground's heights, or --terrain-frame, an"
+        " autopilot that knows them",
         VEHICLE,
         low=0.5,
         high=_CEILING_M,
@@ -191,14 +192,14 @@ class MissionOptions(Part):
     )
     max_altitude_m: float = option(
         MAX_ALTITUDE_M,
-        "Greatest height of a flight that your permission allows; most rules allow 120 m without one",
+        "Greatest flight height that your permission allows; most rules allow 120 m without a permission",
         VEHICLE,
         low=1.0,
         high=_CEILING_M,
     )
     terrain: tuple[str, ...] = option(
         (),
-        "Rasters of the ground's heights, GeoTIFF or SRTM (.hgt): plans follow the ground within 1 m",
+        "Elevation rasters, GeoTIFF or SRTM (.hgt), separated by commas; plans follow the ground within 1 m",
         VEHICLE,
         metavar="FILES",
         default="flat ground",
@@ -208,17 +209,18 @@ class MissionOptions(Part):
     )
     terrain_frame: bool = option(
         False,
-        "Write heights above the terrain (MAVLink frame 10) for an autopilot that follows it by itself",
+        "Write heights above the terrain (MAVLink frame 10), for an autopilot that follows the terrain"
+        " itself",
         VEHICLE,
         not_with=("mission", "policy"),
         needs="height_above_ground_m",
     )
     cruise_speed_m_s: float | None = option(
-        None, "Flight speed", VEHICLE, low=0.1, high=30.0, default="the vehicle's", not_with=("mission",)
+        None, "Cruise speed", VEHICLE, low=0.1, high=30.0, default="the vehicle's", not_with=("mission",)
     )
     acceptance_radius_m: float | None = option(
         None,
-        "Of the planned waypoints",
+        "Acceptance radius of the planned waypoints",
         VEHICLE,
         low=0.05,
         high=50.0,
@@ -227,15 +229,16 @@ class MissionOptions(Part):
     )
     margin_m: float = option(
         2.0,
-        "How far the flown path stays away from the farm's obstacles and from the fence of a mission file",
+        "Least distance of the flown path from the farm's obstacles and from a mission file's fence",
         RUN,
         low=0.0,
         high=1000.0,
     )
     fence_m: float | None = option(
         None,
-        "Fence about the owner's land: so far outside of its border, and about obstacles that bar the way",
+        "Geofence METRES outside the farm's border; exclusion zones round obstacles",
         RUN,
+        metavar="METRES",
         low=1.0,
         high=1000.0,
         default="none",
@@ -277,15 +280,15 @@ class VehicleOptions(Part):
 
     name: str = option(
         "quad",
-        "One of 'wbf-mission vehicle list', such as quad or ideal (the paper's robot), or a .toml file;"
-        " several, separated by commas, fly together",
+        "Vehicle: a name from 'wbf-mission vehicle list', such as quad or ideal (the paper's robot), or a"
+        " .toml file; several, separated by commas, fly as a fleet",
         VEHICLE,
         key="vehicle",
         kind="vehicle",
     )
     vehicles: int | None = option(
         None,
-        "How many such vehicles fly together",
+        "Number of vehicles that fly together",
         VEHICLE,
         low=1,
         high=MOST_VEHICLES,
@@ -293,7 +296,7 @@ class VehicleOptions(Part):
     )
     autopilot: str = option(
         DEFAULT_AUTOPILOT,
-        "Whose way of flying, modes and habits; several, separated by commas, are one for each vehicle",
+        "Autopilot to simulate; a list gives one per vehicle",
         VEHICLE,
         choices=autopilot_names(),
         kind="autopilot",
@@ -301,7 +304,7 @@ class VehicleOptions(Part):
     )
     parameters: dict[str, float] = option(
         dict,
-        "A parameter of the autopilot, such as MPC_ACC_HOR=4; may be repeated",
+        "Autopilot parameter, such as MPC_ACC_HOR=4; may be repeated",
         VEHICLE,
         flag="--param",
         metavar="NAME=VALUE",
@@ -309,31 +312,30 @@ class VehicleOptions(Part):
         default="the autopilot's own",
     )
     gps_noise_m: float = option(
-        0.0, "Slow error of satellite positions, one sigma along an axis", VEHICLE, low=0.0, high=20.0
+        0.0, "Standard deviation of the slow GPS position error, along each axis", VEHICLE, low=0.0, high=20.0
     )
     baro_noise_m: float = option(
-        0.0, "Slow error of the barometer's height, one sigma", VEHICLE, low=0.0, high=5.0
+        0.0, "Standard deviation of the barometer's slow height error", VEHICLE, low=0.0, high=5.0
     )
     estimate_errors: bool = option(
         True,
-        "A PX4 multirotor flies by an estimate that errs as the real one's: its height jumps in the first two"
-        " minutes, its velocities are off; other vehicles' estimates are exact",
+        "Simulated errors of a PX4 multirotor's state estimate: height jumps in the first two minutes,"
+        " velocity errors; other vehicles' estimates are exact",
         VEHICLE,
     )
 
     separation: str = option(
         "layers:2m",
-        "How the vehicles of a fleet keep apart: layers:METRES (each at a height of its own), distance:METRES"
-        " (at one height, later if need be), or none; farther by what they err about where they are;"
-        " the paper's robots need nothing",
+        "Separation of the vehicles of a fleet: layers:METRES (each at its own height), distance:METRES"
+        " (at one height; a vehicle may start later) or none; position errors are added, and the paper's"
+        " robots need none",
         VEHICLE,
         needs_fleet=True,
         metavar="WAY",
     )
     radio_range_m: float | None = option(
         None,
-        "How far the radio of the ground station at home reaches; what a vehicle sees farther away arrives"
-        " when it is back",
+        "Range of the ground station's radio at home; observations from farther away arrive on return",
         VEHICLE,
         low=1.0,
         high=1e6,
@@ -393,16 +395,16 @@ class VehicleOptions(Part):
 class WeatherOptions(Part):
     """The air: mean wind, how it grows with the height, gusts or Dryden's turbulence."""
 
-    wind_speed_m_s: float = option(0.0, "Mean wind", VEHICLE, low=0.0, high=40.0, flag=None)
+    wind_speed_m_s: float = option(0.0, "Mean wind speed", VEHICLE, low=0.0, high=40.0, flag=None)
     wind_direction_deg: float = option(
-        0.0, "From where, clockwise from north", VEHICLE, low=0.0, high=360.0, flag=None
+        0.0, "Direction the wind blows from, clockwise from north", VEHICLE, low=0.0, high=360.0, flag=None
     )
     wind_gust_m_s: float = option(0.0, "Standard deviation of gusts", VEHICLE, low=0.0, high=15.0, flag=None)
     wind_height_m: float = option(
         10.0, "Height at which the mean wind holds", VEHICLE, low=1.0, high=300.0, flag=None
     )
     wind_shear: str | None = option(
-        None, "How the wind grows with the height", VEHICLE, choices=("log", "power", "sitl"), flag=None
+        None, "Growth of the wind with height", VEHICLE, choices=("log", "power", "sitl"), flag=None
     )
     wind_roughness_m: float = option(
         0.1, "Roughness length of the logarithmic law", VEHICLE, low=1e-5, high=0.7, flag=None
@@ -412,8 +414,8 @@ class WeatherOptions(Part):
     )
     turbulence: str | float | None = option(
         None,
-        "Dryden gusts (MIL-F-8785C): light, moderate, severe, wind (what --wind makes), or the wind at 6 m"
-        " in m/s",
+        "Dryden turbulence (MIL-F-8785C): light, moderate, severe, wind (as strong as --wind makes it),"
+        " or the wind at 6 m in m/s",
         VEHICLE,
         metavar="LEVEL",
         default="none",
@@ -425,7 +427,8 @@ class WeatherOptions(Part):
     COMPOUND: ClassVar[tuple[Option, ...]] = (
         Option(
             "wind",
-            "Wind: m/s, degrees, m/s; for example 5,270,1.5",
+            "Mean wind speed (m/s), direction it blows from (degrees) and standard deviation of gusts (m/s);"
+            " for example 5,270,1.5",
             VEHICLE,
             flag="--wind",
             metavar="SPEED,FROM[,GUST]",
@@ -435,13 +438,13 @@ class WeatherOptions(Part):
         ),
         Option(
             "wind_shear",
-            "How the wind grows with the height: log[,ROUGHNESS[,HEIGHT]] or power[,EXPONENT[,HEIGHT]];"
-            " HEIGHT, m, is that of --wind (only with --wind); sitl: as in ArduPilot's simulator, the root of"
-            " h/60 m, --wind at 60 m and above",
+            "Growth of the wind with height: log[,ROUGHNESS[,HEIGHT]] or power[,EXPONENT[,HEIGHT]], with"
+            " HEIGHT (m) that of --wind; sitl: as in ArduPilot's simulator, sqrt(h / 60 m), with --wind at 60"
+            " m and above (only with --wind)",
             VEHICLE,
             flag="--wind-shear",
             metavar="LAW[,VALUE[,HEIGHT]]",
-            default="not at all; log,0.1,10; power,0.143,10",
+            default="none; log,0.1,10; power,0.143,10",
             sets=("wind_shear", "wind_roughness_m", "wind_exponent", "wind_height_m"),
             read=shear_values,
             needs="wind_speed_m_s",
@@ -475,20 +478,21 @@ class CameraOptions(Part):
         not_with=("mission",),
     )
     footprint: int = option(
-        1, "Cells on a side of the footprint", CAMERA, key="camera_footprint", low=1, high=15
+        1, "Side of the camera's footprint in cells", CAMERA, key="camera_footprint", low=1, high=15
     )
     noise: float = option(
-        0.0, "Standard deviation of the noise", CAMERA, key="camera_noise", low=0.0, high=1.0
+        0.0, "Standard deviation of the camera's noise", CAMERA, key="camera_noise", low=0.0, high=1.0
     )
     false_positive_rate: float = option(
-        0.0, "Share of the healthy leaves that are seen as infected", CAMERA, low=0.0, high=1.0
+        0.0, "Share of healthy leaves seen as infected", CAMERA, low=0.0, high=1.0
     )
     false_negative_rate: float = option(
-        0.0, "Share of the infected leaves that are seen as healthy", CAMERA, low=0.0, high=1.0
+        0.0, "Share of infected leaves seen as healthy", CAMERA, low=0.0, high=1.0
     )
     fields: tuple[str, ...] | None = option(
         None,
-        "Fields that are measured, such as tylcv,soil; of a fleet for each vehicle, as tylcv,ccr;soil",
+        "Fields that the camera measures, such as tylcv,soil; for a fleet, a semicolon separates the"
+        " vehicles: tylcv,ccr;soil",
         CAMERA,
         key="camera_fields",
         metavar="NAMES",
@@ -498,8 +502,8 @@ class CameraOptions(Part):
 
     model: str | None = option(
         None,
-        "A camera by sensor and lens, such as dji-p1-35, or a .toml file: it decides how far apart rows and"
-        " images are, and how fast the flight may be",
+        "Camera by sensor and lens: a name, such as dji-p1-35, or a .toml file; it sets the distances of"
+        " rows and images, and limits the speed",
         CAMERA,
         key="camera_model",
         flag="--camera",
@@ -509,17 +513,17 @@ class CameraOptions(Part):
     )
     gsd_cm: float | None = option(
         None,
-        "What a pixel of the camera shows of the ground; it decides the height",
+        "Ground size of a pixel; it sets the flight height",
         CAMERA,
         low=0.01,
         high=100.0,
-        default="that of the height",
+        default="as the flight height gives",
         needs="camera_model",
         not_with=("mission",),
     )
     front_overlap: float = option(
         0.75,
-        "Share of an image that the next one shows again",
+        "Overlap of an image with the next one, as a share of the image",
         CAMERA,
         low=0.0,
         high=0.95,
@@ -527,7 +531,7 @@ class CameraOptions(Part):
     )
     side_overlap: float = option(
         0.7,
-        "Share of an image that those of the next row show again",
+        "Overlap of images of neighbouring rows, as a share of the image",
         CAMERA,
         low=0.0,
         high=0.95,
@@ -535,7 +539,7 @@ class CameraOptions(Part):
     )
     orientation: str = option(
         ORIENTATIONS[0],
-        "How the camera is mounted: the long side of the image across the flight, or along it",
+        "Mounting of the camera; the image's long side lies across the flight or along it",
         CAMERA,
         key="camera_orientation",
         choices=ORIENTATIONS,
@@ -579,8 +583,8 @@ class EstimateOptions(Part):
 
     estimator: Any = option(
         None,
-        "Estimator, NAME[:KEY=VALUE,...]: adaptive-disk, gp, epidemic, gp-sklearn, point, authors-ad or one"
-        " of yours",
+        "Estimator, NAME[:KEY=VALUE,...]: adaptive-disk, gp, epidemic, gp-sklearn, point, authors-ad, or"
+        " FILE.py:NAME of your own",
         RUN,
         kind="estimator",
         metavar="NAME",
@@ -599,7 +603,7 @@ class ScoreOptions(Part):
 
     points: int | None = option(
         None,
-        "How often the estimate is scored on the way",
+        "Number of times that the estimate is scored during the flight",
         RUN,
         key="score_points",
         low=1,

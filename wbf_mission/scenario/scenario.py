@@ -55,7 +55,7 @@ class Scenario:
     camera: CameraOptions
     estimate: EstimateOptions
     score: ScoreOptions
-    seed: int = option(0, "Everything random comes from it", RUN, low=0, high=2**64 - 1)
+    seed: int = option(0, "Seed of everything random", RUN, low=0, high=2**64 - 1)
 
     def __init__(self, /, **options: Unpack[ScenarioKeywords]) -> None:
         given_all: dict[str, Any] = {**options}

@@ -28,59 +28,61 @@ class SimOptions(Part):
 
     count: int | None = option(
         None,
-        "How many vehicles, each a system of its own at its own ports",
+        "Number of vehicles; each is a MAVLink system with ports of its own",
         VEHICLE,
         low=1,
         high=250,
         default="one for each home",
     )
     system_id: int = option(
-        1, "System id of the first vehicle; the others' follow it", VEHICLE, low=1, high=250
+        1, "System id of the first vehicle; the others' ids follow it", VEHICLE, low=1, high=250
     )
     home: tuple[str, ...] = option(
         (),
-        "Start at LAT,LON[,ALT[,HEADING]]: degrees, metres above sea level, degrees; once for all or once for"
-        " each vehicle",
+        "Home LAT,LON[,ALT[,HEADING]]: degrees, metres above sea level, degrees; once for all vehicles,"
+        " or once for each",
         VEHICLE,
         default="the farm's home",
         metavar="LAT,LON",
     )
     boot: str = option(
         "warm",
-        "warm: the autopilot is up and can arm; cold: it boots when it is first spoken to, and can arm some"
-        " 40 s later (ArduCopter)",
+        "Autopilot at the start: warm (up and ready to arm) or cold (boots at first contact and is ready"
+        " to arm about 40 s later; ArduCopter)",
         VEHICLE,
         metavar="KIND",
     )
-    spacing_m: float = option(4.0, "Between vehicles that share a home", VEHICLE, low=0.0, high=1000.0)
+    spacing_m: float = option(
+        4.0, "Distance between vehicles that share a home", VEHICLE, low=0.0, high=1000.0
+    )
     listen: tuple[str, ...] = option(
         (),
-        "Link for ground stations, with all vehicles behind it; may be repeated: udpin:, udpout: or"
-        " tcpin:HOST:PORT, serial:DEVICE:BAUD",
+        "Link for ground stations, to all vehicles: udpin:, udpout: or tcpin:HOST:PORT, or"
+        " serial:DEVICE:BAUD; may be repeated",
         LINKS,
         default="the autopilot's own simulator ports",
         metavar="URL",
     )
     connect: tuple[str, ...] = option(
         (),
-        "Link that we open: udpout:HOST:PORT or tcp:HOST:PORT; may be repeated",
+        "Link that the simulator opens: udpout:HOST:PORT or tcp:HOST:PORT; may be repeated",
         LINKS,
         default="none",
         metavar="URL",
     )
     rates: str = option(
         "light",
-        "Telemetry: light is little of it; sitl: the messages and rates of the autopilot's own simulator, on"
-        " each of its links",
+        "Telemetry: light (few messages) or sitl (messages and rates of the autopilot's own simulator, on"
+        " each of its links)",
         LINKS,
         metavar="KIND",
     )
     speed: float | str = option(
-        1.0, "Simulated seconds per second of wall time, or max", LINKS, metavar="FACTOR"
+        1.0, "Pace: simulated seconds per second of wall time, or max", LINKS, metavar="FACTOR"
     )
     duration_s: float | None = option(
         None,
-        "Simulated time after which it stops",
+        "Simulated time after which the simulator stops",
         LINKS,
         default="until Ctrl-C",
     )

@@ -19,7 +19,7 @@ from wbf_mission.bench.rows import read_rows
 from wbf_mission.bench.sealed import Secret
 from wbf_mission.cli.app import main
 from wbf_mission.results.storage import ResultError
-from wbf_mission.version import behaviour
+from wbf_mission.version import __version__, behaviour
 
 MARKUP = "[a](b) <img src=x>|"
 
@@ -92,8 +92,8 @@ def test_other_behaviours_are_never_mixed_and_other_versions_are(frozen, rows, t
     packs = [pack_of(some, tmp_path / f"{k}.zip") for k, some in enumerate((older, newer))]
     tables = board(frozen, *packs).tables
     assert [(one.versions, one.code, len(one.lines)) for one in tables] == [
-        (("0.1.0", "9.0"), behaviour(), 4),
-        (("0.1.0",), "1.2.3", 2),
+        ((__version__, "9.0"), behaviour(), 4),
+        ((__version__,), "1.2.3", 2),
     ]
 
 
@@ -325,7 +325,7 @@ def test_tables_in_texts(frozen, rows, tmp_path):
         "WBF/Miniberry-10-v1, 4 environments (seeds 0 to 3)",
         "Submissions",
     ]
-    assert page.sections[0].text.startswith(f"Flown by wbf-mission 0.1.0, behaviour {rows[0].codes['code']}.")
+    assert page.sections[0].text.startswith(f"Flown by wbf-mission {__version__}, behaviour {rows[0].codes['code']}.")
     assert "may be missing among 4" in page.sections[0].text
 
 

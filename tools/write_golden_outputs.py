@@ -20,6 +20,7 @@ from typing import Any
 
 import msgspec
 import pyarrow.parquet
+from mcap.reader import make_reader
 from write_golden_rows import libraries
 
 from geo.atomic import atomic_write
@@ -69,16 +70,7 @@ COMMANDS = {
     "check-planner": "check-planner spiral --json",
     "check-policy": "check-policy greedy --json",
 }
-VERSION = "0.1.0"
-"""What the program calls itself here, so that a new version leaves the digests as they are."""
-_PROGRAM = f"""
-import sys
-import wbf_mission.version
-wbf_mission.version.__version__ = "{VERSION}"
-from wbf_mission.__main__ import main
-sys.exit(main())
-"""
-_FILES = {".tlog", ".plan", ".waypoints", ".kml", ".geojson", ".gpx", ".csv", ".mcap"}
+_FILES = {".tlog", ".plan", ".waypoints", ".kml", ".geojson", ".gpx", ".csv"}
 
 
 def outputs(folder: Path) -> Iterator[tuple[str, bytes]]:
@@ -100,10 +92,12 @@ def outputs(folder: Path) -> Iterator[tuple[str, bytes]]:
     for path in sorted((folder / "out").rglob("*")):
         if path.suffix in _FILES:
             yield path.relative_to(folder).as_posix(), path.read_bytes()
+        elif path.suffix == ".mcap":
+            yield path.relative_to(folder).as_posix(), mcap_messages(path)
 
 
 def _run(folder: Path, command: str) -> bytes:
-    arguments = [sys.executable, "-c", _PROGRAM, *command.split()]
+    arguments = [sys.executable, "-m", "wbf_mission", *command.split()]
     done = subprocess.run(arguments, cwd=folder, capture_output=True, check=False, timeout=600)
     return f"exit code {done.returncode}\n".encode() + _stable(done.stdout or done.stderr, folder)
 
@@ -144,7 +138,21 @@ def _page(run: Path) -> bytes:
             update, cursor = view.update(cursor)
             messages.append(msgspec.json.encode(update))
     messages.append(msgspec.json.encode(view.update(cursor)[0]))
-    return re.sub(rb'"(compute|wall_time)_s":[0-9.e-]+', b"", b"\n".join(messages))
+    return _without_clock(b"\n".join(messages))
+
+
+def mcap_messages(path: Path) -> bytes:
+    """Return the messages of an MCAP file, whose frame names the version of the program."""
+    with path.open("rb") as file:
+        found = [
+            f"{channel.topic} {schema.name} {message.log_time} ".encode() + message.data
+            for schema, channel, message in make_reader(file).iter_messages()
+        ]
+    return _without_clock(b"\n".join(found))
+
+
+def _without_clock(messages: bytes) -> bytes:
+    return re.sub(rb'"(compute|wall_time)_s":[0-9.e-]+', b"", messages)
 
 
 def digests(keep: Path | None = None) -> dict[str, str]:

@@ -8,12 +8,12 @@ from bench_packs import flown, pack_of, told_of, told_otherwise
 from live_page import chromium
 from msgspec import structs
 
+from wbf_mission.addons.boards import board as board_module
+from wbf_mission.addons.boards import verification
 from wbf_mission.addons.boards.audit import require_whole
 from wbf_mission.addons.boards.board import board_of, packs_of
 from wbf_mission.addons.boards.board_page import board_page, board_table, board_values, difference_table
 from wbf_mission.addons.boards.verification import fly_again
-from wbf_mission.bench import board as board_module
-from wbf_mission.bench import verification
 from wbf_mission.bench.engine import fly_run
 from wbf_mission.bench.rows import read_rows
 from wbf_mission.bench.sealed import Secret
@@ -325,7 +325,8 @@ def test_tables_in_texts(frozen, rows, tmp_path):
         "WBF/Miniberry-10-v1, 4 environments (seeds 0 to 3)",
         "Submissions",
     ]
-    assert page.sections[0].text.startswith(f"Flown by wbf-mission {__version__}, behaviour {rows[0].codes['code']}.")
+    flown_by = f"Flown by wbf-mission {__version__}, behaviour {rows[0].codes['code']}."
+    assert page.sections[0].text.startswith(flown_by)
     assert "may be missing among 4" in page.sections[0].text
 
 

@@ -16,7 +16,7 @@ PACKAGES = ("geo", "sensors", "mission", "sim_vehicle", "wbf_mission")
 
 
 def is_for_users(path):
-    # The page's sources are for who builds it, what users load is in `static`; READMEs are for who changes a part.
+    # Sources of the page and READMEs are for who changes a part; what users load is in `static`.
     return path.name != "README.md" and Path("wbf_mission/web/page") not in path.parents
 
 

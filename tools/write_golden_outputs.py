@@ -20,6 +20,7 @@ from typing import Any
 
 import msgspec
 import pyarrow.parquet
+from mcap.reader import make_reader
 from write_golden_rows import libraries
 
 from geo.atomic import atomic_write
@@ -69,7 +70,7 @@ COMMANDS = {
     "check-planner": "check-planner spiral --json",
     "check-policy": "check-policy greedy --json",
 }
-_FILES = {".tlog", ".plan", ".waypoints", ".kml", ".geojson", ".gpx", ".csv", ".mcap"}
+_FILES = {".tlog", ".plan", ".waypoints", ".kml", ".geojson", ".gpx", ".csv"}
 
 
 def outputs(folder: Path) -> Iterator[tuple[str, bytes]]:
@@ -91,6 +92,8 @@ def outputs(folder: Path) -> Iterator[tuple[str, bytes]]:
     for path in sorted((folder / "out").rglob("*")):
         if path.suffix in _FILES:
             yield path.relative_to(folder).as_posix(), path.read_bytes()
+        elif path.suffix == ".mcap":
+            yield path.relative_to(folder).as_posix(), mcap_messages(path)
 
 
 def _run(folder: Path, command: str) -> bytes:
@@ -135,7 +138,21 @@ def _page(run: Path) -> bytes:
             update, cursor = view.update(cursor)
             messages.append(msgspec.json.encode(update))
     messages.append(msgspec.json.encode(view.update(cursor)[0]))
-    return re.sub(rb'"(compute|wall_time)_s":[0-9.e-]+', b"", b"\n".join(messages))
+    return _without_clock(b"\n".join(messages))
+
+
+def mcap_messages(path: Path) -> bytes:
+    """Return the messages of an MCAP file, whose frame names the version of the program."""
+    with path.open("rb") as file:
+        found = [
+            f"{channel.topic} {schema.name} {message.log_time} ".encode() + message.data
+            for schema, channel, message in make_reader(file).iter_messages()
+        ]
+    return _without_clock(b"\n".join(found))
+
+
+def _without_clock(messages: bytes) -> bytes:
+    return re.sub(rb'"(compute|wall_time)_s":[0-9.e-]+', b"", messages)
 
 
 def digests(keep: Path | None = None) -> dict[str, str]:

@@ -34,15 +34,12 @@ if TYPE_CHECKING:
     from mission.planners import check_planner as check_planner
     from mission.planners import make_planner as make_planner
     from mission.policies.conformance import check_policy as check_policy
-    from mission.policies.decision import GO_ON as GO_ON
     from mission.policies.decision import NO_CHANGE as NO_CHANGE
     from mission.policies.decision import Decision as Decision
     from mission.policies.observation import Event as Event
     from mission.policies.observation import PolicyObservation as PolicyObservation
-    from mission.policies.observation import Situation as Situation
     from mission.policies.observation import Status as Status
     from mission.policies.observation import VehicleReport as VehicleReport
-    from mission.policies.policy import Asking as Asking
     from mission.policies.policy import Policy as Policy
     from mission.policies.policy import Triggers as Triggers
     from mission.policies.policy import make_policy as make_policy

@@ -123,9 +123,6 @@ class Decision:
 NO_CHANGE = Decision()
 """Everybody flies on as before."""
 
-GO_ON = NO_CHANGE
-"""Its name before version 0.2, for policies that were written for it."""
-
 
 def answer_costs(name: str, answer: object, observation: PolicyObservation) -> dict[int, float]:
     """Return what the paths of a policy's answer cost, by system id, in the units of the budgets."""

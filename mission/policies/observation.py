@@ -163,11 +163,6 @@ class VehicleReport:
         object.__setattr__(self, "rest_m", rest)
 
     @property
-    def fares(self) -> TravelCost:
-        """The name of `travel_cost` before version 0.2, for policies that were written for it."""
-        return self.travel_cost
-
-    @property
     def left(self) -> float:
         """What is left of the budget, in its unit; never below zero."""
         return max(0.0, self.request.budget.limit - self.spent)
@@ -239,10 +234,6 @@ class PolicyObservation:
         known = ", ".join(str(vehicle.system_id) for vehicle in self.vehicles)
         msg = f"no vehicle has the system id {system_id}; there are {known}"
         raise PlanningError(msg)
-
-
-Situation = PolicyObservation
-"""The name of `PolicyObservation` before version 0.2, for policies that were written for it."""
 
 
 @dataclass(frozen=True, slots=True)

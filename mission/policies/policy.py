@@ -53,9 +53,6 @@ class Triggers:
 LEAST_S = 4.0
 """How often our policies want to be asked at most: a vehicle passes many cells in a second."""
 
-Asking = Triggers
-"""The name of `Triggers` before version 0.2, for policies that were written for it."""
-
 NEVER_AGAIN = Triggers()
 """Only at the start, and when a vehicle is lost."""
 
@@ -221,7 +218,7 @@ def make_policy(policy: str | Policy, /, **parameters: Any) -> Policy:
         if inspect.isclass(policy) or not isinstance(policy, Policy):
             what = policy.__name__ if inspect.isclass(policy) else type(policy).__name__
             fault = "is a class; give an object of it" if inspect.isclass(policy) else "is no policy"
-            msg = f"policy {what} {fault}: a policy has {_renamed(policy)}, start() and decide(observation)"
+            msg = f"policy {what} {fault}: a policy has triggers, start() and decide(observation)"
             raise PlanningError(msg)
         if parameters:
             msg = (
@@ -235,13 +232,9 @@ def make_policy(policy: str | Policy, /, **parameters: Any) -> Policy:
     made = factory(**{**given, **parameters})
     if not isinstance(made, Policy):
         kind = type(made).__name__
-        msg = f"policy {name} makes a {kind}, which has not {_renamed(made)}, start() and decide(observation)"
+        msg = f"policy {name} makes a {kind}, which has not triggers, start() and decide(observation)"
         raise PlanningError(msg)
     return made
-
-
-def _renamed(policy: object) -> str:
-    return "triggers (called asking before version 0.2)" if hasattr(policy, "asking") else "triggers"
 
 
 def _parameters(factory: Any, what: str) -> dict[str, Any]:

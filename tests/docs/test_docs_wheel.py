@@ -4,6 +4,7 @@ import shutil
 import subprocess
 import sys
 import sysconfig
+import tomllib
 import venv
 import zipfile
 from pathlib import Path
@@ -12,6 +13,25 @@ import pytest
 
 ROOT = Path(__file__).parents[2]
 PACKAGES = ("geo", "sensors", "mission", "sim_vehicle", "wbf_mission")
+
+
+def is_for_users(path):
+    # Sources of the page and READMEs are for who changes a part; what users load is in `static`.
+    return path.name != "README.md" and Path("wbf_mission/web/page") not in path.parents
+
+
+def test_package_data_are_the_files_that_there_are():
+    settings = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["setuptools"]
+    patterns = [(name, pattern) for name, given in settings["package-data"].items() for pattern in given]
+    listed = {pair: {path for path in (ROOT / pair[0]).glob(pair[1]) if path.is_file()} for pair in patterns}
+    assert not [pair for pair, paths in listed.items() if not paths]
+    there = {
+        path
+        for name in PACKAGES
+        for path in (ROOT / name).rglob("*")
+        if path.is_file() and path.suffix not in (".py", ".pyc") and is_for_users(path.relative_to(ROOT))
+    }
+    assert set().union(*listed.values()) == there
 
 
 @pytest.mark.slow
@@ -27,8 +47,7 @@ def test_the_wheel_is_whole_and_flies(tmp_path):
         str(path.relative_to(source))
         for name in PACKAGES
         for path in (source / name).rglob("*")
-        # The page's sources are for who builds it; what users load is in `static`.
-        if path.is_file() and source / "wbf_mission" / "web" / "page" not in path.parents
+        if path.is_file() and is_for_users(path.relative_to(source))
     }
     pip = [sys.executable, "-m", "pip"]
     subprocess.run([*pip, "wheel", "-q", ".", "--no-deps", "-w", str(tmp_path)], cwd=source, check=True)

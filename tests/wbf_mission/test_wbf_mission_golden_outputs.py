@@ -3,7 +3,8 @@
 import json
 
 import pytest
-from write_golden_outputs import COMMANDS, FLIGHTS, TABLE, digests
+from mcap.writer import Writer
+from write_golden_outputs import COMMANDS, FLIGHTS, TABLE, digests, mcap_messages
 from write_golden_rows import libraries
 
 KEPT = json.loads(TABLE.read_text())
@@ -12,6 +13,27 @@ KEPT = json.loads(TABLE.read_text())
 def test_every_flight_and_command_is_kept():
     assert {f"fly {name}" for name in FLIGHTS} | COMMANDS.keys() <= KEPT["outputs"].keys()
     assert (len(FLIGHTS), len(COMMANDS)) == (5, 30)
+
+
+@pytest.mark.parametrize(
+    ("library", "message", "same"),
+    [
+        ("wbf-mission 9.9", {"value": 1, "compute_s": 0.7}, True),
+        ("wbf-mission 0.2.0", {"value": 2, "compute_s": 0.5}, False),
+    ],
+)
+def test_an_mcap_is_kept_without_version_and_clock(tmp_path, library, message, same):
+    def kept(library, message):
+        with (tmp_path / "some.mcap").open("wb") as file:
+            writer = Writer(file)
+            writer.start(library=library)
+            schema = writer.register_schema("wbf_mission.Some", "jsonschema", b"{}")
+            data = json.dumps(message, separators=(",", ":")).encode()
+            writer.add_message(writer.register_channel("/some", "json", schema), 5, data, 5)
+            writer.finish()
+        return mcap_messages(tmp_path / "some.mcap")
+
+    assert (kept(library, message) == kept("wbf-mission 0.2.0", {"value": 1, "compute_s": 0.5})) is same
 
 
 @pytest.mark.slow

@@ -123,10 +123,6 @@ class DecisionRecord:
 _Points = list[tuple[float, float]]
 
 
-_FORMER_OUTCOMES = {"stays: not worth a flight": SKIPPED}
-"""As results of earlier versions have them."""
-
-
 class _Change(msgspec.Struct, forbid_unknown_fields=True):
     system_id: int
     position_m: tuple[float, float]
@@ -170,12 +166,10 @@ class DecisionEntry(msgspec.Struct, forbid_unknown_fields=True):
     def record(self) -> DecisionRecord:
         """Return the record that has these values."""
         values = msgspec.structs.asdict(self)
-        values["changes"] = changes = [
+        values["changes"] = [
             PathChange(**(msgspec.structs.asdict(one) | {"path_m": _points(one.path_m)}))
             for one in self.changes
         ]
-        for change in changes:
-            change.outcome = _FORMER_OUTCOMES.get(change.outcome, change.outcome)
         values["alternatives"] = tuple(
             Alternative(**(msgspec.structs.asdict(one) | {"points_m": _points(one.points_m)}))
             for one in self.alternatives

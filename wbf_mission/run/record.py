@@ -540,7 +540,6 @@ class RunRecord:
             "least_distance_m": self.least_distance_m,
             "flights": [one.summary() for one in self.flights],
             "skipped_flights": self.skipped_flights,
-            "flights_not_made": self.skipped_flights,  # its former name, for one version
             "by_day": self.by_day(),
             "decisions": [one.summary() for one in self.decisions],
             "transfer": _transfer_summary(self.transfers),

@@ -2,14 +2,13 @@ import numpy as np
 import pytest
 import shapely
 
-import wbf_mission
 from geo import get_farm
 from geo.named import ParameterError
 from mission.errors import PlanningError
 from mission.planners import LengthBudget, PlanningRequest, StepBudget
 from mission.policies.decision import NO_CHANGE, Decision
 from mission.policies.observation import Event, GeometricTravelCost, PolicyObservation, Status, VehicleReport
-from mission.policies.policy import NEVER_AGAIN, FixedPlan, KeepPath, Policy, Triggers, make_policy
+from mission.policies.policy import NEVER_AGAIN, FixedPlan, KeepPath, Policy, make_policy
 from sensors.fields import PAPER_FIELDS
 from sensors.observations import Observations
 from sensors.scoring.information import InformationModel
@@ -122,24 +121,13 @@ def test_a_path_is_left_only_for_one_that_gains_more_than_the_change_costs(polic
     assert changed == [True, True, True, True, False, True]
 
 
-def test_what_flying_costs_has_its_old_name_for_one_version():
-    cost = _Free()
-    one = VehicleReport(1, None, Status.READY, (0.0, 0.0), (0.0, 0.0), 0.0, 0.0, np.empty((0, 2)), cost)
-    assert one.fares is one.travel_cost is cost
-
-
-def test_names_of_before_version_0_2_can_be_imported_and_asking_is_told_to_be_triggers():
-    assert (wbf_mission.Situation, wbf_mission.GO_ON) == (PolicyObservation, NO_CHANGE)
-    assert wbf_mission.Asking is Triggers
-
-    class Former:
-        asking = NEVER_AGAIN
-
+def test_a_policy_without_triggers_is_refused():
+    class Blind:
         def start(self):
             pass
 
         def decide(self, observation):
             return NO_CHANGE
 
-    with pytest.raises(PlanningError, match=r"has triggers \(called asking before version 0\.2\), start"):
-        make_policy(Former())
+    with pytest.raises(PlanningError, match=r"a policy has triggers, start\(\) and decide"):
+        make_policy(Blind())

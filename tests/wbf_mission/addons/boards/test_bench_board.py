@@ -8,18 +8,18 @@ from bench_packs import flown, pack_of, told_of, told_otherwise
 from live_page import chromium
 from msgspec import structs
 
+from wbf_mission.addons.boards import board as board_module
+from wbf_mission.addons.boards import verification
 from wbf_mission.addons.boards.audit import require_whole
 from wbf_mission.addons.boards.board import board_of, packs_of
 from wbf_mission.addons.boards.board_page import board_page, board_table, board_values, difference_table
 from wbf_mission.addons.boards.verification import fly_again
-from wbf_mission.bench import board as board_module
-from wbf_mission.bench import verification
 from wbf_mission.bench.engine import fly_run
 from wbf_mission.bench.rows import read_rows
 from wbf_mission.bench.sealed import Secret
 from wbf_mission.cli.app import main
 from wbf_mission.results.storage import ResultError
-from wbf_mission.version import behaviour
+from wbf_mission.version import __version__, behaviour
 
 MARKUP = "[a](b) <img src=x>|"
 
@@ -92,8 +92,8 @@ def test_other_behaviours_are_never_mixed_and_other_versions_are(frozen, rows, t
     packs = [pack_of(some, tmp_path / f"{k}.zip") for k, some in enumerate((older, newer))]
     tables = board(frozen, *packs).tables
     assert [(one.versions, one.code, len(one.lines)) for one in tables] == [
-        (("0.1.0", "9.0"), behaviour(), 4),
-        (("0.1.0",), "1.2.3", 2),
+        ((__version__, "9.0"), behaviour(), 4),
+        ((__version__,), "1.2.3", 2),
     ]
 
 
@@ -325,7 +325,8 @@ def test_tables_in_texts(frozen, rows, tmp_path):
         "WBF/Miniberry-10-v1, 4 environments (seeds 0 to 3)",
         "Submissions",
     ]
-    assert page.sections[0].text.startswith(f"Flown by wbf-mission 0.1.0, behaviour {rows[0].codes['code']}.")
+    flown_by = f"Flown by wbf-mission {__version__}, behaviour {rows[0].codes['code']}."
+    assert page.sections[0].text.startswith(flown_by)
     assert "may be missing among 4" in page.sections[0].text
 
 

@@ -27,10 +27,10 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from msgspec import structs
 
+from wbf_mission.addons.boards import submission
 from wbf_mission.addons.boards.audit import require_whole
 from wbf_mission.addons.boards.submission import code_files, read_pack
 from wbf_mission.addons.boards.verification import fly_again
-from wbf_mission.bench import submission
 from wbf_mission.bench.rows import read_rows
 from wbf_mission.cli.app import main
 from wbf_mission.results import storage

@@ -14,7 +14,7 @@ from wbf_mission.addons.boards.apart import PolicyApart
 from wbf_mission.addons.boards.fresh import fly_fresh
 from wbf_mission.addons.boards.submission import unpack_code
 from wbf_mission.addons.boards.verification import OTHER_CODE
-from wbf_mission.bench import fresh
+from wbf_mission.addons.boards import fresh
 from wbf_mission.bench.intervals import Interval
 from wbf_mission.bench.meaning import own_digest
 from wbf_mission.bench.replay import differences

@@ -30,9 +30,10 @@
     +-- mission.ground.station.NotFlyingError            a mission that cannot be changed now
     +-- mission.ground.status_text.NotStartedError       Ctrl-C before a vehicle was started
     +-- mission.ground.modes.ModeError                   a flight mode that the vehicle does not have
-    +-- wbf_mission.addons.check.peer.CheckError                    a check that does not exist
-    +-- wbf_mission.addons.check.peer.FailedError                   a check that failed
-    +-- wbf_mission.addons.check.peer.SkippedError                  a check that does not apply
+    +-- wbf_mission.addons.boards.apart._LostError       own code whose process ended
+    +-- wbf_mission.addons.check.peer.CheckError         a check that does not exist
+    +-- wbf_mission.addons.check.peer.FailedError        a check that failed
+    +-- wbf_mission.addons.check.peer.SkippedError       a check that does not apply
     +-- sim_vehicle.errors.VehicleError                  a vehicle or its specification
     |   +-- sim_vehicle.faults.fault.FaultError          a fault to be injected
     |   +-- sim_vehicle.pilot.controls.RefusedError       a command that the vehicle refuses
@@ -48,9 +49,9 @@
     +-- wbf_mission.pictures.animation.AnimationError    a moving picture of a run
     +-- wbf_mission.results.storage.ArrayFileError       arrays of a result
     +-- wbf_mission.bench.engine.ClusterError            a Dask cluster
-    +-- wbf_mission.addons.rl.errors.TrainingError              a training environment
+    +-- wbf_mission.addons.rl.errors.TrainingError       a training environment
     +-- wbf_mission.results.storage.ResultError          the folder of a result
-    +-- wbf_mission.addons.export.rerun.ExportError            a run that cannot be exported
+    +-- wbf_mission.addons.export.rerun.ExportError      a run that cannot be exported
     +-- wbf_mission.web.tiles.MapTilesError              a file of map tiles
     +-- wbf_mission.web.report.ReportError               runs of which no report can be made
     +-- wbf_mission.web.drafts.DraftError                a draft of the studio

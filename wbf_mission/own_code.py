@@ -17,8 +17,8 @@ from types import ModuleType
 
 from geo.named import ParameterError, format_named, parse_named
 from geo.texts import one_line
-from wbf_mission.beside import neighbours
 from wbf_mission.scenario import Choice, ScenarioError
+from wbf_mission.scenario.beside import neighbours
 
 _PREFIX = "own_"
 _OWN = re.compile(r"(?P<file>.+\.py):(?P<name>[^\W\d]\w*)(?::(?P<parameters>.*))?", re.DOTALL)

@@ -97,7 +97,7 @@ def _moved(before: Points, way: Points, after: Points, least_m: float, terrain: 
     along = after - before
     along = along / max(float(np.hypot(*along)), 1e-9)
     across = np.array((-along[1], along[0]))
-    side = np.sign((way - before) @ across)
+    side = np.sign(((way - before) * across).sum(axis=1))
     shifts = least_m * np.array([(aside, ahead) for aside in _ASIDE for ahead in _ALONG])
     places = np.vstack(
         [
@@ -116,5 +116,5 @@ def _moved(before: Points, way: Points, after: Points, least_m: float, terrain: 
 def _distance(point: Points, start: Points, end: Points) -> float:
     """Return how far a point lies from a leg."""
     leg = end - start
-    share = float((point - start) @ leg) / max(float(leg @ leg), 1e-12)
+    share = float(((point - start) * leg).sum()) / max(float((leg * leg).sum()), 1e-12)
     return float(np.hypot(*(start + min(max(share, 0.0), 1.0) * leg - point)))

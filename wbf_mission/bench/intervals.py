@@ -111,7 +111,7 @@ def _limits(residuals: Sequence[NDArray[np.float64]], together: bool) -> NDArray
         outside = round(_MISSED / 2.0 * (_DRAWS + 1))
         ordered = np.sort(drawn, axis=1)
         if together:
-            ranks = drawn.argsort(axis=1).argsort(axis=1)
+            ranks = drawn.argsort(axis=1, kind="stable").argsort(axis=1, kind="stable")
             farthest = np.minimum(ranks, _DRAWS - 1 - ranks).min(axis=0)
             outside = 1 + int(np.sort(farthest)[int(_MISSED * _DRAWS)])
         limits[many] = ordered[:, [outside - 1, _DRAWS - outside]]

@@ -156,7 +156,7 @@ def read_array(path: Path, shape: tuple[int, ...]) -> NDArray[np.float32]:
         raise ArrayFileError(msg) from error
 
 
-_OPTIONAL = ("variance", "may_be_sick")
+_OPTIONAL = ("variance", "may_be_sick", "seen_total")
 _BLOCKS = ("cells", "total", "least", "seen", "seen_sick", *_OPTIONAL)
 _ARRAYS = (*_BLOCKS, "finds", "together")
 _MAX_MEMBER_BYTES = 64 * 2**20

@@ -10,11 +10,11 @@ from msgspec import structs
 from policy_observations import observation, report
 from scipy import stats
 
+from wbf_mission.addons.boards import fresh
 from wbf_mission.addons.boards.apart import PolicyApart
 from wbf_mission.addons.boards.fresh import fly_fresh
 from wbf_mission.addons.boards.submission import unpack_code
 from wbf_mission.addons.boards.verification import OTHER_CODE
-from wbf_mission.addons.boards import fresh
 from wbf_mission.bench.intervals import Interval
 from wbf_mission.bench.meaning import own_digest
 from wbf_mission.bench.replay import differences

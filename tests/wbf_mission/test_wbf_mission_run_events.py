@@ -1,6 +1,9 @@
 """The events that a run tells: what the terminal, a page and files see of it."""
 
+import threading
 from collections import Counter
+from concurrent.futures import Future
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -19,6 +22,8 @@ from wbf_mission.events import (
     VehicleMoved,
     VehicleSaid,
 )
+from wbf_mission.run import joint_flight
+from wbf_mission.run.joint_flight import JointFlight
 from wbf_mission.scenario import Scenario
 
 
@@ -123,3 +128,28 @@ def test_days_and_flights_come_one_after_the_other():
     assert counts[FlightEnded] == len(result.flights) == 4
     times = [one.time_s for one, _ in heard if isinstance(one, VehicleMoved)]
     assert times == sorted(times)
+
+
+def test_a_policy_that_never_answers_is_left_behind(monkeypatch):
+    monkeypatch.setattr(joint_flight, "LAST_ANSWER_S", 0.05)
+    seen, learned = [], []
+    stream = EventStream()
+    stream.listen(seen.append)
+    flight = SimpleNamespace(_thinking=Future(), _events=stream, learn=lambda: learned.append(True))
+    JointFlight._await_answer(flight)
+    assert [event.text for event in seen] == [
+        "the policy has not answered within 0.05 s of the end: it is left behind"
+    ]
+    assert (flight._thinking, learned) == (None, [True])
+
+
+def test_a_late_answer_is_waited_for_and_dropped(monkeypatch):
+    seen, learned, thinking = [], [], Future()
+    stream = EventStream()
+    stream.listen(seen.append)
+    threading.Timer(0.05, lambda: thinking.set_exception(ValueError("late"))).start()
+    flight = SimpleNamespace(
+        _thinking=thinking, _events=stream, learn=lambda: learned.append(thinking.done())
+    )
+    JointFlight._await_answer(flight)
+    assert (flight._thinking, learned, seen) == (None, [True], [])

@@ -182,7 +182,7 @@ class WatchedVehicle(Contact):
             "item": None if state.item is None else state.item + 1,
             "seq": self.monitor.seq,
             "items": state.total,
-            "battery": state.battery.remaining,
+            "battery": state.battery.remaining if self._too_full is None else self._too_full,
             "gps_fix": self.monitor.gps_fix,
             "satellites": self.monitor.satellites,
             "link_quality": self.link.quality,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from concurrent.futures import Future
+from concurrent.futures import Future, wait
 from functools import partial
 from threading import Thread
 from typing import Protocol
@@ -19,7 +19,7 @@ from mission.policies.observation import Event, Status
 from sensors.estimation import Evidence
 from sensors.observations import Observations
 from sim_vehicle.host.simulation import StopReason
-from wbf_mission.events import Decided, EventStream, Seen
+from wbf_mission.events import Decided, EventStream, Noted, Seen
 from wbf_mission.progress import Stopwatch
 from wbf_mission.replanning.loop import Answered, DecisionLoop
 from wbf_mission.run.flight_events import FlightEvents
@@ -29,6 +29,8 @@ from wbf_mission.run.record import Flight
 from wbf_mission.run.sortie import Sortie
 
 SLICE_S = 1.0
+# Most policies answer within a second; the record is not to wait for one that never does.
+LAST_ANSWER_S = 5.0
 _OVER = frozenset({Status.PILOTED, Status.ENDED, Status.LOST})
 """Of a vehicle that was once one of these, no answer to an older question is flown."""
 _AHEAD_S = 0.02
@@ -324,10 +326,13 @@ class JointFlight:
         self._watch.lap("decide")
 
     def _await_answer(self) -> None:
-        """Wait until the policy no longer reads the estimate, drop its answer, and learn the rest."""
+        """Wait some seconds until the policy reads the estimate no longer, drop its answer, learn the rest."""
         if self._thinking is not None:
-            self._thinking.exception()
-            self._thinking = None
+            thinking, self._thinking = self._thinking, None
+            if wait([thinking], LAST_ANSWER_S).not_done:
+                # Its thread ends with the program. Nobody takes its answer, whatever it still reads.
+                text = f"the policy has not answered within {LAST_ANSWER_S:g} s of the end: it is left behind"
+                self._events.tell(Noted(text))
         self.learn()
 
     def _is_ending(self) -> bool:

@@ -326,7 +326,7 @@ class JointFlight:
         self._watch.lap("decide")
 
     def _await_answer(self) -> None:
-        """Wait some seconds until the policy reads the estimate no longer, drop its answer, learn the rest."""
+        """Wait some seconds for the policy to end with the estimate, drop its answer, and learn the rest."""
         if self._thinking is not None:
             thinking, self._thinking = self._thinking, None
             if wait([thinking], LAST_ANSWER_S).not_done:

@@ -1,0 +1,51 @@
+"""The core does its work where there are no add-ons."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+HIDDEN = Path(__file__).parents[2] / "support" / "core_alone"
+ROOT = Path(__file__).parents[3]
+
+
+def run(folder, *words):
+    path = os.pathsep.join(map(str, (HIDDEN, ROOT)))
+    return subprocess.run(
+        [sys.executable, "-m", "wbf_mission", *words],
+        cwd=folder,
+        env={**os.environ, "PYTHONPATH": path},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        "plan --farm miniberry-10 --planner spiral --out mine.plan --quiet",
+        "fly --farm miniberry-10 --policy greedy --estimator gp --budget 60s --out flown --quiet",
+        "bench run --scenarios WBF/Miniberry-10-v1 --planners spiral --estimators point --seeds 1 --out rows",
+        "check-policy greedy",
+        "vehicle list",
+    ],
+)
+def test_a_command_works_without_add_ons(tmp_path, command):
+    done = run(tmp_path, *command.split())
+    assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.parametrize("command", ["check", "export"])
+def test_what_add_ons_bring_is_not_there(tmp_path, command):
+    done = run(tmp_path, command)
+    assert (done.returncode, "No such command" in done.stderr) == (2, True), done.stderr
+
+
+def test_every_part_says_on_a_short_page_what_it_is():
+    addons = [path.parent for path in (ROOT / "wbf_mission" / "addons").glob("*/__init__.py")]
+    parts = [ROOT / name for name in ("geo", "sensors", "mission", "sim_vehicle", "wbf_mission")]
+    for part in (*parts, ROOT / "wbf_mission" / "addons", *addons):
+        assert len((part / "README.md").read_text().splitlines()) <= 30

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+import warnings
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future, wait
 from functools import partial
@@ -332,7 +333,8 @@ class JointFlight:
             if wait([thinking], LAST_ANSWER_S).not_done:
                 # Its thread ends with the program. Nobody takes its answer, whatever it still reads.
                 text = f"the policy has not answered within {LAST_ANSWER_S:g} s of the end: it is left behind"
-                self._events.tell(Noted(text))
+                warnings.warn(text, stacklevel=2)
+                self._events.tell(Noted(text, warns=True))
         self.learn()
 
     def _is_ending(self) -> bool:

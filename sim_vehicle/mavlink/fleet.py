@@ -104,8 +104,10 @@ class Fleet:
     --------
     >>> from sim_vehicle.airframe.catalog import get_vehicle
     >>> fleet = Fleet(get_vehicle("quad"), GeoPoint(28.05, -82.15, 10.0), 3)
-    >>> [vehicle.system_id for vehicle in fleet.vehicles], fleet.urls[-1]
-    ([1, 2, 3], ServerUrl(url='udpout:127.0.0.1:14542,14582', systems=frozenset({3})))
+    >>> [vehicle.system_id for vehicle in fleet.vehicles]
+    [1, 2, 3]
+    >>> [link.url for link in fleet.urls if link.systems == {3}][:2]
+    ['udpout:127.0.0.1:14550,18572', 'udpout:127.0.0.1:14542,14582']
     """
 
     def __init__(

@@ -253,8 +253,7 @@ class LiveServer:
         while True:
             if cursor is None or view.cursor > cursor:
                 text, cursor = await self._update(view, cursor)
-                async with asyncio.timeout(SEND_TIMEOUT_S):
-                    await websocket.send_text(text)
+                await _send(websocket, text)
             elif self._ending or view is not self._view:
                 return
             await _beat(websocket, visit, view)
@@ -285,8 +284,7 @@ class LiveServer:
             if message["type"] == "websocket.disconnect":
                 return
             reply = Update(self._view.time_s, reply=self._ask(message.get("text"), visit))
-            async with asyncio.timeout(SEND_TIMEOUT_S):
-                await websocket.send_text(reply.json().decode())
+            await _send(websocket, reply.json().decode())
 
     def _ask(self, text: str | None, visit: _Visit) -> Reply:
         """Hand a page's request on, once and while it is fresh; return the reply."""
@@ -368,8 +366,16 @@ async def _beat(websocket: WebSocket, visit: _Visit, view: View) -> None:
     """Send a beat if one is due."""
     if visit.beat_is_due:
         beat = Update(view.time_s, beat=Beat(visit.next_beat(), view.silent_s()))
+        await _send(websocket, beat.json().decode())
+
+
+async def _send(websocket: WebSocket, text: str) -> None:
+    """Send a message; TimeoutError if that takes too long, WebSocketDisconnect if the page has gone."""
+    try:
         async with asyncio.timeout(SEND_TIMEOUT_S):
-            await websocket.send_text(beat.json().decode())
+            await websocket.send_text(text)
+    except RuntimeError:  # uvicorn has closed the connection by itself, after a frame that is none
+        raise WebSocketDisconnect from None
 
 
 @dataclass(frozen=True, slots=True)

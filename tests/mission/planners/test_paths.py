@@ -365,7 +365,9 @@ def test_random_waypoints_of_a_small_patch_are_not_left_out(side_m, seed):
     # The same places in the same order, whatever the budget.
     shorter = walk(90.0, 2.0).points_m
     np.testing.assert_array_equal(shorter[:-1], path[: len(shorter) - 1])
-    assert len(walk(200.0, 0.0).points_m) >= len(path)
+    drawn = walk(200.0, 0.0).points_m
+    assert len(drawn) >= len(path)
+    assert (np.hypot(*np.diff(drawn, axis=0).T) < 2.0).any()
 
 
 def test_random_waypoints_of_a_large_patch_are_as_drawn():

@@ -618,6 +618,27 @@ def test_frames_that_are_none_end_their_connection_and_leave_nothing_on_the_term
     assert capfd.readouterr() == ("", "") and caplog.records == []
 
 
+class Closed:
+    """A connection that uvicorn closed by itself, as after a frame that is none."""
+
+    async def accept(self) -> None:
+        pass
+
+    async def send_text(self, text: str) -> None:
+        raise RuntimeError("Unexpected ASGI message 'websocket.send', after sending 'websocket.close'.")
+
+    close = send_text
+
+    async def receive(self) -> None:
+        await asyncio.sleep(60.0)
+
+
+@pytest.mark.parametrize("telling", ["_tell", "_tell_beats"])
+def test_a_connection_that_is_closed_while_it_is_told_ends_quietly(telling: str) -> None:
+    server = LiveServer(View(), orders=Taking())
+    asyncio.run(asyncio.wait_for(server._serve_page(getattr(server, telling), Closed()), 10.0))
+
+
 UNFINISHED = {
     "nothing": b"",
     "a line": b"GET / HTTP/1.1\r\n",

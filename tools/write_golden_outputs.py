@@ -21,9 +21,9 @@ from typing import Any
 import msgspec
 import pyarrow.parquet
 from mcap.reader import make_reader
-from write_golden_rows import libraries
 
 from geo.atomic import atomic_write
+from wbf_mission.bench.program import libraries
 
 TABLE = Path(__file__).parents[1] / "tests" / "data" / "golden_outputs.json"
 MEASURED = {"wall_time_s", "cpu_time_s", "realtime_factor", "timings_s", "compute_s", "seconds", "time_share"}

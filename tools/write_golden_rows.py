@@ -9,17 +9,16 @@ from __future__ import annotations
 import argparse
 import json
 import os
-import platform
 import subprocess
 import sys
 import tempfile
 from collections.abc import Iterator
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 from geo.atomic import atomic_write
 from geo.compiled import compiled_folder
+from wbf_mission.bench.program import libraries
 from wbf_mission.version import BEHAVIOUR
 
 TABLE = Path(__file__).parents[1] / "tests" / "data" / "golden_rows.json"
@@ -27,13 +26,6 @@ NEAR = 1e-6
 """Relative difference of values that other versions of the libraries may give."""
 _APART = "WRITE_GOLDEN_ROWS_APART"
 _TAKES_MINUTES = ("Waterberry", "Miniberry-100", "-Days")
-
-
-def libraries() -> dict[str, str]:
-    """Return the versions of what results depend on in their last bits."""
-    libc = " ".join(platform.libc_ver()) or platform.system()
-    names = ("numpy", "scipy", "numba", "shapely", "pyproj")
-    return {"python": platform.python_version(), "libc": libc, **{name: version(name) for name in names}}
 
 
 def flown() -> dict[str, Any]:

@@ -58,11 +58,6 @@ UNKNOWN_ITEM = 65535
 _NO_HEADING = 65535
 
 
-def _share(percent: int) -> float:
-    """Return a percentage of the wire, whose byte reaches to 127, as a share."""
-    return min(percent, 100) / 100.0
-
-
 @dataclass(frozen=True, slots=True)
 class Battery:
     """What the vehicle told of its battery: fraction left and energy used; None for what it never told."""
@@ -168,6 +163,7 @@ class VehicleMonitor:
         self.battery = Battery()
         self.lowest_battery = Battery()  # Since `begin_flight`
         self._has_battery = False
+        self.battery_percent: int | None = None  # As told: the byte of the wire reaches to 127
         # Whether it is off the ground, as EXTENDED_SYS_STATE tells; None when it is not told
         self.flies: bool | None = None
         self.clock = BootClock()  # Of its positions and of SYSTEM_TIME
@@ -221,7 +217,7 @@ class VehicleMonitor:
         remaining, consumed_wh = self.battery.remaining, self.battery.consumed_wh
         if message.battery_remaining >= 0:
             self._has_battery = True
-            remaining = _share(message.battery_remaining)
+            remaining = self._told(message.battery_remaining)
         if message.energy_consumed >= 0:
             consumed_wh = message.energy_consumed * 100.0 / 3600.0
         self._note_battery(Battery(remaining, consumed_wh))
@@ -229,7 +225,12 @@ class VehicleMonitor:
     def _on_sys_status(self, message: m.MAVLink_sys_status_message, _now_s: float) -> None:
         """Take what is left of the battery from a vehicle that tells nothing of it otherwise."""
         if message.battery_remaining >= 0 and not self._has_battery:
-            self._note_battery(replace(self.battery, remaining=_share(message.battery_remaining)))
+            self._note_battery(replace(self.battery, remaining=self._told(message.battery_remaining)))
+
+    def _told(self, percent: int) -> float:
+        """Note what is left as it was told; return it as a share."""
+        self.battery_percent = percent
+        return min(percent, 100) / 100.0
 
     def _note_battery(self, reading: Battery) -> None:
         self.battery = reading

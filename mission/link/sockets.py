@@ -94,60 +94,60 @@ class _OnSocket:
 
 
 class _Datagrams(_OnSocket):
-    """A socket whose datagrams are taken at once by a thread of its own, and kept until `_arrived`.
+    """A socket for datagrams; `at_once` a thread takes them from the system as they come, and keeps them.
 
-    The system keeps few of them (Linux: 208 KiB with its bookkeeping, some 330), which is less than a second
-    of a vehicle's telemetry and images; who waits for the descriptor may be busy for longer than that.
+    The system keeps few (Linux: 208 KiB with its bookkeeping, some 330), which is less than a second of a
+    vehicle's telemetry and images; who waits for the descriptor may be busy for longer than that.
     Attribute ``dropped``: how many came while as many as may be were kept already.
+
+    LinkError, and nothing stays open, if the thread cannot begin.
     """
 
-    def __init__(self, made: socket.socket, take: Callable[[int], Any], address: LinkAddress) -> None:
+    def __init__(self, made: socket.socket, address: LinkAddress, *, at_once: bool) -> None:
         super().__init__(made)
         self.dropped = 0
-        self._take, self._from = take, address
-        self._kept: deque[tuple[int, Any]] = deque()
+        self._from = address
+        self._kept: deque[tuple[bytes, _Peer]] = deque()
         self._kept_bytes = 0
         self._error: OSError | None = None
         self._lock = threading.Lock()
-        self._closing = threading.Event()
-        self._ready, self._signal = socket.socketpair()
-        self._is_signalled = False
-        self._stop, self._stopped = socket.socketpair()
-        self._thread = threading.Thread(target=self._keep_reading, name=f"link {address}", daemon=True)
-        self._thread.start()
+        self._reader: _Reader | None = None
+        if at_once:
+            try:
+                self._reader = _Reader(made, self._take, str(address))
+            except OSError as error:
+                made.close()
+                raise _why(address, error) from error
+            self._reader.start()
 
     def fileno(self) -> int | None:
-        """Return a descriptor that is readable while datagrams are kept, None once closed."""
-        number = self._ready.fileno()
-        return None if number < 0 else number
+        """Return a descriptor that is readable while there are datagrams, None once closed."""
+        return super().fileno() if self._reader is None else self._reader.fileno()
 
     def close(self) -> None:
         """Close the socket."""
-        self._closing.set()
-        with contextlib.suppress(OSError):
-            self._stopped.send(b"\0")
-        self._thread.join()
-        for one in (self._ready, self._signal, self._stop, self._stopped):
-            one.close()
+        if self._reader is not None:
+            self._reader.close()
         super().close()
+        self._kept.clear()
 
-    def _keep_reading(self) -> None:
-        with selectors.DefaultSelector() as selector:
-            selector.register(self._socket, selectors.EVENT_READ)
-            selector.register(self._stop, selectors.EVENT_READ)
-            while not self._closing.is_set():
-                selector.select()
-                with self._lock:
-                    self._read()
-                    self._show()
-                if self._error is not None:
-                    self._closing.wait(_REST_S)
+    def _take(self) -> bool:
+        """Keep what the system has; return whether the socket can be read."""
+        with self._lock:
+            self._read()
+            self._show()
+            return self._error is None
+
+    def _show(self) -> None:
+        """Make the descriptor readable while there is something to take, with the lock."""
+        if self._reader is not None:
+            self._reader.show(bool(self._kept) or self._error is not None)
 
     def _read(self) -> None:
-        """Take what the system has, with the lock."""
+        """Keep what the system has, with the lock."""
         for _ in range(_BATCH):
             try:
-                datagram = self._take(_DATAGRAM_BYTES)
+                data, peer = self._socket.recvfrom(_DATAGRAM_BYTES)
             except BlockingIOError:
                 return
             except ConnectionError:
@@ -155,37 +155,72 @@ class _Datagrams(_OnSocket):
             except OSError as error:
                 self._error = error
                 return
-            size = len(datagram[0] if isinstance(datagram, tuple) else datagram) + _OVERHEAD_BYTES
-            if self._kept_bytes + size > _KEPT_BYTES:
+            if self._kept_bytes + len(data) + _OVERHEAD_BYTES > _KEPT_BYTES:
                 self.dropped += 1
                 continue
-            self._kept_bytes += size
-            self._kept.append((size, datagram))
+            self._kept_bytes += len(data) + _OVERHEAD_BYTES
+            self._kept.append((data, peer))
 
-    def _show(self) -> None:
-        """Make the descriptor readable while there is something to take, with the lock."""
-        holds = bool(self._kept) or self._error is not None
-        if holds and not self._is_signalled:
-            self._signal.send(b"\0")
-        elif self._is_signalled and not holds:
-            self._ready.recv(1)
-        self._is_signalled = holds
-
-    def _arrived(self) -> list[Any]:
+    def _arrived(self) -> list[tuple[bytes, _Peer]]:
         """Return the datagrams that have arrived (at most 256 a call); LinkError if the socket fails."""
-        if self._closing.is_set():
-            raise _why(self._from, OSError(errno.EBADF, os.strerror(errno.EBADF)))
         with self._lock:
             self._read()
             taken = [self._kept.popleft() for _ in range(min(_BATCH, len(self._kept)))]
-            self._kept_bytes -= sum(size for size, _ in taken)
+            self._kept_bytes -= sum(len(data) + _OVERHEAD_BYTES for data, _ in taken)
             error = None
             if not taken:
                 error, self._error = self._error, None
             self._show()
         if error is not None:
             raise _why(self._from, error) from error
-        return [datagram for _, datagram in taken]
+        return taken
+
+
+class _Reader:
+    """A thread that calls `take` whenever a socket is readable, and a descriptor for what that keeps."""
+
+    def __init__(self, made: socket.socket, take: Callable[[], bool], name: str) -> None:
+        self._socket, self._take = made, take
+        self._closing = threading.Event()
+        self._ready, self._signal = socket.socketpair()
+        self._stop, self._stopped = socket.socketpair()
+        self._is_shown = False
+        self._thread = threading.Thread(target=self._run, name=f"link {name}", daemon=True)
+
+    def start(self) -> None:
+        """Begin to take."""
+        self._thread.start()
+
+    def fileno(self) -> int | None:
+        """Return the descriptor that is readable while it is shown so, None once closed."""
+        number = self._ready.fileno()
+        return None if number < 0 else number
+
+    def show(self, waits: bool) -> None:
+        """Make the descriptor readable, or not; the caller has the lock of what waits."""
+        if waits and not self._is_shown:
+            self._signal.send(b"\0")
+        elif self._is_shown and not waits:
+            self._ready.recv(1)
+        self._is_shown = waits
+
+    def close(self) -> None:
+        """End the thread; closing twice is fine."""
+        self._closing.set()
+        with contextlib.suppress(OSError):
+            self._stopped.send(b"\0")
+        self._thread.join()
+        for end in (self._ready, self._signal, self._stop, self._stopped):
+            end.close()
+
+    def _run(self) -> None:
+        with selectors.DefaultSelector() as selector:
+            selector.register(self._socket, selectors.EVENT_READ)
+            selector.register(self._stop, selectors.EVENT_READ)
+            while not self._closing.is_set():
+                selector.select()
+                if not self._take():
+                    self._closing.wait(_REST_S)
 
 
 def _bind_datagrams(made: socket.socket, where: Any) -> None:
@@ -207,12 +242,12 @@ def _listen(made: socket.socket, where: Any) -> None:
 class UdpSocket(_Datagrams):
     """A bound UDP socket that any number of peers may call; the piece that multi-client hosts build on.
 
-    LinkError if it cannot be bound; port 0 lets the system choose.
+    LinkError if it cannot be bound; port 0 lets the system choose. Who may be busy for long between two calls
+    of `receive_from` takes datagrams `at_once`, which costs a thread and five descriptors.
     """
 
-    def __init__(self, address: LinkAddress) -> None:
-        made = _open(address, socket.SOCK_DGRAM, _bind_datagrams)
-        super().__init__(made, made.recvfrom, address)
+    def __init__(self, address: LinkAddress, *, at_once: bool = False) -> None:
+        super().__init__(_open(address, socket.SOCK_DGRAM, _bind_datagrams), address, at_once=at_once)
         self.address = self._bound(address)
         self.name = str(self.address)
 
@@ -230,7 +265,7 @@ class UdpInLink(UdpSocket):
     """A UDP link that waits for a caller and answers whoever called last."""
 
     def __init__(self, address: LinkAddress) -> None:
-        super().__init__(address)
+        super().__init__(address, at_once=True)
         self._peer: _Peer | None = None
 
     def send(self, data: bytes) -> None:
@@ -250,8 +285,7 @@ class UdpOutLink(_Datagrams):
     """A UDP link that calls a host and hears only that host."""
 
     def __init__(self, address: LinkAddress) -> None:
-        made = _open(address, socket.SOCK_DGRAM, _connect_datagrams)
-        super().__init__(made, made.recv, address)
+        super().__init__(_open(address, socket.SOCK_DGRAM, _connect_datagrams), address, at_once=True)
         self.name = str(address)
 
     def send(self, data: bytes) -> None:
@@ -261,7 +295,7 @@ class UdpOutLink(_Datagrams):
 
     def receive(self) -> list[bytes]:
         """Return the datagrams that have arrived (at most 256 a call)."""
-        return self._arrived()
+        return [data for data, _ in self._arrived()]
 
 
 class Stream(ABC):

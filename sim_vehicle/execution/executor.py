@@ -214,7 +214,7 @@ class MissionExecutor:
             legs += self._home_legs((x, y, z), speed)
             self.flight.fly(legs, FlightPhase.RETURN, AfterLastLeg.TOUCHDOWN)
             return
-        height = max(position_m[2], self.spec.return_altitude_m, z)
+        height = max(position_m[2], self.mission.spec_about_home(self.spec).return_altitude_m, z)
         legs.append(Leg((x, y, height), speed, self.spec.acceptance_radius_m, KEEP, LegKind.CLIMB))
         legs.append(Leg((position_m[0], position_m[1], height), speed))
         self.flight.fly(legs, FlightPhase.GOTO)
@@ -223,7 +223,7 @@ class MissionExecutor:
         """Return as a fixed wing does: to a circle there or over home, or to the landing of the mission."""
         here = self.motion.position_m
         if position_m is not None:
-            height = max(position_m[2], self.spec.return_altitude_m, here[2])
+            height = max(position_m[2], self.mission.spec_about_home(self.spec).return_altitude_m, here[2])
             self.flight.fly([circle_leg((position_m[0], position_m[1], height), speed)], FlightPhase.GOTO)
             return
         own = fixed_wing_procedures(self.spec).lands_as_mission(self.spec)

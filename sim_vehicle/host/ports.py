@@ -26,6 +26,7 @@ _MOST_PEERS = 64
 _REFRESH_S = 0.5
 # Of open files besides the sockets of the URLs: peers of TCP, logs, libraries.
 _FILES = 512
+_AT_ONCE_FILES = 6  # Of a port whose datagrams are taken at once: its socket, two pairs, a selector
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,8 +109,8 @@ def _received(link: Link, client: Client) -> list[tuple[Client, bytes]]:
 
 
 class _UdpPort:
-    def __init__(self, bind: LinkAddress, peer: LinkAddress | None = None) -> None:
-        self._socket = UdpSocket(bind)
+    def __init__(self, bind: LinkAddress, peer: LinkAddress | None = None, *, at_once: bool) -> None:
+        self._socket = UdpSocket(bind, at_once=at_once)
         self.name = str(peer) if peer else self._socket.name
         self._peers: dict[Any, Client] = {}
         self._fixed: Any = None
@@ -240,13 +241,14 @@ def _speaks_mavlink(data: bytes) -> bool:
     return reader.frames > 0
 
 
-def open_port(url: str) -> ServerPort:
+def open_port(url: str, *, at_once: bool = False) -> ServerPort:
     """Open a socket for clients.
 
     ``udpin:HOST:PORT`` waits for clients, ``udpout:HOST:PORT`` sends to one (and serves whoever answers),
     ``tcpin:HOST:PORT`` waits for connections, ``tcp:HOST:PORT`` makes one and makes it again when it was
     lost, ``serial:DEVICE:BAUD`` is a serial line, opened again after its device was away. After ``udpout``
-    the local port may follow: ``udpout:127.0.0.1:14550,18570``.
+    the local port may follow: ``udpout:127.0.0.1:14550,18570``. Datagrams are taken `at_once` as by
+    `mission.link.sockets.UdpSocket`.
 
     LinkError if the address is wrong, in use or not reachable; VehicleError if the local port is no port.
     """
@@ -260,11 +262,12 @@ def open_port(url: str) -> ServerPort:
             raise VehicleError(f"{url!r}: a local port (0 to 65535) may follow udpout only")
         port = int(local)
     if address.scheme == "udpin":
-        return _UdpPort(address)
+        return _UdpPort(address, at_once=at_once)
     if address.scheme == "udpout":
         host = _address_of(address)
         near = LOOPBACK if host.startswith("127.") else "0.0.0.0"  # noqa: S104
-        return _UdpPort(LinkAddress("udpout", near, port), LinkAddress("udpout", host, address.port))
+        peer = LinkAddress("udpout", host, address.port)
+        return _UdpPort(LinkAddress("udpout", near, port), peer, at_once=at_once)
     if address.scheme == "tcpin":
         return _TcpPort(TcpListener(address))
     return _LinkPort(open_link(text, reconnect=True))
@@ -302,7 +305,14 @@ class PortSelector:
     were really taken. LinkError if an address is wrong or in use; nothing stays open then.
     """
 
-    def __init__(self, urls: Sequence[ServerUrl], session: FaultSession, links: Sequence[Link] = ()) -> None:
+    def __init__(
+        self,
+        urls: Sequence[ServerUrl],
+        session: FaultSession,
+        links: Sequence[Link] = (),
+        *,
+        at_once: bool = False,
+    ) -> None:
         self.clients: list[Client] = []
         self._session = session
         self._ports: list[tuple[ServerPort, ServerUrl]] = []
@@ -313,10 +323,10 @@ class PortSelector:
         self._wake, self._woken = socket.socketpair()
         self._woken.setblocking(False)
         self._selector.register(self._woken, selectors.EVENT_READ)
-        _allow_files(len(urls) + _FILES)
+        _allow_files(len(urls) * (_AT_ONCE_FILES if at_once else 1) + _FILES)
         try:
             for url in urls:
-                self._ports.append((open_port(url.url), url))
+                self._ports.append((open_port(url.url, at_once=at_once), url))
         except BaseException:
             self.close()
             raise

@@ -86,6 +86,8 @@ class Server(Closing):
         Signs what the components send; of clients only what it accepts is received and forwarded.
     links : sequence of Link
         Links that are open already, besides the URLs; the server closes them.
+    at_once : bool
+        Datagrams are taken as they come (`mission.link.sockets.UdpSocket`), for who runs it with long breaks.
 
     Attributes
     ----------
@@ -121,6 +123,7 @@ class Server(Closing):
         seed: int | SeedSequence = 0,
         signing: Signing | None = None,
         links: Sequence[Link] = (),
+        at_once: bool = False,
     ) -> None:
         if not speed > 0.0:
             raise VehicleError(f"server: speed {speed} is not positive; 1 is real time")
@@ -151,7 +154,7 @@ class Server(Closing):
         self._stopping = False
         self._closed = False
         self._origin_s = 0.0
-        self._selector = PortSelector(ports, session, links)
+        self._selector = PortSelector(ports, session, links, at_once=at_once)
         self.urls = self._selector.urls
         self._meet_clients()
 
@@ -320,13 +323,11 @@ class Server(Closing):
         for message in messages:
             frame = writer.encode(message)
             self.frames += 1
-            if link:
-                self._inbox.append((frame, local, link))
-                continue
-            if local.log is not None:
-                local.log.log_frame(frame, type(message).id, self.now_s)
-            if self._tap is not None:
-                self._tap(frame, self.now_s)
+            if not link:
+                if local.log is not None:
+                    local.log.log_frame(frame, type(message).id, self.now_s)
+                if self._tap is not None:
+                    self._tap(frame, self.now_s)
             self._inbox.append((frame, local, link))
 
     def _route_all(self) -> None:
@@ -343,10 +344,13 @@ class Server(Closing):
                     routes.clear()
                 routes[key] = route
             locals_, clients = route
+            numbered: dict[str, bytes] = {}  # Once for each link with a name, however many peers it has
             for client in clients:
                 data = frame
                 if client.link and not link and isinstance(source, _Local) and client.link in source.writers:
-                    data = source.writers[client.link].renumber(frame)
+                    if client.link not in numbered:
+                        numbered[client.link] = source.writers[client.link].renumber(frame)
+                    data = numbered[client.link]
                 if client.radio is not None:
                     client.radio.send("down", data, frame_source(frame)[0], self.now_s)
                 else:

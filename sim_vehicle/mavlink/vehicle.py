@@ -313,7 +313,7 @@ class SimVehicle:
     @property
     def schedule(self) -> Schedule:
         """Message intervals on the link of the message that is being answered."""
-        return self._schedules.get(self.link) or self._schedules[""]
+        return self._schedules.get(self.link, self._schedules[""])
 
     def open_links(self, names: frozenset[str]) -> None:
         """Stream on these links, too, each at rates of its own."""

@@ -108,6 +108,7 @@ class Pilot(Controls):
         self.auto_yaw = AutoYaw(self)
         self.follow = FollowPilot(self)
         self._returns_s = math.inf
+        self._rally: list[MissionItem] = []
         self._sticks = flown = None if firmware.sticks is None else StickPilot(self, firmware.sticks)
         self.modes = ModeControl(self, self.mission, self.setpoints, self.attitude, self.follow, flown)
         self._idle = None
@@ -195,9 +196,11 @@ class Pilot(Controls):
 
     def set_rally(self, items: Sequence[MissionItem]) -> None:
         """Replace the rally points, which are returned to when they are nearer than home."""
-        positions = item_positions(
-            [item for item in items if item.command == Command.NAV_RALLY_POINT], self.frame
-        )
+        self._rally = [item for item in items if item.command == Command.NAV_RALLY_POINT]
+        self._place_rally()
+
+    def _place_rally(self) -> None:
+        positions = item_positions(self._rally, self.frame, self.home_m[2])
         self.executor.mission.return_points.rally_m = tuple(
             position for position in positions if not math.isnan(position[0])
         )
@@ -212,6 +215,7 @@ class Pilot(Controls):
         if not abs(up_m) <= self.spec.max_altitude_m:
             raise RefusedError(f"Home refused: {up_m:.0f} m above the start", denied=True)
         self.executor.mission.move_home((x_m, y_m, up_m))
+        self._place_rally()
         self.failsafe.apply_parameters()
 
     def apply_parameters(self) -> None:

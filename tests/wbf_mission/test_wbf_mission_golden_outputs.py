@@ -5,7 +5,8 @@ import json
 import pytest
 from mcap.writer import Writer
 from write_golden_outputs import COMMANDS, FLIGHTS, TABLE, digests, mcap_messages
-from write_golden_rows import libraries
+
+from wbf_mission.bench.program import libraries
 
 KEPT = json.loads(TABLE.read_text())
 

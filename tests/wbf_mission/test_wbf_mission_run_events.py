@@ -144,13 +144,20 @@ def test_a_policy_that_never_answers_is_left_behind(monkeypatch):
     assert (flight._thinking, learned) == (None, [True])
 
 
-def test_a_late_answer_is_waited_for_and_dropped(monkeypatch):
+def test_a_late_answer_is_waited_for_and_dropped():
     seen, learned, thinking = [], [], Future()
     stream = EventStream()
     stream.listen(seen.append)
-    threading.Timer(0.05, lambda: thinking.set_exception(ValueError("late"))).start()
+    threading.Timer(0.05, lambda: thinking.set_result("late")).start()
     flight = SimpleNamespace(
         _thinking=thinking, _events=stream, learn=lambda: learned.append(thinking.done())
     )
     JointFlight._await_answer(flight)
     assert (flight._thinking, learned, seen) == (None, [True], [])
+
+
+def test_an_error_of_the_last_decision_is_raised():
+    thinking = Future()
+    thinking.set_exception(ValueError("no model"))
+    with pytest.raises(ValueError, match="no model"):
+        JointFlight._await_answer(SimpleNamespace(_thinking=thinking))

@@ -222,10 +222,10 @@ def _global_names(code: CodeType) -> set[str]:
 
 
 def _field(field: Field) -> dict[str, Any]:
-    table = {key: value for key, value in field_to_table(field).items() if key not in _LABELS}
-    at_default = {one.name for one in dataclasses.fields(field) if getattr(field, one.name) == one.default}
-    kept = {key: value for key, value in table.items() if key not in at_default}
-    return {**kept, "dynamics": _chosen(field.dynamics)}
+    chosen = _chosen(field)
+    plain = field_to_table(field)
+    table = {key: plain[key] for key in chosen if key in plain and key not in _LABELS}
+    return {**table, "kind": plain["kind"], "dynamics": chosen["dynamics"]}
 
 
 def _vehicle(name: str) -> dict[str, Any]:

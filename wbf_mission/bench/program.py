@@ -21,12 +21,15 @@ _CODE = "code of wbf-mission"
 @functools.cache
 def program() -> Mapping[str, str]:
     """Return what rows depend on: interpreter, libraries, and the sources of the five packages."""
+    return {"wbf-mission": __version__, **libraries(), _CODE: _sources()}
+
+
+def libraries() -> dict[str, str]:
+    """Return the versions of the interpreter and of all on which the last bits of a row depend."""
     return {
-        "wbf-mission": __version__,
         "Python": f"{platform.python_implementation()} {platform.python_version()}",
         "C library": " ".join(platform.libc_ver()),
         **{name: importlib.metadata.version(name) for name in _LIBRARIES},
-        _CODE: _sources(),
     }
 
 

@@ -33,7 +33,7 @@ def _commit(row: BenchRow) -> str:
 
 def _digest(row: BenchRow, key: str) -> str:
     """Return behaviour numbers, or the beginning of a digest; rows of old folders have none."""
-    return row.codes.get(key, "built in" if row.codes else "unknown code")[:12]
+    return _shown(row.codes.get(key, "built in" if row.codes else "unknown code"), 12)
 
 
 def _of_old(row: BenchRow, key: str) -> str:
@@ -42,8 +42,8 @@ def _of_old(row: BenchRow, key: str) -> str:
     return row.codes.get(key, "") or ("built in" if row.codes else unknown)
 
 
-def _shown(digest: str) -> str:
-    return digest if "." in digest else digest[:_SHORT].strip()  # behaviour numbers are shown whole
+def _shown(digest: str, digits: int = _SHORT) -> str:
+    return digest if "." in digest else digest[:digits].strip()  # behaviour numbers are shown whole
 
 
 def _words(row: BenchRow, key: str) -> str:

@@ -159,7 +159,7 @@ class Via:
         """Open the links of ground stations, and of the cameras beside them; LinkError if one cannot be."""
         pairs = zip(cameras, grounds, strict=True)
         components: list[Component] = [part for pair in pairs for part in pair]
-        return LinkHost(Server(components, links_of(heard), tap=tap), note=note)
+        return LinkHost(Server(components, links_of(heard), tap=tap, at_once=True), note=note)
 
     def driver(self, url: str, on_event: OnEvent, on_text: OnText | None = None) -> TransferDriver:
         """Open a link; return what transfers plans over it. LinkError if the link cannot be opened."""

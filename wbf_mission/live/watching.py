@@ -37,6 +37,7 @@ _POSSIBLE = {
     "longitude_deg": (-180.0, 180.0),
     "height_m": (-12_000.0, 50_000.0),
     "ground_speed_m_s": (0.0, 350.0),
+    "battery": (0.0, 1.0),
     "gps_fix": (0, 8),
 }
 # Messages all of whose numbers are known to a vehicle that sends them; in others NaN stands for unknown.
@@ -136,14 +137,10 @@ class WatchedVehicle(Contact):
     def __init__(self, vehicle: tuple[int, int]) -> None:
         super().__init__(vehicle)
         self._no_numbers: dict[str, float] = {}
-        self._too_full: float | None = None  # A battery above 100 %, which its state does not show
 
     def receive(self, message: Message, now_s: float) -> None:
         """Take any message of its autopilot."""
         super().receive(message, now_s)
-        if isinstance(message, m.MAVLink_battery_status_message | m.MAVLink_sys_status_message):
-            share = message.battery_remaining / 100.0
-            self._too_full = share if share > 1.0 else None
         if isinstance(message, _OF_NUMBERS):
             kind = message.get_type()
             for name in m.mavlink_map[type(message).id].fieldnames:
@@ -158,8 +155,6 @@ class WatchedVehicle(Contact):
         wrong = {
             key: value for key, value, low, high in told if value is not None and not low <= value <= high
         }
-        if self._too_full is not None:
-            wrong["battery"] = self._too_full
         return wrong | {name: str(value) for name, value in self._no_numbers.items()}
 
     def summary(self, now_s: float) -> dict[str, Any]:
@@ -182,7 +177,7 @@ class WatchedVehicle(Contact):
             "item": None if state.item is None else state.item + 1,
             "seq": self.monitor.seq,
             "items": state.total,
-            "battery": state.battery.remaining if self._too_full is None else self._too_full,
+            "battery": None if (percent := self.monitor.battery_percent) is None else percent / 100.0,
             "gps_fix": self.monitor.gps_fix,
             "satellites": self.monitor.satellites,
             "link_quality": self.link.quality,

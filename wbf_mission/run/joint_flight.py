@@ -137,8 +137,8 @@ class JointFlight:
         """Take every vehicle that is not down out of its mission, or one of them."""
         for sortie in self.sorties if only is None else (only,):
             if not sortie.done:
-                self._outdate(sortie, "was given an order")
                 sortie.send(sortie.ground.maneuver(kind, self.now_s))
+                self._outdate(sortie, "was given an order")
 
     def _obey(self, orders: Orders) -> None:
         """Do what who watches has ordered, and say what may be ordered now."""
@@ -335,6 +335,8 @@ class JointFlight:
                 text = f"the policy has not answered within {LAST_ANSWER_S:g} s of the end: it is left behind"
                 warnings.warn(text, stacklevel=2)
                 self._events.tell(Noted(text, warns=True))
+            elif (error := thinking.exception()) is not None:
+                raise error
         self.learn()
 
     def _is_ending(self) -> bool:

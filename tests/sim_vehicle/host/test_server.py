@@ -1,7 +1,9 @@
 """The wall-clock host: real sockets, several clients, bad clients."""
 
 import socket
+import threading
 import time
+from pathlib import Path
 
 import pytest
 
@@ -274,9 +276,20 @@ def test_a_port_serves_64_peers_at_most_and_again_when_one_has_gone():
             peer.close()
 
 
+@pytest.mark.skipif(not Path("/proc/self/fd").is_dir(), reason="counts descriptors as Linux shows them")
+def test_a_port_takes_one_descriptor_and_no_thread():
+    def open_ones():
+        return len(list(Path("/proc/self/fd").iterdir())), threading.active_count()
+
+    files, threads = open_ones()
+    with Server([], ["udpin:127.0.0.1:0"] * 50):
+        more_files, more_threads = open_ones()
+    assert (more_files - files <= 60, more_threads) == (True, threads)
+
+
 def test_datagrams_that_it_could_not_keep_are_counted(monkeypatch):
     monkeypatch.setattr("mission.link.sockets._KEPT_BYTES", 1000)
-    with Server([], ["udpin:127.0.0.1:0"]) as server:
+    with Server([], ["udpin:127.0.0.1:0"], at_once=True) as server:
         host, port = server.urls[0].split(":")[1:]
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
             for _ in range(10):

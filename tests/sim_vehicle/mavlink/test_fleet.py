@@ -338,3 +338,22 @@ def test_each_link_of_px4_has_its_own_messages_rates_and_sequence_numbers():
         assert numbers == [(numbers[0] + k) % 256 for k in range(len(numbers))], "nothing seems lost"
         for end in ends:
             end.close()
+
+
+def test_peers_on_one_link_with_a_name_both_hear_every_number():
+    vehicle = quads(1, sitl_rates=True).vehicles[0]
+    named = ServerUrl("tcpin:127.0.0.1:0", frozenset((1,)), "ground")
+    with Server([vehicle], [named]) as server:
+        url = server.urls[0].replace("tcpin", "tcp")
+        ends = [MavlinkEndpoint(open_link(url), 250 + number, 190) for number in range(2)]
+        server.run(limit_s=0.3)
+        for _ in range(20):
+            # What the vehicle says to all gets a number of the link, too.
+            server.send(vehicle, [m.MAVLink_statustext_message(6, b"to all")])
+            server.run(limit_s=0.05)
+        for end in ends:
+            told = told_at(end, 100)
+            assert sum(message.get_type() == "STATUSTEXT" for message in told) >= 10
+            numbers = [message.get_seq() for message in told]
+            assert numbers == [(numbers[0] + k) % 256 for k in range(len(numbers))], "nothing seems lost"
+            end.close()

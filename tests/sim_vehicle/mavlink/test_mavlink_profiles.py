@@ -517,3 +517,19 @@ def test_a_home_without_an_altitude_is_refused(autopilot):
     here = home_at(peer, 33.0, 0, 0.0, 0.0)
     assert here == (2 if autopilot is PX4 else 0), "ArduPilot takes zeros for here"
     assert peer.asked(242).altitude == 20_000
+
+
+@BOTH
+def test_rally_points_are_as_high_above_a_home_that_moves(autopilot):
+    peer, place = Peer(autopilot), MissionItem(Command.NAV_RALLY_POINT, 3, x=28.051, y=-82.15, z=20.0)
+    points = peer.vehicle.pilot.executor.mission.return_points
+    peer.vehicle.pilot.set_rally([place])
+    assert points.rally_m[0][2] == 20.0
+    assert home_at(peer, 35.0, 0) == 0
+    assert points.rally_m[0][2] == 35.0
+    peer.vehicle.pilot.set_rally([place])
+    assert points.rally_m[0][2] == 35.0
+    peer.vehicle.pilot.set_rally(
+        [MissionItem(Command.NAV_RALLY_POINT, Frame.GLOBAL, x=28.051, y=-82.15, z=50.0)]
+    )
+    assert points.rally_m[0][2] == 30.0, "above the sea: 20 m are the start's"

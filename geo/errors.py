@@ -85,11 +85,16 @@ PACKAGES = ("geo", "mission", "sensors", "sim_vehicle", "wbf_mission")
 """What this program consists of."""
 
 
+_CYTHON = frozenset({".pyx", ".pxi", ".pxd"})
+
+
 @cache
 def is_users_file(file: str) -> bool:
     """Tell whether a source is a user's: neither of this program, nor installed, nor of Python itself."""
     path = Path(file).absolute()
     if file.startswith("<frozen") or {"site-packages", "dist-packages"} & set(path.parts):
+        return False
+    if path.suffix in _CYTHON:  # compiled libraries name their sources, not where they are
         return False
     here = Path(__file__).absolute().parents[1]
     inside = [here / name for name in PACKAGES] + [Path(sysconfig.get_path("stdlib"))]

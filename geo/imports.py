@@ -81,7 +81,7 @@ def load_entry(entry: metadata.EntryPoint, what: str, error: type[Exception]) ->
     """Return what a package registered; one that cannot be imported is told as ``error``, in one line."""
     try:
         return entry.load()
-    except (ImportError, AttributeError) as problem:
+    except Exception as problem:  # code of others runs
         raise error(f"{what} ({entry.value}) cannot be loaded: {problem}") from problem
 
 

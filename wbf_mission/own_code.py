@@ -130,7 +130,9 @@ def _told(error: BaseException, path: Path) -> str:
     trace = traceback.extract_tb(error.__traceback__)
     lines = [one.lineno for one in trace if Path(one.filename).resolve() == file]
     if isinstance(error, SyntaxError):
-        lines = [error.lineno]
+        lines = [error.lineno] if error.lineno else []
         text = error.msg
+        if error.filename and Path(error.filename).resolve() != file:
+            text = f"{Path(error.filename).name}: {text}"
     where = f" (line {lines[-1]})" if lines else ""
     return f"{type(error).__name__}: {text}{where}"

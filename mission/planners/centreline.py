@@ -38,7 +38,7 @@ def is_narrow(part: Polygon, swath: Swath) -> bool:
 
 
 def without_arms(part: Polygon, swath: Swath) -> list[Polygon]:
-    """Return a part in what is wider than an image and in narrow arms; nothing if it has no arms.
+    """Split a part into pieces wider than an image and narrow arms; empty without arms.
 
     Examples
     --------

@@ -113,7 +113,7 @@ class _Walk:
             self.legs.append(leg)
 
     def _places(self, count: int) -> Points:
-        """Return the next places that are drawn, float64[n, 2]."""
+        """Draw the next waypoints, float64[n, 2]."""
         while len(self._drawn) < count:
             self._drawn = np.vstack((self._drawn, draw_places(self._terrain.flyable, count, self._rng)))
         places, self._drawn = self._drawn[:count], self._drawn[count:]

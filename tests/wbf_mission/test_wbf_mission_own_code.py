@@ -13,6 +13,7 @@ from wbf_mission.addons.boards.submission import code_files
 from wbf_mission.bench.engine import fly_all
 from wbf_mission.cli.app import main
 from wbf_mission.own_code import own_choice
+from wbf_mission.scenario.beside import files_beside
 
 EXAMPLES = Path(__file__).parents[2] / "docs" / "examples"
 POLICY = f"{EXAMPLES / 'my_policy.py'}:RowsThenGreedy"
@@ -232,3 +233,11 @@ def test_files_do_not_name_code(tmp_path):
     (tmp_path / "table.toml").write_text(f'[policy]\nname = "{name}"\n')
     assert main(["fly", "--scenario", str(tmp_path / "table.toml"), "--no-files"]) == 2
     assert not (tmp_path / "ran").exists()
+
+
+def test_texts_that_cannot_name_a_file_are_passed_over(tmp_path):
+    file = tmp_path / "mine.py"
+    texts = ["x**2", "**/*", "\u6f22" * 120, "a/../b", "*" * 300, "data.csv"]
+    file.write_text(f"TEXTS = {texts!r}\n", encoding="utf-8")
+    (tmp_path / "data.csv").write_text("1\n")
+    assert [path.name for path in files_beside(file)] == ["data.csv"]

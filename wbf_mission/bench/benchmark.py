@@ -115,8 +115,8 @@ def benchmark(
         if others:
             builds = "; ".join(dict.fromkeys(map(build_of, others)))
             msg = (
-                f"{out}: {len(others)} rows with the names of these runs were flown by other code, or with"
-                f" other parameters or files ({builds}); they are kept, and do not count here"
+                f"{out}: {len(others)} rows with the names of these runs were flown with other behaviour"
+                f" numbers, code, parameters or files ({builds}); they are kept, and do not count here"
             )
             warnings.warn(msg, stacklevel=2)
     if interrupted:

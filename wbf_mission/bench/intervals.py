@@ -123,7 +123,7 @@ def _limits(residuals: Sequence[NDArray[np.float64]], together: bool) -> NDArray
 def _drawn(
     residuals: Sequence[NDArray[np.float64]], many: NDArray[np.int64], counts: NDArray[np.int64]
 ) -> NDArray[np.float64]:
-    """Return the t-statistics of resamples, float64[many, draws]; weights of a place are the same in all."""
+    """Return t-statistics, float64[comparison, draw]; an environment has the same weights in all of them."""
     draw = np.random.default_rng(_SEED)
     t = np.empty((len(many), _DRAWS))
     sums, squares, weights = np.zeros_like(t), np.zeros_like(t), np.zeros(_DRAWS)

@@ -116,6 +116,8 @@ class _Plain:
         self._open: set[int] = set()
         # What was met is kept, so that nothing else gets its id.
         self._done: dict[int, tuple[Any, Any]] = {}
+        # A file has many functions; the files beside it do not change meanwhile.
+        self._beside = cache(digest_beside)
 
     def of(self, value: Any) -> Any:
         """Return the plain values of anything."""
@@ -180,7 +182,7 @@ class _Plain:
             return [f"{module}.{name}", "" if file is None else _of_file(file)]
         # A file of a user's has another module's name in each folder: it counts by what is in it, and by what
         # it uses of the files beside it. (A script may write files beside it.)
-        beside = "" if file is None or module in ("__main__", "__mp_main__") else digest_beside(file)
+        beside = "" if file is None or module in ("__main__", "__mp_main__") else self._beside(file)
         return [name, "" if file is None else _of_file(file), *([beside] if beside else [])]
 
     def _class(self, one: type) -> Any:

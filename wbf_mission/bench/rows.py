@@ -70,7 +70,7 @@ class BenchRow(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
     versions : dict
         Of what flew it, with its ``commit`` if that is known (`wbf_mission.bench.provenance`).
     codes : dict
-        Digests of that (`wbf_mission.bench.spec.BenchRun`); empty in rows of old stores, which did not tell.
+        Behaviour numbers and digests (`wbf_mission.bench.spec.BenchRun`); empty in rows of old stores.
     hardware : dict
         The machine: ``processor``, ``cores``, ``memory_gb`` and ``system``.
     objects : dict

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
+from geo.imports import load_entry
 from geo.texts import parse_whole
 from mission.policies.policy import Policy, make_policy
 from sensors.field_files import load_field_set
@@ -321,7 +322,7 @@ def _code_of(choice: Choice, what: str) -> str:
     if choice.made is not None:
         return own_digest(choice.made)
     entry = registered_elsewhere(choice.name, what)
-    return "" if entry is None else own_digest(entry.load())
+    return "" if entry is None else own_digest(load_entry(entry, f"{what} {choice.name}", ScenarioError))
 
 
 def require_mover(choice: Choice) -> None:

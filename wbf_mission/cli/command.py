@@ -49,6 +49,8 @@ def add_commands(apps: dict[str, typer.Typer]) -> None:
             continue
         try:
             command = load_entry(entry, f"the command {entry.name}", TargetError)
+            if not isinstance(command, Command):
+                raise TargetError(f"the command {entry.name} ({entry.value}) is no {Command.__qualname__}")
         except TargetError as error:
             command = _broken(error)
         command.add_to(apps[group], name)

@@ -84,8 +84,8 @@ def monitor_command(
 ) -> int:
     """Show what the vehicles on a link tell of themselves: mode, item, position, battery, link, texts.
 
-    A value that cannot be (a latitude of 95, a battery at 120 %) is marked with "!"; a text that comes again
-    and again is shown each 30 s, with the number of times.
+    A value that cannot be (a latitude of 95, a battery at 120 %) is warned of once, and marked with "!" in
+    its column; a text that comes again and again is shown each 30 s, with the number of times.
 
     With --live on a page, too: over a farm, if one is given, and with the mission that each vehicle holds.
     """

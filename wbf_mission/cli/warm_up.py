@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable
 from typing import Any
 
+from geo.errors import WbfMissionError
 from geo.imports import entry_points, load_entry
 from geo.texts import duration
 from wbf_mission.cli import options
@@ -55,7 +56,10 @@ def warm_up_command(output: Output) -> None:
     begin("the live page of large farms")
     _draw_blocks()
     for entry in entry_points(GROUP):
-        load_entry(entry, f"the warm-up {entry.name}", TargetError)(begin)
+        try:
+            load_entry(entry, f"the warm-up {entry.name}", TargetError)(begin)
+        except WbfMissionError as error:  # as where an extra is not installed
+            output.note(str(error))
     ends = [*(since_s for _, since_s in begun[1:]), time.perf_counter()]
     seconds = {what: end_s - since_s for (what, since_s), end_s in zip(begun, ends, strict=True)}
     wall_time_s = sum(seconds.values())

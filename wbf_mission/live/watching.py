@@ -161,7 +161,7 @@ class WatchedVehicle(Contact):
         """Return plain values for JSON; what is not known is None.
 
         ``item`` counts from 1, without home; ``seq`` is MISSION_CURRENT's own number. ``impossible``
-        has those values that cannot be, and numbers of messages that are none.
+        has values outside their possible range, and message fields that are not numbers.
         """
         state = self.monitor.state
         located = state.heard_s > -math.inf

@@ -33,7 +33,7 @@ SLICE_S = 1.0
 # Most policies answer within a second; the record is not to wait for one that never does.
 LAST_ANSWER_S = 5.0
 _OVER = frozenset({Status.PILOTED, Status.ENDED, Status.LOST})
-"""Of a vehicle that was once one of these, no answer to an older question is flown."""
+"""After one of these statuses a vehicle flies no answer to an earlier question."""
 _AHEAD_S = 0.02
 """The simulated clock waits for the wall clock when it is so far ahead."""
 FLIGHT_LIMIT_FACTOR = 3.0
@@ -316,7 +316,7 @@ class JointFlight:
             self.learn()
 
     def _outdate(self, sortie: Sortie, why: str) -> None:
-        """Keep a vehicle from flying the answer that is being worked on."""
+        """Discard the pending answer for this vehicle."""
         if self._thinking is not None:
             self._not_sent.setdefault(sortie.system_id, f"the vehicle {why} while the policy decided")
 

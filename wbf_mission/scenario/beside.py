@@ -76,9 +76,9 @@ def _named(file: Path) -> Iterator[Path]:
 def _may_name(text: str) -> bool:
     """Return whether a text can be the name of a file below a folder, or a pattern of such."""
     parts = text.split("/")
-    plain = 0 < len(text) <= _LONGEST and text.isprintable() and any(map(str.isalnum, text))
+    plain = text.isprintable() and 0 < len(text.encode()) <= _LONGEST and any(map(str.isalnum, text))
     pattern = not set("*?").isdisjoint(text)
-    return plain and not {"", ".", "..", "**"} & set(parts) and not (pattern and " " in text)
+    return plain and not {"", ".", ".."} & set(parts) and "**" not in text and not (pattern and " " in text)
 
 
 def _tree(file: Path) -> ast.AST:

@@ -86,9 +86,9 @@ _OBJECT = {
 def drawing_seed(choice: Choice, kind: str, run_seed: int) -> int:
     """Return the seed from which a planner, policy or estimator draws.
 
-    What is built in draws from the run's seed. Code of a user's, objects and what another package registered,
-    could find that by trying, and with it the truth: it draws from its own parameter or attribute ``seed``,
-    a whole number, by default 0.
+    Built-in planners, policies and estimators draw from the run's seed. Code of a user's, objects and what
+    another package registered, could find that by trying, and with it the truth: it draws from its own
+    parameter or attribute ``seed``, a whole number, by default 0.
 
     Examples
     --------

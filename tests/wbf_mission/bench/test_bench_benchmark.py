@@ -188,7 +188,9 @@ def test_rows_of_other_code_are_kept_apart_with_a_word(tmp_path, monkeypatch, ca
     with BenchStore(tmp_path) as store:
         for one in old:
             store.add(one)
-    with pytest.warns(UserWarning, match="2 rows with the names of these runs were flown by other code"):
+    with pytest.warns(
+        UserWarning, match="2 rows with the names of these runs were flown with other behaviour"
+    ):
         assert len(benchmark(spec, out=tmp_path)) == 2
     monkeypatch.setattr("wbf_mission.bench.spec.behaviour", lambda: "1.2.3")
     with pytest.warns(UserWarning, match="4 rows with the names"):

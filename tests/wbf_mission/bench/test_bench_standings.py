@@ -54,7 +54,7 @@ CASES = 400
 
 @pytest.mark.parametrize("count", [3, 5, 8, 20])
 @pytest.mark.parametrize(
-    ("kind", "least"), [("normal", (0.93,) * 4), ("exponential", (0.86, 0.89, 0.91, 0.92))]
+    ("kind", "least"), [("normal", (0.93,) * 4), ("exponential", (0.86, 0.89, 0.925, 0.925))]
 )
 def test_intervals_cover_the_mean_they_are_of(count, kind, least):
     draw = np.random.default_rng(11)
@@ -62,7 +62,7 @@ def test_intervals_cover_the_mean_they_are_of(count, kind, least):
         draw.normal(-1.0, 0.3, (CASES, count)) if kind == "normal" else -draw.exponential(1.0, (CASES, count))
     )
     # Percentiles of resampled means cover 0.84 to 0.93 of 8 and 20 values.
-    assert dict(zip((3, 5, 8, 20), least, strict=True))[count] < coverage(mean_intervals(drawn), -1.0) < 0.99
+    assert dict(zip((3, 5, 8, 20), least, strict=True))[count] < coverage(mean_intervals(drawn), -1.0) < 0.98
 
 
 @pytest.mark.parametrize(
@@ -79,7 +79,7 @@ def test_intervals_of_ratios_cover_the_ratio_of_the_means(spread, rare, least):
         misses = (draw.random(shape) < rare) * draw.exponential(3.0, shape)
         above = hard * draw.lognormal(-0.5, spread, shape) + misses
         below = hard * draw.lognormal(0.0, 0.3, shape)
-        assert coverage(ratio_intervals(list(zip(above, below, strict=True))), true) > part
+        assert part < coverage(ratio_intervals(list(zip(above, below, strict=True))), true) < 0.985
 
 
 def test_intervals_of_a_table_hold_together():

@@ -96,7 +96,7 @@ class Apart(Closing):
     """
 
     def __init__(self, folder: Path, kind: str, label: str, digest: str) -> None:
-        self.name, self._pending = label, ""
+        self.name = label
         self._private = tempfile.TemporaryDirectory()
         # Only what Python needs: no variable and no cache of this process, which may lead to environments.
         home = dict.fromkeys(("HOME", "TMPDIR", "XDG_CACHE_HOME", "XDG_CONFIG_HOME"), self._private.name)
@@ -120,7 +120,7 @@ class Apart(Closing):
             raise
 
     def __deepcopy__(self, _memory: object) -> Self:
-        """A run takes a copy of what flies; `start` and `fit` make this one forget."""
+        """No copy is needed: `start` and `fit` reset the process."""
         return self
 
     def call(self, method: str, *given: Any) -> Said:
@@ -133,6 +133,7 @@ class Apart(Closing):
             _write(self._process.stdin, cloudpickle.dumps((method, given)))
             said = msgspec.msgpack.decode(_read(self._process.stdout, _MOST_S), type=Said)
         except (OSError, EOFError, TimeoutError, msgspec.MsgspecError) as error:
+            self._process.kill()  # an answer that came late would be taken for that of the next call
             raise _LostError(
                 f"{self.name}: its process ended or answers no more ({one_line(repr(error))})"
             ) from None

@@ -7,23 +7,19 @@ import itertools
 import re
 import tomllib
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from geo.errors import WbfMissionError
 from geo.texts import one_line
 from sensors.field_files import load_field_set
 from sensors.fields import FieldSet
-from sensors.scoring.score import ScoreWeights
-from wbf_mission.addons.boards.limits import impossible
+from wbf_mission.addons.boards.limits import Limits, impossible
 from wbf_mission.bench.asked import read_asked
 from wbf_mission.bench.meaning import meaning_of
 from wbf_mission.bench.rows import BenchRow, by_pair, by_scenario
 from wbf_mission.bench.spec import require_mover, run_keys, seed_ranges, seeds_of
-from wbf_mission.planning.plan import farm_of
 from wbf_mission.results.storage import ResultError
 from wbf_mission.run.estimation import estimator_of
 from wbf_mission.scenario import Choice, load_scenario, scenario_ids
@@ -72,9 +68,10 @@ def require_whole(rows: Sequence[BenchRow], *, sealed: bool = False) -> None:
         _require_complete(scenario, here)
         if not sealed:
             _require_all_seeds(scenario, {row.seed for row in here})
-        parts = _field_parts(scenario)
+        limits = Limits.of(scenario)
         for row in here:
-            if why := _stranger(row) or _inconsistency(row, parts) or impossible(row):
+            strange = "" if row.key in run_keys(row) else "its key is not that of its run"
+            if why := strange or _inconsistency(row, limits) or impossible(row, limits):
                 raise ResultError(f"{one_line(row.named)}: {why}; fly it again into a new folder")
 
 
@@ -130,7 +127,7 @@ def _require_methods(scenario: str, rows: Sequence[BenchRow]) -> None:
             if code is not None and not _DIGEST.fullmatch(code):
                 why = "its digest is none of own code"
             elif code is not None and label.partition(":")[0].lower() in _built_in(kind):
-                why = "own code has a name of what is built in; give it another one"
+                why = "own code has the name of a built-in method; rename it"
             if why:
                 msg = f"{kind} {one_line(label, 60) or 'without a name'}: {why}; fly what all can fly again"
                 raise ResultError(msg)
@@ -180,37 +177,15 @@ def _require_all_seeds(scenario: str, seeds: set[int]) -> None:
         raise ResultError(msg)
 
 
-@dataclass(frozen=True, slots=True)
-class _Parts:
-    """How much each field counts in the loss of a scenario: its weight times its cells, in parts of all."""
-
-    names: tuple[str, ...]
-    parts: NDArray[np.float64]
-
-
-@functools.cache
-def _field_parts(scenario: str) -> _Parts:
-    farm, fields = farm_of(load_scenario(scenario).farm)
-    cells = fields.masks(farm.grid()).sum(axis=(1, 2))
-    weights = np.array(ScoreWeights.of(fields).field) * cells
-    return _Parts(fields.names, weights / weights.sum())
-
-
-def _stranger(row: BenchRow) -> str:
-    """Return what of a row no run tells; empty if nothing does."""
-    if row.key not in run_keys(row):
-        return "its key is not that of its run"
-    return ""
-
-
-def _inconsistency(row: BenchRow, fields: _Parts) -> str:
+def _inconsistency(row: BenchRow, limits: Limits) -> str:
     """Return what of a row contradicts the rest of it; empty if nothing does."""
     scores = np.array(row.scores)
     if row.score is None or row.final_score is None or not len(scores):
         return "" if row.error is not None else "it has no score and no error"
-    if set(row.history) != set(fields.names) or set(row.losses) != set(fields.names):
-        return f"its losses are not those of {', '.join(fields.names)}"
-    history = [np.array(row.history[name]) for name in fields.names]
+    names = tuple(limits.losses)
+    if set(row.history) != set(names) or set(row.losses) != set(names):
+        return f"its losses are not those of {', '.join(names)}"
+    history = [np.array(row.history[name]) for name in names]
     if {len(row.times_s), *map(len, history)} != {len(scores)}:
         return "its history has lists of several lengths"
     losses = np.array(history)
@@ -224,9 +199,9 @@ def _inconsistency(row: BenchRow, fields: _Parts) -> str:
         return f"its score {row.score} is not the mean of its history"
     if row.final_score != scores[-1]:
         return f"its score at the end {row.final_score} is not the last of its history"
-    for name in fields.names:
+    for name in names:
         if row.losses[name] != row.history[name][-1]:
             return f"its loss {name} is not the last of its history"
-    if (np.abs(scores + fields.parts @ losses) > _LEAST_ERROR * np.maximum(1.0, np.abs(scores))).any():
+    if (np.abs(scores + limits.parts @ losses) > _LEAST_ERROR * np.maximum(1.0, np.abs(scores))).any():
         return "its scores are not those of its losses"
     return ""

@@ -201,7 +201,7 @@ def board_command(
     output: Output,
     packs: Annotated[
         list[Path],
-        typer.Argument(help="Files of 'bench submit', and folders of such, which are the frozen baselines."),
+        typer.Argument(help="Files of 'bench submit', and folders of baselines, such as results."),
     ],
     *,
     out: Annotated[
@@ -213,7 +213,7 @@ def board_command(
             _VERIFY,
             panel=_CHECKED,
             parser=_rows,
-            show_default="1 of submissions, none of the frozen baselines",
+            show_default="1; none of the frozen baselines that this version knows",
         ),
     ] = None,
     seal: SealFile = None,
@@ -337,7 +337,7 @@ def verify_command(
     try:
         require_whole(read.rows, sealed=bool(read.submission.seal))
         with tempfile.TemporaryDirectory() as folder, output.progress() as progress:
-            unpack_code(pack, Path(folder))
+            unpack_code(read, Path(folder))
             found = fly_fresh(read.rows, Path(folder), environments, progress=progress)
     except ResultError as error:
         raise ResultError(f"{pack}: {error}") from None

@@ -37,7 +37,7 @@ class Gap:
     method: Method
     open_scores: tuple[float, ...]
     fresh_scores: tuple[float, ...]
-    """A run that failed counts as the worst of all, as on boards."""
+    """A run that failed counts as the worst score of its method, open or fresh."""
     failed: tuple[str, ...]
     """The causes of fresh runs that failed."""
     gap: Interval
@@ -72,7 +72,7 @@ def fly_fresh(
         if row.codes.keys() & {"planner", "estimator"}:
             methods.setdefault((row.scenario, row.planner, row.estimator), []).append(row)
     if not methods:
-        raise ResultError("holds no own code; 'bench board --verify' flies rows of what is built in again")
+        raise ResultError("all its methods are built in; check them with 'bench board --verify'")
     seeds = {
         scenario: tuple(secrets.randbits(_SEED_BITS) for _ in range(environments))
         for scenario in sorted({method[0] for method in methods})

@@ -9,6 +9,10 @@ from dataclasses import dataclass
 from itertools import pairwise
 from typing import cast
 
+import numpy as np
+from numpy.typing import NDArray
+
+from geo import Farm
 from mission.outcome import Outcome
 from mission.planners.budget import parse_budget
 from sensors.estimators import Estimator
@@ -44,9 +48,10 @@ _NEEDED = ("observations", "cells_observed", "path_length_m", "flight_time_s", "
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """What flights of a scenario can be at most, all together where nothing else is said."""
+    """Upper limits of a run of the scenario, summed over its flights unless noted."""
 
     scenario: Scenario
+    farm: Farm
     flights: int
     budgets: frozenset[str]
     """Of a flight, as rows have it: that of a planner and that of a policy."""
@@ -64,6 +69,9 @@ class Limits:
     scored: dict[str, int]
     """How many cells each field has that are scored."""
     losses: dict[str, float]
+    """The greatest loss of each field."""
+    parts: NDArray[np.float64]
+    """How much each field counts in the loss of all: its weight times its cells, in parts of all."""
 
     @classmethod
     @functools.cache
@@ -84,8 +92,10 @@ class Limits:
         weights = ScoreWeights.of(fields)
         costs = zip(weights.too_healthy, weights.too_sick, strict=True)
         masks = fields.masks(farm.grid()).sum(axis=(1, 2))
+        counts = np.array(weights.field) * masks
         return cls(
             scenario=scenario,
+            farm=farm,
             flights=scenario.farm.days * scenario.farm.flights_per_day,
             budgets=frozenset(make_budget(text, first, steered=steered)[1] for steered in (False, True)),
             flight_s=value if unit in ("s", "steps") else math.inf,
@@ -101,6 +111,7 @@ class Limits:
             losses={
                 name: max(cost) * _WIDEST_ERROR**2 for name, cost in zip(fields.names, costs, strict=True)
             },
+            parts=counts / counts.sum(),
         )
 
     def fewest_scored(self, row: BenchRow) -> int:
@@ -114,17 +125,16 @@ class Limits:
             expected = _READINGS * whole * self.readings_m * (row.path_length_m or 0.0) / self.flights
         if not math.isfinite(expected):
             return 1
-        farm, _ = farm_of(self.scenario.farm)
         points, ideal = self.scenario.score.points, self.readings_s > 0.0
         # Without an estimator: those that are scored more often on a large farm keep this, too.
         any_one = cast("Estimator", None)
-        every = readings_a_score(points, farm, any_one, self.flights, expected, ideal=ideal)
+        every = readings_a_score(points, self.farm, any_one, self.flights, expected, ideal=ideal)
         return max(1, math.floor(0.9 * readings / every))
 
 
-def impossible(row: BenchRow) -> str:
+def impossible(row: BenchRow, limits: Limits) -> str:
     """Return what of a row no run of its scenario can give; empty if nothing is found."""
-    return next(_impossible(row, Limits.of(row.scenario)), "")
+    return next(_impossible(row, limits), "")
 
 
 def _impossible(row: BenchRow, limits: Limits) -> Iterator[str]:

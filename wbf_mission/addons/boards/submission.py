@@ -108,10 +108,12 @@ class Submission(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
 
 @dataclass(frozen=True, slots=True)
 class Pack:
-    """A submission that was read: what it tells, its rows, and the SHA-256 of its file."""
+    """A submission that was read: what it tells, its rows, its own code and the SHA-256 of its file."""
 
     submission: Submission
     rows: list[BenchRow]
+    code: dict[str, bytes]
+    """Files by their names in the pack."""
     digest: str
 
 
@@ -226,7 +228,10 @@ def read_pack(path: Path) -> Pack:
 
     ResultError if it is none, is too large, is damaged, or tells something else than its rows.
     """
-    data = _content(path)
+    try:
+        data = read_file(path, MAX_PACK_BYTES)
+    except UnreadableError as error:
+        raise ResultError(f"{path}: {error}") from None
     members = _members(path, data)
     told = _told(path, members.pop(ABOUT))
     digests = {name: hashlib.sha256(content).hexdigest() for name, content in members.items()}
@@ -248,30 +253,21 @@ def read_pack(path: Path) -> Pack:
     for field in Submission.__struct_fields__:
         if getattr(told, field) != getattr(again, field):
             raise ResultError(f"{path}: {ABOUT} tells other {field} than the rows; pack it again")
-    return Pack(told, rows, hashlib.sha256(data).hexdigest())
+    code = {name: content for name, content in members.items() if name != TABLE}
+    return Pack(told, rows, code, hashlib.sha256(data).hexdigest())
 
 
-def unpack_code(path: Path, folder: Path) -> None:
+def unpack_code(pack: Pack, folder: Path) -> None:
     """Write the own code of a submission into an empty folder, for who wants to run it.
 
-    ResultError if it has none, or cannot be read.
+    ResultError if it has none.
     """
-    members = {
-        name: one for name, one in _members(path, _content(path)).items() if name.startswith(_CODE + "/")
-    }
-    if not members:
+    if not pack.code:
         raise ResultError("holds no code; it is packed by 'bench submit --code FILE|DIR'")
-    for name, content in members.items():
+    for name, content in pack.code.items():
         file = folder.joinpath(*name.split("/")[1:])  # of plain names alone (`_CODE_NAME`)
         file.parent.mkdir(parents=True, exist_ok=True)
         file.write_bytes(content)
-
-
-def _content(path: Path) -> bytes:
-    try:
-        return read_file(path, MAX_PACK_BYTES)
-    except UnreadableError as error:
-        raise ResultError(f"{path}: {error}") from None
 
 
 def _members(path: Path, data: bytes) -> dict[str, bytes]:

@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-import importlib.util
 from collections.abc import Callable
 
 import numpy as np
 
+from wbf_mission.addons.rl.vector_env import SurveyVectorEnv
+
 
 def warm_up(begin: Callable[[str], None]) -> None:
-    """Take a step of the environment that is compiled, where the extra ``rl`` is installed."""
-    if importlib.util.find_spec("gymnasium") is None:
-        return
-    from wbf_mission.addons.rl.vector_env import SurveyVectorEnv
-
+    """Take a step of the environment that is compiled."""
     begin("training environments")
     # Arrays of a single run are contiguous where those of several are not, and are compiled for apart.
     envs = SurveyVectorEnv(2, "WBF/Miniberry-10-v1")

@@ -265,7 +265,7 @@ def test_rows_of_other_code_are_not_compared(rows):
     other = [structs.replace(row, codes=row.codes | {"code": "1.2.3"}) for row in rows]
     found = fly_again(other, 3)
     assert not found.rows
-    assert str(found) == "not flown again: a wbf-mission of other behaviour numbers flew it"
+    assert str(found) == "not flown again: flown with other behaviour numbers than this version's"
 
 
 def test_held_out_environments_are_those_of_the_seal(rows, tmp_path):

@@ -11,10 +11,11 @@ from msgspec import structs
 from policy_observations import observation, report
 from scipy import stats
 
+from geo.errors import WbfMissionError
 from wbf_mission.addons.boards import fresh
 from wbf_mission.addons.boards.apart import PolicyApart
 from wbf_mission.addons.boards.fresh import fly_fresh
-from wbf_mission.addons.boards.submission import unpack_code
+from wbf_mission.addons.boards.submission import read_pack, unpack_code
 from wbf_mission.addons.boards.verification import OTHER_CODE
 from wbf_mission.bench.intervals import Interval
 from wbf_mission.bench.meaning import own_digest
@@ -92,7 +93,7 @@ def packed(tmp_path, file, label, *more, estimator="adaptive-disk", seeds=2, pla
 )
 def test_it_flies_as_it_does_within_the_run(file, label, tmp_path, monkeypatch, capsys):
     pack, rows = packed(tmp_path, EXAMPLES / file, label)
-    unpack_code(pack, tmp_path / "unpacked")
+    unpack_code(read_pack(pack), tmp_path / "unpacked")
     seeds = iter((0, 1))
     again = []
     monkeypatch.setattr(fresh.secrets, "randbits", lambda _: next(seeds))
@@ -108,7 +109,7 @@ def test_it_flies_as_it_does_within_the_run(file, label, tmp_path, monkeypatch, 
 def test_it_flies_as_it_does_where_time_is_the_budget(tmp_path, monkeypatch, capsys):
     file, scenario = EXAMPLES / "my_policy.py", "WBF/Miniberry-100-Radio-v1"
     pack, rows = packed(tmp_path, file, "RowsThenGreedy", scenario, seeds=2)
-    unpack_code(pack, tmp_path / "unpacked")
+    unpack_code(read_pack(pack), tmp_path / "unpacked")
     seeds = iter((0, 1))
     monkeypatch.setattr(fresh.secrets, "randbits", lambda _: next(seeds))
     (gap,) = fly_fresh(rows, tmp_path / "unpacked", 2).gaps
@@ -159,11 +160,22 @@ def test_code_that_ends_its_process_is_a_failure_of_its_runs(tmp_path, code, cap
     ending = f"        if os.getpid() != {os.getpid()}: os._exit(3)\n        frame, found ="
     bad.write_text(CHEAT.replace("        frame, found =", ending))
     pack, rows = packed(tmp_path, bad, "Peeper")
-    unpack_code(pack, tmp_path / "unpacked")
+    unpack_code(read_pack(pack), tmp_path / "unpacked")
     (gap,) = fly_fresh(rows, tmp_path / "unpacked", 2).gaps
     assert len(gap.failed) == 2
     assert "Peeper: its process ended" in gap.failed[0]
     assert max(gap.fresh_scores) <= min(gap.open_scores)
+
+
+def test_no_answer_is_taken_for_that_of_another_call(code, monkeypatch):
+    slow = code / "slow.py"
+    slow.write_text(CHEAT.replace("        self.greedy.start()", "        import time; time.sleep(2.0)"))
+    digest = own_digest(own_choice(f"{slow}:Peeper", "policy").made)
+    with PolicyApart(code, "planner", "Peeper", digest) as policy:
+        monkeypatch.setattr("wbf_mission.addons.boards.apart._MOST_S", 0.5)
+        for _ in range(2):
+            with pytest.raises(WbfMissionError, match="its process ended or answers no more"):
+                policy.call("start")
 
 
 def test_the_interval_is_welchs():
@@ -177,7 +189,7 @@ def test_the_interval_is_welchs():
 
 def test_what_cannot_be_verified_is_one_line(tmp_path, code, capsys):
     _, rows = packed(tmp_path, code / "cheat.py", "Peeper")
-    with pytest.raises(ResultError, match="holds no own code"):
+    with pytest.raises(ResultError, match="all its methods are built in"):
         fly_fresh([told_of(row, planner="spiral", codes={"code": "1"}) for row in rows], code, 2)
     older = [told_of(structs.replace(row, codes=row.codes | {"code": "0" * 24})) for row in rows]
     assert fly_fresh(older, code, 2).left_out[0][1] == OTHER_CODE

@@ -213,7 +213,7 @@ MADE_UP = {
     ),
     "a built-in name": (
         lambda row: told_of(row, codes=row.codes | {"planner": "b" * 24}),
-        "own code has a name of what is built in",
+        "own code has the name of a built-in method",
     ),
 }
 

@@ -26,7 +26,7 @@ GPX_KIND = "a GPX file"
 GEOJSON_KIND = "a GeoJSON file"
 FENCE_KIND = "a fence file of MAVProxy or Mission Planner"
 RALLY_KIND = "a rally file of MAVProxy or Mission Planner"
-OLD_MISSION_KIND = "a mission of QGroundControl 3 (.mission)"
+_OLD_MISSION_KIND = "a mission of QGroundControl 3 (.mission)"
 TEXT_KIND = "a text file of another kind"
 UTF_16_KIND = "UTF-16 text (save it as UTF-8)"
 _SUFFIX_OF_KIND = {
@@ -137,23 +137,19 @@ def _kind_of_json(data: bytes) -> str:
     if bytes(header.format) == b'"wbf-mission"':
         return NATIVE_KIND
     if bytes(header.home) and bytes(header.items):
-        return OLD_MISSION_KIND
+        return _OLD_MISSION_KIND
     return GEOJSON_KIND if bytes(header.type) in _GEOJSON_TYPES else "a JSON file of another kind"
 
 
 def wrong_kind(data: bytes, expected: str) -> MissionFileError:
     """Make the error for content that is not of the expected kind."""
     found = kind_of(data)
-    suffix = _SUFFIX_OF_KIND.get(found)
-    advice = f"rename it to end in {suffix}" if suffix else advice_for(found)
+    advice = "give a mission, such as a .plan or .waypoints"
+    if suffix := _SUFFIX_OF_KIND.get(found):
+        advice = f"rename it to end in {suffix}"
+    elif found == _OLD_MISSION_KIND:
+        advice = "open it in QGroundControl 4 and save it as a .plan"
     return MissionFileError(f"this is {found}, not {expected}; {advice}")
-
-
-def advice_for(kind: str) -> str:
-    """Say what to do with a file of a kind that is not read."""
-    if kind == OLD_MISSION_KIND:
-        return "open it in QGroundControl 4 and save it as a .plan"
-    return "give a mission, such as a .plan or .waypoints"
 
 
 def decode_json(data: bytes, decoder: msgspec.json.Decoder[T], path: str = "", line: int = 1) -> T:

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from mission.planners.path import Points
+from mission.planners.path import Points, path_length
 from mission.planners.terrain import Terrain
 
 # Of the least leg: how far a corner of a way is moved, beside it and along it.
@@ -40,21 +40,18 @@ def without_short_legs(points: Points, corner: NDArray[np.bool_], least_m: float
         if not bad[k:].any():
             break
         k += int(np.argmax(bad[k:]))
+        count = int(bad.sum())
         found = [
-            (int(left.sum()), _length(other), number, other, corners)
-            for number, (other, corners) in enumerate(_changed(points, corner, k, least_m, terrain))
-            if (left := _bad(other, corners, least_m)).sum() < bad.sum()
+            (left, path_length(other), other, corners)
+            for other, corners in _changed(points, corner, k, least_m, terrain)
+            if (left := int(_bad(other, corners, least_m).sum())) < count
         ]
         if found:
-            *_, points, corner = min(found, key=lambda one: one[:3])
+            *_, points, corner = min(found, key=lambda change: change[:2])
             k = max(k - 2, 0)
         else:
             k += 1
     return points
-
-
-def _length(points: Points) -> float:
-    return float(np.hypot(*np.diff(points, axis=0).T).sum())
 
 
 def _bad(points: Points, corner: NDArray[np.bool_], least_m: float) -> NDArray[np.bool_]:

@@ -280,7 +280,7 @@ class _Search:
         if len(lands) > 1:
             self._toggle_gaps(lands[0], angle)
         self._turn_parts()
-        self._cut(lambda part: [pieces] if (pieces := without_arms(part, self._plans.swath)) else [])
+        self._cut(lambda part: [without_arms(part, self._plans.swath)])
         self._cut(lambda part: cut_parts(part, self._plans.swath.spacing_m))
         return self._ranked()[:_FINALISTS]
 
@@ -357,7 +357,7 @@ class _Search:
         for number, (part, _) in enumerate(layout[:_MOST_TOGGLED]):
             if self._plans.is_narrow(part):
                 continue
-            for parts in ways(part):
+            for parts in filter(None, ways(part)):
                 own = tuple((piece, hull_angles(piece)[0]) for piece in parts)
                 mixed = tuple((piece, angle) for piece in parts)
                 found += [(*layout[:number], *pieces, *layout[number + 1 :]) for pieces in (own, mixed)]

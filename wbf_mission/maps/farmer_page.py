@@ -16,7 +16,7 @@ from geo import Farm
 from geo.atomic import atomic_write
 from wbf_mission.maps.farm_drawing import FarmDrawing
 from wbf_mission.maps.html_page import html_document
-from wbf_mission.maps.report import FarmReport
+from wbf_mission.maps.report import FarmReport, percent
 from wbf_mission.maps.zone_shapes import Zone
 from wbf_mission.maps.zones import HEALTHY, LOOK, TREAT, FieldCosts, ZoneMap, is_water
 
@@ -103,7 +103,7 @@ def _section(page: Page, of: ZoneMap) -> str:
         done += width
     key = "".join(
         f'<span><svg viewBox="0 0 1 1"><rect class="zone{zone}" width="1" height="1"/></svg>'
-        f"{of.word(zone)} {area_in_words(area)}, {_percent(area / whole)}</span>"
+        f"{of.word(zone)} {area_in_words(area)}, {percent(area / whole, _LEAST_TOLD)}</span>"
         for zone, area in areas.items()
     )
     title, sentences = escape(of.field.title), page.report.rows()
@@ -146,7 +146,8 @@ def _table(of: ZoneMap, told: Sequence[Zone]) -> str:
     rows = "".join(
         f'<tr><td><span class="dot">{number}</span></td><td>{one.word}</td>'
         f'<td class="n">{one.latitude_deg:.{_DECIMALS}f}, {one.longitude_deg:.{_DECIMALS}f}</td>'
-        f'<td class="n">{area_in_words(one.area_ha)}</td><td class="n">{_percent(one.need)}</td></tr>'
+        f'<td class="n">{area_in_words(one.area_ha)}</td>'
+        f'<td class="n">{percent(one.need, _LEAST_TOLD)}</td></tr>'
         for number, one in enumerate(told, start=1)
     )
     return (
@@ -187,12 +188,6 @@ def area_in_words(hectares: float) -> str:
     if hectares >= 0.1:
         return f"{hectares:,.1f} ha" if hectares >= 10.0 else f"{hectares:.2f} ha"
     return f"{1e4 * hectares:,.0f} m²" if hectares >= 1e-3 else f"{1e4 * hectares:.2g} m²"
-
-
-def _percent(share: float) -> str:
-    if 0.0 < share < _LEAST_TOLD:
-        return f"under {100.0 * _LEAST_TOLD:g} %"
-    return f"{100.0 * share:.2g} %" if share < 0.1 else f"{100.0 * share:.0f} %"
 
 
 def _number(value: float) -> str:

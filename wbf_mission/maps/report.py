@@ -112,20 +112,19 @@ def farm_report(
 
 def report_of_maps(farm: Farm, maps: tuple[FieldMap, ...]) -> FarmReport:
     """Tell what the maps of the fields say, where the estimator knows how sure it is; else what was seen."""
-    told = tuple(_report(farm, one) for one in map(_told, maps) if one.cells.any())
+    told = tuple(_report(farm, one) for one in map(_told, maps) if one is not None and one.cells.any())
     return FarmReport(farm.name, MapGrid.of(farm).block * farm.cell_size_m, told)
 
 
-def _told(of: FieldMap) -> FieldMap:
-    """Return the map whose figures may be stated: without a variance that of the cells that were observed."""
+def _told(of: FieldMap) -> FieldMap | None:
+    """Return the map whose figures may be stated: without a variance that of the cells that were observed.
+
+    None where nothing was kept of these.
+    """
     if of.variance is not None:
         return of
     total = of.seen_sick if of.field.kind == "disease" else of.seen_total
-    return (
-        replace(of, cells=np.zeros_like(of.seen))
-        if total is None
-        else replace(of, cells=of.seen, total=total)
-    )
+    return None if total is None else replace(of, cells=of.seen, total=total)
 
 
 def _report(farm: Farm, of: FieldMap) -> FieldReport:
@@ -222,14 +221,14 @@ def _value_of(field: FieldReport) -> Callable[[float], str]:
     return (lambda value: f"{value:.3g} {field.unit}") if field.unit else "{:.2f}".format
 
 
-def percent(share: float) -> str:
-    """Return a share as people read it.
+def percent(share: float, least: float = _LEAST_TOLD) -> str:
+    """Return a share as people read it; one below `least` is only said to be so.
 
     >>> percent(0.0), percent(9.4e-9), percent(0.0213), percent(0.213)
     ('0 %', 'under 0.01 %', '2.1 %', '21 %')
     """
-    if 0.0 < share < _LEAST_TOLD:
-        return f"under {100.0 * _LEAST_TOLD:g} %"
+    if 0.0 < share < least:
+        return f"under {100.0 * least:g} %"
     return f"{100.0 * share:.2g} %" if share < 0.1 else f"{100.0 * share:.0f} %"
 
 

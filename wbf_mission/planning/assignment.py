@@ -89,9 +89,8 @@ class VehicleAssignment:
                 "footprint_along_m": max(over.sure_along_m, _LEAST_M),
                 "row_spacing_m": over.row_spacing_m,
             }
-        steers = mission.policy is not None
-        choice = mission.policy if mission.policy is not None else mission.planner
-        drawn = drawing_seed(choice, "policy" if steers else "planner", seed)
+        kind, choice = ("planner", mission.planner) if mission.policy is None else ("policy", mission.policy)
+        drawn = drawing_seed(choice, kind, seed)
         request = PlanningRequest(
             **camera,
             least_leg_m=builder.cornering.radius_m,

@@ -181,7 +181,7 @@ class PlanResult:
             "battery_used": self.battery_used,
             "batteries": self.batteries,
             "coverage": self.coverage,
-            **({} if self.camera is None else {"camera": self.camera}),
+            **({} if (camera := self.camera) is None else {"camera": camera}),
             "feasible": self.prediction.feasible,
             "reason": self.prediction.reason,
             "warnings": self.warnings,

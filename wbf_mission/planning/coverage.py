@@ -61,12 +61,12 @@ def coverage_from(farm: Farm, places: Points, footprint: int, imaging: Imaging |
     return seen_share(farm, (x[:, None] + aside).ravel(), (y[:, None] + along).ravel())
 
 
-def asks_whole(imaging: Imaging | None, planner: str | None = None) -> bool:
+def asks_whole(imaging: Imaging | None, planner: str | None) -> bool:
     """Return whether a plan asks for the whole land: with a mapping camera, or by the survey.
 
     Examples
     --------
-    >>> asks_whole(None, "survey:angle=30"), asks_whole(None, "lawnmower"), asks_whole(None)
+    >>> asks_whole(None, "survey:angle=30"), asks_whole(None, "lawnmower"), asks_whole(None, None)
     (True, False, False)
     """
     return imaging is not None or (planner or "").partition(":")[0] == "survey"
@@ -96,24 +96,26 @@ def image_places(farm: Farm, mission: Mission, prediction: Prediction) -> Points
     times_s = prediction.track_step_s * np.arange(1, len(track_deg) + 1)
     # The camera knows where it is from reports: orders begin and end at the last one before them.
     begins = [math.floor(time_s / _REPORT_S + 1e-6) for time_s, *_ in orders]
-    ends = [*begins[1:], math.floor(times_s[-1] / _REPORT_S)] if orders else []
+    ends = [*begins[1:], math.floor(times_s[-1] / _REPORT_S + 1e-6)] if orders else []
     places = [np.empty((0, 2))]
+    speeds = np.gradient(track_deg, prediction.track_step_s, axis=0) if len(times_s) > 1 else track_deg
     for (_, item, shots), begin, end in zip(orders, begins, ends[: len(orders)], strict=True):
         if shots.is_off or len(times_s) < 2:
             continue
         when_s = _REPORT_S * np.arange(begin, max(begin, end) + 1)
         if shots.distance_m > 0.0:
-            reports = _smooth(when_s, times_s, track_deg)
+            reports = _smooth(when_s, times_s, track_deg, speeds)
             places.append(_by_distance(reports, shots.distance_m, at_once=item.param3 == 1.0))
         else:
             places.append(_by_time(when_s[0], when_s[-1], shots.interval_ms, times_s, track_deg))
     return np.column_stack(farm.frame.from_wgs84(*np.vstack(places).T))
 
 
-def _smooth(when_s: NDArray[np.floating[Any]], times_s: NDArray[np.floating[Any]], places: Points) -> Points:
+def _smooth(
+    when_s: NDArray[np.floating[Any]], times_s: NDArray[np.floating[Any]], places: Points, speeds: Points
+) -> Points:
     """Return where a track is at some times, bent as it is at its points: chords would shorten the way."""
     step_s, most = times_s[1] - times_s[0], len(times_s) - 1
-    speeds: Points = np.gradient(places, step_s, axis=0)
     past = np.clip((when_s - times_s[0]) / step_s, 0.0, most)
     k = np.minimum(past.astype(np.int64), most - 1)
     u = (past - k)[:, None]
@@ -128,12 +130,16 @@ def _by_distance(reports_deg: Points, distance_m: float, *, at_once: bool) -> Po
     trigger, exposures = CameraTrigger(), list[Exposure]()
     step_ms = round(1000.0 * _REPORT_S)
     reports_e7 = np.rint(DEGREES_E7 * reports_deg).astype(np.int64).tolist()
-    for number, (latitude_e7, longitude_e7) in enumerate(reports_e7):
-        exposures += trigger.add(Fix(number * step_ms, latitude_e7, longitude_e7, 0, 0, 0.0, 0.0, 0))
-        if number == 0:
-            trigger.every_distance(distance_m)
-            if at_once and (here := trigger.here()) is not None:
-                exposures.append(here)
+    first, *later = (
+        Fix(number * step_ms, latitude_e7, longitude_e7, 0, 0, 0.0, 0.0, 0)
+        for number, (latitude_e7, longitude_e7) in enumerate(reports_e7)
+    )
+    exposures += trigger.add(first)
+    trigger.every_distance(distance_m)
+    if at_once and (here := trigger.here()) is not None:
+        exposures.append(here)
+    for fix in later:
+        exposures += trigger.add(fix)
     found = [(exposure.latitude_e7, exposure.longitude_e7) for exposure in exposures]
     return np.array(found, np.float64).reshape(-1, 2) / DEGREES_E7
 

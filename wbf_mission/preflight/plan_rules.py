@@ -323,7 +323,7 @@ def check_camera(subject: Subject) -> Iterator[Finding]:
 def check_coverage(subject: Subject) -> Iterator[Finding]:
     """Images that show less of the farm than was asked for: nothing, or of the whole land a part."""
     given = subject.given
-    coverage = subject.coverage if given.coverage is None else given.coverage
+    coverage = subject.coverage if given.coverage is None or subject.prediction is None else given.coverage
     whole = asks_whole(given.imaging, given.planner)
     if coverage is not None and too_little_seen(coverage, whole=whole):
         measured = (100.0 * coverage, 100.0 * LEAST_OF_WHOLE) if whole else None

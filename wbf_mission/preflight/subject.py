@@ -173,6 +173,8 @@ class Subject:
     tracks: tuple[FlownTrack, ...] = ()
     # What planning predicts of it, too (`sim_vehicle.prediction.predict.plan_prediction`)
     prediction: Prediction | None = None
+    # The coverage of the predicted flight; None without a farm or a prediction
+    coverage: float | None = None
     # The item, from 0, at which a predicted flight ended before its end, and why
     stopped: tuple[int, str] | None = None
 
@@ -193,14 +195,6 @@ class Subject:
     def parameters(self) -> Mapping[str, float]:
         """What is known of the vehicle's parameters: those that it told."""
         return {} if self.given.snapshot is None else self.given.snapshot.parameters
-
-    @property
-    def coverage(self) -> float | None:
-        """The coverage of the predicted flight; None without a farm or a prediction."""
-        given = self.given
-        if given.farm is None or self.prediction is None:
-            return None
-        return predicted_coverage(given.farm, self.mission, self.prediction, given.footprint, given.imaging)
 
     @property
     def obstacles(self) -> list[Obstacle]:
@@ -297,12 +291,19 @@ def _predicted(subject: Subject, mission: Mission) -> Subject:
     # A flight is flown when its track is asked for.
     ended = [one.prediction() for one in flown]
     stops = [stop for one in flown if (stop := _stop_of(one)) is not None]
-    errs = subject.given.vehicle.estimate_errors and estimate_errs(vehicle)
+    given = subject.given
+    errs = given.vehicle.estimate_errors and estimate_errs(vehicle)
+    prediction = given.prediction or plan_prediction(
+        mission, vehicle, wind=wind, frame=frame, estimate_errors=errs
+    )
+    coverage = None
+    if given.farm is not None:
+        coverage = predicted_coverage(given.farm, subject.mission, prediction, given.footprint, given.imaging)
     return replace(
         subject,
         tracks=tuple(FlownTrack(one.track_m, one.items) for one in ended),
-        prediction=subject.given.prediction
-        or plan_prediction(mission, vehicle, wind=wind, frame=frame, estimate_errors=errs),
+        prediction=prediction,
+        coverage=coverage,
         stopped=stops[-1] if stops else None,
     )
 

@@ -110,6 +110,7 @@ class PlannedDraft:
     cuts: tuple[SortiePlan | None, ...]  # Its sorties, where a battery is not enough
     vehicles: tuple[SingleVehicle, ...]
     missions: tuple[PlannedMission, ...]
+    coverage: float  # What all of them show together of the land to be seen
     plan_s: float  # What planning took
     check_s: float  # What the preflight check took
 
@@ -118,11 +119,6 @@ class PlannedDraft:
         if not 0 <= number < len(self.missions):
             raise DraftError(f"mission {number}: there are {len(self.missions)}, counted from 0")
         return self.missions[number]
-
-    @property
-    def coverage(self) -> float:
-        """What all of them show together of the land to be seen."""
-        return coverage_together(self.results, self.draft.scenario.camera.footprint)
 
     @property
     def decider(self) -> str:
@@ -356,7 +352,7 @@ def planned(draft: Draft, progress: Progress) -> PlannedDraft:
             missions.append(PlannedMission(", ".join(which), number, plan, check_plan(plan, one, coverage)))
     ended_s = time.perf_counter()
     return PlannedDraft(
-        draft, results, cuts, vehicles, tuple(missions), planned_s - begun_s, ended_s - planned_s
+        draft, results, cuts, vehicles, tuple(missions), coverage, planned_s - begun_s, ended_s - planned_s
     )
 
 

@@ -152,6 +152,7 @@ class Studio:
                 result.summary() if cut is None else cut.summary()
                 for result, cut in zip(found.results, found.cuts, strict=True)
             ],
+            "coverage": found.coverage,
             "plan_s": found.plan_s,
             "check_s": found.check_s,
             "not_flown": found.not_flown,

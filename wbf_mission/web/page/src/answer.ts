@@ -112,7 +112,7 @@ function figures(planned: Planned): [string, string, string][] {
     ["Time", duration(longest_s), changes ? `${duration(sum((one) => one.predicted_time_s))} in the air, the rest for batteries` : "from take-off to landing"],
     ["Distance", metres(sum((one) => one.length_m)), `${sum((one) => one.waypoints)} waypoints`],
     ["Batteries", batteries === null ? "never enough" : String(batteries), `${(100 * used).toFixed(0)} % of one ${used > 1 ? "needed" : "at most"}, ${sum((one) => one.predicted_energy_wh).toFixed(1)} Wh`],
-    ["Coverage", `${(100 * sum((one) => one.coverage)).toFixed(2)} %`, spacing ? `rows ${metres(spacing)} apart` : "of the land to be seen"],
+    ["Coverage", `${(100 * planned.coverage).toFixed(2)} %`, spacing ? `rows ${metres(spacing)} apart` : "of the land to be seen"],
   ];
   if (missions.length > 1) lines.splice(2, 0, ["Flights", String(missions.length), missions.map((one) => duration(one.plan.duration_s ?? 0)).slice(0, 8).join(" + ")]);
   return lines;

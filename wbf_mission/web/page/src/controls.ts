@@ -4,6 +4,7 @@ import type { Model } from "./model.js";
 import type { Said, Wish } from "./schema.js";
 import type { Send } from "./source.js";
 import { capital } from "./text.js";
+import { WARNS } from "./messages.js";
 
 /** After these motors may turn: they are confirmed first. */
 const STARTS_MOTORS = new Set(["start", "arm", "takeoff"]);
@@ -23,8 +24,7 @@ const REPLY_SHOWN_MS = 8000;
 /** After this long no answer comes any more: the program carries out nothing that is older than 2 s. */
 const ANSWER_MS = 3000;
 
-const WARNING = 4;
-const isWarning = ({ system_id, severity }: Said): boolean => !system_id && severity <= WARNING;
+const isWarning = ({ system_id, severity }: Said): boolean => !system_id && severity <= WARNS;
 
 export class Controls {
   readonly element = element("section", { class: "controls", "aria-label": "Orders" });

@@ -43,6 +43,8 @@ export interface Planned {
   farm: FarmShape;
   notes: string[];
   missions: PlannedMission[];
+  /** Of the land to be seen, what all show together. */
+  coverage: number;
   vehicles: Summary[];
   plan_s: number;
   check_s: number;

@@ -4,6 +4,8 @@ import type { Beat, Given } from "./schema.js";
 /** The page shows an age from TOLD_S on; from OLD_S on its data are old, and it gives no orders. */
 export const TOLD_S = 2;
 export const OLD_S = 3;
+/** How often a page looks at its heart. */
+export const LOOK_MS = 250;
 /** A connection that comes back at once was not lost. */
 const LOST_MS = 600;
 /** Clocks of two machines drift apart by less than this part. */
@@ -45,6 +47,11 @@ export class Heart {
   /** Whether nothing comes any more: the page shows what was. */
   get isOld(): boolean {
     return this.isLost || (this.age_s !== null && this.age_s >= OLD_S);
+  }
+
+  /** Why what is shown is old. */
+  get trouble(): string {
+    return this.isLost ? "The connection to the program is lost" : "Nothing comes from the program";
   }
 
   beat({ time_s }: Beat): void {

@@ -3,7 +3,7 @@ import { Charts } from "./charts.js";
 import { forgetTheme } from "./colours.js";
 import { Controls } from "./controls.js";
 import { button, element, setText } from "./dom.js";
-import { Heart, TOLD_S, type Link } from "./heart.js";
+import { Heart, LOOK_MS, TOLD_S, type Link } from "./heart.js";
 import { LayerPanel } from "./layers.js";
 import { MapView, type Choice } from "./map.js";
 import { Decisions, Messages } from "./messages.js";
@@ -16,7 +16,6 @@ import { scoreLine, Vehicles } from "./vehicles.js";
 
 const CHARTS_MS = 400;
 const PANELS_MS = 200;
-const LOOK_MS = 250;
 /** How the pill of an outcome looks that is neither good nor bad; any other one is bad. */
 const LOOKS: Record<string, string> = { completed: "good", running: "running", ended: "running", interrupted: "warn" };
 const LINKS: Record<Link, string> = {
@@ -212,8 +211,7 @@ class App {
       "div",
       { class: "urgent" },
       // Orders first: what comes and goes moves none of them under a finger.
-      ...(controls ? [controls.element] : []),
-      ...(controls ? [controls.question] : []),
+      ...(controls ? [controls.element, controls.question] : []),
       this.lost,
       ...(controls ? [controls.why, controls.became] : []),
     );
@@ -282,8 +280,7 @@ class App {
     this.link.dataset["state"] = isBad ? "lost" : words === LINKS.live ? "live" : "recording";
     // Read aloud when it changes: the seconds stand elsewhere.
     let warns = quiet.length ? `No news of ${quiet.join(", ")}: what is shown is old.` : "";
-    if (isLost && isOld) warns = "The connection to the program is lost: what is shown is old. Trying again …";
-    else if (isOld) warns = "Nothing comes from the program: what is shown is old, and it takes no orders.";
+    if (isOld) warns = `${this.heart.trouble}: what is shown is old${isLost ? ". Trying again …" : ", and it takes no orders."}`;
     setText(this.lost, warns);
     this.root.classList.toggle("old", isOld);
     this.parts?.controls?.show();

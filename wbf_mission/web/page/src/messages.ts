@@ -6,7 +6,8 @@ import type { Decision, Said } from "./schema.js";
 import { capital, clock, figure, fixed, metres } from "./text.js";
 
 const SHOWN = 100;
-const WARNS = 4;
+/** Severities up to this one warn. */
+export const WARNS = 4;
 const SEVERITIES = ["Emergency", "Alert", "Critical", "Error", "Warning", "Notice", "Info", "Debug"];
 
 function speaker(model: Model, said: Said): string {
@@ -99,8 +100,8 @@ export class Decisions {
   show(time_s: number): void {
     this.time_s = time_s;
     const maps = this.models.some((model) => model.tiles.has("acquisition"));
-    const missing = this.seek ? "No acquisition map is kept: see the summary" : "This policy has told no acquisition map yet";
-    setText(this.note, maps || !this.any ? "" : `${missing}.`);
+    const missing = this.seek ? "No acquisition map is kept: see the summary." : "This policy has told no acquisition map yet.";
+    setText(this.note, maps || !this.any ? "" : missing);
     const told = this.models.flatMap((model) =>
       model.decisions.filter((one) => one.time_s <= time_s).map((decision) => ({ model, decision })),
     );

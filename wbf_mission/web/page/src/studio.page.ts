@@ -4,7 +4,7 @@ import { Answer } from "./answer.js";
 import { Choices } from "./choices.js";
 import { desk, keep, Refused, type Draft, type FarmAnswer, type Options, type Planned } from "./desk.js";
 import { button, element, setText } from "./dom.js";
-import { Heart } from "./heart.js";
+import { Heart, LOOK_MS } from "./heart.js";
 import { keepDraft, keptDraft } from "./kept.js";
 import { placeOf } from "./place.js";
 import { Editor, type EditorHost, type Tool } from "./editor.js";
@@ -18,7 +18,6 @@ import { capital } from "./text.js";
 /** Changes that follow each other so quickly are planned together. */
 const WAIT_MS = 150;
 const CLOSEST = 27;
-const LOOK_MS = 250;
 /** After so long one may give up. */
 const LONG_S = 3;
 const TOOLS: [Tool, string][] = [
@@ -105,8 +104,7 @@ class Studio implements EditorHost {
   /** Say by the clock whether the program lives: nothing may come from it. */
   private look(): void {
     const { isOld, isLost } = this.heart;
-    const why = isLost ? "The connection to the program is lost" : "Nothing comes from the program";
-    setText(this.lost, isOld ? `${why}: it plans, saves and flies nothing. What is drawn stays in this browser. Trying again …` : "");
+    setText(this.lost, isOld ? `${this.heart.trouble}: it plans, saves and flies nothing. What is drawn stays in this browser. Trying again …` : "");
     this.root.classList.toggle("old", isOld);
     // What was asked meanwhile was lost with the connection.
     if (this.wasLost && this.heart.isFresh) this.planSoon();

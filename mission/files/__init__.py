@@ -1,4 +1,4 @@
-"""Mission files: QGroundControl plans, WPL 110, our own JSON, KML, KMZ, GeoJSON, GPX, CSV, and DJI's WPML.
+"""Mission files: QGroundControl plans, WPL 110, fence and rally texts, our own JSON, and formats of packages.
 
 `read_mission` and `write_mission` choose the format by the ending of the file's name.
 """
@@ -17,7 +17,6 @@ if TYPE_CHECKING:
     from mission.files.formats import open_mission as open_mission
     from mission.files.formats import read_mission as read_mission
     from mission.files.formats import reader_for as reader_for
-    from mission.files.formats import register_format as register_format
     from mission.files.formats import write_mission as write_mission
     from mission.files.formats import writer_for as writer_for
 else:

@@ -1,4 +1,8 @@
-"""Reading and writing mission files; the ending of the name chooses the format."""
+"""Reading and writing mission files; the ending of the name chooses the format.
+
+Packages bring further formats by entry points of the group ``wbf_mission.mission_formats``; an entry is a
+list of `MissionFormat`.
+"""
 
 from __future__ import annotations
 
@@ -9,10 +13,11 @@ from pathlib import Path
 from typing import TypeAlias
 
 from geo.atomic import atomic_write
+from geo.imports import entry_points, load_entry
 from geo.reading import UnreadableError, read_file
 from geo.texts import one_line
 from mission.errors import MissionFileError
-from mission.files import dji, geojson, gpx, kml, native, plan, points, table, waypoints
+from mission.files import native, plan, points, waypoints
 from mission.files.common import MAX_BYTES, Firmware, Told, wrong_kind
 from mission.files.comparison import Loss, differences
 from mission.files.drawn import Drawing
@@ -33,14 +38,14 @@ class MissionFormat:
     suffixes : tuple of str
         In lower case, with the dot; the first is the usual one.
     loads : callable or None
-        Makes a mission, perhaps with notes, or the drawing of one, from the content of a file; None if it is
+        Makes a mission, perhaps with notes, or a drawing from the content of a file; None if the format is
         only written.
     dumps : callable or None
         Makes the content of a file from a mission and a firmware; None if the format is only read.
     hold : callable or None
-        Makes of a mission the part that one file can hold; None if that is all of it.
+        Returns the part of a mission that one file can hold; None if that is all of it.
     losses : callable or None
-        Tells what is not kept of a mission, where a file cannot be read back to see.
+        Returns the losses of a mission, for a format that is only written.
     """
 
     name: str
@@ -51,75 +56,75 @@ class MissionFormat:
     losses: Callable[[Mission], Sequence[Loss]] | None = None
 
 
-_FORMATS: dict[str, MissionFormat] = {}
-_FARM = "this is a farm file, no mission; plan a flight over it (wbf-mission plan --farm FILE)"
-_FOREIGN = dict.fromkeys((".poly", ".shp", ".zip", ".gpkg", ".ndjson", ".jsonl"), _FARM)
-"""What to do with files that are not read as missions, by their ending."""
-_OLD = ".mission"
-
-
-def _refuse(data: bytes) -> Mission:
-    """Say what a file is that may be a mission of QGroundControl 3."""
-    raise wrong_kind(data, "a mission of a kind that is read")
-
-
-def register_format(mission_format: MissionFormat) -> None:
-    """Add a format, or replace the one that has had its suffixes."""
-    for suffix in mission_format.suffixes:
-        _FORMATS[suffix.lower()] = mission_format
-
-
-def mission_formats() -> tuple[MissionFormat, ...]:
-    """Return the known formats.
-
-    >>> [mission_format.suffixes[0] for mission_format in mission_formats()]
-    ['.plan', '.waypoints', '.fen', '.json', '.kml', '.kmz', '.geojson', '.gpx', '.csv', '.wpml.kmz']
-    """
-    return tuple(dict.fromkeys(_FORMATS.values()))
-
-
-for _format in (
+ENTRY_POINT_GROUP = "wbf_mission.mission_formats"
+_CORE = (
     MissionFormat("QGroundControl plan", (".plan",), plan.loads, plan.dumps),
     MissionFormat(
         "QGC WPL 110", (".waypoints", ".wpl", ".txt"), waypoints.loads, waypoints.dumps, waypoints.one_plan
     ),
     MissionFormat("fence or rally text", (".fen", ".ral"), points.loads),
     MissionFormat("wbf-mission JSON", (".json",), native.loads, native.dumps),
-    MissionFormat("KML", (".kml",), kml.loads, kml.dumps),
-    MissionFormat("KMZ", (".kmz",), kml.kmz_loads, kml.kmz_dumps),
-    MissionFormat("GeoJSON", (".geojson", ".geojsonl", ".geojsons"), geojson.loads, geojson.dumps),
-    MissionFormat("GPX", (".gpx",), gpx.loads, gpx.dumps),
-    MissionFormat("CSV", (".csv",), table.loads, table.dumps),
-    MissionFormat("DJI WPML", (".wpml.kmz",), None, dji.dumps, losses=dji.losses),
-):
-    register_format(_format)
+)
+_FARM = "this is a farm file, no mission; plan a flight over it (wbf-mission plan --farm FILE)"
+_FOREIGN = dict.fromkeys((".poly", ".shp", ".zip", ".gpkg", ".ndjson", ".jsonl"), _FARM)
+"""Advice for files that are no missions, by their ending."""
+_OLD = ".mission"
 
 
-def _suffixes(*, writing: bool) -> str:
-    names = [suffix for suffix, made in _FORMATS.items() if (made.dumps if writing else made.loads)]
-    return ", ".join(names[:-1]) + " or " + names[-1]
+def _refuse(data: bytes) -> Mission:
+    """Name the kind of a file that may be a mission of QGroundControl 3."""
+    raise wrong_kind(data, "a mission of a kind that is read")
+
+
+def mission_formats() -> tuple[MissionFormat, ...]:
+    """Return the formats of the core, then those of installed packages.
+
+    >>> [mission_format.suffixes[0] for mission_format in mission_formats()][:4]
+    ['.plan', '.waypoints', '.fen', '.json']
+    """
+    return tuple(dict.fromkeys(_known().values()))
+
+
+def _known(*, strict: bool = False) -> dict[str, MissionFormat]:
+    """Return all formats by suffix; a package that cannot be loaded is left out, or an error if strict."""
+    formats = list(_CORE)
+    for entry in entry_points(ENTRY_POINT_GROUP):
+        try:
+            formats += load_entry(entry, f"the mission formats of {entry.name}", MissionFileError)
+        except MissionFileError:
+            if strict:
+                raise
+    known: dict[str, MissionFormat] = {}
+    for mission_format in formats:
+        for suffix in mission_format.suffixes:
+            known.setdefault(suffix.lower(), mission_format)
+    return known
 
 
 def ending(path: str | os.PathLike[str]) -> str:
-    """Return the ending of a name that tells its format, in lower case.
+    """Return the ending of a name that chooses its format, in lower case.
 
     >>> ending("field.PLAN"), ending("my.field.wpml.kmz"), ending("field.doc")
     ('.plan', '.wpml.kmz', '.doc')
     """
     name = Path(path).name.lower()
-    known = [suffix for suffix in _FORMATS if name.endswith(suffix) and name != suffix]
+    known = [suffix for suffix in _known() if name.endswith(suffix) and name != suffix]
     return max(known, key=len, default=Path(name).suffix)
 
 
 def _found(path: str | os.PathLike[str], *, writing: bool) -> MissionFormat:
     """Return the format of a file's name, or raise MissionFileError where it is not read or not written."""
-    found = _FORMATS.get(ending(path))
+    suffix = ending(path)
+    found = _known().get(suffix)
     if found is None or (found.dumps if writing else found.loads) is None:
+        *suffixes, last = (
+            name for name, known in _known(strict=True).items() if (known.dumps if writing else known.loads)
+        )
         does, ways = ("writer", "written to") if writing else ("reader", "read from")
-        problem = f"no {does} for {found.name} files" if found else f"unknown suffix {ending(path)!r}"
-        msg = f"{path}: {problem}; missions are {ways} {_suffixes(writing=writing)}"
-        if not writing and ending(path) in _FOREIGN:
-            msg = f"{path}: {_FOREIGN[ending(path)]}"
+        problem = f"no {does} for {found.name} files" if found else f"unknown suffix {suffix!r}"
+        msg = f"{path}: {problem}; missions are {ways} {', '.join(suffixes)} or {last}"
+        if not writing and suffix in _FOREIGN:
+            msg = f"{path}: {_FOREIGN[suffix]}"
         raise MissionFileError(one_line(msg))
     return found
 
@@ -148,12 +153,12 @@ def read_mission(
     Parameters
     ----------
     path : path-like
-        ``.plan`` (QGroundControl), ``.waypoints``, ``.wpl``, ``.txt`` (QGC WPL 110), ``.json`` (ours),
-        ``.kml``, ``.kmz``, ``.geojson``, ``.gpx`` or ``.csv``.
+        ``.plan`` (QGroundControl), ``.waypoints``, ``.wpl``, ``.txt`` (QGC WPL 110), ``.json`` (ours), or a
+        suffix of another of the `mission_formats`.
     altitude_m : float or None
         Metres above home of the waypoints of a drawn path, in place of what the file says.
     drawn_path : str or None
-        The name of a drawn path, where the file holds several.
+        Name of a drawn path, for a file that holds several.
 
     Returns
     -------
@@ -172,7 +177,7 @@ def read_mission(
 def open_mission(
     path: str | os.PathLike[str], *, altitude_m: float | None = None, drawn_path: str | None = None
 ) -> tuple[Mission, list[str]]:
-    """Read a mission file as `read_mission` does, and tell how it was understood, or a path was drawn."""
+    """Read a mission file as `read_mission` does; return it with notes on how it was understood."""
     loads = reader_for(path)
     try:
         found = loads(read_file(Path(path), MAX_BYTES))
@@ -193,10 +198,10 @@ def open_mission(
 def losses(
     mission: Mission, path: str | os.PathLike[str], *, firmware: Firmware = Firmware.PX4
 ) -> list[Loss]:
-    """Tell what a file of this name does not keep of a mission.
+    """Return the losses of a mission in a file of this name.
 
-    Where the format is read, too, this is what is missing when the file is read back; the plans that it has
-    no room for (`fitted`) are among it.
+    For a format that is also read, these are the differences to the mission that is read back; plans for
+    which the file has no room (`fitted`) are among them.
 
     Raises
     ------
@@ -232,12 +237,10 @@ def write_mission(
     Parameters
     ----------
     mission : Mission
-        What to write.
     path : path-like
-        ``.plan``, ``.waypoints``, ``.wpl``, ``.txt``, ``.json``, ``.kml``, ``.kmz``, ``.geojson``, ``.gpx``,
-        ``.csv``, or ``.wpml.kmz`` (DJI).
+        ``.plan``, ``.waypoints``, ``.wpl``, ``.txt``, ``.json``, or a suffix of other `mission_formats`.
     firmware : Firmware
-        The autopilot that a ``.plan`` or waypoint list is meant for.
+        The autopilot that will fly a ``.plan`` or waypoint list.
 
     Raises
     ------

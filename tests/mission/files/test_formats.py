@@ -1,19 +1,15 @@
-"""The choice of the format by suffix, errors that name the file, and the formats for viewing."""
+"""The choice of the format by suffix, and errors that name the file."""
 
 import json
-from itertools import pairwise
-from xml.etree import ElementTree
 
 import pytest
+from packages import install
 
 from mission.errors import MissionFileError
 from mission.files import (
     Firmware,
-    MissionFormat,
     mission_formats,
     read_mission,
-    reader_for,
-    register_format,
     write_mission,
     writer_for,
 )
@@ -69,30 +65,43 @@ def test_firmware(tmp_path):
 
 def test_unknown_suffixes_list_the_known_ones(tmp_path):
     for name in ("mission.xyz", "mission", "plan"):
-        with pytest.raises(
-            MissionFileError, match=r"unknown suffix .*\.plan, \.waypoints, .*\.gpx or \.csv$"
-        ):
+        with pytest.raises(MissionFileError, match=r"unknown suffix .*read from \.plan, \.way.* or \."):
             read_mission(tmp_path / name)
-        with pytest.raises(MissionFileError, match=r"written to \.plan.* or \.wpml\.kmz$"):
+        with pytest.raises(MissionFileError, match=r"written to \.plan, .* or \."):
             write_mission(MISSION, tmp_path / name)
-    with pytest.raises(MissionFileError, match="no reader for DJI WPML files"):
-        reader_for("field.wpml.kmz")
+    with pytest.raises(MissionFileError, match="no writer for fence or rally text files"):
+        writer_for("field.fen")
     assert names(tmp_path) == []
 
 
-def test_formats_can_be_added():
-    before = mission_formats()
-    mine = MissionFormat("mine", (".mine",), lambda _: MISSION)
-    register_format(mine)
-    try:
-        assert mission_formats() == (*before, mine)
-        assert reader_for("a.mine")(b"") is MISSION
-        with pytest.raises(MissionFileError, match="no writer for mine files"):
-            writer_for("a.mine")
-    finally:
-        from mission.files import formats
+PACKAGE = """
+from mission.files import MissionFormat, native
 
-        del formats._FORMATS[".mine"]
+FORMATS = [
+    MissionFormat("mine", (".mine", ".Mine.plan"), native.loads, native.dumps),
+    MissionFormat("other", (".json",)),
+]
+"""
+
+
+def test_a_package_brings_formats_and_replaces_none(tmp_path, monkeypatch):
+    (tmp_path / "mission_formats_of_a_test.py").write_text(PACKAGE)
+    install(tmp_path, "mine", "[wbf_mission.mission_formats]\nmine = mission_formats_of_a_test:FORMATS\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    for name in ("a.mine", "b.mine.plan", "c.json"):
+        write_mission(MISSION, tmp_path / name)
+        assert (tmp_path / name).read_text().startswith('{\n  "format": "wbf-mission"')
+        assert read_mission(tmp_path / name) == MISSION
+    assert "mine" in [mission_format.name for mission_format in mission_formats()]
+
+
+def test_a_package_that_cannot_be_loaded_is_named_where_a_format_is_missed(tmp_path, monkeypatch):
+    install(tmp_path, "broken", "[wbf_mission.mission_formats]\nbroken = no_such_module_of_a_test:FORMATS\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    write_mission(MISSION, tmp_path / "a.plan")
+    assert read_mission(tmp_path / "a.plan") == MISSION
+    with pytest.raises(MissionFileError, match=r"of broken \(no_such_module_of_a_test:FORMATS\) cannot be"):
+        read_mission(tmp_path / "a.mine")
 
 
 KML = b'<?xml version="1.0"?>\n<kml xmlns="http://www.opengis.net/kml/2.2"></kml>'
@@ -128,21 +137,6 @@ def test_foreign_files_are_recognised(tmp_path, content, found, suffix):
     assert found in text
     assert "give a mission" in text or "rename it to end in" in text
     assert text.isprintable()
-
-
-TWO_WAY = [".plan", ".waypoints", ".json", ".kml", ".kmz", ".geojson", ".gpx"]
-
-
-@pytest.mark.parametrize("written", TWO_WAY)
-@pytest.mark.parametrize("named", [*TWO_WAY, ".csv"])
-def test_wrong_suffix_says_the_right_one(tmp_path, written, named):
-    write_mission(MISSION, tmp_path / f"a{written}")
-    (tmp_path / f"a{written}").rename(tmp_path / f"b{named}")
-    if written == named:
-        assert read_mission(tmp_path / f"b{named}") == MISSION
-        return
-    with pytest.raises(MissionFileError, match=rf"rename it to end in \{written}$"):
-        read_mission(tmp_path / f"b{named}")
 
 
 def test_files_that_cannot_be_read(tmp_path):
@@ -186,65 +180,3 @@ def test_error_of_a_strange_name_is_one_line(tmp_path):
         MissionFileError, match=r"^a\\x00b\.plan: cannot be read as a mission: there is a NUL"
     ):
         read_mission("a\0b.plan")
-
-
-def test_geojson(tmp_path):
-    path = tmp_path / "mission.geojson"
-    write_mission(GUARDED, path)
-    made = json.loads(path.read_text())
-    assert made["type"] == "FeatureCollection"
-    of_role = {feature["properties"]["role"]: feature for feature in made["features"]}
-    assert of_role["mission"]["properties"]["hover_speed_m_s"] == 5.0
-    assert of_role["path"]["geometry"]["coordinates"] == [[-82.15, 28.05], [-82.151, 28.051]]
-    assert of_role["home"]["geometry"]["coordinates"] == [-82.15, 28.05]
-    assert of_role["item"]["properties"]["command"] == 20
-    assert of_role["item"]["geometry"] is None
-    ring = of_role["fence"]["geometry"]["coordinates"][0]
-    assert ring[0] == ring[-1]
-    area = sum(x0 * y1 - x1 * y0 for (x0, y0), (x1, y1) in pairwise(ring))
-    assert area > 0.0  # counterclockwise
-    assert of_role["rally"]["properties"]["altitude_m"] == 20.0
-
-
-ORDER_OF_GPX = {
-    "gpx": ("metadata", "wpt", "rte"),
-    "metadata": ("extensions",),
-    "wpt": ("ele", "name", "extensions"),
-    "rte": ("name", "extensions", "rtept"),
-    "rtept": ("ele", "name", "extensions"),
-    "extensions": ("record",),
-    "ele": (),
-    "name": (),
-    "record": (),
-}
-
-
-def test_gpx_elements_stand_in_the_order_of_the_schema(tmp_path):
-    path = tmp_path / "mission.gpx"
-    write_mission(GUARDED, path)
-    root = ElementTree.fromstring(path.read_text())
-    spaces = {"record": "urn:wbf-mission:gpx:1"}
-    for node in root.iter():
-        space, _, tag = node.tag[1:].partition("}")
-        assert space == spaces.get(tag, "http://www.topografix.com/GPX/1/1")
-        ranks = [ORDER_OF_GPX[tag].index(child.tag.partition("}")[2]) for child in node]
-        assert ranks == sorted(ranks)
-    assert (root.get("version"), root.get("creator")) == ("1.1", "wbf-mission")
-
-
-def test_kml(tmp_path):
-    path = tmp_path / "mission.kml"
-    write_mission(GUARDED, path)
-    root = ElementTree.fromstring(path.read_text())
-    space = "{http://www.opengis.net/kml/2.2}"
-    assert root.tag == f"{space}kml"
-    places = {
-        mark.findtext(f"{space}name"): "".join(e.text for e in mark.iter(f"{space}coordinates"))
-        for mark in root.iter(f"{space}Placemark")
-    }
-    assert places["Path"] == "-82.15,28.05,10.0 -82.151,28.051,10.0"
-    assert places["Home"] == "-82.15,28.05,30.0"
-    assert places["2 NAV_RETURN_TO_LAUNCH"] == ""
-    assert len(places["Fence 0 NAV_FENCE_POLYGON_VERTEX_INCLUSION"].split()) == 5
-    modes = {e.text for e in root.iter(f"{space}altitudeMode")}
-    assert modes == {"relativeToGround", "clampToGround", "absolute"}

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 import pytest
-from hypothesis import example, given
+from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink import mavwp
 
@@ -222,23 +222,6 @@ def test_a_farm_file_is_sent_to_plan(name):
 def test_a_mapping_area_of_dji_is_sent_to_plan():
     with pytest.raises(MissionFileError, match=r"DJI wayline file.*plan --farm FILE"):
         read_mission(FOREIGN / "dji_mapping.kmz")
-
-
-LINE = '{"type": "LineString", "coordinates": [[10, 50], [10.001, 50], [10.001, 50.001]]}'
-
-
-@given(st.sampled_from(["\n", "\r\n"]), st.booleans(), st.booleans())
-@example("\n", True, True)
-def test_lines_of_geojson_one_after_the_other(end, separated, bom):
-    from mission.files import geojson
-
-    feature = f'{{"type": "Feature", "properties": {{"name": "two"}}, "geometry": {LINE}}}'
-    text = "".join(f"{chr(30) * separated}{one}{end}" for one in (LINE, feature))
-    drawing = geojson.loads((chr(0xFEFF) * bom + text).encode())
-    assert [path.name for path in drawing.paths] == ["feature 1", "two"]
-    assert [len(path.points) for path in drawing.paths] == [3, 3]
-    with pytest.raises(MissionFileError, match="line 3: it ends in the middle"):
-        geojson.loads(f"{LINE}\n{LINE}\n{LINE[:-3]}".encode())
 
 
 @given(

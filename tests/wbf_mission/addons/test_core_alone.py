@@ -44,6 +44,12 @@ def test_what_add_ons_bring_is_not_there(tmp_path, command):
     assert (done.returncode, "No such command" in done.stderr) == (2, True), done.stderr
 
 
+def test_files_of_add_ons_are_of_no_known_format(tmp_path):
+    done = run(tmp_path, "convert", "a.kml", "a.plan")
+    assert done.returncode == 2
+    assert "missions are read from .plan, .waypoints, .wpl, .txt, .fen, .ral or .json" in " ".join(done.stderr.split())
+
+
 def test_every_part_says_on_a_short_page_what_it_is():
     addons = [path.parent for path in (ROOT / "wbf_mission" / "addons").glob("*/__init__.py")]
     parts = [ROOT / name for name in ("geo", "sensors", "mission", "sim_vehicle", "wbf_mission")]

@@ -19,9 +19,9 @@ from geo.archives import archive_of
 from mission.errors import MissionFileError
 from mission.files.common import Firmware
 from mission.files.comparison import Loss, dropped, numbered
-from mission.files.records import command_name, is_placed
 from mission.files.xml import add, decimal, document
 from mission.model import Command, Frame, Mission, MissionItem
+from wbf_mission.addons.formats.records import command_name, is_placed
 
 _DRONE_NAME = "Mavic 3M"
 # Its numbers and those of its camera (common elements, droneInfo and payloadInfo).

@@ -12,8 +12,16 @@ from geo.texts import one_line
 from mission.errors import MissionFileError
 from mission.files.common import BOM, GEOJSON_KIND, Firmware, check_json, decode_json
 from mission.files.drawn import Drawing, DrawnPath, Point
-from mission.files.records import PATH, LatLon, Record, are_ours, is_flown, mission_of, records_of
 from mission.model import Mission
+from wbf_mission.addons.formats.records import (
+    PATH,
+    LatLon,
+    Record,
+    are_ours,
+    is_flown,
+    mission_of,
+    records_of,
+)
 
 _NO_ALTITUDES = "GeoJSON counts altitudes from the ellipsoid, which no autopilot takes"
 _DEEPEST = 20

@@ -15,7 +15,9 @@ from geo.texts import parse_number
 from mission.errors import MissionFileError
 from mission.files.common import KML_KIND, KMZ_KIND, MAX_BYTES, Firmware, kind_of, wrong_kind
 from mission.files.drawn import Drawing, DrawnPath, Point
-from mission.files.records import (
+from mission.files.xml import add, decimal, document
+from mission.model import Frame, Mission
+from wbf_mission.addons.formats.records import (
     PATH,
     LatLon,
     Record,
@@ -26,8 +28,7 @@ from mission.files.records import (
     text_of,
     trimmed,
 )
-from mission.files.xml import Node, add, decimal, document, parse
-from mission.model import Frame, Mission
+from wbf_mission.addons.formats.xml import Node, parse
 
 _LINES = ("LineString", "LinearRing", "Track")
 _FRAMES = {"absolute": Frame.GLOBAL, "relativeToGround": Frame.GLOBAL_RELATIVE_ALT}

@@ -7,8 +7,9 @@ from xml.etree import ElementTree
 import pytest
 
 from mission.errors import MissionFileError
-from mission.files import dji, losses, read_mission, write_mission
+from mission.files import losses, read_mission, write_mission
 from mission.model import GeoPoint, Mission, MissionItem
+from wbf_mission.addons.formats import dji
 
 KML, WPML = "{http://www.opengis.net/kml/2.2}", "{http://www.dji.com/wpmz/1.0.2}"
 HOME = GeoPoint(28.05, -82.15, 30.0)

@@ -5,10 +5,13 @@ import json
 import zipfile
 
 import pytest
+from hypothesis import example, given
+from hypothesis import strategies as st
 
 from mission.errors import MissionFileError
 from mission.files import open_mission, read_mission
 from mission.model import Command, Frame
+from wbf_mission.addons.formats import geojson as geojson_file
 
 HEAD = '<?xml version="1.0" encoding="UTF-8"?>\n<kml xmlns="http://www.opengis.net/kml/2.2"><Document>'
 TAIL = "</Document></kml>"
@@ -349,3 +352,18 @@ def test_read_mission_reads_drawn_paths_too(tmp_path):
     path.write_text(kml(line("a"), line("b", mode="")))
     assert len(read_mission(path, drawn_path="a").items) == 2
     assert read_mission(path, drawn_path="b", altitude_m=9.0).items[0].z == 9.0
+
+
+GEOMETRY = '{"type": "LineString", "coordinates": [[10, 50], [10.001, 50], [10.001, 50.001]]}'
+
+
+@given(st.sampled_from(["\n", "\r\n"]), st.booleans(), st.booleans())
+@example("\n", True, True)
+def test_lines_of_geojson_one_after_the_other(end, separated, bom):
+    feature = f'{{"type": "Feature", "properties": {{"name": "two"}}, "geometry": {GEOMETRY}}}'
+    text = "".join(f"{chr(30) * separated}{shape}{end}" for shape in (GEOMETRY, feature))
+    drawing = geojson_file.loads((chr(0xFEFF) * bom + text).encode())
+    assert [path.name for path in drawing.paths] == ["feature 1", "two"]
+    assert [len(path.points) for path in drawing.paths] == [3, 3]
+    with pytest.raises(MissionFileError, match="line 3: it ends in the middle"):
+        geojson_file.loads(f"{GEOMETRY}\n{GEOMETRY}\n{GEOMETRY[:-3]}".encode())

@@ -15,9 +15,18 @@ from geo.texts import parse_number
 from mission.errors import MissionFileError
 from mission.files.common import GPX_KIND, Firmware
 from mission.files.drawn import Drawing, DrawnPath, Point
-from mission.files.records import Record, are_ours, is_flown, mission_of, records_of, text_of, trimmed
-from mission.files.xml import Node, add, decimal, document, parse
+from mission.files.xml import add, decimal, document
 from mission.model import Frame, Mission
+from wbf_mission.addons.formats.records import (
+    Record,
+    are_ours,
+    is_flown,
+    mission_of,
+    records_of,
+    text_of,
+    trimmed,
+)
+from wbf_mission.addons.formats.xml import Node, parse
 
 _SPACE = "urn:wbf-mission:gpx:1"
 _NO_ALTITUDES = "it has no ele"

@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from pyogrio.raw import read, write
 
 from mission.files import read_mission, write_mission
-from mission.files.records import is_flown
 from mission.model import GeoPoint, Mission, MissionItem
+from wbf_mission.addons.formats.records import is_flown
 
 SQUARE = [(28.0, -82.0), (28.001, -82.0), (28.001, -81.999), (28.0, -81.999)]
 MISSION = Mission(

@@ -1,0 +1,117 @@
+"""KML, GeoJSON and GPX as other programs look at them, and the suffixes that choose them."""
+
+import json
+from itertools import pairwise
+from xml.etree import ElementTree
+
+import pytest
+
+from mission.errors import MissionFileError
+from mission.files import mission_formats, read_mission, reader_for, write_mission
+from mission.model import GeoPoint, Mission, MissionItem
+
+MISSION = Mission(
+    (
+        MissionItem(22, 3, param4=None, x=28.05, y=-82.15, z=10.0),
+        MissionItem.waypoint(28.051, -82.151, 10.0),
+        MissionItem(20),
+    ),
+    home=GeoPoint(28.05, -82.15, 30.0),
+)
+SQUARE = [(28.0, -82.0), (28.001, -82.0), (28.001, -81.999), (28.0, -81.999)]
+GUARDED = Mission(
+    MISSION.items,
+    home=MISSION.home,
+    fence=tuple(MissionItem(5001, 0, 4.0, x=x, y=y) for x, y in SQUARE),
+    rally=(MissionItem(5100, 3, x=28.0, y=-82.0, z=20.0),),
+)
+
+
+def test_they_come_after_those_of_the_core(tmp_path):
+    assert [mission_format.suffixes[0] for mission_format in mission_formats()] == [
+        *(".plan", ".waypoints", ".fen", ".json"),
+        *(".kml", ".kmz", ".geojson", ".gpx", ".csv", ".wpml.kmz"),
+    ]
+    with pytest.raises(MissionFileError, match=r"unknown suffix .*\.plan, \.waypoints, .*\.gpx or \.csv$"):
+        read_mission(tmp_path / "mission.xyz")
+    with pytest.raises(MissionFileError, match=r"written to \.plan.* or \.wpml\.kmz$"):
+        write_mission(MISSION, tmp_path / "mission.xyz")
+    with pytest.raises(MissionFileError, match="no reader for DJI WPML files"):
+        reader_for("field.wpml.kmz")
+
+
+TWO_WAY = [".plan", ".waypoints", ".json", ".kml", ".kmz", ".geojson", ".gpx"]
+
+
+@pytest.mark.parametrize("written", TWO_WAY)
+@pytest.mark.parametrize("named", [*TWO_WAY, ".csv"])
+def test_wrong_suffix_says_the_right_one(tmp_path, written, named):
+    write_mission(MISSION, tmp_path / f"a{written}")
+    (tmp_path / f"a{written}").rename(tmp_path / f"b{named}")
+    if written == named:
+        assert read_mission(tmp_path / f"b{named}") == MISSION
+        return
+    with pytest.raises(MissionFileError, match=rf"rename it to end in \{written}$"):
+        read_mission(tmp_path / f"b{named}")
+
+
+def test_geojson(tmp_path):
+    path = tmp_path / "mission.geojson"
+    write_mission(GUARDED, path)
+    made = json.loads(path.read_text())
+    assert made["type"] == "FeatureCollection"
+    of_role = {feature["properties"]["role"]: feature for feature in made["features"]}
+    assert of_role["mission"]["properties"]["hover_speed_m_s"] == 5.0
+    assert of_role["path"]["geometry"]["coordinates"] == [[-82.15, 28.05], [-82.151, 28.051]]
+    assert of_role["home"]["geometry"]["coordinates"] == [-82.15, 28.05]
+    assert of_role["item"]["properties"]["command"] == 20
+    assert of_role["item"]["geometry"] is None
+    ring = of_role["fence"]["geometry"]["coordinates"][0]
+    assert ring[0] == ring[-1]
+    area = sum(x0 * y1 - x1 * y0 for (x0, y0), (x1, y1) in pairwise(ring))
+    assert area > 0.0  # counterclockwise
+    assert of_role["rally"]["properties"]["altitude_m"] == 20.0
+
+
+ORDER_OF_GPX = {
+    "gpx": ("metadata", "wpt", "rte"),
+    "metadata": ("extensions",),
+    "wpt": ("ele", "name", "extensions"),
+    "rte": ("name", "extensions", "rtept"),
+    "rtept": ("ele", "name", "extensions"),
+    "extensions": ("record",),
+    "ele": (),
+    "name": (),
+    "record": (),
+}
+
+
+def test_gpx_elements_stand_in_the_order_of_the_schema(tmp_path):
+    path = tmp_path / "mission.gpx"
+    write_mission(GUARDED, path)
+    root = ElementTree.fromstring(path.read_text())
+    spaces = {"record": "urn:wbf-mission:gpx:1"}
+    for node in root.iter():
+        space, _, tag = node.tag[1:].partition("}")
+        assert space == spaces.get(tag, "http://www.topografix.com/GPX/1/1")
+        ranks = [ORDER_OF_GPX[tag].index(child.tag.partition("}")[2]) for child in node]
+        assert ranks == sorted(ranks)
+    assert (root.get("version"), root.get("creator")) == ("1.1", "wbf-mission")
+
+
+def test_kml(tmp_path):
+    path = tmp_path / "mission.kml"
+    write_mission(GUARDED, path)
+    root = ElementTree.fromstring(path.read_text())
+    space = "{http://www.opengis.net/kml/2.2}"
+    assert root.tag == f"{space}kml"
+    places = {
+        mark.findtext(f"{space}name"): "".join(e.text for e in mark.iter(f"{space}coordinates"))
+        for mark in root.iter(f"{space}Placemark")
+    }
+    assert places["Path"] == "-82.15,28.05,10.0 -82.151,28.051,10.0"
+    assert places["Home"] == "-82.15,28.05,30.0"
+    assert places["2 NAV_RETURN_TO_LAUNCH"] == ""
+    assert len(places["Fence 0 NAV_FENCE_POLYGON_VERTEX_INCLUSION"].split()) == 5
+    modes = {e.text for e in root.iter(f"{space}altitudeMode")}
+    assert modes == {"relativeToGround", "clampToGround", "absolute"}

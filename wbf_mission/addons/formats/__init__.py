@@ -1,0 +1,13 @@
+"""Mission files beside the core's: KML, KMZ, GeoJSON, GPX, CSV, and DJI's WPML."""
+
+from mission.files.formats import MissionFormat
+from wbf_mission.addons.formats import dji, geojson, gpx, kml, table
+
+FORMATS = (
+    MissionFormat("KML", (".kml",), kml.loads, kml.dumps),
+    MissionFormat("KMZ", (".kmz",), kml.kmz_loads, kml.kmz_dumps),
+    MissionFormat("GeoJSON", (".geojson", ".geojsonl", ".geojsons"), geojson.loads, geojson.dumps),
+    MissionFormat("GPX", (".gpx",), gpx.loads, gpx.dumps),
+    MissionFormat("CSV", (".csv",), table.loads, table.dumps),
+    MissionFormat("DJI WPML", (".wpml.kmz",), None, dji.dumps, losses=dji.losses),
+)

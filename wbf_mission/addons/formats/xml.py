@@ -1,0 +1,121 @@
+r"""XML of strangers, read without entities, outside files, or more nesting and elements than a mission needs.
+
+>>> root = parse(b"<kml>\n<Point a='1'>text</Point></kml>", "kml", "a KML file")
+>>> [(node.tag, node.line, node.attributes, node.text) for node in root.children]
+[('Point', 2, {'a': '1'}, 'text')]
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+from xml.parsers import expat
+
+from mission.errors import MissionFileError
+from mission.files.common import kind_of, wrong_kind
+
+_DEEPEST = 100
+_MOST_ELEMENTS = 2_000_000
+
+
+@dataclass(slots=True)
+class Node:
+    """An element: its name and those of its attributes without prefix, its text, and where it begins."""
+
+    tag: str
+    line: int
+    attributes: dict[str, str]
+    # Empty until something is in it: a track has very many elements.
+    children: list[Node] | tuple[Node, ...] = ()
+    chunks: list[str] | tuple[str, ...] = ()
+
+    @property
+    def text(self) -> str:
+        """The text outside of its children, without white space around it."""
+        return "".join(self.chunks).strip()
+
+    def iter(self, *tags: str) -> Iterator[Node]:
+        """Yield the elements below of these names, in the order of the document."""
+        left = list(reversed(self.children))
+        while left:
+            node = left.pop()
+            if node.tag in tags:
+                yield node
+            left.extend(reversed(node.children))
+
+    def child(self, tag: str) -> Node | None:
+        """Return the first child of a name."""
+        return next((child for child in self.children if child.tag == tag), None)
+
+    def child_text(self, tag: str) -> str:
+        """Return the text of the first child of a name; empty if there is none."""
+        found = self.child(tag)
+        return "" if found is None else found.text
+
+
+class _Builder:
+    def __init__(self) -> None:
+        self.root = Node("", 0, {})
+        self._open = [self.root]
+        self._count = 0
+        self.parser = expat.ParserCreate()
+        self.parser.StartElementHandler = self._start
+        self.parser.EndElementHandler = self._end
+        self.parser.CharacterDataHandler = self._characters
+        self.parser.EntityDeclHandler = self._entity
+        self.parser.buffer_text = True
+
+    def _start(self, tag: str, attributes: dict[str, str]) -> None:
+        self._count += 1
+        line = self.parser.CurrentLineNumber
+        if len(self._open) > _DEEPEST:
+            raise MissionFileError(
+                f"line {line}: more than {_DEEPEST} elements in one another; no mission is so"
+            )
+        if self._count > _MOST_ELEMENTS:
+            raise MissionFileError(f"line {line}: more than {_MOST_ELEMENTS} elements; give a shorter path")
+        plain = {_local(name): value for name, value in attributes.items()}
+        node = Node(_local(tag), line, plain)
+        parent = self._open[-1]
+        if isinstance(parent.children, tuple):
+            parent.children = []
+        parent.children.append(node)
+        self._open.append(node)
+
+    def _end(self, _tag: str) -> None:
+        self._open.pop()
+
+    def _characters(self, text: str) -> None:
+        node = self._open[-1]
+        if isinstance(node.chunks, tuple):
+            node.chunks = []
+        node.chunks.append(text)
+
+    def _entity(self, name: str, *_: Any) -> None:
+        line = self.parser.CurrentLineNumber
+        raise MissionFileError(f"line {line}: the entity {name[:40]!r} is declared, which no mission needs")
+
+
+def _local(name: str) -> str:
+    return name.rpartition(":")[2]
+
+
+def parse(data: bytes, root: str, kind: str) -> Node:
+    """Return the root element of a document; MissionFileError if it is broken, or of another kind."""
+    if kind_of(data) != kind:
+        raise wrong_kind(data, kind)
+    builder = _Builder()
+    try:
+        builder.parser.Parse(data, True)
+    except expat.ExpatError as error:
+        what = expat.errors.messages.get(error.code, "it is broken")
+        raise MissionFileError(f"line {error.lineno}: this is no XML ({what}); save the file again") from None
+    except MissionFileError:
+        raise
+    except (ValueError, LookupError) as error:  # an encoding that is none
+        raise MissionFileError(f"line 1: {error}; save the file as UTF-8") from None
+    found = builder.root.children[0]
+    if found.tag != root:
+        raise MissionFileError(f"line {found.line}: the document is {found.tag[:40]!r}, not {kind}")
+    return found

@@ -1,4 +1,4 @@
-"""The way of a mission, leg by leg, and places on it."""
+"""The course of a mission: its legs, and places on them."""
 
 from __future__ import annotations
 
@@ -43,15 +43,16 @@ def turns_camera(item: MissionItem) -> bool | None:
 
 @dataclass(frozen=True, slots=True, order=True)
 class Place:
-    """A place on the way of a mission: so much of the leg to an item lies behind.
+    """A place on a leg of a mission.
 
-    At 0 everything that the mission orders before the leg is done, what stands after the leg's beginning
-    included; ``fraction`` is less than 1: the end of a leg is the beginning of the next.
+    At fraction 0 all commands before the leg are done, also those between its first and its last item. The
+    end of a leg is the beginning of the next.
     """
 
     item: int
-    """The item that is flown to, counted from 0."""
+    """Number of the item at the end of the leg, from 0."""
     fraction: float = 0.0
+    """Part of the leg that is flown, below 1."""
 
     def __str__(self) -> str:
         return f"item {self.item + 1}" + (f", {self.fraction:.0%} of its leg" if self.fraction else "")
@@ -59,14 +60,14 @@ class Place:
 
 @dataclass(frozen=True, slots=True)
 class Leg:
-    """The way to an item."""
+    """The leg to an item."""
 
     item: int
     begin: tuple[float, float, float]
-    """Latitude, longitude, degrees, and the altitude as the items give it."""
+    """Latitude and longitude in degrees, and the altitude as in the items."""
     end: tuple[float, float, float]
     straight: bool
-    """Whether it can be begun or ended in its midst: no spline, no loiter, no condition to be waited for."""
+    """Whether it can be cut: no spline, no loiter, no condition to be waited for."""
     works: bool
     """Whether images are taken on it or at its end."""
 
@@ -78,7 +79,7 @@ class Course:
     ----------
     mission : Mission
     frame : LocalFrame, optional
-        About where it begins; by default about its home, otherwise about its first position.
+        Frame of the distances; by default about the mission's home, else about its first position.
 
     Raises
     ------
@@ -146,8 +147,8 @@ class Course:
         for number, k in enumerate(flown):
             item = items[k]
             between = items[before:k]
-            for one in between:
-                turned = turns_camera(one)
+            for command in between:
+                turned = turns_camera(command)
                 on = on if turned is None else turned
             stays = not item.has_position or (item.command in _HERE and not (item.x or item.y))
             begin = at or (item.x, item.y, item.z)
@@ -156,7 +157,7 @@ class Course:
             end = begin if stays else (item.x, item.y, item.z)
             ends = flown[number + 1] if number + 1 < len(flown) else self.end
             straight = item.command == Command.NAV_WAYPOINT and not any(
-                one.command in _CONDITIONS for one in between
+                command.command in _CONDITIONS for command in between
             )
             # A spline bends the leg before it, too.
             straight = straight and not (
@@ -171,7 +172,7 @@ class Course:
     def _ends(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Where each leg begins and ends in the frame, float64[n, 2]."""
         begin, end = (
-            np.column_stack(self.frame.from_wgs84(*np.array([one[:2] for one in places]).T))
+            np.column_stack(self.frame.from_wgs84(*np.array([place[:2] for place in places]).T))
             for places in ([leg.begin for leg in self.legs], [leg.end for leg in self.legs])
         )
         return begin, end
@@ -203,11 +204,11 @@ class Course:
         return [leg.item for leg in self.legs]
 
     def leg_of(self, place: Place) -> int:
-        """Return the number of the leg on which a place lies, the number of legs for one beyond the last."""
+        """Return the number of the leg of a place; the number of legs for a place beyond the last."""
         return bisect.bisect_left(self._flown_items, place.item)
 
     def metres(self, place: Place) -> float:
-        """Return how many metres of the way lie before a place."""
+        """Return the distance from the beginning to a place."""
         number = self.leg_of(place)
         if number == len(self.legs):
             return self.length_m
@@ -215,7 +216,7 @@ class Course:
         return float(self.ends_m[number] - (1.0 - behind) * self.lengths_m[number])
 
     def place(self, metres: float) -> Place | None:
-        """Return the place after so many metres of the way; None at its end."""
+        """Return the place at a distance from the beginning; None at the end."""
         number = int(np.searchsorted(self.ends_m, metres, side="right"))
         if number >= len(self.legs):
             return None
@@ -232,7 +233,7 @@ class Course:
         return x, y, z
 
     def after(self, place: Place) -> Place | None:
-        """Return where work goes on from a place: there, or where the next leg with images begins."""
+        """Return the place, or the beginning of the next leg if its own has no images; None without any."""
         number = self.leg_of(place)
         if number < len(self.legs) and self.legs[number].works:
             return place
@@ -240,7 +241,7 @@ class Course:
         return None if following is None else Place(following.item)
 
     def back(self, place: Place, overlap_m: float) -> Place:
-        """Return a place so many metres of the way before another, on legs on which images are taken."""
+        """Return the place `overlap_m` before another, as far as images are taken on the legs before it."""
         number, left = self.leg_of(place), overlap_m
         part = place.fraction
         while True:
@@ -256,25 +257,22 @@ class Course:
             number, part = number - 1, 1.0
 
     def along(self, items: ArrayLike, east_m: ArrayLike, north_m: ArrayLike) -> NDArray[np.float64]:
-        """Return how many metres of the way lie before positions about the frame's origin, float64[n].
+        """Return the distances from the beginning to positions in the frame, float64[n].
 
-        Each is projected onto the leg that leads to the item that is flown.
+        Each position is projected onto the leg to its item.
         """
         numbers, part, _ = self._projected(items, east_m, north_m)
         metres: NDArray[np.float64] = self.ends_m[numbers] - (1.0 - part) * self.lengths_m[numbers]
         return metres
 
     def aside_m(self, items: ArrayLike, east_m: ArrayLike, north_m: ArrayLike) -> NDArray[np.float64]:
-        """Return how far positions are from the leg that leads to the item that is flown, float64[n].
-
-        Beyond the last leg nothing is told: 0.
-        """
+        """Return the distances of positions to the legs to their items, float64[n]; 0 beyond the last leg."""
         return self._projected(items, east_m, north_m)[2]
 
     def _projected(
         self, items: ArrayLike, east_m: ArrayLike, north_m: ArrayLike
     ) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
-        """Return the leg of each position, how much of it lies behind, and how far it is away."""
+        """Return the leg of each position, the fraction of it that is flown, and the distance to it."""
         numbers = np.searchsorted(self._flown_items, np.asarray(items))
         ended = numbers >= len(self.legs)
         numbers = np.minimum(numbers, len(self.legs) - 1)
@@ -293,7 +291,7 @@ def unrolled(mission: Mission) -> Mission:
     Raises
     ------
     MissionError
-        If a jump is repeated without end, leads nowhere, or the mission gets longer than MAVLink can number.
+        If a jump is endless or leads nowhere, or the mission gets longer than MAVLink can number.
     """
     items = mission.items
     if not any(item.command == Command.DO_JUMP for item in items):

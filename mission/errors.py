@@ -13,7 +13,7 @@ class AnswerError(PlanningError):
     Parameters
     ----------
     kind : str
-        What is wrong with it, in a word or two, for counts.
+        The fault in a word or two, for counts.
     """
 
     def __init__(self, text: str, kind: str) -> None:

@@ -1,4 +1,4 @@
-"""The mission model: what is planned, written to files, and sent over MAVLink.
+"""The mission model: missions as they are planned, written to files, and sent over MAVLink.
 
 A parameter that is ``None`` means "the vehicle's default": NaN on the wire, ``null`` in a .plan file.
 """

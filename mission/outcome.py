@@ -1,4 +1,4 @@
-"""How far a flight is, and how it ended: as the vehicle knows it, and as the ground station learns it."""
+"""Outcomes of flights, and the phases of a ground station."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ _WORDS = {
     "pilot_took_over": "a pilot took over",
     "autopilot_restarted": "autopilot restarted in flight",
 }
-"""Of outcomes that their name with spaces does not describe to everybody."""
+"""Outcomes that their name alone does not explain."""
 
 
 def in_words(outcome: Outcome | str, reason: str = "") -> str:
-    """Return an outcome, by its value, as people read it, with its reason.
+    """Return an outcome in words, with its reason.
 
     Examples
     --------
@@ -66,7 +66,7 @@ class Outcome(Enum):
     UPLOAD_FAILED = "upload_failed"
     """The vehicle did not take the mission."""
     NO_ANSWER = "no_answer"
-    """The vehicle was heard, but then it was silent; what became of it is not known."""
+    """The vehicle was heard and then fell silent; its fate is not known."""
     TIME_LIMIT = "time_limit"
     """The flight took much longer than it should."""
     NOT_STARTED = "not_started"
@@ -101,7 +101,7 @@ class Outcome(Enum):
 
 
 class Phase(Enum):
-    """What the ground station is at."""
+    """Phase of a ground station's work."""
 
     CONTACT = "waiting for the vehicle"
     UPLOAD = "uploading"

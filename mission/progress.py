@@ -1,4 +1,4 @@
-"""How far a vehicle has flown its mission, as its telemetry tells: live, or from a log."""
+"""Progress of a vehicle along its mission, from its telemetry: live, or from a log."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from mission.link.codec.dialect import mavlink as m
 
 __all__ = ["MissionProgress"]
 
-# A vehicle that is farther from its leg comes from elsewhere, or flies another mission.
+# A vehicle farther from its leg comes from elsewhere, or flies another mission.
 _ON_LEG_M = 50.0
 
 

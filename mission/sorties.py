@@ -15,10 +15,10 @@ from mission.model import Command, Frame, GeoPoint, Mission, MissionItem
 __all__ = ["Way", "image_spacing_m", "part_of", "resumed_at"]
 
 Way: TypeAlias = Callable[[tuple[float, float], tuple[float, float]], Sequence[tuple[float, float]]]
-"""Takes two positions (latitude, longitude) and returns those between them that lead round obstacles."""
+"""Takes two positions (latitude, longitude) and returns the corners of a way round obstacles."""
 
 _VIDEO_START, _VIDEO_STOP = 2500, 2501
-# What an item sets until another one of the same name: all that holds on when a part begins.
+# Settings by command: the last one of each name still holds when a part begins.
 _SETTINGS: dict[int, str] = {
     183: "servo",
     181: "relay",
@@ -37,9 +37,9 @@ _SETTINGS: dict[int, str] = {
     _VIDEO_START: "video",
     _VIDEO_STOP: "video",
 }
-# Of several outlets or speeds each is set by itself.
+# Outlets, each of which has a setting of its own by its number (param1).
 _BY_NUMBER = frozenset({183, 181})
-# Set again where the part begins, not before: the camera would look at the way there.
+# Set again where the part begins, not before: the camera would record the approach.
 _AT_THE_PLACE = frozenset({"images", "video", "yaw"})
 _STOPS = {
     int(Command.DO_SET_CAM_TRIGG_DIST): int(Command.DO_SET_CAM_TRIGG_DIST),
@@ -62,10 +62,10 @@ def part_of(
 ) -> Mission:
     """Return the part of a mission between two places, as a mission that takes off, flies it and lands.
 
-    What holds at its beginning is set again: speeds, region of interest, gimbal, and from its first position
-    on the camera and the heading. At its end the camera is stopped. Fence, rally points, altitude frames and
-    take-off and landing are the whole mission's. Ways on which no images are taken are left out at its
-    beginning.
+    Settings that hold at its beginning are made again: speeds, region of interest and gimbal after the
+    take-off, camera and heading at its first position. At its end the camera is stopped. Fence, rally points,
+    altitude frames, take-off and landing are those of the whole mission. Legs without images at its beginning
+    are left out.
 
     Parameters
     ----------
@@ -75,12 +75,12 @@ def part_of(
     end : Place, optional
         By default the mission's end.
     overlap_m : float
-        So much of the way before its beginning is flown again, where images were taken on it.
+        Length before its beginning that is flown again, as far as images were taken there.
     hold_s : float
-        It stays so long at its first position before the camera starts, so that it comes onto the row from
-        rest: one that turns onto it swings wide. A fixed wing would circle there.
+        Hold at its first position before the camera starts: a vehicle that turns onto a row swings wide. A
+        fixed wing would circle there.
     home : GeoPoint, optional
-        Where it takes off and lands, if that is not the mission's home: take-off and landing are moved there.
+        Another home, to which take-off and landing are moved.
     way : callable, optional
         See `Way`.
 
@@ -124,9 +124,9 @@ def part_of(
         else:
             before = course.legs[course.leg_of(end) - 1].item
             begun = items[before + 1 : cut.item]
-            body = [*body[: before + 1 - rest], *(one for one in begun if not _is_for_next(one))]
+            body = [*body[: before + 1 - rest], *(item for item in begun if not _is_for_next(item))]
         last = _settings([*head, *body])
-        body += [MissionItem(_STOPS[one.command]) for one in last.values() if _is_on(one)]
+        body += [MissionItem(_STOPS[item.command]) for item in last.values() if _is_on(item)]
         if way is not None and here is not None:
             body += _led(
                 way, course.position(end)[:2], (here.latitude_deg, here.longitude_deg), items[cut.item]
@@ -136,9 +136,9 @@ def part_of(
 
 
 def resumed_at(course: Course, begin: Place, overlap_m: float) -> Place | None:
-    """Return where a part that begins at a place is flown from; None when no work is left.
+    """Return the place from which a part is flown again; None when no leg with images is left.
 
-    That is a little before it, or where the next leg begins on which images are taken.
+    It lies `overlap_m` before the part's beginning, or where the next leg with images begins.
     """
     following = course.after(begin)
     if following is None or following != begin:
@@ -147,7 +147,7 @@ def resumed_at(course: Course, begin: Place, overlap_m: float) -> Place | None:
 
 
 def image_spacing_m(mission: Mission, speed_m_s: float) -> float | None:
-    """Return about how many metres lie between two images of a mission; None if it takes none by itself.
+    """Return the rough distance between two images of a mission; None if it has no camera trigger.
 
     >>> image_spacing_m(Mission((MissionItem(206, param1=3.0),)), 5.0)
     3.0
@@ -162,7 +162,7 @@ def image_spacing_m(mission: Mission, speed_m_s: float) -> float | None:
 def _approach(
     course: Course, first: Place, hold_s: float, home: GeoPoint | None, way: Way | None
 ) -> list[MissionItem]:
-    """Return what leads from the take-off to a place and sets what holds there."""
+    """Return the items from the take-off to a place, with the settings that hold there."""
     items = course.mission.items
     leg = course.leg_of(first)
     since = course.legs[leg - 1].item if leg else course.begin - 1
@@ -177,16 +177,16 @@ def _approach(
     if template is items[since]:
         place = (*place[:2], template.z)
     resume = _waypoint(template, place)
-    made = [one for name, one in held.items() if name not in _AT_THE_PLACE]
+    made = [item for name, item in held.items() if name not in _AT_THE_PLACE]
     if way is not None and home is not None:
         made += _led(way, (home.latitude_deg, home.longitude_deg), place[:2], resume)
     made.append(replace(resume, param1=hold_s))
-    made += [one for name, one in held.items() if name == "yaw" or (name in _AT_THE_PLACE and _is_on(one))]
+    made += [item for name, item in held.items() if name == "yaw" or (name in _AT_THE_PLACE and _is_on(item))]
     return made
 
 
 def _settings(items: Iterable[MissionItem]) -> dict[str, MissionItem]:
-    """Return what holds after some items, by what it is, in the order in which it was set."""
+    """Return the settings that hold after some items, by name, in the order of the items."""
     held: dict[str, MissionItem] = {}
     for item in items:
         name = _SETTINGS.get(item.command)
@@ -202,12 +202,12 @@ def _settings(items: Iterable[MissionItem]) -> dict[str, MissionItem]:
 
 
 def _is_on(item: MissionItem) -> bool:
-    """Return whether a setting has the camera run."""
+    """Return whether a setting starts the camera."""
     return item.command == _VIDEO_START or turns_camera(item) is True
 
 
 def _is_for_next(item: MissionItem) -> bool:
-    """Return whether an item between two legs is only of the second."""
+    """Return whether an item between two legs concerns only the second."""
     return _is_on(item) or item.command in (
         Command.CONDITION_DELAY,
         Command.CONDITION_DISTANCE,
@@ -216,9 +216,9 @@ def _is_for_next(item: MissionItem) -> bool:
 
 
 def _reachable(course: Course, first: Place, end: Place | None) -> Place | None:
-    """Return where a part ends that is to end at a place: None for the mission's end.
+    """Return the place at which a part can end; None for the mission's end.
 
-    A leg that is not straight is flown as a whole, one without images at its end is left out.
+    A leg that is not straight is flown whole; legs without images at the end are left out.
     """
     if end is None or (number := course.leg_of(end)) >= len(course.legs):
         return None
@@ -238,7 +238,7 @@ def _reachable(course: Course, first: Place, end: Place | None) -> Place | None:
 
 
 def _waypoint(like: MissionItem, place: tuple[float, float, float]) -> MissionItem:
-    """Return a waypoint at a place, reached and flown to as another item, without its stay."""
+    """Return a waypoint at a place, with radius, heading and frame of another item and no hold."""
     radius_m = like.param2 if like.command == _WAYPOINT else 0.0
     yaw = like.param4 if like.command == _WAYPOINT else None
     frame = like.frame if like.has_position else Frame.GLOBAL_RELATIVE_ALT
@@ -249,12 +249,12 @@ def _waypoint(like: MissionItem, place: tuple[float, float, float]) -> MissionIt
 def _led(
     way: Way, begin: tuple[float, float], end: tuple[float, float], like: MissionItem
 ) -> list[MissionItem]:
-    """Return the waypoints that lead round obstacles, at the height of another item."""
+    """Return the waypoints of a way round obstacles, at the height of another item."""
     return [_waypoint(like, (latitude, longitude, like.z)) for latitude, longitude in way(begin, end)]
 
 
 def _moved(item: MissionItem, old: GeoPoint | None, new: GeoPoint | None) -> MissionItem:
-    """Return an item of the take-off or the landing where it lies about another home."""
+    """Return an item of the take-off or landing, moved with the home."""
     if old is None or new is None or not item.has_position or not (item.x or item.y):
         return item
     about_old = LocalFrame(old.latitude_deg, old.longitude_deg)

@@ -1,4 +1,4 @@
-"""What the mission file formats share: limits, strict JSON, recognition of foreign files, jumps and home."""
+"""Common parts of the mission file formats: limits, strict JSON, kinds of files, jumps and home."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ _TEXT_KINDS = {
     rb"rally\s.*": RALLY_KIND,
     rb"[-+]?\d[\d.,e+-]*\s+[-+]?\d[\d.,e+-]*": FENCE_KIND,
 }
-"""The first line of texts of a kind that is no comment, in lower case."""
+"""Patterns of the first line that is no comment, in lower case."""
 _XML_KINDS = {b"kml": KML_KIND, b"gpx": GPX_KIND, b"html": "an HTML page"}
 _XML_PROLOGUE = 100_000
 BOM = b"\xef\xbb\xbf"
@@ -58,7 +58,7 @@ Place: TypeAlias = tuple[float | None, float | None, float | None]
 
 
 class Firmware(IntEnum):
-    """For whom a file is written (MAV_AUTOPILOT)."""
+    """The autopilot that will fly a file (MAV_AUTOPILOT)."""
 
     GENERIC = 0
     ARDUPILOT = 3
@@ -88,12 +88,12 @@ _ANY_JSON = msgspec.json.Decoder(msgspec.Raw)
 
 
 def is_json(data: bytes) -> bool:
-    """Tell whether the content starts like a JSON object or array, perhaps of several (RFC 8142)."""
+    """Return whether the content starts like a JSON object or array, or several (RFC 8142)."""
     return data[:1000].removeprefix(BOM).lstrip(_BEFORE_JSON)[:1] in (b"{", b"[")
 
 
 def kind_of(data: bytes) -> str:
-    """Say in words what kind of file the content is, as far as its first characters and keys tell."""
+    """Return the kind of a file in words, by its first characters and keys."""
     start = data[:2000].removeprefix(BOM).lstrip().lower()
     is_utf_16 = data.startswith(_UTF_16_BOMS)
     if is_utf_16:
@@ -169,7 +169,7 @@ def decode_json(data: bytes, decoder: msgspec.json.Decoder[T], path: str = "", l
 
 
 def check_json(data: bytes, expected: str) -> None:
-    """Refuse content that is not JSON of the expected kind; a syntax error says more than the kind."""
+    """Refuse content that is not JSON of the expected kind; a syntax error goes before a wrong kind."""
     if is_json(data) and kind_of(data) == expected:
         return
     if is_json(data):
@@ -188,10 +188,10 @@ def make_item(
     autocontinue: bool,
     keep_frame: bool = False,
 ) -> MissionItem:
-    """Build an item in its standard frame, or its own, or say where in the file its values are impossible.
+    """Make an item in its standard frame, or with `keep_frame` in its own; an error begins with `where`.
 
-    ``None`` in `place` is a number that the file leaves out: nothing (0) for a command without a place, an
-    error for one with a position.
+    ``None`` in `place` is a number that the file leaves out: 0 for a command without a position, an error for
+    a command with one.
     """
     try:
         x, y, z = (0.0 if value is None else value for value in place)
@@ -206,7 +206,7 @@ def make_item(
 
 
 def make_mission(items: Iterable[MissionItem], home: GeoPoint | None, **more: Any) -> Mission:
-    """Build a mission, or raise MissionFileError where the model would raise MissionError."""
+    """Make a mission; MissionFileError in place of the model's MissionError."""
     try:
         return Mission(tuple(items), home, **more)
     except MissionError as error:
@@ -224,7 +224,7 @@ def jump_target(item: MissionItem, where: str) -> int:
 def resolve_jumps(
     numbers: Sequence[int | None], items: Iterable[tuple[str, MissionItem]], numbering: str
 ) -> tuple[MissionItem, ...]:
-    """Turn jump targets from a file's numbers into indices; each item comes with its place in the file."""
+    """Replace a file's numbers in jump targets by indices; each item comes with its place in the file."""
     index_of, counts = {number: index for index, number in enumerate(numbers)}, Counter(numbers)
     resolved = []
     for where, item in items:
@@ -253,7 +253,7 @@ def check_jumps(mission: Mission) -> None:
 
 @dataclass(frozen=True, slots=True)
 class Told:
-    """A mission, and how its file was understood where that is not plain."""
+    """A mission, with notes on how its file was understood."""
 
     mission: Mission
     notes: tuple[str, ...]
@@ -262,7 +262,7 @@ class Told:
 def home_for_file(mission: Mission) -> GeoPoint:
     """Return the home for a format that requires one.
 
-    An unknown home becomes the mission's first position at 0 m; without any, 0, 0, 0, which is read as
+    An unknown home becomes the mission's first position at 0 m; without any it is 0, 0, 0, which is read as
     unknown.
     """
     if mission.home is not None:
@@ -272,7 +272,7 @@ def home_for_file(mission: Mission) -> GeoPoint:
 
 
 def home_of(where: str, latitude_deg: float, longitude_deg: float, altitude_m: float) -> GeoPoint:
-    """Make the home position that a file gives."""
+    """Make the home position of a file."""
     try:
         return GeoPoint(latitude_deg, longitude_deg, altitude_m)
     except MissionError as error:
@@ -282,7 +282,7 @@ def home_of(where: str, latitude_deg: float, longitude_deg: float, altitude_m: f
 def home_from_file(
     where: str, latitude_deg: float, longitude_deg: float, altitude_m: float
 ) -> GeoPoint | None:
-    """Make the home position that a file gives that has to give one; 0, 0, 0 is none."""
+    """Make the home position of a file whose format requires one; 0, 0, 0 is none."""
     if latitude_deg == longitude_deg == altitude_m == 0.0:
         return None
     return home_of(f"{where}: home", latitude_deg, longitude_deg, altitude_m)

@@ -1,4 +1,4 @@
-"""What a file does not keep of a mission, in words."""
+"""Losses of a mission in a file, in words."""
 
 from __future__ import annotations
 
@@ -17,19 +17,19 @@ _FIELDS = {
     "z": "altitude or parameter 7",
 }
 _MOST_SHOWN = 5
-_SAME_PLACE_DEG = 1e-7
+_SAME_PLACE_DEG = 1e-7  # The resolution of MAVLink
 
 
 @dataclass(frozen=True, slots=True)
 class Loss:
-    """Something that is not kept, and whether the vehicle would fly otherwise without it."""
+    """A part of a mission that is not kept, and whether that changes the flight."""
 
     text: str
     changes_flight: bool = False
 
 
 def differences(mission: Mission, kept: Mission) -> list[Loss]:
-    """Tell in what the second mission, read back from a file, is not the first."""
+    """Return the differences of a mission to that which is read back from its file."""
     found = [loss for name in _PLANS for loss in _of_plan(name, getattr(mission, name), getattr(kept, name))]
     if not _are_near(mission.home, kept.home):
         found.append(Loss(f"home, which is {_shown(mission.home)}, is written as {_shown(kept.home)}"))
@@ -40,7 +40,7 @@ def differences(mission: Mission, kept: Mission) -> list[Loss]:
 
 
 def dropped(what: str, count: int, of: int) -> list[Loss]:
-    """Tell that some are missing.
+    """Return the loss of some items of a kind; none if `count` is 0.
 
     >>> dropped("fence item", 4, 4)[0].text
     'fence items are not kept (4 of 4)'
@@ -70,7 +70,7 @@ def _change(field: str, old: MissionItem, new: MissionItem) -> Loss:
 
 
 def numbered(what: str, numbers: Sequence[int]) -> str:
-    """Return which of something, counted from 1, in words of bounded length.
+    """Return the numbers of items, from 1, in words of bounded length.
 
     >>> numbered("mission item", [1, 2, 5, 6, 7, 9, 10]), numbered("rally point", [2])
     ('mission items 1, 2, 5, 6, 7 and 2 more', 'rally point 2')
@@ -80,13 +80,13 @@ def numbered(what: str, numbers: Sequence[int]) -> str:
     return f"{what}{'s' if len(numbers) > 1 else ''} {shown}" + (f" and {more} more" if more > 0 else "")
 
 
-def _are_near(one: GeoPoint | None, other: GeoPoint | None) -> bool:
-    if one is None or other is None:
-        return one is other
+def _are_near(home: GeoPoint | None, kept: GeoPoint | None) -> bool:
+    if home is None or kept is None:
+        return home is kept
     return (
-        abs(one.latitude_deg - other.latitude_deg) <= _SAME_PLACE_DEG
-        and abs(one.longitude_deg - other.longitude_deg) <= _SAME_PLACE_DEG
-        and one.altitude_m == other.altitude_m
+        abs(home.latitude_deg - kept.latitude_deg) <= _SAME_PLACE_DEG
+        and abs(home.longitude_deg - kept.longitude_deg) <= _SAME_PLACE_DEG
+        and home.altitude_m == kept.altitude_m
     )
 
 

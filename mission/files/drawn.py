@@ -1,4 +1,4 @@
-"""Paths that somebody has drawn or recorded, made missions of: waypoints, nothing that is not in the file."""
+"""Missions of drawn or recorded paths: their points as waypoints, and nothing else."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _MOST_NAMES = 8
 
 @dataclass(frozen=True, slots=True)
 class Point:
-    """A position in degrees, its altitude in metres, and the frame of that; None where the file has none."""
+    """A position in degrees, its altitude in metres, and the frame of this; None if not in the file."""
 
     latitude_deg: float
     longitude_deg: float
@@ -27,7 +27,7 @@ class Point:
 
 @dataclass(frozen=True, slots=True)
 class DrawnPath:
-    """A path: what it is called in the file, and its points in their order."""
+    """A path: its name in the file, and its points in order."""
 
     name: str
     points: Sequence[Point]
@@ -41,9 +41,9 @@ class Drawing:
     ----------
     paths : sequence of DrawnPath
     areas : int
-        How many polygons there are besides.
+        Number of polygons besides.
     no_altitudes : str
-        Why its points may have no altitude, for the error.
+        Reason of missing altitudes, for the error.
     """
 
     paths: Sequence[DrawnPath]
@@ -51,7 +51,7 @@ class Drawing:
     no_altitudes: str = "the file gives none"
 
     def mission(self, altitude_m: float | None = None, name: str | None = None) -> tuple[Mission, list[str]]:
-        """Make a mission of the only path or of the one of a name; return it and what was not in the file.
+        """Make a mission of the only path, or of the path of a name; return it with notes.
 
         MissionFileError if there is no such path, or an altitude is missing and none is given.
         """

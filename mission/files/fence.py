@@ -98,7 +98,7 @@ def _place(
 
 
 def geo_fence(items: Sequence[MissionItem]) -> dict[str, Any]:
-    """Make the object ``geoFence`` from MAVLink fence items; MissionFileError where they are none."""
+    """Make the object ``geoFence`` from MAVLink fence items; MissionFileError for other items."""
     fence: dict[str, Any] = {"circles": [], "polygons": [], "version": 2}
     index = 0
     while index < len(items):
@@ -134,7 +134,8 @@ def geo_fence(items: Sequence[MissionItem]) -> dict[str, Any]:
 def fence_rings(items: Sequence[MissionItem], frame: LocalFrame) -> list[tuple[NDArray[np.float64], bool]]:
     """Return the outlines of a fence, float64[n, 2] in metres of a frame, and whether to stay inside.
 
-    Circles have `CIRCLE_CORNERS` corners. What is no fence, or lies nowhere, is left out.
+    Circles have `CIRCLE_CORNERS` corners. Items that are no fence, or have no place in the frame, are left
+    out.
     """
     try:
         fence = geo_fence(items)

@@ -1,8 +1,8 @@
 """The complex items of QGroundControl plans that hold no commands: landing patterns and structure scans.
 
-QGroundControl makes their commands anew when it loads a plan; so is it here, from the same keys. Sources:
-QGroundControl, src/MissionManager: LandingComplexItem, FixedWingLandingComplexItem (versions 1 and 2),
-VTOLLandingComplexItem, StructureScanComplexItem (version 3), QGCMapPolygon::offset, CameraSection.
+Their commands are made from the same keys as in QGroundControl, which makes them when it loads a plan.
+Sources: QGroundControl, src/MissionManager: LandingComplexItem, FixedWingLandingComplexItem (versions 1 and
+2), VTOLLandingComplexItem, StructureScanComplexItem (version 3), QGCMapPolygon::offset, CameraSection.
 """
 
 from __future__ import annotations
@@ -72,9 +72,9 @@ KINDS = frozenset(_KNOWN_VERSIONS)
 
 
 def commands_of(where: str, kind: str, pattern: Pattern) -> Iterator[Step]:
-    """Yield the commands that QGroundControl makes of a complex item of one of the `KINDS`.
+    """Yield the commands of a complex item of one of the `KINDS`, as QGroundControl makes them.
 
-    MissionFileError names the key that is missing or impossible.
+    MissionFileError names a key that is missing or impossible.
     """
     known = _KNOWN_VERSIONS[kind]
     if pattern.version not in known:
@@ -169,7 +169,7 @@ def _structure_scan(where: str, pattern: Pattern) -> Iterator[Step]:
 def _flight_polygon(
     where: str, polygon: Sequence[tuple[float, float]], distance_m: float
 ) -> list[tuple[float, float]]:
-    """Return the polygon (latitude, longitude) whose edges are so far outside of those of the structure."""
+    """Return a structure's polygon (latitude, longitude) with its edges moved outwards by a distance."""
     if len(polygon) < 3:
         raise MissionFileError(f"{where}: polygon has {len(polygon)} vertices; a structure has at least 3")
     for number, (latitude_deg, longitude_deg) in enumerate(polygon, 1):
@@ -190,9 +190,9 @@ def _flight_polygon(
         raise MissionFileError(msg)
     area = np.sum(corners[:, 0] * np.roll(corners[:, 1], -1) - corners[:, 1] * np.roll(corners[:, 0], -1))
     outwards = np.column_stack([edges[:, 1], -edges[:, 0]]) / lengths[:, None] * np.sign(area) * distance_m
-    # Where the edge before and this one meet when both are moved outwards.
+    # The corner where the edge before and this edge meet when both are moved outwards.
     shift = outwards - np.roll(outwards, 1, axis=0)
     along = (shift[:, 0] * edges[:, 1] - shift[:, 1] * edges[:, 0]) / turns
     moved = corners + np.roll(outwards, 1, axis=0) + along[:, None] * before
     latitudes_deg, longitudes_deg = frame.to_wgs84(moved[:, 0], moved[:, 1])
-    return [(float(one), float(other)) for one, other in zip(latitudes_deg, longitudes_deg, strict=True)]
+    return list(zip(latitudes_deg.tolist(), longitudes_deg.tolist(), strict=True))

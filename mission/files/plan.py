@@ -1,10 +1,10 @@
 """QGroundControl plans (``.plan``): JSON with the mission, the fence and the rally points.
 
-Written are simple items only, with every key that QGroundControl's loaders ask for; read are simple items,
-complex items that carry the commands they stand for (surveys, corridor scans), and landing patterns and
-structure scans, whose commands are made as QGroundControl makes them (`mission.files.patterns`). Sources: the
-loaders of QGroundControl (MissionController, SimpleMissionItem, TransectStyleComplexItem, GeoFenceController,
-RallyPointController) and docs.qgroundcontrol.com, "Plan file format".
+It writes simple items only, with every key that QGroundControl's loaders require. It reads simple items,
+complex items with their commands (surveys, corridor scans), and landing patterns and structure scans, whose
+commands are made as in QGroundControl (`mission.files.patterns`). Sources: the loaders of QGroundControl
+(MissionController, SimpleMissionItem, TransectStyleComplexItem, GeoFenceController, RallyPointController) and
+docs.qgroundcontrol.com, "Plan file format".
 """
 
 from __future__ import annotations
@@ -95,19 +95,19 @@ _PLAN = msgspec.json.Decoder(_Plan)
 _PATTERNS = msgspec.json.Decoder(_PatternsOfPlan)
 _FENCE = msgspec.json.Decoder(GeoFence | None)
 _RALLY = msgspec.json.Decoder(_Rally | None)
-# Vertices are so short that a hostile file could hold millions; autopilots store some hundreds.
+# A hostile file could hold millions of vertices, which are short; autopilots store some hundreds.
 _MAX_PART_BYTES = 8 * 2**20
 
 
 def loads(data: bytes) -> Mission:
     """Read a mission from the content of a plan file.
 
-    It is UTF-8 JSON with fileType "Plan", version 1, and a mission of version 2. Items are in their standard
-    frames; a survey is the list of commands it was saved with, a landing pattern or structure scan that of
-    those QGroundControl makes of it; jump targets are indices of the items.
+    It is UTF-8 JSON with fileType "Plan", version 1, and a mission of version 2. Items get their standard
+    frames; a survey becomes its saved commands, a landing pattern or structure scan the commands that
+    QGroundControl makes; jump targets are indices of the items.
 
-    MissionFileError names the item and the field of what is something else, damaged, of another version, a
-    complex item whose commands are not known, or impossible.
+    MissionFileError names the item and the field that is damaged, impossible, of another version, or a
+    complex item whose commands are not known.
     """
     check_json(data, PLAN_KIND)
     plan = decode_json(data, _PLAN)
@@ -217,12 +217,11 @@ def _rally_items(rally: _Rally) -> tuple[MissionItem, ...]:
 def dumps(mission: Mission, firmware: Firmware = Firmware.PX4) -> str:
     """Write a mission as the text of a plan file.
 
-    Fence items need the order that MAVLink asks for (the vertices of a polygon one after the other, each with
-    their number as param1); rally points need altitudes above home, or a known home. An unknown home is
-    written as the first place of the mission. For ArduPilot a default parameter is written as 0, otherwise as
-    null.
+    Fence items need MAVLink's order (the vertices of a polygon in a row, each with their number as param1);
+    rally points need altitudes above home, or a known home. An unknown home is written as the first position
+    of the mission. For ArduPilot a default parameter is written as 0, otherwise as null.
 
-    MissionFileError if there is a jump to nowhere, or the fence or a rally point cannot be written.
+    MissionFileError for a jump to nowhere, or if the fence or a rally point cannot be written.
 
     Examples
     --------

@@ -1,9 +1,9 @@
-"""Fences and rally points as MAVProxy and Mission Planner have saved them: a line of text for each point.
+"""Fences and rally points of MAVProxy and Mission Planner: a line of text for each point.
 
-The first point of a fence (``.fen``, MAVProxy's ``fence.txt``) is where the vehicle returns to, the others
-are corners, of which the first stands at the end again. A rally point (``.ral``, ``rally.txt``) is ``RALLY``,
-latitude, longitude, altitude above home, break altitude, landing direction, flags; the last three have no
-place in a MAVLink item. Sources: pymavlink, mavwp.py; ArduPilot/MissionPlanner, FlightPlanner.cs.
+The first point of a fence (``.fen``, MAVProxy's ``fence.txt``) is the return point; the others are corners,
+the first corner repeated at the end. A rally point (``.ral``, ``rally.txt``) is ``RALLY``, latitude,
+longitude, altitude above home, break altitude, landing direction, flags; the last three have no place in a
+MAVLink item. Sources: pymavlink, mavwp.py; ArduPilot/MissionPlanner, FlightPlanner.cs.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ _RALLY_WORDS = (4, 7)
 
 
 def loads(data: bytes) -> Told:
-    """Read a fence or rally points; MissionFileError names the line of what is something else."""
+    """Read a fence or rally points; MissionFileError names a wrong line."""
     kind = kind_of(data)
     if kind == FENCE_KIND:
         return _fence([_numbers(words, number, 2) for number, words in _lines(data)])

@@ -80,15 +80,15 @@ class _Row:
 def loads(data: bytes) -> Mission | Told:
     """Read a mission, a fence or rally points from the content of a file.
 
-    Read are also: comments (``#``), any white space between columns, CRLF, the headers of versions 100 and
+    It also reads comments (``#``), any white space between columns, CRLF, the headers of versions 100 and
     120, files with and without a home row, gaps in seq, a home row with command 0, commands without a
-    position in frame 0 or 3, and files of `mission.files.points`. The first row is home when its seq is 0 and
-    it is a waypoint in frame 0 (or has command 0). Old QGroundControls write version 120, which has no home:
-    there it has to be the only row in frame 0, too, as other programs write it.
+    position in frame 0 or 3, and files of `mission.files.points`. The first row is home if its seq is 0 and
+    it is a waypoint in frame 0 (or has command 0). Version 120, of old QGroundControls, has no home; other
+    programs write it as the only row in frame 0.
 
-    Jump targets are indices of the mission's items.
+    Jump targets become indices of the mission's items.
 
-    MissionFileError names the line and the column of what is something else, damaged or impossible.
+    MissionFileError names the line and the column that is damaged or impossible.
     """
     kind = kind_of(data)
     if kind in (FENCE_KIND, RALLY_KIND):
@@ -205,9 +205,8 @@ def dumps(mission: Mission, firmware: Firmware = Firmware.PX4) -> str:
     """Write a mission, or a fence, or rally points, as text.
 
     The format holds one plan: a mission, or only a fence, or only rally points. Speeds are not kept; an
-    unknown home is written as the first place of the mission. For ArduPilot a default parameter is written as
-    0, otherwise as NaN. Numbers have at least eight decimals, and as many as they need to be read back
-    exactly.
+    unknown home is written as the first position of the mission. For ArduPilot a default parameter is written
+    as 0, otherwise as NaN. Numbers have at least eight decimals, and enough to be read back exactly.
 
     MissionFileError if the mission holds more than one plan, a fence command among its items, or a jump to
     nowhere.
@@ -236,7 +235,7 @@ def dumps(mission: Mission, firmware: Firmware = Firmware.PX4) -> str:
 
 
 def one_plan(mission: Mission) -> Mission:
-    """Return what one file holds of a mission: its items, if it has none the fence, or the rally points."""
+    """Return the part of a mission in a file: its items, else the fence, else the rally points."""
     if mission.items:
         return replace(mission, fence=(), rally=())
     return replace(mission, rally=()) if mission.fence else mission

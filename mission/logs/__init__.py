@@ -1,4 +1,4 @@
-"""Where a camera was, from the log of a flight or from geotagged pictures, whoever flew."""
+"""Tracks and images of flights, from logs of autopilots or geotagged pictures."""
 
 from mission.logs.reading import read_track
 from mission.logs.track import LogError, LogImages, LogTrack

@@ -17,18 +17,18 @@ _NOWHERE = math.nan
 
 
 class _Formats(dict[int, Any]):
-    """Formats of messages by their numbers, none with a length on which the reader would stand still."""
+    """Formats of messages by their numbers; too short ones, on which the reader would hang, are errors."""
 
-    def __setitem__(self, number: int, one: Any) -> None:
-        if one.len < _HEAD_BYTES or one.len < _HEAD_BYTES + struct.calcsize(one.msg_struct):
-            raise LogError(f"message {one.name} is shorter in it than its own format")
-        super().__setitem__(number, one)
+    def __setitem__(self, number: int, form: Any) -> None:
+        if form.len < _HEAD_BYTES or form.len < _HEAD_BYTES + struct.calcsize(form.msg_struct):
+            raise LogError(f"message {form.name} is shorter in it than its own format")
+        super().__setitem__(number, form)
 
 
 def read_dataflash(path: Path) -> LogTrack:
     """Read an ArduPilot .bin: POS (else GPS) for the track, CAM (else TRIG) for the images.
 
-    The time since boot is TimeUS; UTC is that of the log's GPS week and time, as pymavlink has it.
+    The time since boot is TimeUS; UTC comes from GPS week and time in the log, by pymavlink.
     """
     rows: dict[str, list[tuple[float, ...]]] = {name: [] for name in _NAMES}
     with parsing(path, "ArduPilot log"):
@@ -62,8 +62,8 @@ def _messages(path: Path) -> Any:
         @formats.setter
         def formats(self, given: dict[int, Any]) -> None:
             self._formats = _Formats()
-            for number, one in given.items():
-                self._formats[number] = one
+            for number, form in given.items():
+                self._formats[number] = form
 
     reader = Reader(str(path))
     try:
@@ -71,7 +71,7 @@ def _messages(path: Path) -> Any:
             if message.get_type() in _NAMES:
                 yield message
     finally:
-        # What still refers to a message holds the file's memory: it is let go with that.
+        # A message still in use holds the file's memory, which is freed with it.
         with contextlib.suppress(BufferError):
             reader.close()
         reader.filehandle.close()

@@ -29,11 +29,10 @@ _SHOWN = 5
 def read_pictures(path: Path) -> LogTrack:
     """Read a folder of JPEG or TIFF pictures, sorted by name; the images are numbered from 0 in this order.
 
-    The position is that of EXIF, else of DJI's XMP. The time is GPSDateStamp with GPSTimeStamp, which are
-    UTC, else DateTimeOriginal with its OffsetTimeOriginal; without an offset the time is not known. The
-    pixels are not read.
+    The position is that of EXIF, else of DJI's XMP. The time is GPSDateStamp with GPSTimeStamp (UTC), else
+    DateTimeOriginal with OffsetTimeOriginal; without an offset it is unknown. Pixels are not read.
     """
-    files = sorted(one for one in path.iterdir() if one.suffix.lower() in _SUFFIXES and one.is_file())
+    files = sorted(file for file in path.iterdir() if file.suffix.lower() in _SUFFIXES and file.is_file())
     if not files:
         raise LogError(f"{path}: holds no pictures ({', '.join(_SUFFIXES)}) and no result of a flight")
     if len(files) > _MOST_PICTURES:
@@ -41,16 +40,16 @@ def read_pictures(path: Path) -> LogTrack:
     rows: list[tuple[float, ...]] = []
     names: list[str] = []
     notes, unread, placeless = [], [], []
-    for one in files:
+    for file in files:
         try:
-            latitude, longitude, utc_s = _exif(one)
-        except Exception as error:  # whatever Pillow's parsers find
-            unread.append(f"{one.name}: {one_line(str(error), 120)}")
+            latitude, longitude, utc_s = _exif(file)
+        except Exception as error:  # Pillow's parsers raise many kinds
+            unread.append(f"{file.name}: {one_line(str(error), 120)}")
             continue
         if latitude != latitude:
-            placeless.append(one.name)
+            placeless.append(file.name)
         rows.append((len(rows), _NOWHERE, utc_s, latitude, longitude))
-        names.append(one.name)
+        names.append(file.name)
     if unread:
         notes.append(f"{len(unread)} of {len(files)} pictures cannot be read, the first {unread[0]}")
     if placeless:
@@ -66,7 +65,7 @@ def read_pictures(path: Path) -> LogTrack:
 
 
 def _exif(path: Path) -> tuple[float, float, float]:
-    """Return latitude, longitude (degrees) and UTC seconds of a picture; NaN where it does not tell them."""
+    """Return latitude, longitude (degrees) and UTC seconds of a picture; NaN if unknown."""
     from PIL import Image
 
     with warnings.catch_warnings():
@@ -98,7 +97,7 @@ def _of_dji(xmp: Any) -> tuple[float, float]:
 
 def _degrees(parts: Any, reference: Any, negative: str) -> float:
     try:
-        degrees, minutes, seconds = (float(one) for one in parts)
+        degrees, minutes, seconds = map(float, parts)
     except (TypeError, ValueError, ZeroDivisionError):
         return _NOWHERE
     value = degrees + minutes / 60.0 + seconds / 3600.0
@@ -109,7 +108,7 @@ def _utc_s(gps: Any, taken: Any) -> float:
     date, time = gps.get(_GPS_DATE), gps.get(_GPS_TIME)
     try:
         year, month, day = map(int, re.split(r"[:\-]", str(date).strip("\0 ")))
-        hours, minutes, seconds = (float(one) for one in time)
+        hours, minutes, seconds = map(float, time)
         midnight = datetime(year, month, day, tzinfo=UTC).timestamp()
         return midnight + 3600.0 * hours + 60.0 * minutes + seconds
     except (TypeError, ValueError, ZeroDivisionError, OverflowError):

@@ -1,4 +1,4 @@
-"""Which reader a log has: told by its content, not by its name."""
+"""The reader of a log, chosen by its content."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ _TIME_BYTES = 8
 def read_track(path: Path | str) -> LogTrack:
     """Read a telemetry log (.tlog), a log of ArduPilot (.bin) or PX4 (.ulg), or a folder of pictures.
 
-    A log that breaks off is read up to the break.
+    A truncated log is read up to its end.
 
     Raises
     ------
     LogError
-        If it is none of these, is larger than 1 GiB, cannot be read, or tells no position.
+        If it is none of these, is larger than 1 GiB, cannot be read, or holds no position.
     """
     path = Path(path)
     track = _reader(path)(path)

@@ -1,4 +1,4 @@
-"""Telemetry logs (.tlog), and the observations that the leaf camera of `sensors.camera.wire` sent in them."""
+"""Telemetry logs (.tlog), with the observations of the leaf camera (`sensors.camera.wire`)."""
 
 from __future__ import annotations
 
@@ -29,10 +29,7 @@ _SAME_S = 1e-3  # times of a log are whole microseconds
 
 
 def read_telemetry(path: Path) -> LogTrack:
-    """Read a .tlog: GLOBAL_POSITION_INT of one vehicle, and the images that cameras told of.
-
-    The vehicle is the one that told most positions; images are those of its system.
-    """
+    """Read a .tlog: GLOBAL_POSITION_INT and the images of the vehicle with the most positions."""
     fixes: dict[int, list[tuple[float, ...]]] = {}
     images: dict[int, dict[int, tuple[float, ...]]] = {}
     messages = 0
@@ -81,21 +78,21 @@ def _image(message: Message, time_s: float) -> tuple[float, ...] | None:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ToldStates:
-    """What a vehicle told of itself over some time.
+    """States of a vehicle by its telemetry over some time.
 
     Parameters
     ----------
     time_s : float64[n]
-        When, seconds since the log began.
+        Seconds since the log began.
     states : list of (VehicleState, str)
-        What it had told by then, and the name of its flight mode.
+        State and name of the flight mode at each time.
     """
 
     time_s: NDArray[np.float64]
     states: list[tuple[VehicleState, str]]
 
     def at(self, time_s: NDArray[np.float64]) -> list[tuple[VehicleState, str] | None]:
-        """Return state and mode at times; None where nothing was told shortly before."""
+        """Return state and mode at times; None without telemetry shortly before."""
         last = np.searchsorted(self.time_s, time_s + _SAME_S, side="right") - 1
         is_known = (last >= 0) & (time_s - self.time_s[np.maximum(last, 0)] <= LONGEST_GAP_S)
         return [
@@ -105,10 +102,10 @@ class ToldStates:
 
 
 def states_in(path: Path, begins_s: Sequence[float]) -> dict[tuple[int, int], ToldStates]:
-    """Return what the vehicles of a .tlog told of themselves, by system id and part.
+    """Return the states of the vehicles of a .tlog, by system id and part.
 
-    Part k is from `begins_s[k]` on, in seconds since the log began. What was told before a part does not
-    count in it.
+    Part k begins at `begins_s[k]`, in seconds since the log began. Telemetry before a part does not count in
+    it.
 
     Raises
     ------
@@ -128,15 +125,15 @@ def states_in(path: Path, begins_s: Sequence[float]) -> dict[tuple[int, int], To
             monitor = monitors.get(key) or monitors.setdefault(key, VehicleMonitor())
             monitor.receive(message, time_s)
             rows = found.setdefault(key, [])
-            told = monitor.state, monitor.mode
-            # Between positions, where it arms, disarms or changes its mode: the last thing may be that.
-            changes = bool(rows) and (rows[-1][1].armed, rows[-1][2]) != (told[0].armed, told[1])
+            state, mode = monitor.state, monitor.mode
+            # Arming, disarming and changes of the mode count between positions, too: one may come last.
+            changes = bool(rows) and (rows[-1][1].armed, rows[-1][2]) != (state.armed, mode)
             if changes or is_a(message, m.MAVLink_global_position_int_message):
-                rows.append((time_s, *told))
+                rows.append((time_s, state, mode))
     except LinkError as error:
         raise LogError(str(error)) from None
     return {
-        key: ToldStates(np.array([one[0] for one in rows]), [one[1:] for one in rows])
+        key: ToldStates(np.array([row[0] for row in rows]), [row[1:] for row in rows])
         for key, rows in found.items()
         if rows
     }
@@ -145,7 +142,7 @@ def states_in(path: Path, begins_s: Sequence[float]) -> dict[tuple[int, int], To
 def observations_in(
     path: Path, farm: Farm, day: int, fields: tuple[str, ...]
 ) -> tuple[Observations, tuple[str, ...]]:
-    """Return the observations that leaf cameras sent in a .tlog, and what to know of them.
+    """Return the observations of leaf cameras in a .tlog, and notes on them.
 
     Raises
     ------
@@ -161,12 +158,13 @@ def observations_in(
             cameras[system].add(message)
     except LinkError as error:
         raise LogError(str(error)) from None
-    mismatch = next(filter(None, (one.mismatch() for one in cameras.values())), None)
+    mismatch = next(filter(None, (camera.mismatch() for camera in cameras.values())), None)
     if mismatch is not None:
         raise LogError(f"{path}: {mismatch} (--fields)")
-    parts = [one.take() for _, one in sorted(cameras.items())]
-    lost = sum(one.statistics.lost + one.statistics.unpaired for one in cameras.values())
-    off = sum(one.statistics.off_farm for one in cameras.values())
-    told = [f"{lost} images are not whole in the log"] * bool(lost)
-    told += [f"{off} cells of images lie outside the farm"] * bool(off)
-    return Observations.concatenate(parts, fields), tuple(told)
+    parts = [camera.take() for _, camera in sorted(cameras.items())]
+    statistics = [camera.statistics for camera in cameras.values()]
+    lost = sum(counts.lost + counts.unpaired for counts in statistics)
+    off = sum(counts.off_farm for counts in statistics)
+    notes = [f"{lost} images are not whole in the log"] * bool(lost)
+    notes += [f"{off} cells of images lie outside the farm"] * bool(off)
+    return Observations.concatenate(parts, fields), tuple(notes)

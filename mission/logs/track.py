@@ -1,4 +1,4 @@
-"""What is taken from a log: where the vehicle was when, and which images its camera took."""
+"""The track of a log: positions of the vehicle over time, and the images of its camera."""
 
 from __future__ import annotations
 
@@ -20,29 +20,29 @@ Floats: TypeAlias = NDArray[np.float64]
 MAX_LOG_BYTES = 2**30
 _STDERR = 2
 LONGEST_GAP_S = 5.0
-"""Between two fixes farther apart than this the log does not tell where the vehicle was."""
+"""In longer gaps between two fixes the position is unknown."""
 LEAST_UTC_S = 1e9
-"""Seconds from here on (2001) count from 1970, smaller ones from the start of the vehicle."""
+"""Times from here on (2001) are seconds since 1970, smaller ones since the start of the vehicle."""
 
 
 class LogError(WbfMissionError, ValueError):
-    """A log or a folder of pictures that cannot be read, or that does not tell what is asked of it."""
+    """A log or a folder of pictures that cannot be read, or lacks the data asked for."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LogImages:
-    """The images that a camera took, in the order of the log.
+    """Images of a camera, in the order of the log.
 
     Parameters
     ----------
     index : int64[n]
         The camera's own count.
     boot_s, utc_s : float64[n]
-        When, as of `LogTrack`.
+        Times, as of `LogTrack`.
     latitude_deg, longitude_deg : float64[n]
-        Where; NaN where only the time is known.
+        Positions; NaN if only the time is known.
     names : tuple of str
-        Of the files, where there are files; else empty.
+        Names of the files; empty without files.
     """
 
     index: NDArray[np.int64]
@@ -54,29 +54,29 @@ class LogImages:
 
     @classmethod
     def of(cls, rows: ArrayLike, names: tuple[str, ...] = ()) -> LogImages:
-        """Make them of rows: index, boot_s, utc_s, latitude_deg, longitude_deg."""
+        """Make images of rows: index, boot_s, utc_s, latitude_deg, longitude_deg."""
         index, boot_s, utc_s, latitude, longitude = np.asarray(rows, np.float64).reshape(-1, 5).T
         return cls(index.astype(np.int64), boot_s, utc_s, latitude, longitude, names)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LogTrack:
-    """Where a vehicle was.
+    """Positions of a vehicle over time.
 
     Parameters
     ----------
     kind : str
-        Of the log, in words.
+        Kind of the log, in words.
     boot_s : float64[n]
-        Seconds since the vehicle was started; NaN where that is not known.
+        Seconds since the vehicle was started; NaN if unknown.
     utc_s : float64[n]
-        Seconds since 1970; NaN where that is not known.
+        Seconds since 1970; NaN if unknown.
     latitude_deg, longitude_deg : float64[n]
         WGS84.
     images : LogImages
-        What the camera took.
+        Images of the camera.
     notes : tuple of str
-        What whoever reads the log should know of it, each in one line.
+        Notes on the log for its reader, a line each.
     """
 
     kind: str
@@ -89,21 +89,21 @@ class LogTrack:
 
     @classmethod
     def of(cls, kind: str, rows: ArrayLike, images: LogImages, notes: tuple[str, ...] = ()) -> LogTrack:
-        """Make one of rows: boot_s, utc_s, latitude_deg, longitude_deg; what is no position is left out."""
+        """Make a track of rows (boot_s, utc_s, latitude_deg, longitude_deg), without those of no position."""
         table = np.asarray(rows, np.float64).reshape(-1, 4)
         fixed = is_position(table[:, 2], table[:, 3])
         boot_s, utc_s, latitude, longitude = table[fixed].T
         return cls(kind, boot_s, utc_s, latitude, longitude, images, notes)
 
     def at(self, time_s: Floats) -> tuple[Floats, Floats]:
-        """Return latitude and longitude at times (`LEAST_UTC_S` says on which clock), straight between fixes.
+        """Return latitude and longitude at times (`LEAST_UTC_S`: on which clock), linear between fixes.
 
-        They are NaN before the first fix, after the last one, and in gaps of more than `LONGEST_GAP_S`.
+        They are NaN before the first fix, after the last, and in gaps of more than `LONGEST_GAP_S`.
 
         Raises
         ------
         LogError
-            If the log does not know the clock, or the vehicle was started again in it.
+            If the log lacks the clock, or the vehicle was started again in it.
         """
         found = np.full((2, len(time_s)), np.nan)
         is_utc = time_s >= LEAST_UTC_S
@@ -128,7 +128,7 @@ class LogTrack:
         return found[0], found[1]
 
     def of_images(self) -> tuple[Floats, Floats]:
-        """Return latitude and longitude of the images; NaN where neither camera nor track tells them."""
+        """Return latitude and longitude of the images, by the camera, else by the track; else NaN."""
         images = self.images
         latitude, longitude = images.latitude_deg.copy(), images.longitude_deg.copy()
         lacks = ~is_position(latitude, longitude)
@@ -143,7 +143,7 @@ class LogTrack:
 
 
 def is_position(latitude_deg: Floats, longitude_deg: Floats) -> NDArray[np.bool_]:
-    """Tell which are positions on the globe; (0, 0) is what receivers tell that have none yet."""
+    """Return which pairs are positions on the globe; receivers without a fix report (0, 0)."""
     inside = (np.abs(latitude_deg) <= 90.0) & (np.abs(longitude_deg) <= 180.0)
     fixed: NDArray[np.bool_] = inside & ~((latitude_deg == 0.0) & (longitude_deg == 0.0))
     return fixed
@@ -151,7 +151,7 @@ def is_position(latitude_deg: Floats, longitude_deg: Floats) -> NDArray[np.bool_
 
 @contextlib.contextmanager
 def _silence() -> Iterator[None]:
-    """Let what a library prints go nowhere, also what its compiled parts write to stderr themselves."""
+    """Discard the output of a library, also that of its compiled parts to stderr."""
     with Path(os.devnull).open("w", encoding="utf-8") as nowhere, contextlib.ExitStack() as stack:
         stack.enter_context(contextlib.redirect_stdout(nowhere))
         stack.enter_context(contextlib.redirect_stderr(nowhere))
@@ -165,7 +165,7 @@ def _silence() -> Iterator[None]:
 
 @contextlib.contextmanager
 def parsing(path: Path, kind: str) -> Iterator[None]:
-    """Silence a library that reads a log, and tell whatever it raises as one line."""
+    """Silence a library that reads a log, and turn its errors into a LogError of one line."""
     try:
         with _silence():
             yield

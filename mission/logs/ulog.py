@@ -22,8 +22,8 @@ _LEAST_UTC_US = 1e15
 def read_ulog(path: Path) -> LogTrack:
     """Read a PX4 .ulg: `vehicle_global_position`, and `camera_capture` or `camera_trigger` for the images.
 
-    A log that lacks the first has the positions that its satellite receiver told with a 3D fix. UTC is the
-    receiver's (`time_utc_usec`), carried to all times of the log's own clock.
+    Without the first the positions are those of the satellite receiver with a 3D fix. UTC is the receiver's
+    (`time_utc_usec`), carried over to all times since boot.
     """
     ULog = load_extra("pyulog.core", "gis", f"{path}: logs of PX4 need", LogError).ULog
     with parsing(path, "PX4 log"):
@@ -31,7 +31,7 @@ def read_ulog(path: Path) -> LogTrack:
         for topic in declared:
             _count_fields(topic, declared, _DEEPEST)
         log = ULog(str(path), list(_TOPICS))
-        topics = {one.name: one.data for one in log.data_list if one.multi_id == 0}
+        topics = {topic.name: topic.data for topic in log.data_list if topic.multi_id == 0}
         offset_s = _utc_offset_s(topics)
         rows, notes = np.empty((0, 4)), []
         if _POSITION in topics:
@@ -51,7 +51,7 @@ def _rows(data: Any, offset_s: float) -> Floats:
 
 
 def _receiver(topics: dict[str, Any]) -> Any:
-    """Return what a satellite receiver told while it had a 3D fix; None if nothing."""
+    """Return the positions of a satellite receiver with a 3D fix; None without any."""
     for name in _GPS:
         data = topics.get(name, {})
         if "latitude_deg" in data:  # PX4 1.14 and later
@@ -83,20 +83,20 @@ def _images(topics: dict[str, Any], offset_s: float) -> Any:
 
 
 def _utc_offset_s(topics: dict[str, Any]) -> float:
-    """Return what is added to seconds since boot for seconds since 1970; NaN if no receiver told the time."""
+    """Return the offset from seconds since boot to seconds since 1970; NaN if no receiver has the time."""
     for name in _GPS:
         if name in topics and "time_utc_usec" in topics[name]:
             utc_us: Floats = topics[name]["time_utc_usec"].astype(np.float64)
-            told = utc_us > _LEAST_UTC_US
-            if told.any():
-                return float(np.median(utc_us[told] - topics[name]["timestamp"][told])) / 1e6
+            known = utc_us > _LEAST_UTC_US
+            if known.any():
+                return float(np.median(utc_us[known] - topics[name]["timestamp"][known])) / 1e6
     return float("nan")
 
 
 def _count_fields(topic: str, declared: dict[str, Any], depth: int) -> int:
-    """Return how many numbers a message of a topic has; LogError if types hold each other without end.
+    """Return the count of numbers in a message of a topic; LogError for endlessly nested types.
 
-    The library would write them all out, however many there are.
+    The library would expand them all.
     """
     if depth == 0:
         raise LogError(f"message {topic[:40]!r} is nested too deeply in it")

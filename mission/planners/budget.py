@@ -1,4 +1,4 @@
-"""Budgets: what a flight may cost, in metres, seconds, watt hours or the steps of the paper's robot."""
+"""Budgets of flights, in metres, seconds, watt hours or steps of the paper's robot."""
 
 from __future__ import annotations
 
@@ -37,12 +37,11 @@ def _straight(path_xy_m: NDArray[np.float64]) -> NDArray[np.float64]:
 
 @runtime_checkable
 class Budget(Protocol):
-    """What a planner may spend.
+    """Limit and cost of paths.
 
-    The cost need not be a length: a higher floor predicts seconds or watt hours with the vehicle's own
-    model. A planner assumes only that denser paths cost roughly more, and checks every path that it
-    returns. A budget that prices several paths in less time than one after the other is also a
-    `BatchBudget`.
+    The cost need not be a length: the application predicts seconds or watt hours with the vehicle's model. A
+    planner assumes only that denser paths cost roughly more, and checks every path that it returns. A budget
+    that prices several paths at once in less time is also a `BatchBudget`.
     """
 
     @property
@@ -56,8 +55,8 @@ class Budget(Protocol):
     def cost(self, path_xy_m: NDArray[np.float64]) -> float:
         """Return the cost of flying ``path_xy_m``, float64[n, 2] in metres of the farm frame, n >= 1.
 
-        The first row is the start of the flight, the others are the points of the planned path. The way
-        home, if the budget has to pay for it, is the budget's own matter: it is not in the path.
+        The first row is the start of the flight, the others are the points of the planned path. The path
+        leaves out the way home: a budget that pays for it adds it.
         """
 
 
@@ -66,15 +65,15 @@ class BatchBudget(Budget, Protocol):
     """A budget that prices many paths at once."""
 
     def costs(self, paths_xy_m: Sequence[NDArray[np.float64]]) -> list[float]:
-        """Return the `cost` of each of the paths, to the last bit."""
+        """Return the `cost` of each path, equal to the last bit."""
 
 
 @runtime_checkable
 class ExplainedBudget(Budget, Protocol):
-    """A budget that can tell why a path has no finite cost."""
+    """A budget that gives the reason of an infinite cost."""
 
     def reason(self, path_xy_m: NDArray[np.float64]) -> str:
-        """Return in words why the path, as of `cost`, cannot be flown; empty if it can."""
+        """Return in words why a path (as for `cost`) cannot be flown; empty if it can."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,12 +83,12 @@ class LengthBudget:
     Parameters
     ----------
     limit_m : float
-        The most that start, path and return may measure together.
+        The greatest length of start, path and return together.
     return_to : tuple of float, optional
-        Where the flight has to end; the leg there is part of the cost. None: it ends with the path.
+        End of the flight; the leg there is part of the cost. None: the flight ends with the path.
     way : callable
-        Takes the path, the return included, float64[n, 2], and returns how it is flown; by default straight
-        from point to point.
+        Takes the path, the return included, float64[n, 2], and returns the line as it is flown; by default
+        straight from point to point.
 
     Examples
     --------
@@ -134,11 +133,11 @@ class StepBudget:
     limit_steps : float
         The number of steps.
     step_m : float
-        How far the robot gets in one step; one cell.
+        Length of a step: one cell.
     return_to : tuple of float, optional
-        Where the robot has to end; None: it ends with the path, as in the paper.
+        End of the way. None: it ends with the path, as in the paper.
     way : callable
-        As of `LengthBudget`.
+        As for `LengthBudget`.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""From a planned path to a mission that an autopilot flies."""
+"""The mission of a planned path."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mission.errors import PlanningError
-from mission.model import Command, Frame, GeoPoint, Mission, MissionItem
+from mission.model import MAX_ITEMS, Command, Frame, GeoPoint, Mission, MissionItem
 from mission.planners.cornering import Cornering
 from mission.planners.heights import HeightProfile
 from mission.planners.path import Area, PlannedPath, Points
@@ -18,14 +18,13 @@ from mission.planners.path import Area, PlannedPath, Points
 if TYPE_CHECKING:
     from geo.frame import LocalFrame
 
-MAX_ITEMS = 65535
 _AIRSPEED, _GROUND_SPEED = 0.0, 1.0
 _THROTTLE_UNCHANGED = -1.0
 
 
 @dataclass(frozen=True, slots=True)
 class WingPattern:
-    """How a fixed wing takes off and lands.
+    """Take-off and landing of a fixed wing.
 
     Parameters
     ----------
@@ -34,11 +33,11 @@ class WingPattern:
     climb_out_m : float
         Distance of the take-off item's position from home.
     approach_m, approach_altitude_m : float
-        Length and height above home of the beginning of the final approach.
+        Length of the final approach, and its height above home at the beginning.
     radius_m : float
-        Of the circle on which it comes down to that height.
+        Radius of the circle for the descent to this height.
     placed_start : bool
-        Whether ``DO_LAND_START`` has a position, as ArduPilot wants it; PX4 wants none.
+        Whether ``DO_LAND_START`` has a position, as for ArduPilot; PX4 wants none.
     """
 
     heading_rad: float
@@ -65,7 +64,7 @@ def build_mission(
     pattern: WingPattern | None = None,
     heights: HeightProfile | None = None,
 ) -> Mission:
-    """Return the mission that flies the path once.
+    """Return the mission of a path.
 
     The items are, in this order:
 
@@ -83,10 +82,9 @@ def build_mission(
     place of the return: ``DO_LAND_START``, ``NAV_LOITER_TO_ALT`` on a circle that touches the final approach,
     ``NAV_LAND`` at home.
 
-    Points closer than 1 cm to the one before are loiters there: with a camera interval each is a hold
-    (param1) of one interval more, for one image more; with a camera distance, where staying shows nothing,
-    they are dropped. Legs overshoot where the autopilot turns early (`mission.planners.cornering.Cornering`);
-    the heading is left to the vehicle.
+    Points closer than 1 cm to the point before are loiters there: with a camera interval each lengthens the
+    hold (param1) by an interval, for another image; with a camera distance they are dropped. Legs overshoot
+    for autopilots that turn early (`mission.planners.cornering.Cornering`). The vehicle chooses the heading.
 
     Parameters
     ----------
@@ -95,7 +93,7 @@ def build_mission(
     frame : geo.frame.LocalFrame
         The farm frame.
     home_xy_m : tuple of float
-        Where the vehicle takes off, in metres of the farm frame.
+        Place of the take-off, in metres of the farm frame.
     altitude_m : float
         Height of the flight above home.
     speed_m_s : float
@@ -103,19 +101,19 @@ def build_mission(
     camera_distance_m, camera_interval_s : float, optional
         Distance or time between two images; at most one of them.
     cornering : Cornering, optional
-        How the autopilot takes corners; by default it is sent to the points of the path, within its own
-        acceptance radius.
+        Turns of the autopilot; by default waypoints are the points of the path, with its own acceptance
+        radius.
     avoid : Polygon or MultiPolygon, optional
-        What must not be flown over, in metres of the farm frame.
+        Land that must not be flown over, in metres of the farm frame.
     camera_on_approach : bool
-        Start the camera before the first point of the path, not there: item 4 comes before item 3.
+        Start the camera before the first point of the path: item 4 comes before item 3.
     return_home : bool
         End with a return to launch.
     pattern : WingPattern, optional
         For a fixed wing.
     heights : HeightProfile, optional
-        Follow the ground: further waypoints keep the height of the legs, also on the way from home and, but
-        for a fixed wing, back to above it. Without it all waypoints are at the altitude.
+        Height over the ground: further waypoints keep the height of the legs, also from home and, except for
+        a fixed wing, back. None: all waypoints are at the altitude.
 
     Returns
     -------
@@ -133,14 +131,14 @@ def build_mission(
     route = (cornering or Cornering()).waypoints(path.points_m, home_xy_m, avoid=avoid)
     points, altitudes_m = route.points_m, np.full(len(route.points_m), altitude_m)
     holds_s = route.loiters * (camera_interval_s or 0.0)
-    before = after = 0  # How many waypoints lead from home to the path, and from it back
+    before = after = 0  # Numbers of waypoints from home to the path, and back
     if heights is not None:
         homewards = return_home and pattern is None
         points, altitudes_m, holds_s, before, after = _followed(
             heights, points, holds_s, home_xy_m, homewards=homewards
         )
     ending = 3 if pattern is not None else 1
-    # The camera comes on at the first point, before the vehicle stays there: it is sent there once more.
+    # The camera starts at the first point, before the hold there: the point is a waypoint twice.
     twice = bool(holds_s[before : before + 1].any()) and not camera_on_approach
     count = len(points) + twice + 2 + (2 if camera else 0) + (ending if return_home else 0)
     if count > MAX_ITEMS:
@@ -153,13 +151,7 @@ def build_mission(
     home_latitude, home_longitude = (float(value) for value in frame.to_wgs84(*home_xy_m))
     latitudes, longitudes = frame.to_wgs84(points[:, 0], points[:, 1])
     waypoints = [
-        MissionItem.waypoint(
-            latitude,
-            longitude,
-            z,
-            acceptance_radius_m=route.radius_m,
-            hold_s=hold_s,
-        )
+        MissionItem.waypoint(latitude, longitude, z, acceptance_radius_m=route.radius_m, hold_s=hold_s)
         for latitude, longitude, z, hold_s in zip(
             latitudes.tolist(), longitudes.tolist(), altitudes_m.tolist(), holds_s.tolist(), strict=True
         )
@@ -181,7 +173,7 @@ def build_mission(
     first = (*start, *approach, waypoints[0]) if camera_on_approach else (*approach, waypoints[0], *start)
     if twice:
         assert camera_interval_s is not None
-        # That takes an interval, too.
+        # The second waypoint takes an interval, too.
         again = replace(waypoints[0], param1=float(holds_s[before]) - camera_interval_s)
         first = (*approach, replace(waypoints[0], param1=0.0), *start, again)
     return Mission(
@@ -200,12 +192,12 @@ def _followed(
     *,
     homewards: bool,
 ) -> tuple[Points, NDArray[np.float64], NDArray[np.float64], int, int]:
-    """Return waypoints over uneven ground: points, altitudes, holds; how many come before and after."""
+    """Return waypoints over uneven ground: points, altitudes, holds, and their numbers before and after."""
     way = np.vstack((home_xy_m, points, *([home_xy_m] if homewards else [])))
     places, altitudes, owner = heights.follow(way)
-    # Home itself is where it takes off.
+    # Home is the place of the take-off.
     places, altitudes, owner = places[1:], altitudes[1:], owner[1:]
-    # The point of the way itself is the last of those that lead to it.
+    # The last waypoint with an owner is the owner itself.
     is_point = np.append(np.diff(owner) > 0, True)
     holds = np.where(is_point, np.append(holds_s, 0.0)[np.minimum(owner - 1, len(holds_s))], 0.0)
     before = int(np.count_nonzero(owner == 1)) - 1
@@ -232,16 +224,8 @@ def _pattern_items(
 
     takeoff = item(Command.NAV_TAKEOFF, pattern.climb_out_m, 0.0, altitude_m, 10.0, 0.0, 0.0, 0.0)
     down = pattern.approach_altitude_m
-    circle = item(
-        Command.NAV_LOITER_TO_ALT,
-        -pattern.approach_m,
-        pattern.radius_m,
-        down,
-        1.0,
-        pattern.radius_m,
-        0.0,
-        1.0,
-    )
+    turn = (1.0, pattern.radius_m, 0.0, 1.0)
+    circle = item(Command.NAV_LOITER_TO_ALT, -pattern.approach_m, pattern.radius_m, down, *turn)
     land = item(Command.NAV_LAND, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     start = MissionItem(Command.DO_LAND_START)
     if pattern.placed_start:

@@ -1,4 +1,4 @@
-"""The conformance kit: what every planner must keep, for planners from other packages too."""
+"""The conformance kit: the contract of planners, for planners of other packages too."""
 
 from __future__ import annotations
 
@@ -40,27 +40,27 @@ LANDS = ("convex", "concave", "pierced", "apart")
 
 
 def check_planner(planner: str | Planner, lands: Collection[str] = LANDS, /, **parameters: Any) -> None:
-    """Check that a planner keeps the rules of the house.
+    """Check that a planner keeps the contract.
 
-    Over convex, concave, pierced and disconnected areas, budgets of several units, and starts inside and
+    Over convex, concave, pierced and disconnected areas, with budgets of several units and starts inside and
     outside: the result is a `PlannedPath` whose cost is within the budget; it lies in the area, except for
-    transits between parts that do not hang together; the same request gives the same path; numpy's global
-    generator and the request are left alone; a budget that is too small gives a path within it or a
-    `PlanningError` of one line. Its parameters are keyword-only arguments, each with a name and a default.
+    transits between separate parts; equal requests give equal paths; numpy's global generator and the request
+    do not change; a budget that is too small gives a path within it or a `PlanningError` of one line. Its
+    parameters are keyword-only arguments, each with a name and a default.
 
     Parameters
     ----------
     planner : str or Planner
         A name or a planner, as for `mission.planners.registry.make_planner`.
     lands : collection of str
-        Of `LANDS`, the kinds of land that the planner is made for.
+        Those of the `LANDS` that the planner is made for.
     **parameters
-        With which it is checked.
+        Parameters of the planner.
 
     Raises
     ------
     AssertionError
-        If a rule is broken; the text says which, and for what problem.
+        If a rule is broken; the text names the rule and the problem.
     PlanningError, ParameterError
         If it is no planner, it does not have one of the parameters, or there is no such land.
 
@@ -142,7 +142,7 @@ def _check_one(planner: Planner, what: str, request: PlanningRequest) -> None:
     _require(math.isfinite(cost) and cost <= limit, what, f"the path costs {cost}, the budget is {limit}")
     points = path.points_m
     line = LineString(points) if len(points) > 1 else Point(points[0])
-    # Between parts that do not hang together the path may take the straight way.
+    # Between separate parts the path may be straight.
     room = request.room.convex_hull if isinstance(request.room, MultiPolygon) else request.room
     _require(bool(room.buffer(_INSIDE_M).covers(line)), what, "the path leaves the area")
 

@@ -1,4 +1,4 @@
-"""Concave land in parts that are narrower together, and the directions along their sides."""
+"""Cuts of concave land into parts with fewer rows, and the directions of rows."""
 
 from __future__ import annotations
 
@@ -18,16 +18,15 @@ from mission.planners.terrain import parts_of, polygons_of
 _MOST_CORNERS = 12
 _MOST_CUTS = 3
 _CANDIDATES = 2
-# A cut is worth its turns if it saves so much of the width that rows have to cover.
-_WORTH = 0.97
-_SHORTEST_EDGE = 1e-3
-_MOST_OF_IT = 0.9
+_WORTH = 0.97  # A cut is worth its turns if it lessens the sum of widths to this part
+_SHORTEST_EDGE = 1e-3  # Of the land's size: shorter edges have no direction that counts
+_MOST_OF_IT = 0.9  # Part of a hull's outline whose edges have to be long, or the hull is simplified
 
 
 def hull_angles(area: Area) -> list[float]:
-    """Return the directions of the convex hull's edges, radians in [0, pi), narrowest across first.
+    """Return the directions of the convex hull's edges, radians in [0, pi), the narrowest width first.
 
-    Along one of them the area is narrowest of all (Freeman and Shapira 1975).
+    The least width of an area is that across one of these edges (Freeman and Shapira 1975).
 
     Examples
     --------
@@ -38,12 +37,11 @@ def hull_angles(area: Area) -> list[float]:
     shortest_m = _SHORTEST_EDGE * math.sqrt(hull.area)
     points = shapely.get_coordinates(hull)
     edges = _long_edges(points, shortest_m)
-    # Of an outline of very many vertices too little would be left.
     if np.hypot(*edges.T).sum() < _MOST_OF_IT * hull.length:
         edges = _long_edges(shapely.get_coordinates(shapely.simplify(hull, shortest_m)), shortest_m)
     angles = np.unique(np.round(arctan2(edges[:, 1], edges[:, 0]) % math.pi, 9) % round(math.pi, 9))
     widths = np.ptp(product(points, np.stack((-sin(angles), cos(angles)))), axis=0)
-    return [float(one) for one in angles[np.argsort(np.round(widths, 9), kind="stable")]]
+    return [float(angle) for angle in angles[np.argsort(np.round(widths, 9), kind="stable")]]
 
 
 def _long_edges(points: Points, shortest_m: float) -> Points:
@@ -53,7 +51,7 @@ def _long_edges(points: Points, shortest_m: float) -> Points:
 
 
 def width(part: Polygon) -> float:
-    """Return how wide a part is where it is narrowest: rows along that direction are the fewest."""
+    """Return the least width of a part: it decides the number of rows."""
     angle = hull_angles(part)[0]
     return float(
         np.ptp(product(shapely.get_coordinates(part), np.array([-math.sin(angle), math.cos(angle)])))
@@ -61,21 +59,21 @@ def width(part: Polygon) -> float:
 
 
 def cut_parts(part: Polygon, spacing_m: float) -> list[list[Polygon]]:
-    """Return some ways to cut a concave part, along sides that end in a corner that points inwards.
+    """Return some ways to cut a concave part, along the sides of its reflex corners, the best first.
 
-    The sum of the widths decides how many rows there are (the minimal sum of altitudes of Huang 2001); ways
-    that lessen it are returned, each cut in parts of at least one row, the best first.
+    The sum of the widths decides the number of rows (the minimal sum of altitudes of Huang 2001); each way
+    lessens it, and its parts have at least a row.
     """
     found: list[tuple[float, list[Polygon]]] = []
     parts, whole = [part], width(part)
     for _ in range(_MOST_CUTS):
         cuts = [
             (sum(map(width, pieces)), pieces)
-            for number, one in enumerate(parts)
-            for piece in _cuts(one, spacing_m)
+            for number, uncut in enumerate(parts)
+            for piece in _cuts(uncut, spacing_m)
             for pieces in [[*parts[:number], *piece, *parts[number + 1 :]]]
         ]
-        cuts = sorted((one for one in cuts if one[0] < _WORTH * whole), key=lambda one: round(one[0], 6))
+        cuts = sorted((cut for cut in cuts if cut[0] < _WORTH * whole), key=lambda cut: round(cut[0], 6))
         if not cuts:
             break
         found += cuts[:_CANDIDATES]
@@ -84,7 +82,7 @@ def cut_parts(part: Polygon, spacing_m: float) -> list[list[Polygon]]:
 
 
 def _cuts(part: Polygon, spacing_m: float) -> Iterator[list[Polygon]]:
-    """Yield the parts of a polygon in two or more, cut along a side at a corner that points inwards."""
+    """Yield the parts of a polygon, cut along a side of a reflex corner."""
     simple = shapely.simplify(part, 0.5 * spacing_m)
     if not isinstance(simple, Polygon) or simple.is_empty:
         return
@@ -94,23 +92,23 @@ def _cuts(part: Polygon, spacing_m: float) -> Iterator[list[Polygon]]:
         for direction in directions:
             line = shapely.linestrings([corner - reach * direction, corner + reach * direction])
             within = shapely.get_parts(shapely.intersection(line, part))
-            near = [one for one in within if shapely.distance(one, shapely.points(corner)) < spacing_m]
+            near = [line for line in within if shapely.distance(line, shapely.points(corner)) < spacing_m]
             pieces = [part]
-            for one in near:
-                wide = shapely.linestrings(_longer(shapely.get_coordinates(one)))
+            for line in near:
+                wide = shapely.linestrings(_longer(shapely.get_coordinates(line)))
                 pieces = [new for old in pieces for new in polygons_of(split(old, wide))]
-            if len(pieces) > 1 and all(one.area > least_m2 for one in pieces):
+            if len(pieces) > 1 and all(piece.area > least_m2 for piece in pieces):
                 yield pieces
 
 
 def _longer(ends: Points) -> Points:
-    """Return a line that reaches a little beyond both ends."""
+    """Return a line that is a little longer at both ends."""
     along = (ends[-1] - ends[0]) / max(math.dist(ends[0], ends[-1]), 1e-9)
     return np.array([ends[0] - 1e-3 * along, ends[-1] + 1e-3 * along])
 
 
 def _inward(polygon: Polygon) -> list[tuple[Points, list[Points]]]:
-    """Return the corners that point inwards, sharpest first, with the directions of both sides."""
+    """Return the reflex corners, sharpest first, with the directions of both sides."""
     found = []
     for part in parts_of(polygon):
         oriented = orient(part)
@@ -125,4 +123,4 @@ def _inward(polygon: Polygon) -> list[tuple[Points, list[Points]]]:
                 (float(turns[k]), points[k], [before[k], after[k]])
                 for k in np.flatnonzero(turns < -0.1).tolist()
             ]
-    return [(point, sides) for _, point, sides in sorted(found, key=lambda one: one[0])]
+    return [(point, sides) for _, point, sides in sorted(found, key=lambda corner: corner[0])]

@@ -1,4 +1,4 @@
-"""Altitudes over uneven ground: waypoints between which straight legs keep their height above it."""
+"""Terrain following: waypoints whose straight legs keep a height above uneven ground."""
 
 from __future__ import annotations
 
@@ -13,29 +13,28 @@ from mission.errors import PlanningError
 from mission.planners.path import Points
 
 TOLERANCE_M = 1.0
-"""So much flights may be higher or lower above the ground than wanted."""
-# Of that, legs may deviate where the ground was looked at; the rest is for what lies between.
-_AT_SAMPLES = 0.7
+"""Greatest difference between the height above ground and the wanted height."""
+_AT_SAMPLES = 0.7  # Part of the tolerance for sampled ground; the rest is for the ground between samples
 _MOST_SAMPLES = 2_000_000
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class HeightProfile:
-    """How high a path flies over the ground.
+    """Height of a path over the ground.
 
     Parameters
     ----------
     ground : callable
         Takes float64[n, 2], metres of the farm frame, and returns the heights of the ground, metres.
     height_m : float
-        Wanted above the ground.
+        Wanted height above the ground.
     step_m : float
-        So far apart the ground is looked at, at most.
+        Greatest distance between samples of the ground.
     climb, descent : float
-        The steepest slopes that the vehicle flies, metres up or down per metre over ground, above zero. Where
-        the ground is steeper the flight begins to climb earlier and is higher, never lower.
+        The steepest slopes that the vehicle flies, metres up or down per metre over ground, above zero. Over
+        steeper ground the flight climbs earlier and is higher, never lower.
     home_m : tuple of float
-        Altitudes are above the ground there.
+        Home: altitudes are above its ground.
     """
 
     ground: Callable[[Points], NDArray[np.float64]]
@@ -46,10 +45,10 @@ class HeightProfile:
     home_m: tuple[float, float]
 
     def follow(self, path_m: Points) -> tuple[Points, NDArray[np.float64], NDArray[np.int64]]:
-        """Return a path with the waypoints that it needs: points, altitudes above home, owners.
+        """Return the waypoints of a path: points, altitudes above home, owners.
 
-        The owner of a waypoint is the point of the path to which its leg leads; the points themselves are
-        kept. Between waypoints altitudes are linear.
+        The owner of a waypoint is the number of the path's point to which its leg leads. All points of the
+        path are kept. Between waypoints altitudes are linear.
         """
         places, leg, at = _sampled(path_m, self.step_m)
         home = float(self.ground(np.array([self.home_m]))[0])
@@ -68,7 +67,7 @@ class HeightProfile:
 
 
 def _sampled(path_m: Points, step_m: float) -> tuple[Points, NDArray[np.int64], NDArray[np.float64]]:
-    """Return places along a path, the point to which the leg of each leads, and the way to each."""
+    """Return places along a path, the number of the point after each, and the distance to each."""
     lengths = np.hypot(*np.diff(path_m, axis=0).T)
     counts = np.maximum(np.ceil(lengths / step_m), 1).astype(np.int64)
     if counts.sum() > _MOST_SAMPLES:
@@ -92,7 +91,7 @@ def _sampled(path_m: Points, step_m: float) -> tuple[Points, NDArray[np.int64], 
 def _slopes_limited(
     wanted: NDArray[np.float64], at: NDArray[np.float64], climb: float, descent: float
 ) -> NDArray[np.float64]:
-    """Return the lowest altitudes that are nowhere below those wanted and nowhere steeper."""
+    """Return the lowest altitudes that are nowhere below the wanted ones, within the slopes."""
     if not (climb > 0.0 and descent > 0.0):
         msg = f"terrain: slopes of {climb:g} up and {descent:g} down must be above zero"
         raise PlanningError(msg)
@@ -111,7 +110,7 @@ def _keep_within(
     tolerance_m: float,
     kept: NDArray[np.bool_],
 ) -> None:
-    """Mark samples between which straight lines stay within the tolerance (Douglas and Peucker 1973)."""
+    """Mark samples with straight lines between them within the tolerance (Douglas and Peucker 1973)."""
     open_ = [(begin, end)]
     while open_:
         first, last = open_.pop()
@@ -128,7 +127,7 @@ def _keep_within(
 
 
 def slope(rate_m_s: float, speed_m_s: float) -> float:
-    """Return the slope that a vehicle flies which climbs or descends so fast at a speed over ground.
+    """Return the slope of a climb or descent at a rate and a ground speed.
 
     >>> slope(2.0, 8.0)
     0.25

@@ -8,10 +8,9 @@ import shapely
 
 from geo.grid import Crop
 from mission.errors import PlanningError
-from mission.planners.gaps import densest_over
 from mission.planners.path import Area, PlannedPath, Points, drop_coincident
 from mission.planners.request import PlanningRequest
-from mission.planners.search import Found, densest_feasible, is_number, spacing_limits
+from mission.planners.search import Found, densest_feasible, densest_over, is_number, spacing_limits
 from mission.planners.sweep import Sweep, sweep_angle
 from mission.planners.terrain import Terrain, area_of, inset, polygons_of
 
@@ -26,11 +25,10 @@ def lawnmower(
 ) -> PlannedPath:
     """Plan equidistant rows from border to border, flown to and fro, as many as the budget allows.
 
-    Any number of rows from two upwards is possible (the paper's implementation knows only odd ones), until
-    rows are a footprint apart; an area that is narrower than the footprint has one row. Over areas that
-    are not convex the rows are cut into boustrophedon cells, which are flown nearest first. Where more land
-    is passable than is to be seen, rows lead over what lies between, unless they come to lie a twentieth
-    closer when they end there.
+    Any number of rows from two upwards is possible (the paper's implementation has only odd ones), until rows
+    are a footprint apart; an area narrower than the footprint has one row. Over areas that are not convex the
+    rows are cut into boustrophedon cells, which are flown nearest first. Rows lead over passable land between
+    the parts of the area, unless without it they are closer by a twentieth.
 
     Parameters
     ----------
@@ -38,13 +36,13 @@ def lawnmower(
         Direction of the rows, see `mission.planners.sweep.sweep_angle`; by default along x over a
         rectangle along the axes, as in the paper, otherwise the direction with the fewest turns.
     min_spacing_m, max_spacing_m : float, optional
-        Rows are at least and at most so far apart. Default: at least a footprint.
+        Least and greatest distance of rows. Default: a footprint, no limit.
 
     Raises
     ------
     PlanningError
-        If the budget does not suffice for two rows, or for rows as near as asked for; the text says what
-        would. If a parameter is out of its range.
+        If the budget does not suffice for two rows, or for rows at `max_spacing_m`; the text gives the least
+        budget. If a parameter is out of its range.
 
     Examples
     --------
@@ -62,7 +60,7 @@ def lawnmower(
 def _rows(
     request: PlanningRequest, land: Area, limits: tuple[float, float], direction: str | float | None
 ) -> PlannedPath:
-    """Return as many rows over the land as the budget allows."""
+    """Return the densest rows over the land within the budget."""
     least, most = limits
     terrain = Terrain(land, request.footprint_m, request.passable, request.least_leg_m)
     sweep = Sweep(terrain.flyable, least, sweep_angle(terrain.flyable, direction), max_spacing_m=most)
@@ -91,14 +89,14 @@ def adaptive_lawnmower(
 ) -> PlannedPath:
     """Plan rows over the tomatoes with two thirds of the budget, then over the strawberries with the rest.
 
-    The paper gives the tomatoes two thirds of the budget and the strawberries a third less a safety margin
-    of a tenth. The margin stands for the ways to the first row and between the crops, which the paper does
-    not count; here they are counted, with the return, so nothing is set aside. Each crop has the most rows
-    that its share allows. What the strawberries cannot use (rows a footprint apart) goes back to the
-    tomatoes; if the rest is too small for the strawberries' first rows, the tomatoes get fewer.
+    The paper gives the tomatoes two thirds of the budget, and the strawberries a third less a safety margin
+    of a tenth, for the legs to the first row and between the crops, which it does not count. Here they are
+    counted, with the return, and no margin is needed. Each crop has the most rows that its share allows. The
+    tomatoes get the rest of a budget that is larger than the strawberries need (rows a footprint apart), and
+    fewer rows if the rest is too small for the strawberries.
 
-    An area with only one of the crops gets the whole budget; without any crop areas the whole area is
-    swept. The spacing of the path is the smaller one of the two crops.
+    A single crop gets the whole budget; without crop areas the rows are over the whole area. The spacing of
+    the path is the smaller one of the two crops.
 
     Parameters
     ----------
@@ -110,7 +108,7 @@ def adaptive_lawnmower(
     Raises
     ------
     PlanningError
-        If the budget does not suffice for one row over each crop; the text says what would.
+        If the budget does not suffice for one row over each crop; the text gives the least budget.
     """
     if not (is_number(tomato_share) and 0 < tomato_share < 1):
         msg = f"{NAME}: tomato_share must be between 0 and 1, not {tomato_share!r}"

@@ -1,4 +1,4 @@
-"""An area in parts, one for each of several vehicles: strips, or the cells of a power diagram."""
+"""Partitions of an area among several vehicles: strips, or the cells of a power diagram."""
 
 from __future__ import annotations
 
@@ -17,23 +17,23 @@ from mission.planners.path import Area, Points
 from mission.planners.terrain import area_of, polygons_of
 
 Divide: TypeAlias = Callable[[Area, Sequence[float]], list[Area]]
-"""Divides an area into parts of these shares of it, which add up to 1."""
+"""Divides an area into parts of given shares, which add up to 1."""
 
 STRIPS, VORONOI = "strips", "voronoi"
-_SAMPLES = 4000
+_SAMPLES = 4000  # Points that stand for the area: shares are right to about 0.1 %
 _LLOYD_ROUNDS = 60
 _WEIGHT_ROUNDS = 12
 _BALANCE_ROUNDS = 25
-_MOVED = 1e-3
-_LEAST_SHARE = 0.02
-_LEAST_M2 = 1e-9
+_MOVED = 1e-3  # Of the area's size: sites that move less stay
+_LEAST_SHARE = 0.02  # Share of a reach that is left for rows, however long the ways are
+_LEAST_M2 = 1e-9  # Smaller pieces come of rounding
 _ROUNDING = 1e-8
-# The plastic number's: a sequence that fills the plane evenly (Roberts 2018, "R2").
+# From the plastic number: a sequence that fills the plane evenly (Roberts 2018, "R2").
 _EVEN = (0.7548776662466927, 0.5698402909980532)
 
 
 def strips(area: Area, shares: Sequence[float]) -> list[Area]:
-    """Return strips across the longer side of an area, in their order along it.
+    """Return strips across the longer side of an area, in their order along this side.
 
     Examples
     --------
@@ -51,7 +51,7 @@ def strips(area: Area, shares: Sequence[float]) -> list[Area]:
 
 
 def power_cells(area: Area, shares: Sequence[float]) -> list[Area]:
-    """Return compact cells: those of a centroidal power diagram.
+    """Return the compact cells of a centroidal power diagram.
 
     A point belongs to the site with the least squared distance less the site's weight (Aurenhammer 1987).
     The weights give each cell its share of the area; then the sites move to the centroids of their cells,
@@ -88,11 +88,11 @@ PARTITIONS: Mapping[str, Divide] = {STRIPS: strips, VORONOI: power_cells}
 def balanced(
     area: Area, divide: Divide, reach_m: Sequence[float], ways_m: Callable[[int, Area], float]
 ) -> list[Area]:
-    """Return parts that take their vehicles the same share of what they can fly.
+    """Return parts that take the same share of the reach of each vehicle.
 
-    Rows of one spacing s over a part of area A are A / s long; with the way there and back, that is to be
-    the same share of the reach of every vehicle. The shares are corrected until the shares of the reach
-    differ by less than 5 %, or as good as it gets.
+    Rows at a common spacing s over a part of area A are A / s long, plus the way there and back. The shares
+    are corrected until the shares of the reach differ by less than 4 %; else the best partition found is
+    returned.
     """
     reach = np.asarray(reach_m, dtype=np.float64)
     shares = reach / reach.sum()
@@ -113,9 +113,9 @@ def balanced(
 
 
 def shares_of_reach(parts: Sequence[Area], reach_m: ArrayLike, ways_m: ArrayLike) -> NDArray[np.float64]:
-    """Return what share of its reach each vehicle flies, by rows of one spacing over all parts.
+    """Return the share of its reach that each vehicle flies, with rows of a common spacing over all parts.
 
-    The spacing is the one at which all vehicles together fly all they can.
+    At this spacing all vehicles together fly the sum of their reaches.
     """
     areas = np.array([part.area for part in parts])
     reach, ways = np.asarray(reach_m, dtype=np.float64), np.asarray(ways_m, dtype=np.float64)
@@ -138,7 +138,7 @@ def _axes(area: Area) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     low_x, low_y, high_x, high_y = area.bounds
     box = np.array([[low_x, low_y], [high_x, low_y], [high_x, high_y], [low_x, high_y]])
     tight = shapely.get_coordinates(shapely.oriented_envelope(area))[:4]
-    # An upright rectangle that is nearly as small is the plainer one.
+    # An upright rectangle that is nearly as small is preferred.
     if len(tight) == 4 and _extent(tight) < 0.9 * _extent(box):
         box = tight
     first, second = box[1] - box[0], box[2] - box[1]
@@ -154,7 +154,7 @@ def _extent(corners: Points) -> float:
 
 
 def _cut(turned: Area, low: float, high: float, share: float) -> float:
-    """Return where an area, turned to lie along the x-axis, has this share of it on the left."""
+    """Return the x of the cut that leaves a share of an area, turned along the x-axis, on the left."""
     _, below, _, above = turned.bounds
     begin, end, wanted = low, high, share * turned.area
     for _ in range(60):
@@ -190,7 +190,7 @@ def _samples(area: Area) -> Points:
 
 
 def _spread(area: Area, points: Points, count: int) -> Points:
-    """Return so many of the points, spread over the area."""
+    """Return `count` places spread over the area, or else some of the points."""
     low_x, low_y, high_x, high_y = area.bounds
     found: list[Points] = []
     for number in range(1, 1000 * count):
@@ -221,7 +221,7 @@ def _owners(points: Points, sites: Points, weights: NDArray[np.float64]) -> NDAr
 def _weights(
     points: Points, sites: Points, weights: NDArray[np.float64], shares: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return the weights with which the cells have their shares: one after the other is set, a few times."""
+    """Return the weights that give the cells their shares, set in turn for a few rounds."""
     if len(sites) == 1:
         return weights
     distances = _distances(points, sites)
@@ -252,7 +252,7 @@ def _power_cell(area: Area, sites: Points, weights: NDArray[np.float64], k: int)
     for other in range(len(sites)):
         if other == k or not len(ring):
             continue
-        # Nearer to the site than to the other one: normal . x <= bound.
+        # Nearer to the site than to the other: normal . x <= bound.
         normal = 2.0 * (sites[other] - sites[k])
         bound = float((sites[other] ** 2).sum() - (sites[k] ** 2).sum() - weights[other] + weights[k])
         ring = _clipped(ring, normal, bound)
@@ -272,7 +272,7 @@ def _clipped(ring: list[NDArray[np.float64]], normal: NDArray[np.float64], bound
 
 
 def _parts(area: Area, cells: Sequence[shapely.Polygon]) -> list[Area]:
-    """Return the area in the cells; what hangs together stays so, as far as that can be."""
+    """Return the area in the cells; parts of a connected area are connected as far as possible."""
     pieces = [polygons_of(shapely.intersection(area, cell), _LEAST_M2) for cell in cells]
     if any(not each for each in pieces):
         msg = "partition: the area is too small for so many vehicles; take fewer, or a larger area"
@@ -283,13 +283,13 @@ def _parts(area: Area, cells: Sequence[shapely.Polygon]) -> list[Area]:
 
 
 def _connected(pieces: list[list[shapely.Polygon]]) -> list[list[shapely.Polygon]]:
-    """Give pieces that do not hang together with the largest one of their part to a part that they touch."""
+    """Give pieces apart from the largest piece of their part to a part that they touch."""
     largest = [max(each, key=lambda piece: piece.area) for each in pieces]
     loose = [piece for each, main in zip(pieces, largest, strict=True) for piece in each if piece is not main]
     parts: list[shapely.Geometry] = list(largest)
-    # Both sides of a border were cut on their own: they differ by rounding.
+    # The two sides of a border differ by rounding.
     near_m = _ROUNDING * max(math.sqrt(piece.area) for piece in largest)
-    for piece in sorted(loose, key=lambda one: -one.area):
+    for piece in sorted(loose, key=lambda piece: -piece.area):
         around = [shapely.intersection(piece.boundary, shapely.buffer(part, near_m)) for part in parts]
         taker = int(np.argmax(shapely.length(around)))
         # The grid is that of this union alone: see `geo.Farm.crop_area`.

@@ -16,20 +16,20 @@ Area: TypeAlias = Polygon | MultiPolygon
 Points: TypeAlias = NDArray[np.float64]
 
 COINCIDENT_M = 0.01
+"""Points closer than this are one: GNSS errors are 100 times as large."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlannedPath:
-    """What a planner returns.
+    """A path in straight legs: the answer of a planner.
 
     Parameters
     ----------
     points_m : float64[n, 2]
-        The points to fly through in straight lines, x and y in metres of the farm frame, n >= 1; stored
-        read-only. The leg from the request's start to the first point comes before the path and is not in
-        it.
+        The points, x and y in metres of the farm frame, n >= 1; stored read-only. The leg from the request's
+        start to the first point is not part of the path.
     spacing_m : float or None
-        Distance between neighbouring rows or rings; None when the path has no such thing.
+        Distance between neighbouring rows or rings; None for a path without rows.
     planner : str
         The planner's name.
 
@@ -77,7 +77,7 @@ def path_length(path_xy_m: ArrayLike) -> float:
 
 
 def drop_coincident(path_xy_m: ArrayLike, tolerance_m: float = COINCIDENT_M) -> Points:
-    """Return the path without the points that are closer than the tolerance to the last one kept.
+    """Return the path without points closer than the tolerance to the last point kept.
 
     Examples
     --------
@@ -89,7 +89,7 @@ def drop_coincident(path_xy_m: ArrayLike, tolerance_m: float = COINCIDENT_M) -> 
 
 
 def distinct(path_xy_m: Points, tolerance_m: float = COINCIDENT_M) -> NDArray[np.int64]:
-    """Return which points of a path `drop_coincident` keeps, int64[n]."""
+    """Return the numbers of the points that `drop_coincident` keeps, int64[n]."""
     steps = np.diff(path_xy_m, axis=0)
     count = len(path_xy_m)
     if count < 2 or bool((np.hypot(steps[:, 0], steps[:, 1]) >= tolerance_m).all()):

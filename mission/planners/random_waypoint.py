@@ -16,36 +16,34 @@ from mission.planners.terrain import TOLERANCE_M, Terrain, draw_places
 
 MAX_WAYPOINTS = 30_000
 _FIRST_BLOCK = 16
-_CUTS = 10
-_UNUSED = 1e-6
-# Where more than this part of the places lies within the least leg of one, near places are passed over, as
-# many as this in a row: then the farthest is taken. On larger land the few short legs stay.
+_CUTS = 10  # Trials of the last leg's length
+_UNUSED = 1e-6  # Part of the budget that may be left
+# On land where the least leg round a place covers more than this part of the area, near places are skipped.
 _OFTEN = 1 / 6
-_MOST_PASSED = 64
-# Nor is it turned straight back there: the two waypoints of such a corner would be one.
+_MOST_PASSED = 64  # After skipping this many in a row the farthest of them is taken
+# Nor does the path turn straight back there, to within this sum of the two directions.
 _BACK = 0.03
 
 
 def random_waypoint(request: PlanningRequest, /, *, waypoints: int | None = None) -> PlannedPath:
     """Plan straight legs between uniformly distributed random positions of the area.
 
-    Where the straight leg would leave the area, the leg is the shortest way inside. The last leg is cut so
-    that the budget is used up. The same seed gives the same positions in the same order whatever the budget.
-    On land so small that legs would often be shorter than the autopilot flies, near positions are passed
-    over.
+    A leg that would leave the area is the shortest way inside. The last leg is cut so that the budget is used
+    up. A seed gives the same positions in the same order for every budget. On land so small that legs would
+    often be shorter than the autopilot flies, near positions are skipped.
 
-    The path begins at the start, or, if that is outside, at the nearest place of the (inset) area.
+    The path begins at the start, or at the nearest place of the (inset) area if the start is outside.
 
     Parameters
     ----------
     waypoints : int, optional
-        How many positions are drawn at most. Default: as many as the budget allows.
+        Greatest number of positions. Default: as many as the budget allows.
 
     Raises
     ------
     PlanningError
-        If the budget does not suffice to reach the area (and return); the text says what would. If the
-        number of positions is out of its range.
+        If the budget does not suffice to reach the area (and return); the text gives the least budget. If
+        `waypoints` is out of its range.
 
     Examples
     --------
@@ -76,7 +74,7 @@ def random_waypoint(request: PlanningRequest, /, *, waypoints: int | None = None
 
 
 class _Walk:
-    """The endless walk, as far as it is known."""
+    """An endless walk, drawn as far as it is needed."""
 
     def __init__(self, request: PlanningRequest) -> None:
         self._terrain = Terrain(request.area, request.footprint_m, request.passable, request.least_leg_m)
@@ -93,12 +91,12 @@ class _Walk:
         self._lengths = [path_length(np.vstack((self._start, self.legs[0])))]
 
     def path(self, waypoints: int) -> Points:
-        """Return the path through the first so many waypoints."""
+        """Return the path through the first `waypoints`."""
         self._extend(waypoints)
         return np.vstack(self.legs[: waypoints + 1])
 
     def length(self, waypoints: int) -> float:
-        """Return the length of the path from the start through the first so many waypoints."""
+        """Return the length of the path from the start through the first `waypoints`."""
         self._extend(waypoints)
         return self._lengths[waypoints]
 
@@ -120,7 +118,7 @@ class _Walk:
         return places
 
     def _places_apart(self, count: int) -> Points:
-        """Return the next places that are not too near to the one before each."""
+        """Return the next places that are not too near to the place before."""
         found = [self.legs[-2][-1] if len(self.legs) > 1 else self._start, self.legs[-1][-1]]
         while len(found) < count + 2:
             drawn = self._places(_MOST_PASSED)
@@ -131,13 +129,13 @@ class _Walk:
             far = np.flatnonzero(away_m >= self._apart_m)
             taken = int(far[0] if len(far) else np.argmax(away_m))
             found.append(drawn[taken])
-            # Those behind a place that is far enough are still to come.
+            # The places after a far one are drawn again.
             self._drawn = np.vstack((drawn[taken + 1 :] if len(far) else drawn[:0], self._drawn))
         return np.array(found[2:])
 
 
 def _use_up(request: PlanningRequest, points: Points, leg: Points, spent: float) -> Points:
-    """Return the path with as much of the next leg as the budget allows."""
+    """Return the path with the part of the next leg that the budget allows."""
     limit = request.budget.limit
     way = np.vstack((points[-1], leg))
     reach = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(way, axis=0).T))))
@@ -158,7 +156,7 @@ def _use_up(request: PlanningRequest, points: Points, leg: Points, spent: float)
         cost = request.cost(candidate)
         if cost <= limit:
             good, good_cost = middle, cost
-            # A way between parts that do not hang together may lead over what is not to be flown over.
+            # A leg between separate parts may lead over forbidden land, where no path may end.
             if shapely.dwithin(request.room, Point(cut), TOLERANCE_M):
                 best = candidate
         else:

@@ -20,7 +20,7 @@ ENTRY_POINT_GROUP = "wbf_mission.planners"
 
 
 class Registered(NamedTuple):
-    """An entry point: its name, what messages call it, the object, and the parameters that came with it."""
+    """An entry point: its name, its name in messages, its object, and the parameters given with the name."""
 
     name: str
     what: str
@@ -113,9 +113,9 @@ def planner_parameters(planner: Callable[..., PlannedPath]) -> dict[str, Any]:
 
 
 def load_registered(kind: str, group: str, text: str, parameters: Mapping[str, Any]) -> Registered:
-    """Return what is registered under the name in a text (`geo.named.parse_named`), in any case."""
+    """Return the entry of the name in a text (`geo.named.parse_named`), in upper or lower case."""
     name, given = parse_named(text)
-    entry = next((one for one in entry_points(group=group) if one.name.lower() == name.lower()), None)
+    entry = next((found for found in entry_points(group=group) if found.name.lower() == name.lower()), None)
     if entry is None:
         msg = f"no {kind} is named {name!r}; there are {', '.join(registered_names(group)) or 'none'}"
         raise PlanningError(msg)

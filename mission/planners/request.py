@@ -1,4 +1,4 @@
-"""What a planner is asked: where, from where, for how much, to see how wide."""
+"""The planning request: area, start, budget and footprint."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class CropArea:
     Parameters
     ----------
     crop : str
-        What grows there: `geo.Crop` or another name.
+        `geo.Crop` or another name.
     area : shapely Polygon or MultiPolygon
         In metres of the farm frame.
     """
@@ -36,14 +36,14 @@ class CropArea:
 
 
 SearchProgress: TypeAlias = Callable[[int, int], None]
-"""Takes how many rounds of a search are done, and how many there will be as far as can be told."""
+"""Takes the number of rounds that a search has done, and an estimate of the number that it will do."""
 
 
-_ROUNDING_M = 1e-3
+_ROUNDING_M = 1e-3  # Where the area leaves the passable land by less, the two outlines were rounded
 
 
 def _untold(_done: int, _total: int) -> None:
-    """Tell nobody."""
+    pass
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,31 +53,30 @@ class PlanningRequest:
     Parameters
     ----------
     area : shapely Polygon or MultiPolygon
-        What is to be seen, and where the path may go, if `passable` says nothing else. Land that must not be
-        flown over is left out by the caller (holes are respected).
+        The land to be seen; without `passable` also the land where the path may go. The caller leaves out
+        land that must not be flown over (holes are respected).
     start_xy_m : tuple of float
-        Where the flight starts; it may lie outside the area.
+        Start of the flight; it may lie outside the area.
     budget : Budget
-        What start, path and return may cost together.
+        Limit and cost of start, path and return together.
     footprint_m : float
-        Width of what the camera sees at once. The path keeps half of it away from the area's border, and
-        rows are never closer to each other than it. 0: no inset and no limit of the density.
+        Width of an image on the ground. The path keeps half of it away from the area's border, and rows are
+        never closer to each other. 0: no inset and no limit of the density.
     crop_areas : tuple of CropArea
-        The land of the crops, for planners that treat them differently.
+        The land of each crop, for planners that treat crops differently.
     seed : int or numpy.random.SeedSequence
-        Seed of the planners that draw.
+        Seed of random planners.
     progress : callable
-        Told by planners that search for long, see `SearchProgress`.
+        Called by planners with long searches, see `SearchProgress`.
     passable : shapely Polygon or MultiPolygon, optional
-        Where the path may go, if that is more than the area: the land between what is to be seen. It holds
-        the area; None: the area. `room` is either.
+        The land where the path may go, the area included. None: the area only. `room` is either.
     row_spacing_m : float, optional
-        Distance between rows that the overlap of the images asks for, of planners that see the whole area.
-        None: a footprint.
+        Distance between rows for the overlap of the images, for planners that see the whole area. None: a
+        footprint.
     footprint_along_m : float, optional
-        Length, in the direction of the flight, of what the camera sees at once. None: as its width.
+        Length of an image on the ground, in the direction of the flight. None: as its width.
     least_leg_m : float
-        Several legs in a row that are shorter are not flown, but left out by the autopilot.
+        An autopilot leaves out several shorter legs in a row.
 
     Raises
     ------
@@ -132,7 +131,7 @@ class PlanningRequest:
 
     @property
     def room(self) -> Area:
-        """Where the path may go."""
+        """The land where the path may go."""
         return self.area if self.passable is None else self.passable
 
     def cost(self, points_m: Points) -> float:
@@ -147,7 +146,7 @@ class PlanningRequest:
         return [float(self.budget.cost(flight)) for flight in flights]
 
     def reason(self, points_m: Points) -> str:
-        """Return why a path of infinite cost cannot be flown, if the budget can tell; else nothing."""
+        """Return why a path of infinite cost cannot be flown; empty if the budget gives no reason."""
         return self.budget.reason(self._flight(points_m)) if isinstance(self.budget, ExplainedBudget) else ""
 
     def _flight(self, points_m: Points) -> Points:

@@ -1,20 +1,26 @@
-"""The densest candidate that a budget allows."""
+"""The densest path that a budget allows, over an area with or without its gaps."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+
+import shapely
+from shapely.geometry import Polygon
 
 from mission.errors import PlanningError
 from mission.planners.budget import BatchBudget
-from mission.planners.path import Points
+from mission.planners.path import Area, PlannedPath, Points
 from mission.planners.request import PlanningRequest
+from mission.planners.terrain import area_of, parts_of, polygons_of
 
 LOOK_AHEAD = (1, 2, 3)
-# Of a round, the second guess halves what the first one leaves.
+# The second guess of a round halves the interval beyond the first.
 _APART = 2
 _SLOPE_OVER = 0.9
+_LEAST_SHARE = 1e-6  # Of the area: smaller gaps come of rounding
+_WORTH = 1.05  # Turns are flown worse than rows: a path with more of them has to be denser by this factor
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,16 +45,16 @@ def densest_feasible(
 ) -> Found:
     """Return the largest index whose candidate costs no more than the limit, by default that of the budget.
 
-    The cost is only roughly monotone (rows that end on the far side have a longer way home), so the search
+    The cost is only roughly monotone (rows that end on the far side have a longer way home). So the search
     brackets the last feasible index by interpolation and bisection, then tries a few candidates beyond it
-    (`look_ahead`), and goes on from there if one of them is feasible. Only a candidate whose own cost was
-    seen to be within the limit is returned.
+    (`look_ahead`), and goes on from a feasible one. The cost of the returned candidate is known to be within
+    the limit.
 
-    A budget that prices many paths at once gets them in rounds: a guess together with an index a little
-    beyond it, which bound the last feasible one if the guess is good, and all of those beyond the last one.
+    A budget that prices many paths at once gets them in rounds: a guess with an index a little beyond it,
+    which bound the last feasible index if the guess is good; and all candidates of `look_ahead`.
 
     The cost is about linear in the `density` of an index. PlanningError if not even the sparsest candidates
-    are within the limit; it says what they are (`what`: ``lawnmower with 2 rows``), and the least budget.
+    are within the limit; it names them (`what`: ``lawnmower with 2 rows``) and the least budget.
     """
     bound = request.budget.limit if limit is None else limit
     seen: dict[int, float] = {}
@@ -59,7 +65,7 @@ def densest_feasible(
     at_once = isinstance(request.budget, BatchBudget)
 
     def feasible(*indices: int) -> bool:
-        """Tell whether any is feasible; prices what is not priced yet, in one round if the budget can."""
+        """Return whether any index is feasible; price new ones, in one round if the budget can."""
         nonlocal best, cheapest, rounds
         for some in [indices] if at_once else [(index,) for index in indices]:
             new = [index for index in dict.fromkeys(some) if index not in seen]
@@ -110,7 +116,7 @@ def densest_feasible(
 
 
 def _rounds_left(best: Found | None, seen: dict[int, float], highest: int) -> int:
-    """Return how many rounds bisection would take from here, and one for those beyond."""
+    """Return the number of rounds that bisection would take from here, and one to look ahead."""
     if best is None:
         return 1
     bad = min((index for index in seen if index > best.index), default=highest + 1)
@@ -135,7 +141,7 @@ def _guess(
     if bad is not None:
         slope = (seen[bad] - low) / (density(bad) - low_density)
     else:
-        # The slope between neighbours says little.
+        # Between neighbours the slope is mostly noise.
         apart = [index for index in seen if density(index) <= _SLOPE_OVER * low_density]
         below = max(apart, default=None)
         rise = low - (seen[below] if below is not None else 0.0)
@@ -157,7 +163,7 @@ def _last_below(density: Callable[[int], float], wanted: float, first: int, last
 
 
 def cannot_be_flown(request: PlanningRequest, points_m: Points, what: str) -> PlanningError:
-    """Return the error of a sparsest path, ``what``, that has no finite cost."""
+    """Return the error of the sparsest path, ``what``, if its cost is infinite."""
     budget = request.budget
     reason = request.reason(points_m) or "the vehicle cannot come back from it"
     return PlanningError(
@@ -169,7 +175,7 @@ def cannot_be_flown(request: PlanningRequest, points_m: Points, what: str) -> Pl
 def too_small(request: PlanningRequest, points_m: Points, least: float, what: str) -> PlanningError:
     """Return the error of a budget below the least cost, that of the points.
 
-    Where the vehicle cannot fly them either, the cost is what it spends until then: the error says why.
+    If the vehicle cannot fly the points at all, the least cost is that up to there, and the error adds why.
     """
     budget = request.budget
     reason = request.reason(points_m)
@@ -182,6 +188,71 @@ def too_small(request: PlanningRequest, points_m: Points, least: float, what: st
         f"budget of {budget.limit:g} {budget.unit} is too small: {what} needs at least "
         f"{rounded:.{digits}f} {budget.unit} with approach and return{besides}"
     )
+
+
+def gaps_of(area: Area, passable: Area) -> list[Polygon]:
+    """Return the passable land within the convex hull of an area that is not in it, largest first.
+
+    Examples
+    --------
+    >>> field = shapely.box(0, 0, 9, 9)
+    >>> [gap.area for gap in gaps_of(field - shapely.box(3, 3, 5, 5), field)]
+    [4.0]
+    """
+    hull = shapely.intersection(area.convex_hull, passable)
+    least_m2 = _LEAST_SHARE * area.area
+    return sorted(polygons_of(shapely.difference(hull, area), least_m2), key=lambda gap: -gap.area)
+
+
+def with_gaps(area: Area, gaps: Sequence[Polygon]) -> Area:
+    """Return an area with gaps."""
+    return area_of(polygons_of(shapely.union_all([area, *gaps])))
+
+
+def swept_lands(request: PlanningRequest) -> list[Area]:
+    """Return the lands for rows: the area, the area with enclosed gaps, and the area with all gaps.
+
+    Only their costs decide: a row that leaves out a pond is shorter and has two more turns.
+    """
+    area = request.area
+    if request.passable is None or not (gaps := gaps_of(area, request.passable)):
+        return [area]
+    solid = shapely.union_all([Polygon(part.exterior) for part in parts_of(area)])
+    enclosed = [gap for gap in gaps if shapely.covers(solid, gap.representative_point())]
+    lands = [area]
+    if enclosed:
+        lands.append(with_gaps(area, enclosed))
+    if len(gaps) > len(enclosed):
+        lands.append(with_gaps(area, gaps))
+    return lands
+
+
+def densest_over(request: PlanningRequest, plan: Callable[[Area], PlannedPath]) -> PlannedPath:
+    """Return the path of `plan` with the least spacing over the `swept_lands`.
+
+    A path in more pieces has to be denser by a twentieth. PlanningError if there is none.
+    """
+    lands = swept_lands(request)
+    if len(lands) == 1:
+        return plan(lands[0])
+    paths, refused = [], []
+    for land in lands:
+        try:
+            paths.append(plan(land))
+        except PlanningError as error:
+            refused.append(error)
+    if not paths:
+        raise refused[0]
+    # The land with all gaps, in the fewest pieces, comes last.
+    best = paths.pop()
+    for path in reversed(paths):
+        if _density(path) > _WORTH * _density(best):
+            best = path
+    return best
+
+
+def _density(path: PlannedPath) -> float:
+    return 1.0 / path.spacing_m if path.spacing_m else 0.0
 
 
 def spacing_limits(
@@ -202,5 +273,5 @@ def spacing_limits(
 
 
 def is_number(value: object) -> bool:
-    """Tell whether a planner's parameter is a finite number (True and False are none)."""
+    """Return whether a planner's parameter is a finite number; True and False are none."""
     return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)

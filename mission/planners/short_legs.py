@@ -1,4 +1,4 @@
-"""Paths without legs that an autopilot would leave out: several that lie within its acceptance radius."""
+"""Paths without legs that an autopilot leaves out: several in a row within its acceptance radius."""
 
 from __future__ import annotations
 
@@ -10,29 +10,29 @@ from numpy.typing import NDArray
 from mission.planners.path import Points, path_length
 from mission.planners.terrain import Terrain
 
-# Of the least leg: how far a corner of a way is moved, beside it and along it.
+# Moves of a corner that are tried, beside the way and along it, in least legs.
 _ASIDE = (0.25, 0.5, 1.0, 1.5, 2.0)
 _ALONG = (0.0, -0.5, 0.5, -1.0, 1.0)
-# Of the least leg: a point that lies so near to the path is passed in any case.
+# In least legs: the path passes a point that is as near in any case.
 _NEAR = 0.5
 
 
 def without_short_legs(points: Points, corner: NDArray[np.bool_], least_m: float, terrain: Terrain) -> Points:
-    """Return a path none of whose short legs has a corner of a way, or another short leg, beside it.
+    """Return a path with no short leg beside a corner of a way or beside another short leg.
 
-    Corners of ways, which lie on the border, are moved into the land; points that the path passes nearly are
-    left out. Where neither is possible the path stays as it is. Short ways from row to row are flown.
+    Corners of ways, which lie on the border, are moved into the land; points near the path are left out.
+    Where neither is possible the path stays as it is. Short ways from row to row are kept.
 
     Parameters
     ----------
     points : float64[n, 2]
         The path.
     corner : bool[n]
-        Which of them are corners of ways between rows.
+        Whether each point is a corner of a way between rows.
     least_m : float
-        Legs below it are short.
+        Length below which legs are short.
     terrain : Terrain
-        Where the path may lead.
+        The land where the path may go.
     """
     k = 0
     while k < len(points) - 1:
@@ -55,7 +55,7 @@ def without_short_legs(points: Points, corner: NDArray[np.bool_], least_m: float
 
 
 def _bad(points: Points, corner: NDArray[np.bool_], least_m: float) -> NDArray[np.bool_]:
-    """Return which legs are short beside a corner of a way or another short leg, bool[n - 1]."""
+    """Return whether each leg is short beside a corner of a way or another short leg, bool[n - 1]."""
     short = np.hypot(*np.diff(points, axis=0).T) < least_m
     beside = corner[:-1] | corner[1:]
     beside[1:] |= short[:-1]
@@ -67,7 +67,7 @@ def _bad(points: Points, corner: NDArray[np.bool_], least_m: float) -> NDArray[n
 def _changed(
     points: Points, corner: NDArray[np.bool_], k: int, least_m: float, terrain: Terrain
 ) -> Iterator[tuple[Points, NDArray[np.bool_]]]:
-    """Yield paths that are changed about leg k."""
+    """Yield paths with a change at leg k."""
     for j in (k, k + 1):
         if not 0 < j < len(points) - 1:
             continue
@@ -90,7 +90,7 @@ def _changed(
 
 
 def _moved(before: Points, way: Points, after: Points, least_m: float, terrain: Terrain) -> Points:
-    """Return places for one corner in place of those of a way, not too near to its ends, float64[n, 2]."""
+    """Return places of a corner that replaces those of a way, not too near to its ends, float64[n, 2]."""
     along = after - before
     along = along / max(float(np.hypot(*along)), 1e-9)
     across = np.array((-along[1], along[0]))
@@ -111,7 +111,7 @@ def _moved(before: Points, way: Points, after: Points, least_m: float, terrain: 
 
 
 def _distance(point: Points, start: Points, end: Points) -> float:
-    """Return how far a point lies from a leg."""
+    """Return the distance of a point to a leg."""
     leg = end - start
     share = float(((point - start) * leg).sum()) / max(float((leg * leg).sum()), 1e-12)
     return float(np.hypot(*(start + min(max(share, 0.0), 1.0) * leg - point)))

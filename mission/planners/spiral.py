@@ -10,17 +10,16 @@ import shapely
 from numpy.typing import ArrayLike, NDArray
 from shapely.geometry import Polygon
 
-from mission.planners.gaps import densest_over
 from mission.planners.path import Area, PlannedPath, Points, drop_coincident
 from mission.planners.request import PlanningRequest
-from mission.planners.search import densest_feasible, spacing_limits
+from mission.planners.search import densest_feasible, densest_over, spacing_limits
 from mission.planners.terrain import Terrain, is_rectangle, parts_of
 
 SPACING_RATIO = 1e-3
 """Neighbouring spacings of the search differ by this fraction: the result is the densest to within 0.1 %."""
 
-_SMALLEST = 1e-4
-_LEAST_AREA_M2 = 1e-9
+_SMALLEST = 1e-4  # Least spacing of the search by the widest: more rings than a mission has items
+_LEAST_AREA_M2 = 1e-9  # Smaller pieces of an offset come of rounding
 
 
 def spiral(
@@ -32,11 +31,10 @@ def spiral(
 ) -> PlannedPath:
     """Plan a spiral from the border inwards, with the smallest spacing that the budget allows.
 
-    Over a rectangle along the axes it is the paper's: corner by corner anticlockwise, the bound that was
-    used moves in by the spacing; it begins at the corner nearest to the start. Any other area is flown in
-    rings at inward offsets of the spacing; where the offset falls apart, one piece after the other, and
-    around holes. Where more land is passable than is to be seen, rings lead over what lies between, unless
-    they come to lie a twentieth closer when they end there.
+    Over a rectangle along the axes it is the paper's: anticlockwise from the corner nearest to the start;
+    after each corner the bound behind it moves in by the spacing. Any other area is flown in rings at inward
+    offsets of the spacing, round holes, and piece by piece where the offset falls apart. Rings lead over
+    passable land between the parts of the area, unless without it they are closer by a twentieth.
 
     The spacing is searched on a grid of 0.1 % steps down to the footprint: a spacing 0.1 % smaller than
     the result's would exceed the budget.
@@ -44,13 +42,13 @@ def spiral(
     Parameters
     ----------
     min_spacing_m, max_spacing_m : float, optional
-        Rings are at least and at most so far apart. Default: at least a footprint.
+        Least and greatest distance of rings. Default: a footprint, no limit.
 
     Raises
     ------
     PlanningError
-        If the budget does not suffice for the outer ring, or for rings as near as asked for; the text says
-        what would. If a parameter is out of its range.
+        If the budget does not suffice for the outer ring, or for rings at `max_spacing_m`; the text gives the
+        least budget. If a parameter is out of its range.
 
     Examples
     --------
@@ -65,7 +63,7 @@ def spiral(
 
 
 def _spiral(request: PlanningRequest, land: Area, limits: tuple[float, float]) -> PlannedPath:
-    """Return rings over the land as near to each other as the budget allows."""
+    """Return the densest rings over the land within the budget."""
     least, most = limits
     terrain = Terrain(land, request.footprint_m, request.passable, request.least_leg_m)
     widest = max(_half_width(part) for part in parts_of(terrain.flyable))
@@ -94,12 +92,12 @@ def _spiral(request: PlanningRequest, land: Area, limits: tuple[float, float]) -
 
 
 def _steps(ratio: float) -> int:
-    """Return how many steps of the search make a spacing smaller by a factor."""
+    """Return the number of search steps that make a spacing smaller by a factor."""
     return math.ceil(math.log(ratio) / -math.log1p(-SPACING_RATIO) - 1e-9)
 
 
 def _half_width(part: Polygon) -> float:
-    """Return a spacing beyond which there is only the outer ring, roughly the smallest."""
+    """Return about the least spacing at which there is only the outer ring."""
     x_min, y_min, x_max, y_max = part.bounds
     high = float(min(x_max - x_min, y_max - y_min)) / 2
     if is_rectangle(part):
@@ -120,8 +118,8 @@ def rectangle_spiral(
 ) -> Points:
     """Return the paper's spiral over a rectangle.
 
-    Corners inwards, anticlockwise; after each corner the bound that was used there moves in by the
-    spacing; the end is where a bound passes the centre.
+    Corners inwards, anticlockwise; after each corner the bound behind it moves in by the spacing. It ends
+    where a bound passes the centre.
 
     Examples
     --------
@@ -162,7 +160,7 @@ def rectangle_spiral(
 
 
 def spiral_pieces(area: Area, spacing_m: float, start_m: ArrayLike) -> list[Points]:
-    """Return the spirals or rings of the area as pieces to fly one after the other, nearest part first."""
+    """Return the spirals or rings of the area in the order of the flight, nearest part first."""
     here = np.asarray(start_m, dtype=np.float64)
     parts = parts_of(area)
     borders = np.array([part.exterior for part in parts])
@@ -184,7 +182,7 @@ def spiral_pieces(area: Area, spacing_m: float, start_m: ArrayLike) -> list[Poin
 
 
 def _rings(polygon: Polygon, spacing_m: float, here: Points) -> Iterator[Points]:
-    """Yield the rings of a polygon from the outermost inwards, each branch to its end, nearest first."""
+    """Yield the rings of a polygon inwards, branch by branch, the nearest branch first."""
     branches: list[list[Polygon]] = [[polygon]]
     while branches:
         if not branches[-1]:
@@ -206,9 +204,9 @@ def _gap(line: Points, here: Points) -> float:
 
 
 def ring_from(ring_m: NDArray[np.float64], start_m: ArrayLike, gap_m: float) -> Points:
-    """Return one turn along a closed ring, anticlockwise, from its point nearest to the start.
+    """Return a turn along a closed ring, anticlockwise, from its point nearest to the start.
 
-    The turn ends a gap short of its beginning (at most half a turn short), where the next ring is entered.
+    The turn ends `gap_m` short of its beginning (at most half a turn short), where the next ring begins.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Rows that see an area wholly: each sees a strip of it, from one end to the other."""
+"""Rows that see a whole area: parallel rows, rings along its border, and lines through narrow land."""
 
 from __future__ import annotations
 
@@ -8,49 +8,57 @@ from dataclasses import dataclass
 import numpy as np
 import shapely
 from numpy.typing import NDArray
-from shapely.geometry import Polygon
+from shapely.geometry import LineString, Polygon
+from shapely.ops import substring
 
 from geo.linear_algebra import product
+from mission.planners.cuts import hull_angles
 from mission.planners.path import Area, Points, path_length
 from mission.planners.sweep import rotation, row_chains
 from mission.planners.terrain import TOLERANCE_M, parts_of, polygons_of
 
-_LEAST_M2 = 1e-9
-# Of a square of the spacing, or of a footprint: less is not worth a row.
-_LEAST_UNSEEN = 0.25
-_TOUCH_M = 1e-6
+_LEAST_M2 = 1e-9  # Smaller pieces come of rounding
+_LEAST_UNSEEN = 0.25  # Part of a footprint, or of a square of the spacing, that is worth a row
+_TOUCH_M = 1e-6  # Intervals closer than this are one
+# Points of the border for the middle line: their distance in widths of the land, and their greatest number.
+_STEP, _MOST_POINTS = 0.5, 3000
+# Tolerances of the middle line, in widths of an image: the coarsest that sees as much is taken.
+_COARSENESS = (0.5, 0.25, 0.12, 0.06, 0.03, 0.015)
+_AS_MUCH = 0.003  # Part of the land that a coarser line may miss
+_MOST_BRANCHES = 100
+_ARM = 2.0  # Least length of an arm in widths of an image: rows beside a shorter arm see it, too
 
 
 @dataclass(frozen=True, slots=True)
 class Swath:
-    """What a camera sees along a row, and how far apart rows lie, metres."""
+    """Footprint of a camera along a row, and distance of rows, metres."""
 
     across_m: float  # Width of the footprint
     along_m: float  # Its length in the direction of the flight
-    spacing_m: float  # Rows are at most so far apart
-    overshoot_m: float = 0.0  # Rows go on beyond what they have to see; below zero they end before it
-    # So far beside a row the area decides how long it is; None: as far as its strip goes
+    spacing_m: float  # Greatest distance of rows
+    overshoot_m: float = 0.0  # Length of a row beyond its strip; below zero it ends before
+    # Land within this distance of a row sets its length; None: the land of its strip
     reach_m: float | None = None
 
     @property
     def end_m(self) -> float:
-        """How far before the end of its strip a row may end."""
+        """Distance from the end of a row to the end of its strip."""
         return 0.5 * self.along_m - self.overshoot_m
 
     @property
     def least_m2(self) -> float:
-        """What of a strip is worth a row of its own."""
+        """Least unseen area that is worth a row of its own."""
         return _LEAST_UNSEEN * max(self.across_m, self.spacing_m) * max(self.along_m, self.spacing_m)
 
     def seen_from(self, path: Points) -> shapely.Geometry:
-        """Return what is seen from a path, images as long as wide; at turns sharper than 97 degrees less."""
+        """Return the area seen from a path, with square images; less at turns sharper than 97 degrees."""
         line = shapely.LineString(path) if path_length(path) > TOLERANCE_M else shapely.Point(path[0])
         return shapely.buffer(
             line, 0.5 * self.across_m, cap_style="square", join_style="mitre", mitre_limit=1.5
         )
 
     def seen_along(self, left: float, right: float, y: float) -> Polygon:
-        """Return what a horizontal row is for: what is seen along it, or its strip if that is wider."""
+        """Return the area seen along a horizontal row, or its strip if that is wider."""
         ahead, aside = max(0.5 * self.along_m, self.end_m), 0.5 * max(self.across_m, self.spacing_m)
         return shapely.box(left - ahead, y - aside, right + ahead, y + aside)
 
@@ -58,18 +66,17 @@ class Swath:
 def rows_that_see(part: Polygon, room: Area, swath: Swath, angle_rad: float) -> list[NDArray[np.float64]]:
     """Return rows that see a part of the area, as cells that no border splits.
 
-    The outermost rows lie half a footprint within the part, the others at equal distances between. Each is as
-    long as its strip of the part needs: where a border runs aslant a row goes on beyond it, as far as the
-    room allows. What of a strip lies where the row cannot be is seen by a row of its own.
+    The outermost rows lie half a footprint within the part, the others at equal distances between. A row is
+    as long as its strip: at an oblique border it goes on beyond the border, as far as the room allows. Pieces
+    of a strip that the row cannot reach have rows of their own.
 
     Parameters
     ----------
     part : Polygon
-        What is to be seen.
+        The land to be seen.
     room : Polygon or MultiPolygon
-        Where rows may lie.
+        The land where rows may lie.
     swath : Swath
-        What is seen at once.
     angle_rad : float
         Direction of the rows, anticlockwise from x.
 
@@ -79,7 +86,7 @@ def rows_that_see(part: Polygon, room: Area, swath: Swath, angle_rad: float) -> 
         The rows of each cell: row, end, (x, y).
     """
     turn = rotation(angle_rad)
-    turned, turned_room = (shapely.transform(one, lambda xy: product(xy, turn.T)) for one in (part, room))
+    turned, turned_room = (shapely.transform(land, lambda xy: product(xy, turn.T)) for land in (part, room))
     heights, bounds = _heights(turned, swath)
     row, left, right, y = _intervals(turned, turned_room, swath, heights, bounds)
     ends = product(np.stack((np.stack((left, y), axis=-1), np.stack((right, y), axis=-1)), axis=1), turn)
@@ -126,16 +133,15 @@ def _intervals(
         mine = owners == number
         spans = _merged(_shortened(low_x[mine], high_x[mine], swath.end_m))
         rows = _within(room, spans, float(heights[number]))
-        seen = [swath.seen_along(*one) for one in rows]
+        seen = [swath.seen_along(*span) for span in rows]
         unseen = polygons_of(
             shapely.difference(shapely.union_all(pieces[mine]), shapely.union_all(seen)), swath.least_m2
         )
-        # What lies beside the row where it has to stay out gets a row of its own.
-        for one in unseen:
-            left, below, right, above = one.bounds
+        for piece in unseen:
+            left, below, right, above = piece.bounds
             own = _shortened(np.array([left]), np.array([right]), swath.end_m)
             rows += _within(room, own, 0.5 * (below + above))
-        found += [(number, *one) for one in sorted(rows)]
+        found += [(number, *span) for span in sorted(rows)]
     row, left, right, y = np.array(found).reshape(-1, 4).T
     return row.astype(np.intp), left, right, y
 
@@ -143,7 +149,7 @@ def _intervals(
 def _shortened(
     low: NDArray[np.float64], high: NDArray[np.float64], end_m: float
 ) -> list[tuple[float, float]]:
-    """Return intervals without their ends; of a short one its middle is left."""
+    """Return intervals without their ends; a short one becomes its middle."""
     middle = 0.5 * (low + high)
     return list(
         zip(np.minimum(low + end_m, middle).tolist(), np.maximum(high - end_m, middle).tolist(), strict=True)
@@ -151,7 +157,7 @@ def _shortened(
 
 
 def _merged(spans: list[tuple[float, float]]) -> list[tuple[float, float]]:
-    """Return intervals without those that overlap."""
+    """Return the unions of overlapping intervals."""
     merged: list[tuple[float, float]] = []
     for left, right in sorted(spans):
         if merged and left <= merged[-1][1] + _TOUCH_M:
@@ -173,10 +179,10 @@ def _within(room: Area, spans: list[tuple[float, float]], y: float) -> list[tupl
 
 
 def ring_strips(area: Area, swath: Swath, passes: int) -> tuple[list[NDArray[np.float64]], list[Polygon]]:
-    """Return closed rings along the borders of an area, outermost first, and what is left for rows.
+    """Return closed rings along the borders of an area, outermost first, and the land left for rows.
 
-    The first ring sees the border's edge, each further one lies one spacing within. Rows of what is left,
-    which is also what is too narrow for a ring, overlap with the rings as they do with each other.
+    The first ring sees the border, each further one lies a spacing within. Land too narrow for a ring is left
+    for rows, too. Rows overlap with the rings as with each other.
     """
     rings: list[NDArray[np.float64]] = []
     for number in range(passes):
@@ -191,3 +197,123 @@ def ring_strips(area: Area, swath: Swath, passes: int) -> tuple[list[NDArray[np.
     overlap_m = max(swath.across_m - swath.spacing_m, 0.0)
     wide = shapely.buffer(unseen, overlap_m, join_style="mitre", mitre_limit=2.0)
     return rings, polygons_of(shapely.intersection(shapely.union_all(wide), area), swath.least_m2)
+
+
+def is_narrow(part: Polygon, swath: Swath) -> bool:
+    """Return whether a line along the middle of a part sees the whole part.
+
+    Examples
+    --------
+    >>> [is_narrow(shapely.box(0, 0, 100, width_m), Swath(10, 8, 5)) for width_m in (9, 11)]
+    [True, False]
+    """
+    return bool(shapely.buffer(part, -0.5 * swath.across_m).is_empty)
+
+
+def without_arms(part: Polygon, swath: Swath) -> list[Polygon]:
+    """Split a part into pieces wider than an image and narrow arms; empty without arms.
+
+    Examples
+    --------
+    >>> field = shapely.union(shapely.box(0, 0, 50, 50), shapely.box(50, 20, 120, 26))
+    >>> [piece.bounds for piece in without_arms(field, Swath(10, 8, 5))]
+    [(0.0, 0.0, 50.0, 50.0), (50.0, 20.0, 120.0, 26.0)]
+    """
+    half_m = 0.5 * swath.across_m
+    inner = shapely.buffer(part, -half_m, join_style="mitre")
+    wide = shapely.buffer(inner, half_m, join_style="mitre", mitre_limit=2.0)
+    narrow = polygons_of(shapely.difference(part, wide), swath.least_m2)
+    arms = [rest for rest in narrow if 0.5 * rest.length > _ARM * swath.across_m]
+    if inner.is_empty or not arms:
+        return []
+    return [*polygons_of(shapely.difference(part, shapely.union_all(arms)), swath.least_m2), *arms]
+
+
+def strip_lines(part: Polygon, room: Area, swath: Swath) -> list[Points]:
+    """Return the rows of a narrow part, float64[n, 2] each: the main row, and one for each unseen branch.
+
+    Examples
+    --------
+    >>> strip = shapely.box(0, 0, 100, 4)
+    >>> [line.tolist() for line in strip_lines(strip, strip, Swath(10, 8, 5))]
+    [[[4.0, 2.0], [96.0, 2.0]]]
+    """
+    tolerant = shapely.buffer(room, TOLERANCE_M, join_style="mitre")
+    lines, waiting = list[Points](), [part]
+    while waiting and len(lines) < _MOST_BRANCHES:
+        piece = waiting.pop(0)
+        line = _best_line(piece, tolerant, swath)
+        lines.append(shapely.get_coordinates(line))
+        unseen = polygons_of(shapely.difference(piece, swath.seen_from(lines[-1])), swath.least_m2)
+        # A line that sees nothing new would be found again.
+        waiting += [rest for rest in unseen if rest.area < 0.99 * piece.area]
+    return lines
+
+
+def _best_line(part: Polygon, room: Area, swath: Swath) -> LineString:
+    """Return the line with the fewest corners among those that see most of a part."""
+    middle = _middle(part)
+    lines = [_straight(part), *(shapely.simplify(middle, share * swath.across_m) for share in _COARSENESS)]
+    lines = [_with_ends(line, swath.end_m) for line in lines]
+    lines = [line for line in lines if shapely.covers(room, line)]
+    if not lines:
+        return _with_ends(middle, swath.end_m)
+    unseen = [
+        float(shapely.difference(part, swath.seen_from(shapely.get_coordinates(line))).area) for line in lines
+    ]
+    enough = min(unseen) + _AS_MUCH * part.area
+    return next(line for line, area in zip(lines, unseen, strict=True) if area <= enough)
+
+
+def _straight(part: Polygon) -> LineString:
+    """Return the line along the middle of the narrowest rectangle about a part."""
+    turn = rotation(hull_angles(part)[0])
+    turned = product(shapely.get_coordinates(part), turn.T)
+    (left, low), (right, high) = turned.min(axis=0), turned.max(axis=0)
+    middle = 0.5 * (low + high)
+    return LineString(product(np.array([(left, middle), (right, middle)]), turn))
+
+
+def _middle(part: Polygon) -> LineString:
+    """Return the longest way along the edges of the Voronoi cells of points of the border."""
+    # Slow to import, and only for narrow land.
+    from scipy.sparse import csr_array
+    from scipy.sparse.csgraph import connected_components, dijkstra
+
+    step_m = max(_STEP * 2.0 * part.area / part.length, part.length / _MOST_POINTS)
+    border = shapely.MultiPoint(shapely.get_coordinates(shapely.segmentize(part, step_m)))
+    edges = shapely.get_parts(shapely.voronoi_polygons(border, only_edges=True))
+    shapely.prepare(part)
+    edges = edges[shapely.contains_properly(part, edges)]
+    if not len(edges):
+        return _straight(part)
+    ends = np.round(shapely.get_coordinates(edges), 6)
+    nodes, numbers = np.unique(ends, axis=0, return_inverse=True)
+    first, second = numbers.reshape(-1, 2).T
+    lengths = np.hypot(*(nodes[first] - nodes[second]).T)
+    graph = csr_array((lengths, (first, second)), shape=(len(nodes), len(nodes)))
+    _, component = connected_components(graph, directed=False)
+    longest = int(np.argmax(np.bincount(component[first], weights=lengths)))
+    # The farthest node from any node is an end of the longest way, the farthest from that end the other.
+    begin, end = -1, int(np.flatnonzero(component == longest)[0])
+    for _ in range(2):
+        begin = end
+        ways, came = dijkstra(graph, directed=False, indices=np.array([begin]), return_predecessors=True)
+        end = int(np.argmax(np.where(np.isfinite(ways[0]), ways[0], -1.0)))
+    way = [end]
+    while way[-1] != begin:
+        way.append(int(came[0, way[-1]]))
+    return LineString(nodes[way]) if len(way) > 1 else _straight(part)
+
+
+def _with_ends(line: LineString, end_m: float) -> LineString:
+    """Return a line shortened at both ends, at most to its middle, or lengthened if `end_m` is negative."""
+    if end_m >= 0.0:
+        cut_m = min(end_m, 0.5 * line.length)
+        cut = substring(line, cut_m, line.length - cut_m)
+        return cut if isinstance(cut, LineString) else LineString(2 * list(cut.coords))
+    points = shapely.get_coordinates(line)
+    for at, beside in ((0, 1), (-1, -2)):
+        ahead = points[at] - points[beside]
+        points[at] -= end_m * ahead / math.hypot(*ahead)
+    return LineString(points)

@@ -1,4 +1,4 @@
-"""The survey: rows that see an area wholly, in the direction that takes the least of the budget."""
+"""The survey: rows that see a whole area, in the direction of the least cost."""
 
 from __future__ import annotations
 
@@ -14,15 +14,20 @@ from shapely.geometry import Polygon
 
 from geo.linear_algebra import product
 from mission.errors import PlanningError
-from mission.planners.centreline import is_narrow, strip_lines, without_arms
 from mission.planners.cuts import cut_parts, hull_angles
-from mission.planners.gaps import gaps_of, swept_lands, with_gaps
 from mission.planners.path import Area, PlannedPath, Points, distinct, path_length
 from mission.planners.request import PlanningRequest
-from mission.planners.search import cannot_be_flown, is_number, too_small
+from mission.planners.search import (
+    cannot_be_flown,
+    gaps_of,
+    is_number,
+    swept_lands,
+    too_small,
+    with_gaps,
+)
 from mission.planners.short_legs import without_short_legs
 from mission.planners.spiral import ring_from
-from mission.planners.strips import Swath, ring_strips, rows_that_see
+from mission.planners.strips import Swath, is_narrow, ring_strips, rows_that_see, strip_lines, without_arms
 from mission.planners.terrain import Terrain, parts_of, smoothed
 from mission.planners.tour import fly_cells
 
@@ -30,23 +35,19 @@ NAME = "survey"
 BEST = "best"
 SEEN, OVERLAP = "seen", "overlap"
 MOST_PASSES = 20
-# Directions that are tried besides those of the hull's edges, and the steps of the refinement, degrees.
+# Directions of the search besides those of the hull's edges, and the steps of the refinement, degrees.
 _EVERY_DEG = 30
 _FINER_DEG = (12.0, 6.0, 3.0)
 _HULL_ANGLES = 6
-# Paths beyond this length are compared by their lengths and turns: to fly them all would take minutes.
+# Longer paths are compared by their lengths and turns: to predict all their flights would take minutes.
 _PRICED_M = 400_000.0
-_TURN_M = 20.0
-# Rows that take more than this many times the fewest, with their turns, are not looked at.
-_LONGER = 2.5
-# A layout that sees so much less of the area than another is not chosen, whatever it costs.
-_AS_MUCH = 0.02
-# Half the width of a row itself.
-_ROW_M = 0.01
-_FINALISTS = 3
-# Of what an image shows: so much of borders of very many vertices may be smoothed away.
-_SMOOTHED = 0.125
-_MOST_TOGGLED = 6
+_TURN_M = 20.0  # Length of a row that costs as much as a turn, roughly
+_LONGER = 2.5  # Layouts longer than this many times the shortest are not priced
+_AS_MUCH = 0.02  # Layouts that see less of the area by this share are not chosen
+_ROW_M = 0.01  # Half the width of a row itself
+_FINALISTS = 3  # Layouts for which the best order of cells is sought
+_SMOOTHED = 0.125  # Part of an image by which borders of many vertices may be smoothed
+_MOST_TOGGLED = 6  # Gaps, parts and cuts that are tried singly: each takes a prediction or two
 
 
 def survey(
@@ -60,34 +61,33 @@ def survey(
     headland: str = "first",
     border: str = SEEN,
 ) -> PlannedPath:
-    """Plan rows that see the whole area, at the distance that the overlap of the images asks for.
+    """Plan rows that see the whole area, at the distance for the overlap of the images.
 
-    Where borders split the rows the area falls into cells; their order, and the corners at which they are
-    entered, make the ways between them short. Parts of the area, and of a concave one the parts into which
-    it is cut, may have rows in directions of their own, and rows may lead over passable land that is not to
-    be seen, where that costs less.
+    Borders split the rows into cells, which are flown in an order with short ways between them. Where it
+    costs less, parts of the area have rows in directions of their own, a concave part is cut into parts, and
+    rows lead over passable land that is not to be seen.
 
     Parameters
     ----------
     angle : str or float
-        Direction of the rows, degrees anticlockwise from the x axis; ``"best"``: that with the least cost,
-        in which the budget counts the wind.
+        Direction of the rows, degrees anticlockwise from the x axis; ``"best"``: the direction of the least
+        cost, the wind included.
     spacing_m : float, optional
-        Distance between rows; by default that of the request, which the side overlap gives.
+        Distance between rows; by default that of the request, from the side overlap.
     overshoot_m : float
-        So far rows go on beyond what they see of the area, also over its border; below zero they end before.
+        Length of rows beyond their strips, also over the border; below zero they end before.
     headland_passes : int
-        So many passes are flown along the borders of the area and round its holes.
+        Number of passes along the borders of the area and round its holes.
     headland : str
         ``"first"`` or ``"last"``: before the rows, or after them.
     border : str
-        ``"seen"``: the area is seen to its border; ``"overlap"``: as often there as within, as maps from
-        images need it. Then the outermost rows lie half a spacing within, and rows end at the border.
+        ``"seen"``: the area is seen up to its border; ``"overlap"``: at the border as often as within, for
+        maps from images. The outermost rows then lie half a spacing within, and rows end at the border.
 
     Raises
     ------
     PlanningError
-        If the whole area takes more than the budget; the text says how much. If a parameter is out of its
+        If the whole area takes more than the budget; the text gives the cost. If a parameter is out of its
         range.
 
     Examples
@@ -135,7 +135,7 @@ def _swath(request: PlanningRequest, spacing_m: float | None, overshoot_m: float
 
 
 def _smooth(request: PlanningRequest, swath: Swath) -> PlanningRequest:
-    """Return a request over land whose borders have not more vertices than its rows can tell apart."""
+    """Return a request over land with borders smoothed to the resolution of its rows."""
     most_m = _SMOOTHED * min(swath.across_m, swath.along_m or swath.across_m, swath.spacing_m)
     area = smoothed(request.area, most_m, request.least_leg_m)
     if request.passable is None:
@@ -170,7 +170,7 @@ Layout: TypeAlias = tuple[tuple[Polygon, float], ...]
 
 
 class _Plans:
-    """Paths of layouts; ``last``: the headland is flown after the rows."""
+    """Paths of layouts; with ``last`` the headland is flown after the rows."""
 
     def __init__(self, request: PlanningRequest, swath: Swath, passes: int, *, last: bool) -> None:
         self.request, self.swath = request, swath
@@ -181,7 +181,7 @@ class _Plans:
         self._ring_lines = ring_strips(request.area, swath, passes)[0]
 
     def common(self, land: Area, angle_rad: float) -> Layout:
-        """Return the layout of a land with rows in one direction."""
+        """Return the layout of a land with rows in a common direction."""
         return tuple((part, 0.0 if self.is_narrow(part) else angle_rad) for part in self.core(land))
 
     def core(self, land: Area) -> list[Polygon]:
@@ -189,7 +189,7 @@ class _Plans:
         return ring_strips(land, self.swath, self._passes)[1]
 
     def is_narrow(self, part: Polygon) -> bool:
-        """Return whether a part is a strip, whose row has no direction to choose."""
+        """Return whether a part is a strip, whose row has a given direction."""
         return self._lines_of(part) is not None
 
     def _lines_of(self, part: Polygon) -> list[Points] | None:
@@ -203,7 +203,7 @@ class _Plans:
         return rows_that_see(part, self._room, self.swath, angle) if lines is None else lines
 
     def path(self, layout: Layout, *, exact: bool = False, returns: bool = True) -> Points:
-        """Return the path of a layout; ``exact`` and ``returns`` as of `fly_cells`."""
+        """Return the path of a layout; ``exact`` and ``returns`` as for `fly_cells`."""
         start = np.asarray(self.request.start_xy_m)
         pieces = [] if self._last else self._rings(start)
         cells = [rows for part, angle in layout for rows in self._rows(part, angle)]
@@ -226,7 +226,7 @@ class _Plans:
         return without_short_legs(points[kept], corner[kept], least_m, self._terrain)
 
     def rough_m(self, layout: Layout) -> float:
-        """Return about how long the rows of a layout are, with what their turns cost."""
+        """Return roughly the length of a layout's rows, the cost of turns included."""
         length_m = 0.0
         for part, angle in layout:
             across = np.array([-math.sin(angle), math.cos(angle)])
@@ -236,7 +236,7 @@ class _Plans:
         return length_m
 
     def seen_share(self, path: Points) -> float:
-        """Return which share of the area is seen from a path."""
+        """Return the share of the area that is seen from a path."""
         seen = self.swath.seen_from(path)
         return float(shapely.intersection(self.request.area, seen).area / self.request.area.area)
 
@@ -252,7 +252,7 @@ class _Plans:
 
 
 def _room(room: Area, overshoot_m: float) -> Area:
-    """Return where rows may lie that overshoot: also beyond the border, but not over holes."""
+    """Return the land for rows that overshoot: beyond the border, but not over holes."""
     if overshoot_m <= 0.0:
         return room
     holes = [Polygon(ring) for part in parts_of(room) for ring in part.interiors]
@@ -266,17 +266,17 @@ class _Search:
     def __init__(self, plans: _Plans) -> None:
         self._plans, self._request = plans, plans.request
         self._known: dict[Layout, float] = {}
-        self._seen: dict[Layout, float] = {}  # What share of the area each layout sees
+        self._seen: dict[Layout, float] = {}  # Share of the area that each layout sees
         self._rough, self._shortest_m = False, math.inf
 
     def best(self) -> list[Layout]:
-        """Return the cheapest layouts, of which the best order of cells is still to be found."""
+        """Return the cheapest layouts, with a rough order of cells."""
         lands = swept_lands(self._request)
         self._price([self._plans.common(lands[0], angle) for angle in self._angles(lands[0])])
         self._refine(lands[0])
         angle = self._angle(self._best())
         for land in lands[1:]:
-            self._price([self._plans.common(land, one) for one in {angle, *hull_angles(land)[:1]}])
+            self._price([self._plans.common(land, turned) for turned in {angle, *hull_angles(land)[:1]}])
         if len(lands) > 1:
             self._toggle_gaps(lands[0], angle)
         self._turn_parts()
@@ -290,23 +290,23 @@ class _Search:
     def _ranked(self) -> list[Layout]:
         """Return the layouts that see about as much as any, the cheapest first, then the others."""
         enough = max(self._seen.values(), default=0.0) - _AS_MUCH
-        return sorted(self._known, key=lambda one: (self._seen[one] < enough, self._known[one]))
+        return sorted(self._known, key=lambda layout: (self._seen[layout] < enough, self._known[layout]))
 
     def _angle(self, layout: Layout) -> float:
         """Return the direction of the rows of a layout's first part that is no strip."""
         return next((angle for part, angle in layout if not self._plans.is_narrow(part)), 0.0)
 
     def _price(self, layouts: Sequence[Layout]) -> None:
-        new = [one for one in dict.fromkeys(layouts) if one and one not in self._known]
+        new = [layout for layout in dict.fromkeys(layouts) if layout and layout not in self._known]
         rough_m = [self._plans.rough_m(layout) for layout in new]
         self._shortest_m = min([self._shortest_m, *rough_m])
-        # Very many short rows are never the cheapest, and to order them takes long.
-        new = [one for one, m in zip(new, rough_m, strict=True) if m <= _LONGER * self._shortest_m]
-        paths = [self._plans.path(one) for one in new]
+        # Many short rows are never the cheapest, and to order them takes long.
+        new = [layout for layout, m in zip(new, rough_m, strict=True) if m <= _LONGER * self._shortest_m]
+        paths = [self._plans.path(layout) for layout in new]
         if not self._known:
             self._rough = max(map(path_length, paths), default=0.0) > _PRICED_M
         if self._rough:
-            costs = [path_length(one) + _TURN_M * len(one) for one in paths]
+            costs = [path_length(path) + _TURN_M * len(path) for path in paths]
         else:
             costs = self._request.costs(paths)
         self._known.update(zip(new, costs, strict=True))
@@ -315,30 +315,30 @@ class _Search:
         self._request.progress(done, done + len(new))
 
     def _angles(self, land: Area) -> list[float]:
-        """Return the directions to begin with."""
-        even = [math.radians(one) for one in range(0, 180, _EVERY_DEG)]
+        """Return the first directions of the search."""
+        even = [math.radians(degrees) for degrees in range(0, 180, _EVERY_DEG)]
         return [*hull_angles(land)[:_HULL_ANGLES], *even]
 
     def _refine(self, land: Area) -> None:
-        """Look for a better direction near the best one."""
+        """Search for a better direction near the best one."""
         for step in _FINER_DEG:
             angle = self._angle(self._best())
             beside = (angle - math.radians(step), angle + math.radians(step))
-            self._price([self._plans.common(land, one % math.pi) for one in beside])
+            self._price([self._plans.common(land, turned % math.pi) for turned in beside])
 
     def _toggle_gaps(self, land: Area, angle: float) -> None:
-        """Let rows lead over single gaps, or not."""
+        """Try rows over single gaps."""
         passable = self._request.room
         gaps = gaps_of(land, passable)[:_MOST_TOGGLED]
         alone = {k: self._plans.common(with_gaps(land, [gap]), angle) for k, gap in enumerate(gaps)}
         self._price(list(alone.values()))
         cut = self._known.get(self._plans.common(land, angle), math.inf)
-        better = [gaps[k] for k, one in alone.items() if self._known.get(one, math.inf) < cut]
+        better = [gaps[k] for k, layout in alone.items() if self._known.get(layout, math.inf) < cut]
         if better:
             self._price([self._plans.common(with_gaps(land, better), angle)])
 
     def _turn_parts(self) -> None:
-        """Give parts that do not hang together directions of their own."""
+        """Try directions of their own for separate parts."""
         for number in range(min(len(self._best()), _MOST_TOGGLED)):
             layout = self._best()
             if number < len(layout) > 1 and not self._plans.is_narrow(part := layout[number][0]):
@@ -350,7 +350,7 @@ class _Search:
                 )
 
     def _cut(self, ways: Callable[[Polygon], list[list[Polygon]]]) -> None:
-        """Cut parts, in one of the ways, into parts with directions of their own."""
+        """Try parts cut in some ways, with directions of their own."""
         layout = self._best()
         angle = self._angle(layout)
         found: list[Layout] = []

@@ -1,4 +1,4 @@
-"""Rows through polygons, and the order in which to fly them (boustrophedon cells)."""
+"""Rows through polygons, and their order in flight (boustrophedon cells)."""
 
 from __future__ import annotations
 
@@ -16,19 +16,18 @@ from mission.planners.path import Area, Points
 from mission.planners.search import is_number
 from mission.planners.terrain import is_rectangle, parts_of
 
-_EDGE_M = 1e-7
-_MERGE_M = 1e-9
-_MAX_ROWS = 50_000
-# An angle of an edge, rounded to four decimals.
-_ROUNDED_RAD = 5.1e-5
+_EDGE_M = 1e-7  # Outermost rows are scanned this far within: along the very edge no crossing is sure
+_MERGE_M = 1e-9  # Pieces of a row closer than this are one
+_MAX_ROWS = 50_000  # More than a mission can number
+_ROUNDED_RAD = 5.1e-5  # Error of an angle rounded to four decimals
 
 
 class Sweep:
-    """Parallel rows over an area, which is inset already, for any number of rows.
+    """Parallel rows over an inset area, for any number of rows.
 
-    Every part of the area has rows from border to border, so that a part is never missed; all parts have
-    about the same spacing, and none has rows closer than the least spacing. The greatest one is that of the
-    highest part. PlanningError if no number of rows lies between the two.
+    Every part of the area has rows from border to border, so that none is missed; all parts have about the
+    same spacing, not below the least. The greatest spacing is that of the highest part. PlanningError if no
+    number of rows lies between the limits.
     """
 
     def __init__(
@@ -65,7 +64,7 @@ class Sweep:
     def pieces(self, rows: int, start_m: ArrayLike) -> list[Points]:
         """Return the rows in the order of the flight, cell by cell.
 
-        A cell is a set of rows above each other that no border splits; it is flown to and fro.
+        A cell is a stack of rows that no border splits; it is flown to and fro.
         """
         spacing = self.spacing_m(rows)
         cells: list[NDArray[np.float64]] = []
@@ -81,7 +80,7 @@ class Sweep:
 
 
 class _Part:
-    """One polygon, turned so that the rows run along x."""
+    """A polygon, turned so that the rows run along x."""
 
     def __init__(self, polygon: Polygon, turn: NDArray[np.float64]) -> None:
         rings = (polygon.exterior, *polygon.interiors)
@@ -131,7 +130,7 @@ class _Part:
 def row_chains(
     row: NDArray[np.intp], left: NDArray[np.float64], right: NDArray[np.float64]
 ) -> list[list[int]]:
-    """Return the cells: pieces of successive rows that overlap each other and no other piece."""
+    """Return the cells: chains of pieces in successive rows that overlap only each other."""
     pieces: dict[int, list[int]] = {}
     for index, number in enumerate(row.tolist()):
         pieces.setdefault(number, []).append(index)
@@ -162,7 +161,7 @@ def row_chains(
 def order_cells(
     cells: Sequence[NDArray[np.float64]], owners: Sequence[int], start: NDArray[np.float64]
 ) -> list[Points]:
-    """Return the cells as ways to and fro, nearest entry corner first, part of the area by part."""
+    """Return the cells as ways to and fro, nearest entry corner first, part by part."""
     # Entry corners of each cell: first row left, first row right, last row left, last row right.
     entries = np.array([[cell[0, 0], cell[0, 1], cell[-1, 0], cell[-1, 1]] for cell in cells])
     owner = np.asarray(owners)
@@ -183,7 +182,7 @@ def order_cells(
 
 
 def boustrophedon(ends: NDArray[np.float64], *, from_last: bool = False, from_right: bool = False) -> Points:
-    """Return the way to and fro along rows.
+    """Return the path to and fro along rows.
 
     Examples
     --------
@@ -199,10 +198,9 @@ def sweep_angle(area: Area, direction: str | float | None = None) -> float:
     """Return the angle of the rows, radians anticlockwise from the x axis; PlanningError if it is none.
 
     ``"x"``: along the x axis. ``"longest-side"``: along the longest straight side. ``"fewest-turns"``: along
-    the convex hull's edge across which the area is narrowest. A number is the angle itself, or that of an
-    edge of the hull from which it differs by its rounding to four decimals: rows that are not quite along a
-    border would lose the outermost one. None: ``"x"`` for a rectangle along the axes, as in the paper, else
-    ``"fewest-turns"``.
+    the convex hull's edge across which the area is narrowest. A number is the angle; within its rounding to
+    four decimals it snaps to an edge of the hull, because rows not quite along a border lose the outermost
+    one. None: ``"x"`` for a rectangle along the axes, as in the paper, else ``"fewest-turns"``.
 
     Examples
     --------
@@ -240,7 +238,7 @@ def sweep_angle(area: Area, direction: str | float | None = None) -> float:
 
 
 def rotation(angle_rad: float) -> NDArray[np.float64]:
-    """Return the matrix into the frame whose x axis has the angle (``points @ matrix.T``)."""
+    """Return the matrix into a frame whose x axis has the angle (``points @ matrix.T``)."""
     if angle_rad == 0.0:
         return np.eye(2)
     cosine, sine = math.cos(angle_rad), math.sin(angle_rad)

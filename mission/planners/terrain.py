@@ -1,4 +1,4 @@
-"""Where a path may go: the inset area, straight legs, shortest ways round corners, and random places."""
+"""The land of a path: the inset area, straight legs, shortest ways round corners, random places."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from mission.planners.path import Area, Points
 
 TOLERANCE_M = 5e-7
 MAX_VERTICES = 500
-_MOST_SEEN = 60_000
+_MOST_SEEN = 60_000  # Pairs of a visibility graph that is drawn whole: about a second
 _NO_POINTS: Points = np.empty((0, 2))
 
 
@@ -29,19 +29,20 @@ def parts_of(area: Area) -> tuple[Polygon, ...]:
 
 
 def polygons_of(geometry: shapely.Geometry, least_m2: float = 0.0) -> list[Polygon]:
-    """Return the polygons among the parts of a geometry that are larger than so many square metres."""
-    return [one for one in shapely.get_parts(geometry) if isinstance(one, Polygon) and one.area > least_m2]
+    """Return the polygons of a geometry larger than `least_m2`."""
+    parts = shapely.get_parts(geometry)
+    return [part for part in parts if isinstance(part, Polygon) and part.area > least_m2]
 
 
 def area_of(polygons: Sequence[Polygon]) -> Area:
-    """Return polygons as one area; an empty polygon of none."""
+    """Return polygons as one area; an empty polygon for no polygons."""
     if not polygons:
         return Polygon()
     return polygons[0] if len(polygons) == 1 else MultiPolygon(polygons)
 
 
 def is_rectangle(area: Area) -> bool:
-    """Tell whether the area is one rectangle with sides along the axes."""
+    """Return whether the area is a rectangle with sides along the axes."""
     if not isinstance(area, Polygon) or area.interiors:
         return False
     x_min, y_min, x_max, y_max = area.bounds
@@ -52,12 +53,12 @@ def is_rectangle(area: Area) -> bool:
 def inset(area: Area, distance_m: float, least_leg_m: float = 0.0) -> Area:
     """Return the area less a margin along its border.
 
-    A border of more than 500 vertices is smoothed, inward, by no more than the distance; one that has several
-    edges in a row shorter than the least leg by no more than half of that.
+    A border of more than 500 vertices is smoothed inward by at most the distance; a border with several edges
+    in a row shorter than the least leg by at most half the least leg.
 
-    A part that is too narrow for the margin gets half of it, and half again, until something is left; so
-    every part can be visited. Convex corners stay sharp, reflex ones are bevelled inward, so the result
-    lies within the true inset.
+    A part too narrow for the margin gets half of it, and half again, until some land is left; so every part
+    can be visited. Convex corners stay sharp, reflex corners are bevelled inward: the result lies within the
+    true inset.
 
     Examples
     --------
@@ -78,7 +79,7 @@ def inset(area: Area, distance_m: float, least_leg_m: float = 0.0) -> Area:
 
 
 def smoothed(area: Area, most_m: float, least_leg_m: float = 0.0) -> Area:
-    """Return an area within itself, smoothed as `inset` does; itself if there is nothing to smooth."""
+    """Return an area smoothed inward as by `inset`; the area itself if it needs no smoothing."""
     parts = parts_of(area)
     found = [piece for part in parts for piece in _smoothed(part, most_m, _has_many)]
     if least_leg_m > 0.0:
@@ -102,11 +103,11 @@ def _is_rough(parts: Sequence[Polygon], least_leg_m: float) -> bool:
 
 
 def _smoothed(part: Polygon, most_m: float, needs: Callable[[Sequence[Polygon]], bool]) -> Sequence[Polygon]:
-    """Return the part with fewer vertices, within itself: what is cut off is at most twice the limit wide."""
+    """Return the part with fewer vertices, within itself; the strip cut off is at most `2 most_m` wide."""
     tolerance = most_m / 64
     pieces: Sequence[Polygon] = [part]
     while needs(pieces) and 0.0 < tolerance <= most_m:
-        # What simplify moves by no more than the tolerance stays within what was shrunk by it.
+        # Simplify moves borders by at most the tolerance, so the shrunk part stays within the part.
         simple = shapely.simplify(shapely.buffer(part, -tolerance, quad_segs=2), tolerance)
         found = [piece for piece in parts_of(simple) if piece.area > 0]
         if not found:
@@ -126,10 +127,10 @@ def _shrunk(part: Polygon, margin: float) -> Area:
 
 
 class Region:
-    """A polygon in which straight legs are tested and detours are found.
+    """A polygon with tests of straight legs, and detours.
 
-    A detour is the shortest way through reflex corners: A* over the visibility graph, whose edges
-    are worked out when they are needed and kept.
+    A detour is the shortest way through reflex corners: A* over the visibility graph, whose edges are
+    computed when they are needed and kept.
     """
 
     def __init__(self, polygon: Polygon) -> None:
@@ -139,22 +140,22 @@ class Region:
 
     @cached_property
     def corners(self) -> Points:
-        """The corners that a shortest way can turn at, float64[n, 2]."""
+        """The corners at which a shortest way can turn, float64[n, 2]."""
         return reflex_corners(self.polygon)
 
     @cached_property
     def _edges(self) -> NDArray[np.int8]:
-        """Whether two corners see each other: 1 yes, 0 no, -1 not yet known."""
+        """Visibility of two corners: 1 yes, 0 no, -1 not yet known."""
         return np.full((len(self.corners), len(self.corners)), -1, dtype=np.int8)
 
     def contains(self, points_m: ArrayLike) -> NDArray[np.bool_]:
-        """Tell for each point of float64[n, 2] whether it lies in the polygon."""
+        """Return whether each point of float64[n, 2] lies in the polygon."""
         return np.asarray(
             shapely.covers(self.tolerant, shapely.points(np.asarray(points_m, dtype=np.float64)))
         )
 
     def sees(self, starts_m: ArrayLike, ends_m: ArrayLike) -> NDArray[np.bool_]:
-        """Tell for each pair of points, float64[n, 2] each, whether the straight leg stays in the polygon."""
+        """Return whether the leg between each pair of points, float64[n, 2], stays in the polygon."""
         legs = np.stack(np.broadcast_arrays(starts_m, ends_m), axis=-2).astype(np.float64)
         return np.asarray(shapely.covers(self.tolerant, shapely.linestrings(legs)))
 
@@ -167,7 +168,7 @@ class Region:
         detour = from_start + to_end
         longest = 1.5 * math.dist(start_m, end_m)
         while len(detour):
-            # A way no longer than this lies in the ellipse about both ends, so the search may stay in it.
+            # A way no longer than this lies in the ellipse about both ends: only its corners are searched.
             longest = max(longest, float(detour.min()))
             near = np.nonzero(detour <= longest)[0]
             found, length = self._search(near, start_m, end_m, from_start[near], to_end[near])
@@ -218,7 +219,7 @@ class Region:
         return None, math.inf
 
     def _visible(self, node: int, others: NDArray[np.intp]) -> NDArray[np.bool_]:
-        """Tell which of the other corners the corner sees."""
+        """Return which of the other corners are visible from the corner."""
         unknown = others[self._edges[node, others] < 0]
         if len(unknown):
             seen = self.sees(self.corners[unknown], self.corners[node])
@@ -228,7 +229,7 @@ class Region:
 
 
 def reflex_corners(polygon: Polygon) -> Points:
-    """Return the corners where the polygon's inside angle is above 180 degrees, float64[n, 2].
+    """Return the corners with an inside angle above 180 degrees, float64[n, 2].
 
     Examples
     --------
@@ -247,7 +248,7 @@ def reflex_corners(polygon: Polygon) -> Points:
 
 
 class _Regions:
-    """The parts of an area as regions, found by position."""
+    """The parts of an area as regions, with a spatial index."""
 
     def __init__(self, area: Area) -> None:
         self._regions: tuple[Region, ...] = tuple(Region(part) for part in parts_of(area))
@@ -255,7 +256,7 @@ class _Regions:
         self._bounds = shapely.bounds(self._tree.geometries)
 
     def near(self, starts_m: Points, ends_m: Points) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-        """Return pairs of a leg and a region whose bounds hold both ends: their numbers, sorted by region."""
+        """Return the numbers of legs and of regions whose bounds hold both ends of the leg, by region."""
         legs, numbers = self._tree.query(shapely.points(starts_m))
         low, high = self._bounds[numbers, :2], self._bounds[numbers, 2:]
         held = ((low <= ends_m[legs]) & (ends_m[legs] <= high)).all(axis=1)
@@ -263,7 +264,7 @@ class _Regions:
         return legs[held][order], numbers[held][order]
 
     def sees(self, starts_m: Points, ends_m: Points) -> NDArray[np.bool_]:
-        """Tell for each pair of points whether the straight leg stays in one of the regions."""
+        """Return whether the straight leg between each pair of points stays in a region."""
         seen = np.zeros(len(starts_m), dtype=bool)
         legs, numbers = self.near(starts_m, ends_m)
         for some in np.split(np.arange(len(legs)), np.nonzero(np.diff(numbers))[0] + 1):
@@ -273,7 +274,7 @@ class _Regions:
         return seen
 
     def route(self, start_m: Points, end_m: Points) -> Points | None:
-        """Return the corners between two points that lie in one region, or None: see `Region.route`."""
+        """Return the corners between two points of a region, or None: see `Region.route`."""
         both = np.vstack((start_m, end_m))
         for number in self.near(both[:1], both[1:])[1]:
             region: Region = self._regions[int(number)]
@@ -285,9 +286,9 @@ class _Regions:
 
 
 class Terrain:
-    """Where a path may go: the area, and that inset by half a footprint, where it lies if it can.
+    """The land of a path: the area inset by half a footprint.
 
-    Ways between its pieces may lead over more land, if that is `passable`.
+    Ways between its pieces may lead over all the `passable` land.
     """
 
     def __init__(
@@ -302,20 +303,19 @@ class Terrain:
 
     @cached_property
     def _outer(self) -> _Regions:
-        # A path may pass a neck that is narrower than the footprint, along the land's very border.
+        # A path may pass a neck narrower than the footprint, along the land's very border.
         return _Regions(self._room)
 
     def join(self, pieces: Sequence[Points], start_m: ArrayLike) -> Points:
-        """Return one path through the pieces, see `legs`."""
+        """Return the path through the pieces, see `legs`."""
         return np.vstack(self.legs(pieces, start_m))
 
     def legs(self, pieces: Sequence[Points], start_m: ArrayLike) -> list[Points]:
-        """Return one or more pieces, each of which lies in the inset area, with the way to each before it.
+        """Return the pieces, which lie in the inset area, each after the corners of the way to it.
 
-        Two pieces are joined by a straight leg if it stays inside, else by the shortest way inside the
-        inset land, else by the shortest way inside the land: the area, or what is passable. Only between
-        parts of it that do not hang together is the leg a straight transit. The way from the start, which
-        lies anywhere, is found likewise; the start itself is not in the result.
+        The way is a straight leg if that stays in the inset land, else the shortest way in the inset land,
+        else the shortest way in the land (the area, or the passable land); between separate parts it is a
+        straight transit. So is the way from the start, which may lie anywhere and is not in the result.
         """
         start = np.asarray(start_m, dtype=np.float64)
         leaves = np.vstack((start, *(piece[-1] for piece in pieces[:-1])))
@@ -327,16 +327,15 @@ class Terrain:
         ]
 
     def sees(self, starts_m: Points, ends_m: Points) -> NDArray[np.bool_]:
-        """Return for each pair of points, float64[n, 2], whether the straight leg stays in the inset land."""
+        """Return whether the leg between each pair of points, float64[n, 2], stays in the inset land."""
         return self._inner.sees(np.atleast_2d(starts_m), np.atleast_2d(ends_m))
 
     def lengths(self, places_m: Points) -> NDArray[np.float64]:
         """Return the lengths of the shortest ways between places, float64[n, n].
 
-        In a land whose visibility graph would be large, and between parts that do not hang together, they
-        are those of straight legs.
+        They are those of straight legs if the visibility graph would be large, and between separate parts.
         """
-        # Slow to import, and for this alone.
+        # Slow to import, and only for this.
         from scipy.sparse import csr_array
         from scipy.sparse.csgraph import dijkstra
 
@@ -374,10 +373,9 @@ _ATTEMPTS = 1000
 
 
 def draw_places(area: Area, count: int, rng: np.random.Generator) -> Points:
-    """Return one or more uniformly distributed positions of the area, about `count`, drawn from its bounds.
+    """Return about `count` uniformly distributed positions of the area, at least one, drawn from its bounds.
 
-    The rejected draws are part of the stream, so the positions do not depend on how many are asked for at
-    once.
+    Rejected draws are part of the stream, so the positions do not depend on `count`.
     """
     x_min, y_min, x_max, y_max = area.bounds
     share = area.area / ((x_max - x_min) * (y_max - y_min))

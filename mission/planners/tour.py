@@ -13,10 +13,10 @@ from mission.planners.sweep import boustrophedon
 from mission.planners.terrain import Terrain, straight_lengths
 
 MOST_EXACT = 9
-"""Of so many cells the best order is found; of more a good one, by 2-opt and moves of single cells."""
+"""Up to this number of cells the order is optimal; beyond it comes of 2-opt and moves of single cells."""
 _ROUGHLY_EXACT = 5
 _TRIALS, _ROUGH_TRIALS = 3000, 200
-_GAIN_M = 1e-6
+_GAIN_M = 1e-6  # A smaller gain is rounding
 
 
 def fly_cells(
@@ -27,20 +27,20 @@ def fly_cells(
     home_m: ArrayLike | None = None,
     exact: bool = True,
 ) -> list[Points]:
-    """Return the rows of the cells to and fro, cell by cell, with short ways between them.
+    """Return the rows of the cells in the order of the flight, with short ways between the cells.
 
     Parameters
     ----------
     cells : sequence of float64[n, 2, 2] or float64[n, 2]
         The rows of each cell: row, end, (x, y); or the points of a line that is flown from either end.
     terrain : Terrain
-        In which the ways between cells lead.
+        The land of the ways between cells.
     start_m : float64[2]
-        Where the flight begins.
+        Start of the flight.
     home_m : float64[2], optional
-        Where it ends; None: with the last row.
+        Its end; None: with the last row.
     exact : bool
-        Look at the real ways round corners and holes, not at straight legs.
+        Measure the ways round corners and holes; otherwise straight legs.
 
     Returns
     -------
@@ -80,7 +80,7 @@ def _flown(cell: NDArray[np.float64], *, from_last: bool, from_right: bool) -> l
 
 
 def _exits(rows: int) -> list[int]:
-    """Return at which corner a cell is left that is entered at each: first row left, right, last row so."""
+    """Return the exit for each entry corner of a cell: first row left and right, last row left and right."""
     if rows == 1:
         return [1, 0, 3, 2]
     return [(2 if entry < 2 else 0) + (entry % 2 if rows % 2 == 0 else 1 - entry % 2) for entry in range(4)]
@@ -93,7 +93,7 @@ class _Tour:
         count = len(exits)
         at = 4 * np.arange(count)[:, None] + np.arange(4)
         leave = 4 * np.arange(count)[:, None] + np.array(exits)
-        # From leaving a cell, by the corner at which it was entered, to entering another: [from, e, to, e].
+        # Between the exit of a cell, by its entry corner, and the entry corner of another: [from, e, to, e].
         self._step = ways[leave[:, :, None, None], at[None, None]]
         self._first = ways[-2][at]
         self._last = ways[-1][leave] if returns else np.zeros((count, 4))
@@ -125,25 +125,25 @@ class _Tour:
         count, whole = self._count, (1 << self._count) - 1
         spent = np.full((whole + 1, count, 4), np.inf)
         came = np.full((whole + 1, count, 4), -1)
-        for one in range(count):
-            spent[1 << one, one] = self._first[one]
+        for cell in range(count):
+            spent[1 << cell, cell] = self._first[cell]
         for some in range(1, whole):
-            inside = [one for one in range(count) if some >> one & 1]
-            for other in (one for one in range(count) if not some >> one & 1):
+            inside = [cell for cell in range(count) if some >> cell & 1]
+            for other in (cell for cell in range(count) if not some >> cell & 1):
                 total = (spent[some, inside][:, :, None] + self._step[inside, :, other]).reshape(-1, 4)
                 source = total.argmin(axis=0)
                 spent[some | 1 << other, other] = total[source, np.arange(4)]
                 came[some | 1 << other, other] = np.array(inside)[source // 4] * 4 + source % 4
-        one, entry = divmod(int((spent[whole] + self._last).argmin()), 4)
-        order, some = [one], whole
-        while (before := int(came[some, one, entry])) >= 0:
-            some ^= 1 << one
-            one, entry = divmod(before, 4)
-            order.append(one)
+        cell, entry = divmod(int((spent[whole] + self._last).argmin()), 4)
+        order, some = [cell], whole
+        while (before := int(came[some, cell, entry])) >= 0:
+            some ^= 1 << cell
+            cell, entry = divmod(before, 4)
+            order.append(cell)
         return order[::-1]
 
     def good(self, most_trials: int) -> list[int]:
-        """Return a good order: nearest first, then pieces are turned and moved while that shortens it."""
+        """Return a good order: nearest first, then improved by 2-opt and moves of single cells."""
         order = self._nearest()
         length, trials, improved = self.length(order), 0, True
         while improved and trials < most_trials:
@@ -164,19 +164,19 @@ class _Tour:
         while len(order) < self._count:
             step = self._step[order[-1], entry].copy()
             step[order] = np.inf
-            there, entry = (int(one) for one in np.unravel_index(int(step.argmin()), step.shape))
+            there, entry = map(int, np.unravel_index(int(step.argmin()), step.shape))
             order.append(there)
         return order
 
 
 def _neighbours(order: list[int]) -> Iterator[list[int]]:
-    """Yield the orders with one piece turned round, then those with one cell elsewhere."""
+    """Yield the orders with a reversed piece, then those with a single cell moved."""
     count = len(order)
     for begin in range(count - 1):
         for end in range(begin + 2, count + 1):
             yield order[:begin] + order[begin:end][::-1] + order[end:]
-    for one in range(count):
-        rest = order[:one] + order[one + 1 :]
+    for moved in range(count):
+        rest = order[:moved] + order[moved + 1 :]
         for to in range(count):
-            if to not in (one - 1, one):
-                yield [*rest[:to], order[one], *rest[to:]]
+            if to not in (moved - 1, moved):
+                yield [*rest[:to], order[moved], *rest[to:]]

@@ -1,4 +1,4 @@
-"""Acquisition functions: the value of seeing a cell, from what is believed."""
+"""Acquisition functions: the value of seeing a cell, from the estimate."""
 
 from __future__ import annotations
 
@@ -21,22 +21,22 @@ from sensors.scoring.information import InformationModel
 ValueMap: TypeAlias = NDArray[np.float32]
 
 _CLASS_VALUES = (1.0, 0.5, 0.0)
-_COLUMNS_A_PART = 32
+_COLUMNS_A_PART = 32  # Maps are summed in parts that fit into a processor's cache
 
 
 class Acquisition(Protocol):
-    """Tells what seeing each cell is worth."""
+    """Value of seeing each cell."""
 
     def __call__(self, observation: PolicyObservation, /) -> ValueMap:
-        """Return the values of the cells, float32[W, H]: not negative, zero where nothing is scored."""
+        """Return the values of the cells, float32[W, H]: not negative, zero in cells without a score."""
 
 
 def expected_loss(observation: PolicyObservation) -> ValueMap:
-    """Return the loss that the score is expected to charge for each cell of the present estimate.
+    """Return the expected loss of the score for each cell of the present estimate.
 
-    It is what an observation of the cell saves: the sum over the fields of their weights and the loss
-    expected under the estimator's class probabilities. Without these, the cost of a squared error, the mean
-    of both sides, times the variance that the estimator states.
+    An observation of the cell saves this loss: the weighted sum over the fields of the loss under the
+    estimator's class probabilities; without these the variance of the estimate times the cost of a squared
+    error, as the mean of both sides.
     """
     known = observation.model.expected_loss
     if known is not None:
@@ -45,15 +45,15 @@ def expected_loss(observation: PolicyObservation) -> ValueMap:
 
 
 def variance(observation: PolicyObservation) -> ValueMap:
-    """Return the variance that the estimator states, weighted by field."""
+    """Return the variance of the estimate, weighted by field."""
     return _weighted(observation, lambda k, _field: observation.model.uncertainty[k] ** 2)
 
 
 def entropy(observation: PolicyObservation) -> ValueMap:
     """Return the entropy of the classes (nats) of each disease, weighted by field.
 
-    Fields without class probabilities count by the entropy of a normal distribution, relative to a standard
-    deviation of a hundredth and not below zero.
+    For fields without class probabilities it is the entropy of a normal distribution, relative to a standard
+    deviation of 0.01 and not below zero.
     """
 
     def of_field(k: int, field: Field) -> NDArray[np.floating]:
@@ -67,9 +67,9 @@ def entropy(observation: PolicyObservation) -> ValueMap:
 
 
 def probability_of_sick(observation: PolicyObservation) -> ValueMap:
-    """Return the probability that a plant that is not known is sick, weighted by disease.
+    """Return the probability that an unobserved plant is sick, weighted by disease.
 
-    Without class probabilities, how far the estimate is below healthy. Cells without doubt are worth nothing.
+    Without class probabilities it is 1 less the estimate. Cells without uncertainty are worth nothing.
     """
 
     def of_field(k: int, field: Field) -> NDArray[np.floating]:
@@ -84,16 +84,16 @@ def probability_of_sick(observation: PolicyObservation) -> ValueMap:
 
 @dataclass(frozen=True, slots=True)
 class WithCoverage:
-    """An acquisition, and beside it something for every scored plant far from all that was observed.
+    """An acquisition with a bonus for scored plants far from all observations.
 
-    An estimator may be too sure of land that nobody came near, and a whole outbreak that is missed costs more
-    than anything else. A plant at a distance of d cells from the nearest observation of this day is worth
-    ``caution * (1 - exp(-(d / reach)^4))`` more, times the weight of the field.
+    An estimator may be too sure of land without observations, and a missed outbreak costs most. A plant d
+    cells from the nearest observation of this day is worth ``caution * (1 - exp(-(d / reach)^4))`` more,
+    times the weight of the field.
 
     Parameters
     ----------
     caution : float
-        In units of loss; 0 for none.
+        In units of loss; 0: no bonus.
     reach : float
         Cells.
     """
@@ -126,21 +126,20 @@ class WithCoverage:
 
 @dataclass(frozen=True, slots=True)
 class WithCorrelationLength:
-    """An acquisition by which a reading of a smooth field saves the loss of all that it tells of.
+    """An acquisition that counts the loss beside the track for smooth fields.
 
-    Who flies over a continuous field with the correlation length l learns what lies beside the track, too: a
-    squared exponential process has only ``1 - exp(-d^2 / l^2)`` of its variance left at a distance d from it.
-    So a step along the track saves the loss of a swath that is ``sqrt(pi) l`` wide, not of its own cell. For
-    diseases the shares of a cell's neighbours say that.
+    Observations of a continuous field with the correlation length l lessen the variance beside the track,
+    too: a squared exponential process keeps only ``1 - exp(-d^2 / l^2)`` of it at a distance d. So a step
+    along the track saves the loss of a swath ``sqrt(pi) l`` wide, not only of its cell. For diseases the
+    neighbours' shares do the same.
 
     Parameters
     ----------
     strip : float
-        How wide a strip the searches of routes take a track to see, cells
+        Width of the strip that a track sees in route searches, cells
         (`mission.policies.planning_grid.strip_width`).
     beyond : int
-        Farms with no side longer than this many cells are left as they are: on small ones the first rows tell
-        the field, and flights end alike either way.
+        No change on farms with no side longer than this, cells: there the first rows determine the field.
     """
 
     acquisition: Acquisition
@@ -153,8 +152,10 @@ class WithCorrelationLength:
         if lengths is None or widest <= self.beyond:
             return self.acquisition(observation)
         field = tuple(
-            weight if one.kind == "disease" else weight * self._swath(cells, widest)
-            for one, weight, cells in zip(observation.fields, observation.weights.field, lengths, strict=True)
+            weight if sensed.kind == "disease" else weight * self._swath(cells, widest)
+            for sensed, weight, cells in zip(
+                observation.fields, observation.weights.field, lengths, strict=True
+            )
         )
         return self.acquisition(replace(observation, weights=replace(observation.weights, field=field)))
 
@@ -164,14 +165,14 @@ class WithCorrelationLength:
 
 @dataclass(frozen=True, slots=True)
 class Balanced:
-    """An acquisition by weights of which none is much smaller than the largest.
+    """An acquisition with a least weight of diseases.
 
-    With the score's own weights a disease that counts little is looked for last, maybe too late.
+    With the score's own weights a disease of little weight is searched for last, maybe too late.
 
     Parameters
     ----------
     least_weight : float
-        A disease that counts at all counts at least this part of the weightiest one; 0: by its weight.
+        Least weight of a disease with a weight, relative to the largest weight; 0: no change.
     """
 
     acquisition: Acquisition
@@ -211,14 +212,13 @@ def make_acquisition(acquisition: str | Acquisition) -> Acquisition:
 def _weighted(
     observation: PolicyObservation, of_field: Callable[[int, Field], NDArray[np.floating]]
 ) -> ValueMap:
-    """Sum maps of the fields over the cells where they are scored, by the fields' weights."""
+    """Return the weighted sum of the fields' maps, each over its scored cells."""
     total = np.zeros(observation.model.shape, np.float32)
     grid = observation.farm.grid()
     for k, field in enumerate(observation.fields):
         weight = observation.weights.field[k]
         if weight > 0.0:
             mask, values = scored_cells(field, grid), of_field(k, field)
-            # Part by part: what lies between stays in the processor's cache.
             for start in range(0, len(total), _COLUMNS_A_PART):
                 part = slice(start, start + _COLUMNS_A_PART)
                 total[part] += mask[part] * (np.float32(weight) * values[part])
@@ -227,7 +227,7 @@ def _weighted(
 
 @lru_cache(maxsize=16)
 def scored_cells(field: Field, grid: FarmGrid) -> NDArray[np.bool_]:
-    """Return where a field is scored, bool[W, H]; not to be changed."""
+    """Return the scored cells of a field, bool[W, H]; not to be changed."""
     return field.mask(grid)
 
 

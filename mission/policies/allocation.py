@@ -1,4 +1,4 @@
-"""How the vehicles of a fleet share land, and who takes over what a lost one has not flown."""
+"""Allocation of land to the vehicles of a fleet, and reallocation when a vehicle is lost."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ from mission.planners.terrain import area_of, polygons_of
 from mission.policies.observation import VehicleReport, pays_for_return
 
 WHOLE = "none"
-"""No parts: everybody has the whole farm."""
+"""No parts: each vehicle has the whole farm."""
 PARTITION_NAMES = (*PARTITIONS, WHOLE)
-_ALIKE = 0.01
+_ALIKE = 0.01  # Vehicles whose reaches differ by less get equal strips
 
 
 def check_partition(partition: str) -> str:
-    """Return the name of a way to share land; ParameterError if there is no such way."""
+    """Return the name of a partition; ParameterError if there is none of this name."""
     if partition not in PARTITION_NAMES:
         msg = f"partition {partition!r}: give {', '.join(PARTITION_NAMES[:-1])} or {PARTITION_NAMES[-1]}"
         raise ParameterError(msg)
@@ -33,7 +33,7 @@ def check_partition(partition: str) -> str:
 
 
 def reach_m(vehicle: VehicleReport) -> float:
-    """Return how many metres a vehicle can roughly fly with what is left of its budget."""
+    """Return the rough distance that a vehicle can fly with the rest of its budget."""
     low_x, low_y, high_x, high_y = vehicle.request.area.bounds
     length = max(high_x - low_x, high_y - low_y)
     here = np.array([[0.5 * (low_x + high_x), 0.5 * (low_y + high_y)]])
@@ -43,20 +43,19 @@ def reach_m(vehicle: VehicleReport) -> float:
 
 
 def shared(vehicles: Sequence[VehicleReport], partition: str) -> dict[int, Area]:
-    """Return the part of its land that each vehicle has, by system id.
+    """Return the part of the land of each vehicle, by system id.
 
-    Strips of equal area for vehicles that can fly equally far; otherwise, and for the Voronoi cells always,
-    each vehicle flies the same share of what it can fly, with the ways to its part and back
-    (`mission.planners.partition.balanced`). Of vehicles that are alike, the
-    first one has the nearer one of the outer strips.
+    Vehicles of equal reach get strips of equal area, the first vehicle the nearer outer strip. Other
+    vehicles, and all with Voronoi cells, fly the same share of their reach, with the ways to the part and
+    back (`mission.planners.partition.balanced`).
     """
     check_partition(partition)
     area = vehicles[0].request.area
-    own = any(one.request.area != area for one in vehicles)
+    own = any(vehicle.request.area != area for vehicle in vehicles)
     if own or partition == WHOLE or len(vehicles) == 1:
-        return {one.system_id: one.request.area for one in vehicles}
+        return {vehicle.system_id: vehicle.request.area for vehicle in vehicles}
     divide = PARTITIONS[partition]
-    reach = [reach_m(one) for one in vehicles]
+    reach = list(map(reach_m, vehicles))
     if not np.isfinite(reach).all():
         reach = [1.0] * len(vehicles)
     if partition == STRIPS and max(reach) <= (1.0 + _ALIKE) * min(reach):
@@ -65,46 +64,39 @@ def shared(vehicles: Sequence[VehicleReport], partition: str) -> dict[int, Area]
         if home.distance(parts[-1]) < home.distance(parts[0]):
             parts.reverse()
     else:
-        ways = [2.0 if pays_for_return(one) else 1.0 for one in vehicles]
+        places = [shapely.Point(vehicle.position_m) for vehicle in vehicles]
+        ways = [2.0 if pays_for_return(vehicle) else 1.0 for vehicle in vehicles]
         parts = balanced(
-            area,
-            divide,
-            reach,
-            lambda number, part: ways[number] * _distance_m(vehicles[number], part),
+            area, divide, reach, lambda number, part: ways[number] * float(part.distance(places[number]))
         )
-    return {one.system_id: part for one, part in zip(vehicles, parts, strict=True)}
+    return {vehicle.system_id: part for vehicle, part in zip(vehicles, parts, strict=True)}
 
 
-def _distance_m(vehicle: VehicleReport, part: Area) -> float:
-    """Return how far a part is away."""
-    return float(shapely.distance(part, shapely.Point(vehicle.position_m)))
-
-
-# Rows count as seen to a little more than half of their distance, so that no gaps are left between them.
+# Half the width that a row sees, in spacings: a little more than half, so that no gaps are left.
 _OF_SPACING = 0.55
-# Rows over the other's land at most so much farther apart than one's own, or everything is planned anew.
+# Greatest spacing of rows over a lost vehicle's land, in own spacings; beyond it all is planned anew.
 _COARSER = 1.5
 
 
 @dataclass(frozen=True, slots=True)
 class OnwardBudget:
-    """What a vehicle in flight has left, for planners: paths go on from here, or after other points."""
+    """The rest of a budget in flight, for planners of paths from here, or after other points."""
 
     vehicle: VehicleReport
     before_m: Points  # float64[n, 2]: points that are flown before the planned path
 
     @property
     def limit(self) -> float:
-        """What is left."""
+        """Rest of the vehicle's budget."""
         return self.vehicle.left
 
     @property
     def unit(self) -> str:
-        """Of the vehicle's budget."""
+        """Unit of the vehicle's budget."""
         return self.vehicle.request.budget.unit
 
     def cost(self, path_xy_m: NDArray[np.float64]) -> float:
-        """Return the cost of flying on; the first row of the path is where it begins."""
+        """Return the cost of flying on; the first row of the path is its start."""
         return self.costs([path_xy_m])[0]
 
     def costs(self, paths_xy_m: Sequence[NDArray[np.float64]]) -> list[float]:
@@ -114,10 +106,10 @@ class OnwardBudget:
 
 @dataclass(frozen=True, slots=True)
 class Share:
-    """What a vehicle has to fly."""
+    """The land of a vehicle."""
 
-    part: Area  # Its land
-    spacing_m: float | None  # Distance of its rows; None if its path has no such thing
+    part: Area
+    spacing_m: float | None  # Distance of its rows; None for a path without rows
 
     def unflown(self, vehicle: VehicleReport) -> Area:
         """Return the land along the rest of the vehicle's path; its whole land if the path has no rows."""
@@ -137,14 +129,14 @@ def reallocate(
     shares: Mapping[int, Share],
     planner: Planner,
 ) -> dict[int, tuple[Points, Share]]:
-    """Return new rests of the takers' paths, which see the land that lost vehicles have not seen.
+    """Return new rests of the takers' paths, with the unseen land of the lost vehicles.
 
-    The land is divided among the takers by what each has to spare. Each flies its own path to the end and
-    then rows over its piece; if it has too little for that, everything that it has still to see is planned
-    anew, in rows farther apart. Who cannot afford that either goes on as before.
+    The land is divided among the takers by the spare rests of their budgets. A taker flies its path to the
+    end and then rows over its piece; with too little budget for these it plans all its unseen land anew, with
+    rows farther apart; with too little for this, too, it keeps its path.
     """
-    left = [shares[one.system_id].unflown(one) for one in lost]
-    flying = [one for one in takers if one.system_id in shares]
+    left = [shares[vehicle.system_id].unflown(vehicle) for vehicle in lost]
+    flying = [vehicle for vehicle in takers if vehicle.system_id in shares]
     if not flying or not left:
         return {}
     footprint = flying[0].request.footprint_m
@@ -164,24 +156,24 @@ def reallocate(
 
 
 def _pieces(land: Area, takers: Sequence[VehicleReport]) -> list[Area]:
-    """Return the piece of each taker: by what it has to spare beyond its own path."""
+    """Return the piece of each taker, by the rest of its budget beyond its path."""
     spare = np.array(
-        [max(one.left - one.travel_cost.rest([one.rest_m])[0], 0.0) / one.left for one in takers]
+        [max(taker.left - taker.travel_cost.rest([taker.rest_m])[0], 0.0) / taker.left for taker in takers]
     )
     if not spare.any():
         spare[:] = 1.0
     try:
         return strips(land, np.maximum(spare / spare.sum(), 0.02).tolist())
     except PlanningError:
-        # Too little to be divided: it is the nearest one's.
-        nearest = min(takers, key=lambda one: shapely.distance(land, shapely.Point(one.position_m)))
-        return [land if one is nearest else shapely.Polygon() for one in takers]
+        # Land too small to be divided goes to the nearest taker.
+        nearest = min(takers, key=lambda taker: shapely.distance(land, shapely.Point(taker.position_m)))
+        return [land if taker is nearest else shapely.Polygon() for taker in takers]
 
 
 def _more(
     vehicle: VehicleReport, mine: Share, piece: Area, planner: Planner
 ) -> tuple[Points, float | None] | None:
-    """Return a path that sees what a vehicle has to see and another piece, and its spacing."""
+    """Return a path over a vehicle's unseen land and another piece, and its spacing."""
     if piece.is_empty or vehicle.left <= 0.0:
         return None
     after = _planned(vehicle, piece, vehicle.rest_m, planner)
@@ -202,7 +194,7 @@ def _more(
 
 
 def _planned(vehicle: VehicleReport, land: Area, before_m: Points, planner: Planner) -> PlannedPath | None:
-    """Return the path over a piece of land that begins where the vehicle is after other points."""
+    """Return the path over a piece of land, begun after other points."""
     start = before_m[-1] if len(before_m) else np.asarray(vehicle.position_m)
     request = replace(
         vehicle.request,
@@ -217,7 +209,7 @@ def _planned(vehicle: VehicleReport, land: Area, before_m: Points, planner: Plan
 
 
 def _land(geometry: shapely.Geometry, footprint_m: float) -> Area:
-    """Return the polygons of a geometry that are no mere slivers."""
+    """Return the polygons of a geometry without slivers."""
     least = max(0.25 * footprint_m**2, 1e-9)
     tidy = shapely.simplify(shapely.make_valid(geometry), 0.05 * footprint_m) if footprint_m else geometry
     return area_of(polygons_of(tidy, least))

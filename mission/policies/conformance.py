@@ -1,4 +1,4 @@
-"""The conformance kit: what every policy must keep, for policies from other packages too."""
+"""The conformance kit: the contract of policies, for policies of other packages too."""
 
 from __future__ import annotations
 
@@ -32,20 +32,20 @@ _FARM = "miniberry-30"
 _DAY = 6
 _COMPUTE_S = 2.0
 _AREA_M = 1e-6
-_LOST_AFTER = 0.4
-_ENDS_AT_LEAST_ONCE_IN = 20_000
+_LOST_AFTER = 0.4  # Part of the budget after which a vehicle is lost
+_MOST_STEPS = 20_000  # Many times the longest budget
 
 
 @dataclass(frozen=True, slots=True)
 class PolicyCheck:
-    """What `check_policy` measured.
+    """Measurements of `check_policy`.
 
     Parameters
     ----------
     decisions : int
-        How often the policy was asked.
+        Number of questions to the policy.
     time_share : float
-        Median of the processor time of an answer, as a share of the computing time that it had.
+        Median of the processor time of an answer, as a share of its time limit.
     """
 
     decisions: int
@@ -54,7 +54,7 @@ class PolicyCheck:
 
 @dataclass(frozen=True, slots=True)
 class _Case:
-    """A task for some vehicles; the budget is shared by none: each has its own."""
+    """A task for some vehicles, each with a budget of its own."""
 
     name: str
     area: Area
@@ -67,30 +67,30 @@ class _Case:
 def check_policy(policy: str | Policy, **parameters: Any) -> PolicyCheck:
     """Check that a policy keeps the contract (`mission.policies.policy.Policy`).
 
-    It flies vehicles of one cell a step, alone and several, over areas with a pond and in two parts, from
-    starts inside and outside, with budgets of steps and of metres with the way home. Every answer must name
-    only vehicles that can be steered, every vehicle is named at each start, a path of the first one has a
-    length, each path lies in the area of its vehicle's task and costs no more than is left. The same flight
-    twice has the same answers. On a farm that differs only where nobody looked the answers are the same, too:
-    whoever decides otherwise knows the truth. It answers sensibly when nothing was seen, when all is known,
-    and when a vehicle is lost. It leaves what it is told and numpy's global generator alone.
+    Single and several vehicles of a cell a step fly over areas with a pond and in two parts, from starts
+    inside and outside, with budgets of steps and of metres with the way home. An answer must name only
+    steerable vehicles, and every vehicle at a start; a path of the first flight has a length; each path lies
+    in the area of its vehicle's task and costs no more than the rest of the budget. Equal flights have equal
+    answers, also on a farm that differs only in unseen cells: other answers would need the truth. The policy
+    answers also when nothing was seen, when all is known, and when a vehicle is lost. It does not change its
+    observations, nor numpy's global generator.
 
     Parameters
     ----------
     policy : str or Policy
         A name or a policy, as for `mission.policies.policy.make_policy`.
     **parameters
-        With which it is checked.
+        Parameters of the policy.
 
     Returns
     -------
     PolicyCheck
-        Among others how long it computes.
+        Its number of decisions and computing time.
 
     Raises
     ------
     AssertionError
-        If a rule is broken; the text says which, and in what case.
+        If a rule is broken; the text names the rule and the case.
     PlanningError, ParameterError
         If it is no policy, or it does not have one of the parameters.
 
@@ -146,7 +146,7 @@ def _cases() -> Iterator[_Case]:
 
 
 class _Vehicle:
-    """A vehicle of one cell a step that flies what it is told, and home if its budget pays for that."""
+    """A vehicle of one cell a step that flies its path, and home if its budget pays for that."""
 
     def __init__(self, system_id: int, request: PlanningRequest, cell_m: float) -> None:
         self.system_id = system_id
@@ -172,7 +172,7 @@ class _Vehicle:
         return reached
 
     def report(self, started: bool) -> VehicleReport:
-        """Return what its telemetry would tell."""
+        """Return the report of its telemetry."""
         budget, (x, y) = self.request.budget, self.here.tolist()
         assert isinstance(budget, StepBudget | LengthBudget)
         status = Status.READY if not started else Status.FLYING if len(self.rest) else Status.ENDED
@@ -184,7 +184,7 @@ class _Vehicle:
 
 
 class _Flight:
-    """One case flown by one policy; `answers` are its decisions as bytes, `looked` the cells observed."""
+    """A case flown by a policy; `answers` are its decisions as bytes, `looked` the cells observed."""
 
     def __init__(self, policy: Policy, case: _Case, truth: NDArray[np.float32]) -> None:
         self._policy, self._case, self._truth = policy, case, truth
@@ -205,18 +205,17 @@ class _Flight:
         for vehicle in self._vehicles:
             named = vehicle.system_id in answer.paths
             _require(named, case.name, f"vehicle {vehicle.system_id} is not named at the start")
-        self._vehicles = [one for one in self._vehicles if len(one.rest)]
+        self._vehicles = [vehicle for vehicle in self._vehicles if len(vehicle.rest)]
         _require(bool(self._vehicles), case.name, "no vehicle has a path at the start of the first flight")
-        farthest_m = max(float(np.abs(one.rest - one.here).max()) for one in self._vehicles)
+        farthest_m = max(float(np.abs(vehicle.rest - vehicle.here).max()) for vehicle in self._vehicles)
         _require(farthest_m > 0.0, case.name, "no path of the first flight has a length: it has no score")
         triggers, fresh, step = policy.triggers, 0, 0
         lose_at = round(_LOST_AFTER * case.budget.limit / self._step_cost) if case.loses_one else -1
-        while any(len(one.rest) and not one.lost for one in self._vehicles):
+        while flying := [vehicle for vehicle in self._vehicles if len(vehicle.rest) and not vehicle.lost]:
             step += 1
-            _require(step < _ENDS_AT_LEAST_ONCE_IN, case.name, "the flight does not end")
-            flying = [one for one in self._vehicles if len(one.rest) and not one.lost]
-            reached = [one.step() for one in flying]
-            fresh += self._observe([one.here for one in flying], step)
+            _require(step < _MOST_STEPS, case.name, "the flight does not end")
+            reached = [vehicle.step() for vehicle in flying]
+            fresh += self._observe([vehicle.here for vehicle in flying], step)
             if step == lose_at:
                 self._vehicles[0].lost = True
                 self._vehicles[0].rest = np.empty((0, 2))
@@ -250,18 +249,18 @@ class _Flight:
     def _ask(self, event: Event, step: int, times: list[float]) -> Decision:
         if event is not Event.START:
             self._model = _model(self._truth, self._seen)
-        reports = tuple(one.report(step > 0) for one in self._vehicles)
+        reports = tuple(vehicle.report(step > 0) for vehicle in self._vehicles)
         observation = _observation(event, float(step), self._farm, self._model, self._seen, reports)
         answer = _answer(self._policy, observation, self._case.name, times)
-        for one in self._vehicles:
-            if one.system_id in answer.paths:
-                one.rest = answer.paths[one.system_id]
+        for vehicle in self._vehicles:
+            if vehicle.system_id in answer.paths:
+                vehicle.rest = answer.paths[vehicle.system_id]
         self.answers.append(_digest(answer.paths))
         return answer
 
 
 def _answer(policy: Policy, observation: PolicyObservation, what: str, times: list[float]) -> Decision:
-    """Ask, and hold the answer to the contract."""
+    """Ask, and check the answer by the contract."""
     begin = time.process_time()
     try:
         answer = policy.decide(observation)
@@ -285,7 +284,7 @@ def _answer(policy: Policy, observation: PolicyObservation, what: str, times: li
 
 
 def _lies_inside(vehicle: VehicleReport, points: Points) -> bool:
-    """Whether a path lies in the area; the ways from outside and between parts may leave it."""
+    """Return whether a path lies in the area, except for legs from outside and between separate parts."""
     area = vehicle.request.room
     wide = shapely.buffer(area, _AREA_M)
     if not shapely.covers(wide, shapely.points(points)).all():
@@ -304,7 +303,7 @@ def _lies_inside(vehicle: VehicleReport, points: Points) -> bool:
 
 
 def _check_all_known(policy: Policy, truth: NDArray[np.float32], times: list[float]) -> None:
-    """Ask in flight and before a later one, when nothing is left to be seen."""
+    """Ask in flight and before a later flight, when all cells were seen."""
     case = next(iter(_cases()))
     farm = get_farm(_FARM)
     x, y = (part.ravel().astype(np.int32) for part in np.indices(farm.grid().shape))
@@ -334,7 +333,7 @@ def _request(farm: Farm, case: _Case) -> PlanningRequest:
         for crop in (Crop.TOMATO, Crop.STRAWBERRY)
         if not (land := shapely.intersection(farm.crop_area(crop), case.area)).is_empty
     )
-    # Another one in each case: a policy may look at it.
+    # Another seed in each case: a policy may use it.
     seed = sealed_seed(11, case.name)
     return PlanningRequest(case.area, case.start_m, case.budget, farm.cell_size_m, crops, seed=seed)
 
@@ -353,7 +352,7 @@ def _observation(
 
 
 def _some_truth() -> NDArray[np.float32]:
-    """Return a farm with some patches of sick plants, float32[3, W, H]."""
+    """Return the truth of a farm with some patches of sick plants, float32[3, W, H]."""
     truth = np.ones((len(PAPER_FIELDS), *get_farm(_FARM).grid().shape), np.float32)
     truth[2] = 0.4
     for x, y in ((6, 22), (21, 18), (25, 26), (8, 5), (20, 9)):
@@ -363,7 +362,7 @@ def _some_truth() -> NDArray[np.float32]:
 
 
 def _model(truth: NDArray[np.float32], seen: Observations) -> InformationModel:
-    """Return a plain belief in read-only arrays: what was seen is known, the rest taken for healthy."""
+    """Return a plain estimate in read-only arrays: the truth of seen cells, the rest as healthy."""
     value = np.empty_like(truth)
     value[:] = np.array([0.9, 0.9, 0.4], np.float32)[:, None, None]
     uncertainty = np.full_like(value, 0.3)

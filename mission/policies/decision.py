@@ -1,4 +1,4 @@
-"""What a policy answers."""
+"""Decisions: the answers of policies."""
 
 from __future__ import annotations
 
@@ -20,18 +20,18 @@ _OF_LIMIT = 1e-9
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Alternative:
-    """A path that was thought of, for the record of a run.
+    """A candidate path, for the record of a run.
 
     Parameters
     ----------
     system_id : int
-        For which vehicle.
+        The vehicle.
     points_m : float64[n, 2]
         Metres of the farm frame.
     value : float
-        What it promises, in the policy's own measure; more is better.
+        Expected value in the policy's own measure; more is better.
     cost : float
-        What it costs, in the unit of the vehicle's budget.
+        Cost in the unit of the vehicle's budget.
     """
 
     system_id: int
@@ -45,7 +45,7 @@ class Alternative:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AcquisitionMap:
-    """What a policy thought that seeing each place is worth, before it chose.
+    """Value of seeing each place, by which a policy chose.
 
     Parameters
     ----------
@@ -62,22 +62,22 @@ class AcquisitionMap:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Decision:
-    """New rests of the paths of one or several vehicles, or to go on.
+    """New paths of vehicles, or no change.
 
     Parameters
     ----------
     paths : mapping of int to float64[n, 2]
-        By system id the points to fly through from now on, in metres of the farm frame; the vehicle then
-        flies home. No points: fly home now (a vehicle whose mission does not lead home, the ideal robot, ends
-        where it is); at the start: do not fly. Vehicles that are not named go on.
+        The points from here on by system id, in metres of the farm frame; the vehicle then flies home. No
+        points: fly home now (a vehicle whose mission does not lead home, the ideal robot, ends where it is);
+        at the start: do not fly. Vehicles without an entry keep their paths.
     reason : str
-        Why, in a few words, for the record.
+        The reason in a few words, for the record.
     alternatives : tuple of Alternative
-        What else was thought of, the chosen ones among them; the best first.
+        All candidates, the chosen ones included, the best first.
     spacing_m : mapping of int to float
-        Distance between neighbouring rows of a path, where it has such a thing; for reports.
+        Distance between neighbouring rows of paths with rows, by system id; for reports.
     acquisition : AcquisitionMap or None
-        What the paths were chosen by, where that is a map; for who watches.
+        The map by which the paths were chosen, for viewers.
 
     Raises
     ------
@@ -119,16 +119,16 @@ class Decision:
 
     @property
     def changes(self) -> bool:
-        """Whether any vehicle gets another path."""
+        """Whether any vehicle gets a new path."""
         return bool(self.paths)
 
 
 NO_CHANGE = Decision()
-"""Everybody flies on as before."""
+"""All vehicles keep their paths."""
 
 
 def answer_costs(name: str, answer: object, observation: PolicyObservation) -> dict[int, float]:
-    """Return what the paths of a policy's answer cost, by system id, in the units of the budgets."""
+    """Return the costs of the paths of an answer, by system id, in the units of the budgets."""
     if not isinstance(answer, Decision):
         msg = f"{name} answered with a {type(answer).__name__}, not a Decision"
         raise AnswerError(msg, "no Decision")
@@ -143,14 +143,14 @@ def answer_costs(name: str, answer: object, observation: PolicyObservation) -> d
 
 
 def _checked_cost(name: str, vehicle: VehicleReport, points: Points) -> float:
-    """Return what a new path costs; AnswerError if the vehicle must not fly it."""
+    """Return the cost of a new path; AnswerError if the vehicle must not fly it."""
     who = name if vehicle.system_id == 1 else f"{name}, vehicle {vehicle.system_id},"
     if not vehicle.steerable:
         msg = f"{who} changes the path of a vehicle that is {vehicle.status.value}"
         raise AnswerError(msg, "not steerable")
     cost = vehicle.travel_cost.rest([points])[0]
     budget = vehicle.request.budget
-    # Home at once is the least that a vehicle can do: in wind, or round an obstacle, even that may be over.
+    # The way home is always allowed: in wind, or round an obstacle, even that may be over the budget.
     if len(points) and not cost <= vehicle.left + budget.limit * _OF_LIMIT:
         over = f"the budget of {budget.limit:g} {budget.unit}"
         if vehicle.spent > 0.0:
@@ -158,7 +158,7 @@ def _checked_cost(name: str, vehicle: VehicleReport, points: Points) -> float:
         msg = f"{who} returned a path that takes {cost:.6g} {budget.unit}, over {over}"
         raise AnswerError(msg, "over the budget")
     area = vehicle.request.room
-    # Between parts that do not hang together the path may take the straight way.
+    # Between separate parts the path may be straight.
     room = area.convex_hull if isinstance(area, shapely.MultiPolygon) else area
     if len(points):
         line = shapely.LineString(points) if len(points) > 1 else shapely.Point(points[0])

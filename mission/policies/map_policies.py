@@ -40,38 +40,38 @@ from mission.policies.steering import (
 )
 from mission.policies.tour_search import candidate_places, search_tour
 
-_RADIUS = 3
+_RADIUS = 3  # Cells about a seen cell whose values it takes: beyond, the share is below 1 %
 _ALTERNATIVES = 4
 _LEAST_LEGS = 4
 _MOST_STOPS = 40
 CELLS_A_LEG = 8.0
-"""About how far a route flies between two turns."""
+"""Rough length of a leg of a route, cells."""
 
 
 @dataclass(kw_only=True, eq=False, repr=False)
 class MapPolicy(ABC):
-    """Search a route for each vehicle on the map of what seeing each cell is worth; again when more is seen.
+    """A policy that searches routes over a map of the value of seeing each cell, again as more is seen.
 
     Parameters
     ----------
     acquisition : str or Acquisition
-        What seeing a cell is worth.
+        Value of seeing a cell.
     share, spread : float
-        Seeing a cell takes ``share * exp(-d^2 / spread)`` of the acquisition value of one d cells away.
+        Seeing a cell takes ``share * exp(-d^2 / spread)`` of the acquisition value of a cell d cells away.
     every : int
-        Search again after so many observations.
+        Number of observations between two searches.
     least_s : float
-        But not before so many seconds of flight.
+        Least time between two searches, seconds of flight.
     caution, reach : float
         See `mission.policies.acquisition.WithCoverage`.
     least_weight : float
         See `mission.policies.acquisition.Balanced`.
     coordination : {"sequential", "auction"} or Coordination
-        Who of a fleet flies where (`mission.policies.steering`).
+        Coordination of a fleet (`mission.policies.steering`).
     """
 
     reason: ClassVar[str]
-    """What is noted of each decision."""
+    """Reason in the record of a decision."""
 
     acquisition: str | Acquisition = "expected-loss"
     share: float = 0.12
@@ -94,15 +94,15 @@ class MapPolicy(ABC):
         )
 
     def start(self) -> None:
-        """Forget the run before."""
+        """Clear the memory of the run before."""
         self._steering.start()
 
     def decide(self, observation: PolicyObservation) -> Decision:
-        """Search a route for every vehicle, in turn."""
+        """Search a route for each vehicle in turn."""
         return self._steering.decide(observation, self._routes, self.reason)
 
     def _routes(self, problem: RouteProblem) -> Sequence[Route]:
-        """Search; where nothing is to be gained near the vehicle, go far first and search on from there."""
+        """Search; with no value near the vehicle, fly far first and search on from there."""
         routes = self._search(problem)
         far = [] if routes else far_route(problem)
         if not far:
@@ -118,21 +118,21 @@ class MapPolicy(ABC):
 
     @abstractmethod
     def _search(self, problem: RouteProblem) -> Sequence[Route]:
-        """Return routes of one vehicle, the best first; none if there is nothing to gain near it."""
+        """Return routes of a vehicle, the best first; none if there is no value near it."""
 
 
 @dataclass(kw_only=True, eq=False, repr=False)
 class Greedy(MapPolicy):
-    """Fly the straight leg whose cells are worth most by what the leg costs; choose again after a few cells.
+    """Fly the straight leg of the most value by cost; choose again after a few cells.
 
-    So that there is always a path, further legs are chosen after it as if nothing were found.
+    Further legs are chosen as if nothing were found, so that the vehicle always has a path.
 
-    It takes the parameters of `MapPolicy`, too.
+    The parameters of `MapPolicy` apply, too.
 
     Parameters
     ----------
     longest, ahead : float
-        Length of the longest leg, and of the path that is planned, in cells.
+        Length of the longest leg, and of the planned path, in cells.
     """
 
     reason: ClassVar[str] = "most for its cost"
@@ -177,23 +177,23 @@ class Greedy(MapPolicy):
 
 @dataclass(kw_only=True, eq=False, repr=False)
 class Orienteering(MapPolicy):
-    """Choose places and their order so that the legs see most, early, within what is left of the budget.
+    """Choose places and their order for the most value, early, within the rest of the budget.
 
-    Costs of legs are the vehicle's own travel costs, and where the budget pays for the way home it is kept.
+    Costs of legs are the vehicle's travel costs. A budget that pays for the way home keeps enough for it.
 
-    It takes the parameters of `MapPolicy`, too.
+    The parameters of `MapPolicy` apply, too.
 
     Parameters
     ----------
     places : int
-        Candidates over the whole farm, and as many again about the vehicle.
+        Number of candidates over the whole farm, and again about the vehicle.
     near : int
         Side of the window about the vehicle, cells.
     horizon, patience : float
-        Largest length of a tour, and the length after which value counts 1/e, in cells of flight with a turn
-        every few of them.
+        Greatest length of a tour, and the length after which value counts 1/e, in cells of flight with a turn
+        every few cells.
     rounds : int
-        Of taking a part out and filling up again.
+        Number of rounds of removing a part and filling up again.
     """
 
     reason: ClassVar[str] = "tour"
@@ -218,7 +218,7 @@ class Orienteering(MapPolicy):
             if pays_for_return(vehicle)
             else np.zeros(len(places))
         )
-        # With a turn every few cells: a vehicle whose turns cost more than its way would get nowhere.
+        # With a turn every few cells: without, costly turns would use up the whole limit.
         per_cell = problem.costs.per_cell + problem.costs.turn / CELLS_A_LEG
         limit = min(vehicle.left, self.horizon * per_cell + float(back[0]))
         order, value = search_tour(
@@ -229,19 +229,19 @@ class Orienteering(MapPolicy):
 
 @dataclass(kw_only=True, eq=False, repr=False)
 class RollingHorizon(MapPolicy):
-    """Fly the route of several legs that gains most up to a horizon; search again after a few cells.
+    """Fly the route of several legs with the most value up to a horizon; search again after a few cells.
 
-    The search foresees what its own legs will leave to be seen: a cell is worth something once, and seeing it
-    takes a share of its neighbours' values. It does not foresee what will be found; so it searches again.
+    The search counts the value that its own legs take: a cell is worth its value once, and seeing it takes a
+    share of its neighbours' values. It cannot foresee findings, so it is repeated.
 
-    It takes the parameters of `MapPolicy`, too.
+    The parameters of `MapPolicy` apply, too.
 
     Parameters
     ----------
     horizon, patience : float
-        How far routes are compared, and the length after which value counts 1/e, in cells of flight.
+        Length up to which routes are compared, and after which value counts 1/e, in cells of flight.
     beam, interval : int, float
-        Routes kept in each interval of cost, and its length in cells of flight.
+        Number of routes kept in each interval of cost, and its length in cells of flight.
     """
 
     reason: ClassVar[str] = "looked ahead"
@@ -261,7 +261,7 @@ class RollingHorizon(MapPolicy):
 
     def _search(self, problem: RouteProblem) -> Sequence[Route]:
         per_cell = problem.costs.per_cell
-        # With a turn every few cells: a vehicle whose turns cost more than its way would see nothing ahead.
+        # With a turn every few cells: without, costly turns would use up the whole horizon.
         horizon = self.horizon * (per_cell + problem.costs.turn / CELLS_A_LEG)
         route = search_route(
             problem.values, problem.shares, problem.planning_grid.free, problem.x, problem.y, self._offsets,

@@ -1,4 +1,4 @@
-"""What a policy is told when it is asked: all that a computer on the ground can know, and nothing else."""
+"""Observations of policies: only what a computer on the ground can know."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ from sensors.scoring.score import ScoreWeights
 
 
 class Event(Enum):
-    """Why a policy is asked."""
+    """Reason for which a policy is asked."""
 
     START = "start"
-    """Nothing flies yet: every vehicle needs its first path, or one without points to stay."""
+    """Nothing flies yet: every vehicle needs its first path; a path without points keeps it on the ground."""
     OBSERVATIONS = "observations"
-    """The camera told something new."""
+    """New observations of the camera."""
     WAYPOINT = "waypoint"
     """A vehicle reached a waypoint of its path."""
     PERIOD = "period"
@@ -36,61 +36,61 @@ class Event(Enum):
     ENDING = "ending"
     """A vehicle is about to reach the end of its path; then it flies home."""
     LOST = "lost"
-    """A vehicle failed, or was heard of no more; its part of the farm is left."""
+    """A vehicle failed or fell silent; its part of the farm is left."""
 
 
 class Status(Enum):
-    """What a vehicle is doing."""
+    """State of a vehicle's flight."""
 
     READY = "ready"
     """On the ground at its start, before its flight."""
     CLIMBING = "climbing"
-    """Taking off; its path can be changed when it is at its height: near the ground it goes straight up."""
+    """Taking off; its path can be changed at its height: near the ground it goes straight up."""
     FLYING = "flying"
     """On its path; the path can be changed."""
     CHANGING = "changing"
-    """On its path, while another one is on its way to it; that one has to arrive first."""
+    """On its path, while a new path is being sent; this has to arrive first."""
     SILENT = "silent"
-    """On its path as far as is known, but not heard of for a while, or not yet how far it is since then: it
-    flies its plan and cannot be told of another one."""
+    """Probably on its path, but silent for a while, or its progress since is not yet known: it flies its plan
+    and cannot get a new path."""
     RETURNING = "returning"
-    """On its way home, or landing; its path cannot be changed any more."""
+    """Flying home or landing; its path cannot be changed any more."""
     PILOTED = "piloted"
-    """Taken out of its mission by a pilot, an operator or a safety function; nobody changes its path then."""
+    """Taken out of its mission by a pilot, an operator or a safety function; its path is not changed."""
     ENDED = "ended"
-    """Back, as it was meant to be."""
+    """Back, as planned."""
     LOST = "lost"
-    """Failed, or silent for longer than its plan explains: nobody counts on it."""
+    """Failed, or silent for longer than its plan explains."""
 
 
 class TravelCost(Protocol):
-    """What flying costs one vehicle from where it is now, in the unit of its budget."""
+    """Cost of flying for a vehicle from its present position, in the unit of its budget."""
 
     def rest(self, paths_m: Sequence[Points]) -> list[float]:
-        """Return what each of several rests of the path costs, from here through its points and home.
+        """Return the costs of several rests of the path, from here through their points and home.
 
-        Each is float64[n, 2] in metres of the farm frame; n = 0 is the way home. Whether the way home is
-        paid for is the budget's matter. Infinite for a path that the vehicle cannot fly. This is what a
-        decision is held to.
+        A rest is float64[n, 2] in metres of the farm frame; n = 0 is the way home. The budget decides whether
+        the way home costs anything. Infinite for a path that the vehicle cannot fly. Decisions are checked by
+        these costs.
         """
 
     def legs(self, from_m: Points, to_m: Points) -> NDArray[np.float64]:
-        """Return roughly what straight legs cost, float64[n, m], from n points to m others.
+        """Return the rough costs of straight legs, float64[n, m], from n points to m others.
 
-        Cheap, for choosing among many: wind counts, turns count as a mean one.
+        Cheap, to choose among many legs: with the wind, and the mean cost of a turn.
         """
 
     def change(self, points_m: Points) -> float:
-        """Return what it costs, besides the way, to leave the present path for another one.
+        """Return the cost of leaving the present path for another, besides the way.
 
-        0 where the autopilot goes on at its speed. Most ways to fly change their path for nothing, so that a
-        policy may compare what it found with the present path only where this is more than 0.
+        0 if the autopilot keeps its speed, which most do. A policy may compare a new path with the present
+        one only if this is above 0.
         """
 
 
 @dataclass(frozen=True, slots=True)
 class ContactArea:
-    """Where a vehicle is surely heard, and told of another path: a circle over ground.
+    """Area of sure radio contact, where a vehicle can get a new path: a circle over ground.
 
     Examples
     --------
@@ -99,26 +99,26 @@ class ContactArea:
     """
 
     center_m: tuple[float, float]  # In metres of the farm frame
-    radius_m: float  # Below 0 there is no such place
+    radius_m: float  # Below 0: contact is sure nowhere
 
     @property
     def is_nowhere(self) -> bool:
-        """Whether it is nowhere sure that another path arrives."""
+        """Whether contact is sure nowhere."""
         return self.radius_m < 0.0
 
     def away_m(self, point_m: tuple[float, float] | NDArray[np.float64]) -> float:
-        """Return how far a point is from it; 0 within."""
+        """Return the distance of a point to the area; 0 within."""
         return max(0.0, math.dist(point_m, self.center_m) - self.radius_m)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class VehicleReport:
-    """One vehicle, as its telemetry told of it last.
+    """A vehicle by its last telemetry.
 
     Parameters
     ----------
     system_id : int
-        Its MAVLink system id, the name by which decisions speak of it.
+        Its MAVLink system id, by which decisions name it.
     request : PlanningRequest
         Its task: area, start, whole budget, footprint, seed.
     position_m : tuple of float
@@ -126,19 +126,19 @@ class VehicleReport:
     velocity_m_s : tuple of float
         Over ground, along x and y.
     age_s : float
-        How old position and velocity are.
+        Age of position and velocity.
     spent : float
-        What the flight has cost so far, in the unit of the budget.
+        Cost of the flight until now, in the unit of the budget.
     rest_m : float64[n, 2]
-        The points of its path that are still to be reached, the present target first; read-only.
+        The points of its path ahead, the present target first; read-only.
     travel_cost : TravelCost
-        What rests of the path cost from here.
+        Cost of flying on from here.
     battery : float or None
-        Fraction of the battery that is left; None if nobody told.
+        Fraction of the battery that is left; None if unknown.
     delay_s : float
-        Seconds from an answer until the vehicle turns, as measured so far.
+        Measured delay from an answer to the vehicle's turn, seconds.
     contact : ContactArea or None
-        Where a path has to end so that another one can follow it; None: anywhere.
+        Area in which a path has to end so that another can follow; None: anywhere.
     """
 
     system_id: int
@@ -164,7 +164,7 @@ class VehicleReport:
 
     @property
     def left(self) -> float:
-        """What is left of the budget, in its unit; never below zero."""
+        """Rest of the budget, in its unit; never below zero."""
         return max(0.0, self.request.budget.limit - self.spent)
 
     @property
@@ -180,28 +180,28 @@ class VehicleReport:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PolicyObservation:
-    """What is known when a policy is asked.
+    """The knowledge of a policy when it is asked.
 
     Parameters
     ----------
     event : Event
-        Why it is asked.
+        Reason of the question.
     time_s : float
         Seconds since the mission began; 0 before.
     day : int
         Day of the environment.
     fields : FieldSet
-        What is sensed and scored.
+        The fields that are sensed and scored.
     weights : ScoreWeights
-        What errors cost.
+        Costs of errors.
     model : InformationModel
-        What is believed of the farm. Its arrays are read-only and hold until the answer.
+        The estimate of the farm. Its arrays are read-only and valid until the answer.
     observations : Observations
-        All that arrived so far, in their order.
+        All observations until now, in the order of their arrival.
     vehicles : tuple of VehicleReport
         In the order of their system ids.
     compute_s : float
-        Seconds that the answer may take. What comes later is not flown.
+        Time limit of the answer, seconds. A later answer is not flown.
     """
 
     event: Event
@@ -245,7 +245,7 @@ class GeometricTravelCost:
     budget : LengthBudget or StepBudget
         Its limit does not matter here.
     position_m : tuple of float
-        Where the vehicle is, in metres of the farm frame.
+        Position of the vehicle, in metres of the farm frame.
 
     Examples
     --------
@@ -260,15 +260,15 @@ class GeometricTravelCost:
     position_m: tuple[float, float]
 
     def rest(self, paths_m: Sequence[Points]) -> list[float]:
-        """Return what rests of the path cost, from here through their points and home if that is paid for.
+        """Return the costs of rests of the path, from here through their points, and home if the budget pays.
 
-        A point that is named again is a joint of two pieces, which takes no step: in flight it is no stay.
+        A repeated point is a joint of two pieces and takes no step: in flight it is no stay.
         """
         here = np.asarray(self.position_m, dtype=np.float64)
         return [self.budget.cost(np.vstack((here, drop_coincident(path)))) for path in paths_m]
 
     def legs(self, from_m: Points, to_m: Points) -> NDArray[np.float64]:
-        """Return what straight legs cost, float64[n, m], from n points to m others."""
+        """Return the costs of straight legs, float64[n, m], from n points to m others."""
         steps = np.asarray(from_m)[:, None, :] - np.asarray(to_m)[None, :, :]
         length_m: NDArray[np.float64] = np.hypot(steps[..., 0], steps[..., 1])
         if isinstance(self.budget, LengthBudget):
@@ -276,12 +276,12 @@ class GeometricTravelCost:
         return np.maximum(np.ceil(length_m / self.budget.step_m - 1e-6), 1.0)
 
     def change(self, points_m: Points) -> float:  # noqa: ARG002 (the same for every path)
-        """Return 0: neither metres nor steps are lost by it."""
+        """Return 0: a change takes neither metres nor steps."""
         return 0.0
 
 
 def pays_for_return(vehicle: VehicleReport) -> bool:
-    """Return whether the vehicle's budget has to pay for the way home; if that cannot be told, it has to."""
+    """Return whether the vehicle's budget pays for the way home; true if that is not clear."""
     request = vehicle.request
     place = np.array(request.area.representative_point().coords)
     home = np.array([request.start_xy_m])

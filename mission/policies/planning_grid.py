@@ -1,4 +1,4 @@
-"""The planning grid: the farm as a route search sees it, in cells that are few enough to search."""
+"""The planning grid: the farm in blocks few enough for a route search."""
 
 from __future__ import annotations
 
@@ -18,24 +18,24 @@ from mission.policies.observation import VehicleReport
 MOST_CELLS = 128
 """Longest side of a planning grid, in its cells."""
 DIRECTIONS = 64
-_PROBE_CELLS = (8.0, 24.0)
+_PROBE_CELLS = (8.0, 24.0)  # Lengths of the legs that are priced: a short and a long leg of a route
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlanningGrid:
-    """Where legs may lead, in square blocks of the farm's cells."""
+    """The land of legs, in square blocks of the farm's cells."""
 
-    free: NDArray[np.bool_]  # bool[w, h]: blocks that lie in the area whole
+    free: NDArray[np.bool_]  # bool[w, h]: blocks that lie wholly in the area
     cell_m: float  # Side of a block, metres
     block: int  # Side of a block in cells of the farm
     convex: bool  # Whether a leg between two points of the area cannot leave it
-    area: Area  # The area itself, a little wider than it is, against rounding
+    area: Area  # The area, widened a little against rounding
 
     @classmethod
     def of(cls, area: Area, shape: tuple[int, int], cell_size_m: float, footprint_m: float) -> PlanningGrid:
-        """Draw the planning grid of an area on a farm of this shape.
+        """Make the planning grid of an area on a farm of a shape.
 
-        Blocks are as small as `MOST_CELLS` allows, and not smaller than the camera's footprint.
+        Blocks are as small as `MOST_CELLS` and the camera's footprint allow.
         """
         seen = max(1, math.floor(footprint_m / cell_size_m + 1e-6))
         block = max(seen, math.ceil(max(shape) / MOST_CELLS))
@@ -50,7 +50,7 @@ class PlanningGrid:
         return cls(free, cell_m, block, is_rectangle(area), wide)
 
     def pooled(self, values: ValueMap) -> ValueMap:
-        """Return the values of the blocks, float32[w, h]: sums over their cells, nothing where not free."""
+        """Return the values of the blocks, float32[w, h]: sums over their cells, 0 if not free."""
         if self.block == 1:
             return np.where(self.free, values, np.float32(0.0)).astype(np.float32)
         width, height = self.free.shape
@@ -64,16 +64,16 @@ class PlanningGrid:
         return np.where(self.free, sums, np.float32(0.0)).astype(np.float32)
 
     def shares(self, fine: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Return what seeing a block takes of its neighbours' values, from the shares of single cells.
+        """Return the shares of values that seeing a block takes, from those of single cells.
 
-        A vehicle that crosses a block sees a strip of it and, by the neighbours' shares, something beside it.
+        A vehicle that crosses a block sees a strip of it, widened by the neighbours' shares.
         """
         if self.block == 1:
             return fine
         return np.array([[min(1.0, strip_width(fine) / self.block)]], np.float32)
 
     def inside(self, start_m: tuple[float, float], points_m: Points) -> Points:
-        """Return the points up to the first leg that would leave the area; the way into it is allowed."""
+        """Return the points before the first leg that leaves the area; a leg into it is allowed."""
         if self.convex or not len(points_m):
             return points_m
         path = np.vstack((np.asarray(start_m)[None], points_m))
@@ -84,8 +84,8 @@ class PlanningGrid:
 
 
 def strip_width(shares: NDArray[np.float32]) -> float:
-    """Return the value of how many cells a long straight pass takes with each cell of its length."""
-    # Of a cell beside the pass, what is left after all the cells of the pass.
+    """Return the width of the strip, in cells, whose value a long straight pass takes."""
+    # The part taken from a cell beside the pass by all the cells of the pass.
     beside = 1.0 - np.prod(1.0 - shares.astype(np.float64), axis=0)
     beside[len(shares) // 2] = 1.0
     return float(beside.sum())
@@ -93,15 +93,15 @@ def strip_width(shares: NDArray[np.float32]) -> float:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LegCosts:
-    """What legs cost a vehicle, in the unit of its budget, for lengths in cells of a planning grid."""
+    """Costs of legs in the unit of a vehicle's budget, by lengths in cells of a planning grid."""
 
-    turn: float  # What every leg costs besides its length
-    # float64[directions]: cost of a cell's length, in directions all around from the x-axis towards y.
+    turn: float  # Cost of a leg besides its length
+    # float64[directions]: cost of a cell's length, in directions from the x-axis towards y.
     slopes: NDArray[np.float64]
 
     @classmethod
     def of(cls, vehicle: VehicleReport, cell_m: float) -> LegCosts:
-        """Take the costs from the vehicle's travel costs, by legs of two lengths in each direction."""
+        """Fit the vehicle's travel costs, by legs of two lengths in each direction."""
         angle = 2.0 * np.pi * np.arange(DIRECTIONS) / DIRECTIONS
         rays = np.stack((cos(angle), sin(angle)), axis=1) * cell_m
         here = np.asarray(vehicle.position_m)

@@ -1,7 +1,6 @@
-"""Policies: who decides in flight where to go next.
+"""Policies: decisions in flight on where to go next.
 
-A policy is asked at the start and then whenever something is worth asking for. A planner is a policy that
-never changes its mind (`FixedPlan`).
+A policy is asked at the start and by its `Triggers`. A planner is a policy without changes (`FixedPlan`).
 """
 
 from __future__ import annotations
@@ -23,20 +22,20 @@ from mission.policies.observation import Event, PolicyObservation, Status, Vehic
 
 @dataclass(frozen=True, slots=True)
 class Triggers:
-    """When a policy wants to be asked, besides at the start and when a vehicle is lost.
+    """Reasons to ask a policy, besides the start and the loss of a vehicle.
 
-    One that wants any of these is also asked before a path ends.
+    With any of these a policy is also asked before a path ends.
 
     Parameters
     ----------
     period_s : float or None
-        So often, in seconds of flight; None: not for time alone.
+        Period in seconds of flight; None: not by time.
     observations : int or None
-        After so many new observations; None: not for them alone.
+        Number of new observations; None: not by observations.
     waypoints : bool
-        Whenever a vehicle reaches a waypoint.
+        At each waypoint that a vehicle reaches.
     least_s : float
-        Never more often than this for these reasons, in seconds of flight.
+        Least time between two questions for these reasons, in seconds of flight.
     """
 
     period_s: float | None = None
@@ -46,12 +45,12 @@ class Triggers:
 
     @property
     def never(self) -> bool:
-        """Whether it wants to be asked for none of these reasons."""
+        """Whether there is none of these reasons."""
         return self.period_s is None and self.observations is None and not self.waypoints
 
 
 LEAST_S = 4.0
-"""How often our policies want to be asked at most: a vehicle passes many cells in a second."""
+"""Least time between two questions to our policies, seconds: a vehicle passes many cells in a second."""
 
 NEVER_AGAIN = Triggers()
 """Only at the start, and when a vehicle is lost."""
@@ -61,24 +60,24 @@ NEVER_AGAIN = Triggers()
 class Policy(Protocol):
     """Decides where vehicles go next.
 
-    It is an object of its own for each run: `start` makes it forget everything, then `decide` is called with
-    one observation after the other. It gets no object that leads to the true state of the farm.
+    A run begins with `start`, which clears its memory; then `decide` gets one observation after the other. No
+    object of an observation leads to the true state of the farm.
     """
 
     @property
     def triggers(self) -> Triggers:
-        """When it wants to be asked."""
+        """When the policy is asked."""
 
     def start(self) -> None:
-        """Forget everything: a new run begins."""
+        """Clear the memory: a new run begins."""
 
     def decide(self, observation: PolicyObservation) -> Decision:
         """Answer, within the observation's computing time.
 
-        At `Event.START` every vehicle must be named. One whose path has no points stays on the ground in this
-        flight: nothing is worth it. In the first flight of a run at least one has to fly. Later `NO_CHANGE`
-        leaves all as it is. Every path must lie in the area of its vehicle's request, and cost no more
-        (`VehicleReport.travel_cost`) than is left of the budget.
+        At `Event.START` every vehicle needs a path. A path without points keeps the vehicle on the ground for
+        this flight; in the first flight of a run at least one vehicle has to fly. Later, `NO_CHANGE` keeps
+        all paths. Every path must lie in the area of its vehicle's request, and its cost
+        (`VehicleReport.travel_cost`) must be within the rest of the budget.
 
         Raises
         ------
@@ -89,18 +88,18 @@ class Policy(Protocol):
 
 @dataclass(slots=True, eq=False)
 class FixedPlan:
-    """A planner as a policy: it plans at the start and does not change its mind.
+    """A planner as a policy: it plans at the start only.
 
-    Several vehicles get a part of the land each. When one of them is lost, the others take over what it has
-    not flown, as far as their budgets allow (`mission.policies.allocation`).
+    Several vehicles get a part of the land each. When one is lost, the others take over its unflown land, as
+    far as their budgets allow (`mission.policies.allocation`).
 
     Parameters
     ----------
     planner : Planner or str
         As for `mission.planners.make_planner`.
     partition : {"strips", "voronoi", "none"}
-        How several vehicles share the land; with none of it each plans for the whole, and nothing is
-        reallocated.
+        Partition of the land among several vehicles; with ``"none"`` each plans for the whole land, and
+        nothing is reallocated.
 
     Raises
     ------
@@ -122,11 +121,11 @@ class FixedPlan:
         check_partition(self.partition)
 
     def start(self) -> None:
-        """Forget whose land is which."""
+        """Clear the shares of the run before."""
         self._shares = {}
 
     def decide(self, observation: PolicyObservation) -> Decision:
-        """Plan for every vehicle at the start; share what a lost one leaves; else go on."""
+        """Plan for every vehicle at the start; reallocate the land of a lost one; else change nothing."""
         if observation.event is Event.START:
             return self._plan(observation.steerable)
         if observation.event is Event.LOST and self.partition != WHOLE:
@@ -140,25 +139,28 @@ class FixedPlan:
             return NO_CHANGE
         parts = shared(vehicles, self.partition)
         paths, spacings = {}, {}
-        for one in vehicles:
-            path = planner(replace(one.request, area=parts[one.system_id]))
-            paths[one.system_id] = path.points_m
+        for vehicle in vehicles:
+            number, part = vehicle.system_id, parts[vehicle.system_id]
+            path = planner(replace(vehicle.request, area=part))
+            paths[number] = path.points_m
             if path.spacing_m is not None:
-                spacings[one.system_id] = path.spacing_m
-            self._shares[one.system_id] = Share(parts[one.system_id], path.spacing_m)
+                spacings[number] = path.spacing_m
+            self._shares[number] = Share(part, path.spacing_m)
         return Decision(paths, reason="plan", spacing_m=spacings)
 
     def _reallocate(self, observation: PolicyObservation) -> Decision:
         lost = [
-            one for one in observation.vehicles if one.status is Status.LOST and one.system_id in self._shares
+            vehicle
+            for vehicle in observation.vehicles
+            if vehicle.status is Status.LOST and vehicle.system_id in self._shares
         ]
         taken = reallocate(lost, observation.steerable, self._shares, make_planner(self.planner))
         if not taken:
             return NO_CHANGE
-        for one in lost:
-            del self._shares[one.system_id]
+        for vehicle in lost:
+            del self._shares[vehicle.system_id]
         self._shares.update({system_id: share for system_id, (_, share) in taken.items()})
-        who = ", ".join(str(one.system_id) for one in lost)
+        who = ", ".join(str(vehicle.system_id) for vehicle in lost)
         return Decision(
             {system_id: points for system_id, (points, _) in taken.items()},
             reason=f"the rest of lost vehicle {who} is handed over",
@@ -167,15 +169,15 @@ class FixedPlan:
 
 @dataclass(frozen=True, slots=True)
 class KeepPath:
-    """Leave every vehicle on the path that it was given otherwise: in a mission from a file."""
+    """A policy that keeps the paths of a mission from a file."""
 
     triggers: ClassVar[Triggers] = NEVER_AGAIN
 
     def start(self) -> None:
-        """Nothing is remembered."""
+        """Do nothing: there is no memory."""
 
     def decide(self, observation: PolicyObservation) -> Decision:  # noqa: ARG002
-        """Go on."""
+        """Change nothing."""
         return NO_CHANGE
 
 

@@ -1,4 +1,4 @@
-"""Straight legs on a map of cells, in compiled code: what every leg from a place sees, and what it costs."""
+"""Straight legs and routes on a map of cells, in compiled code: their values and costs."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from geo.linear_algebra import exp
 
 @compiled(inline="late")
 def is_free(free: Any, i: int, j: int) -> bool:
-    """Return whether legs may lead through a cell; through none beside the map."""
+    """Return whether legs may lead through a cell; not outside of the map."""
     width, height = free.shape
     if i < 0 or j < 0 or i >= width or j >= height:
         return False
@@ -25,8 +25,8 @@ def is_free(free: Any, i: int, j: int) -> bool:
 def leg_to(x: float, y: float, i: int, j: int, slopes: Any) -> tuple[float, float, float, float, float]:
     """Return the leg from a place, in cells, to the middle of a cell (i, j).
 
-    Its parts along x and y, its length in cells, its direction in turns from the x-axis towards y, and what a
-    cell's length of it costs, by `mission.policies.planning_grid.LegCosts.slopes`.
+    That is its parts along x and y, its length in cells, its direction in turns from the x-axis towards y,
+    and the cost of a cell's length (`mission.policies.planning_grid.LegCosts.slopes`).
     """
     dx, dy = i + 0.5 - x, j + 0.5 - y
     turns = (math.atan2(dy, dx) / (2.0 * math.pi)) % 1.0
@@ -47,9 +47,9 @@ def leg_values(
 ) -> None:
     """Fill in values and costs, float64[n] each, of the legs from a place (x, y) to cells around it.
 
-    `pooled`, float32[W, H], is what seeing each cell takes; legs may lead where it is `free`, bool[W, H],
-    and may begin elsewhere. They end `offsets`, int64[n, 2], from the cell of the place; `turn` and `slopes`
-    are those of `mission.policies.planning_grid.LegCosts`. A leg that cannot be flown has the value -1.
+    `pooled`, float32[W, H], is the value of seeing each cell. Legs lead over `free` cells, bool[W, H], but
+    may begin elsewhere. They end `offsets`, int64[n, 2], from the cell of the place; `turn` and `slopes` are
+    those of `mission.policies.planning_grid.LegCosts`. A leg that cannot be flown has the value -1.
     """
     begin_i, begin_j = math.floor(x + 1e-9), math.floor(y + 1e-9)
     inside = is_free(free, begin_i, begin_j)
@@ -86,9 +86,9 @@ X, Y, COST, VALUE = range(4)
 
 
 def neighbour_shares(share: float, spread: float, radius: int) -> NDArray[np.float32]:
-    """Return the share of a neighbour's value that seeing a cell takes, float32[2 radius + 1, 2 radius + 1].
+    """Return the shares of its neighbours' values that seeing a cell takes, float32[2 radius + 1]^2.
 
-    ``share * exp(-d^2 / spread)`` at a distance of d cells; the cell itself is seen whole.
+    ``share * exp(-d^2 / spread)`` at a distance of d cells, and 1 for the cell itself.
     """
     axis = np.arange(-radius, radius + 1)
     squares = axis[:, None] ** 2 + axis[None, :] ** 2
@@ -99,7 +99,7 @@ def neighbour_shares(share: float, spread: float, radius: int) -> NDArray[np.flo
 
 @compiled
 def pool(left: Any, shares: Any, x_0: int, x_1: int, y_0: int, y_1: int, out: Any) -> None:
-    """Write what seeing each cell takes, its neighbours' shares included, for a block of cells of `out`."""
+    """Write the value of seeing each cell, with its neighbours' shares, for a block of cells of `out`."""
     width, height = left.shape
     radius = shares.shape[0] // 2
     first, end = max(y_0, 0), min(y_1, height)
@@ -111,7 +111,7 @@ def pool(left: Any, shares: Any, x_0: int, x_1: int, y_0: int, y_1: int, out: An
                 share = shares[i - x + radius, aside + radius]
                 low, high = max(first, -aside), min(end, height - aside)
                 if low < high:
-                    # The loop over the cells is the inner one, from 0 on: several are added at once.
+                    # An inner loop from 0 on is vectorised.
                     seen, taken = left[i, low + aside : high + aside], out[x, low:high]
                     for k in range(high - low):
                         taken[k] += share * seen[k]
@@ -119,7 +119,7 @@ def pool(left: Any, shares: Any, x_0: int, x_1: int, y_0: int, y_1: int, out: An
 
 @compiled
 def take_leg(left: Any, shares: Any, x: float, y: float, to_x: float, to_y: float) -> None:
-    """Take from a map of acquisition values what a leg sees, the cell where it begins left out."""
+    """Take the values that a leg sees from a map, except for the cell at its beginning."""
     width, height = left.shape
     radius = shares.shape[0] // 2
     length = math.hypot(to_x - x, to_y - y)
@@ -206,7 +206,7 @@ def _expand(
         if not valid:
             continue
         group = groups if cost >= horizon - 1e-9 else int(cost / interval)
-        # Routes of a group differ in cost: what they gained so far tells what the rest would bring.
+        # Routes of a group differ in cost: their values are projected to the end of the interval.
         upto = horizon if group == groups else (group + 1) * interval
         rank = value * (1.0 - math.exp(-upto / patience)) / (1.0 - factor)
         sector = int(direction * sectors) % sectors
@@ -251,12 +251,12 @@ def search_route(
 ) -> Any:
     """Search the route that takes most value early, up to a horizon of cost.
 
-    Seeing a cell is worth `values`, float32[W, H]; value gained later counts less, by ``exp(-cost /
+    `values`, float32[W, H], are the values of seeing a cell; later value counts less, by ``exp(-cost /
     patience)``. `shares`: see `neighbour_shares`; `free` and `turn` to `slopes`: see `leg_values`;
-    `offsets`: see `leg_offsets`. Costs up to the horizon fall into so many `groups`, of each of which a
-    `beam` of routes is kept.
+    `offsets`: see `leg_offsets`. Costs up to the horizon are divided into `groups`, each with the `beam` best
+    routes.
 
-    Return the ends of the legs of the best route, float64[legs, 4]: x, y, cost and discounted value until
+    Return the ends of the legs of the best route, float64[legs, 4]: x, y, cost and discounted value up to
     there; no legs if nothing can be reached.
     """
     width, height = values.shape

@@ -1,4 +1,4 @@
-"""From searches of single routes to decisions for a fleet: each takes from the map what it will see."""
+"""Decisions for a fleet from searches of single routes: each route takes its value from the map."""
 
 from __future__ import annotations
 
@@ -18,42 +18,41 @@ from mission.policies.observation import ContactArea, Event, PolicyObservation, 
 from mission.policies.planning_grid import LegCosts, PlanningGrid
 from mission.policies.route_search import take_leg
 
-_LEAST_LEG = 1e-3
+_LEAST_LEG = 1e-3  # A shorter piece of a leg is not worth a waypoint
 _STAY: Points = np.empty((0, 2))
 _OUT_BY_BACK, _MOST_ONWARD = 6.0, 12
-"""Beyond the radio's range, so much longer than the way back a path becomes by so many searches at most."""
+"""Beyond the radio's range: length of a path by its way back, and the greatest number of further searches."""
 _MOST_BY_BUDGET = 200
-"""By so many, where nothing can be told in flight."""
+"""Greatest number of searches without radio contact anywhere."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Bid:
-    """The best path of a vehicle, when others fly what they have promised."""
+    """The best path of a vehicle beside the promised paths of the others."""
 
     points_m: Points  # float64[n, 2]: in metres of the farm frame
-    value: float  # What it promises, in the policy's own measure
-    share: float  # What it costs, as a share of what the vehicle has left: so unlike vehicles can be compared
+    value: float  # Expected value, in the policy's own measure
+    share: float  # Cost as a share of the rest of the budget, which is comparable between vehicles
 
     @property
     def rate(self) -> float:
-        """Value by share of what is left."""
+        """Value by share of the rest of the budget."""
         return self.value / self.share if self.share > 0.0 else float("inf")
 
 
 Promised: TypeAlias = Mapping[int, Points]
-"""Paths of vehicles by their system ids; what they are going to see is worth nothing to the others."""
+"""Paths of vehicles by their system ids; the cells along them are worth nothing to other vehicles."""
 Bidder: TypeAlias = Callable[[VehicleReport, Promised], Bid | None]
-"""Finds a vehicle's best path beside those that are promised; its own present one does not count."""
+"""Finds a vehicle's best path beside the promised paths of others."""
 Coordination: TypeAlias = Callable[[Sequence[VehicleReport], Promised, Bidder], dict[int, Points]]
-"""Returns new paths for vehicles, given the present paths of all; those that are not named go on."""
+"""Returns new paths of vehicles, given the present paths of all; vehicles without a new path keep theirs."""
 
 
 def sequential(vehicles: Sequence[VehicleReport], present: Promised, bidder: Bidder) -> dict[int, Points]:
-    """Let vehicles choose in turn.
+    """Let vehicles choose in turn, beside the new paths of those before and the present paths of those after.
 
-    Each finds what the others leave: the new paths of those before it, the present ones of those after it.
-    Where what is seen once is worth nothing again, the result is worth at least half of the best possible
-    (sequential allocation: Singh et al. 2009; Fisher, Nemhauser and Wolsey 1978).
+    If seeing a cell again is worth nothing, the result is worth at least half of the optimum (sequential
+    allocation: Singh et al. 2009; Fisher, Nemhauser and Wolsey 1978).
     """
     promised, chosen = dict(present), {}
     for vehicle in vehicles:
@@ -64,14 +63,14 @@ def sequential(vehicles: Sequence[VehicleReport], present: Promised, bidder: Bid
 
 
 def auction(vehicles: Sequence[VehicleReport], present: Promised, bidder: Bidder) -> dict[int, Points]:
-    """Sell paths one after the other to the vehicle that makes most of what it has left.
+    """Sell paths in turn to the vehicle with the most value for the rest of its budget.
 
-    Present paths of vehicles that bid are given up. All bid; the best bid by its rate wins and is promised;
-    the others bid again. Bids only fall by that, so only a bid that would win has to be made anew (Minoux
-    1978). A vehicle without a bid goes on as before. The bound is that of `sequential`, but the order is
-    not left to the system ids.
+    Bidding vehicles give up their present paths. All bid; the bid of the best rate wins and is promised; the
+    others bid again. Bids only fall, so only a bid that would win has to be renewed (Minoux 1978). A vehicle
+    without a bid keeps its path. The bound is that of `sequential`, but the order does not depend on the
+    system ids.
     """
-    bidding = {one.system_id: one for one in vehicles}
+    bidding = {vehicle.system_id: vehicle for vehicle in vehicles}
     promised = {number: path for number, path in present.items() if number not in bidding}
     chosen: dict[int, Points] = {}
     bids: dict[int, tuple[int, Bid]] = {}
@@ -81,7 +80,7 @@ def auction(vehicles: Sequence[VehicleReport], present: Promised, bidder: Bidder
         if bid is not None:
             bids[number] = sold, bid
     while bids:
-        number = max(bids, key=lambda one: (bids[one][1].rate, -one))
+        number = max(bids, key=lambda bidder_id: (bids[bidder_id][1].rate, -bidder_id))
         asked, bid = bids[number]
         if asked == sold:
             promised[number] = chosen[number] = bid.points_m
@@ -112,22 +111,20 @@ def make_coordination(coordination: str | Coordination) -> Coordination:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RouteProblem:
-    """What a search of one vehicle's route works on; lengths are in cells of the planning grid."""
+    """The search problem of a vehicle's route; lengths are in cells of the planning grid."""
 
     vehicle: VehicleReport
     planning_grid: PlanningGrid
-    # float32[w, h]: what is left to be seen, when the other vehicles have flown their routes.
-    values: ValueMap
-    # float32[2 r + 1, 2 r + 1]: what seeing a cell takes of it and its neighbours.
-    shares: NDArray[np.float32]
+    values: ValueMap  # float32[w, h]: values left after the routes of the other vehicles
+    shares: NDArray[np.float32]  # float32[2 r + 1, 2 r + 1]: parts of values that seeing a cell takes
     costs: LegCosts
-    x: float  # x, y: where the vehicle is
+    x: float  # x, y: position of the vehicle
     y: float
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Route:
-    """What a search found: corners float64[n, 2] in cells of the planning grid, and what it is worth."""
+    """A route: its corners, float64[n, 2] in cells of the planning grid, and its value."""
 
     corners: NDArray[np.float64]
     value: float
@@ -139,26 +136,23 @@ Search: TypeAlias = Callable[[RouteProblem], Sequence[Route]]
 
 @dataclass(slots=True)
 class Steering:
-    """Makes decisions from searches of single routes.
-
-    Each vehicle finds on the map what the others will leave (`Coordination`).
-    """
+    """Makes decisions from searches of single routes, beside those of the other vehicles (`Coordination`)."""
 
     acquisition: Acquisition
     # float32[2 r + 1, 2 r + 1]: see `mission.policies.route_search.neighbour_shares`.
     shares: NDArray[np.float32]
-    coordination: Coordination = sequential  # Who flies where
+    coordination: Coordination = sequential
     _grids: dict[int, PlanningGrid] = field(default_factory=dict, init=False)
     _drawn: dict[tuple[bytes, float], PlanningGrid] = field(default_factory=dict, init=False)
 
     def start(self) -> None:
-        """Forget the planning grids of the run before."""
+        """Clear the planning grids of the run before."""
         self._grids, self._drawn = {}, {}
 
     def decide(self, observation: PolicyObservation, search: Search, reason: str) -> Decision:
-        """Find new routes for all vehicles that can be steered.
+        """Search new routes for all steerable vehicles.
 
-        A vehicle for which nothing affordable is found goes on as before; at the start it stays where it is.
+        A vehicle without an affordable route keeps its path; at the start it stays on the ground.
         """
         values = self.acquisition(observation)
         found: dict[int, list[Alternative]] = {}
@@ -172,8 +166,10 @@ class Steering:
                 vehicle, planning_grid, pooled[planning_grid].copy(), observation, promised
             )
             routes = search(problem)
-            if vehicle.contact is not None and routes and _leads_out(vehicle.contact, observation.event):
-                routes = [_out_and_back(problem, routes[0], search, vehicle.contact), *routes[1:]]
+            contact = vehicle.contact
+            # Without contact anywhere only the first path can be given.
+            if contact and routes and (observation.event is Event.START or not contact.is_nowhere):
+                routes = [_out_and_back(problem, routes[0], search, contact), *routes[1:]]
             paths = [
                 planning_grid.inside(vehicle.position_m, route.corners * planning_grid.cell_m)
                 for route in routes
@@ -193,17 +189,20 @@ class Steering:
                 return None
             return Bid(best.points_m, best.value, best.cost / vehicle.left if vehicle.left > 0.0 else 1.0)
 
-        present = {one.system_id: one.rest_m for one in observation.vehicles if _flies_on(one)}
+        present = {
+            vehicle.system_id: vehicle.rest_m for vehicle in observation.vehicles if _flies_on(vehicle)
+        }
         paths = self.coordination(observation.steerable, present, bid)
         if observation.event is Event.START:
-            paths = {one.system_id: paths.get(one.system_id, _STAY) for one in observation.steerable}
-        alternatives = tuple(one for mine in found.values() for one in mine)
+            steerable = [vehicle.system_id for vehicle in observation.steerable]
+            paths = {number: paths.get(number, _STAY) for number in steerable}
+        alternatives = tuple(itertools.chain.from_iterable(found.values()))
         return Decision(paths, reason=reason, alternatives=alternatives, acquisition=_joined(pooled))
 
     def _grid(self, observation: PolicyObservation, vehicle: VehicleReport) -> PlanningGrid:
         planning_grid = self._grids.get(vehicle.system_id)
         if planning_grid is None:
-            # Vehicles with the same area share its planning grid, and what is worked out on it.
+            # Vehicles with the same area share its planning grid, and the results for it.
             request, shape = vehicle.request, observation.model.shape
             area = request.area.wkb, request.footprint_m
             if area not in self._drawn:
@@ -237,25 +236,25 @@ class Steering:
 
 
 def _joined(maps: Mapping[PlanningGrid, ValueMap]) -> AcquisitionMap | None:
-    """Return the maps of the vehicles' areas as one, on the planning grid of the first; None without any."""
+    """Return the union of the vehicles' maps, on the planning grid of the first; None without maps."""
     if not maps:
         return None
     cell_m = next(iter(maps)).cell_m
-    # A vehicle whose camera sees more plans on larger blocks.
+    # A vehicle with a larger footprint has larger blocks.
     alike = [values for grid, values in maps.items() if grid.cell_m == cell_m]
     return AcquisitionMap(alike[0] if len(alike) == 1 else np.maximum.reduce(alike), cell_m)
 
 
 def _flies_on(vehicle: VehicleReport) -> bool:
-    """Return whether a vehicle is going to see what its path leads over."""
+    """Return whether a vehicle will fly its path."""
     goes_on = (Status.READY, Status.CLIMBING, Status.FLYING, Status.CHANGING, Status.SILENT)
     return vehicle.status in goes_on and len(vehicle.rest_m) > 0
 
 
 def _pays_for_change(problem: RouteProblem, points_m: Points) -> bool:
-    """Return whether a path gains more than the present one while that lasts, the price of the change paid.
+    """Return whether a path gains more than the present path while this lasts, less the cost of the change.
 
-    Worth a question only where the vehicle loses something by a change (`TravelCost.change`).
+    Always true if a change costs nothing (`TravelCost.change`).
     """
     vehicle, cell_m = problem.vehicle, problem.planning_grid.cell_m
     price = vehicle.travel_cost.change(points_m)
@@ -279,17 +278,12 @@ def _pays_for_change(problem: RouteProblem, points_m: Points) -> bool:
     return gains[1] > gains[0]
 
 
-def _leads_out(contact: ContactArea, event: Event) -> bool:
-    """Return whether paths are to be planned on: where none can be told in flight, only the first one is."""
-    return event is Event.START or not contact.is_nowhere
-
-
 def _out_and_back(problem: RouteProblem, first: Route, search: Search, contact: ContactArea) -> Route:
-    """Return a route that ends where another one can be told, the first one flown to its end.
+    """Return a route that begins with the first one and ends within radio contact.
 
-    Beyond, the vehicle would have nothing to fly, and flies home. So from there routes are searched as if
-    nothing were found, until the way back is short against what is flown outside; where nothing can be told
-    anywhere, until the budget is used up.
+    Beyond contact the vehicle would end its path and fly home. So further routes are searched as if nothing
+    were found, until the way back is short against the route; without contact anywhere, until the budget is
+    used up.
     """
     cell_m, costs = problem.planning_grid.cell_m, problem.costs
     route, left = Route(np.array([[problem.x, problem.y]]), 0.0), problem.values.copy()
@@ -299,7 +293,7 @@ def _out_and_back(problem: RouteProblem, first: Route, search: Search, contact: 
             take_leg(left, problem.shares, *begin, *end)
         route = Route(np.vstack((route.corners, onward[0].corners)), route.value + onward[0].value)
         length = path_length(route.corners)
-        # Roughly; the exact price, which takes longer, is asked for once.
+        # A rough price: the exact one takes longer and is computed once.
         if length * costs.per_cell + (len(route.corners) - 1) * costs.turn > problem.vehicle.left:
             break
         away_m = contact.away_m(route.corners[-1] * cell_m)
@@ -314,9 +308,9 @@ def _out_and_back(problem: RouteProblem, first: Route, search: Search, contact: 
 
 
 def _nearest_in(contact: ContactArea, grid: PlanningGrid, corner: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the nearest place of an area to which a straight leg leads, float64[1, 2] in cells of the grid.
+    """Return the nearest place with contact that a straight leg can reach, float64[1, 2] in cells.
 
-    None, float64[0, 2], where the corner lies in it, or it cannot be seen from there.
+    None, float64[0, 2], if the corner itself has contact, or no leg leads there.
     """
     if contact.away_m(corner * grid.cell_m) == 0.0:
         return _STAY
@@ -332,9 +326,9 @@ def _nearest_in(contact: ContactArea, grid: PlanningGrid, corner: NDArray[np.flo
 
 
 def far_route(problem: RouteProblem) -> list[Route]:
-    """Return the straight way to the cell that is worth most for its distance; none if no cell is.
+    """Return the straight leg to the cell of the most value by distance; none without a value.
 
-    For searches that look only so far, when there is nothing left near the vehicle.
+    For searches of limited range, if no value is left near the vehicle.
     """
     x, y = np.indices(problem.values.shape) + 0.5
     rates = problem.values / (np.hypot(x - problem.x, y - problem.y) + 1.0)
@@ -344,15 +338,12 @@ def far_route(problem: RouteProblem) -> list[Route]:
 
 
 def most_payable(vehicle: VehicleReport) -> float:
-    """Return what is left of a vehicle's budget, and a little more for rounding."""
+    """Return the rest of a vehicle's budget, and a little more for rounding."""
     return vehicle.left * (1.0 + 1e-12)
 
 
 def affordable(vehicle: VehicleReport, points_m: Points) -> Points:
-    """Return as much of a path as the vehicle can pay for, the way home included; maybe no points.
-
-    What does not fit any more is cut off, within a leg.
-    """
+    """Return the part of a path within the rest of the budget, cut within a leg; maybe no points."""
     if not len(points_m):
         return points_m
     left = most_payable(vehicle)

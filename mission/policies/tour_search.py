@@ -1,8 +1,8 @@
-"""Orienteering: which places to visit in which order for a budget, by insertion and local search.
+"""Orienteering: places to visit within a budget, and their order, by insertion and local search.
 
 The problem is the orienteering problem (Golden, Levy & Vohra 1987) with value along the legs, not only at
-the places. A tour is built by the insertion that gains most for what it costs, and bettered by reversing
-parts (2-opt) and by taking places out and filling up again.
+the places. A tour is built by the insertion of the most value by cost, and improved by reversing parts
+(2-opt) and by removing places and filling up again.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from geo.compiled import compiled
 def candidate_places(
     pooled: NDArray[np.float32], x: float, y: float, near: int, most: int
 ) -> NDArray[np.float64]:
-    """Choose places worth a visit: the best cell of each square of a tiling, finer near the vehicle."""
+    """Return candidates of a tour: the best cell of each square of a tiling, finer near the vehicle."""
     width, height = pooled.shape
     side = max(2, math.ceil(math.sqrt(width * height / most)))
     fine = max(2, math.ceil(near / math.sqrt(most)))
@@ -45,7 +45,7 @@ def _tour_value(
     tour: Any, count: int, places: Any, costs: Any, back: Any, pooled: Any, marks: Any, mark: int,
     patience: float, limit: float,
 ) -> Any:  # fmt: skip
-    """Return the discounted value and the cost of a tour; the cost is infinite over the limit."""
+    """Return the discounted value and the cost of a tour; over the limit the cost is infinite."""
     cost = 0.0
     for k in range(1, count):
         cost += costs[tour[k - 1], tour[k]]
@@ -76,7 +76,7 @@ def _fill(
     tour: Any, count: int, used: Any, places: Any, costs: Any, back: Any, pooled: Any, marks: Any, mark: int,
     patience: float, limit: float,
 ) -> Any:  # fmt: skip
-    """Insert places while they fit, each time the one that gains most for its cost; return count and mark."""
+    """Insert places while they fit, the one of the most value by cost first; return count and mark."""
     trial = np.empty_like(tour)
     while count < len(tour):
         mark += 1
@@ -85,7 +85,7 @@ def _fill(
         for place in range(1, len(places)):
             if used[place]:
                 continue
-            # Only where it costs least to go there: all positions would take the square of the time.
+            # Only at the cheapest position and the end: all positions would take the square of the time.
             at, least = count, costs[tour[count - 1], place] + back[place] - back[tour[count - 1]]
             for k in range(1, count):
                 extra = costs[tour[k - 1], place] + costs[place, tour[k]] - costs[tour[k - 1], tour[k]]
@@ -123,7 +123,7 @@ def _reverse_parts(
     tour: Any, count: int, places: Any, costs: Any, back: Any, pooled: Any, marks: Any, mark: int,
     patience: float, limit: float,
 ) -> int:  # fmt: skip
-    """Reverse parts of the tour while that betters it (2-opt); return the mark."""
+    """Reverse parts of the tour while that improves it (2-opt); return the mark."""
     trial = np.empty_like(tour)
     mark += 1
     value, _ = _tour_value(tour, count, places, costs, back, pooled, marks, mark, patience, limit)
@@ -150,15 +150,14 @@ def _reverse_parts(
 def search_tour(
     places: Any, costs: Any, back: Any, pooled: Any, patience: float, limit: float, rounds: int, most: int
 ) -> Any:
-    """Search a tour from the first place that is worth much within a limit of cost, the way home included.
+    """Search a tour of high value within a limit of cost, the way home included.
 
-    `places`, float64[n, 2], are where it begins and where it may go, in cells; `costs`, float64[n, n], those
-    of the legs between them; `back`, float64[n], what must be kept for the way home. Seeing a cell takes
-    `pooled`, float32[W, H], once; value gained later counts less, by ``exp(-cost / patience)``. `rounds`
-    times a third of the tour, of at most `most` places, is taken out and filled up again.
+    `places`, float64[n, 2], are the start and the candidates, in cells; `costs`, float64[n, n], the costs of
+    the legs between them; `back`, float64[n], the costs of the ways home. `pooled`, float32[W, H], is the
+    value of seeing a cell, which counts once; later value counts less, by ``exp(-cost / patience)``. `rounds`
+    times a third of the tour, of at most `most` places, is removed and filled up again.
 
-    Return the numbers of the places in their order, int64[m], the first one left out, and the discounted
-    value.
+    Return the numbers of the places in their order, int64[m], without the start, and the discounted value.
     """
     marks = np.zeros(pooled.shape, np.int64)
     mark = 0

@@ -10,8 +10,8 @@ import shapely
 
 from mission.errors import PlanningError
 from mission.planners import LengthBudget, PlanningRequest, make_planner
-from mission.planners.gaps import gaps_of, swept_lands
 from mission.planners.path import path_length
+from mission.planners.search import gaps_of, swept_lands
 
 FIELD = shapely.box(0, 0, 90, 60)
 POND = shapely.box(40, 20, 60, 40)
@@ -64,7 +64,7 @@ def test_rows_over_many_ponds_lie_closer_where_turns_cost_much(monkeypatch: pyte
     ponds = shapely.union_all(boxes)
     asked = PlanningRequest(FIELD - ponds, (0.0, 0.0), Legs(), 2.0, passable=FIELD)
     over = make_planner("lawnmower")(asked)
-    monkeypatch.setattr("mission.planners.gaps.swept_lands", lambda one: [one.area])
+    monkeypatch.setattr("mission.planners.search.swept_lands", lambda request: [request.area])
     cut = make_planner("lawnmower")(asked)
     assert over.spacing_m is not None and cut.spacing_m is not None
     assert over.spacing_m < cut.spacing_m

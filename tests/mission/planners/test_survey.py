@@ -18,12 +18,11 @@ from swath import seen_share
 
 from mission.errors import PlanningError
 from mission.planners import LengthBudget, PlanningRequest, check_planner, make_planner
-from mission.planners.centreline import without_arms
 from mission.planners.cornering import Cornering
 from mission.planners.cuts import cut_parts, hull_angles, width
 from mission.planners.path import Area, path_length
 from mission.planners.short_legs import without_short_legs
-from mission.planners.strips import Swath, ring_strips, rows_that_see
+from mission.planners.strips import Swath, ring_strips, rows_that_see, without_arms
 from mission.planners.survey import survey
 from mission.planners.terrain import Terrain, inset
 from mission.planners.tour import fly_cells

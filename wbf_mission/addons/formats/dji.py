@@ -62,7 +62,7 @@ class _Waypoint:
 
 @dataclass(slots=True)
 class _Group:
-    """Actions from one waypoint to another; of what has no end yet it is None."""
+    """Actions between two waypoints; the end is None while it is not known."""
 
     start: int
     end: int | None
@@ -72,7 +72,7 @@ class _Group:
 
 @dataclass(slots=True)
 class _Route:
-    """What a wayline file holds of a mission, and what not; each step tells whether it could be taken."""
+    """The part of a mission that a wayline file holds, and its losses; a step returns whether it fits."""
 
     mission: Mission
     speed_m_s: float
@@ -84,12 +84,12 @@ class _Route:
     first_actions: list[Action] = field(default_factory=list)
 
     def act(self, function: str, parameters: Mapping[str, Any]) -> bool:
-        """Let the drone do something at the last waypoint, or at the first where there is none yet."""
+        """Add an action at the last waypoint, or at the first if there is none yet."""
         (self.waypoints[-1].actions if self.waypoints else self.first_actions).append((function, parameters))
         return True
 
     def repeat(self, kind: str, every: float) -> bool:
-        """Take photos every so many metres or seconds, until the next call; 0 ends it."""
+        """Take photos by distance or time until the next call; 0 ends it."""
         here = max(len(self.waypoints) - 1, 0)
         if self.repeats and self.repeats[-1].end is None:
             self.repeats[-1].end = here
@@ -162,7 +162,11 @@ class _Route:
 
     def groups(self) -> dict[int, list[tuple[int, _Group]]]:
         """Return the groups of actions by the waypoint at which they begin, each with its number."""
-        made = [_Group(k, k, _REACHED, one.actions) for k, one in enumerate(self.waypoints) if one.actions]
+        made = [
+            _Group(k, k, _REACHED, waypoint.actions)
+            for k, waypoint in enumerate(self.waypoints)
+            if waypoint.actions
+        ]
         made = sorted(made + self.repeats, key=lambda group: group.start)
         found: dict[int, list[tuple[int, _Group]]] = {}
         for number, group in enumerate(made):
@@ -192,7 +196,7 @@ _STEPS: Mapping[int, Callable[[_Route, MissionItem], bool]] = {
 
 
 def _route(mission: Mission) -> _Route:
-    """Bring a mission into DJI's form; MissionFileError if there is no waypoint, or a height is not known."""
+    """Make the route of a mission; MissionFileError without a waypoint, or for an unknown height."""
     route = _Route(mission, float(mission.hover_speed_m_s) or _USUAL_SPEED_M_S)
     for number, item in enumerate(mission.items, 1):
         step = _STEPS.get(item.command)
@@ -209,7 +213,7 @@ def _route(mission: Mission) -> _Route:
 
 
 def losses(mission: Mission) -> Sequence[Loss]:
-    """Tell what a wayline file does not hold of a mission."""
+    """Return the losses of a mission in a wayline file."""
     found = [
         Loss(f"{name} is not kept ({numbered('mission item', at)})", True)
         for name, at in _route(mission).lost.items()
@@ -223,9 +227,9 @@ def losses(mission: Mission) -> Sequence[Loss]:
 
 
 def dumps(mission: Mission, firmware: Firmware = Firmware.GENERIC) -> bytes:  # noqa: ARG001  one signature
-    """Write what DJI's drones can fly of a mission as a KMZ file; `losses` tells what is left out.
+    """Write the part of a mission that DJI's drones can fly as a KMZ file; `losses` returns the rest.
 
-    MissionFileError if there is no waypoint, or a height above the take-off is not known.
+    MissionFileError without a waypoint, or if a height above the take-off is not known.
     """
     route = _route(mission)
     return archive_of({"wpmz/template.kml": _template(route), "wpmz/waylines.wpml": _waylines(route)})

@@ -1,4 +1,4 @@
-"""GeoJSON both ways, for a GIS: missions of ours, and lines that somebody has drawn. Source: RFC 7946."""
+"""GeoJSON, read and written, for a GIS: missions of ours, and drawn lines. Source: RFC 7946."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ def loads(data: bytes) -> Mission | Drawing:
         for number, feature in enumerate(features, 1)
     ]
     if are_ours(records):
-        return mission_of([_placed(record, one) for record, one in zip(records, features, strict=True)])
+        return mission_of(list(map(_placed, records, features)))
     if any("crop" in record.fields for record in records):
         msg = "this is a farm file, no mission; plan a flight over it (wbf-mission plan --farm FILE)"
         raise MissionFileError(msg)

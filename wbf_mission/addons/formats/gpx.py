@@ -1,4 +1,4 @@
-"""GPX both ways, for GNSS receivers and map programs. Source: the GPX 1.1 schema, topografix.com/GPX/1/1.
+"""GPX, read and written, for GNSS receivers and map programs. Source: GPX 1.1, topografix.com/GPX/1/1.
 
 A mission of ours is a route of the places that are flown to, and waypoints for home, fence, rally points and
 the other places. Everything else of an item stands in ``extensions``, as an element of our own namespace;
@@ -18,6 +18,7 @@ from mission.files.drawn import Drawing, DrawnPath, Point
 from mission.files.xml import add, decimal, document
 from mission.model import Frame, Mission
 from wbf_mission.addons.formats.records import (
+    LatLon,
     Record,
     are_ours,
     is_flown,
@@ -41,8 +42,10 @@ def loads(data: bytes) -> Mission | Drawing:
     records = []
     for node in (root, *root.iter("metadata", "rte", "wpt", "rtept")):
         for record in _records(node):
-            is_place = node.tag in ("wpt", "rtept")
-            places = [(one.latitude_deg, one.longitude_deg) for one in (_point(node),)] if is_place else ()
+            places: list[LatLon] = []
+            if node.tag in ("wpt", "rtept"):
+                point = _point(node)
+                places = [(point.latitude_deg, point.longitude_deg)]
             records.append(Record(record.attributes, places, f"line {record.line}, {record.tag}"))
     if are_ours(records):
         return mission_of(records)

@@ -1,4 +1,4 @@
-"""KML both ways, and KMZ, which is KML in a ZIP archive: missions of ours, and paths drawn in Google Earth.
+"""KML and KMZ (KML in a ZIP archive), read and written: missions of ours, and paths drawn in Google Earth.
 
 Sources: OGC KML 2.3 (12-007r2); developers.google.com/kml/documentation/kmlreference (gx:Track, KMZ).
 """

@@ -1,4 +1,4 @@
-"""A mission as records, named fields with places: what GeoJSON, KML, GPX and CSV files of ours hold.
+"""Records: a mission as named fields with places, in our GeoJSON, KML, GPX and CSV files.
 
 ===========  ======================================================================================
 role         the other fields
@@ -11,8 +11,8 @@ rally        as an item
 ===========  ======================================================================================
 
 A record with a place has altitude_m, one without has param5 to param7. A parameter that is there and empty is
-the vehicle's default; one that is not there is 0. Names are for people, and records of role ``path`` are for
-the eye: neither is read.
+the vehicle's default; one that is not there is 0. Names, and records of role ``path``, are for people and not
+read.
 """
 
 from __future__ import annotations
@@ -52,11 +52,11 @@ class Record:
     Parameters
     ----------
     fields : mapping
-        By the names above; a value is a number, a truth value, a text that is one, or None.
+        Values by the names above: numbers, truth values, these as text, or None.
     places : sequence of (latitude, longitude)
         In degrees: none, one, or the vertices of a polygon (not closed).
     where : str
-        Where it stands in the file, for errors.
+        Its place in the file, for errors.
     """
 
     fields: Mapping[str, Any]
@@ -114,22 +114,22 @@ def text_of(value: Any, *, empty: str = "") -> str:
 
 
 def trimmed(fields: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the fields without those that are read as they are when they are not there."""
+    """Return the fields without those that have the value of a missing field."""
     return {name: value for name, value in fields.items() if name not in _USUAL or value != _USUAL[name]}
 
 
 def is_flown(item: MissionItem) -> bool:
-    """Tell whether an item is a place that the vehicle flies to."""
+    """Return whether the vehicle flies to the place of an item."""
     return is_placed(item) and item.command not in _NOT_FLOWN
 
 
 def is_placed(item: MissionItem) -> bool:
-    """Tell whether an item has a place on the map; some autopilots take 0, 0 as "here"."""
+    """Return whether an item has a place on the map; some autopilots take 0, 0 as "here"."""
     return item.has_position and (item.x, item.y) != (0.0, 0.0)
 
 
 def command_name(command: int) -> str:
-    """Return what a command is called.
+    """Return the name of a command.
 
     >>> command_name(16), command_name(1)
     ('NAV_WAYPOINT', 'command 1')
@@ -138,9 +138,9 @@ def command_name(command: int) -> str:
 
 
 def records_of(mission: Mission, *, polygons: bool) -> list[Record]:
-    """Make the records of a mission; with `polygons` those of the fence are one record each.
+    """Make the records of a mission; with `polygons` a polygon of the fence is a single record.
 
-    MissionFileError if there is a jump to nowhere.
+    MissionFileError for a jump to nowhere.
     """
     check_jumps(mission)
     speeds = {name: float(getattr(mission, name)) for name in ("cruise_speed_m_s", "hover_speed_m_s")}
@@ -158,7 +158,7 @@ def records_of(mission: Mission, *, polygons: bool) -> list[Record]:
 
 
 def _uniform_polygon(items: Sequence[MissionItem], start: int) -> Sequence[MissionItem]:
-    """Return the vertices of a polygon that differ in their places only; otherwise the item alone."""
+    """Return the vertices of a polygon if they differ only in their places; otherwise the item alone."""
     alone = items[start : start + 1]
     if items[start].command not in POLYGON_COMMANDS:
         return alone
@@ -171,7 +171,7 @@ def _uniform_polygon(items: Sequence[MissionItem], start: int) -> Sequence[Missi
 
 
 def _record(role: str, index: int, items: Sequence[MissionItem]) -> Record:
-    item, places = items[0], [(float(one.x), float(one.y)) for one in items]
+    item, places = items[0], [(float(vertex.x), float(vertex.y)) for vertex in items]
     fields: dict[str, Any] = {
         "role": role,
         "index": index,
@@ -199,14 +199,14 @@ def _is_clockwise(places: Sequence[LatLon]) -> bool:
 
 
 def are_ours(records: Iterable[Record]) -> bool:
-    """Tell whether a file holds a mission, not drawn paths."""
+    """Return whether records are those of a mission, not of drawn paths."""
     return any(record.role in ROLES for record in records)
 
 
 def mission_of(records: Sequence[Record]) -> Mission:
-    """Make the mission that records tell; MissionFileError names the place of what is wrong.
+    """Make the mission of records; MissionFileError names the place of a fault.
 
-    Items are in the order of their index, those without one behind what stands before them.
+    Items are in the order of their index; an item without an index follows the item before it.
     """
     home: GeoPoint | None = None
     speeds: dict[str, float] = {}
@@ -225,7 +225,7 @@ def mission_of(records: Sequence[Record]) -> Mission:
             known = ", ".join(sorted(ROLES))
             msg = f"{record.where}: role {role[:40]!r} is none of {known}; give one, or remove it"
             raise MissionFileError(msg)
-    ordered = {role: sorted(plan, key=lambda one: one[0]) for role, plan in plans.items()}
+    ordered = {role: sorted(plan, key=lambda entry: entry[0]) for role, plan in plans.items()}
     items = [(index, record, item) for index, record in ordered["item"] for item in _items(record)]
     return make_mission(
         resolve_jumps(

@@ -1,4 +1,4 @@
-"""CSV both ways, for spreadsheets: missions of ours, and tables of places with a header of any order."""
+"""CSV, read and written, for spreadsheets: missions of ours, and tables of places."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ def loads(data: bytes) -> Mission | Drawing:
 
 
 def _rows(text: str) -> list[tuple[int, list[str], str]]:
-    """Return the rows that are not empty, with their lines and what parts their columns; names made plain."""
+    """Return the rows that are not empty, with line and delimiter; column names are made plain."""
     if text.count("\n") + text.count("\r") > _MOST_LINES:
         raise MissionFileError(f"more than {_MOST_LINES} lines; thin the path out")
     lines = (line.strip() for line in io.StringIO(text, newline=None))
@@ -113,7 +113,7 @@ def _plain(name: str, line: int) -> str:
     ('altitude', 'rel_alt')
     """
     plain, unit = column_name(name)
-    known = {*_LATITUDES, *_LONGITUDES, *(one for names in _ALTITUDES.values() for one in names)}
+    known = {*_LATITUDES, *_LONGITUDES, *(name for names in _ALTITUDES.values() for name in names)}
     if plain in known and unit not in (*DEGREES, *_METRES):
         raise MissionFileError(
             f"line {line}: column {name.strip()[:40]!r} is not in metres or degrees; convert it"

@@ -1,4 +1,4 @@
-r"""XML of strangers, read without entities, outside files, or more nesting and elements than a mission needs.
+r"""A reader of untrusted XML: without entities or outside files, with limits of nesting and elements.
 
 >>> root = parse(b"<kml>\n<Point a='1'>text</Point></kml>", "kml", "a KML file")
 >>> [(node.tag, node.line, node.attributes, node.text) for node in root.children]
@@ -21,18 +21,18 @@ _MOST_ELEMENTS = 2_000_000
 
 @dataclass(slots=True)
 class Node:
-    """An element: its name and those of its attributes without prefix, its text, and where it begins."""
+    """An element: its name and attributes without prefixes, its text, and the line of its beginning."""
 
     tag: str
     line: int
     attributes: dict[str, str]
-    # Empty until something is in it: a track has very many elements.
+    # Shared empty tuples save memory: a track has very many elements.
     children: list[Node] | tuple[Node, ...] = ()
     chunks: list[str] | tuple[str, ...] = ()
 
     @property
     def text(self) -> str:
-        """The text outside of its children, without white space around it."""
+        """The text outside of its children, stripped."""
         return "".join(self.chunks).strip()
 
     def iter(self, *tags: str) -> Iterator[Node]:

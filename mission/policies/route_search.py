@@ -80,6 +80,7 @@ def leg_values(
 
 
 _SECTORS = 32
+_DENSE = 6  # Ends of legs at up to twice this distance are all cells
 
 X, Y, COST, VALUE = range(4)
 """Columns of a route: place in cells, cost and discounted value until there."""
@@ -137,12 +138,12 @@ def take_leg(left: Any, shares: Any, x: float, y: float, to_x: float, to_y: floa
                 left[a, b] *= np.float32(1.0) - shares[a - i + radius, b - j + radius]
 
 
-def leg_offsets(reach: int, dense: int = 6) -> NDArray[np.int64]:
-    """Return where legs may end relative to the cell where they begin, int64[n, 2]: near ones densely."""
+def leg_offsets(reach: int) -> NDArray[np.int64]:
+    """Return the ends of legs relative to the cell of their beginning, int64[n, 2]: dense near it."""
     axis = np.arange(-reach, reach + 1)
     dx, dy = (part.ravel() for part in np.meshgrid(axis, axis, indexing="ij"))
     distance = np.hypot(dx, dy)
-    stride = np.maximum(1, (distance / dense).astype(np.int64))
+    stride = np.maximum(1, (distance / _DENSE).astype(np.int64))
     straight = (dx == 0) | (dy == 0)
     kept = (distance >= 1.0) & (distance <= reach) & (straight | ((dx % stride == 0) & (dy % stride == 0)))
     return np.stack([dx[kept], dy[kept]], axis=1)

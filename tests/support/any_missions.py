@@ -24,27 +24,16 @@ flying_items = st.builds(
     MissionItem,
     st.sampled_from(FLYING),
     st.sampled_from([0, 3, 5, 6, 10]),
-    parameters,
-    parameters,
-    parameters,
-    parameters,
-    latitudes,
-    longitudes,
-    altitudes,
-    st.booleans(),
+    *[parameters] * 4,
+    *(latitudes, longitudes, altitudes, st.booleans()),
 )
 doing_items = st.builds(
     MissionItem,
     st.sampled_from(DOING),
     st.sampled_from([0, 2, 2, 3]),
-    parameters,
-    parameters,
-    parameters,
-    parameters,
-    st.integers(-1000, 1000).map(float),
-    st.integers(-1000, 1000).map(float),
-    altitudes,
-    st.booleans(),
+    *[parameters] * 4,
+    *[st.integers(-1000, 1000).map(float)] * 2,
+    *(altitudes, st.booleans()),
 )
 homes = st.builds(GeoPoint, st.floats(0.001, 90), st.floats(-180, 180), st.floats(-500, 9000))
 
@@ -63,9 +52,7 @@ polygons = st.builds(polygon, st.booleans(), st.lists(places, min_size=3, max_si
 circles = st.builds(circle, st.booleans(), st.floats(1, 1e5, width=32), places)
 returns = st.builds(
     lambda x, y, z: [MissionItem(5000, 3, x=x, y=y, z=z, autocontinue=False)],
-    latitudes,
-    longitudes,
-    altitudes,
+    *(latitudes, longitudes, altitudes),
 )
 fences = st.builds(
     lambda first, second, third: tuple(item for part in (*first, *second, *third) for item in part),
@@ -76,9 +63,7 @@ fences = st.builds(
 rallies = st.lists(
     st.builds(
         lambda x, y, z: MissionItem(5100, 3, x=x, y=y, z=z, autocontinue=False),
-        latitudes,
-        longitudes,
-        altitudes,
+        *(latitudes, longitudes, altitudes),
     ),
     max_size=4,
 ).map(tuple)
@@ -114,22 +99,22 @@ WHOLE = replace(
     fence=(*polygon(True, [(0, 0), (0, 1), (1, 1)]), *circle(False, 5.0, (1, 1))),
     rally=(MissionItem(5100, 3, x=1.0, y=2.0, z=3.0),),
 )
-TOKENS = [
-    b"null",
-    b"NaN",
-    b"-1",
-    b"1e400",
-    b"65536",
-    b'"a"',
-    b"[",
-    b"]",
-    b"{",
-    b"}",
-    b"true",
-    b"\t",
-    b"\n",
-    b"\xff",
-]
+MISSION = Mission(
+    (
+        MissionItem(22, 3, param4=None, x=28.05, y=-82.15, z=10.0),
+        MissionItem.waypoint(28.051, -82.151, 10.0),
+        MissionItem(20),
+    ),
+    home=GeoPoint(28.05, -82.15, 30.0),
+)
+SQUARE = [(28.0, -82.0), (28.001, -82.0), (28.001, -81.999), (28.0, -81.999)]
+GUARDED = Mission(
+    MISSION.items,
+    home=MISSION.home,
+    fence=tuple(MissionItem(5001, 0, 4.0, x=x, y=y) for x, y in SQUARE),
+    rally=(MissionItem(5100, 3, x=28.0, y=-82.0, z=20.0),),
+)
+TOKENS = [*b'null NaN -1 1e400 65536 "a" [ ] { } true \xff'.split(), b"\t", b"\n"]
 
 
 def refused_or_read(loads, data):

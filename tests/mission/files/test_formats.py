@@ -3,33 +3,11 @@
 import json
 
 import pytest
+from any_missions import GUARDED, MISSION
 from packages import install
 
 from mission.errors import MissionFileError
-from mission.files import (
-    Firmware,
-    mission_formats,
-    read_mission,
-    write_mission,
-    writer_for,
-)
-from mission.model import GeoPoint, Mission, MissionItem
-
-MISSION = Mission(
-    (
-        MissionItem(22, 3, param4=None, x=28.05, y=-82.15, z=10.0),
-        MissionItem.waypoint(28.051, -82.151, 10.0),
-        MissionItem(20),
-    ),
-    home=GeoPoint(28.05, -82.15, 30.0),
-)
-SQUARE = [(28.0, -82.0), (28.001, -82.0), (28.001, -81.999), (28.0, -81.999)]
-GUARDED = Mission(
-    MISSION.items,
-    home=MISSION.home,
-    fence=tuple(MissionItem(5001, 0, 4.0, x=x, y=y) for x, y in SQUARE),
-    rally=(MissionItem(5100, 3, x=28.0, y=-82.0, z=20.0),),
-)
+from mission.files import Firmware, mission_formats, read_mission, write_mission, writer_for
 
 
 def names(folder):

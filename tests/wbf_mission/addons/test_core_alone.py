@@ -47,7 +47,8 @@ def test_what_add_ons_bring_is_not_there(tmp_path, command):
 def test_files_of_add_ons_are_of_no_known_format(tmp_path):
     done = run(tmp_path, "convert", "a.kml", "a.plan")
     assert done.returncode == 2
-    assert "missions are read from .plan, .waypoints, .wpl, .txt, .fen, .ral or .json" in " ".join(done.stderr.split())
+    said = " ".join(done.stderr.split())
+    assert "missions are read from .plan, .waypoints, .wpl, .txt, .fen, .ral or .json" in said
 
 
 def test_every_part_says_on_a_short_page_what_it_is():

@@ -69,14 +69,6 @@ class HelpCommand(_Help, TyperCommand):
         """Return the class of a command whose ``--help`` shows these options; of none: all of its options."""
         return type(cls.__name__, (cls,), {"beginners": beginners})
 
-    def invoke(self, ctx: Any) -> Any:
-        """Run the command; what it says of its own use is of this command."""
-        try:
-            return super().invoke(ctx)
-        except typer.BadParameter as error:
-            error.ctx = error.ctx or ctx
-            raise
-
     def shown(self, ctx: Any) -> Iterable[tuple[str, Any]]:
         """Return the parameters that the help shows, each with its panel."""
         every = list(super().shown(ctx))

@@ -40,7 +40,10 @@ class Line:
             self.overrun.add(peer)
 
     def take(self, most):
-        self.came += self.queue.take(most)
+        taken = self.queue.take(most)
+        assert len(taken) <= most
+        self.came += taken
+        assert [data for data, _ in self.came] == sorted(data for data, _ in self.came), "as they arrived"
         assert bool(self.queue) is (self.held() > 0)
 
     def held(self, peer=None):
@@ -65,6 +68,7 @@ STEPS = st.lists(
 
 @given(STEPS)
 @example([(0, 1000), *[(1, 1500)] * 3, (2, 1000), (1, 14)])
+@example([(0, 14)] * (BYTES // 14) + [(1, 900), (None, 8)])
 def test_a_sender_within_its_share_loses_nothing(steps):
     line = Line()
     for number, size in steps:

@@ -78,10 +78,8 @@ def test_what_was_seen_on_both_sides_of_a_silence_is_not_counted():
     plan = mission([(0.0, 0), (100.0, (DISTANCE, 0.5)), (150.0, 0), (160.0, 0)])
     assert images_in(silence, plan, 4) == pytest.approx(100, abs=1)
     # Its item is told from where it is as near to the corner as it has to come.
-    corner = Mission(
-        (MissionItem(DISTANCE, param1=0.5), MissionItem.waypoint(*at(100.0), 10.0, acceptance_radius_m=4.0))
-        + PLAN.items
-    )
+    turn = MissionItem.waypoint(*at(100.0), 10.0, acceptance_radius_m=4.0)
+    corner = Mission((MissionItem(DISTANCE, param1=0.5), turn, *PLAN.items))
     silence = Silence(at(50.0), at(97.0), 1, 10.0, Shots(), 60.0, Seen(at(50.0)), Seen(at(97.0)))
     assert images_in(silence, corner, 2) == pytest.approx(94, abs=1)
     # It is on its way back from 150 m already, where its item is told.

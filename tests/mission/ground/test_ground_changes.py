@@ -601,7 +601,7 @@ def test_at_any_moment_over_any_link_one_whole_mission_is_flown_to_its_end_many_
 class WholeChange:
     """A PX4 in its mission at item 4, and a change that its mission server has taken and told back."""
 
-    def __init__(self):
+    def __init__(self, ids=True):
         self.contact, self.session = Contact((1, 1), is_real=False), None
         old = planned()
         self.new, self.resume_at = other_path(NEW)(old, 4)
@@ -614,7 +614,9 @@ class WholeChange:
             message = queue.pop(0)
             message.pack(m.MAVLink(None, 255, 190))
             for reply in server.receive(message, 1.0).messages:
-                self.ids.add(getattr(reply, "opaque_id", 0))
+                if hasattr(reply, "opaque_id"):
+                    reply.opaque_id *= ids
+                    self.ids.add(reply.opaque_id)
                 queue += self.hear(reply, 1.0)
 
     def hear(self, message, now_s):
@@ -639,6 +641,14 @@ def test_a_whole_change_is_done_when_the_vehicle_shows_it():
     assert change.shows(marked, 1.5)
     assert change.session.record.outcome is ChangeOutcome.DONE
     assert change.session.record.in_effect_s == 1.5
+
+
+def test_of_a_vehicle_without_ids_only_what_it_shows_afterwards_counts():
+    change = WholeChange(ids=False)
+    marked = change.session._mark
+    assert change.ids == {0} and marked <= 4 < len(change.new.items), "its item could be of both missions"
+    assert not change.session.done
+    assert change.shows(marked, 1.1)
 
 
 def test_a_vehicle_that_shows_another_item_is_told_four_times():

@@ -664,3 +664,28 @@ def test_a_vehicle_that_shows_another_item_is_told_four_times():
     assert change.session.record.outcome is ChangeOutcome.GIVEN_UP
     assert "stays at item" in change.session.record.text
     assert change.session.held == change.new
+
+
+@pytest.mark.parametrize(
+    ("metres", "seconds_an_item", "further"), [(2.0, 1.0, 2), (2.0, 0.5, 1), (2.0, 0.01, 0), (59.0, 1.0, 0)]
+)
+def test_what_is_passed_while_a_whole_change_is_sent_is_not_flown_back_to(metres, seconds_an_item, further):
+    change, old = WholeChange(), planned()
+    [(latitude, longitude)] = degrees([(OLD[1][0] - metres, OLD[1][1])])
+    place = round(latitude * 1e7), round(longitude * 1e7)
+    change.hear(m.MAVLink_global_position_int_message(900, *place, 0, 12_000, 0, 500, 0, 9000), 1.0)
+    new, resume_at = other_path(OLD[1:])(old, 4)
+    request = ChangeRequest(old, new, 4, resume_at, change.contact, seconds_an_item)
+    session = WholeListChange(request)
+    session.start(1.0)
+    assert session._target == resume_at + further
+
+
+def test_what_was_passed_while_it_was_sent_before_is_not_flown_back_to():
+    change, old = WholeChange(), planned()
+    new, resume_at = other_path(OLD[1:])(old, 4)
+    change.session = WholeListChange(ChangeRequest(old, new, 4, resume_at, change.contact, 0.1))
+    change.session.start(1.0)
+    assert change.session._next_then() == resume_at
+    change.hear(m.MAVLink_mission_current_message(5, len(old.items), 3, 1), 1.1)
+    assert change.session._next_then() == resume_at + 1

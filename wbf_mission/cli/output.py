@@ -57,16 +57,14 @@ class Output:
 
         self.as_json = as_json
         self.quiet = quiet
-        self.events = EventStream()  # Takes each line for the user, too
+        self.events = EventStream()  # Takes each line for the user
+        self.events.listen(self._show, Noted)
         self._stderr = PlainConsole(sys.stderr, wrap=False)
         self._bars: Bars | None = None
 
     def note(self, text: str, *, tells: bool = True) -> None:
         """Say something that a script does not need; `tells` not where an event tells it already."""
-        if tells:
-            self.events.tell(Noted(text))
-        if not self.quiet:
-            self._say(text)
+        (self.events.tell if tells else self._show)(Noted(text))
 
     def notes(self, notes: Iterable[str], of: str = "") -> None:
         """Say how an input was understood, a line each; `of` names it."""
@@ -76,11 +74,12 @@ class Output:
     def warn(self, text: str) -> None:
         """Say something that went wrong but does not end the command."""
         self.events.tell(Noted(text, warns=True))
-        self._say(f"warning: {text}", style="yellow")
 
-    def _say(self, text: str, style: str | None = None) -> None:
-        with contextlib.suppress(OSError):  # a note that cannot be shown does not end the command
-            self._stderr.print(printable(text), style=style)
+    def _show(self, line: Noted) -> None:
+        if line.warns or not self.quiet:
+            text, style = (f"warning: {line.text}", "yellow") if line.warns else (line.text, None)
+            with contextlib.suppress(OSError):  # a note that cannot be shown does not end the command
+                self._stderr.print(printable(text), style=style)
 
     def result(
         self, values: Mapping[str, Any], rows: Mapping[str, str] | None = None, title: str = ""

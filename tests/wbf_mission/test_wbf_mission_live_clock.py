@@ -25,6 +25,7 @@ from wbf_mission.live.discovery import fitted_to
 from wbf_mission.live.hosting import riding_camera
 from wbf_mission.run import joint_flight
 from wbf_mission.run.sortie import SILENT_S
+from wbf_mission.scenario import scenario_with
 from wbf_mission.simulator import make_components
 
 SPEED = 5.0
@@ -58,19 +59,20 @@ class VirtualLink:
         self.pace, self.tlog, self.transfers, self.force = None, None, OWN_TRANSFERS, False
         self.orders, self.waits_for_decisions = None, waits
         self.console = self
+        self.faults, self.full, self.change_s, self.changer = (), 1.0, 60.0, self
 
     # The link.
 
-    def fitted(self, chosen):
+    def fitted(self, chosen, events):
         return fitted_to(chosen, *(Vehicle(one.system_id, 1, 3, 2) for one in self.made.vehicles))
 
     def numbered(self, vehicles):
         return tuple(vehicles)
 
-    def check(self, planned):
+    def check(self, campaign, events):
         return
 
-    def hosting(self, tlog, orders):
+    def hosting(self, faults):
         return self
 
     def tend(self, flight):
@@ -108,7 +110,7 @@ def test_a_policy_keeps_the_budget_of_a_vehicle_whose_clock_runs_faster():
     given = {"autopilot": "ardupilot", "policy": "confidence-guided", "budget": f"{BUDGET_S:g}s"}
     given["farm"] = "miniberry-30"
     link = VirtualLink(make_components(scenario(**given), with_camera=False))
-    result = fly(scenario(**given), connect=link)
+    result = fly(scenario(**given), by=link)
     assert result.outcome is Outcome.COMPLETED, result.reason
     (flight,) = result.flights
     changes = [one for record in result.decisions for one in record.changes if one.outcome == "flown"]
@@ -177,7 +179,8 @@ class Watched(VirtualLink):
 
     def fly(self, **more):
         try:
-            return fly(self.given, policy=self.policy, connect=self, events=self.stream, **more)
+            chosen = scenario_with(self.given, {"policy": self.policy, **more})
+            return fly(chosen, by=self, events=self.stream)
         finally:
             self.policy.go_on.set()
 

@@ -95,7 +95,7 @@ class RunEstimate:
         self.day = day
         self._ready = ready
         # Takes each scored time with the model
-        self.told: Callable[[float, InformationModel], None] = _nobody
+        self.told: Callable[[float, InformationModel], None] = lambda _time_s, _model: None
         self._seen = 0
         self._seen_before = 0
         self._held: list[Observations] = []
@@ -209,10 +209,6 @@ class RunEstimate:
         self.history.days.append(self.day)
         self.score_s += time.perf_counter() - begin
         self.told(time_s, self.model)
-
-
-def _nobody(_time_s: float, _model: InformationModel) -> None:
-    """Tell nobody."""
 
 
 @contextmanager

@@ -94,6 +94,24 @@ def test_what_was_known_before_the_flight_is_no_reason_to_ask():
     assert loop.due([Told(1)], 1.0, 8) is Event.OBSERVATIONS
 
 
+def test_a_question_beside_a_flight_keeps_what_was_known_and_looks_ahead():
+    seen, asked = [Observations.empty()], []
+    knowledge = Knowledge(get_farm("miniberry-10"), 6, PAPER_FIELDS, PAPER_WEIGHTS, None, lambda: seen[-1])
+    policy = SimpleNamespace(decide=lambda _told: NO_CHANGE)
+    loop = DecisionLoop(policy, "policy", knowledge, records=[], compute_s=3.0)
+    vehicle = SimpleNamespace(
+        waypoints_reached=0, report=lambda *at_s: asked.append(at_s) or report(1, status=Status.FLYING)
+    )
+    question = loop.question(Event.PERIOD, [vehicle], 5.0, 7.0, lambda: "believed then")
+    seen.append(Observations([1], [1], [6.0], [6], [[1, 1, 0.5]]))
+    answered = loop.answer(question)
+    told = answered.observation
+    assert (told.observations, told.model, told.time_s) == (seen[0], "believed then", 5.0)
+    loop.outdated(answered, [vehicle], 11.0)
+    loop.question(Event.PERIOD, [vehicle], 20.0, 22.0, lambda: None)
+    assert asked == [(7.0, 6.0), (11.0,), (22.0, 8.0)]
+
+
 @pytest.mark.parametrize(
     ("path_m", "later", "why"),
     [

@@ -195,7 +195,7 @@ class DecisionLoop:
                 msg = f"{self._name} has no path for vehicle {vehicle.system_id}"
                 raise PlanningError(msg)
         self._observations = len(observation.observations)
-        record = self._note(Event.START, 0.0, observation, answer)
+        record = self._note(observation, answer)
         for vehicle in observation.steerable:
             points = answer.decision.paths[vehicle.system_id]
             cost = answer.costs[vehicle.system_id]
@@ -302,21 +302,9 @@ class DecisionLoop:
         self._observations = len(observation.observations)
         if answer is None:
             return None
-        self.acquisition = None
-        event, time_s = observation.event, observation.time_s
+        record = self._note(observation, answer)
         if isinstance(answer, AnswerError):
-            record = DecisionRecord(
-                observation.day,
-                self._flight,
-                time_s,
-                event.value,
-                self._observations,
-                refused=str(answer),
-                fault=answer.kind,
-            )
-            self._records.append(record)
             return record
-        record = self._note(event, time_s, observation, answer)
         by_id = {vehicle.system_id: vehicle for vehicle in vehicles}
         refused: dict[int, str] = {}
         if self._kept_distance is not None:
@@ -334,23 +322,19 @@ class DecisionLoop:
             record.changes.append(change)
         return record
 
-    def _note(
-        self, event: Event, time_s: float, observation: PolicyObservation, answer: Answer
-    ) -> DecisionRecord:
-        self.acquisition = answer.decision.acquisition
-        record = DecisionRecord(
-            observation.day,
-            self._flight,
-            time_s,
-            event.value,
-            len(observation.observations),
-            reason=answer.decision.reason,
-            compute_s=answer.compute_s,
-            alternatives=answer.decision.alternatives,
-        )
+    def _note(self, observation: PolicyObservation, answer: Answer | AnswerError) -> DecisionRecord:
+        seen, event = len(observation.observations), observation.event
+        record = DecisionRecord(observation.day, self._flight, observation.time_s, event.value, seen)
+        self._records.append(record)
+        self.acquisition = None
+        if isinstance(answer, AnswerError):
+            record.refused, record.fault = str(answer), answer.kind
+            return record
+        decision, self.acquisition = answer.decision, answer.decision.acquisition
+        record.reason, record.alternatives = decision.reason, decision.alternatives
+        record.compute_s = answer.compute_s
         if event is not Event.START and answer.compute_s > observation.compute_s:
             record.fault = TOO_LATE
-        self._records.append(record)
         return record
 
 

@@ -83,11 +83,11 @@ class Sortie:
         self.start_delay_s = start_delay_s
         self.number, self.task, self.plan = number, task, plan
         # Takes what the autopilot of a real vehicle tells, too.
-        self.follow: Callable[[Message, float], None] = _nobody_follows
+        self.follow: Callable[[Message, float], None] = lambda _message, _now_s: None
         # The host sets both: what sends messages of the ground station, and what tells how many images were
         # never taken because the link was dead.
         self.send: Callable[[list[Message]], None] = _nobody_sends
-        self.images_missed: Callable[[], int] = _none_missed
+        self.images_missed: Callable[[], int] = lambda: 0
         self.vehicle = vehicle
         self.leaf_camera = leaf_camera
         fields = leaf_camera.options.fields.names
@@ -429,14 +429,6 @@ class Sortie:
             return None
         silent = f"; nothing was heard of the vehicle for {report.silent_s:.0f} s" if report.silent_s else ""
         return f"about {missing} images are missing for good{silent}"
-
-
-def _nobody_follows(_message: Message, _now_s: float) -> None:
-    """Do nothing."""
-
-
-def _none_missed() -> int:
-    return 0
 
 
 def _nobody_sends(_messages: list[Message]) -> None:

@@ -109,7 +109,7 @@ def test_a_question_beside_a_flight_keeps_what_was_known_and_looks_ahead():
     assert (told.observations, told.model, told.time_s) == (seen[0], "believed then", 5.0)
     loop.outdated(answered, [vehicle], 11.0)
     loop.question(Event.PERIOD, [vehicle], 20.0, 22.0, lambda: None)
-    assert asked == [(7.0, 6.0), (11.0,), (22.0, 8.0)]
+    assert asked == [(7.0, 3.0), (11.0,), (22.0, 8.0)]
 
 
 @pytest.mark.parametrize(

@@ -248,10 +248,10 @@ class DecisionLoop:
         """Return a question with the vehicles and what is known as they are now.
 
         `model` gives what is believed in place of the knowledge's own, to a thread beside which others learn
-        and the vehicles fly on: there and back, for as long as an answer may take or the last one took. It
-        would otherwise be dropped near the end of the budget.
+        and the vehicles fly on: for as long as an answer may take, or there and back for as long as the last
+        one took. It would otherwise be dropped near the end of the budget.
         """
-        ahead_s = 0.0 if model is None else 2.0 * max(self._compute_s, self._took_s)
+        ahead_s = 0.0 if model is None else max(self._compute_s, 2.0 * self._took_s)
         reports = tuple(vehicle.report(now_s, ahead_s) for vehicle in vehicles)
         self._asked_s, self._asked_at_s = time_s, now_s
         self._reached = sum(one.waypoints_reached for one in vehicles)

@@ -16,7 +16,7 @@ from sensors.scoring.information import InformationModel
 from wbf_mission.cli.warm_up import _draw_blocks, _step_batched, fly_all
 from wbf_mission.events import DayBegun, Estimated, RunBegun
 from wbf_mission.addons.rl.vector_env import SurveyVectorEnv
-from wbf_mission.web.view import View
+from wbf_mission.addons.web.view import View
 
 first, later = [], []
 with compile_notices(first.append):

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Annotated
 from wbf_mission.cli import options
 from wbf_mission.cli.options import option
 from wbf_mission.cli.output import Output
+from wbf_mission.cli.pages import live_page
 from wbf_mission.scenario import ScenarioError
 
 if TYPE_CHECKING:
@@ -61,7 +62,7 @@ class LivePage:
         return self.live is not None
 
     def check(self) -> None:
-        """Refuse options that have no effect, with ScenarioError."""
+        """Refuse options that have no effect, with ScenarioError; TargetError without a page to serve."""
         given = {
             "--open": self.open_page,
             "--control": self.control,
@@ -72,6 +73,8 @@ class LivePage:
             if is_given and not self.wanted:
                 msg = f"{flag} has an effect only with --live PORT: give that, too (0 is any free port)"
                 raise ScenarioError(msg)
+        if self.wanted:
+            live_page()
 
     def orders(self, output: Output) -> Orders | None:
         """Return what takes the page's orders, None where it may give none."""
@@ -92,15 +95,12 @@ class LivePage:
         if self.live is None:
             yield
             return
-        from wbf_mission.web.server import LiveServer
-        from wbf_mission.web.view import View
-
-        view = View()
-        with LiveServer(view, host=self.live_host, port=self.live, orders=orders, tiles=self.tiles) as server:
-            output.note(f"live page: {server.url}")
-            events.listen(view.take)  # Not before: its address, which may hold a token, is not for the page
+        page = live_page()(host=self.live_host, port=self.live, orders=orders, tiles=self.tiles)
+        with page as (url, take):
+            output.note(f"live page: {url}")
+            events.listen(take)  # Not before: its address, which may hold a token, is not for the page
             if self.open_page:
-                webbrowser.open(server.url)
+                webbrowser.open(url)
             yield
 
     def stay(self, output: Output) -> None:

@@ -34,7 +34,7 @@ class RunPage(Protocol):
     """``run``: the page of one run that is flown now, with the acquisition map of each decision."""
 
     def __init__(self, events: EventStream, scored: int) -> None:
-        """Listen to a run that will have so many scored times."""
+        """Listen to a run with this number of scored times."""
 
     def write(
         self, path: Path, record: RunRecord, *, log: Path | None, notes: Sequence[str], progress: Progress

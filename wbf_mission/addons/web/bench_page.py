@@ -30,18 +30,10 @@ _PIECE = re.compile(r"[^\s/:,=-]{1,24}[/:,=-]*|[/:,=-]+|\s+")
 
 
 def write_bench_page(path: Path, page: Page, folder: Path, rows: Sequence[BenchRow] = ()) -> None:
-    """Write a page.
+    """Write a page as one HTML file: a `wbf_mission.cli.pages.BenchPage`.
 
-    Parameters
-    ----------
-    path : Path
-        Of the HTML file, which is whole in itself; an existing one is replaced.
-    page : Page
-        Its texts, tables and pictures.
-    folder : Path
-        Of the pictures; a PDF is linked to where it is.
-    rows : sequence of BenchRow, optional
-        Runs that make one table of all standings, in place of those of the sections.
+    Pictures of `folder` are in it, but a PDF is linked. `rows` make one table of all standings, in place of
+    those of the sections.
     """
     groups = list(scored(apart(rows)))
     found = [(group, standings_of(group)) for group in groups]

@@ -5,20 +5,19 @@ from __future__ import annotations
 import hashlib
 import re
 import tempfile
-import threading
 import time
-from collections import OrderedDict
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
-from functools import partial
+from dataclasses import dataclass, field, replace
+from functools import lru_cache, partial
 from pathlib import Path
-from typing import Any, Generic, TypeVar
+from typing import Any
 
 import msgspec
 
 from geo import Farm, load_farm, save_farm
 from geo.errors import FarmError, WbfMissionError
 from geo.farm_file import FARM_SUFFIXES
+from geo.farms import get_farm
 from geo.geojson import MAX_FILE_BYTES
 from geo.named import parse_named
 from geo.texts import one_line
@@ -48,7 +47,6 @@ _DRAWN = "farm.geojson"
 _LONGEST_NAME = 60
 _FIXED = ("farm", "farm_crs", "crop", "repair", "mission", "terrain", "days", "flights_per_day")
 """Options that are no part of a draft: its farm is drawn, and files are not named from a page."""
-T = TypeVar("T")
 
 
 class DraftError(WbfMissionError, ValueError):
@@ -73,8 +71,8 @@ class Draft:
     """A farm and a scenario."""
 
     key: str
-    scenario: Scenario
-    farm: Farm
+    scenario: Scenario = field(compare=False)
+    farm: Farm = field(compare=False)
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,16 +86,14 @@ class PlannedMission:
 
     def place_of(self, finding: Finding) -> tuple[float, float] | None:
         """Return where on the farm a finding is, metres of its frame; None for one of the plan as a whole."""
-        plan = self.plan
         if finding.item is None:
             return None
-        items = {"fence": plan.mission.fence, "rally": plan.mission.rally}.get(
-            finding.plan, plan.mission.items
-        )
+        farm, mission = self.plan.farm, self.plan.mission
+        items = {"fence": mission.fence, "rally": mission.rally}.get(finding.plan, mission.items)
         before = [one for one in items[: finding.item] if one.has_position and (one.x or one.y)]
         if not before:
-            return plan.farm.home_m
-        x, y = plan.farm.frame.from_wgs84(before[-1].x, before[-1].y)
+            return farm.home_m
+        x, y = farm.frame.from_wgs84(before[-1].x, before[-1].y)
         return float(x), float(y)
 
 
@@ -161,34 +157,30 @@ class PlannedDraft:
 
     def file(self, number: int, suffix: str, folder: Path) -> tuple[str, bytes]:
         """Return name and content of a mission's file; WbfMissionError if no such file can hold it."""
-        one = self.mission(number)
-        words = re.findall(
-            r"\w+", f"{one.plan.farm.name} {str(one.plan.planner).partition(':')[0]} {one.name}"
-        )
+        mission = self.mission(number)
+        plan, planner = mission.plan, str(mission.plan.planner).partition(":")[0]
+        words = re.findall(r"\w+", f"{plan.farm.name} {planner} {mission.name}")
         name = f"{'-'.join(words).lower()[:80]}{suffix}"
         if suffix not in written_suffixes():
             raise DraftError(f"format {suffix!r:.40} is not known: choose one of those of the studio")
         with tempfile.TemporaryDirectory(dir=folder) as own:
             path = Path(own) / name
-            write_mission(fitted(one.plan.mission, path), path, firmware=Firmware(one.plan.mav_autopilot))
+            write_mission(fitted(plan.mission, path), path, firmware=Firmware(plan.mav_autopilot))
             return name, path.read_bytes()
 
 
 class Drafts:
     """Farms and plans of a studio, kept by what is in them; its files are in a folder of its own.
 
-    Parameters
-    ----------
-    start : Scenario
-        With what the studio begins; what it names may be files.
+    Unlike a draft, the scenario `start` may name files.
     """
 
     def __init__(self, start: Scenario) -> None:
         self.start = start
         self._own = tempfile.TemporaryDirectory(prefix="wbf-mission-studio-")
         self.folder = Path(self._own.name)
-        self._farms: _Kept[Farm] = _Kept()
-        self._plans: _Kept[PlannedDraft] = _Kept()
+        self._farm = lru_cache(_KEPT)(self._load_farm)
+        self._planned = lru_cache(_KEPT)(self._plan)
         self._planning = NewestOnly[PlannedDraft]()
 
     def close(self) -> None:
@@ -196,18 +188,10 @@ class Drafts:
         self.stop()
         self._own.cleanup()
 
-    def farm_of_file(
-        self,
-        content: bytes,
-        name: str,
-        *,
-        crop: str | None = None,
-        crs: str | None = None,
-        repair: bool = False,
-    ) -> tuple[Farm, bytes]:
+    def farm_of_file(self, content: bytes, name: str, **how: Any) -> tuple[Farm, bytes]:
         """Return the farm of a file's content, and its GeoJSON; FarmError, naming the feature, if bad.
 
-        Without a name it is one that is drawn.
+        Without a name it is one that is drawn. `how` it is loaded is as of `geo.load_farm`.
         """
         drawn, name = not name, name or _DRAWN
         suffix = Path(name).suffix.lower()
@@ -217,7 +201,7 @@ class Drafts:
         with tempfile.TemporaryDirectory(dir=self.folder) as own:
             path = Path(own) / f"{stem}{suffix}"
             path.write_bytes(content)
-            farm = self._loaded(path, drawn=drawn, crop=crop, crs=crs, repair=repair)
+            farm = self._loaded(path, drawn=drawn, **how)
         return farm, self.document(farm)
 
     def document(self, farm: Farm) -> bytes:
@@ -255,20 +239,25 @@ class Drafts:
             options["farm"] = str(path)
         scenario = Scenario(**options)
         key = msgspec.json.encode(scenario.to_dict(), order="deterministic").decode()
-        where = repr([scenario.farm.name, scenario.farm.crop, scenario.farm.crs, scenario.farm.repair])
-        return Draft(key, scenario, self._farms.get(where, lambda: self._farm(scenario)))
+        of = scenario.farm
+        return Draft(key, scenario, self._farm(of.name, of.crop, of.crs, of.repair))
 
     def plan(self, draft: Draft) -> PlannedDraft:
         """Plan and check a draft, unless that is kept; SupersededError, and errors as of `planned`."""
-        return self._plans.get(draft.key, lambda: self._planning.do(draft.key, partial(planned, draft)))
+        return self._planned(draft)
 
     def stop(self) -> None:
         """Give up what is planned now."""
         self._planning.stop()
 
-    def _farm(self, scenario: Scenario) -> Farm:
-        own = Path(scenario.farm.name)
-        return self._loaded(own, drawn=True) if own.is_relative_to(self.folder) else scenario.farm.load()
+    def _plan(self, draft: Draft) -> PlannedDraft:
+        return self._planning.do(draft.key, partial(planned, draft))
+
+    def _load_farm(self, name: str, crop: str | None, crs: str | None, repair: bool) -> Farm:
+        own = Path(name)
+        if own.is_relative_to(self.folder):
+            return self._loaded(own, drawn=True)
+        return get_farm(name, crop=crop, crs=crs, repair=repair)
 
     def _loaded(self, path: Path, *, drawn: bool, **how: Any) -> Farm:
         try:
@@ -339,8 +328,7 @@ def planned(draft: Draft, progress: Progress) -> PlannedDraft:
         results = plan_fleet(scenario, farm=draft.farm, progress=progress)
         cuts = tuple(cut(plan, one) for plan, one in zip(results, vehicles, strict=True))
     else:
-        endless = without_budget(scenario)
-        whole, sorties = plan_for_batteries(endless, batteries, cut)
+        whole, sorties = plan_for_batteries(scenario, batteries, cut)
         results, cuts = (whole,), (sorties,)
     planned_s, missions = time.perf_counter(), []
     coverage = coverage_together(results, scenario.camera.footprint)
@@ -373,23 +361,3 @@ def written_suffixes() -> dict[str, str]:
 def without_budget(scenario: Scenario) -> Scenario:
     """Return a scenario whose budget is that of the battery."""
     return replace(scenario, mission=replace(scenario.mission, budget=None))
-
-
-class _Kept(Generic[T]):
-    """The last few things that were made, by what they were made of; several threads may ask."""
-
-    def __init__(self) -> None:
-        self._lock, self._made = threading.Lock(), OrderedDict[str, T]()
-
-    def get(self, key: str, make: Callable[[], T]) -> T:
-        """Return a thing that was made, or make it."""
-        with self._lock:
-            if key in self._made:
-                self._made.move_to_end(key)
-                return self._made[key]
-        one = make()
-        with self._lock:
-            self._made[key] = one
-            if len(self._made) > _KEPT:
-                self._made.popitem(last=False)
-        return one

@@ -31,17 +31,7 @@ _READS = ("GET", "HEAD")
 
 
 class Guard:
-    """An application behind which another one is asked only by whom it may be.
-
-    Parameters
-    ----------
-    app : ASGI application
-        What is asked.
-    names : iterable of str
-        Names of this machine, beside localhost and its addresses.
-    token : str or None
-        What a browser must have been given.
-    """
+    """Lets requests through to an application: by one of this machine's names, and with the token if any."""
 
     def __init__(self, app: ASGIApp, names: tuple[str, ...] = (), token: str | None = None) -> None:
         self._app, self._token = app, token

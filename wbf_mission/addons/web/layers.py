@@ -73,14 +73,8 @@ class Layers:
     """The layers over one farm.
 
     `put` takes its time and is called by one thread at a time; `draw`, `show` and `scales` are quick and
-    called under the lock of who shares the layers.
-
-    Parameters
-    ----------
-    farm : Farm
-        Its cells are those of the arrays.
-    longest : int
-        Pixels along its longer side, at most.
+    called under the lock of who shares the layers. Arrays are of the farm's cells; along its longer side
+    there are at most `longest` pixels.
     """
 
     def __init__(self, farm: Farm, longest: int = LONGEST) -> None:
@@ -109,12 +103,11 @@ class Layers:
 
     def of_blocks(self, value: Floats, block_m: float) -> Pixels:
         """Return float32[w, h] of square blocks from the frame's origin, where they are above zero."""
+        pixel_m = self.raster.pixel_m
 
         def pixels(window: Window) -> Floats:
             x, y = (
-                np.minimum((np.arange(first, stop) + 0.5) * self.raster.pixel_m // block_m, side - 1).astype(
-                    int
-                )
+                np.minimum((np.arange(first, stop) + 0.5) * pixel_m // block_m, side - 1).astype(int)
                 for first, stop, side in zip(window[::2], window[1::2], value.shape, strict=True)
             )
             found: Floats = value[np.ix_(x, y)]
@@ -123,25 +116,13 @@ class Layers:
         return pixels
 
     def put(
-        self,
-        name: str,
-        pixels: Pixels,
-        *,
-        changed: Bools | None = None,
-        scale: float | None = None,
+        self, name: str, pixels: Pixels, *, changed: Bools | None = None, scale: float | None = None
     ) -> Drawing:
         """Return a drawing of a layer's new values.
 
-        Parameters
-        ----------
-        name : str
-            Of the layer.
-        pixels : callable
-            Gives those of a window, NaN where there is nothing: `of_cells` or `of_blocks`.
-        changed : bool[tiles along x, y], optional
-            The tiles (`sensors.scoring.tiles`) outside of which it is as before; all by default.
-        scale : float, optional
-            What 254 stands for; by default a round number that no mean was above so far.
+        `pixels` gives those of a window, NaN where there is nothing. Outside of the tiles `changed`,
+        bool[tiles along x, y] (`sensors.scoring.tiles`), all is as before. 254 stands for `scale`, by default
+        for a round number above all means.
         """
         layer = self._layers.get(name) or _Layer(self.shape, scale)
         windows = list(self._windows(changed if name in self._layers else None))

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import threading
 from collections.abc import Callable
+from concurrent.futures import Future, InvalidStateError
 from typing import Generic, TypeVar
 
 from geo.errors import WbfMissionError
@@ -62,28 +64,22 @@ class NewestOnly(Generic[T]):
 class _Job(Generic[T]):
     def __init__(self, what: str, work: Callable[[Progress], T], before: _Job[T] | None) -> None:
         self.what, self._work, self._before = what, work, before
-        self._found: list[T] = []
-        self._error: BaseException | None = None
-        self._ended, self._idle = threading.Event(), threading.Event()
+        self._future, self._idle = Future[T](), threading.Event()
         if before is not None:
             before.stop()
         threading.Thread(target=self._run, name="studio plan", daemon=True).start()
 
     def result(self) -> T:
-        self._ended.wait()
-        if self._error is not None:
-            raise self._error
-        return self._found[0]
+        return self._future.result()
 
     def stop(self, why: str = ANOTHER_PAGE) -> None:
-        """Tell who waits."""
-        if not self._ended.is_set():
-            self._error = SupersededError(why)
-            self._ended.set()
+        """End the waiting for it."""
+        with contextlib.suppress(InvalidStateError):
+            self._future.set_exception(SupersededError(why))
 
     def _go_on(self, _what: str, _done: float, _total: float) -> None:
         """End the work at a report of its progress, if nobody waits for it any more."""
-        if self._ended.is_set():
+        if self._future.done():
             raise SupersededError
 
     def _run(self) -> None:
@@ -91,11 +87,10 @@ class _Job(Generic[T]):
             # Two plans at once would each take longer; one that does not end is left to itself.
             self._before._idle.wait(PATIENCE_S)
             self._before = None
-        if not self._ended.is_set():
-            try:
-                self._found.append(self._work(self._go_on))
-            except BaseException as error:  # It is raised where the result is waited for
-                if not self._ended.is_set():
-                    self._error = error
-        self._ended.set()
+        with contextlib.suppress(InvalidStateError):  # Nobody waits any more
+            if not self._future.done():
+                try:
+                    self._future.set_result(self._work(self._go_on))
+                except BaseException as error:  # It is raised where the result is waited for
+                    self._future.set_exception(error)
         self._idle.set()

@@ -69,25 +69,11 @@ class Recorder:
 class LiveLayers:
     """The layers of a run while it is flown: its estimates, and the acquisition map of each decision.
 
-    Parameters
-    ----------
-    events : EventStream
-        Tells of the run.
-    scored : int
-        How many scored times it is going to have; about `MOMENTS` of them are kept.
-
-    Attributes
-    ----------
-    recorder : Recorder
-        What was kept.
-    maps : int
-        How many decisions told an acquisition map.
-    decided_s : dict of int to float
-        When each decision was made, by the identity of its record.
+    Of the `scored` times about `MOMENTS` are kept; `decided_s` has the time of each decision by the identity
+    of its record.
     """
 
     def __init__(self, events: EventStream, scored: int) -> None:
-        self.maps = 0
         self.decided_s: dict[int, float] = {}
         self.recorder = Recorder()
         self._lock = threading.Lock()
@@ -114,7 +100,6 @@ class LiveLayers:
                 record = event.record
                 self.decided_s[id(record)] = event.time_s
                 if event.acquisition is not None:
-                    self.maps += 1
                     self.recorder.keep(event.time_s, record.day, record.observations, decision=True)
             elif isinstance(event, RunEnded):
                 self.recorder.keep(*self._last)

@@ -34,7 +34,7 @@ from wbf_mission.addons.web.recording import (
     thinned_states,
 )
 from wbf_mission.addons.web.summary import comparison_of, run_title, summary_of
-from wbf_mission.events import Decided, Estimated, EventStream
+from wbf_mission.events import Decided, Estimated
 from wbf_mission.maps.html_page import data_element
 from wbf_mission.progress import Progress, silent
 from wbf_mission.results.replay import events_of
@@ -68,30 +68,11 @@ def write_report(
     most_bytes: int = MOST_BYTES,
     progress: Progress = silent,
 ) -> Report:
-    """Write the report of a run, or of two over the same farm.
+    """Write the report of a run, or of two over the same farm; ReportError if their farms differ.
 
-    The same runs give the same bytes.
-
-    Parameters
-    ----------
-    logs : sequence of path or None
-        The telemetry logs of the runs, which tell more of the vehicles' states.
-    layers : LiveLayers, optional
-        What listened to the one run while it was flown; without it the estimates at the moments are made
-        again, as `events_of` says.
-    told : sequence of str
-        What else the summary tells.
-    most_bytes : int
-        The size from which on something is left out.
-    progress : callable
-        Told how far the estimates are.
-
-    Raises
-    ------
-    ReportError
-        If two runs are of different farms.
-    OSError
-        If the file cannot be written.
+    The same runs give the same bytes. Telemetry logs of the runs have more of the vehicles' states. Without
+    `layers`, which listened to the one run while it was flown, the estimates at the moments are made again
+    (`events_of`). The summary shows the notes `told`, too. From `most_bytes` on something is left out.
     """
     if len(records) > 1:
         _check_farms(*(one.farm for one in records))
@@ -111,19 +92,15 @@ def write_report(
     return Report(title, size, tuple(len(one.moments) for one in recordings), notes)
 
 
-class RunPage:
+class RunPage(LiveLayers):
     """The report of a run that is flown for it: a `wbf_mission.cli.pages.RunPage`."""
-
-    def __init__(self, events: EventStream, scored: int) -> None:
-        self._layers = LiveLayers(events, scored)
 
     def write(
         self, path: Path, record: RunRecord, *, log: Path | None, notes: Sequence[str], progress: Progress
     ) -> Sequence[str]:
         """Write the report."""
-        return write_report(
-            path, [record], logs=[log], layers=self._layers, told=notes, progress=progress
-        ).notes
+        report = write_report(path, [record], logs=[log], layers=self, told=notes, progress=progress)
+        return report.notes
 
 
 def _check_farms(first: Farm, second: Farm) -> None:

@@ -49,18 +49,20 @@ def report_command(
     Of a run: a summary for the farmer that prints on one sheet, and the page of 'fly --live' with a slider
     that replays it. Of a benchmark: its standings, to be sorted and filtered.
     """
+    from wbf_mission.bench.rows import holds_rows
     from wbf_mission.results.storage import ResultError
 
-    is_bench = [_is_benchmark(one) for one in (folder, other) if one is not None]
+    folders = [folder] if other is None else [folder, other]
+    is_bench = [holds_rows(one) for one in folders]
     if other is not None and any(is_bench):
         raise ResultError("a benchmark is shown alone: give one folder, or the results of two runs")
-    names = [one.resolve().name for one in (folder, other) if one is not None]
-    path = out or folder.resolve().with_name(f"{'-'.join(names)}.html")
+    names = "-".join(one.resolve().name for one in folders)
+    path = out or folder.resolve().with_name(f"{names}.html")
     refuse_overwrite(path)
     if path.exists() and not overwrite:
         raise TargetError(f"{path}: is there already; give another name with --out, or --overwrite")
     with output.progress() as progress:
-        values = _bench(folder, path) if is_bench[0] else _runs([folder, other], path, progress)
+        values = _bench(folder, path) if is_bench[0] else _runs(folders, path, progress)
     for note in values["notes"]:
         output.note(f"note: {note}")
     rows = {"of": values["title"], "report": f"{path}, {values['bytes'] / 1e6:.1f} MB"}
@@ -70,12 +72,6 @@ def report_command(
 
         if not webbrowser.open(path.resolve().as_uri()):
             output.warn(f"no browser could be started; open {path} in one")
-
-
-def _is_benchmark(folder: Path) -> bool:
-    from wbf_mission.bench.rows import holds_rows
-
-    return holds_rows(folder)
 
 
 def _bench(folder: Path, path: Path) -> dict[str, Any]:
@@ -94,18 +90,17 @@ def _bench(folder: Path, path: Path) -> dict[str, Any]:
     return {"title": page.title, "bytes": path.stat().st_size, "runs": len(rows), "notes": []}
 
 
-def _runs(folders: list[Path | None], path: Path, progress: Progress) -> dict[str, Any]:
+def _runs(folders: list[Path], path: Path, progress: Progress) -> dict[str, Any]:
     """Write the page of one or two runs; return what is told of it."""
     from wbf_mission.addons.web.report import write_report
     from wbf_mission.results.result import load_result
 
-    given = [one for one in folders if one is not None]
     results = []
-    for number, one in enumerate(given):
-        progress("reading", number, len(given))
+    for number, one in enumerate(folders):
+        progress("reading", number, len(folders))
         results.append(load_result(one))
-    progress("reading", len(given), len(given))
-    logs = [log if (log := one / "flight.tlog").is_file() else None for one in given]
+    progress("reading", len(folders), len(folders))
+    logs = [log if (log := one / "flight.tlog").is_file() else None for one in folders]
     report = write_report(path, results, logs=logs, progress=progress)
     told = {"title": report.title, "bytes": report.size, "moments": list(report.moments)}
     return {**told, "notes": list(report.notes)}

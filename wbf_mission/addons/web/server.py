@@ -20,12 +20,12 @@ import secrets
 import socket
 import threading
 import time
-from collections.abc import Callable, Collection, Coroutine, Iterator, Sequence
+from collections.abc import Callable, Coroutine, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from importlib import resources
 from pathlib import Path
-from typing import Any, Protocol, Self, TypeAlias
+from typing import Any, Self, TypeAlias
 
 import msgspec
 import uvicorn
@@ -43,7 +43,7 @@ from wbf_mission.addons.web.schema import Answer, Background, Beat, Given, Order
 from wbf_mission.addons.web.tiles import MapTiles
 from wbf_mission.addons.web.view import Cursor, View
 from wbf_mission.events import Event
-from wbf_mission.run.orders import steady_s, too_late
+from wbf_mission.run.orders import Orders, steady_s, too_late
 
 INTERVAL_S = 0.1
 BEAT_S = 1.0
@@ -61,53 +61,14 @@ _ROUNDED_S = 0.25
 _TYPES = {"html": "text/html", "js": "text/javascript", "css": "text/css", "txt": "text/plain"}
 
 
-class Orders(Protocol):
-    """Takes what pages ask for; called in the server's thread, and quick."""
-
-    def take(
-        self, system_ids: Collection[int], order: str, value: str, confirmed: bool, *, age_s: float
-    ) -> str:
-        """Take an order to vehicles, given so long ago; return why it is refused, or an empty text."""
-
-    def answer(self, text: str, question: int, *, age_s: float) -> str:
-        """Take the answer to the operator's question; return why it is refused, or an empty text."""
-
-
 class LiveServer:
     """Serves pages that show a view; a context manager that listens from its beginning to its end.
 
-    Parameters
-    ----------
-    view : View
-        What is shown; the caller lets it listen to the run's events. `show` replaces it.
-    host : str
-        Address to listen at. At any but this machine's own a token is needed.
-    port : int
-        0 for any free one.
-    token : str or None
-        What a browser must have been given, by the address (`url`) that is opened first. By default a random
-        one where others can reach the server, else none.
-    orders : Orders or None
-        Takes what pages order and answer; without, they only show.
-    tiles : path or None
-        The user's map tiles, which are shown behind the farm (`wbf_mission.addons.web.tiles.MapTiles`).
-    routes : sequence of Starlette routes
-        More that is served, before what is here: paths may be any but "/live", "/beats" and "/tiles/...".
-        The guard (`wbf_mission.addons.web.guard`) lies before them, too: nothing but GET and HEAD comes from
-        elsewhere than this server's pages, who asks has the token, and the answers have the policy of
-        `guard.HEADERS`.
-        Bodies are not limited: who reads one does that.
-    home : str
-        The page of ``static/`` that "/" shows, without ".html".
-    clock : callable, optional
-        Returns seconds, by which beats are sent and requests get old.
-
-    Raises
-    ------
-    LinkError
-        By `with`: if the address cannot be listened at.
-    MapTilesError
-        If the tiles cannot be used.
+    The caller lets `view` listen to the run's events. `host` other than this machine's own needs `token`,
+    which `url` holds: by default a random one. Without `orders` pages only show. `tiles` are shown behind the
+    farm. `routes` are served, too, behind the guard (`wbf_mission.addons.web.guard`): their paths may be any
+    but "/live", "/beats" and "/tiles/...", and they limit the bodies that they read. `home` is the page of
+    ``static/`` at "/". MapTilesError if the tiles cannot be used; by `with` LinkError if the port is taken.
 
     Examples
     --------
@@ -130,9 +91,10 @@ class LiveServer:
         clock: Callable[[], float] = steady_s,
     ) -> None:
         self._clock = clock
-        self._host, self._port, self._orders = host, port, orders
+        self._host, self.port, self._orders = host, port, orders
         self._token = secrets.token_urlsafe() if token is None and not is_loopback(host) else token
         self._tiles = None if tiles is None else MapTiles(tiles)
+        self.background: Background | None = None if self._tiles is None else self._tiles.background
         self._viewers, self._ending = 0, False
         self._shared: dict[Cursor | None, _Shared] = {}
         self._making = asyncio.Lock()
@@ -164,30 +126,30 @@ class LiveServer:
         )
         logging.getLogger("uvicorn.error").addFilter(_is_ours)
         self._server = uvicorn.Server(config)
-        self._thread = threading.Thread(target=self._serve, name="live page", daemon=True)
 
     def __enter__(self) -> Self:
         """Listen, and serve."""
         try:
-            family = socket.getaddrinfo(self._host, self._port, type=socket.SOCK_STREAM)[0][0]
-            self._socket = socket.create_server((self._host, self._port), family=family)
+            family = socket.getaddrinfo(self._host, self.port, type=socket.SOCK_STREAM)[0][0]
+            self._socket = socket.create_server((self._host, self.port), family=family)
         except OSError as error:
             why = (error.strerror or str(error)).partition(" (while")[0]
-            of_port = error.errno in (errno.EADDRINUSE, errno.EACCES)
-            help_ = (
-                "choose another port, or 0 for any free one" if of_port else "give an address of this machine"
-            )
-            msg = f"live page: cannot listen at {self._host}, port {self._port} ({why}); {help_}"
+            mend = "give an address of this machine"
+            if error.errno in (errno.EADDRINUSE, errno.EACCES):
+                mend = "choose another port, or 0 for any free one"
+            msg = f"live page: cannot listen at {self._host}, port {self.port} ({why}); {mend}"
             raise LinkError(msg) from None
         if hasattr(socket, "TCP_USER_TIMEOUT"):
             # What a browser does not take is given up, which asyncio would keep for good.
             self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, round(1e3 * STALLED_S))
-        self._port = self._socket.getsockname()[1]
+        self.port = self._socket.getsockname()[1]
+        serve = partial(self._server.run, [self._socket])
+        self._thread = threading.Thread(target=serve, name="live page", daemon=True)
         self._thread.start()
         while not self._server.started and self._thread.is_alive():
             self._thread.join(0.005)
         if not self._server.started:
-            raise LinkError(f"live page: the server at port {self._port} did not start")
+            raise LinkError(f"live page: the server at port {self.port} did not start")
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -202,29 +164,16 @@ class LiveServer:
             self._tiles.close()
 
     @property
-    def port(self) -> int:
-        """Where it listens, once it does."""
-        return self._port
-
-    @property
     def url(self) -> str:
         """The address to be opened, with the token if there is one."""
         host = _outward() if self._host in ("0.0.0.0", "::", "") else self._host  # noqa: S104
         host = f"[{host}]" if ":" in host else host
-        return f"http://{host}:{self._port}/" + (f"?token={self._token}" if self._token else "")
-
-    @property
-    def background(self) -> Background | None:
-        """What there is of the user's map tiles."""
-        return None if self._tiles is None else self._tiles.background
+        return f"http://{host}:{self.port}/" + (f"?token={self._token}" if self._token else "")
 
     def show(self, view: View) -> None:
         """Show another view from now on: pages that are open begin anew."""
         view.offer(self.background)
         self._view = view
-
-    def _serve(self) -> None:
-        self._server.run([self._socket])
 
     # Viewers
 

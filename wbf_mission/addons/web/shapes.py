@@ -10,15 +10,7 @@ import shapely
 from geo import Farm
 from mission.files.fence import fence_rings
 from mission.model import Command, MissionItem
-from wbf_mission.addons.web.schema import (
-    FarmShape,
-    FenceShape,
-    Georeference,
-    ObstacleShape,
-    PatchShape,
-    Plan,
-    Ring,
-)
+from wbf_mission.addons.web import schema
 from wbf_mission.events import Planned
 
 _SIMPLER = 5000
@@ -27,36 +19,36 @@ _COMMANDS = {int(one): one.name.partition("_")[2].replace("_", " ").lower() for 
 _MAX_ITEMS = 1000
 
 
-def farm_shape(farm: Farm) -> FarmShape:
+def farm_shape(farm: Farm) -> schema.FarmShape:
     """Return a farm as a page draws it."""
     width_m, height_m = farm.width_cells * farm.cell_size_m, farm.height_cells * farm.cell_size_m
     # The map is no plane of degrees: over the farm's width and height the straight line is truest.
     lat, lon = farm.frame.to_wgs84(np.array([0.0, width_m, 0.0]), np.array([0.0, 0.0, height_m]))
-    georeference = Georeference(
+    georeference = schema.Georeference(
         *(float(lat[0]), float(lon[0])),
         *(float(lat[1] - lat[0]) / width_m, float(lat[2] - lat[0]) / height_m),
         *(float(lon[1] - lon[0]) / width_m, float(lon[2] - lon[0]) / height_m),
     )
     simpler_m = max(width_m, height_m) / _SIMPLER
     patches = [
-        PatchShape(one.name, str(one.crop), one.owner == farm.owner, _rings(one.polygon, simpler_m))
+        schema.PatchShape(one.name, str(one.crop), one.owner == farm.owner, _rings(one.polygon, simpler_m))
         for one in farm.patches
     ]
     obstacles = [
-        ObstacleShape(one.name, one.height_m, _rings(one.polygon, simpler_m)) for one in farm.obstacles
+        schema.ObstacleShape(one.name, one.height_m, _rings(one.polygon, simpler_m)) for one in farm.obstacles
     ]
-    return FarmShape(
+    return schema.FarmShape(
         farm.name, georeference, width_m, height_m, farm.home_m, patches, obstacles, list(farm.rally_m)
     )
 
 
-def plan_shape(planned: Planned, farm: Farm | None) -> Plan:
+def plan_shape(planned: Planned, farm: Farm | None) -> schema.Plan:
     """Return what a vehicle is to fly as a page draws it."""
-    return Plan(
+    return schema.Plan(
         *(planned.system_id, planned.day, planned.flight, planned.time_s),
         path=ring(planned.path_m),
         fence=[
-            FenceShape([ring(corners)], inclusion)
+            schema.FenceShape([ring(corners)], inclusion)
             for corners, inclusion in ([] if farm is None else fence_rings(planned.mission.fence, farm.frame))
         ],
         items=[_in_words(item) for item in planned.mission.items[:_MAX_ITEMS]],
@@ -66,13 +58,13 @@ def plan_shape(planned: Planned, farm: Farm | None) -> Plan:
     )
 
 
-def ring(points: Any) -> Ring:
+def ring(points: Any) -> schema.Ring:
     """Return points, float64[n, 2], as x and y in turn, rounded to centimetres."""
-    flat: Ring = np.round(np.asarray(points, np.float64).reshape(-1), 2).tolist()
+    flat: schema.Ring = np.round(np.asarray(points, np.float64).reshape(-1), 2).tolist()
     return flat
 
 
-def _rings(polygon: shapely.Polygon, simpler_m: float) -> list[Ring]:
+def _rings(polygon: shapely.Polygon, simpler_m: float) -> list[schema.Ring]:
     """Return the outline of a polygon, and its holes."""
     simple = shapely.simplify(polygon, simpler_m)
     return [ring(shapely.get_coordinates(one)) for one in (simple.exterior, *simple.interiors)]

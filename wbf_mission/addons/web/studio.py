@@ -24,18 +24,7 @@ from mission.planners import make_planner
 from mission.planners.registry import planner_parameters
 from mission.policies.policy import policy_parameters
 from mission.transfer.vehicles import Vehicle
-from wbf_mission.addons.web.drafts import (
-    MAX_BODY_BYTES,
-    NAMED,
-    DraftError,
-    Drafts,
-    PlannedDraft,
-    PlannedMission,
-    draft_options,
-    drawn_farm,
-    known_names,
-    written_suffixes,
-)
+from wbf_mission.addons.web import drafts
 from wbf_mission.addons.web.newest import SupersededError
 from wbf_mission.addons.web.schema import Background
 from wbf_mission.addons.web.server import LiveServer
@@ -63,16 +52,10 @@ Handler: TypeAlias = Callable[[Request, bytes], Any]
 
 
 class Studio:
-    """Answers the requests of the studio's page.
-
-    Parameters
-    ----------
-    start : Scenario
-        With what the page begins.
-    """
+    """Answers the requests of the studio's page, which begins with the scenario `start`."""
 
     def __init__(self, start: Scenario) -> None:
-        self.drafts = Drafts(start)
+        self.drafts = drafts.Drafts(start)
         self._flight = StudioFlight()
         self._background: Background | None = None
 
@@ -92,23 +75,17 @@ class Studio:
 
     def routes(self) -> list[Route]:
         """Return the routes of what the page asks."""
+        read = {"options": self.options, "farm": self.named_farm, "flight": self.flight}
+        done = (self.farm, self.plan, self.cancel, self.export, self.upload, self.fly, self.stop)
         return [
-            Route("/api/options", _answering(self.options), methods=["GET"]),
-            Route("/api/farm", _answering(self.named_farm), methods=["GET"]),
-            Route("/api/farm", _answering(self.farm), methods=["POST"]),
-            Route("/api/plan", _answering(self.plan), methods=["POST"]),
-            Route("/api/cancel", _answering(self.cancel), methods=["POST"]),
-            Route("/api/export", _answering(self.export), methods=["POST"]),
-            Route("/api/upload", _answering(self.upload), methods=["POST"]),
-            Route("/api/fly", _answering(self.fly), methods=["POST"]),
-            Route("/api/stop", _answering(self.stop), methods=["POST"]),
-            Route("/api/flight", _answering(self.flight), methods=["GET"]),
+            *(Route(f"/api/{name}", _answering(work), methods=["GET"]) for name, work in read.items()),
+            *(Route(f"/api/{work.__name__}", _answering(work), methods=["POST"]) for work in done),
         ]
 
     def options(self, _request: Request, _body: bytes) -> Any:
         """Return what can be chosen, and with what the page begins."""
         return {
-            "options": [_told(key, one) for key, one in draft_options().items()],
+            "options": [_told(key, one) for key, one in drafts.draft_options().items()],
             "farms": names_of("farm"),
             "crops": [str(crop) for crop in Crop if crop is not Crop.NONE],
             "parameters": {
@@ -117,7 +94,9 @@ class Studio:
                 },
                 "policy": {one: _parameters(policy_parameters(one)) for one in names_of("policy")},
             },
-            "formats": [{"name": name, "suffix": suffix} for suffix, name in written_suffixes().items()],
+            "formats": [
+                {"name": name, "suffix": suffix} for suffix, name in drafts.written_suffixes().items()
+            ],
             "background": self._background,
             "start": {"farm": self.drafts.start.farm.name, "options": self._given()},
         }
@@ -142,7 +121,7 @@ class Studio:
         try:
             draft = self.drafts.draft(body)
         except FarmError as error:
-            return self._refused(error, drawn_farm(body), "", {})
+            return self._refused(error, drafts.drawn_farm(body), "", {})
         found = self.drafts.plan(draft)
         return {
             "farm": farm_shape(found.draft.farm),
@@ -178,7 +157,7 @@ class Studio:
         found = self.drafts.plan(self.drafts.draft(body))
         one = found.mission(_mission_asked(request))
         if request.query_params.get("confirmed") != "true":
-            raise DraftError(f"confirm that {len(one.plan.mission.items)} items are sent to {link}")
+            raise drafts.DraftError(f"confirm that {len(one.plan.mission.items)} items are sent to {link}")
         system_id = _number(request, "system_id", 1, 255)
         return _upload(found, one, link, None if system_id is None else int(system_id))
 
@@ -211,7 +190,7 @@ class Studio:
     def _given(self) -> dict[str, Any]:
         """Return the options of the beginning that are not at their defaults, as the page gives them."""
         usual, start = Scenario(), self.drafts.start
-        return {key: _plain(start[key]) for key in draft_options() if start[key] != usual[key]}
+        return {key: _plain(start[key]) for key in drafts.draft_options() if start[key] != usual[key]}
 
     def _plan_quietly(self, body: bytes) -> None:
         with contextlib.suppress(WbfMissionError):
@@ -229,8 +208,8 @@ def _answering(work: Handler) -> Callable[[Request], Any]:
         try:
             async for part in request.stream():
                 body += part
-                if len(body) > MAX_BODY_BYTES:
-                    told = f"more than {MAX_BODY_BYTES >> 20} MiB: draw with fewer points"
+                if len(body) > drafts.MAX_BODY_BYTES:
+                    told = f"more than {drafts.MAX_BODY_BYTES >> 20} MiB: draw with fewer points"
                     return _json({"error": told}, 413)
             found = await run_in_threadpool(work, request, bytes(body))
         except SupersededError as error:
@@ -259,7 +238,7 @@ def _farm(farm: Farm, document: bytes) -> dict[str, Any]:
     }
 
 
-def _mission(one: PlannedMission) -> dict[str, Any]:
+def _mission(one: drafts.PlannedMission) -> dict[str, Any]:
     """Return what one vehicle flies in one sortie, and what was found in it."""
     plan, prediction, found = one.plan, one.plan.prediction, one.report.findings
     told = Planned(
@@ -289,7 +268,9 @@ def _mission(one: PlannedMission) -> dict[str, Any]:
     }
 
 
-def _upload(found: PlannedDraft, one: PlannedMission, link: str, system_id: int | None) -> dict[str, Any]:
+def _upload(
+    found: drafts.PlannedDraft, one: drafts.PlannedMission, link: str, system_id: int | None
+) -> dict[str, Any]:
     """Upload a mission; WbfMissionError if there are errors in it, or it does not arrive."""
     vehicle = found.vehicles[one.system_id - 1]
 
@@ -303,7 +284,7 @@ def _upload(found: PlannedDraft, one: PlannedMission, link: str, system_id: int 
     try:
         report, checked = upload_checked(one.plan.mission, link, around, system_id=system_id)
     except KeyboardInterrupt:
-        raise DraftError("the upload was interrupted") from None
+        raise drafts.DraftError("the upload was interrupted") from None
     return {
         **report.summary(),
         "vehicle": report.vehicle,
@@ -315,7 +296,7 @@ def _told(key: str, one: Option) -> dict[str, Any]:
     """Return what a page tells of an option."""
     kinds = [kind for kind in get_args(one.wanted) or (one.wanted,) if kind in _TYPES]
     is_text = one.read is not None or str in get_args(one.wanted)
-    names = known_names(key) if one.kind or key in NAMED else one.choices
+    names = drafts.known_names(key) if one.kind or key in drafts.NAMED else one.choices
     return {
         **{name: getattr(one, name) for name in _TOLD},
         "help": worded(one.help),
@@ -368,7 +349,7 @@ def _number(request: Request, name: str, low: float, high: float) -> float | Non
     try:
         value = parse_number(text)
     except ValueError as error:
-        raise DraftError(f"{name}: {error}") from None
+        raise drafts.DraftError(f"{name}: {error}") from None
     if not low <= value <= high:
-        raise DraftError(f"{name} {value:g} is out of range: give {low:g} to {high:g}")
+        raise drafts.DraftError(f"{name} {value:g} is out of range: give {low:g} to {high:g}")
     return value

@@ -25,6 +25,9 @@ class FlightState(msgspec.Struct, frozen=True):
     words: str = ""
 
 
+_NONE = FlightState()
+
+
 class StudioFlight:
     """Shows one flight in the simulator; a flight that it replaces ends as soon as it notices."""
 
@@ -63,12 +66,7 @@ class StudioFlight:
 class Flown:
     """One flight, which a view shows and which can be stopped."""
 
-    def __init__(
-        self,
-        view: View,
-        state: FlightState = FlightState(),  # noqa: B008
-        decider: str = "",
-    ) -> None:
+    def __init__(self, view: View, state: FlightState = _NONE, decider: str = "") -> None:
         self._view, self.state, self._decider = view, state, decider
         self.stopping = threading.Event()
 

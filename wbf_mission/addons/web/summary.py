@@ -41,7 +41,7 @@ def run_title(record: RunRecord) -> str:
 def summary_of(record: RunRecord, *, notes: Sequence[str] = ()) -> str:
     """Return the summary of a run, as the element of a page; the notes are about what is below it."""
     told = _told(record)
-    reports = {one.name: one for one in record.report.fields} if record.report is not None else {}
+    reports = _reports(record)
     shown = [one for one in record.maps if one.field.name in reports]
     lines = _lines(told.values(), 100) + _lines(_shown_warnings(record), 115)
     height_mm = _map_height_mm(lines, len(shown), _KEY_MM)
@@ -66,10 +66,7 @@ def comparison_of(first: RunRecord, second: RunRecord, *, notes: Sequence[str] =
         one, two = (each.get(name, "-") for each in told)
         kind = "" if one == two else ' class="differs"'
         rows.append(f"<tr{kind}><th>{escape(name)}</th><td>{escape(one)}</td><td>{escape(two)}</td></tr>")
-    reports = [
-        {one.name: one for one in each.report.fields} if each.report is not None else {}
-        for each in (first, second)
-    ]
+    reports = [_reports(record) for record in (first, second)]
     pairs = [
         (one, two)
         for one in first.maps
@@ -95,6 +92,10 @@ def comparison_of(first: RunRecord, second: RunRecord, *, notes: Sequence[str] =
     )
 
 
+def _reports(record: RunRecord) -> dict[str, FieldReport]:
+    return {} if record.report is None else {report.name: report for report in record.report.fields}
+
+
 def _below(notes: Sequence[str]) -> str:
     told = "".join(f"<li>{escape(one)}</li>" for one in notes)
     return f'<nav class="below"><a href="#app">Replay it below</a><ul>{told}</ul></nav>\n'
@@ -113,34 +114,29 @@ def _told(record: RunRecord, *, short: bool = False) -> dict[str, str]:
     vehicles = list(dict.fromkeys(scenario.vehicle.names))
     count = summary["vehicles"]
     days = [one.day for one in record.days] or [scenario.farm.day]
-    flights = len(record.flights)
+    when = f"day {days[0]}" if len(days) == 1 else f"days {days[0]} to {days[-1]}"
+    flights, seed = len(record.flights), str(scenario.seed)
     seen = f"{percent(summary['coverage'])} of the land to be seen"
     told = {
         "path": _chooser(record),
         "vehicle": f"{count} x {', '.join(vehicles)}" if count > 1 else ", ".join(vehicles),
-        "when": f"day {days[0]}" if len(days) == 1 else f"days {days[0]} to {days[-1]}",
-        "flights": f"{flights}",
+        "when": when if short else f"{when}, {flights} flight{'s' if flights != 1 else ''}",
+        **({"flights": str(flights)} if short else {}),
         "outcome": in_words(record.outcome, record.reason),
         # Of a policy only the first path is known before.
         "flown": record.flown(predicted=not short and scenario.mission.policy is None),
         "battery": _battery(record),
         "seen": f"{summary['observations']:,} readings, {seen}",
-        "estimator": record.estimator,
-        "seed": str(scenario.seed),
+        "estimator": record.estimator if short else f"{record.estimator}, seed {seed}",
+        **({"seed": seed} if short else {}),
     }
     if record.score is not None and record.final_score is not None:
         told["score"] = f"{record.score:.5f} over the run, {record.final_score:.5f} at its end (0 is perfect)"
     for name, value in summary["losses"].items():
         if short and value is not None:
             told[f"loss a cell, {name}"] = f"{value:.4g}"
-    if not short:
-        for path, name in (("seed", "estimator"), ("flights", "when")):
-            also = told.pop(path)
-            told[name] += (
-                f", seed {also}" if path == "seed" else f", {also} flight{'s' if also != '1' else ''}"
-            )
-    elif warned := len(record.warnings):
-        told["warnings"] = str(warned)
+    if short and record.warnings:
+        told["warnings"] = str(len(record.warnings))
     return told
 
 
@@ -250,16 +246,13 @@ def _map(
 def _flown(record: RunRecord, drawing: FarmDrawing) -> str:
     """Draw the tracks of all flights, as fine as the map shows."""
     step_m, paths, points = _PATH_M * 100.0 * drawing.unit, [], 0
-    for one in record.flights:
-        x, y = one.track.x_m, one.track.y_m
-        along = (
-            np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(x), np.diff(y)))]) if len(x) else np.empty(0)
-        )
-        _, kept = np.unique((along // step_m).astype(np.int64), return_index=True)
-        points += len(kept)
-        paths.append(
-            "M" + "L".join(f"{x[k]:.1f} {drawing.down(y[k]):.1f}" for k in kept) if len(kept) else ""
-        )
+    for flight in record.flights:
+        x, y = flight.track.x_m, flight.track.y_m
+        if len(x):
+            along = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(x), np.diff(y)))])
+            _, kept = np.unique((along // step_m).astype(np.int64), return_index=True)
+            points += len(kept)
+            paths.append("M" + "L".join(f"{x[k]:.1f} {drawing.down(y[k]):.1f}" for k in kept))
     # Tracks that cover the farm are not to hide what they found.
     opacity = 0.55 if points * _PATH_M < _DENSE_SIDES else 0.2
     line = f'fill="none" stroke="#1f3b73" stroke-opacity="{opacity:g}"'

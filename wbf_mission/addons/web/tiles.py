@@ -16,10 +16,9 @@ import struct
 import threading
 import time
 import zlib
-from collections.abc import Callable
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 from geo.errors import WbfMissionError
 from geo.texts import one_line
@@ -38,8 +37,6 @@ _PICTURES = {
     "image/webp": re.compile(rb"RIFF....WEBP", re.DOTALL),
 }
 _NO_PICTURES = "holds no pictures, but perhaps vector tiles; give one with raster tiles (PNG, JPEG or WebP)"
-
-
 _TILE = "SELECT tile_data FROM tiles WHERE zoom_level = ? AND tile_column = ? AND tile_row = ? LIMIT 1"
 _ZOOMS = "SELECT (SELECT min(zoom_level) FROM tiles), (SELECT max(zoom_level) FROM tiles)"
 
@@ -48,27 +45,8 @@ class MapTilesError(WbfMissionError, ValueError):
     """A file of map tiles that cannot be used."""
 
 
-class _Archive(Protocol):
-    """A file of tiles."""
-
-    zooms: tuple[int, int]
-    attribution: str
-
-    def read(self, z: int, x: int, y: int) -> bytes | None:
-        """Return a tile, rows counted from the north; None if there is none."""
-
-    def close(self) -> None:
-        """Close the file."""
-
-
 class MapTiles:
-    """Raster tiles of an MBTiles or PMTiles file. Thread-safe.
-
-    Raises
-    ------
-    MapTilesError
-        If the file is neither, is damaged, or holds vector tiles.
-    """
+    """Raster tiles of an MBTiles or PMTiles file; MapTilesError if it holds none. Thread-safe."""
 
     def __init__(self, path: Path) -> None:
         self._lock = threading.Lock()
@@ -77,7 +55,7 @@ class MapTiles:
                 raise MapTilesError(f"{path}: is no file of map tiles; give an MBTiles or PMTiles file")
             with path.open("rb") as file:
                 start = file.read(7)
-            kinds: dict[bytes, Callable[[Path], _Archive]] = {b"PMTiles": _PMTiles, b"SQLite ": _MBTiles}
+            kinds: dict[bytes, type[_PMTiles | _MBTiles]] = {b"PMTiles": _PMTiles, b"SQLite ": _MBTiles}
             if start not in kinds:
                 raise MapTilesError(f"{path}: is no MBTiles and no PMTiles file")
             self._archive = kinds[start](path)

@@ -25,26 +25,10 @@ from sensors.fields import HEALTH_COLOURS, WATER_COLOURS, Field
 from sensors.observations import Observations
 from sensors.scoring.information import InformationModel
 from sensors.scoring.score import Score
+from wbf_mission import events
 from wbf_mission.addons.web import schema
 from wbf_mission.addons.web.layers import LONGEST, Layers, Pixels
 from wbf_mission.addons.web.shapes import farm_shape, plan_shape, ring
-from wbf_mission.events import (
-    Asked,
-    DayBegun,
-    Decided,
-    Estimated,
-    Event,
-    FlightEnded,
-    Noted,
-    Orderable,
-    Planned,
-    Progressed,
-    RunBegun,
-    RunEnded,
-    Seen,
-    VehicleMoved,
-    VehicleSaid,
-)
 from wbf_mission.replanning.record import DecisionRecord
 from wbf_mission.run.orders import steady_s
 
@@ -70,8 +54,11 @@ _UNDER_WAY = "sent"  # The outcome of a change of a path that is not over
 
 # Tuples of plain values: unlike other objects they cost the garbage collector nothing.
 _State: TypeAlias = tuple[Any, ...]
-_STATE = tuple(name for name in VehicleMoved.__dataclass_fields__ if name != "system_id")
+_STATE = tuple(name for name in events.VehicleMoved.__dataclass_fields__ if name != "system_id")
 _state_of = attrgetter(*_STATE)
+_TWO_DIGITS = dict.fromkeys(("time_s", "x_m", "y_m", "height_m", "speed_m_s"), 2)
+_DIGITS = _TWO_DIGITS | {"heading_rad": 1, "battery": 4, "link_quality": 3, "silent_s": 1}
+_SHOWN_AS = {"x_m": "x", "y_m": "y", "heading_rad": "heading_deg", "link_quality": "link"}
 _Scored: TypeAlias = tuple[float, int, int, Score | None]
 
 
@@ -146,20 +133,14 @@ class View:
     number of viewers: the run does not wait for them, and nothing is kept for them. A viewer that asks seldom
     is told more at once.
 
-    Parameters
-    ----------
-    share : float
-        The part of the wall time that drawing estimates may take, over 0 to 1: those that come too soon are
-        left out, but for the last one of a flight. 1 draws every one, for a recording.
-    longest : int
-        Pixels of the layers along the farm's longer side, at most.
-    clock : callable, optional
-        Returns seconds; the age of vehicles' states is measured by it.
+    Drawing estimates takes at most `share` of the wall time: those that come too soon are left out, but for
+    the last one of a flight; 1 draws every one. Layers have at most `longest` pixels along the farm's longer
+    side. The age of vehicles' states is measured by `clock`.
 
     Examples
     --------
     >>> view = View()
-    >>> view.take(Noted("the vehicle is heard"))
+    >>> view.take(events.Noted("the vehicle is heard"))
     >>> update, cursor = view.update(None)
     >>> update.said[0].text, view.update(cursor)[0].json()
     ('the vehicle is heard', b'{"time_s":0.0}')
@@ -172,7 +153,7 @@ class View:
         # Who draws holds the first, as long as that takes; the second is held briefly, by all who read or
         # change what follows it.
         self._drawing, self._lock = threading.RLock(), threading.RLock()
-        self._begun: RunBegun | None = None
+        self._begun: events.RunBegun | None = None
         self._fields: tuple[Field, ...] = ()
         self._skipped: InformationModel | None = None  # The latest estimate, if it was not drawn
         self._stale: Bools | None = None  # bool[n, tiles along x, y]: where those differ that were not drawn
@@ -241,18 +222,17 @@ class View:
             tiles = [] if self._layers is None else self._layers.show(at)
             if tiles and self._layers is not None:
                 update.scales = self._layers.scales
-        for name, rows in (("plans", plans), ("said", said), ("decisions", decisions), ("restart", restart)):
-            if rows:
-                setattr(update, name, rows)
-        if any(states.values()):
-            update.states = {name: _states(rows) for name, rows in states.items() if rows}
-        if len(readings["time_s"]):
-            update.readings = _readings(readings)
-        if scores:
-            update.scores = _scores(scores)
-        if tiles:
-            update.tiles = [one.packed() for one in tiles]
-        return update, version
+        new = {
+            "restart": restart,
+            "plans": plans,
+            "said": said,
+            "decisions": decisions,
+            "states": {name: _states(rows) for name, rows in states.items() if rows},
+            "readings": _readings(readings) if len(readings["time_s"]) else None,
+            "scores": _scores(scores) if scores else None,
+            "tiles": [tile.packed() for tile in tiles],
+        }
+        return replace(update, **{name: part for name, part in new.items() if part}), version
 
     def offer(self, background: schema.Background | None) -> None:
         """Tell which map tiles of the user's there are."""
@@ -260,7 +240,7 @@ class View:
 
     # What happens
 
-    def take(self, event: Event) -> None:
+    def take(self, event: events.Event) -> None:
         """Take an event of the run; what cannot be shown ends no flight, a line of the page says so."""
         try:
             self._take(event)
@@ -268,49 +248,49 @@ class View:
             text = f"the page cannot show {type(event).__name__}: {told_error(error)}"
             self._say(text, _WARNING, 0, self._time_s)
 
-    def _take(self, event: Event) -> None:
+    def _take(self, event: events.Event) -> None:
         match event:
-            case RunBegun():
+            case events.RunBegun():
                 self._begin(event)
-            case DayBegun():
+            case events.DayBegun():
                 self._hear(event.time_s)
                 self._draw_truth(event.truth)
-            case Planned():
+            case events.Planned():
                 farm = None if self._begun is None else self._begun.farm
                 self._add(self._plans, plan_shape(event, farm), event.time_s)
-            case VehicleMoved():
+            case events.VehicleMoved():
                 if math.isfinite(event.x_m) and math.isfinite(event.y_m):
                     with self._lock:
                         self._heard_s[event.system_id] = self._clock() - event.silent_s
                     self._add(self._states_of(event.system_id), _state_of(event), event.time_s)
-            case VehicleSaid():
+            case events.VehicleSaid():
                 self._say(event.text, event.severity, event.system_id, event.time_s)
-            case Seen():
+            case events.Seen():
                 self._see(event)
-            case Estimated():
+            case events.Estimated():
                 if event.model is not None:
                     self._draw_estimate(event.model)
                 row = event.time_s, event.day, event.observations, event.score
                 self._add(self._scores, row, event.time_s)
-            case Decided():
+            case events.Decided():
                 self._hear(event.time_s)
                 self._draw_acquisition(event.acquisition)
                 self._decide(event.time_s, event.record)
-            case FlightEnded():
+            case events.FlightEnded():
                 self._draw_skipped()
                 text = f"flight {event.flight}: {in_words(event.outcome, event.reason)}"
                 self._say(text, _INFO, event.system_id, event.time_s)
-            case Progressed():
+            case events.Progressed():
                 over = 0.0 < event.total <= event.done
                 self._tell(progress=None if over else schema.Progress(event.what, event.done, event.total))
-            case Noted():
+            case events.Noted():
                 self._say(event.text, _WARNING if event.warns else _INFO, 0, self._time_s)
-            case Asked():
+            case events.Asked():
                 question = schema.Question(event.question, event.answers, event.number)
                 self._tell(question=question if event.question else None)
-            case Orderable():
+            case events.Orderable():
                 self._tell(orders=event.orders)
-            case RunEnded():
+            case events.RunEnded():
                 self._draw_skipped()
                 self._hear(event.time_s)
                 ended = {"outcome": event.outcome, "words": in_words(event.outcome), "reason": event.reason}
@@ -348,7 +328,7 @@ class View:
                     rows.limit = min(MAX_STATES, MAX_ALL_STATES // len(self._states))
             return self._states[system_id]
 
-    def _begin(self, event: RunBegun) -> None:
+    def _begin(self, event: events.RunBegun) -> None:
         with self._drawing:
             before, self._begun = self._begun, event
             farm, fields, layers = event.farm, event.fields, self._layers
@@ -369,7 +349,7 @@ class View:
                     self._replace("layers", layers)
                 self._replace("run", run)
 
-    def _see(self, event: Seen) -> None:
+    def _see(self, event: events.Seen) -> None:
         seen = event.observations
         if len(seen):
             farm = self._begun.farm if self._begun else None
@@ -487,31 +467,12 @@ def _decision(number: int, time_s: float, record: DecisionRecord) -> schema.Deci
 
 
 def _states(rows: list[_State]) -> schema.States:
-    columns = dict(zip(_STATE, zip(*rows, strict=True), strict=True))
-
-    def rounded(name: str, digits: int) -> list[Any]:
-        numbers: list[Any] = np.round(np.array(columns[name], np.float64), digits).tolist()
-        return numbers  # NaN, which is null in JSON, for None
-
-    heading_deg = np.degrees(np.array(columns["heading_rad"], np.float64))
-    return schema.States(
-        time_s=rounded("time_s", 2),
-        day=list(columns["day"]),
-        flight=list(columns["flight"]),
-        x=rounded("x_m", 2),
-        y=rounded("y_m", 2),
-        height_m=rounded("height_m", 2),
-        speed_m_s=rounded("speed_m_s", 2),
-        heading_deg=np.round(heading_deg, 1).tolist(),
-        battery=rounded("battery", 4),
-        link=rounded("link_quality", 3),
-        item=list(columns["item"]),
-        items=list(columns["items"]),
-        mode=list(columns["mode"]),
-        phase=list(columns["phase"]),
-        armed=list(columns["armed"]),
-        silent_s=rounded("silent_s", 1),
-    )
+    columns: dict[str, Any] = dict(zip(_STATE, map(list, zip(*rows, strict=True)), strict=True))
+    columns["heading_rad"] = np.degrees(np.array(columns["heading_rad"], np.float64))
+    for name, digits in _DIGITS.items():
+        # NaN, which is null in JSON, for None
+        columns[name] = np.round(np.array(columns[name], np.float64), digits).tolist()
+    return schema.States(**{_SHOWN_AS.get(name, name): column for name, column in columns.items()})
 
 
 def _of_their_crops(grid: FarmGrid, fields: Sequence[Field], seen: Observations) -> Observations:
@@ -532,18 +493,12 @@ def _readings(columns: dict[str, NDArray[Any]]) -> schema.Readings:
 
 def _scores(rows: list[_Scored]) -> schema.Scores:
     scores = [row[3] for row in rows]
-    names = dict.fromkeys(name for score in scores if score is not None for name in score.fields)
-    losses = {
-        name: [
-            score.field_loss[score.fields.index(name)] if score is not None and name in score.fields else None
-            for score in scores
-        ]
-        for name in names
-    }
+    lost = [{} if one is None else dict(zip(one.fields, one.field_loss, strict=True)) for one in scores]
+    names = dict.fromkeys(name for losses in lost for name in losses)
     return schema.Scores(
         time_s=[round(row[0], 2) for row in rows],
         day=[row[1] for row in rows],
         observations=[row[2] for row in rows],
         score=[None if score is None else score.score for score in scores],
-        losses=losses,
+        losses={name: [losses.get(name) for losses in lost] for name in names},
     )

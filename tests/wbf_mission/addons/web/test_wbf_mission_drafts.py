@@ -126,7 +126,7 @@ def in_short(make: Callable[[], PlanResult]) -> object:
 
 @pytest.mark.parametrize("planner", ["spiral", "lawnmower"])
 def test_the_example_s_file_is_planned_as_the_command_line_plans_it(drafts: Drafts, planner: str) -> None:
-    path = Path(__file__).parents[3] / "missions" / "strawberry-field.kml"
+    path = Path(__file__).parents[4] / "missions" / "strawberry-field.kml"
     _, document = drafts.farm_of_file(path.read_bytes(), path.name, crop=None, crs=None, repair=False)
     found = drafts.plan(drafts.draft(body(json.loads(document), planner=planner)))
     wanted = plan(Scenario(farm=str(path), planner=planner))

@@ -57,7 +57,7 @@ class Program:
 
     def __init__(self) -> None:
         path = os.pathsep.join(
-            [str(Path(__file__).parents[3]), *filter(None, [os.environ.get("PYTHONPATH")])]
+            [str(Path(__file__).parents[4]), *filter(None, [os.environ.get("PYTHONPATH")])]
         )
         self.process = subprocess.Popen(
             [sys.executable, frozen_server.__file__],

@@ -433,7 +433,7 @@ def test_a_farm_is_refused_with_what_can_be_done(
 
 
 def test_no_mending_is_offered_for_a_bow_tie(server: LiveServer) -> None:
-    content = (Path(__file__).parents[2] / "data" / "studio" / "bowtie.geojson").read_bytes()
+    content = (Path(__file__).parents[3] / "data" / "studio" / "bowtie.geojson").read_bytes()
     answer = json.loads(ask(server, "POST", "/api/farm?name=bowtie.geojson", content)[1])
     assert answer["remedy"] == ""
     assert "cannot be mended safely" in answer["error"]

@@ -26,7 +26,7 @@ from wbf_mission.addons.web.view import View
 from wbf_mission.scenario import Scenario
 
 pytestmark = pytest.mark.slow
-DATA = Path(__file__).parents[2] / "data" / "studio"
+DATA = Path(__file__).parents[3] / "data" / "studio"
 PLANNED = re.compile(r"planned in")
 SLOW_MS = 90_000
 

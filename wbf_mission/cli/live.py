@@ -62,7 +62,7 @@ class LivePage:
         return self.live is not None
 
     def check(self) -> None:
-        """Refuse options that have no effect, with ScenarioError; TargetError without a page to serve."""
+        """Refuse options that have no effect, with ScenarioError."""
         given = {
             "--open": self.open_page,
             "--control": self.control,
@@ -73,8 +73,6 @@ class LivePage:
             if is_given and not self.wanted:
                 msg = f"{flag} has an effect only with --live PORT: give that, too (0 is any free port)"
                 raise ScenarioError(msg)
-        if self.wanted:
-            live_page()
 
     def orders(self, output: Output) -> Orders | None:
         """Return what takes the page's orders, None where it may give none."""
@@ -89,7 +87,7 @@ class LivePage:
     def serve(self, output: Output, events: EventStream, orders: Orders | None = None) -> Iterator[None]:
         """Serve the page of a stream of events, if it is wanted; the page takes orders if there are `orders`.
 
-        LinkError if the port is taken; a ValueError of ours if the tiles cannot be used.
+        LinkError if the port is taken; a ValueError of ours if there is no page, or the tiles cannot be used.
         """
         self.check()
         if self.live is None:

@@ -127,7 +127,6 @@ def sim_command(
     refuse_overwrite(tlog, inputs, suffixes=(".tlog",), overwrite=overwrite)
     refuse_overwrite(ready_file, [*inputs, tlog], suffixes=("", ".ready", ".txt"), overwrite=overwrite)
     homes = [parse_home(text) for text in chosen.home]
-    page.check()
     check_vehicles(faults, range(chosen.system_id, chosen.system_id + (chosen.count or len(homes) or 1)))
     with output.progress() as progress:
         simulated = make_components(

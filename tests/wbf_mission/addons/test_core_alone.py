@@ -53,7 +53,6 @@ def test_what_add_ons_bring_is_not_there(tmp_path, command):
     ("command", "page"),
     [
         ("fly --farm miniberry-10 --planner spiral --connect udpin:127.0.0.1:0 --yes --live 0", "live"),
-        ("sim --vehicle quad --live 0", "live"),
         ("bench report rows --out written", "bench"),
         ("bench replay rows spiral1 --out written", "run"),
     ],

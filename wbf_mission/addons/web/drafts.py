@@ -328,7 +328,7 @@ def planned(draft: Draft, progress: Progress) -> PlannedDraft:
         results = plan_fleet(scenario, farm=draft.farm, progress=progress)
         cuts = tuple(cut(plan, one) for plan, one in zip(results, vehicles, strict=True))
     else:
-        whole, sorties = plan_for_batteries(scenario, batteries, cut)
+        whole, sorties = plan_for_batteries(without_budget(scenario), batteries, cut)
         results, cuts = (whole,), (sorties,)
     planned_s, missions = time.perf_counter(), []
     coverage = coverage_together(results, scenario.camera.footprint)

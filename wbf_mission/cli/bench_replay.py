@@ -122,15 +122,14 @@ def _replay(
 ) -> int:
     from wbf_mission.bench.replay import replay, row_named, run_of
     from wbf_mission.bench.rows import KEY_DIGITS
-    from wbf_mission.events import EventStream
 
     row = row_named(rows, key, folder)
     run = run_of(row, planner=planner, estimator=estimator)
     name = row.key[:KEY_DIGITS]
     page_of = run_page() if "html" in formats else None
     out.mkdir(parents=True, exist_ok=True)
-    with output.progress() as progress, tempfile.TemporaryDirectory() as logs:
-        events, log = EventStream.of_progress(progress), Path(logs) / "flight.tlog"
+    with output.progress(), tempfile.TemporaryDirectory() as logs:
+        events, log = output.events, Path(logs) / "flight.tlog"
         page = page_of(events, len(row.times_s)) if page_of else None
         again = replay(row, run, events=events, tlog=log if page else None)
         pictures = [out / f"{name}.{one}" for one in formats if one != "html"]
@@ -141,7 +140,7 @@ def _replay(
         files: dict[str, Any] = {}
         if page is not None:
             path, own_log = out / f"{name}.html", log if log.is_file() else None
-            notes = list(page.write(path, again.result, log=own_log, notes=notes, progress=progress))
+            notes = list(page.write(path, again.result, log=own_log, notes=notes, progress=events.progress))
             files["page"] = str(path)
         if pictures:
             from wbf_mission.pictures.decision_plot import plot_decisions

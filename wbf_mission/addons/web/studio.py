@@ -31,7 +31,7 @@ from wbf_mission.addons.web.server import LiveServer
 from wbf_mission.addons.web.shapes import farm_shape, plan_shape
 from wbf_mission.addons.web.studio_flight import StudioFlight
 from wbf_mission.addons.web.words import worded
-from wbf_mission.events import Planned
+from wbf_mission.events import EventStream, Planned
 from wbf_mission.live.discovery import fitted_to
 from wbf_mission.live.uploading import upload_checked
 from wbf_mission.preflight.inquiry import VehicleSnapshot
@@ -282,7 +282,7 @@ def _upload(
         return replace(given, imaging=one.plan.imaging, planner=one.plan.planner, coverage=found.coverage)
 
     try:
-        report, checked = upload_checked(one.plan.mission, link, around, system_id=system_id)
+        report, checked = upload_checked(one.plan.mission, link, around, EventStream(), system_id=system_id)
     except KeyboardInterrupt:
         raise drafts.DraftError("the upload was interrupted") from None
     return {

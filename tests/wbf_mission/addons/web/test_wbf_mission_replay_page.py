@@ -73,13 +73,13 @@ def acquisitions_in(held: dict[str, Any]) -> list[tuple[float, np.ndarray]]:
 def test_the_page_holds_the_map_of_each_decision(
     flown: tuple[Replay, LiveLayers], files: dict[str, Path]
 ) -> None:
-    again, layers = flown
+    again, _ = flown
     assert again.equal and again.causes == ()
     page = SinglePage(files["greedy"])
     page.check()
     (held,) = page.held("recording")
     maps = [one for one in again.acquisitions if isinstance(one, AcquisitionMap)]
-    assert layers.maps == len(maps) == len(held["decisions"]) > 3
+    assert len(maps) == len(held["decisions"]) > 3
     told = acquisitions_in(held)
     assert len(told) == len(maps)
     for (time_s, values), one, decision in zip(told, maps, held["decisions"], strict=True):
@@ -158,7 +158,7 @@ def test_what_is_too_large_is_reduced_and_said(flown: tuple[Replay, LiveLayers],
         "Between about 40 of the scored times only the acquisition maps change",
     )
     (held,) = SinglePage(tmp_path / "light.html").held("recording")
-    assert len(acquisitions_in(held)) <= layers.maps
+    assert 0 < len(acquisitions_in(held)) <= len(layers.decided_s)
 
 
 def test_one_goes_from_decision_to_decision_and_sees_what_came_of_it(

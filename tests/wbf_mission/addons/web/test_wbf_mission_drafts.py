@@ -58,6 +58,7 @@ def test_a_drawn_farm_is_planned_as_its_file(drafts: Drafts, tmp_path: Path) -> 
     path.write_text(json.dumps(farm))
     wanted = plan(Scenario(farm=str(path), planner="lawnmower", budget="4min"))
     assert np.array_equal(found.missions[0].plan.path_m, wanted.path_m)
+    drafts.plan(drafts.draft(body(farm, planner="lawnmower", budget="3min")))
     again = drafts.draft(body(farm, planner="lawnmower", budget="4min"))
     assert (again.farm is found.draft.farm, drafts.plan(again) is found) == (True, True)  # Both are kept
 

@@ -128,7 +128,7 @@ class VehicleReport:
     age_s : float
         Age of position and velocity.
     spent : float
-        Cost of the flight until now, in the unit of the budget.
+        Cost of the flight until now, for a real flight until the answer, in the unit of the budget.
     rest_m : float64[n, 2]
         The points of its path ahead, the present target first; read-only.
     travel_cost : TravelCost

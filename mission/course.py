@@ -196,7 +196,7 @@ class Course:
 
     @property
     def start(self) -> Place:
-        """Where it begins."""
+        """Its first place."""
         return Place(self.legs[0].item)
 
     @cached_property

@@ -86,7 +86,7 @@ _ALTITUDE_COMMANDS = frozenset({30})
 
 
 def has_position(command: int) -> bool:
-    """Tell whether the command's x, y, z are a position (otherwise they are parameters 5 to 7)."""
+    """Return whether the command's x, y, z are a position (otherwise they are parameters 5 to 7)."""
     return command in _POSITION_COMMANDS
 
 

@@ -14,7 +14,7 @@ import msgspec
 from geo.reading import json_texts, misfit, not_json
 from geo.texts import one_line
 from mission.errors import MissionError, MissionFileError
-from mission.model import Command, GeoPoint, Mission, MissionItem
+from mission.model import Command, Frame, GeoPoint, Mission, MissionItem
 
 MAX_BYTES = 64 * 2**20
 PLAN_KIND = "a QGroundControl plan"
@@ -205,6 +205,12 @@ def make_item(
     return item if keep_frame else item.in_standard_frame()
 
 
+def rally_item(where: str, place: Place) -> MissionItem:
+    """Make a rally point with its altitude above home."""
+    frame = Frame.GLOBAL_RELATIVE_ALT
+    return make_item(where, Command.NAV_RALLY_POINT, frame, (0.0, 0.0, 0.0, 0.0), place, autocontinue=False)
+
+
 def make_mission(items: Iterable[MissionItem], home: GeoPoint | None, **more: Any) -> Mission:
     """Make a mission; MissionFileError in place of the model's MissionError."""
     try:
@@ -252,7 +258,7 @@ def check_jumps(mission: Mission) -> None:
 
 
 @dataclass(frozen=True, slots=True)
-class Told:
+class WithNotes:
     """A mission, with notes on how its file was understood."""
 
     mission: Mission

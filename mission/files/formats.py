@@ -18,12 +18,12 @@ from geo.reading import UnreadableError, read_file
 from geo.texts import one_line
 from mission.errors import MissionFileError
 from mission.files import native, plan, points, waypoints
-from mission.files.common import MAX_BYTES, Firmware, Told, wrong_kind
+from mission.files.common import MAX_BYTES, Firmware, WithNotes, wrong_kind
 from mission.files.comparison import Loss, differences
 from mission.files.drawn import Drawing
 from mission.model import Mission
 
-Loads: TypeAlias = Callable[[bytes], Mission | Told | Drawing]
+Loads: TypeAlias = Callable[[bytes], Mission | WithNotes | Drawing]
 Dumps: TypeAlias = Callable[[Mission, Firmware], str | bytes]
 
 
@@ -183,8 +183,8 @@ def open_mission(
         found = loads(read_file(Path(path), MAX_BYTES))
         if isinstance(found, Drawing):
             return found.mission(altitude_m, drawn_path)
-        notes = list(found.notes) if isinstance(found, Told) else []
-        found = found.mission if isinstance(found, Told) else found
+        notes = list(found.notes) if isinstance(found, WithNotes) else []
+        found = found.mission if isinstance(found, WithNotes) else found
     except UnreadableError as error:
         raise MissionFileError(one_line(f"{path}: cannot be read as a mission: {error}")) from error
     except MissionFileError as error:

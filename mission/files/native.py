@@ -24,7 +24,7 @@ from typing import Annotated
 import msgspec
 from msgspec import Meta
 
-from mission.errors import MissionError, MissionFileError
+from mission.errors import MissionFileError
 from mission.files.common import (
     NATIVE_KIND,
     Firmware,
@@ -33,6 +33,7 @@ from mission.files.common import (
     decode_json,
     file_parameters,
     home_of,
+    make_item,
     make_mission,
 )
 from mission.model import MAX_ITEMS, Mission, MissionItem
@@ -97,15 +98,18 @@ def loads(data: bytes) -> Mission:
 
 
 def _items(items: list[_Item], name: str) -> tuple[MissionItem, ...]:
-    made = []
-    for index, item in enumerate(items):
-        try:
-            made.append(
-                MissionItem(item.command, item.frame, *item.params, item.x, item.y, item.z, item.autocontinue)
-            )
-        except MissionError as error:
-            raise MissionFileError(f"{name} {index + 1}: {error}; correct the value") from None
-    return tuple(made)
+    return tuple(
+        make_item(
+            f"{name} {number}",
+            item.command,
+            item.frame,
+            item.params,
+            (item.x, item.y, item.z),
+            autocontinue=item.autocontinue,
+            keep_frame=True,
+        )
+        for number, item in enumerate(items, 1)
+    )
 
 
 def dumps(mission: Mission, firmware: Firmware = Firmware.GENERIC) -> str:  # noqa: ARG001  one signature for all

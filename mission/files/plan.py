@@ -29,6 +29,7 @@ from mission.files.common import (
     jump_target,
     make_item,
     make_mission,
+    rally_item,
     resolve_jumps,
 )
 from mission.files.fence import GeoFence, fence_items, geo_fence
@@ -123,7 +124,9 @@ def loads(data: bytes) -> Mission:
         _items(plan.mission.items, data),
         _home(plan.mission.home),
         fence=() if fence is None else fence_items(fence),
-        rally=() if rally is None else _rally_items(rally),
+        rally=[rally_item(f"rallyPoints, point {k}", point) for k, point in enumerate(rally.points, 1)]
+        if rally
+        else (),
         **speeds,
     )
 
@@ -198,20 +201,6 @@ def _home(position: list[float | None] | None) -> GeoPoint | None:
         return None
     altitude_m = position[2] if len(position) > 2 else None
     return home_from_file("mission, plannedHomePosition", position[0], position[1], altitude_m or 0.0)
-
-
-def _rally_items(rally: _Rally) -> tuple[MissionItem, ...]:
-    return tuple(
-        make_item(
-            f"rallyPoints, point {index + 1}",
-            Command.NAV_RALLY_POINT,
-            Frame.GLOBAL_RELATIVE_ALT,
-            (0.0, 0.0, 0.0, 0.0),
-            point,
-            autocontinue=False,
-        )
-        for index, point in enumerate(rally.points)
-    )
 
 
 def dumps(mission: Mission, firmware: Firmware = Firmware.PX4) -> str:

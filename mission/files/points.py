@@ -16,22 +16,22 @@ from mission.errors import MissionFileError
 from mission.files.common import (
     FENCE_KIND,
     RALLY_KIND,
-    Told,
+    WithNotes,
     decode_text,
     kind_of,
-    make_item,
     make_mission,
+    rally_item,
     wrong_kind,
 )
 from mission.files.fence import GeoFence, Polygon, fence_items
-from mission.model import MAX_ITEMS, Command, Frame, MissionItem
+from mission.model import MAX_ITEMS, MissionItem
 
 _LONGEST_LINE = 2000
 _MOST_LINES = 500_000
 _RALLY_WORDS = (4, 7)
 
 
-def loads(data: bytes) -> Told:
+def loads(data: bytes) -> WithNotes:
     """Read a fence or rally points; MissionFileError names a wrong line."""
     kind = kind_of(data)
     if kind == FENCE_KIND:
@@ -62,7 +62,7 @@ def _numbers(words: list[str], line: int, count: int) -> list[float]:
         raise MissionFileError(f"line {line}: {error}; give degrees and metres") from None
 
 
-def _fence(points: list[list[float]]) -> Told:
+def _fence(points: list[list[float]]) -> WithNotes:
     corners, back = points[1:], points[0]
     if points[0] == points[-1]:
         corners, note = points[:-1], "the fence has no return point: its first corner stands at the end again"
@@ -77,10 +77,10 @@ def _fence(points: list[list[float]]) -> Told:
         breach_return=None if corners[0] is back else (back[0], back[1], 0.0),
     )
     note += f"; {len(corners)} corners are an inclusion zone"
-    return Told(make_mission([], None, fence=fence_items(fence)), (note,))
+    return WithNotes(make_mission([], None, fence=fence_items(fence)), (note,))
 
 
-def _rally(data: bytes) -> Told:
+def _rally(data: bytes) -> WithNotes:
     items: list[MissionItem] = []
     lost = 0
     for number, words in _lines(data):
@@ -95,17 +95,8 @@ def _rally(data: bytes) -> Told:
             )
         place = (numbers[0], numbers[1], numbers[2])
         lost += any(numbers[3:])
-        items.append(
-            make_item(
-                f"line {number}",
-                Command.NAV_RALLY_POINT,
-                Frame.GLOBAL_RELATIVE_ALT,
-                (0.0, 0.0, 0.0, 0.0),
-                place,
-                autocontinue=False,
-            )
-        )
+        items.append(rally_item(f"line {number}", place))
     notes = [f"{len(items)} rally points, altitudes above home"]
     if lost:
         notes.append(f"break altitudes, landing directions and flags of {lost} rally points are left out")
-    return Told(make_mission([], None, rally=items), tuple(notes))
+    return WithNotes(make_mission([], None, rally=items), tuple(notes))

@@ -29,7 +29,7 @@ from mission.files.common import (
     Firmware,
     Parameters,
     Place,
-    Told,
+    WithNotes,
     check_jumps,
     decode_text,
     file_parameters,
@@ -77,7 +77,7 @@ class _Row:
         )
 
 
-def loads(data: bytes) -> Mission | Told:
+def loads(data: bytes) -> Mission | WithNotes:
     """Read a mission, a fence or rally points from the content of a file.
 
     It also reads comments (``#``), any white space between columns, CRLF, the headers of versions 100 and
@@ -115,7 +115,7 @@ def loads(data: bytes) -> Mission | Told:
         fence=tuple(row.item() for row in rows if row.command in _FENCE),
         rally=tuple(row.item() for row in rows if row.command in _RALLY),
     )
-    return Told(mission, tuple(notes)) if notes else mission
+    return WithNotes(mission, tuple(notes)) if notes else mission
 
 
 def _rows(text: str) -> tuple[str, list[_Row]]:

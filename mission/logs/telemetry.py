@@ -77,7 +77,7 @@ def _image(message: Message, time_s: float) -> tuple[float, ...] | None:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ToldStates:
+class StateLog:
     """States of a vehicle by its telemetry over some time.
 
     Parameters
@@ -101,7 +101,7 @@ class ToldStates:
         ]
 
 
-def states_in(path: Path, begins_s: Sequence[float]) -> dict[tuple[int, int], ToldStates]:
+def states_in(path: Path, begins_s: Sequence[float]) -> dict[tuple[int, int], StateLog]:
     """Return the states of the vehicles of a .tlog, by system id and part.
 
     Part k begins at `begins_s[k]`, in seconds since the log began. Telemetry before a part does not count in
@@ -133,7 +133,7 @@ def states_in(path: Path, begins_s: Sequence[float]) -> dict[tuple[int, int], To
     except LinkError as error:
         raise LogError(str(error)) from None
     return {
-        key: ToldStates(np.array([row[0] for row in rows]), [row[1:] for row in rows])
+        key: StateLog(np.array([row[0] for row in rows]), [row[1:] for row in rows])
         for key, rows in found.items()
         if rows
     }

@@ -36,7 +36,7 @@ class _TurnBudget:
 
 
 LANDS = ("convex", "concave", "pierced", "apart")
-"""The kinds of land of the kit: without a dent, with one, with a hole, in parts that do not hang together."""
+"""The kinds of land of the kit: convex, concave, with a hole, in separate parts."""
 
 
 def check_planner(planner: str | Planner, lands: Collection[str] = LANDS, /, **parameters: Any) -> None:

@@ -42,7 +42,7 @@ SearchProgress: TypeAlias = Callable[[int, int], None]
 _ROUNDING_M = 1e-3  # Where the area leaves the passable land by less, the two outlines were rounded
 
 
-def _untold(_done: int, _total: int) -> None:
+def _no_progress(_done: int, _total: int) -> None:
     pass
 
 
@@ -90,7 +90,7 @@ class PlanningRequest:
     footprint_m: float = FOOT_M
     crop_areas: tuple[CropArea, ...] = ()
     seed: int | np.random.SeedSequence = 0
-    progress: SearchProgress = _untold
+    progress: SearchProgress = _no_progress
     passable: Area | None = None
     row_spacing_m: float | None = None
     footprint_along_m: float | None = None

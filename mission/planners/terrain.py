@@ -294,7 +294,6 @@ class Terrain:
     def __init__(
         self, area: Area, footprint_m: float, passable: Area | None = None, least_leg_m: float = 0.0
     ) -> None:
-        self.area = area
         self.flyable = inset(area, footprint_m / 2, least_leg_m)
         self._room = area if passable is None else passable
         self._inner = _Regions(

@@ -176,21 +176,18 @@ def _more(
     """Return a path over a vehicle's unseen land and another piece, and its spacing."""
     if piece.is_empty or vehicle.left <= 0.0:
         return None
+    footprint_m = vehicle.request.footprint_m
     after = _planned(vehicle, piece, vehicle.rest_m, planner)
-    near = after is not None and (
-        after.spacing_m is None
-        or mine.spacing_m is None
-        or after.spacing_m <= _COARSER * max(mine.spacing_m, vehicle.request.footprint_m)
-    )
-    anew = None
-    if not near:
-        whole = _land(shapely.union(mine.unflown(vehicle), piece), vehicle.request.footprint_m)
+    if after is None or (
+        after.spacing_m is not None
+        and mine.spacing_m is not None
+        and after.spacing_m > _COARSER * max(mine.spacing_m, footprint_m)
+    ):
+        whole = _land(shapely.union(mine.unflown(vehicle), piece), footprint_m)
         anew = _planned(vehicle, whole, vehicle.rest_m[:0], planner)
-    if anew is not None:
-        return anew.points_m, anew.spacing_m
-    if after is not None:
-        return np.vstack((vehicle.rest_m, after.points_m)), after.spacing_m
-    return None
+        if anew is not None:
+            return anew.points_m, anew.spacing_m
+    return None if after is None else (np.vstack((vehicle.rest_m, after.points_m)), after.spacing_m)
 
 
 def _planned(vehicle: VehicleReport, land: Area, before_m: Points, planner: Planner) -> PlannedPath | None:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mission.ground.items import revised_mission
-from mission.logs.telemetry import ToldStates, states_in
+from mission.logs.telemetry import StateLog, states_in
 from mission.model import Command
 from wbf_mission.events import (
     DayBegun,
@@ -211,7 +211,7 @@ def _changed(record: FlightRecord, change: PathChange) -> Mission:
     )[0]
 
 
-def _moved(flight: _Flight, record: FlightRecord, step: int, told: ToldStates | None) -> Iterator[_Timed]:
+def _moved(flight: _Flight, record: FlightRecord, step: int, told: StateLog | None) -> Iterator[_Timed]:
     """Yield a vehicle's places with the states that it sent; without these its speed is that of its track.
 
     The last place has the last state that it sent, in which it is disarmed.

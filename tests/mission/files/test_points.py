@@ -9,7 +9,7 @@ from pymavlink import mavwp
 
 from mission.errors import MissionFileError
 from mission.files import open_mission, points, read_mission, waypoints, write_mission
-from mission.files.common import Told
+from mission.files.common import WithNotes
 from mission.model import Command, Frame, GeoPoint
 
 FOREIGN = Path(__file__).parents[2] / "data" / "foreign"
@@ -157,7 +157,7 @@ FIRST = "0 1 3 16 0 0 0 0 28.05 -82.15 30 1\n"
 )
 def test_version_120_has_a_home_only_if_row_0_can_be_nothing_else(rows, home, items, said):
     found = waypoints.loads(f"QGC WPL 120\n{rows}".encode())
-    mission, notes = (found.mission, found.notes) if isinstance(found, Told) else (found, ())
+    mission, notes = (found.mission, found.notes) if isinstance(found, WithNotes) else (found, ())
     assert (mission.home, len(mission.items)) == (home, items)
     assert [said in note for note in notes] == [True] * (said is not None)
     usual = waypoints.loads(f"QGC WPL 110\n{rows}".encode())

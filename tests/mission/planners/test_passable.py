@@ -10,8 +10,8 @@ import shapely
 
 from mission.errors import PlanningError
 from mission.planners import LengthBudget, PlanningRequest, make_planner
-from mission.planners.path import path_length
-from mission.planners.search import gaps_of, swept_lands
+from mission.planners.path import PlannedPath, path_length
+from mission.planners.search import densest_over, gaps_of, swept_lands
 
 FIELD = shapely.box(0, 0, 90, 60)
 POND = shapely.box(40, 20, 60, 40)
@@ -68,6 +68,13 @@ def test_rows_over_many_ponds_lie_closer_where_turns_cost_much(monkeypatch: pyte
     cut = make_planner("lawnmower")(asked)
     assert over.spacing_m is not None and cut.spacing_m is not None
     assert over.spacing_m < cut.spacing_m
+
+
+@pytest.mark.parametrize(("cut_m", "taken"), [(0.97, "over"), (0.94, "cut")])
+def test_rows_in_more_pieces_have_to_be_denser_by_a_twentieth(cut_m: float, taken: str) -> None:
+    asked = request(FIELD - POND, passable=FIELD)
+    paths = iter([PlannedPath(np.zeros((1, 2)), cut_m, "cut"), PlannedPath(np.zeros((1, 2)), 1.0, "over")])
+    assert densest_over(asked, lambda land: next(paths)).planner == taken
 
 
 def test_a_pond_that_may_be_crossed_costs_no_detour() -> None:

@@ -95,6 +95,13 @@ def test_a_leg_from_beside_the_map_sees_nothing_before_it_is_on_it(begin):
     assert values.max() == 0.0
 
 
+def test_legs_end_in_all_cells_nearby_and_in_fewer_far_away():
+    length = np.hypot(*leg_offsets(40).T)
+    cells = np.hypot(*np.mgrid[-40:41, -40:41])
+    assert (length < 12.0).sum() == ((cells >= 1.0) & (cells < 12.0)).sum()
+    assert (length >= 12.0).sum() < 0.3 * ((cells >= 12.0) & (cells <= 40.0)).sum()
+
+
 def test_nothing_to_be_seen_gives_no_route():
     assert len(_search(np.zeros((6, 6), np.float32), 1.5, 1.5, 8.0)) == 0
 

@@ -12,9 +12,9 @@ from mission.files import mission_formats, read_mission, reader_for, write_missi
 
 
 def test_they_come_after_those_of_the_core(tmp_path):
-    assert [mission_format.suffixes[0] for mission_format in mission_formats()] == [
-        *(".plan", ".waypoints", ".fen", ".json"),
-        *(".kml", ".kmz", ".geojson", ".gpx", ".csv", ".wpml.kmz"),
+    assert [suffix for mission_format in mission_formats() for suffix in mission_format.suffixes] == [
+        *(".plan", ".waypoints", ".wpl", ".txt", ".fen", ".ral", ".json"),
+        *(".kml", ".kmz", ".geojson", ".geojsonl", ".geojsons", ".gpx", ".csv", ".wpml.kmz"),
     ]
     with pytest.raises(MissionFileError, match=r"unknown suffix .*\.plan, \.waypoints, .*\.gpx or \.csv$"):
         read_mission(tmp_path / "mission.xyz")

@@ -45,8 +45,8 @@ def turns_camera(item: MissionItem) -> bool | None:
 class Place:
     """A place on a leg of a mission.
 
-    At fraction 0 all commands before the leg are done, also those between its first and its last item. The
-    end of a leg is the beginning of the next.
+    At fraction 0 all commands before the item are done, those after the item before included. The end of a
+    leg is the beginning of the next.
     """
 
     item: int

@@ -136,7 +136,7 @@ def part_of(
 
 
 def resumed_at(course: Course, begin: Place, overlap_m: float) -> Place | None:
-    """Return the place from which a part is flown again; None when no leg with images is left.
+    """Return the place from which a part is flown; None if no leg with images is left.
 
     It lies `overlap_m` before the part's beginning, or where the next leg with images begins.
     """
@@ -216,10 +216,8 @@ def _is_for_next(item: MissionItem) -> bool:
 
 
 def _reachable(course: Course, first: Place, end: Place | None) -> Place | None:
-    """Return the place at which a part can end; None for the mission's end.
-
-    A leg that is not straight is flown whole; legs without images at the end are left out.
-    """
+    """Return the place at which a part can end; None for the mission's end."""
+    # A leg that is not straight is flown whole; legs without images at the end are left out.
     if end is None or (number := course.leg_of(end)) >= len(course.legs):
         return None
     if end.fraction > 0.0 and not course.legs[number].works:

@@ -60,10 +60,7 @@ def read_telemetry(path: Path) -> LogTrack:
 
 
 def _image(message: Message, time_s: float) -> tuple[float, ...] | None:
-    """Return index, both times and position of an image; None if the message is of none.
-
-    A camera's feedback after the picture was taken counts as the picture; so does a bare trigger.
-    """
+    """Return index, both times and position of an image, by its capture, feedback or trigger; else None."""
     if is_a(message, m.MAVLink_camera_image_captured_message):
         if message.capture_result != 1:
             return None

@@ -21,18 +21,8 @@ def without_short_legs(points: Points, corner: NDArray[np.bool_], least_m: float
     """Return a path with no short leg beside a corner of a way or beside another short leg.
 
     Corners of ways, which lie on the border, are moved into the land; points near the path are left out.
-    Where neither is possible the path stays as it is. Short ways from row to row are kept.
-
-    Parameters
-    ----------
-    points : float64[n, 2]
-        The path.
-    corner : bool[n]
-        Whether each point is a corner of a way between rows.
-    least_m : float
-        Length below which legs are short.
-    terrain : Terrain
-        The land where the path may go.
+    Where neither is possible the path stays as it is. Short ways from row to row are kept. `corner`, bool[n],
+    marks the points that are corners of ways between rows; legs below `least_m` are short.
     """
     k = 0
     while k < len(points) - 1:

@@ -68,22 +68,8 @@ def rows_that_see(part: Polygon, room: Area, swath: Swath, angle_rad: float) -> 
 
     The outermost rows lie half a footprint within the part, the others at equal distances between. A row is
     as long as its strip: at an oblique border it goes on beyond the border, as far as the room allows. Pieces
-    of a strip that the row cannot reach have rows of their own.
-
-    Parameters
-    ----------
-    part : Polygon
-        The land to be seen.
-    room : Polygon or MultiPolygon
-        The land where rows may lie.
-    swath : Swath
-    angle_rad : float
-        Direction of the rows, anticlockwise from x.
-
-    Returns
-    -------
-    list of float64[n, 2, 2]
-        The rows of each cell: row, end, (x, y).
+    of a strip that the row cannot reach have rows of their own. Rows lie in the room, at an angle
+    anticlockwise from x. A cell is float64[n, 2, 2]: row, end, (x, y).
     """
     turn = rotation(angle_rad)
     turned, turned_room = (shapely.transform(land, lambda xy: product(xy, turn.T)) for land in (part, room))

@@ -27,25 +27,11 @@ def fly_cells(
     home_m: ArrayLike | None = None,
     exact: bool = True,
 ) -> list[Points]:
-    """Return the rows of the cells in the order of the flight, with short ways between the cells.
+    """Return the rows of the cells in the order and direction of a flight with short ways between cells.
 
-    Parameters
-    ----------
-    cells : sequence of float64[n, 2, 2] or float64[n, 2]
-        The rows of each cell: row, end, (x, y); or the points of a line that is flown from either end.
-    terrain : Terrain
-        The land of the ways between cells.
-    start_m : float64[2]
-        Start of the flight.
-    home_m : float64[2], optional
-        Its end; None: with the last row.
-    exact : bool
-        Measure the ways round corners and holes; otherwise straight legs.
-
-    Returns
-    -------
-    list of float64[n, 2]
-        The rows and lines in the order and direction of the flight.
+    A cell is float64[n, 2, 2] (row, end, (x, y)), or the points of a line, float64[n, 2], which is flown from
+    either end. The flight leads from a start to home, or without home ends with the last row. If `exact`,
+    ways are measured round corners and holes of the terrain, else straight.
     """
     home = start_m if home_m is None else home_m
     corners = np.array([_corners(cell) for cell in cells])

@@ -252,10 +252,7 @@ def _flies_on(vehicle: VehicleReport) -> bool:
 
 
 def _pays_for_change(problem: RouteProblem, points_m: Points) -> bool:
-    """Return whether a path gains more than the present path while this lasts, less the cost of the change.
-
-    Always true if a change costs nothing (`TravelCost.change`).
-    """
+    """Return whether a path gains more than the present one while this lasts, less the cost of a change."""
     vehicle, cell_m = problem.vehicle, problem.planning_grid.cell_m
     price = vehicle.travel_cost.change(points_m)
     if price <= 0.0:

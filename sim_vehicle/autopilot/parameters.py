@@ -206,27 +206,29 @@ class ParameterDetails:
 
 
 @cache
-def reference_parameters(name: str, without: tuple[str, ...] = ()) -> tuple[MavParameter, ...]:
+def reference_parameters(
+    name: str, without: tuple[str, ...] = (), package: str = __package__
+) -> tuple[MavParameter, ...]:
     """Read the list of a firmware.
 
-    Its table is called ``arducopter``, ``arduplane``, ``rover`` or ``px4``; names that begin as one of
-    ``without`` are those that this firmware does not have.
+    Its table is ``lists/NAME.csv`` of a package, such as ``px4``. Names that begin as one of
+    ``without`` are left out.
 
     Examples
     --------
     >>> [p.name for p in reference_parameters("px4") if p.name.startswith("GF_MAX")]
     ['GF_MAX_HOR_DIST', 'GF_MAX_VER_DIST']
     """
-    return tuple(_parameter(row) for row in _rows(name) if not row["name"].startswith(without))
+    return tuple(_parameter(row) for row in _rows(name, package) if not row["name"].startswith(without))
 
 
-def motion_parameters(name: str) -> Mapping[str, ParameterSpec]:
+def motion_parameters(name: str, package: str = __package__) -> Mapping[str, ParameterSpec]:
     """Read the parameters with which a firmware moves a vehicle, by their names.
 
     Examples
     --------
-    >>> motion_parameters("arduplane-motion")["TKOFF_ALT"]
-    ParameterSpec(default=50.0, low=0.0, high=200.0, unit='m', text='take-off height', integer=False, law='')
+    >>> motion_parameters("arducopter-motion")["WPNAV_SPEED_UP"].default
+    250.0
     """
     return {
         row["name"]: ParameterSpec(
@@ -238,7 +240,7 @@ def motion_parameters(name: str) -> Mapping[str, ParameterSpec]:
             integer=row["type"] != "float",
             law=row["law"],
         )
-        for row in _rows(name)
+        for row in _rows(name, package)
     }
 
 
@@ -274,8 +276,8 @@ def parameter_details(name: str) -> Mapping[str, ParameterDetails]:
     return details
 
 
-def _rows(table: str) -> Iterator[dict[str, str]]:
-    text = files(__package__).joinpath("lists", f"{table}.csv").read_text(encoding="utf-8")
+def _rows(table: str, package: str = __package__) -> Iterator[dict[str, str]]:
+    text = files(package).joinpath("lists", f"{table}.csv").read_text(encoding="utf-8")
     return csv.DictReader(line for line in text.splitlines() if not line.startswith("#"))
 
 

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from sim_vehicle.energy.power import CONSTANT_POWER, power_coefficients
+from sim_vehicle.airframe.power_spec import CONSTANT_POWER
+from sim_vehicle.energy.power import power_coefficients
 from sim_vehicle.motion import columns as col
 from sim_vehicle.motion.columns import State
 from sim_vehicle.motion.model import MotionEvent, MotionModel, MotionState

@@ -81,7 +81,7 @@ def _dynamics() -> list[tuple[str, VehicleSpec]]:
         flown = {kind: with_autopilot(bare, NO_AUTOPILOT)}
         for name in autopilot_names():
             autopilot = get_autopilot(name)
-            if bare.kind in autopilot.firmwares:
+            if autopilot.firmware(bare.kind) is not None:
                 flown[f"{kind} under {autopilot.title}"] = with_autopilot(bare, name)
         for title, spec in flown.items():
             motion = flight_procedures(spec).motion(spec, None, 0.0)

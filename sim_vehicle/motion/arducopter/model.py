@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sim_vehicle.airframe.power_spec import GRAVITY_M_S2
-from sim_vehicle.energy.power import CONSTANT_POWER
+from sim_vehicle.airframe.power_spec import CONSTANT_POWER, GRAVITY_M_S2
 from sim_vehicle.motion import columns as col
 from sim_vehicle.motion.arducopter import control as at
 from sim_vehicle.motion.arducopter import kernel

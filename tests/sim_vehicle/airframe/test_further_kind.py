@@ -66,7 +66,7 @@ def boat(site, monkeypatch):
 
 
 def test_its_vehicles_are_known_and_its_files_are_read(boat, tmp_path):
-    assert kind_names() == ("multirotor", "fixed-wing", "rover", "ideal", "boat")
+    assert kind_names() == ("multirotor", "ideal", "boat", "fixed-wing", "rover")
     assert "skiff" in vehicle_names() and vehicle_names()[-1] == "ideal"
     assert (boat.drives, boat.hovers, boat.circles, boat.is_ideal) == (True, False, False, False)
     assert (boat.power.mass_kg, boat.power.drag_area_m2) == (25.0, 16.0)
@@ -74,7 +74,7 @@ def test_its_vehicles_are_known_and_its_files_are_read(boat, tmp_path):
     assert boat.acceptance_radius_m == get_vehicle("skiff").acceptance_radius_m == 2.0
     path = tmp_path / "x.toml"
     for text, reason in [
-        ('kind = "raft"', "kind 'raft' is not one of multirotor, fixed-wing, rover, ideal, boat$"),
+        ('kind = "raft"', "kind 'raft' is not one of multirotor, ideal, boat, fixed-wing, rover$"),
         ('kind = "boat"\n[airframe]\nthrust_n = 1', r"unknown key 'thrust_n' in \[airframe\]"),
         ('kind = "boat"\n[airframe]\nlength_m = "long"', "length_m 'long' has the wrong type"),
         ('kind = "boat"\nbase = "rover"', "kind boat does not fit base rover, which is a rover"),
@@ -116,7 +116,7 @@ def test_a_heartbeat_of_it_is_known(boat):
 
 
 def test_without_its_package_it_is_unknown(site):
-    with pytest.raises(VehicleError, match=r"is not one of multirotor, fixed-wing, rover, ideal$"):
+    with pytest.raises(VehicleError, match=r"is not one of multirotor, ideal, fixed-wing, rover$"):
         get_vehicle(str(site / "mine.toml"))
 
 

@@ -16,10 +16,10 @@ from sim_vehicle.execution.feasibility import check_mission
 from sim_vehicle.execution.state import BatteryDepleted, Disarmed, ItemReached, LandedState, MissionComplete
 from sim_vehicle.motion.legs import Leg, Route
 from sim_vehicle.motion.model import MotionEvent
-from sim_vehicle.motion.rover.layout import STOPPED, Wheels
-from sim_vehicle.motion.rover.model import Rover
 from sim_vehicle.prediction.predict import predict_flight
 from sim_vehicle.weather.wind import Wind
+from wbf_mission.addons.rovers.motion.layout import STOPPED, Wheels
+from wbf_mission.addons.rovers.motion.model import Rover
 
 HOME = LocalFrame(28.05, -82.15)
 SKID = {"px4": {"CA_AIRFRAME": 6.0}, "ardupilot": {"SERVO1_FUNCTION": 73.0}}

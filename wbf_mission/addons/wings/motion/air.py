@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 from geo.compiled import compiled
 from sim_vehicle.airframe.power_spec import GRAVITY_M_S2
 from sim_vehicle.motion.columns import Record
-from sim_vehicle.motion.fixed_wing.guidance import NPFG
-from sim_vehicle.motion.fixed_wing.layout import FLARE, FLYING, SHORT
 from sim_vehicle.motion.stepping import take_velocity
+from wbf_mission.addons.wings.motion.guidance import NPFG
+from wbf_mission.addons.wings.motion.layout import FLARE, FLYING, SHORT
 
 __all__ = [
     "blow",

@@ -8,20 +8,21 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sim_vehicle.airframe.power_spec import GRAVITY_M_S2, FixedWingAirframe, FixedWingPowerSpec
+from sim_vehicle.airframe.power_spec import DRAG, GRAVITY_M_S2, OWN_DRAG
 from sim_vehicle.energy.battery import WH_J
-from sim_vehicle.energy.power import DRAG, INDUCED_DRAG, power_coefficients
+from sim_vehicle.energy.power import power_coefficients
 from sim_vehicle.errors import VehicleError
 from sim_vehicle.motion import columns as col
 from sim_vehicle.motion.columns import State, record_of, row_of
 from sim_vehicle.motion.compiled_motion import CompiledMotion, Dynamics
-from sim_vehicle.motion.fixed_wing import layout as wing
-from sim_vehicle.motion.fixed_wing.air import drag
-from sim_vehicle.motion.fixed_wing.guidance import NPFG
-from sim_vehicle.motion.fixed_wing.kernel import advance
-from sim_vehicle.motion.fixed_wing.layout import Leg, Limits, Wing
 from sim_vehicle.motion.legs import KEEP, LegKind
 from sim_vehicle.weather.wind import Wind
+from wbf_mission.addons.wings.motion import layout as wing
+from wbf_mission.addons.wings.motion.air import drag
+from wbf_mission.addons.wings.motion.guidance import NPFG
+from wbf_mission.addons.wings.motion.kernel import advance
+from wbf_mission.addons.wings.motion.layout import Leg, Limits, Wing
+from wbf_mission.addons.wings.power import FixedWingAirframe, FixedWingPowerSpec
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -29,8 +30,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from sim_vehicle.airframe.spec import VehicleSpec
-    from sim_vehicle.motion.fixed_wing.layout import FixedWingLimits
     from sim_vehicle.motion.legs import Heading, Position, Route
+    from wbf_mission.addons.wings.motion.layout import FixedWingLimits
 
 # Least pitch of a climb-out where the mission tells none.
 _TAKEOFF_PITCH = math.radians(4.0)
@@ -259,7 +260,7 @@ class FixedWing(CompiledMotion):
             "ground_drag": frame.ground_drag_1_s or 0.0,
             "braking": 0.0 if frame.ground_drag_1_s else _BRAKE_M_S2,
             "parasitic": coefficients[DRAG] / mass,
-            "induced": coefficients[INDUCED_DRAG] / mass,
+            "induced": coefficients[OWN_DRAG] / mass,
             "lift_level": per_coefficient * frame.lift_level,
             "lift_slope": per_coefficient * frame.lift_slope,
             "turn_share": frame.turn_share,

@@ -11,12 +11,14 @@ from __future__ import annotations
 from math import atan2, cos, inf, isnan, pi, sqrt
 
 from geo.compiled import compiled
-from sim_vehicle.energy.power_kernels import fixed_wing_power
 from sim_vehicle.motion import columns as col
 from sim_vehicle.motion.columns import Record
-from sim_vehicle.motion.fixed_wing import arduplane
-from sim_vehicle.motion.fixed_wing import layout as at
-from sim_vehicle.motion.fixed_wing.air import (
+from sim_vehicle.motion.multirotor.kernel import Integers, Vector
+from sim_vehicle.motion.stepping import kernel_of
+from wbf_mission.addons.wings import power as own_power
+from wbf_mission.addons.wings.motion import arduplane
+from wbf_mission.addons.wings.motion import layout as at
+from wbf_mission.addons.wings.motion.air import (
     blow,
     brake_rate,
     drop,
@@ -26,12 +28,20 @@ from sim_vehicle.motion.fixed_wing.air import (
     roll_on_ground,
     take_off,
 )
-from sim_vehicle.motion.fixed_wing.guidance import NPFG, Floats, circled, circles, leg_airspeed, passed, steer
-from sim_vehicle.motion.fixed_wing.px4 import px4_control
-from sim_vehicle.motion.multirotor.kernel import Integers, Vector
-from sim_vehicle.motion.stepping import kernel_of
+from wbf_mission.addons.wings.motion.guidance import (
+    NPFG,
+    Floats,
+    circled,
+    circles,
+    leg_airspeed,
+    passed,
+    steer,
+)
+from wbf_mission.addons.wings.motion.px4 import px4_control
 
 __all__ = ["advance"]
+
+fixed_wing_power = compiled(allocates=False)(own_power.fixed_wing_power)
 
 # A leg is given up when it takes longer than this and three times what it takes at a slow speed.
 PATIENCE_S = 120.0

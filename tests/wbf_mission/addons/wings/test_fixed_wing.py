@@ -25,16 +25,16 @@ from sim_vehicle.execution.state import (
     LandedState,
 )
 from sim_vehicle.motion.columns import record_of
-from sim_vehicle.motion.fixed_wing.air import energy_rate
-from sim_vehicle.motion.fixed_wing.layout import LIMITS, Wing
-from sim_vehicle.motion.fixed_wing.model import FixedWing
 from sim_vehicle.motion.legs import Circle, Leg, LegKind, Route
 from sim_vehicle.motion.model import MotionEvent
 from sim_vehicle.prediction.predict import predict_flight
 from sim_vehicle.weather.wind import Wind
+from wbf_mission.addons.wings.motion.air import energy_rate
+from wbf_mission.addons.wings.motion.layout import LIMITS, Wing
+from wbf_mission.addons.wings.motion.model import FixedWing
 
 HOME = LocalFrame(28.05, -82.15)
-FLIGHTS = Path(__file__).parents[2] / "data" / "flights"
+FLIGHTS = Path(__file__).parents[3] / "data" / "flights"
 G = 9.80665
 LOITER = LegKind.LOITER
 

@@ -10,12 +10,14 @@ from __future__ import annotations
 from math import atan, atan2, cos, exp, inf, pi, sin, sqrt
 
 from geo.compiled import compiled
-from sim_vehicle.energy.power_kernels import rover_power
 from sim_vehicle.motion import columns as col
 from sim_vehicle.motion.columns import Record
 from sim_vehicle.motion.multirotor.kernel import Floats, Integers, Vector
-from sim_vehicle.motion.rover.layout import AT_ONCE, BRAKE, STOPPED, THROUGH, VELOCITY
 from sim_vehicle.motion.stepping import kernel_of, take_velocity
+from wbf_mission.addons.rovers import power as own_power
+from wbf_mission.addons.rovers.motion.layout import AT_ONCE, BRAKE, STOPPED, THROUGH, VELOCITY
+
+rover_power = compiled(allocates=False)(own_power.rover_power)
 
 CREEP = 0.3
 PATIENCE_S = 60.0

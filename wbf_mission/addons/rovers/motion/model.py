@@ -11,9 +11,9 @@ from sim_vehicle.energy.battery import WH_J
 from sim_vehicle.motion.columns import State, record_of, row_of
 from sim_vehicle.motion.compiled_motion import CompiledMotion, Dynamics
 from sim_vehicle.motion.legs import KEEP, LegKind
-from sim_vehicle.motion.rover import layout as wheels
-from sim_vehicle.motion.rover.kernel import advance
-from sim_vehicle.motion.rover.layout import Leg, Wheels
+from wbf_mission.addons.rovers.motion import layout as wheels
+from wbf_mission.addons.rovers.motion.kernel import advance
+from wbf_mission.addons.rovers.motion.layout import Leg, Wheels
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -22,8 +22,8 @@ if TYPE_CHECKING:
 
     from sim_vehicle.airframe.spec import VehicleSpec
     from sim_vehicle.motion.legs import Heading, Position, Route
-    from sim_vehicle.motion.rover.layout import RoverLimits
     from sim_vehicle.weather.wind import Wind
+    from wbf_mission.addons.rovers.motion.layout import RoverLimits
 
 NOT_DRIVEN = (LegKind.TAKEOFF, LegKind.CLIMB, LegKind.DESCEND)
 """Legs that mean nothing on the ground."""

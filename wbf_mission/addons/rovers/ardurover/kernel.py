@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geo.compiled import compiled
-from sim_vehicle.energy.power_kernels import rover_power
 from sim_vehicle.motion import columns as col
 from sim_vehicle.motion.arducopter import control as at
 from sim_vehicle.motion.arducopter.control import Guide, Law, halt, rooted
@@ -24,9 +23,9 @@ from sim_vehicle.motion.arducopter.kernel import Own, chain
 from sim_vehicle.motion.arducopter.scurve import TIME, change_speed
 from sim_vehicle.motion.columns import Record, record_type
 from sim_vehicle.motion.multirotor.kernel import Vector
-from sim_vehicle.motion.rover.kernel import PATIENCE_S, SLOW_SHARE
-from sim_vehicle.motion.rover.layout import STOPPED
 from sim_vehicle.motion.stepping import kernel_of, take_velocity
+from wbf_mission.addons.rovers.motion.kernel import PATIENCE_S, SLOW_SHARE, rover_power
+from wbf_mission.addons.rovers.motion.layout import STOPPED
 
 Drive = IntEnum(
     "Drive",

@@ -6,17 +6,23 @@ import math
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+from mission.link.codec.dialect import mavlink as m
+from mission.planners.cornering import Cornering
 from sim_vehicle.airframe.power_spec import GRAVITY_M_S2
-from sim_vehicle.autopilot.parameters import motion_parameters
-from sim_vehicle.autopilot.procedures import RoverProcedures
+from sim_vehicle.autopilot.modes import Mode
+from sim_vehicle.autopilot.parameters import MavParameter, Setting, motion_parameters
+from sim_vehicle.autopilot.px4 import no_multirotor
+from sim_vehicle.autopilot.px4.firmware import AXIS, LOSS, RULES, common_parameters
+from sim_vehicle.autopilot.stick_rules import StickRules
+from wbf_mission.addons.rovers.procedures import RoverProcedures
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from sim_vehicle.airframe.spec import VehicleSpec
-    from sim_vehicle.motion.rover.layout import RoverLimits
+    from wbf_mission.addons.rovers.motion.layout import RoverLimits
 
-__all__ = ["PX4_ROVER"]
+__all__ = ["FIRMWARE"]
 
 _DIFFERENTIAL = 6.0
 _GRIP_M_S2 = 0.4 * GRAVITY_M_S2
@@ -33,10 +39,10 @@ _SIH_STEPS = 10.0 / 4.0
 
 
 class Px4Rover(RoverProcedures):
-    """See `sim_vehicle.autopilot.procedures.RoverProcedures`."""
+    """See `wbf_mission.addons.rovers.procedures.RoverProcedures`."""
 
     name = "px4"
-    parameters = motion_parameters("px4-rover-motion")
+    parameters = motion_parameters("px4-rover-motion", __package__)
 
     def fit(self, spec: VehicleSpec) -> VehicleSpec:
         """Vehicle with the speeds and the radius that parameters decide."""
@@ -52,7 +58,7 @@ class Px4Rover(RoverProcedures):
 
     def limits(self, spec: VehicleSpec) -> RoverLimits:
         """Limits of a vehicle's driving."""
-        from sim_vehicle.motion.rover.layout import RoverLimits
+        from wbf_mission.addons.rovers.motion.layout import RoverLimits
 
         value = self.values(spec)
         skid = value["CA_AIRFRAME"] == _DIFFERENTIAL
@@ -123,4 +129,29 @@ def _own(value: float, otherwise: float) -> float:
     return value if value > 0.0 else otherwise
 
 
-PX4_ROVER = Px4Rover()
+def rover_parameters(spec: VehicleSpec, system_id: int) -> list[MavParameter]:
+    """Parameters of a rover."""
+    return common_parameters(spec, system_id, m.MAV_TYPE_GROUND_ROVER)
+
+
+_DEGREE = math.radians(1.0)
+_STICKS = StickRules(
+    speeds={Mode.POSITION: None, Mode.MANUAL: None},
+    needed=frozenset({Mode.POSITION, Mode.MANUAL}),
+    impossible=frozenset({Mode.ALTITUDE}),
+    level=AXIS,
+    vertical=AXIS,
+    turning=AXIS,
+    turn_rate=Setting("RO_YAW_RATE_LIM", 0.0, _DEGREE),
+    drives=True,
+    loss=LOSS,
+)
+FIRMWARE = replace(
+    no_multirotor(m.MAV_TYPE_GROUND_ROVER),
+    parameter_table=rover_parameters,
+    # An armed rover counts as one that drives.
+    rules=replace(RULES, idle=None),
+    procedures=Px4Rover(),
+    cornering=Cornering(),
+    sticks=_STICKS,
+)

@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 from geo.compiled import compiled
 from sim_vehicle.airframe.power_spec import GRAVITY_M_S2
 from sim_vehicle.motion.columns import Record
-from sim_vehicle.motion.fixed_wing import layout as at
-from sim_vehicle.motion.fixed_wing.tecs import PERIOD_S
+from wbf_mission.addons.wings.motion import layout as at
+from wbf_mission.addons.wings.motion.tecs import PERIOD_S
 
 Floats = NDArray[np.float64]
 

@@ -3,25 +3,32 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from sim_vehicle.autopilot.parameters import motion_parameters
-from sim_vehicle.autopilot.procedures import FixedWingProcedures, airspeeds_in_order
+from mission.link.codec.dialect import mavlink as m
+from mission.planners.cornering import Cornering
+from sim_vehicle.autopilot.modes import Mode
+from sim_vehicle.autopilot.parameters import MavParameter, Setting, motion_parameters
+from sim_vehicle.autopilot.px4 import no_multirotor
+from sim_vehicle.autopilot.px4.firmware import COPTER_STICKS, LOSS, MISSION, RULES, common_parameters
+from sim_vehicle.autopilot.stick_rules import Axis, StickRules, WingSticks
 from sim_vehicle.motion.legs import KEEP, Circle, Leg, LegKind
+from wbf_mission.addons.wings.procedures import WingProcedures, airspeeds_in_order
 
 if TYPE_CHECKING:
     from sim_vehicle.airframe.spec import VehicleSpec
-    from sim_vehicle.motion.fixed_wing.layout import FixedWingLimits
     from sim_vehicle.motion.legs import Position
+    from wbf_mission.addons.wings.motion.layout import FixedWingLimits
 
-__all__ = ["PX4_FIXED_WING"]
+__all__ = ["FIRMWARE"]
 
 
-class Px4FixedWing(FixedWingProcedures):
-    """See `sim_vehicle.autopilot.procedures.FixedWingProcedures`."""
+class Px4FixedWing(WingProcedures):
+    """See `wbf_mission.addons.wings.procedures.WingProcedures`."""
 
     name = "px4"
-    parameters = motion_parameters("px4-fixed-wing-motion")
+    parameters = motion_parameters("px4-fixed-wing-motion", __package__)
     least_airspeed = "FW_AIRSPD_MIN"
     takeoff_height = "MIS_TAKEOFF_ALT"
     return_height = "RTL_RETURN_ALT"
@@ -32,8 +39,8 @@ class Px4FixedWing(FixedWingProcedures):
 
     def limits(self, spec: VehicleSpec) -> FixedWingLimits:
         """Limits of a vehicle's flight."""
-        from sim_vehicle.motion.fixed_wing.guidance import NPFG
-        from sim_vehicle.motion.fixed_wing.layout import FixedWingLimits
+        from wbf_mission.addons.wings.motion.guidance import NPFG
+        from wbf_mission.addons.wings.motion.layout import FixedWingLimits
 
         value = self.values(spec)
         least, trim, most = airspeeds_in_order(
@@ -102,4 +109,47 @@ class Px4FixedWing(FixedWingProcedures):
         return legs
 
 
-PX4_FIXED_WING = Px4FixedWing()
+def fixed_wing_parameters(spec: VehicleSpec, system_id: int) -> list[MavParameter]:
+    """Parameters of a fixed wing."""
+    return [
+        *common_parameters(spec, system_id, m.MAV_TYPE_FIXED_WING),
+        MavParameter("FW_MAN_P_MAX", value=30.0, stored=True, low=0.0, high=90.0, unit="deg"),
+        MavParameter("FW_MAN_R_MAX", value=45.0, stored=True, low=0.0, high=90.0, unit="deg"),
+    ]
+
+
+_DEGREE = math.radians(1.0)
+_WHOLE = Axis(0.0)
+_BY_HAND = WingSticks(
+    bank=Setting("FW_MAN_R_MAX", 45.0, _DEGREE),
+    up=Setting("FW_MAN_P_MAX", 30.0, _DEGREE),
+    down=Setting("FW_MAN_P_MAX", 30.0, _DEGREE),
+)
+_BY_HEIGHT = WingSticks(
+    bank=Setting("FW_R_LIM", 50.0, _DEGREE),
+    up=Setting("FW_T_CLMB_R_SP", 3.0),
+    down=Setting("FW_T_SINK_R_SP", 2.0),
+    by_rate=True,
+)
+_STICKS = StickRules(
+    speeds={Mode.POSITION: None, Mode.ALTITUDE: None, Mode.MANUAL: None},
+    needed=COPTER_STICKS.needed,
+    level=_WHOLE,
+    vertical=_WHOLE,
+    turning=_WHOLE,
+    turn_rate=Setting("FW_R_LIM", 50.0, _DEGREE),
+    wings={Mode.POSITION: _BY_HEIGHT, Mode.ALTITUDE: _BY_HEIGHT, Mode.MANUAL: _BY_HAND},
+    loss=LOSS,
+)
+FIRMWARE = replace(
+    no_multirotor(m.MAV_TYPE_FIXED_WING),
+    parameter_table=fixed_wing_parameters,
+    # A mission has to land, and a return is no landing.
+    rules=replace(RULES, defaults=replace(RULES.defaults, mission_requirement=2)),
+    procedures=Px4FixedWing(),
+    takes_off=False,
+    # A wing's mission that ends with a return was not recorded.
+    behaviour=replace(MISSION, return_lag_s=None),
+    cornering=Cornering(2.0),
+    sticks=_STICKS,
+)

@@ -7,9 +7,9 @@ from math import atan, cos, isnan, sqrt
 from geo.compiled import compiled
 from sim_vehicle.airframe.power_spec import GRAVITY_M_S2
 from sim_vehicle.motion.columns import Record
-from sim_vehicle.motion.fixed_wing.air import energy_rate
-from sim_vehicle.motion.fixed_wing.guidance import circles, leg_airspeed, steer
-from sim_vehicle.motion.fixed_wing.layout import CIRCULAR_LANDING, FLARE, LANDING, LINE, SHORT, TAKEOFF
+from wbf_mission.addons.wings.motion.air import energy_rate
+from wbf_mission.addons.wings.motion.guidance import circles, leg_airspeed, steer
+from wbf_mission.addons.wings.motion.layout import CIRCULAR_LANDING, FLARE, LANDING, LINE, SHORT, TAKEOFF
 
 __all__ = ["px4_control"]
 

@@ -9,13 +9,13 @@ import numpy as np
 
 from sim_vehicle.motion.arducopter.along_curves import AlongCurves
 from sim_vehicle.motion.arducopter.control import Guide
-from sim_vehicle.motion.ardurover import kernel
-from sim_vehicle.motion.ardurover.kernel import Drive, DriveLaw
 from sim_vehicle.motion.compiled_motion import Dynamics
 from sim_vehicle.motion.legs import KEEP, LegKind
-from sim_vehicle.motion.rover import layout as wheels
-from sim_vehicle.motion.rover.layout import Wheels
-from sim_vehicle.motion.rover.model import NOT_DRIVEN, Rover
+from wbf_mission.addons.rovers.ardurover import kernel
+from wbf_mission.addons.rovers.ardurover.kernel import Drive, DriveLaw
+from wbf_mission.addons.rovers.motion import layout as wheels
+from wbf_mission.addons.rovers.motion.layout import Wheels
+from wbf_mission.addons.rovers.motion.model import NOT_DRIVEN, Rover
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -24,8 +24,8 @@ if TYPE_CHECKING:
 
     from sim_vehicle.airframe.spec import VehicleSpec
     from sim_vehicle.motion.legs import Heading, Position, Route
-    from sim_vehicle.motion.rover.layout import RoverLimits
     from sim_vehicle.weather.wind import Wind
+    from wbf_mission.addons.rovers.motion.layout import RoverLimits
 
 # Legs that are followed as any `Rover` does it: bends of a curve, and positions that are asked for again and
 # again, which Rover does not drive to along S-curves either.

@@ -4,12 +4,30 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING
 
+from mission.link.codec.dialect import mavlink as m
 from sim_vehicle.airframe.power_spec import GRAVITY_M_S2
-from sim_vehicle.autopilot.parameters import motion_parameters
-from sim_vehicle.autopilot.procedures import RoverProcedures
+from sim_vehicle.autopilot.ardupilot import ROOMY_PROFILE
+from sim_vehicle.autopilot.ardupilot.firmware import (
+    COPTER_MAVLINK,
+    DEADZONE,
+    MISSION,
+    PLAIN_MAVLINK,
+    PLAIN_MODES,
+    PLAIN_RULES,
+    RELEASE,
+    battery_actions,
+    vehicle_parameters,
+)
+from sim_vehicle.autopilot.autopilot import Firmware
+from sim_vehicle.autopilot.behaviour import actions_by_value
+from sim_vehicle.autopilot.modes import Mode
+from sim_vehicle.autopilot.parameters import Setting, motion_parameters, reference_parameters
+from sim_vehicle.autopilot.stick_rules import StickLoss, StickRules, bits
 from sim_vehicle.motion.legs import Leg, LegKind
+from wbf_mission.addons.rovers.procedures import RoverProcedures
 
 if TYPE_CHECKING:
     import numpy as np
@@ -18,10 +36,10 @@ if TYPE_CHECKING:
     from sim_vehicle.airframe.spec import VehicleSpec
     from sim_vehicle.motion.legs import Position
     from sim_vehicle.motion.model import MotionModel
-    from sim_vehicle.motion.rover.layout import RoverLimits
     from sim_vehicle.weather.wind import Wind
+    from wbf_mission.addons.rovers.motion.layout import RoverLimits
 
-__all__ = ["ARDUROVER"]
+__all__ = ["FIRMWARE"]
 
 _SKID = 73.0
 # Rover's target goes round corners on its own; the vehicle follows it this near.
@@ -37,10 +55,10 @@ _TRACK_LAG_S = 0.2
 
 
 class ArduRover(RoverProcedures):
-    """See `sim_vehicle.autopilot.procedures.RoverProcedures`."""
+    """See `wbf_mission.addons.rovers.procedures.RoverProcedures`."""
 
     name = "ardupilot"
-    parameters = motion_parameters("rover-motion")
+    parameters = motion_parameters("rover-motion", __package__)
 
     def fit(self, spec: VehicleSpec) -> VehicleSpec:
         """Vehicle with the speeds and the radius that parameters decide."""
@@ -55,7 +73,7 @@ class ArduRover(RoverProcedures):
 
     def limits(self, spec: VehicleSpec) -> RoverLimits:
         """Limits of a vehicle's driving."""
-        from sim_vehicle.motion.rover.layout import RoverLimits
+        from wbf_mission.addons.rovers.motion.layout import RoverLimits
 
         value = self.values(spec)
         skid = value["SERVO1_FUNCTION"] == _SKID
@@ -82,9 +100,9 @@ class ArduRover(RoverProcedures):
         )
 
     def law(self, spec: VehicleSpec) -> NDArray[np.float64]:
-        """Return the numbers of the compiled motion, `sim_vehicle.motion.ardurover.kernel.LAW`."""
-        from sim_vehicle.motion.ardurover.kernel import LAW
+        """Return the numbers of the compiled motion, `wbf_mission.addons.rovers.ardurover.kernel.LAW`."""
         from sim_vehicle.motion.columns import row_of
+        from wbf_mission.addons.rovers.ardurover.kernel import LAW
 
         value, number, dt = self.values(spec), self.numbers(spec), spec.step_s
         skid = value["SERVO1_FUNCTION"] == _SKID
@@ -136,7 +154,7 @@ class ArduRover(RoverProcedures):
 
     def motion(self, spec: VehicleSpec, wind: Wind | None, yaw_rad: float) -> MotionModel:
         """Motion of a vehicle that stands at home."""
-        from sim_vehicle.motion.ardurover.model import ArduRover as Driven
+        from wbf_mission.addons.rovers.ardurover.model import ArduRover as Driven
 
         return Driven(spec, self.limits, self.law, wind, yaw_rad)
 
@@ -146,4 +164,63 @@ def _share(dt: float, frequency_hz: float) -> float:
     return dt / (dt + 1.0 / (2.0 * math.pi * frequency_hz)) if frequency_hz > 0.0 else 1.0
 
 
-ARDUROVER = ArduRover()
+_MAVLINK = replace(
+    PLAIN_MAVLINK,
+    modes=replace(
+        PLAIN_MODES,
+        rows=(
+            (0, Mode.MANUAL, "MANUAL"),
+            (1, Mode.ALTITUDE, "ACRO"),
+            (3, Mode.POSITION, "STEERING"),
+            (4, Mode.HOLD, "HOLD"),
+            (10, Mode.MISSION, "AUTO"),
+            (11, Mode.RTL, "RTL"),
+            (15, Mode.GUIDED, "GUIDED"),
+            (15, Mode.TAKEOFF, "GUIDED"),
+            (4, Mode.LAND, "HOLD"),
+            (5, Mode.HOLD, "LOITER"),
+            (7, Mode.MANUAL, "SIMPLE"),
+            (12, Mode.RTL, "SMART_RTL"),
+        ),
+    ),
+    unsupported=COPTER_MAVLINK.unsupported | {int(m.MAV_CMD_CONDITION_YAW)},
+)
+_RULES = replace(
+    PLAIN_RULES,
+    fence_actions=actions_by_value(WARN="0", RETURN="1 3", HOLD="2 4 5"),
+    link_actions=actions_by_value(NONE="0", RETURN="1 2"),
+    battery_actions=battery_actions(WARN="0", RETURN="1 3 4", HOLD="2 6", TERMINATE="5"),
+)
+_STICKS = StickRules(
+    speeds={Mode.MANUAL: None, Mode.ALTITUDE: None, Mode.POSITION: None},
+    level=DEADZONE,
+    vertical=DEADZONE,
+    turning=DEADZONE,
+    turn_rate=Setting("ATC_STR_RAT_MAX", 120.0, math.radians(1.0)),
+    overrides=True,
+    drives=True,
+    throttle_middle=0.0,
+    pwm_half=400.0,
+    loss=StickLoss(
+        timeout=Setting("FS_TIMEOUT", 1.5),
+        action=Setting("FS_ACTION", 2.0),
+        actions=actions_by_value(NONE="0", RETURN="1 3", HOLD="2 4 6", TERMINATE="5"),
+        release=RELEASE,
+        exceptions=bits(),
+        arming=Setting("FS_THR_ENABLE", 1.0),
+        lost="Radio Failsafe",
+        regained="Radio Failsafe Cleared",
+    ),
+)
+FIRMWARE = Firmware(
+    title="Rover",
+    mavlink=_MAVLINK,
+    rules=_RULES,
+    profile=ROOMY_PROFILE,
+    parameter_table=vehicle_parameters,
+    procedures=ArduRover(),
+    behaviour=MISSION,
+    reference=partial(reference_parameters, "rover", package=__package__),
+    sticks=_STICKS,
+    takes_off=True,
+)

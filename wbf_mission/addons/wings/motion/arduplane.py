@@ -11,8 +11,8 @@ from math import acos, atan, cos, isnan, sin, sqrt
 from geo.compiled import compiled
 from sim_vehicle.airframe.power_spec import GRAVITY_M_S2
 from sim_vehicle.motion.columns import Record
-from sim_vehicle.motion.fixed_wing import layout as at
-from sim_vehicle.motion.fixed_wing import tecs
+from wbf_mission.addons.wings.motion import layout as at
+from wbf_mission.addons.wings.motion import tecs
 
 __all__ = ["ahead_of_landing", "begin_slope", "command_bank", "command_energy"]
 

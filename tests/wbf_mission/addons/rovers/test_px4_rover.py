@@ -12,11 +12,11 @@ from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.autopilot import flight_procedures, with_autopilot
 from sim_vehicle.motion.columns import State, record_of
 from sim_vehicle.motion.legs import Leg, Route
-from sim_vehicle.motion.rover import layout as wheels
-from sim_vehicle.motion.rover.kernel import move
-from sim_vehicle.motion.rover.layout import Wheels
+from wbf_mission.addons.rovers.motion import layout as wheels
+from wbf_mission.addons.rovers.motion.kernel import move
+from wbf_mission.addons.rovers.motion.layout import Wheels
 
-RECORDING = Path(__file__).parents[2] / "data" / "flights" / "px4-rover-random-10.json"
+RECORDING = Path(__file__).parents[3] / "data" / "flights" / "px4-rover-random-10.json"
 
 
 def rover(**parameters):

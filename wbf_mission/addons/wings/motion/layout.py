@@ -94,7 +94,7 @@ class FixedWingLimits:
     """What an autopilot's parameters decide about the flight of a fixed wing; SI units, radians."""
 
     law: float
-    """Guidance: `sim_vehicle.motion.fixed_wing.guidance.NPFG` or `L1`."""
+    """Guidance: `wbf_mission.addons.wings.motion.guidance.NPFG` or `L1`."""
     airspeed_min: float
     airspeed_trim: float
     airspeed_max: float

@@ -15,12 +15,12 @@ from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.autopilot import flight_procedures, with_autopilot
 from sim_vehicle.execution.executor import MissionExecutor
 from sim_vehicle.execution.state import ItemReached
-from sim_vehicle.motion.ardurover.kernel import Drive
 from sim_vehicle.motion.columns import State
 from sim_vehicle.motion.legs import Leg, Route
-from sim_vehicle.motion.rover.layout import Wheels
+from wbf_mission.addons.rovers.ardurover.kernel import Drive
+from wbf_mission.addons.rovers.motion.layout import Wheels
 
-FLIGHTS = Path(__file__).parents[2] / "data" / "flights"
+FLIGHTS = Path(__file__).parents[3] / "data" / "flights"
 HOME = LocalFrame(28.05, -82.15)
 
 

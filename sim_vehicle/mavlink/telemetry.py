@@ -240,7 +240,7 @@ def _wind(source: WireState) -> Message:
 def _autopilot_version(source: WireState) -> Message:
     identity, system_id = source.mavlink.identity, source.system_id
     return m.MAVLink_autopilot_version_message(
-        identity.capabilities,
+        source.capabilities,
         identity.flight_sw_version,
         *(0, 0, 0),
         *(list(identity.custom_version), [0] * 8, [0] * 8),

@@ -30,16 +30,14 @@ from sim_vehicle.execution.state import CameraCommand, FlightEvent, HomeMoved, I
 from sim_vehicle.mavlink.ardupilot_messages import STREAMS, group_number
 from sim_vehicle.mavlink.camera_commands import CAMERA, CameraCommands, camera_feedback
 from sim_vehicle.mavlink.commands import CommandReceiver, set_custom_mode
-from sim_vehicle.mavlink.ftp import FtpServer, checksum
+from sim_vehicle.mavlink.extras import Timed, extras_of
 from sim_vehicle.mavlink.gimbal import GimbalMessage, command_gimbal, obey_gimbal_message
-from sim_vehicle.mavlink.logs import FlightLogs, LogMessage, LogTransfer
 from sim_vehicle.mavlink.parameters import ParameterMessage, ParameterSet
 from sim_vehicle.mavlink.plan_receiver import PlanReceiver
 from sim_vehicle.mavlink.reports import GyroCalibration, ItemReports, Schedule, StatusTexts
 from sim_vehicle.mavlink.steering import SetpointMessage, Steering, StickMessage
 from sim_vehicle.mavlink.telemetry import BUILDERS, built
 from sim_vehicle.mavlink.vehicle_command import VehicleCommand
-from sim_vehicle.mavlink.vehicle_files import GENERAL_PATH, general_metadata, uri, vehicle_files
 from sim_vehicle.mavlink.wire_state import WireState
 from sim_vehicle.pilot.controls import RefusedError, Severity
 from sim_vehicle.pilot.pilot import Pilot
@@ -182,17 +180,16 @@ class SimVehicle:
         self._commands = CommandReceiver(self)
         self._parameters = ParameterSet(pilot, firmware.parameters(spec, system_id), self._plans.totals())
         self._schedules = {"": self._default_schedule("")}
-        self._logs = FlightLogs(epoch_unix_s)
-        self._log_transfer = LogTransfer(self._logs, pilot)
-        self._ftp = FtpServer(vehicle_files(firmware.mavlink, self._parameters, self._logs, self._plans))
+        self._extras = extras_of(state, self._parameters, self._plans)
+        for extra in self._extras:
+            state.capabilities |= extra.capabilities
         # What has something to do at a time, its `due_s`, in the order of sending.
-        self._timed = (
+        self._timed: tuple[Timed, ...] = (
             self._camera,
             self._reports,
             self._plans,
             self._parameters,
-            self._ftp,
-            self._log_transfer,
+            *(part for extra in self._extras for part in extra.timed),
             self._calibration,
         )
         self._handlers = self._message_handlers()
@@ -203,7 +200,6 @@ class SimVehicle:
         handlers: dict[int, _Handler] = {
             **_each(CommandMessage, self._commands.receive),
             **_each(ParameterMessage, self._on_parameter),
-            **_each(LogMessage, lambda one: self._log_transfer.receive(one, self._now_s)),
             **dict.fromkeys(_MISSION_IDS, self._on_mission),
             **_each(GimbalMessage, lambda one: obey_gimbal_message(self.state, one)),
             **_each(SetpointMessage, self._steering.take_setpoint),
@@ -211,9 +207,6 @@ class SimVehicle:
         }
         handlers |= (
             handler(m.MAVLink_command_ack_message, self._on_ack),
-            handler(
-                m.MAVLink_file_transfer_protocol_message, lambda one: self._ftp.receive(one, self._now_s)
-            ),
             handler(m.MAVLink_heartbeat_message, self._on_heartbeat),
             handler(m.MAVLink_mission_set_current_message, self._on_set_current),
             handler(m.MAVLink_ping_message, self._on_ping),
@@ -227,11 +220,16 @@ class SimVehicle:
             handler(m.MAVLink_setup_signing_message, self._on_setup_signing),
             handler(m.MAVLink_timesync_message, self._on_timesync),
         )
+        for extra in self._extras:
+            handlers |= {kind: self._at_its_time(handle) for kind, handle in extra.handlers.items()}
         if Mode.FOLLOW in self.state.mavlink.modes.numbers:
             handlers |= (handler(m.MAVLink_follow_target_message, self._steering.take_target),)
         if self.pilot.behaviour.tells_shots:
             handlers[m.MAVLINK_MSG_ID_CAMERA_IMAGE_CAPTURED] = self._on_image
         return handlers
+
+    def _at_its_time(self, handle: Callable[[Any, float], Iterable[Message] | None]) -> _Handler:
+        return lambda message: handle(message, self._now_s)
 
     @property
     def true_position_m(self) -> tuple[float, float, float]:
@@ -437,8 +435,9 @@ class SimVehicle:
         self._send(m.MAVLINK_MSG_ID_HOME_POSITION)
 
     def log_frame(self, frame: bytes, message_id: int, now_s: float) -> None:
-        """Keep a frame that was sent or heard in the log of the flight."""
-        self._logs.write(frame, message_id, now_s, armed=self.pilot.armed)
+        """Take a frame that was sent or heard."""
+        for extra in self._extras:
+            extra.log_frame(frame, message_id, now_s)
 
     def goodbye(self) -> list[Message]:
         """A last HEARTBEAT, of a vehicle that is powered off."""
@@ -452,12 +451,8 @@ class SimVehicle:
         return built(message_id, self.state)
 
     def metadata(self) -> tuple[Message, ...]:
-        """COMPONENT_METADATA; nothing where the autopilot has none."""
-        details = self.state.mavlink.component_metadata
-        if details is None:
-            return ()
-        crc = checksum(general_metadata(self._parameters, details))
-        return (m.MAVLink_component_metadata_message(self.state.boot_ms, crc, uri(GENERAL_PATH).encode()),)
+        """COMPONENT_METADATA; nothing where there is none."""
+        return tuple(message for extra in self._extras for message in extra.metadata())
 
     def _send(self, message_id: int) -> None:
         """Send a message from the state now."""

@@ -65,6 +65,7 @@ class WireState:
         # What carries the camera; not fitted where the autopilot has none.
         self.gimbal = Gimbal(pilot.parameters, self.mavlink.gimbal)
         self.system_id = system_id
+        self.capabilities = self.mavlink.identity.capabilities
         self.errors = NavigationErrors(noise) if noise is not None and not noise.is_off else None
         # Where it is, in truth and by its sensors.
         self.sensed = Sensed.exact((0.0, 0.0, 0.0))
@@ -80,6 +81,7 @@ class WireState:
         # Time of the host, since boot, and of day.
         self.now_us = 0
         self.boot_ms = 0
+        self.epoch_unix_s = epoch_unix_s
         self.unix_us = round(epoch_unix_s * 1e6)
         self._epoch_us = self.unix_us
         self._boot_us = 0

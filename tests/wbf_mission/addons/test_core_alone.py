@@ -63,12 +63,20 @@ def test_a_vehicle_of_an_add_on_is_refused_in_one_line_that_names_it(tmp_path, w
     assert "fixed-wing (wbf_mission.addons.wings), rover (wbf_mission.addons.rovers)" in done.stderr
 
 
-HEARD = """
+VEHICLES = """
+from mission.link.codec.dialect import mavlink as m
+from mission.model import GeoPoint
 from mission.transfer.vehicles import Vehicle
+from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.airframe.kind import kind_of_type
 from sim_vehicle.errors import VehicleError
+from sim_vehicle.mavlink import SimVehicle
 from wbf_mission.live.discovery import typical_vehicle
 
+vehicle = SimVehicle(get_vehicle("quad"), GeoPoint(28.05, -82.15, 10.0))
+(version,) = vehicle.built(m.MAVLINK_MSG_ID_AUTOPILOT_VERSION)
+ftp = m.MAVLink_file_transfer_protocol_message(0, 1, 1, [0] * 251)
+print(version.capabilities & m.MAV_PROTOCOL_CAPABILITY_FTP, vehicle.receive(ftp, 1.0))
 print(kind_of_type(1), kind_of_type(10), typical_vehicle(Vehicle(1, 1, 12, 2)))
 for mav_type in (1, 10):
     try:
@@ -78,16 +86,16 @@ for mav_type in (1, 10):
 """
 
 
-def test_a_heartbeat_of_a_vehicle_of_an_add_on_is_not_taken_for_a_multirotor():
+def test_a_vehicle_has_no_files_and_heartbeats_of_other_kinds_are_not_taken_for_multirotors():
     path = os.pathsep.join(map(str, (HIDDEN, ROOT)))
     done = subprocess.run(
-        [sys.executable, "-c", HEARD],
+        [sys.executable, "-c", VEHICLES],
         env={**os.environ, "PYTHONPATH": path},
         capture_output=True,
         text=True,
         check=False,
     )
-    assert done.stdout.split("\n")[:3] == ["fixed-wing rover quad", "True", "True"], done.stderr
+    assert done.stdout.split("\n")[:4] == ["0 []", "fixed-wing rover quad", "True", "True"], done.stderr
 
 
 def test_every_part_says_on_a_short_page_what_it_is():

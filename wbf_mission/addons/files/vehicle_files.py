@@ -19,14 +19,14 @@ from urllib.parse import parse_qsl
 from mission.link.codec.dialect import mavlink as m
 from mission.model import MissionType
 from sim_vehicle.autopilot.parameters import MavParameter, ParameterDetails
-from sim_vehicle.mavlink.file_tree import FileTree, MadeFile, TakenFile
-from sim_vehicle.mavlink.ftp import checksum
+from wbf_mission.addons.files.file_tree import FileTree, MadeFile, TakenFile
+from wbf_mission.addons.files.ftp import checksum
 
 if TYPE_CHECKING:
     from sim_vehicle.autopilot.mavlink_profile import MavlinkProfile
-    from sim_vehicle.mavlink.logs import FlightLogs
     from sim_vehicle.mavlink.parameters import ParameterSet
     from sim_vehicle.mavlink.plan_receiver import PlanReceiver
+    from wbf_mission.addons.files.logs import FlightLogs
 
 __all__ = [
     "GENERAL_PATH",

@@ -11,8 +11,8 @@ from mission.model import GeoPoint
 from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.autopilot import get_autopilot
 from sim_vehicle.host.server import Server
-from sim_vehicle.mavlink.logs import FlightLogs
 from sim_vehicle.mavlink.vehicle import SimVehicle
+from wbf_mission.addons.files.logs import FlightLogs
 
 HOME = GeoPoint(28.05, -82.15, 10.0)
 EPOCH_S = 1_700_000_000.0
@@ -185,6 +185,6 @@ def test_only_the_server_makes_a_vehicle_keep_a_log():
     vehicle.pilot.arm()
     with Server([vehicle], ["tcpin:127.0.0.1:0"], speed=float("inf")) as server:
         server.run(limit_s=3.0)
-    (log,) = vehicle._logs.all
+    (log,) = vehicle._extras[0]._logs.all
     assert log.data[8] == 0xFD
     assert 1000 < len(log.data) < 30_000

@@ -15,7 +15,7 @@ from enum import IntEnum
 from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
 from sim_vehicle.component import NEVER
-from sim_vehicle.mavlink.file_tree import FileError, FileTree, FtpError, Path, path_of
+from wbf_mission.addons.files.file_tree import FileError, FileTree, FtpError, Path, path_of
 
 __all__ = ["ACK", "MOST_DATA", "NAK", "FtpServer", "Operation", "Packet", "checksum"]
 

@@ -16,10 +16,10 @@ from mission.link.codec.frames import FrameReader, FrameWriter
 from mission.model import GeoPoint
 from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.autopilot import get_autopilot
-from sim_vehicle.mavlink import vehicle_files
-from sim_vehicle.mavlink.file_tree import FileTree, FtpError
-from sim_vehicle.mavlink.ftp import ACK, MOST_DATA, NAK, FtpServer, Operation, Packet
 from sim_vehicle.mavlink.vehicle import SimVehicle
+from wbf_mission.addons.files import vehicle_files
+from wbf_mission.addons.files.file_tree import FileTree, FtpError
+from wbf_mission.addons.files.ftp import ACK, MOST_DATA, NAK, FtpServer, Operation, Packet
 
 HOME = GeoPoint(28.05, -82.15, 10.0)
 TEXT = bytes(range(256)) * 5

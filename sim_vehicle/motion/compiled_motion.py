@@ -35,7 +35,7 @@ class Dynamics:
     Parameters
     ----------
     kernel : callable
-        See `sim_vehicle.motion.multirotor.kernel.advance`.
+        See `sim_vehicle.motion.stepping.kernel_of`.
     state, limits : dtype
         Records of the arrays that all kernels have.
     own : tuple of (str, dtype or None)

@@ -14,7 +14,7 @@ matplotlib.use("Agg")
 from matplotlib import pyplot as plt
 from matplotlib.axes import Axes
 
-from wbf_mission import Scenario, fly
+from wbf_mission import Scenario, Simulated, fly
 from wbf_mission.pictures.plots import draw_farm
 from wbf_mission.results.result import Result
 
@@ -50,7 +50,7 @@ def main() -> None:
         scenario = Scenario(
             farm="miniberry-30", planner="lawnmower", vehicles=3, partition=partition, estimator="point"
         )
-        draw(axes, fly(scenario, faults=faults), title)
+        draw(axes, fly(scenario, by=Simulated(faults=faults)), title)
     panels[0].legend(fontsize=6, loc="upper left")
     figure.savefig(out, dpi=110)
 

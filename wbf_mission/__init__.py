@@ -60,7 +60,10 @@ if TYPE_CHECKING:
     from sim_vehicle.mavlink import SimVehicle as SimVehicle
     from wbf_mission.bench.benchmark import benchmark as benchmark
     from wbf_mission.bench.spec import BenchSpec as BenchSpec
+    from wbf_mission.events import EventStream as EventStream
+    from wbf_mission.flight import Simulated as Simulated
     from wbf_mission.flight import fly as fly
+    from wbf_mission.live.link import LiveLink as LiveLink
     from wbf_mission.planning import plan as plan
     from wbf_mission.results.result import Result as Result
     from wbf_mission.results.result import load_result as load_result

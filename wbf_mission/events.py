@@ -25,7 +25,6 @@ if TYPE_CHECKING:
     from sensors.observations import Observations
     from sensors.scoring.information import InformationModel
     from sensors.scoring.score import Score
-    from wbf_mission.progress import Progress
     from wbf_mission.replanning.record import DecisionRecord
 
 
@@ -190,6 +189,17 @@ class Noted:
 
 
 @dataclass(frozen=True, slots=True)
+class Found:
+    """A finding of the preflight check of a plan."""
+
+    severity: str  # "error", "warning" or "note"
+    code: str  # Name of the rule
+    text: str
+    vehicle: str = ""  # Begins the line: ``"vehicle 2: "`` where several fly
+    refuses: bool = False  # The plan is refused for it: an error that says the same follows
+
+
+@dataclass(frozen=True, slots=True)
 class Asked:
     """What the operator is asked, with the words that answer it; an empty question when it is answered."""
 
@@ -228,6 +238,7 @@ Event: TypeAlias = (
     | FlightEnded
     | Progressed
     | Noted
+    | Found
     | Asked
     | Orderable
     | RunEnded
@@ -252,15 +263,6 @@ class EventStream:
     def __init__(self) -> None:
         self._listeners: list[tuple[Listener, tuple[type, ...]]] = []
 
-    @classmethod
-    def of_progress(cls, progress: Progress | None, base: EventStream | None = None) -> EventStream:
-        """Return a stream that hands on how far work is, and everything to those who listen to another."""
-        stream = cls()
-        stream._listeners = [] if base is None else list(base._listeners)
-        if progress is not None:
-            stream.listen(lambda event: progress(event.what, event.done, event.total), Progressed)
-        return stream
-
     def listen(self, listener: Callable[[Any], None], *kinds: type) -> None:
         """Hand all events from now on to a listener, too, or only those of some kinds."""
         self._listeners.append((listener, kinds))
@@ -278,3 +280,7 @@ class EventStream:
     def progress(self, what: str, done: float, total: float) -> None:
         """Tell how far some work is: a `wbf_mission.progress.Progress`."""
         self.tell(Progressed(what, done, total))
+
+    def note(self, text: str) -> None:
+        """Tell a line for the operator."""
+        self.tell(Noted(text))

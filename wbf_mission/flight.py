@@ -4,37 +4,34 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import closing
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import ClassVar, Protocol
 
 from threadpoolctl import threadpool_limits
 
-from mission.planners import Planner
-from mission.policies.policy import Policy
 from mission.transfer import refuse_errors
-from sensors.estimators import Estimator
 from sensors.field_files import load_field_set
 from sensors.scoring.score import ScoreWeights
 from sim_vehicle.faults.fault import Fault
 from sim_vehicle.host.simulation import Impairment
 from wbf_mission.events import EventStream, RunBegun, RunEnded, VehicleInfo
-from wbf_mission.live.battery_change import REAL_FULL
-from wbf_mission.live.link import LiveLink
 from wbf_mission.maps.field_maps import FieldMap, true_map
-from wbf_mission.planning.builder import budget_left
+from wbf_mission.planning.fleet import Vehicle
 from wbf_mission.planning.sorties import CHANGE_S
-from wbf_mission.preflight.finding import ShowFindings, show_nobody
 from wbf_mission.preflight.run import check_plans
-from wbf_mission.progress import Progress, Stopwatch
+from wbf_mission.progress import Stopwatch
 from wbf_mission.results.result import Result
 from wbf_mission.run.campaign import Campaign
 from wbf_mission.run.estimation import estimator_of, require_run_memory
-from wbf_mission.run.hosting import VirtualHosting
+from wbf_mission.run.hosting import Hosting, VirtualHosting
+from wbf_mission.run.joint_flight import OperatorConsole
 from wbf_mission.run.orders import Orders
+from wbf_mission.run.real_sorties import BatteryChanger
 from wbf_mission.run.rehearsal import REHEARSED_ON, rehearsed
 from wbf_mission.run.resolve import Run, cameras_of, resolve, world_of
 from wbf_mission.run.reuse import FlightMemory
-from wbf_mission.scenario import Scenario, scenario_with
+from wbf_mission.scenario import Scenario
 from wbf_mission.scenario.scenario import require_scenario
 
 
@@ -50,67 +47,129 @@ def check_flight(scenario: Scenario) -> None:
         estimator_of(scenario.estimate.estimator, scenario.seed, fields)
 
 
+class Way(Protocol):
+    """How a run is flown: `Simulated`, or by real vehicles (`wbf_mission.live.link.LiveLink`)."""
+
+    @property
+    def faults(self) -> Sequence[Fault | str]:
+        """What goes wrong in each flight of simulated vehicles."""
+
+    @property
+    def full(self) -> float:
+        """Charge of a full battery, 0 to 1."""
+
+    @property
+    def change_s(self) -> float:
+        """Seconds that changing a battery takes."""
+
+    @property
+    def force(self) -> bool:
+        """Whether plans with errors are flown, and a mission longer than a battery at a stretch."""
+
+    @property
+    def console(self) -> OperatorConsole | None:
+        """Who stands by while vehicles fly."""
+
+    @property
+    def changer(self) -> BatteryChanger | None:
+        """Who sees to the batteries of a real vehicle."""
+
+    def fitted(self, scenario: Scenario, events: EventStream) -> Scenario:
+        """Return the scenario as the vehicles want it."""
+
+    def numbered(self, vehicles: Sequence[Vehicle]) -> tuple[Vehicle, ...]:
+        """Return the run's vehicles with their system ids, from where they stand."""
+
+    def check(self, campaign: Campaign, events: EventStream) -> None:
+        """Refuse plans with errors before anything takes off; PreflightError."""
+
+    def hosting(self, faults: Sequence[Fault]) -> Hosting:
+        """Return where the flights take place."""
+
+
+@dataclass(frozen=True, slots=True)
+class Simulated:
+    """Simulated vehicles on a virtual clock.
+
+    Parameters
+    ----------
+    faults : sequence of Fault or str
+        What goes wrong in each flight (`sim_vehicle.faults`).
+    impairment : Impairment, optional
+        A bad radio between the ground station and the vehicles.
+    pace : float, optional
+        Simulated seconds per wall second; without, as fast as possible.
+    tlog : Path, optional
+        File for every MAVLink frame of the run; its folder is made when the flight begins.
+    orders : Orders, optional
+        Orders of an operator in flight; a run in which something was ordered is not repeated by its seed.
+    change_s : float
+        Seconds that changing a battery takes. A mission of one vehicle that is longer than a battery is flown
+        in sorties (`wbf_mission.planning.sorties`).
+    force : bool
+        Fly plans in which the preflight check finds errors, and a mission longer than a battery at a stretch.
+    """
+
+    faults: Sequence[Fault | str] = ()
+    impairment: Impairment | None = None
+    pace: float | None = None
+    tlog: Path | None = None
+    orders: Orders | None = None
+    change_s: float = CHANGE_S
+    force: bool = False
+    full: ClassVar[float] = 1.0
+    console: ClassVar[None] = None
+    changer: ClassVar[None] = None
+
+    def fitted(self, scenario: Scenario, events: EventStream) -> Scenario:  # noqa: ARG002
+        """Return the scenario as it is."""
+        return scenario
+
+    def numbered(self, vehicles: Sequence[Vehicle]) -> tuple[Vehicle, ...]:
+        """Return the vehicles as they are."""
+        return tuple(vehicles)
+
+    def check(self, campaign: Campaign, events: EventStream) -> None:
+        """Refuse what the simulated autopilot would refuse, and plans with errors."""
+        if not campaign.run.decider.steers:
+            for sortie in campaign.sorties:
+                refuse_errors(sortie.rendered)
+        plans = [(plan, vehicle) for vehicle, plan in campaign.planned]
+        if campaign.cut is not None:
+            plans = [(plan, plans[0][1]) for plan in campaign.sorties]
+        check_plans(plans, "nothing was flown", events, force=self.force)
+
+    def hosting(self, faults: Sequence[Fault]) -> Hosting:
+        """Return a simulation."""
+        return VirtualHosting(self.pace, self.tlog, self.impairment, tuple(faults), self.orders)
+
+
 def fly(
     scenario: Scenario,
     *,
-    planner: Planner | str | None = None,
-    policy: Policy | str | None = None,
-    estimator: Estimator | str | None = None,
-    weights: ScoreWeights | None = None,
-    progress: Progress | None = None,
+    by: Way = Simulated(),
     events: EventStream | None = None,
-    orders: Orders | None = None,
-    pace: float | None = None,
-    tlog: Path | None = None,
-    impairment: Impairment | None = None,
-    faults: Sequence[Fault | str] = (),
-    use_cache: bool = True,
-    connect: LiveLink | None = None,
+    weights: ScoreWeights | None = None,
     memory: FlightMemory | None = None,
-    force: bool = False,
-    tell_errors: ShowFindings = show_nobody,
-    change_s: float = CHANGE_S,
+    use_cache: bool = True,
 ) -> Result:
     """Do a scenario's whole job, offline or with vehicles behind links.
 
     Parameters
     ----------
-    planner, policy, estimator : object or str, optional
-        In place of the scenario's.
+    by : Simulated or LiveLink
+        The vehicles that fly, and how.
+    events : EventStream, optional
+        Takes what happens: progress, notes, findings, questions, and all that is flown. With listeners that
+        follow the vehicles (``VehicleMoved``) flights are flown one after the other in this process.
     weights : ScoreWeights, optional
         What errors cost; the paper's by default.
-    progress : callable, optional
-        ``progress(what, done, total)``.
-    events : EventStream, optional
-        Takes what happens, while it does; with listeners that follow the vehicles (``VehicleMoved``) flights
-        are flown one after the other in this process.
-    orders : Orders, optional
-        What who watches orders of the vehicles in flight; a run in which something was ordered is not
-        repeated by its seed.
-    pace : float, optional
-        Simulated seconds per wall second; as fast as possible without.
-    tlog : Path, optional
-        Write every MAVLink frame of the run there; its folder is made when the flight begins.
-    impairment : Impairment, optional
-        A bad radio between the ground station and the vehicle.
-    faults : sequence of Fault or str
-        What goes wrong in each flight (`sim_vehicle.faults`).
-    use_cache : bool
-        Take the environment of a large farm from the user's cache, or keep it there
-        (:class:`sensors.environment.cache.EnvironmentCache`).
-    connect : LiveLink, optional
-        The links to the vehicles that fly, in place of simulated ones.
     memory : FlightMemory, optional
         Given to several runs: flights of planners that would be the same are flown once, and runs on the same
         small environment that follow one another share it.
-    force : bool
-        Fly plans in which the preflight check finds errors; of a vehicle behind a link its own says so.
-    tell_errors : callable
-        Takes these errors.
-    change_s : float
-        Seconds that changing a battery takes. A mission of one vehicle that is longer than a battery is flown
-        in sorties (`wbf_mission.planning.sorties`), unless `force` says to fly it whole; for that of a real
-        one see `LiveLink.change_s`.
+    use_cache : bool
+        Take the environment of a large farm from the user's cache, or keep it there
+        (:class:`sensors.environment.cache.EnvironmentCache`).
 
     Returns
     -------
@@ -123,32 +182,25 @@ def fly(
         If the scenario cannot be planned or set up, or the preflight check finds an error in what is planned.
     """
     require_scenario(scenario)
-    stream = EventStream.of_progress(progress, events)
+    stream = EventStream() if events is None else events
     progress = stream.progress
     watch = Stopwatch()
-    scenario = scenario_with(scenario, {"planner": planner, "policy": policy, "estimator": estimator})
-    fitted = None if connect is None else connect.fitted
-    run = resolve(scenario, faults=faults, fitted=fitted, weights=weights, progress=progress)
-    if connect is not None:
-        run = replace(run, vehicles=connect.numbered(run.vehicles))
+    run = resolve(scenario, faults=by.faults, fitted=by.fitted, weights=weights, events=stream)
+    run = replace(run, vehicles=by.numbered(run.vehicles))
     if stream.wants(RunBegun):
-        stream.tell(_begun(run, simulated=connect is None))
-    full = 1.0 if connect is None else REAL_FULL
-    changes_s = None if force or (connect is not None and connect.force) else change_s
+        stream.tell(_begun(run, simulated=by.console is None))
+    changes_s = None if by.force else by.change_s
     with (
         rehearsed(run, rehearse) as ready,
-        closing(Campaign(run, events=stream, watch=watch, change_s=changes_s, full=full)) as campaign,
+        closing(Campaign(run, events=stream, watch=watch, change_s=changes_s, full=by.full)) as campaign,
     ):
 
         def plan() -> None:
             campaign.plan(run.first_day)
             progress("planning", 1, 1)
             watch.lap("plan")
-            # The autopilot of a vehicle behind a link is known better when it is asked.
-            if connect is None and not run.decider.steers:
-                for one in campaign.sorties:
-                    refuse_errors(one.rendered)
-            _check(campaign, connect, force=force, tell=tell_errors)
+            by.check(campaign, stream)
+            watch.lap("preflight")
 
         if not run.decider.steers:
             # A planner needs no estimate: what it cannot plan is told before anything takes long.
@@ -164,11 +216,7 @@ def fly(
                 run.decider.policy.start()
                 plan()
             try:
-                if connect is None:
-                    hosting = VirtualHosting(pace, tlog, impairment, run.faults, orders)
-                    campaign.fly(environment, hosting, memory=memory)
-                else:
-                    campaign.fly(environment, connect.hosting(tlog, orders), connect.console, changer=connect)
+                campaign.fly(environment, by.hosting(run.faults), by.console, memory, by.changer)
             except KeyboardInterrupt:
                 if not campaign.flights:
                     raise
@@ -204,27 +252,6 @@ def rehearse(estimator: str) -> None:
     # `gp` would take the readings of this farm as those of a small one.
     chosen = "gp:method=local" if estimator == "gp" else estimator
     fly(Scenario(farm=REHEARSED_ON, planner="spiral", vehicle="ideal", estimator=chosen, budget="300steps"))
-
-
-def _check(campaign: Campaign, connect: LiveLink | None, *, force: bool, tell: ShowFindings) -> None:
-    """Refuse plans with errors before anything takes off; vehicles behind links are asked, too."""
-    if connect is None:
-        plans = [(plan, vehicle) for vehicle, plan in campaign.planned]
-        if campaign.cut is not None:
-            plans = [(plan, plans[0][1]) for plan in campaign.sorties]
-        check_plans(plans, "nothing was flown", force=force, show=tell)
-    else:
-        planned = campaign.planned
-        if campaign.cut is not None:
-            connect.note(campaign.cut.told())
-            later = [(plan, planned[0][0]) for plan in campaign.sorties[1:]]
-            check_plans(later, "nothing was sent", force=force, show=tell)
-        if not campaign.run.decider.steers:
-            missions = [[plan] for _, plan in planned] if campaign.cut is None else [campaign.sorties]
-            for left in filter(None, dict.fromkeys(map(budget_left, missions))):
-                connect.note(left)
-        connect.check(planned)
-    campaign.watch.lap("preflight")
 
 
 def _result(campaign: Campaign) -> Result:

@@ -39,6 +39,9 @@ class Alternative:
     value: float
     cost: float
 
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "points_m", np.reshape(self.points_m, (-1, 2)))
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AcquisitionMap:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from geo.frame import LocalFrame
 from sim_vehicle.autopilot import firmware_of
@@ -27,8 +28,6 @@ from sim_vehicle.motion.model import MotionEvent
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
-
-    from numpy.typing import NDArray
 
     from mission.model import Mission
     from sim_vehicle.airframe.estimate_errors import EstimateErrors

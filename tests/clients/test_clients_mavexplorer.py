@@ -16,7 +16,7 @@ from typing import Any
 
 import pytest
 
-from wbf_mission.flight import fly
+from wbf_mission.flight import Simulated, fly
 from wbf_mission.results.result import Result
 from wbf_mission.scenario import Scenario
 
@@ -43,7 +43,7 @@ def show(*_, **__):
 def flown(tmp_path_factory: pytest.TempPathFactory) -> tuple[Result, Path]:
     log = tmp_path_factory.mktemp("run") / "flight.tlog"
     scenario = Scenario(farm="miniberry-10", planner="lawnmower", budget="60s", estimator="point")
-    return fly(scenario, tlog=log), log
+    return fly(scenario, by=Simulated(tlog=log)), log
 
 
 class Terminal:

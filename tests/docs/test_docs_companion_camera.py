@@ -88,7 +88,7 @@ def test_the_whole_loop_with_pictures(example, autopilot):
             thread = threading.Thread(target=server.run, daemon=True)
             thread.start()
             try:
-                result = fly(chosen, connect=LiveLink(url, Onlooker(), agreed=True))
+                result = fly(chosen, by=LiveLink(url, Onlooker(), agreed=True))
             finally:
                 server.stop()
                 thread.join(LONG_S)

@@ -4,6 +4,7 @@ import contextlib
 import threading
 
 from sim_vehicle.host.server import Server
+from wbf_mission.events import EventStream
 from wbf_mission.scenario import Scenario
 from wbf_mission.simulator import make_components
 
@@ -15,6 +16,13 @@ def scenario(**more):
     if "policy" in more:
         del given["planner"]
     return Scenario(**{**given, **more})
+
+
+def heard(*kinds):
+    """Return a stream of events, and the list that takes those of some kinds."""
+    events, told = EventStream(), []
+    events.listen(told.append, *kinds)
+    return events, told
 
 
 @contextlib.contextmanager

@@ -86,7 +86,7 @@ def test_a_link_waits_for_what_the_next_plan_takes_and_the_reserve(planned, agre
 
     monkeypatch.setattr(live, "BatteryWait", Wait)
     checked = []
-    monkeypatch.setattr(LiveLink, "check", lambda _link, given: checked.append(list(given)))
+    monkeypatch.setattr(LiveLink, "check_sent", lambda _link, given: checked.append(list(given)))
     link = LiveLink("tcp:there:1", TerminalConsole(Output()), agreed=agreed)
     link._heard = {1: ("tcp:there:1", None)}
     last = SimpleNamespace(battery_readings=(1.0, 0.5))

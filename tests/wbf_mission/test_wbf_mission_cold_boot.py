@@ -5,7 +5,7 @@ import math
 import re
 
 import pytest
-from stand_in import scenario, stand_in
+from stand_in import heard, scenario, stand_in
 
 from geo import get_farm
 from geo.errors import WbfMissionError
@@ -19,6 +19,7 @@ from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.autopilot import get_autopilot
 from sim_vehicle.host.simulation import Simulation
 from sim_vehicle.mavlink import SimVehicle
+from wbf_mission.events import Noted
 from wbf_mission.flight import fly
 from wbf_mission.live.link import LiveLink
 from wbf_mission.preflight.inquiry import Inquiry
@@ -138,21 +139,22 @@ def test_one_that_stands_elsewhere_is_not_started_once_it_knows_where():
 
 def test_the_whole_job_with_one_that_boots():
     with stand_in("ardupilot", cold=True, speed=10.0) as (url, _):
-        result = fly(scenario(), connect=LiveLink(url, Nobody(), agreed=True))
+        result = fly(scenario(), by=LiveLink(url, Nobody(), agreed=True))
     assert result.outcome is Outcome.COMPLETED
 
 
 @pytest.mark.parametrize("aside_m", [0.0, 60.0, 222.0])
 def test_one_that_boots_is_planned_from_where_it_stands(aside_m):
     """It is asked as soon as it boots, and knows its place 40 s later."""
-    told = []
+    events, told = heard(Noted)
     given = {"budget": "4min"}
     frame, (x_m, y_m) = get_farm("miniberry-10").frame, get_farm("miniberry-10").home_m
     latitude, longitude = frame.to_wgs84(x_m - aside_m, y_m)
     homes = [(GeoPoint(float(latitude), float(longitude), frame.altitude_m), 0.0)]
     with stand_in("ardupilot", cold=True, speed=20.0, homes=homes, **given) as (url, _):
-        result = fly(scenario(**given), connect=LiveLink(url, Nobody(), agreed=True, note=told.append))
+        result = fly(scenario(**given), by=LiveLink(url, Nobody(), agreed=True), events=events)
     assert result.outcome is Outcome.COMPLETED, result.reason
+    told = [note.text for note in told]
     assert told.count("waiting until the vehicle knows where it is") == 1
     assert any(f"it stands {aside_m:.0f} m from the start" in text for text in told) == (aside_m > 5.0)
     flown, planned = result.summary()["path_length_m"], result.plan.length_m

@@ -22,7 +22,7 @@ from wbf_mission.flight import fly
 from wbf_mission.results.result import Result, load_result
 from wbf_mission.run.joint_flight import JointFlight
 from wbf_mission.run.resolve import make_environment
-from wbf_mission.scenario import Scenario
+from wbf_mission.scenario import Scenario, scenario_with
 
 DAYS = Scenario(
     farm="miniberry-30",
@@ -113,7 +113,7 @@ class Dated:
 
 def test_the_estimator_knows_the_day_before_anything_is_seen_of_it() -> None:
     estimator = Dated()
-    result = fly(changed(), estimator=estimator)
+    result = fly(scenario_with(changed(), {"estimator": estimator}))
     assert estimator.days == [5, 6, 7]
     assert all(days == {day} for day, days in estimator.seen)
     assert result.model is not None and result.model.value[0, 0, 0] == np.float32(0.7)

@@ -11,7 +11,7 @@ from geo.texts import duration
 from mission.files import read_mission
 from mission.outcome import Outcome
 from sim_vehicle.faults.fault import FaultError
-from wbf_mission import Scenario, fly, load_result
+from wbf_mission import Scenario, Simulated, fly, load_result
 from wbf_mission.addons.rl.task import SurveyTask
 from wbf_mission.cli.app import main
 from wbf_mission.planning import plan
@@ -121,7 +121,7 @@ def test_without_separation_they_come_nearer():
 def test_a_vehicle_that_fails_gives_its_part_to_the_others():
     scenario = Scenario(**{**QUADS, "planner": "lawnmower"}, vehicles=3)
     whole = fly(scenario)
-    broken = fly(scenario, faults=["motor-failure,vehicle=2,at=airborne,from=30"])
+    broken = fly(scenario, by=Simulated(faults=["motor-failure,vehicle=2,at=airborne,from=30"]))
     assert [one.outcome for one in broken.flights] == [
         Outcome.COMPLETED,
         Outcome.CRASHED,
@@ -191,12 +191,12 @@ def test_a_fleet_is_loaded_as_it_was_saved(tmp_path):
 
 def test_faults_of_vehicles_that_do_not_fly_are_refused():
     with pytest.raises(FaultError, match="there is no vehicle 3; the systems are 1, 2"):
-        fly(Scenario(**ROBOTS, vehicles=2), faults=["gps-loss,vehicle=3"])
+        fly(Scenario(**ROBOTS, vehicles=2), by=Simulated(faults=["gps-loss,vehicle=3"]))
 
 
 def test_who_has_crashed_does_not_fly_again_and_the_others_share_the_farm():
     scenario = Scenario(**{**QUADS, "planner": "lawnmower"}, vehicles=2, flights_per_day=2)
-    result = fly(scenario, faults=["motor-failure,vehicle=2,at=airborne,from=20"])
+    result = fly(scenario, by=Simulated(faults=["motor-failure,vehicle=2,at=airborne,from=20"]))
     assert [(one.flight, one.system_id) for one in result.flights] == [(1, 1), (1, 2), (2, 1)]
     assert result.flights[2].plan.coverage > 1.9 * result.flights[0].plan.coverage
 

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from stand_in import heard
 
 from mission.files import write_mission
 from mission.model import Command, Mission, MissionItem
@@ -16,10 +17,11 @@ from sensors.errors import EstimatorError
 from sensors.estimation import RunEstimate
 from sensors.observations import Observations
 from sim_vehicle.host.simulation import Impairment
+from wbf_mission.events import Found
 from wbf_mission.exit_codes import exit_code_of_flight
-from wbf_mission.flight import fly
+from wbf_mission.flight import Simulated, fly
 from wbf_mission.planning import plan
-from wbf_mission.preflight.finding import PreflightError, Report
+from wbf_mission.preflight.finding import PreflightError
 from wbf_mission.results.result import Result
 from wbf_mission.run.resolve import make_environment
 from wbf_mission.scenario import Scenario, ScenarioError, scenario_with
@@ -73,9 +75,9 @@ def test_the_quad_flies_what_was_planned_and_looks_all_the_way(quad_flight: Resu
 def test_equal_scenarios_give_equal_bytes(tmp_path: Path) -> None:
     rough = {"wind_speed_m_s": 4.0, "wind_gust_m_s": 1.0, "camera_noise": 0.1, "false_negative_rate": 0.1}
     windy = scenario_with(QUAD, {"budget": "80m", **rough})
-    first = fly(windy, tlog=tmp_path / "first.tlog")
-    second = fly(windy, tlog=tmp_path / "second.tlog")
-    other = fly(replace(windy, seed=4), tlog=tmp_path / "other.tlog")
+    first = fly(windy, by=Simulated(tlog=tmp_path / "first.tlog"))
+    second = fly(windy, by=Simulated(tlog=tmp_path / "second.tlog"))
+    other = fly(replace(windy, seed=4), by=Simulated(tlog=tmp_path / "other.tlog"))
     assert (tmp_path / "first.tlog").read_bytes() == (tmp_path / "second.tlog").read_bytes()
     assert (tmp_path / "first.tlog").read_bytes() != (tmp_path / "other.tlog").read_bytes()
     assert np.array_equal(first.observations.values, second.observations.values)
@@ -85,7 +87,7 @@ def test_equal_scenarios_give_equal_bytes(tmp_path: Path) -> None:
 
 def test_a_bad_radio_costs_time_but_no_picture(quad_flight: Result) -> None:
     radio = Impairment(loss=0.1, duplication=0.05, delay_s=0.05, jitter_s=0.1, seed=2)
-    result = fly(QUAD, impairment=radio)
+    result = fly(QUAD, by=Simulated(impairment=radio))
     assert result.outcome is Outcome.COMPLETED, result.reason
     assert result.transfers[0].verified
     assert result.transfers[0].retries > 0
@@ -93,7 +95,7 @@ def test_a_bad_radio_costs_time_but_no_picture(quad_flight: Result) -> None:
 
 
 def test_no_contact_is_an_outcome() -> None:
-    result = fly(QUAD, impairment=Impairment(loss=1.0))
+    result = fly(QUAD, by=Simulated(impairment=Impairment(loss=1.0)))
     assert result.outcome is Outcome.NO_CONTACT
     assert len(result.observations) == 0
     assert result.summary()["outcome"] == "no_contact"
@@ -109,7 +111,7 @@ def test_an_item_that_cannot_be_flown_is_an_outcome(tmp_path: Path) -> None:
     scenario = scenario_with(QUAD, {"mission": str(path)})
     with pytest.raises(PreflightError, match="nothing was flown, --force does it nevertheless"):
         fly(scenario)
-    result = fly(scenario, force=True)
+    result = fly(scenario, by=Simulated(force=True))
     assert result.outcome in (Outcome.UPLOAD_FAILED, Outcome.MISSION_REJECTED)
     assert result.reason
 
@@ -122,9 +124,9 @@ def test_a_battery_that_does_not_last_is_an_outcome(tmp_path: Path) -> None:
     path = tmp_path / "long.plan"
     write_mission(long.mission, path)
     scenario = scenario_with(QUAD, {"vehicle": str(small), "mission": str(path), "score_points": 1})
-    told: list[tuple[Report, PreflightError | None]] = []
-    result = fly(scenario, force=True, tell_errors=lambda report, refused, _: told.append((report, refused)))
-    assert [(one.code, refused) for report, refused in told for one in report.findings] == [("battery", None)]
+    events, told = heard(Found)
+    result = fly(scenario, by=Simulated(force=True), events=events)
+    assert [(each.code, each.refuses) for each in told] == [("battery", False)]
     assert result.outcome in (Outcome.BATTERY_LOW, Outcome.BATTERY_DEPLETED), result.reason
     assert result.battery_used is not None
     assert result.battery_used > 0.75

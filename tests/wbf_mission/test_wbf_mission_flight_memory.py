@@ -9,7 +9,7 @@ import pytest
 from mission.files import write_mission
 from mission.outcome import Outcome
 from sensors.environment import cache
-from wbf_mission.flight import fly
+from wbf_mission.flight import Simulated, fly
 from wbf_mission.planning import plan
 from wbf_mission.results.result import Result
 from wbf_mission.run.reuse import FlightMemory
@@ -154,7 +154,7 @@ def test_logs_have_what_was_read(changes: dict[str, Any], tmp_path: Path) -> Non
     memory = FlightMemory()
     for seed in (1, 2):
         scenario = scenario_with(BASE, {**changes, "seed": seed, "days": 2})
-        fly(scenario, tlog=tmp_path / "alone.tlog")
-        fly(scenario, tlog=tmp_path / "known.tlog", memory=memory)
+        fly(scenario, by=Simulated(tlog=tmp_path / "alone.tlog"))
+        fly(scenario, by=Simulated(tlog=tmp_path / "known.tlog"), memory=memory)
         assert (tmp_path / "known.tlog").read_bytes() == (tmp_path / "alone.tlog").read_bytes()
     assert len(memory) == 1

@@ -13,7 +13,7 @@ import pytest
 
 import wbf_mission.run.reuse
 from mission.outcome import Outcome
-from wbf_mission.flight import fly
+from wbf_mission.flight import Simulated, fly
 from wbf_mission.results.result import Result
 from wbf_mission.run.hosting import VirtualHosting
 from wbf_mission.run.resolve import resolve
@@ -73,10 +73,10 @@ def test_flights_ahead_are_those_one_after_the_other(
     request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     taken = counted(monkeypatch)
-    alone = fly(SHORT, tlog=tmp_path / "alone.tlog")
+    alone = fly(SHORT, by=Simulated(tlog=tmp_path / "alone.tlog"))
     assert not taken, "a short run needs no other processes"
     request.getfixturevalue("worth")
-    ahead = fly(SHORT, tlog=tmp_path / "ahead.tlog")
+    ahead = fly(SHORT, by=Simulated(tlog=tmp_path / "ahead.tlog"))
     assert len(taken) == 4 and None not in taken
     assert_alike(ahead, alone)
     assert (tmp_path / "ahead.tlog").read_bytes() == (tmp_path / "alone.tlog").read_bytes()
@@ -99,10 +99,10 @@ def test_ctrl_c_keeps_the_flights_that_are_over(
     log = tmp_path / "flight.tlog"
     if not finished:
         with pytest.raises(KeyboardInterrupt):
-            fly(SHORT, tlog=log)
+            fly(SHORT, by=Simulated(tlog=log))
         assert not log.exists()
         return
-    result = fly(SHORT, tlog=log)
+    result = fly(SHORT, by=Simulated(tlog=log))
     assert len(result.flights) == 2 and result.outcome is Outcome.INTERRUPTED
     assert log.stat().st_size > 0
 
@@ -112,10 +112,10 @@ def test_a_fleet_that_loses_a_vehicle_is_flown_one_after_the_other(monkeypatch: 
     faults = ["motor-failure,vehicle=2,at=airborne,from=10"]
     fleet = Scenario(**{**SHORT.to_dict(), "days": 1, "vehicles": 2})
     taken = counted(monkeypatch)
-    ahead = fly(fleet, faults=faults)
+    ahead = fly(fleet, by=Simulated(faults=faults))
     assert len(taken) == 1, "what is lost in the first flight is missing in all others"
     monkeypatch.setattr(wbf_mission.run.reuse, "WORTH_S", np.inf)
-    assert_alike(ahead, fly(fleet, faults=faults))
+    assert_alike(ahead, fly(fleet, by=Simulated(faults=faults)))
     assert ahead.outcome is Outcome.CRASHED
 
 

@@ -8,6 +8,7 @@ import pytest
 import shapely
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
+from stand_in import heard
 
 from geo import get_farm, save_farm
 from geo.farm import Farm, Obstacle, Patch
@@ -20,6 +21,7 @@ from mission.planners import CropArea, PlannedPath, PlanningRequest, make_planne
 from mission.planners.budget import LengthBudget
 from mission.planners.terrain import parts_of
 from wbf_mission.cli.app import main
+from wbf_mission.events import Found
 from wbf_mission.flight import fly
 from wbf_mission.planning import MissionBuilder, plan
 from wbf_mission.planning.keep_out import KeepOut
@@ -280,13 +282,11 @@ def test_a_plan_with_an_error_is_not_written(tmp_path, capsys):
 
 
 def test_gusts_that_no_margin_covers_are_told_with_a_plan_and_before_a_flight(farm, capsys):
-    told = []
+    events, told = heard(Found)
     scenario = Scenario(farm=farm, planner="random-waypoint", budget="300m", estimator="point", **WINDY)
-    result = fly(scenario, tell_errors=lambda report, refused, _: told.append((report, refused)))
+    result = fly(scenario, events=events)
     assert result.outcome is Outcome.COMPLETED
-    assert [(one.code, refused) for report, refused in told for one in report.findings] == [
-        ("too-gusty", None)
-    ]
+    assert [(each.code, each.refuses) for each in told] == [("too-gusty", False)]
     words = ("plan", "--farm", farm, "--planner", "random-waypoint", "--budget", "300m", "--wind", "5,270,2")
     assert "no margin to obstacles or a fence covers that" in run(capsys, *words, code=0).err
     assert "gusts" not in run(capsys, *words[:-1], "5,270,1", code=0).err

@@ -67,7 +67,7 @@ def test_the_whole_job_with_a_vehicle_behind_a_link(autopilot, tmp_path):
     watcher = Watcher()
     with stand_in(autopilot) as (url, made):
         tlog = tmp_path / "run.tlog"
-        result = fly(scenario(), connect=LiveLink(url, watcher), tlog=tlog)
+        result = fly(scenario(), by=LiveLink(url, watcher, tlog=tlog))
     assert result.outcome is Outcome.COMPLETED
     assert result.scenario.vehicle.autopilot == autopilot
     assert watcher.phases == [*sorted(watcher.phases, key=list(Phase).index)]
@@ -102,7 +102,7 @@ def standing(east_m):
 )
 def test_the_way_from_where_the_vehicle_stands_is_in_the_budget(more, spent):
     with stand_in(homes=standing(221.0), speed=12.0) as (url, made):
-        result = fly(scenario(**more), connect=LiveLink(url, Watcher(images=10**9)))
+        result = fly(scenario(**more), by=LiveLink(url, Watcher(images=10**9)))
         assert max(map(abs, made.vehicle.true_position_m[:2])) < 3.0, "it is back where it started"
     (flight,) = result.flights
     assert flight.outcome is Outcome.COMPLETED
@@ -117,27 +117,27 @@ def test_a_vehicle_that_stands_a_few_metres_away_flies_the_plan_of_the_farm():
     for east_m in (0.0, 3.0):
         with stand_in(homes=standing(east_m)) as (url, _):
             link = LiveLink(url, Watcher(agrees=False))
-            paths.append(fly(scenario(), connect=link).plan.path_m.tolist())
+            paths.append(fly(scenario(), by=link).plan.path_m.tolist())
     assert paths[0] == paths[1]
 
 
 def test_a_budget_that_does_not_reach_the_farm_from_there_is_refused():
     with stand_in(homes=standing(290.0)) as (url, made):
         with pytest.raises(WbfMissionError, match="budget"):
-            fly(scenario(budget="30s"), connect=LiveLink(url, Watcher()))
+            fly(scenario(budget="30s"), by=LiveLink(url, Watcher()))
         assert not made.vehicle.pilot.armed
 
 
 def test_a_camera_on_board_is_used_and_ours_stays_silent():
     with stand_in(camera=True) as (url, made):
-        result = fly(scenario(), connect=LiveLink(url, Watcher()))
+        result = fly(scenario(), by=LiveLink(url, Watcher()))
         assert result.outcome is Outcome.COMPLETED
         assert result.flights[0].camera.images == made.images > 30
 
 
 def test_a_policy_changes_the_mission_of_the_vehicle_behind_the_link():
     with stand_in() as (url, _):
-        result = fly(scenario(policy="greedy"), connect=LiveLink(url, Watcher()))
+        result = fly(scenario(policy="greedy"), by=LiveLink(url, Watcher()))
     assert result.outcome is Outcome.COMPLETED
     changes = [one for record in result.decisions for one in record.changes if one.outcome == "flown"]
     assert changes
@@ -154,7 +154,7 @@ def test_what_a_policy_flies_behind_a_link_is_what_it_flies_offline(autopilot):
     given |= {"budget": "2min", "autopilot": autopilot}
     offline = fly(Scenario(**given))
     with stand_in(autopilot, farm="miniberry-100", speed=2.0) as (url, _):
-        live = fly(Scenario(**given), connect=LiveLink(url, Watcher(images=10**9)))
+        live = fly(Scenario(**given), by=LiveLink(url, Watcher(images=10**9)))
     lengths_m = [one.flights[0].track.length_m for one in (offline, live)]
     assert lengths_m[1] == pytest.approx(lengths_m[0], rel=0.1)
     flown, came = (
@@ -167,7 +167,7 @@ def test_what_a_policy_flies_behind_a_link_is_what_it_flies_offline(autopilot):
 
 def test_without_the_operators_word_nothing_starts():
     with stand_in() as (url, made):
-        result = fly(scenario(), connect=LiveLink(url, Watcher(agrees=False)))
+        result = fly(scenario(), by=LiveLink(url, Watcher(agrees=False)))
         assert result.outcome is Outcome.NOT_STARTED
         assert not made.vehicle.pilot.armed
     assert not len(result.observations)
@@ -178,7 +178,7 @@ def test_the_operator_ends_the_mission(kind):
     watcher = Watcher(act=lambda flight: flight.maneuver(kind))
     # Far enough that it is not on its way home when the order arrives.
     with stand_in() as (url, _):
-        result = fly(scenario(budget="150s"), connect=LiveLink(url, watcher))
+        result = fly(scenario(budget="150s"), by=LiveLink(url, watcher))
     assert watcher.acted
     assert result.outcome is Outcome.INTERRUPTED
     assert result.reason == f"the operator ordered it to {kind.value}"
@@ -195,7 +195,7 @@ def test_a_pilot_who_takes_over_is_noticed_and_not_fought(autopilot):
 
     watcher = Watcher(act=take_over)
     with stand_in(autopilot) as (url, made):
-        result = fly(scenario(policy="greedy", budget="150s"), connect=LiveLink(url, watcher))
+        result = fly(scenario(policy="greedy", budget="150s"), by=LiveLink(url, watcher))
         heard = [one for endpoint in endpoints for one in endpoint.receive()]
         assert not made.vehicle.pilot.armed
     assert any(one.get_type() == "COMMAND_ACK" for one in heard)
@@ -208,7 +208,7 @@ def test_a_vehicle_of_another_kind_is_refused():
         stand_in(vehicle="rover") as (url, _),
         pytest.raises(LiveFlightError, match="quad is a multirotor, but a rover is heard"),
     ):
-        fly(scenario(vehicle="quad"), connect=LiveLink(url, Watcher()))
+        fly(scenario(vehicle="quad"), by=LiveLink(url, Watcher()))
 
 
 @pytest.mark.parametrize(
@@ -220,7 +220,7 @@ def test_a_vehicle_of_another_kind_is_refused():
 )
 def test_what_one_vehicle_cannot_do_is_refused_before_the_link_is_opened(more, text):
     with pytest.raises(LiveFlightError, match=text):
-        fly(scenario(**more), connect=LiveLink("tcp:127.0.0.1:1", Watcher()))
+        fly(scenario(**more), by=LiveLink("tcp:127.0.0.1:1", Watcher()))
 
 
 def talk(url, answers, cwd, term="dumb", more=()):
@@ -359,7 +359,7 @@ def test_a_vehicle_that_is_never_heard_again_is_not_waited_for_for_ever(monkeypa
     monkeypatch.setattr(joint_flight, "SILENT_FACTOR", 0.1)
     faults = ["link-loss,at=airborne,from=25"]
     with stand_in(system_faults=faults) as (url, made):
-        result = fly(scenario(), connect=LiveLink(url, Watcher(agrees=True)))
+        result = fly(scenario(), by=LiveLink(url, Watcher(agrees=True)))
         assert made.vehicle.pilot.armed or made.vehicle.outcome is Outcome.COMPLETED
     assert result.outcome is Outcome.NO_ANSWER
     assert result.reason.startswith("nothing was heard of the vehicle for")

@@ -43,19 +43,20 @@ class FastVehicle:
         self.pace, self.tlog, self.transfers, self.force = None, None, OWN_TRANSFERS, False
         self.orders, self.waits_for_decisions = None, True
         self.console = self
+        self.faults, self.full, self.change_s, self.changer = (), 1.0, 60.0, self
 
     # The link.
 
-    def fitted(self, chosen):
+    def fitted(self, chosen, events):
         return fitted_to(chosen, Vehicle(1, 1, 3, 2))
 
     def numbered(self, vehicles):
         return tuple(vehicles)
 
-    def check(self, planned):
+    def check(self, campaign, events):
         return
 
-    def hosting(self, tlog, orders):
+    def hosting(self, faults):
         return self
 
     def tend(self, flight):
@@ -91,7 +92,7 @@ def test_a_policy_keeps_the_budget_of_a_vehicle_whose_clock_runs_faster():
     given = {"autopilot": "ardupilot", "policy": "confidence-guided", "budget": f"{BUDGET_S:g}s"}
     given["farm"] = "miniberry-30"
     link = FastVehicle(make_components(scenario(**given), with_camera=False))
-    result = fly(scenario(**given), connect=link)
+    result = fly(scenario(**given), by=link)
     assert result.outcome is Outcome.COMPLETED, result.reason
     (flight,) = result.flights
     changes = [one for record in result.decisions for one in record.changes if one.outcome == "flown"]

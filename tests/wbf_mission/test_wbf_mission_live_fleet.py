@@ -138,7 +138,7 @@ def test_a_vehicle_that_is_killed_gives_its_part_to_the_other(tmp_path, monkeypa
     chosen = scenario(farm="miniberry-30", budget="4min")
     with pair(tmp_path, *WIDE) as (one, two):
         operator = Agreeing(vehicle=2, images=15, act=lambda _flight: two.process.kill())
-        result = fly(chosen, connect=LiveLink((*one, *two), operator))
+        result = fly(chosen, by=LiveLink((*one, *two), operator))
     assert operator.acted
     flights = by_id(result.flights)
     assert flights[2].outcome is Outcome.NO_ANSWER
@@ -262,7 +262,7 @@ def test_two_vehicles_with_one_system_id_are_refused():
         stand_in() as (two, _),
         pytest.raises(LiveFlightError, match=r"system 1 is heard on .* MAV_SYS_ID"),
     ):
-        fly(scenario(vehicles=2), connect=LiveLink((one, two), Agreeing()))
+        fly(scenario(vehicles=2), by=LiveLink((one, two), Agreeing()))
 
 
 def test_a_vehicle_that_is_not_there_is_told():
@@ -270,10 +270,10 @@ def test_a_vehicle_that_is_not_there_is_told():
         stand_in() as (url, _),
         pytest.raises(NoVehicleError, match="no further vehicle than system 1 was heard"),
     ):
-        fly(scenario(vehicles=2), connect=LiveLink(url, Agreeing(), wait_s=1.5))
+        fly(scenario(vehicles=2), by=LiveLink(url, Agreeing(), wait_s=1.5))
 
 
 def test_mavsdk_flies_one_vehicle():
     pytest.importorskip("mavsdk")
     with pytest.raises(LiveFlightError, match="--via mavsdk flies one vehicle, not 2"):
-        fly(scenario(), connect=LiveLink((A, B), Agreeing(), via=via_named("mavsdk")))
+        fly(scenario(), by=LiveLink((A, B), Agreeing(), via=via_named("mavsdk")))

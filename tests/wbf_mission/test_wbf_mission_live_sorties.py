@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from stand_in import LONG_S, scenario, stand_in
+from stand_in import LONG_S, heard, scenario, stand_in
 from tcp_relay import TcpRelay
 
 from mission.course import Course, Place
@@ -20,6 +20,7 @@ from wbf_mission.cli import operator_console
 from wbf_mission.cli.app import main
 from wbf_mission.cli.operator_console import TerminalConsole
 from wbf_mission.cli.output import Output
+from wbf_mission.events import Noted
 from wbf_mission.exit_codes import ExitCode, exit_code_of_flight
 from wbf_mission.flight import fly
 from wbf_mission.live.battery_change import BatteryWait, needed_fraction, risen_fraction
@@ -108,18 +109,18 @@ def armings(tlog):
 @pytest.mark.slow
 @pytest.mark.parametrize("autopilot", BUDGETS)
 def test_sorties_are_flown_one_after_the_other(small, autopilot, tmp_path):
-    told, tlog = [], tmp_path / "run.tlog"
+    (events, told), tlog = heard(Noted), tmp_path / "run.tlog"
     with (
         stand_in(autopilot, vehicle=small, farm=FARM, speed=FASTER) as (behind, made),
         TcpRelay(behind) as relay,
     ):
         operator = Operator(made)
         operator.between = relay.drop
-        link = LiveLink(relay.url, operator, note=told.append)
-        result = fly(asked(small, budget=BUDGETS[autopilot]), connect=link, tlog=tlog)
+        link = LiveLink(relay.url, operator, tlog=tlog)
+        result = fly(asked(small, budget=BUDGETS[autopilot]), by=link, events=events)
     assert (result.outcome, result.stopped, result.rest) == (Outcome.COMPLETED, "", None)
     count = len(result.flights)
-    assert count == 2 and f"longer than a battery: {count} sorties" in " ".join(told)
+    assert count == 2 and f"longer than a battery: {count} sorties" in " ".join(note.text for note in told)
     assert operator.questions == [
         "sortie 2 of 2: change the battery of the vehicle, then press Enter (q ends)"
     ]
@@ -141,7 +142,7 @@ def test_sorties_are_flown_one_after_the_other(small, autopilot, tmp_path):
 def test_a_sortie_that_the_operator_ends_is_gone_on_with_where_it_was(small, autopilot, tmp_path):
     with stand_in(autopilot, vehicle=small, farm=FARM, speed=FASTER) as (url, made):
         operator = Operator(made, act=returns_once(12))
-        result = fly(asked(small, budget=BUDGETS[autopilot]), connect=LiveLink(url, operator))
+        result = fly(asked(small, budget=BUDGETS[autopilot]), by=LiveLink(url, operator))
     first, *others = result.flights
     assert (result.outcome, result.stopped, result.rest) == (Outcome.COMPLETED, "", None)
     assert first.resumed and first.outcome is Outcome.INTERRUPTED and len(others) == 2
@@ -165,7 +166,7 @@ def images_planned(small):
 def test_no_more_after_the_first_keeps_what_was_flown_and_the_rest(small, tmp_path, capsys):
     with stand_in(vehicle=small, farm=FARM, speed=FASTER) as (url, made):
         operator = Operator(made, answer=False)
-        result = fly(asked(small), connect=LiveLink(url, operator))
+        result = fly(asked(small), by=LiveLink(url, operator))
     assert len(result.flights) == 1 and result.flights[0].outcome is Outcome.COMPLETED
     assert (
         result.outcome is Outcome.INTERRUPTED and exit_code_of_flight(result.outcome) is ExitCode.INTERRUPTED
@@ -189,7 +190,7 @@ def test_without_an_operator_the_reading_tells(small):
     faults = ["battery-change=5"]
     with stand_in(vehicle=small, farm=FARM, speed=FASTER, system_faults=faults) as (url, made):
         operator = Operator(made, change=False)
-        result = fly(asked(small), connect=LiveLink(url, operator, agreed=True))
+        result = fly(asked(small), by=LiveLink(url, operator, agreed=True))
     assert result.outcome is Outcome.COMPLETED and len(result.flights) == 2
     assert operator.questions == []
 
@@ -198,7 +199,7 @@ def test_without_an_operator_the_reading_tells(small):
 def test_a_sortie_that_the_battery_ends_is_gone_on_with(small):
     faults = ["battery-change=5", "low-battery=0.19,at=airborne,from=25"]
     with stand_in(vehicle=small, farm=FARM, speed=FASTER, system_faults=faults) as (url, made):
-        result = fly(asked(small), connect=LiveLink(url, Operator(made, change=False), agreed=True))
+        result = fly(asked(small), by=LiveLink(url, Operator(made, change=False), agreed=True))
     outcomes = [one.outcome for one in result.flights]
     assert outcomes[0] is Outcome.BATTERY_LOW and set(outcomes[1:]) == {Outcome.COMPLETED}
     assert result.outcome is Outcome.COMPLETED and result.flights[0].resumed
@@ -210,7 +211,7 @@ def test_a_sortie_that_the_battery_ends_is_gone_on_with(small):
 def test_a_reading_that_never_rises_ends_it(small):
     with stand_in(vehicle=small, farm=FARM, speed=FASTER) as (url, made):
         link = LiveLink(url, Operator(made, change=False), agreed=True, change_s=2.0)
-        result = fly(asked(small), connect=link)
+        result = fly(asked(small), by=link)
     assert result.outcome is Outcome.INTERRUPTED and len(result.flights) == 1
     assert "the battery was not changed within 2 s (the vehicle reads " in result.reason
     assert result.rest is not None

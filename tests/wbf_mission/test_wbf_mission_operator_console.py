@@ -19,6 +19,7 @@ from wbf_mission.events import Asked, Orderable, VehicleMoved
 from wbf_mission.flight import fly
 from wbf_mission.live.link import LiveLink
 from wbf_mission.run.orders import Orders
+from wbf_mission.scenario import scenario_with
 
 
 @pytest.fixture
@@ -35,7 +36,7 @@ def typed(monkeypatch):
 def test_a_flight_is_told_from_the_question_to_the_ground(typed, capsys):
     typed("y\n")
     with stand_in() as (url, _):
-        result = fly(scenario(), connect=LiveLink(url, TerminalConsole(Output())))
+        result = fly(scenario(), by=LiveLink(url, TerminalConsole(Output())))
     assert result.outcome is Outcome.COMPLETED
     told = capsys.readouterr().err
     for text in ("waiting until", "start the motors? [y/N]", "flying", "images, link", "vehicle: Disarmed"):
@@ -46,7 +47,7 @@ def test_a_flight_is_told_from_the_question_to_the_ground(typed, capsys):
 def test_no_starts_nothing(typed, capsys):
     typed("no\n")
     with stand_in() as (url, made):
-        result = fly(scenario(), connect=LiveLink(url, TerminalConsole(Output())))
+        result = fly(scenario(), by=LiveLink(url, TerminalConsole(Output())))
         assert not made.vehicle.pilot.armed
     assert result.outcome is not Outcome.COMPLETED and not len(result.observations)
     assert "start the motors? [y/N]" in capsys.readouterr().err
@@ -81,9 +82,9 @@ class Page:
             assert self.orders.take([1], *given) == ""
 
     def fly(self, url, policy=None, **options):
-        connect = LiveLink(url, TerminalConsole(self.output, self.orders), note=self.output.note)
-        given = {"connect": connect, "events": self.output.events, "orders": self.orders}
-        return fly(scenario(**options), **given, **({"policy": policy} if policy else {}))
+        link = LiveLink(url, TerminalConsole(self.output, self.orders), orders=self.orders)
+        chosen = scenario_with(scenario(**options), {"policy": policy})
+        return fly(chosen, by=link, events=self.output.events)
 
 
 def may(order):

@@ -5,7 +5,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from mission.outcome import Outcome
-from wbf_mission import fly
+from wbf_mission import Simulated, fly
 from wbf_mission.events import Asked, Decided, EventStream, Noted, Orderable, VehicleMoved
 from wbf_mission.run.orders import LIFE_S, Orders
 from wbf_mission.scenario import Scenario
@@ -146,7 +146,7 @@ class Watcher:
         given = {"farm": "miniberry-10", "budget": "2min", "estimator": "point"}
         if "policy" not in options:
             given["planner"] = "lawnmower"
-        return fly(Scenario(**(given | options)), events=self.stream, orders=self.orders)
+        return fly(Scenario(**(given | options)), by=Simulated(orders=self.orders), events=self.stream)
 
 
 def in_mode(*names):

@@ -12,7 +12,7 @@ from mission.policies.decision import NO_CHANGE, Alternative, Decision
 from mission.policies.observation import Event, PolicyObservation, Status
 from mission.policies.policy import Triggers
 from sim_vehicle.host.simulation import Impairment
-from wbf_mission.flight import fly
+from wbf_mission.flight import Simulated, fly
 from wbf_mission.replanning.record import SKIPPED
 from wbf_mission.results.result import Result, load_result
 from wbf_mission.scenario import Scenario, scenario_with
@@ -63,7 +63,7 @@ def changes_of(result: Result) -> list[tuple[str, float | None]]:
 
 def test_an_ideal_robot_follows_and_misses_no_cell() -> None:
     policy = Wanderer(Triggers(period_s=7.0))
-    result = fly(IDEAL, policy=policy)
+    result = fly(scenario_with(IDEAL, {"policy": policy}))
     assert result.outcome is Outcome.COMPLETED
     steps = np.diff(result.observations.time_s)
     assert np.allclose(steps, 1.0), "an image in every step, changes of the path or not"
@@ -82,7 +82,7 @@ def test_an_ideal_robot_follows_and_misses_no_cell() -> None:
 def test_a_quad_follows_within_its_budget(autopilot: str) -> None:
     scenario = Scenario(**{**QUAD.to_dict(), "autopilot": autopilot})
     policy = Wanderer(Triggers(period_s=8.0))
-    result = fly(scenario, policy=policy)
+    result = fly(scenario_with(scenario, {"policy": policy}))
     assert result.outcome is Outcome.COMPLETED, result.reason
     assert result.flight_time_s < 60.0 * 1.05
     outcomes = changes_of(result)
@@ -110,7 +110,7 @@ def test_a_path_is_not_changed_before_the_vehicle_is_at_its_height(autopilot: st
         estimate_errors=False,
     )
     policy = Wanderer(Triggers(period_s=2.0))
-    result = fly(scenario, policy=policy)
+    result = fly(scenario_with(scenario, {"policy": policy}))
     assert result.outcome is Outcome.COMPLETED, result.reason
     climbing = [one.vehicles[0].status is Status.CLIMBING for one in policy.observations[1:]]
     assert any(outcome == "flown" for outcome, _ in changes_of(result)) and not any(climbing)
@@ -123,7 +123,7 @@ def test_a_path_of_short_legs_costs_what_its_flight_takes(seed: int) -> None:
     scenario = Scenario(
         farm="miniberry-30", vehicle="quad", estimator="point", budget="90s", seed=seed, estimate_errors=False
     )
-    result = fly(scenario, policy="confidence-guided")
+    result = fly(scenario_with(scenario, {"policy": "confidence-guided"}))
     assert result.outcome is Outcome.COMPLETED
     last = [one for one in result.decisions if one.changes][-1]
     assert last.time_s > 50.0 and last.changes[0].outcome == "flown"
@@ -138,7 +138,7 @@ def test_a_tour_of_a_vehicle_whose_turns_cost_time_keeps_the_way_home(budget: st
     scenario = Scenario(
         farm="miniberry-30", vehicle="quad", estimator="point", budget=budget, seed=5, estimate_errors=False
     )
-    result = fly(scenario, policy="orienteering")
+    result = fly(scenario_with(scenario, {"policy": "orienteering"}))
     assert result.outcome is Outcome.COMPLETED
     first = result.decisions[0].changes[0]
     assert len(first.path_m) > 1 and first.cost <= float(budget[:-1])
@@ -148,7 +148,7 @@ def test_a_tour_of_a_vehicle_whose_turns_cost_time_keeps_the_way_home(budget: st
 
 
 def test_equal_runs_are_equal_to_the_bit_and_load_again(tmp_path: Path) -> None:
-    one, other = (fly(IDEAL, policy=Wanderer(Triggers(observations=9))) for _ in range(2))
+    one, other = (fly(scenario_with(IDEAL, {"policy": Wanderer(Triggers(observations=9))})) for _ in range(2))
     for name in ("x", "y", "time_s", "values"):
         np.testing.assert_array_equal(getattr(one.observations, name), getattr(other.observations, name))
     assert one.history.scores == other.history.scores
@@ -176,7 +176,7 @@ def test_equal_runs_are_equal_to_the_bit_and_load_again(tmp_path: Path) -> None:
 def test_a_wrong_answer_is_noted_and_the_old_path_flown(answer: Callable[..., Decision], why: str) -> None:
     first = Decision({1: [[0.5, 0.5], [5.0, 5.0]]})
     policy = Wanderer(Triggers(period_s=5.0), lambda s: first if s.event is Event.START else answer(s))
-    result = fly(IDEAL, policy=policy)
+    result = fly(scenario_with(IDEAL, {"policy": policy}))
     assert result.outcome is Outcome.COMPLETED
     assert len(result.decisions) > 2
     for record in result.decisions[1:]:
@@ -193,7 +193,7 @@ def test_an_ideal_robot_that_is_to_go_home_now_ends_its_flight() -> None:
             return first
         return NO_CHANGE if observation.time_s < 12.0 else Decision({1: []}, reason="home")
 
-    result = fly(IDEAL, policy=Wanderer(Triggers(period_s=3.0), home))
+    result = fly(scenario_with(IDEAL, {"policy": Wanderer(Triggers(period_s=3.0), home)}))
     assert result.outcome is Outcome.COMPLETED
     assert not result.bad_answers
     asked = [one for one in result.decisions if one.reason == "home"]
@@ -204,12 +204,12 @@ def test_an_ideal_robot_that_is_to_go_home_now_ends_its_flight() -> None:
 
 def test_without_a_first_path_nothing_flies() -> None:
     with pytest.raises(PlanningError, match=r"policy Wanderer has no path for vehicle 1"):
-        fly(IDEAL, policy=Wanderer(Triggers(), lambda s: NO_CHANGE))
+        fly(scenario_with(IDEAL, {"policy": Wanderer(Triggers(), lambda s: NO_CHANGE)}))
 
 
 def test_without_anything_worth_a_first_flight_nothing_flies() -> None:
     with pytest.raises(PlanningError, match=r"policy Wanderer finds nothing worth a flight"):
-        fly(IDEAL, policy=Wanderer(Triggers(), lambda s: Decision({1: []})))
+        fly(scenario_with(IDEAL, {"policy": Wanderer(Triggers(), lambda s: Decision({1: []}))}))
 
 
 def test_a_later_flight_that_is_not_worth_making_is_not_made(tmp_path: Path) -> None:
@@ -224,7 +224,10 @@ def test_a_later_flight_that_is_not_worth_making_is_not_made(tmp_path: Path) -> 
 
     options = {**IDEAL.to_dict(), "days": 2, "day": 5, "budget": "30steps", "flights_per_day": 2}
     result = fly(
-        scenario_with(Scenario(**options), {"score_points": 5}), policy=Wanderer(Triggers(), every_other)
+        scenario_with(
+            scenario_with(Scenario(**options), {"score_points": 5}),
+            {"policy": Wanderer(Triggers(), every_other)},
+        )
     )
     assert result.outcome is Outcome.COMPLETED and not result.reason
     assert [(one.day, one.flight) for one in result.flights] == [(5, 1), (6, 1)]
@@ -259,7 +262,11 @@ def test_of_a_fleet_one_may_stay_in_the_first_flight() -> None:
         return Decision({1: [[4.0, 4.0]], 2: []}) if observation.event is Event.START else NO_CHANGE
 
     told: list[int] = []
-    result = fly(scenario_with(IDEAL, {"vehicles": 2}), policy=Wanderer(Triggers(period_s=5.0), first_only))
+    result = fly(
+        scenario_with(
+            scenario_with(IDEAL, {"vehicles": 2}), {"policy": Wanderer(Triggers(period_s=5.0), first_only)}
+        )
+    )
     assert result.outcome is Outcome.COMPLETED
     assert [one.system_id for one in result.flights] == [1] and result.skipped_flights == 1
     assert told[0] == 2 and set(told[1:]) == {1}
@@ -273,7 +280,7 @@ def test_home_at_once_is_flown() -> None:
         return Decision({1: []}) if len(asked) < 2 else NO_CHANGE
 
     asked: list[PolicyObservation] = []
-    result = fly(QUAD, policy=Wanderer(Triggers(period_s=3.0), homewards))
+    result = fly(scenario_with(QUAD, {"policy": Wanderer(Triggers(period_s=3.0), homewards)}))
     assert result.outcome is Outcome.COMPLETED
     assert result.flight_time_s < 40.0
     assert changes_of(result)[1][0] == "flown"
@@ -281,7 +288,7 @@ def test_home_at_once_is_flown() -> None:
 
 def test_vehicles_fly_together_and_share_what_they_see() -> None:
     policy = Wanderer(Triggers(period_s=6.0))
-    result = fly(Scenario(**{**IDEAL.to_dict(), "vehicles": 3, "budget": "40steps"}), policy=policy)
+    result = fly(Scenario(**{**IDEAL.to_dict(), "vehicles": 3, "budget": "40steps"}, policy=policy))
     assert result.outcome is Outcome.COMPLETED
     assert [one.system_id for one in result.flights] == [1, 2, 3]
     assert [len(one.vehicles) for one in policy.observations] == [3] * len(policy.observations)
@@ -292,7 +299,7 @@ def test_vehicles_fly_together_and_share_what_they_see() -> None:
 def test_days_go_on_with_one_estimate() -> None:
     policy = Wanderer(Triggers(period_s=10.0))
     options = {**IDEAL.to_dict(), "days": 3, "day": 5, "budget": "30steps", "flights_per_day": 2}
-    result = fly(Scenario(**options), policy=policy)
+    result = fly(Scenario(**options, policy=policy))
     assert [(one.day, one.flight) for one in result.flights] == [
         (5, 1),
         (5, 2),
@@ -317,7 +324,7 @@ def test_a_policy_is_asked_before_a_path_ends() -> None:
         return NO_CHANGE
 
     policy = Wanderer(Triggers(period_s=1000.0), last_moment)
-    result = fly(QUAD, policy=policy)
+    result = fly(scenario_with(QUAD, {"policy": policy}))
     ending = [one for one in policy.observations if one.event is Event.ENDING]
     assert len(ending) >= 2 and all(len(one.vehicles[0].rest_m) for one in ending)
     assert result.outcome is Outcome.COMPLETED
@@ -325,14 +332,16 @@ def test_a_policy_is_asked_before_a_path_ends() -> None:
 
 
 def test_a_policy_is_not_asked_more_often_than_it_wants() -> None:
-    result = fly(IDEAL, policy=Wanderer(Triggers(observations=1, least_s=6.0)))
+    result = fly(scenario_with(IDEAL, {"policy": Wanderer(Triggers(observations=1, least_s=6.0))}))
     times = [record.time_s for record in result.decisions if record.event == "observations"]
     assert len(times) > 5 and min(np.diff(times)) > 5.99
 
 
 def test_images_that_are_fetched_after_the_flight_ask_nobody() -> None:
     lossy = Impairment(loss=0.2)
-    result = fly(IDEAL, policy=Wanderer(Triggers(observations=1)), impairment=lossy)
+    result = fly(
+        scenario_with(IDEAL, {"policy": Wanderer(Triggers(observations=1))}), by=Simulated(impairment=lossy)
+    )
     assert result.outcome is Outcome.COMPLETED
     assert result.decisions[-1].observations < len(result.observations)
 
@@ -354,7 +363,10 @@ def test_a_joint_of_two_pieces_of_a_path_takes_no_step() -> None:
 
         asked: list[PolicyObservation] = []
         return fly(
-            scenario_with(IDEAL, {"budget": "30steps"}), policy=Wanderer(Triggers(observations=5), eastwards)
+            scenario_with(
+                scenario_with(IDEAL, {"budget": "30steps"}),
+                {"policy": Wanderer(Triggers(observations=5), eastwards)},
+            )
         )
 
     once, twice = named(1), named(2)
@@ -375,7 +387,7 @@ def test_a_joint_of_the_first_path_costs_no_step_either() -> None:
 
         # Six stays more would not fit.
         shorter = scenario_with(IDEAL, {"budget": "24steps"})
-        return fly(shorter, policy=Wanderer(Triggers(observations=500), decide))
+        return fly(scenario_with(shorter, {"policy": Wanderer(Triggers(observations=500), decide)}))
 
     once, twice = flown(1), flown(2)
     assert once.decisions[0].changes[0].cost == twice.decisions[0].changes[0].cost
@@ -385,7 +397,7 @@ def test_a_joint_of_the_first_path_costs_no_step_either() -> None:
 def test_a_policy_is_scored_as_often_as_a_planner() -> None:
     """It begins with a short path; the number of scored times follows from what the budget pays for."""
     short = Wanderer(Triggers(observations=10))
-    result = fly(scenario_with(QUAD, {"score_points": 12}), policy=short)
+    result = fly(scenario_with(QUAD, {"score_points": 12, "policy": short}))
     assert len(result.decisions) > 3
     assert 6 <= len(result.history.entries) <= 24
 

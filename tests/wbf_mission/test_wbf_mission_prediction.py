@@ -18,7 +18,7 @@ from wbf_mission.flight import fly
 from wbf_mission.planning import MissionBuilder, plan
 from wbf_mission.planning.budget import flight_budget, make_budget, onward_predictor
 from wbf_mission.planning.conditions import wind_of_run
-from wbf_mission.scenario import Scenario
+from wbf_mission.scenario import Scenario, scenario_with
 
 PLANNERS = ["lawnmower", "adaptive-lawnmower", "spiral", "random-waypoint"]
 VEHICLES = [
@@ -35,7 +35,7 @@ VEHICLES = [
 
 def compared(scenario):
     """Return predicted and flown time and energy."""
-    result = fly(scenario, estimator="point")
+    result = fly(scenario_with(scenario, {"estimator": "point"}))
     assert result.outcome is Outcome.COMPLETED
     prediction = result.plan.prediction
     assert prediction.feasible
@@ -173,7 +173,7 @@ def ideal_looks(farm, path_m, folder):
     assert builder.predict(mission).duration_s == priced * builder.vehicle.step_s
     write_mission(mission, folder / "path.plan")
     file = str(folder / "path.plan")
-    seen = fly(Scenario(farm=farm.name, vehicle="ideal", mission=file), estimator="point").observations
+    seen = fly(Scenario(farm=farm.name, vehicle="ideal", mission=file, estimator="point")).observations
     return Counter(zip(seen.x.tolist(), seen.y.tolist(), strict=True)), priced
 
 

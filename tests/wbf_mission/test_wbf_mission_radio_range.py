@@ -12,11 +12,11 @@ from mission.outcome import Outcome
 from mission.policies.decision import NO_CHANGE, Decision
 from mission.policies.observation import Event, Status
 from mission.policies.policy import FixedPlan, Triggers
-from wbf_mission import Scenario, fly
+from wbf_mission import Scenario, Simulated, fly
 from wbf_mission.planning.station_range import SLOWER, SPARE_S, StationRange
 from wbf_mission.run.resolve import resolve
 from wbf_mission.run.sortie import SILENT_S
-from wbf_mission.scenario import ScenarioError
+from wbf_mission.scenario import ScenarioError, scenario_with
 
 ROWS = {
     "farm": "miniberry-30",
@@ -89,7 +89,7 @@ class Watching:
 def test_a_policy_knows_how_old_is_what_it_sees():
     policy = Watching()
     scenario = {key: value for key, value in ROWS.items() if key != "planner"}
-    result = fly(Scenario(**scenario, vehicles=2, radio_range_m=6.0), policy=policy)
+    result = fly(Scenario(**scenario, vehicles=2, radio_range_m=6.0, policy=policy))
     assert result.outcome is Outcome.COMPLETED
     # Only asked while somebody can be told something; then the other one may be silent.
     reports = [one for observation in policy.observations for one in observation.vehicles]
@@ -103,7 +103,7 @@ def test_a_policy_knows_how_old_is_what_it_sees():
 def test_observations_come_when_it_is_in_range_again_and_not_before():
     policy = Watching()
     scenario = {key: value for key, value in ROWS.items() if key != "planner"}
-    result = fly(Scenario(**{**scenario, "budget": "120m"}, radio_range_m=6.0), policy=policy)
+    result = fly(Scenario(**{**scenario, "budget": "120m"}, radio_range_m=6.0, policy=policy))
     assert result.outcome is Outcome.COMPLETED
     # Nobody is asked while nobody can be told: the questions, two seconds apart, have gaps.
     asked = policy.observations[1:]
@@ -150,7 +150,7 @@ def test_a_mission_that_ended_unheard_is_completed_and_not_changed_on_the_way_ho
     policy.triggers = Triggers(period_s=0.5)
     scenario = {key: value for key, value in ROWS.items() if key != "planner"}
     options = {**scenario, "budget": "200m", "autopilot": autopilot, "estimate_errors": False}
-    result = fly(Scenario(**options, radio_range_m=7.0), policy=policy)
+    result = fly(Scenario(**options, radio_range_m=7.0, policy=policy))
     assert result.outcome is Outcome.COMPLETED, result.reason
     last = policy.observations[-1]
     assert last.vehicle(1).status is Status.FLYING and last.time_s < 0.5 * result.flights[0].flight_time_s
@@ -174,11 +174,14 @@ def test_a_vehicle_that_fails_beyond_the_range_is_lost_after_the_time_that_its_p
     scenario = {key: value for key, value in ROWS.items() if key != "planner"}
     # Layers of exact vehicles are thin enough for that range.
     fleet = Scenario(**{**scenario, "budget": "200m"}, vehicles=2, radio_range_m=7.0, estimate_errors=False)
-    assert fly(fleet, policy=policy).outcome is Outcome.COMPLETED
+    assert fly(scenario_with(fleet, {"policy": policy})).outcome is Outcome.COMPLETED
     reports = [(one.time_s, one.vehicle(2)) for one in policy.observations]
     assert all(one.status is not Status.LOST for _, one in reports)
     away_s = next(time_s for time_s, one in reports if one.status is Status.SILENT)
-    fly(fleet, policy=policy, faults=[f"motor-failure,vehicle=2,at=armed,from={away_s - 1.0}"])
+    fly(
+        scenario_with(fleet, {"policy": policy}),
+        by=Simulated(faults=[f"motor-failure,vehicle=2,at=armed,from={away_s - 1.0}"]),
+    )
     assert policy.observations[-1].event is not Event.START
     reports = [one.vehicle(2) for one in policy.observations]
     silent = [one.age_s for one in reports if one.status is Status.SILENT]

@@ -26,7 +26,7 @@ from wbf_mission.events import (
     VehicleMoved,
     VehicleSaid,
 )
-from wbf_mission.flight import fly
+from wbf_mission.flight import Simulated, fly
 from wbf_mission.results import replay
 from wbf_mission.results.replay import events_of
 from wbf_mission.results.result import Result, load_result
@@ -52,7 +52,9 @@ def told(log: Path) -> tuple[list[Event], Result]:
     stream = EventStream()
     stream.listen(events.append)
     options = {"policy": "greedy", "budget": "90s", "estimator": "point", "seed": 1, "days": 2}
-    return events, fly(Scenario(farm="miniberry-10", vehicles=2, **options), events=stream, tlog=log)
+    return events, fly(
+        Scenario(farm="miniberry-10", vehicles=2, **options), by=Simulated(tlog=log), events=stream
+    )
 
 
 @pytest.fixture(scope="module")

@@ -14,7 +14,7 @@ from mission.ground.link_state import LinkReport
 from mission.link.tlog import read_tlog
 from mission.outcome import Outcome
 from sensors.observations import Observations
-from wbf_mission.flight import fly
+from wbf_mission.flight import Simulated, fly
 from wbf_mission.results import writing
 from wbf_mission.results.files import FORMAT
 from wbf_mission.results.result import Result, load_result
@@ -98,7 +98,9 @@ def test_class_probabilities_are_kept_where_the_estimator_has_them(result: Resul
 
 def test_the_folder_holds_what_others_read(tmp_path: Path) -> None:
     with ResultFolder(tmp_path / "run") as folder:
-        result = fly(scenario_with(SMALL, {"vehicle": "quad", "budget": "60m"}), tlog=folder.tlog)
+        result = fly(
+            scenario_with(SMALL, {"vehicle": "quad", "budget": "60m"}), by=Simulated(tlog=folder.tlog)
+        )
         assert not (tmp_path / "run").exists()
         written = folder.write(result)
     assert [path.name for path in tmp_path.iterdir()] == ["run"]

@@ -29,7 +29,7 @@ from wbf_mission.planning.assignment import SortieNumber
 from wbf_mission.planning.fleet import vehicles_of
 from wbf_mission.planning.plan import plan_fleet
 from wbf_mission.run.estimation import estimator_of
-from wbf_mission.scenario import Choice, Scenario, choice
+from wbf_mission.scenario import Choice, Scenario, choice, scenario_with
 
 FORBIDDEN = (Environment, LeafCamera, RunningScore, SimVehicle, Scenario)
 RUN = Scenario(
@@ -218,7 +218,7 @@ def test_a_planner_reaches_neither_truth_nor_its_seed(budget: str) -> None:
 
 def test_an_estimator_reaches_neither_truth_nor_its_seed() -> None:
     cheat = CheatingEstimator()
-    result = fly(RUN, estimator=cheat)
+    result = fly(scenario_with(RUN, {"estimator": cheat}))
     seen = reachable(cheat, cheat.given)
     assert len(cheat.given) > 3
     assert not [one for one in seen if isinstance(one, FORBIDDEN)]
@@ -263,7 +263,7 @@ class CheatingPolicy:
 
 def test_a_policy_that_cheats_finds_nothing() -> None:
     policy = CheatingPolicy()
-    fly(RUN, policy=policy)
+    fly(scenario_with(RUN, {"policy": policy}))
     assert len(policy.observations) > 3
     objects = reachable(*policy.observations)
     assert not [one for one in objects if isinstance(one, FORBIDDEN)]

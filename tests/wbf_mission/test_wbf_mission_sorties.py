@@ -14,8 +14,9 @@ from mission.files import read_mission, write_mission
 from mission.model import GeoPoint, MissionItem
 from mission.outcome import Outcome
 from sim_vehicle.prediction.predict import predict_flight
-from wbf_mission import Scenario, fly, load_result
+from wbf_mission import Scenario, Simulated, fly, load_result
 from wbf_mission.cli.app import main
+from wbf_mission.events import EventStream
 from wbf_mission.live.resume import resume_place
 from wbf_mission.planning import MissionBuilder, plan
 from wbf_mission.planning.coverage import image_places
@@ -173,7 +174,7 @@ def test_obstacles_are_flown_round_on_the_ways(small, tmp_path):
     one = scenario(small, farm=str(file), budget="1200m")
     made = cut(one)
     assert len(made.sorties) > 1
-    check_plans([(part, one) for part in made.plans], "nothing")
+    check_plans([(part, one) for part in made.plans], "nothing", EventStream())
     # Straight from home some of the parts would have been flown to over it.
     home_m = np.asarray(farm.home_m)
     begins = [farm.frame.from_wgs84(*made.course.position(part.begin)[:2]) for part in made.sorties]
@@ -323,7 +324,7 @@ def test_every_sortie_comes_home_with_its_reserve_in_gusts(small, seed):
 @pytest.mark.slow
 def test_a_mission_in_sorties_is_flown_as_one_run(small, calm, tmp_path):
     one = scenario(small, estimator="adaptive-disk")
-    result = fly(one, change_s=100.0, tlog=tmp_path / "flight.tlog")
+    result = fly(one, by=Simulated(change_s=100.0, tlog=tmp_path / "flight.tlog"))
     sorties = len(calm.sorties)
     assert [flight.flight for flight in result.flights] == list(range(1, sorties + 1))
     missions = [one.mission for one in calm.plans]
@@ -332,7 +333,7 @@ def test_a_mission_in_sorties_is_flown_as_one_run(small, calm, tmp_path):
     seen = result.summary()
     assert seen["coverage"] == pytest.approx(seen["predicted_coverage"], abs=0.03)
     # The change of batteries is time that passes.
-    without = fly(one, change_s=0.0)
+    without = fly(one, by=Simulated(change_s=0.0))
     assert result.simulated_s - without.simulated_s == pytest.approx(100.0 * (sorties - 1))
     result.save(tmp_path / "run")
     loaded = load_result(tmp_path / "run")
@@ -340,7 +341,7 @@ def test_a_mission_in_sorties_is_flown_as_one_run(small, calm, tmp_path):
 
 
 def test_by_force_the_whole_is_flown_until_the_battery_sends_it_home(small):
-    result = fly(scenario(small, estimator="adaptive-disk"), force=True)
+    result = fly(scenario(small, estimator="adaptive-disk"), by=Simulated(force=True))
     assert len(result.flights) == 1 and result.outcome is not Outcome.COMPLETED
 
 
@@ -348,7 +349,7 @@ def test_a_flight_that_was_broken_off_is_gone_on_with_where_it_was(small, tmp_pa
     """What was flown before the battery sent it home, and the rest, show every place of an image."""
     one = scenario(small, estimator="adaptive-disk", budget="800m", estimate_errors=False)
     whole, log = plan(one), tmp_path / "flight.tlog"
-    broken = fly(one, force=True, tlog=log)
+    broken = fly(one, by=Simulated(force=True, tlog=log))
     course = Course(whole.mission)
     place = resume_place(str(log), course)
     assert place.fraction > 0.0 and 0.2 * course.length_m < course.metres(place) < 0.8 * course.length_m

@@ -13,16 +13,17 @@ from wbf_mission import Scenario, fly
 from geo.farms import get_farm
 from sensors.fields import PAPER_FIELDS
 from sensors.scoring.information import InformationModel
-from wbf_mission.cli.warm_up import _draw_blocks, _step_batched, fly_all
+from wbf_mission.cli.warm_up import _draw_blocks, fly_all
 from wbf_mission.events import DayBegun, Estimated, RunBegun
 from wbf_mission.addons.rl.vector_env import SurveyVectorEnv
+from wbf_mission.addons.rl.warm_up import warm_up
 from wbf_mission.web.view import View
 
 first, later = [], []
 with compile_notices(first.append):
     fly_all(lambda what: None)
     _draw_blocks()
-    _step_batched()
+    warm_up(lambda what: None)
 with compile_notices(later.append):
     fly(Scenario(farm="miniberry-30", policy="greedy", estimator="epidemic", budget="1min"))
     fly(Scenario(farm="miniberry-30", policy="rolling-horizon", estimator="gp", vehicle="ideal"))

@@ -15,6 +15,7 @@ from wbf_mission.bench.provenance import KERNELS
 from wbf_mission.bench.rows import KEY_DIGITS, BenchRow
 from wbf_mission.bench.spec import BenchRun, BenchSpec
 from wbf_mission.events import Decided, EventStream
+from wbf_mission.flight import Simulated
 from wbf_mission.replanning.loop import TOO_LATE
 from wbf_mission.results.result import Result
 from wbf_mission.results.storage import ResultError
@@ -153,7 +154,7 @@ def replay(row: BenchRow, run: BenchRun, *, events: EventStream, tlog: Path | No
         maps[id(event.record)] = None if event.acquisition is None else _pooled(event.acquisition)
 
     events.listen(keep, Decided)
-    again, result = flown(run, events=events, tlog=tlog)
+    again, result = flown(run, events=events, by=Simulated(tlog=tlog))
     acquisitions = tuple(maps.get(id(one)) for one in result.decisions)
     return Replay(row, again, result, acquisitions, tuple(differences(row, again)), tuple(causes(row, again)))
 

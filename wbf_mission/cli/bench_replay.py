@@ -121,14 +121,13 @@ def _replay(
 ) -> int:
     from wbf_mission.bench.replay import replay, row_named, run_of
     from wbf_mission.bench.rows import KEY_DIGITS
-    from wbf_mission.events import EventStream
 
     row = row_named(rows, key, folder)
     run = run_of(row, planner=planner, estimator=estimator)
     name = row.key[:KEY_DIGITS]
     out.mkdir(parents=True, exist_ok=True)
-    with output.progress() as progress, tempfile.TemporaryDirectory() as logs:
-        events, log = EventStream.of_progress(progress), Path(logs) / "flight.tlog"
+    with output.progress(), tempfile.TemporaryDirectory() as logs:
+        events, log = output.events, Path(logs) / "flight.tlog"
         layers = None
         if "html" in formats:
             from wbf_mission.web.recording import LiveLayers
@@ -150,7 +149,7 @@ def _replay(
                 logs=[log if log.is_file() else None],
                 layers=layers,
                 told=notes,
-                progress=progress,
+                progress=events.progress,
             )
             notes = list(report.notes)
             files["page"] = str(out / f"{name}.html")

@@ -7,7 +7,6 @@ import shlex
 import sys
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -17,8 +16,6 @@ from wbf_mission.cli import options, signals
 from wbf_mission.cli.live import SPEED, LivePage
 from wbf_mission.cli.options import Force, option
 from wbf_mission.cli.output import Output, told
-from wbf_mission.cli.preflight import show_findings
-from wbf_mission.events import Progressed
 from wbf_mission.exit_codes import ExitCode, exit_code_of_flight
 from wbf_mission.progress import Progress, process_age_s
 from wbf_mission.scenario import (
@@ -117,11 +114,10 @@ class _Links:
             agreed=self.yes,
             wait_s=self.wait,
             system_ids=self.system_id or (),
-            note=output.note,
             force=force,
-            tell=partial(show_findings, output),
             via=via,
             change_s=change_s,
+            orders=orders,
         )
 
 
@@ -269,7 +265,7 @@ def fly_command(
     Writes the plan, a telemetry log, the observations, the information model with the truth, a summary
     and pictures.
     """
-    from wbf_mission.flight import fly
+    from wbf_mission.flight import Simulated, fly
 
     if speed is not None and not 0.01 <= speed <= 1e6:
         msg = f"--speed {speed} is out of range: give 0.01 to 1000000 simulated seconds per second"
@@ -304,21 +300,10 @@ def fly_command(
                     signals.announcing(f"{kept}; again ends at once", when=folder.tlog.exists)
                 )
             started_s = process_age_s()
-            bars = stack.enter_context(output.progress())
-            events.listen(lambda event: bars(event.what, event.done, event.total), Progressed)
-            result = fly(
-                chosen,
-                events=events,
-                orders=orders,
-                pace=speed,
-                tlog=folder.tlog if folder else None,
-                faults=[*in_file, *(fault or ())],
-                use_cache=cache,
-                connect=live,
-                force=force,
-                tell_errors=partial(show_findings, output),
-                change_s=change_time,
-            )
+            stack.enter_context(output.progress())
+            simulated = Simulated([*in_file, *(fault or ())], None, speed, None, orders, change_time, force)
+            by = replace(live or simulated, tlog=folder.tlog if folder else None)
+            result = fly(chosen, by=by, events=events, use_cache=cache)
             flown_s = process_age_s()
             interrupted = not saving.write(result, folder, events.progress)
         summary = result.summary()

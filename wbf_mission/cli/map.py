@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -13,7 +12,6 @@ from geo.texts import duration
 from wbf_mission.cli import options
 from wbf_mission.cli.options import MISSION_SUFFIXES, Force, TargetError, option, refuse_overwrite
 from wbf_mission.cli.output import Output
-from wbf_mission.cli.preflight import show_findings
 from wbf_mission.scenario import (
     CameraOptions,
     EstimateOptions,
@@ -278,8 +276,7 @@ def _folder(out: Path, inputs: list[Path | None], *, overwrite: bool) -> Iterato
 def _check_plan(output: Output, flight: NextFlight, *, force: bool) -> None:
     from wbf_mission.preflight.run import check_plans
 
-    show = partial(show_findings, output)
-    check_plans([(flight.plan, flight.vehicle)], "nothing was written", force=force, show=show)
+    check_plans([(flight.plan, flight.vehicle)], "nothing was written", output.events, force=force)
     for warning in flight.plan.warnings:
         output.warn(warning)
 

@@ -14,7 +14,7 @@ from string import Formatter
 from typing import TYPE_CHECKING, Any
 
 from geo.texts import printable
-from wbf_mission.events import EventStream, Noted
+from wbf_mission.events import EventStream, Found, Noted, Progressed
 from wbf_mission.progress import Progress as ProgressCallback
 from wbf_mission.progress import silent
 
@@ -57,16 +57,18 @@ class Output:
 
         self.as_json = as_json
         self.quiet = quiet
-        self.events = EventStream()  # Takes each line for the user, too
+        self.events = EventStream()  # Each line for the user is an event of it
+        self.events.listen(self._show, Noted)
+        self.events.listen(self._found, Found)
+        self.events.listen(lambda event: self._advance(event.what, event.done, event.total), Progressed)
+        self._advance: ProgressCallback = silent
         self._stderr = PlainConsole(sys.stderr, wrap=False)
         self._bars: Bars | None = None
 
     def note(self, text: str, *, tells: bool = True) -> None:
         """Say something that a script does not need; `tells` not where an event tells it already."""
-        if tells:
-            self.events.tell(Noted(text))
-        if not self.quiet:
-            self._say(text)
+        event = Noted(text)
+        (self.events.tell if tells else self._show)(event)
 
     def notes(self, notes: Iterable[str], of: str = "") -> None:
         """Say how an input was understood, a line each; `of` names it."""
@@ -76,7 +78,21 @@ class Output:
     def warn(self, text: str) -> None:
         """Say something that went wrong but does not end the command."""
         self.events.tell(Noted(text, warns=True))
-        self._say(f"warning: {text}", style="yellow")
+
+    def _show(self, event: Noted) -> None:
+        if event.warns:
+            self._say(f"warning: {event.text}", style="yellow")
+        elif not self.quiet:
+            self._say(event.text)
+
+    def _found(self, event: Found) -> None:
+        """Say errors and warnings, and notes unless they are not wanted.
+
+        The error that ends the command is told at its end and not here, too.
+        """
+        label = "preflight error" if event.severity == "error" else "preflight"
+        if not event.refuses:
+            (self.note if event.severity == "note" else self.warn)(f"{event.vehicle}{label}: {event.text}")
 
     def _say(self, text: str, style: str | None = None) -> None:
         with contextlib.suppress(OSError):  # a note that cannot be shown does not end the command
@@ -145,17 +161,24 @@ class Output:
 
     @contextmanager
     def progress(self, every_s: float | None = None) -> Iterator[ProgressCallback]:
-        """Show a bar with the time left; the callback takes (what is being done, done, total).
+        """Show a bar with the time left of the progress that events tell; the callback tells it.
 
         Without a terminal, only what may take a minute is told, in a line: training when it begins, planning
         when it is not over after some seconds; with `every_s` a line after each so many seconds instead.
         """
+        try:
+            self._advance = self._shown_progress(every_s)
+            yield self.events.progress
+        finally:
+            self._advance = silent
+            self.show_bars(False)
+            self._bars = None
+
+    def _shown_progress(self, every_s: float | None) -> ProgressCallback:
         if self.quiet:
-            yield silent
-            return
+            return silent
         if not self._stderr.is_terminal and every_s is not None:
-            yield _Lines(self.note, every_s)
-            return
+            return _Lines(self.note, every_s)
         if not self._stderr.is_terminal:
             due_s: dict[str, float] = {}
             left = _Lines(self.note, _LEFT_EVERY_S)
@@ -170,16 +193,11 @@ class Output:
                 if what == _LEARNING:
                     left(what, done, total)
 
-            yield announce
-            return
+            return announce
         from wbf_mission.cli.bars import Bars
 
-        self._bars = bars = Bars(self._stderr)
-        try:
-            yield bars.update
-        finally:
-            bars.show(False)
-            self._bars = None
+        self._bars = Bars(self._stderr)
+        return self._bars.update
 
     def show_bars(self, wanted: bool) -> None:
         """Show the bar, or take it away while somebody is asked something on the same terminal."""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import partial
 from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -14,7 +13,6 @@ from wbf_mission.cli import options
 from wbf_mission.cli.convert import write_and_tell
 from wbf_mission.cli.options import MISSION_SUFFIXES, Force, Overwrite, option, refuse_overwrite
 from wbf_mission.cli.output import Output
-from wbf_mission.cli.preflight import show_findings
 from wbf_mission.cli.sorties import (
     FLEET_HEADER,
     SORTIE_HEADER,
@@ -140,8 +138,8 @@ def plan_command(
     check_plans(
         [(plan, one) for plans, one in zip(flown, vehicles, strict=True) for plan in plans],
         "nothing was written",
+        output.events,
         force=force,
-        show=partial(show_findings, output),
     )
     every = [plan for plans in flown for plan in plans]
     for warning in dict.fromkeys(warning for plan in every for warning in plan.warnings):

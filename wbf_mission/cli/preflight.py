@@ -23,7 +23,7 @@ from wbf_mission.scenario import (
 
 if TYPE_CHECKING:
     from mission.model import Mission
-    from wbf_mission.preflight.finding import Finding, PreflightError, Report
+    from wbf_mission.preflight.finding import Finding
     from wbf_mission.preflight.inquiry import VehicleSnapshot
     from wbf_mission.preflight.run import Preflight
     from wbf_mission.preflight.subject import Circumstances
@@ -194,25 +194,6 @@ def fitted_circumstances(
         msg = f"--autopilot {autopilot}, but {heard.profile.name} is heard: leave --autopilot out"
         raise ScenarioError(msg)
     return replace(circumstances, vehicle=fitted.vehicle, assumed=assumed, snapshot=snapshot)
-
-
-def show_findings(
-    output: Output, report: Report, refused: PreflightError | None = None, who: str = ""
-) -> None:
-    """Say errors and warnings on stderr, and notes unless they are not wanted; `who` begins each line.
-
-    The error that ends the command, because of `refused`, is told at its end and not here, too.
-    """
-    from wbf_mission.preflight.finding import Severity
-
-    for finding in report.findings:
-        if refused is not None and finding is refused.finding:
-            continue
-        if finding.severity is Severity.NOTE:
-            output.note(f"{who}preflight: {finding}")
-        else:
-            label = "preflight error" if finding.severity is Severity.ERROR else "preflight"
-            output.warn(f"{who}{label}: {finding}")
 
 
 def _show(output: Output, file: Path, checked: Preflight) -> None:

@@ -18,7 +18,6 @@ from wbf_mission.cli.preflight import (
     Surroundings,
     fitted_circumstances,
     read_and_tell,
-    show_findings,
 )
 from wbf_mission.exit_codes import ExitCode
 
@@ -64,17 +63,15 @@ def upload_command(
 
     mission = read_and_tell(file, output)
     circumstances = around.circumstances(given, mission, output)
-    with output.progress() as progress:
+    with output.progress():
         report, checked = upload_checked(
             mission,
             connect,
             partial(fitted_circumstances, circumstances, given),
+            output.events,
             wait_s=wait,
             system_id=system_id,
             force=force,
-            show=partial(show_findings, output),
-            progress=progress,
-            note=output.note,
             open_driver=via_named(via).driver,
         )
     rejected = report.accepted is False

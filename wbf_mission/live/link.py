@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
+from typing import ClassVar
 
 from geo.errors import WbfMissionError
 from geo.imports import entry_points, load_entry
@@ -15,10 +16,13 @@ from mission.ground.arming_gate import FARTHEST_M
 from mission.ground.link import find_vehicles
 from mission.model import GeoPoint
 from mission.transfer.vehicles import Vehicle as HeardVehicle
-from wbf_mission.live.battery_change import BatteryWait, needed_fraction, risen_fraction
+from sim_vehicle.faults.fault import Fault
+from wbf_mission.events import EventStream
+from wbf_mission.live.battery_change import REAL_FULL, BatteryWait, needed_fraction, risen_fraction
 from wbf_mission.live.discovery import LiveFlightError, fitted_to, require_single_flight, wanted_vehicles
 from wbf_mission.live.hosting import LinkHosting, Via
 from wbf_mission.planning import PlanResult
+from wbf_mission.planning.builder import budget_left
 from wbf_mission.planning.fleet import Vehicle
 from wbf_mission.planning.sorties import CHANGE_S
 from wbf_mission.preflight.finding import (
@@ -27,15 +31,15 @@ from wbf_mission.preflight.finding import (
     PreflightError,
     Report,
     Severity,
-    ShowFindings,
-    show_nobody,
 )
 from wbf_mission.preflight.inquiry import VehicleSnapshot, ask_vehicle
-from wbf_mission.preflight.run import check_mission
+from wbf_mission.preflight.run import check_mission, check_plans
 from wbf_mission.preflight.subject import Circumstances
+from wbf_mission.run.campaign import Campaign
 from wbf_mission.run.hosting import Hosting
 from wbf_mission.run.joint_flight import OperatorConsole
 from wbf_mission.run.orders import Orders
+from wbf_mission.run.real_sorties import BatteryChanger
 from wbf_mission.run.record import FlightRecord
 from wbf_mission.scenario import Scenario, VehicleOptions
 from wbf_mission.scenario.values import LAYERS
@@ -43,10 +47,6 @@ from wbf_mission.scenario.values import LAYERS
 __all__ = ["LiveLink", "via_named"]
 
 _NEAR_M = 5.0
-
-
-def _silent(_text: str) -> None:
-    """Tell nobody."""
 
 
 def _in_a_layer(finding: Finding) -> Finding:
@@ -74,9 +74,10 @@ class LiveLink:
         Fly a plan in which the preflight check finds errors, among them what the autopilot would refuse.
     change_s : float
         With `agreed`: how long at most to wait until the battery is changed between two sorties.
-    tell : callable
-        Takes what the preflight check finds, the error with which the flight is refused, if it is, and of
-        which vehicle, ``"vehicle 2: "``, where several fly.
+    tlog : Path, optional
+        File for every MAVLink frame of the run.
+    orders : Orders, optional
+        Orders of who watches the flight.
     """
 
     urls: str | Sequence[str]
@@ -84,20 +85,34 @@ class LiveLink:
     agreed: bool = False
     wait_s: float = 10.0
     system_ids: Sequence[int] = ()
-    note: Callable[[str], None] = _silent
     force: bool = False
-    tell: ShowFindings = show_nobody
     via: Via = field(default_factory=Via)
     change_s: float = CHANGE_S
+    tlog: Path | None = None
+    orders: Orders | None = None
+    _events: EventStream = field(default_factory=EventStream, init=False)
     _heard: dict[int, tuple[str, HeardVehicle]] = field(default_factory=dict, init=False)
     # Vehicles as plans assume them, before they were asked
     _assumed: dict[int, VehicleOptions] = field(default_factory=dict, init=False)
 
-    def fitted(self, scenario: Scenario) -> Scenario:
+    full: ClassVar[float] = REAL_FULL
+    faults: ClassVar[tuple[()]] = ()
+
+    @property
+    def changer(self) -> BatteryChanger:
+        """It asks for another battery itself."""
+        return self
+
+    def note(self, text: str) -> None:
+        """Tell the operator a line."""
+        self._events.note(text)
+
+    def fitted(self, scenario: Scenario, events: EventStream) -> Scenario:
         """Wait for the vehicles; return the scenario by the rules of their autopilots.
 
         LiveFlightError if these vehicles cannot do the run; LinkError or NoVehicleError without any.
         """
+        self._events = events
         require_single_flight(scenario)
         urls = (self.urls,) if isinstance(self.urls, str) else tuple(self.urls)
         wanted = wanted_vehicles(urls, tuple(self.system_ids), len(scenario.vehicle.fleet))
@@ -181,7 +196,20 @@ class LiveLink:
 
         return ask_vehicle(url, wait_s=self.wait_s, system_id=number, note=note, placed=placed)
 
-    def check(self, planned: Iterable[tuple[Vehicle, PlanResult]]) -> None:
+    def check(self, campaign: Campaign, events: EventStream) -> None:
+        """Refuse plans with errors, those of later sorties, too, before anything takes off (`check_sent`)."""
+        planned, cut = campaign.planned, campaign.cut
+        if cut is not None:
+            self.note(cut.told())
+            later = [(plan, planned[0][0]) for plan in campaign.sorties[1:]]
+            check_plans(later, "nothing was sent", events, force=self.force)
+        if not campaign.run.decider.steers:
+            missions = [[plan] for _, plan in planned] if cut is None else [campaign.sorties]
+            for left in filter(None, dict.fromkeys(map(budget_left, missions))):
+                self.note(left)
+        self.check_sent(planned)
+
+    def check_sent(self, planned: Iterable[tuple[Vehicle, PlanResult]]) -> None:
         """Check plans before they go up, and ask each vehicle for what its plan assumes.
 
         That a vehicle cannot arm yet is no error: the start waits for it.
@@ -201,7 +229,7 @@ class LiveLink:
                 report = Report(tuple(map(_in_a_layer, report.findings)))
             counted = report.about(Concern.PLAN, Concern.PARAMETERS, Concern.STATE)
             refused = None if self.force else counted.refusal("nothing was sent")
-            self.tell(report, refused, who)
+            report.tell(self._events, refused, who)
             if refused is not None:
                 refusals.append(PreflightError(f"{who}{refused}", refused.finding))
         if refusals:
@@ -227,21 +255,21 @@ class LiveLink:
         if why:
             return why
         try:
-            self.check([(vehicle, plan)])
+            self.check_sent([(vehicle, plan)])
         except WbfMissionError as error:
             return str(error)
         return ""
 
-    def hosting(self, tlog: Path | None, orders: Orders | None = None) -> Hosting:
+    def hosting(self, faults: Sequence[Fault]) -> Hosting:  # noqa: ARG002
         """Return where the flight takes place, and where who watches it gives orders."""
         return LinkHosting(
             tuple(self._heard.values()),
-            tlog,
+            self.tlog,
             agreed=self.agreed,
             force=self.force,
             note=self.note,
             via=self.via,
-            orders=orders,
+            orders=self.orders,
         )
 
 

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from enum import Enum, StrEnum
-from typing import Any, TypeAlias
+from typing import Any
 
 from geo.errors import WbfMissionError
 from mission.transfer.remarks import Severity as Severity
+from wbf_mission.events import EventStream, Found
 
 
 class PreflightError(WbfMissionError, ValueError):
@@ -162,14 +163,6 @@ class Finding:
         }
 
 
-ShowFindings: TypeAlias = "Callable[[Report, PreflightError | None, str], None]"
-"""Takes what is found, the error with which a plan is refused, if it is, and what each line begins with."""
-
-
-def show_nobody(_report: Report, _refused: PreflightError | None, _who: str) -> None:
-    """Show nobody what was found."""
-
-
 _ORDER = {severity: rank for rank, severity in enumerate(Severity)}
 
 
@@ -211,12 +204,16 @@ class Report:
         msg = f"{errors[0]}{more}; preflight check: {consequence}, --force does it nevertheless"
         return PreflightError(msg, errors[0])
 
-    def require_no_errors(
-        self, consequence: str, *, force: bool = False, show: ShowFindings = show_nobody
-    ) -> None:
-        """Show the findings, and raise the `refusal`, if there is one and it is not overruled."""
+    def tell(self, events: EventStream, refused: PreflightError | None, vehicle: str = "") -> None:
+        """Tell each finding; `refused` is the error that follows, `vehicle` begins each line."""
+        for finding in self.findings:
+            refuses = refused is not None and finding is refused.finding
+            events.tell(Found(finding.severity.value, finding.code, str(finding), vehicle, refuses))
+
+    def require_no_errors(self, consequence: str, events: EventStream, *, force: bool = False) -> None:
+        """Tell the findings, and raise the `refusal`, if there is one and it is not overruled."""
         refused = None if force else self.refusal(consequence)
-        show(self, refused, "")
+        self.tell(events, refused)
         if refused is not None:
             raise refused
 

@@ -7,9 +7,10 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from mission.model import Mission
+from wbf_mission.events import EventStream
 from wbf_mission.planning.builder import PlanResult
 from wbf_mission.preflight import flight_rules, plan_rules, vehicle_rules
-from wbf_mission.preflight.finding import Concern, Finding, Report, Severity, ShowFindings, show_nobody
+from wbf_mission.preflight.finding import Concern, Finding, Report, Severity
 from wbf_mission.preflight.flight_rules import TOO_GUSTY
 from wbf_mission.preflight.subject import Circumstances, Subject, subject_of
 from wbf_mission.scenario.parts import VehicleParts
@@ -111,15 +112,15 @@ def check_plan(plan: PlanResult, one: VehicleParts, coverage: float | None = Non
 def check_plans(
     plans: Iterable[tuple[PlanResult, VehicleParts]],
     consequence: str,
+    events: EventStream,
     *,
     force: bool = False,
-    show: ShowFindings = show_nobody,
 ) -> None:
     """Refuse plans in which the check finds errors (`check_plan`).
 
     Planners and policies keep away from what they know; gusts that the vehicle cannot hold are told, too. The
     PreflightError tells the first error, and as `consequence` what is not done: ``nothing was flown``. With
-    `force` errors and gusts are only shown.
+    `force` errors and gusts are only told.
     """
     found = [
         each
@@ -128,4 +129,4 @@ def check_plans(
         if each.severity is Severity.ERROR or each.code == TOO_GUSTY
     ]
     if found:
-        Report(tuple(found)).require_no_errors(consequence, force=force, show=show)
+        Report(tuple(found)).require_no_errors(consequence, events, force=force)

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any, TypeVar
+from typing import Any
 
-import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
@@ -47,6 +46,9 @@ class PathChange:
     outcome: str = "sent"
     sent_s: float | None = None
     effect_s: float | None = None
+
+    def __post_init__(self) -> None:
+        self.path_m = np.reshape(self.path_m, (-1, 2))
 
 
 @dataclass(slots=True)
@@ -120,72 +122,6 @@ class DecisionRecord:
         }
 
 
-_Points = list[tuple[float, float]]
-
-
-class _Change(msgspec.Struct, forbid_unknown_fields=True):
-    system_id: int
-    position_m: tuple[float, float]
-    path_m: _Points
-    cost: float
-    outcome: str
-    sent_s: float | None
-    effect_s: float | None
-
-
-class _Alternative(msgspec.Struct, forbid_unknown_fields=True):
-    system_id: int
-    points_m: _Points
-    value: float
-    cost: float
-
-
-class DecisionEntry(msgspec.Struct, forbid_unknown_fields=True):
-    """A `DecisionRecord` in plain values."""
-
-    day: int
-    flight: int
-    time_s: float
-    event: str
-    observations: int
-    reason: str
-    compute_s: float
-    refused: str
-    changes: list[_Change]
-    alternatives: list[_Alternative]
-    fault: str = ""
-
-    @classmethod
-    def of(cls, record: DecisionRecord) -> DecisionEntry:
-        """Return the plain values of a record."""
-        values = {name: getattr(record, name) for name in cls.__struct_fields__}
-        values["changes"] = [_plain(_Change, one) for one in record.changes]
-        values["alternatives"] = [_plain(_Alternative, one) for one in record.alternatives]
-        return cls(**values)
-
-    def record(self) -> DecisionRecord:
-        """Return the record that has these values."""
-        values = msgspec.structs.asdict(self)
-        values["changes"] = [
-            PathChange(**(msgspec.structs.asdict(one) | {"path_m": _points(one.path_m)}))
-            for one in self.changes
-        ]
-        values["alternatives"] = tuple(
-            Alternative(**(msgspec.structs.asdict(one) | {"points_m": _points(one.points_m)}))
-            for one in self.alternatives
-        )
-        return DecisionRecord(**values)
-
-
-_S = TypeVar("_S", bound=msgspec.Struct)
-
-
-def _plain(kind: type[_S], value: object) -> _S:
-    """Return a struct of the attributes of a value; arrays as lists."""
-    found = {name: getattr(value, name) for name in kind.__struct_fields__}
-    return kind(**{name: one.tolist() if isinstance(one, np.ndarray) else one for name, one in found.items()})
-
-
 def decision_table(records: Sequence[DecisionRecord]) -> Any:
     """Return decisions as a pyarrow table: a row for each alternative and each change of a path.
 
@@ -224,8 +160,8 @@ def decision_table(records: Sequence[DecisionRecord]) -> Any:
                 "vehicle": one.system_id,
                 "value": one.value,
                 "cost": one.cost,
-                "x_m": np.asarray(one.points_m)[:, 0].tolist(),
-                "y_m": np.asarray(one.points_m)[:, 1].tolist(),
+                "x_m": one.points_m[:, 0].tolist(),
+                "y_m": one.points_m[:, 1].tolist(),
             }
             for one in record.alternatives
         ]
@@ -257,7 +193,3 @@ def _schema() -> Any:
             "y_m": points,
         }
     )
-
-
-def _points(rows: _Points) -> np.ndarray[Any, np.dtype[np.float64]]:
-    return np.asarray(rows, np.float64).reshape(-1, 2)

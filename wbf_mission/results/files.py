@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import dataclasses
 import shutil
 from collections.abc import Iterable, Sequence
 from concurrent.futures import Executor, Future
+from dataclasses import replace
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, TypeVar, get_args, get_type_hints
 
 import msgspec
 import numpy as np
@@ -15,11 +17,7 @@ from numpy.typing import NDArray
 from geo import Farm, farm_names, load_farm, save_farm
 from geo.atomic import atomic_write
 from mission.files import read_mission, write_mission
-from mission.ground.link_state import LinkReport
 from mission.ground.tracks import Track
-from mission.outcome import Outcome
-from mission.transfer.events import TransferStatistics
-from sensors.camera.wire import AssemblerStatistics
 from sensors.estimation import ScoreHistory
 from sensors.field_files import field_from_table, field_to_table
 from sensors.fields import FieldSet
@@ -28,10 +26,9 @@ from sensors.scoring.information import CLASSES, InformationModel
 from sensors.scoring.score import Score
 from sim_vehicle.airframe.spec import VehicleSpec
 from sim_vehicle.prediction.flight import Prediction
-from wbf_mission.maps.report import FarmReport
 from wbf_mission.planning import PlanResult, flown_vehicle
 from wbf_mission.planning.fleet import single_vehicles
-from wbf_mission.replanning.record import DecisionEntry, decision_table
+from wbf_mission.replanning.record import DecisionRecord, decision_table
 from wbf_mission.results.storage import (
     SUFFIX,
     ResultError,
@@ -50,82 +47,28 @@ _FLIGHT = ("day", "flight", "vehicle")
 _TRACK = ("time_s", "latitude_deg", "longitude_deg", "relative_altitude_m", "x_m", "y_m")
 
 
-class PlanEntry(msgspec.Struct, forbid_unknown_fields=True):
-    """The parts of a `PlanResult` that have no file of their own."""
-
-    planner: str | None
-    path_m: list[tuple[float, float]]
-    spacing_m: float | None
-    budget_text: str
-    length_m: float
-    coverage: float
-    batteries: int | None
-
-
-class PredictionEntry(msgspec.Struct, forbid_unknown_fields=True):
-    """A `Prediction` in plain values."""
-
-    duration_s: float
-    energy_wh: float
-    battery_fraction: float
-    path_length_m: float
-    track_m: list[tuple[float, float, float]]
-    track_step_s: float
-    feasible: bool
-    reason: str
-    duration_interval_s: tuple[float, float] | None = None
-    energy_interval_wh: tuple[float, float] | None = None
-    energy_bound_wh: float | None = None
-    items: list[int] = msgspec.field(default_factory=list)
-    camera_orders: tuple[tuple[float, int], ...] = ()
+def _entry_of(record: type[Any], **other: Any) -> type[Any]:
+    """Return a struct of the fields of a record; `other` gives types of some and of more, None leaves out."""
+    kinds = get_type_hints(record) | other
+    fields: list[Any] = []
+    for one in dataclasses.fields(record):
+        default = msgspec.NODEFAULT if one.default is dataclasses.MISSING else one.default
+        if one.default_factory is not dataclasses.MISSING:
+            default = msgspec.field(default_factory=one.default_factory)
+        if kinds[one.name] is not None:
+            fields.append((one.name, kinds.pop(one.name), default))
+    fields += [(name, kind) for name, kind in kinds.items() if name in other and kind is not None]
+    return msgspec.defstruct(f"{record.__name__}Entry", fields, kw_only=True, forbid_unknown_fields=True)
 
 
-_SAME = (
-    "day",
-    "flight",
-    "system_id",
-    "reason",
-    "camera",
-    "transfers",
-    "battery_used",
-    "battery_readings",
-    "flight_time_s",
-    "link",
-    "missing_images",
-    "seen_before",
-    "begun_s",
-    "resumed",
-    "texts",
-    "warnings",
-)
-"""What a flight's entry and its record both hold."""
+_APART = dict.fromkeys(("farm", "vehicle", "seed", "mission", "imaging"))
+PlanEntry = _entry_of(PlanResult, **_APART, prediction=None)
+"""The parts of a plan that have no file of their own."""
+FlightEntry = _entry_of(FlightRecord, plan=PlanEntry, track=None, true_track=None, prediction=Prediction)
+"""A flight without its mission and tracks."""
 
 
-class FlightEntry(msgspec.Struct, forbid_unknown_fields=True):
-    """A `FlightRecord` without its mission and tracks."""
-
-    day: int
-    flight: int
-    system_id: int
-    outcome: str
-    reason: str
-    plan: PlanEntry
-    prediction: PredictionEntry
-    camera: AssemblerStatistics
-    transfers: list[TransferStatistics]
-    battery_used: float | None
-    flight_time_s: float
-    seen_before: int
-    texts: list[tuple[float, int, str]]
-    warnings: list[str]
-    resumed: bool = False
-    begun_s: float = 0.0
-    link: LinkReport | None = None
-    missing_images: int = 0
-    battery_readings: tuple[float | None, float | None] = (None, None)
-
-
-def plan_name(number: int, flight: FlightRecord | FlightEntry) -> str:
+def plan_name(number: int, flight: Any) -> str:
     """Return the name of a flight's mission files without their ending; the first one's is ``plan``."""
     return "plan" if number == 0 else f"plan-day{flight.day}-flight{flight.flight}-vehicle{flight.system_id}"
 
@@ -147,7 +90,7 @@ def write_flights(flights: Sequence[FlightRecord], folder: Path) -> list[Path]:
 
 
 def read_flights(
-    entries: Sequence[FlightEntry], folder: Path, farm: Farm, vehicles: Sequence[VehicleSpec], seed: int
+    entries: Sequence[Any], folder: Path, farm: Farm, vehicles: Sequence[VehicleSpec], seed: int
 ) -> tuple[FlightRecord, ...]:
     """Return the flights of a folder."""
     if not entries or not all(1 <= one.system_id <= len(vehicles) for one in entries):
@@ -160,15 +103,18 @@ def read_flights(
     flights = []
     for number, one in enumerate(entries):
         key = (one.day, one.flight, one.system_id)
-        flights.append(
-            FlightRecord(
-                **{name: getattr(one, name) for name in _SAME},
-                plan=_plan(number, one, folder, farm, vehicles[one.system_id - 1], seed),
-                outcome=Outcome(one.outcome),
-                track=tracks.get(key, nowhere),
-                true_track=true_tracks.get(key),
-            )
+        told = msgspec.structs.asdict(one)
+        predicted = told.pop("prediction")
+        plan = PlanResult(
+            farm=farm,
+            vehicle=vehicles[one.system_id - 1],
+            mission=read_mission(folder / f"{plan_name(number, one)}.json"),
+            prediction=replace(predicted, track_m=predicted.track_m.reshape(-1, 3)),
+            seed=seed,
+            **(msgspec.structs.asdict(one.plan) | {"path_m": one.plan.path_m.reshape(-1, 2)}),
         )
+        read = {"plan": plan, "track": tracks.get(key, nowhere), "true_track": true_tracks.get(key)}
+        flights.append(FlightRecord(**(told | read)))
     return tuple(flights)
 
 
@@ -216,35 +162,16 @@ def _read_tracks(path: Path) -> dict[tuple[int, int, int], Track]:
     return found
 
 
-def _entry(flight: FlightRecord) -> FlightEntry:
-    plan, prediction = flight.plan, flight.plan.prediction
-    planned = {name: getattr(plan, name) for name in PlanEntry.__struct_fields__}
-    predicted = {name: getattr(prediction, name) for name in PredictionEntry.__struct_fields__}
-    arrays = {"items": prediction.items.tolist(), "track_m": prediction.track_m.tolist()}
-    return FlightEntry(
-        **{name: getattr(flight, name) for name in _SAME},
-        outcome=flight.outcome.value,
-        plan=PlanEntry(**{**planned, "path_m": plan.path_m.tolist()}),
-        prediction=PredictionEntry(**{**predicted, **arrays}),
+def _told(kind: type[Any], record: object, **more: Any) -> Any:
+    """Return a struct with the values that a record has under the same names, and with more."""
+    return kind(
+        **{name: getattr(record, name) for name in kind.__struct_fields__ if name not in more}, **more
     )
 
 
-def _plan(
-    number: int, entry: FlightEntry, folder: Path, farm: Farm, vehicle: VehicleSpec, seed: int
-) -> PlanResult:
-    planned = msgspec.structs.asdict(entry.plan)
-    predicted = msgspec.structs.asdict(entry.prediction)
-    track_m = np.asarray(predicted.pop("track_m"), np.float64).reshape(-1, 3)
-    items = np.asarray(predicted.pop("items"), np.int64)
-    return PlanResult(
-        farm=farm,
-        vehicle=vehicle,
-        mission=read_mission(folder / f"{plan_name(number, entry)}.json"),
-        path_m=np.asarray(planned.pop("path_m"), np.float64).reshape(-1, 2),
-        prediction=Prediction(track_m=track_m, items=items, **predicted),
-        seed=seed,
-        **planned,
-    )
+def _entry(flight: FlightRecord) -> Any:
+    plan = flight.plan
+    return _told(FlightEntry, flight, plan=_told(PlanEntry, plan), prediction=plan.prediction)
 
 
 R = TypeVar("R", bound=RunRecord)
@@ -266,11 +193,7 @@ _PLAIN = ("simulated_s", "frames", "timings_s", "environment_cached", "stopped")
 """What a result and its record both hold."""
 
 
-class _Day(msgspec.Struct, forbid_unknown_fields=True):
-    """A `DayRecord` without its arrays."""
-
-    day: int
-    report: FarmReport | None
+_Day = _entry_of(DayRecord, truth=None, model=None)
 
 
 class _Record(msgspec.Struct, forbid_unknown_fields=True):
@@ -278,9 +201,9 @@ class _Record(msgspec.Struct, forbid_unknown_fields=True):
 
     format: int
     scenario: dict[str, Any]
-    flights: list[FlightEntry]
-    decisions: list[DecisionEntry]
-    days: list[_Day]
+    flights: list[FlightEntry]  # type: ignore[valid-type]
+    decisions: list[DecisionRecord]
+    days: list[_Day]  # type: ignore[valid-type]
     simulated_s: float
     frames: int
     timings_s: dict[str, float]
@@ -333,10 +256,21 @@ def _probabilities_path(folder: Path, disease: str) -> Path:
     return folder / f"{PROBABILITIES}{disease}{SUFFIX}"
 
 
+def _listed(value: Any) -> Any:
+    if isinstance(value, np.ndarray):
+        return value.tolist()
+    raise NotImplementedError(type(value))
+
+
+def _array(kind: Any, value: Any) -> NDArray[Any]:
+    ((number,),) = (get_args(one) for one in get_args(kind)[1:])
+    return np.asarray(value, number)
+
+
 def write_json(path: Path, values: Any) -> None:
     """Write plain values as JSON that people can read."""
     with atomic_write(path) as stream:
-        stream.write(msgspec.json.format(msgspec.json.encode(values)).decode() + "\n")
+        stream.write(msgspec.json.format(msgspec.json.encode(values, enc_hook=_listed)).decode() + "\n")
 
 
 def history_table(history: ScoreHistory, fields: tuple[str, ...]) -> Any:
@@ -436,7 +370,7 @@ def read_result(folder: Path, kind: type[R]) -> R:
         fields=fields,
         maps=read_maps(folder / "maps.npz", "estimate", farm, fields),
         true_maps=read_maps(folder / "maps.npz", "truth", farm, fields),
-        decisions=[one.record() for one in record.decisions],
+        decisions=record.decisions,
         days=_read_days(record.days, folder, fields.names, farm),
     )
 
@@ -460,8 +394,8 @@ def _record(result: RunRecord, files: tuple[str, ...]) -> _Record:
         format=FORMAT,
         scenario=result.scenario.to_dict(),
         flights=[_entry(one) for one in result.flights],
-        decisions=[DecisionEntry.of(one) for one in result.decisions],
-        days=[_Day(one.day, one.report) for one in result.days],
+        decisions=result.decisions,
+        days=[_told(_Day, one) for one in result.days],
         **{name: getattr(result, name) for name in _PLAIN},
         fields=tuple(field_to_table(field) for field in result.fields),
         files=files,
@@ -474,7 +408,7 @@ def _read_array(path: Path, fields: tuple[str, ...], farm: Farm) -> NDArray[np.f
 
 
 def _read_days(
-    entries: Sequence[_Day], folder: Path, fields: tuple[str, ...], farm: Farm
+    entries: Sequence[Any], folder: Path, fields: tuple[str, ...], farm: Farm
 ) -> tuple[DayRecord, ...]:
     """Return the days of a run, with truth and estimate where these were kept."""
     shape = (len(entries), len(fields), farm.width_cells, farm.height_cells)
@@ -505,7 +439,7 @@ def _read_record(path: Path) -> _Record:
         msg = f"{path}: larger than {MAX_JSON_BYTES // 2**20} MiB; no result is"
         raise ResultError(msg)
     try:
-        record = msgspec.json.decode(data, type=_Record)
+        record = msgspec.json.decode(data, type=_Record, dec_hook=_array)
     except (ValueError, RecursionError) as error:
         msg = f"{path}: is not the record of a result ({error})"
         raise ResultError(msg) from None

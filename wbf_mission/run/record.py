@@ -16,6 +16,7 @@ from mission.ground.tracks import Track, joined
 from mission.link.tlog import FrameLog
 from mission.model import Mission
 from mission.outcome import Outcome
+from mission.transfer.events import TransferStatistics
 from sensors.camera.wire import AssemblerStatistics
 from sensors.estimation import ScoreHistory
 from sensors.fields import PAPER_FIELDS, FieldSet
@@ -85,7 +86,7 @@ class FlightRecord:
     track: Track
     true_track: Track | None
     camera: AssemblerStatistics
-    transfers: list[Any]
+    transfers: list[TransferStatistics]
     battery_used: float | None
     flight_time_s: float
     battery_readings: tuple[float | None, float | None] = (None, None)
@@ -321,7 +322,7 @@ class RunRecord:
         return AssemblerStatistics(**{name: sum(one[name] for one in each) for name in each[0]})
 
     @property
-    def transfers(self) -> list[Any]:
+    def transfers(self) -> list[TransferStatistics]:
         """Statistics of all mission transfers."""
         return [transfer for one in self.flights for transfer in one.transfers]
 

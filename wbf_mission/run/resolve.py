@@ -21,10 +21,11 @@ from sensors.fields import FieldSet
 from sensors.scoring.score import ScoreWeights
 from sim_vehicle.faults.fault import Fault, parse_fault
 from sim_vehicle.faults.session import check_vehicles
+from wbf_mission.events import EventStream
 from wbf_mission.planning import PlanResult
 from wbf_mission.planning.fleet import Vehicle, vehicles_of
 from wbf_mission.planning.plan import farm_of, read_plan, require_one_vehicle
-from wbf_mission.progress import Progress, silent
+from wbf_mission.progress import Progress
 from wbf_mission.run.estimation import estimator_of, naming_estimator, readings_a_score
 from wbf_mission.scenario import CameraOptions, MissionOptions, Scenario, ScenarioError
 from wbf_mission.scenario.values import Separation
@@ -127,9 +128,9 @@ def resolve(
     scenario: Scenario,
     *,
     faults: Sequence[Fault | str] = (),
-    fitted: Callable[[Scenario], Scenario] | None = None,
+    fitted: Callable[[Scenario, EventStream], Scenario] | None = None,
     weights: ScoreWeights | None = None,
-    progress: Progress = silent,
+    events: EventStream | None = None,
 ) -> Run:
     """Make and check everything that a scenario names.
 
@@ -153,6 +154,7 @@ def resolve(
             " plan's file with --mission"
         )
         raise ScenarioError(msg)
+    stream = EventStream() if events is None else events
     breaking = tuple(parse_fault(one) if isinstance(one, str) else one for one in faults)
     check_vehicles(breaking, range(1, len(scenario.vehicle.fleet) + 1))
     farm, fields = farm_of(scenario.farm)
@@ -163,8 +165,9 @@ def resolve(
     if fitted is not None:
         # What is wrong with a camera is told before vehicles are waited for; their number is known after it.
         cameras_of(scenario, fields, len(scenario.camera.by_vehicle))
-        scenario = fitted(scenario)
+        scenario = fitted(scenario, stream)
     cameras = cameras_of(scenario, fields)
+    progress = stream.progress
     progress("planning", 0, 1)
     decider = decider_of(scenario.mission, len(scenario.vehicle.fleet))
     vehicles = vehicles_of(scenario, farm, seed=scenario.seed, first_day=scenario.farm.day, progress=progress)

@@ -39,7 +39,7 @@ from sensors.environment.cache import EnvironmentMemory
 from sensors.estimation import Evidence
 from sensors.observations import Observations
 from sim_vehicle.epoch import EPOCH_UNIX_S
-from wbf_mission.events import EventStream
+from wbf_mission.events import EventStream, Progressed
 from wbf_mission.planning import PlanResult
 from wbf_mission.planning.assignment import SortieNumber
 from wbf_mission.planning.fleet import Vehicle
@@ -232,6 +232,8 @@ def _fly_apart(
     progress: Progress,
 ) -> Flight:
     """Fly a flight for itself; what it gave until a Ctrl-C is of no use to a run."""
+    events = EventStream()
+    events.listen(lambda event: progress(event.what, event.done, event.total), Progressed)
     try:
         # Nobody knows yet when the flight begins: frames have their times since then.
         return fly_once(
@@ -240,7 +242,7 @@ def _fly_apart(
             evidence,
             cameras,
             hosting,
-            events=EventStream.of_progress(progress),
+            events=events,
             writer=log,
             offset_s=-EPOCH_UNIX_S,
         )

@@ -24,7 +24,7 @@ from mission.planners import make_planner
 from mission.planners.registry import planner_parameters
 from mission.policies.policy import policy_parameters
 from mission.transfer.vehicles import Vehicle
-from wbf_mission.events import Planned
+from wbf_mission.events import EventStream, Planned
 from wbf_mission.live.discovery import fitted_to
 from wbf_mission.live.uploading import upload_checked
 from wbf_mission.preflight.inquiry import VehicleSnapshot
@@ -301,7 +301,7 @@ def _upload(found: PlannedDraft, one: PlannedMission, link: str, system_id: int 
         return replace(given, imaging=one.plan.imaging, planner=one.plan.planner, coverage=found.coverage)
 
     try:
-        report, checked = upload_checked(one.plan.mission, link, around, system_id=system_id)
+        report, checked = upload_checked(one.plan.mission, link, around, EventStream(), system_id=system_id)
     except KeyboardInterrupt:
         raise DraftError("the upload was interrupted") from None
     return {

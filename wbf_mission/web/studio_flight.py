@@ -12,7 +12,7 @@ import msgspec
 from geo.errors import WbfMissionError
 from mission.outcome import in_words
 from wbf_mission.events import Event, EventStream, Progressed, RunBegun, RunEnded, VehicleMoved
-from wbf_mission.flight import fly
+from wbf_mission.flight import Simulated, fly
 from wbf_mission.scenario import Scenario
 from wbf_mission.web.view import View
 from wbf_mission.web.words import worded
@@ -78,7 +78,7 @@ class Flown:
         events.listen(self._take)
         events.listen(self._stop_if_asked, VehicleMoved, Progressed)
         try:
-            fly(scenario, events=events, pace=pace)
+            fly(scenario, by=Simulated(pace=pace), events=events)
         except WbfMissionError as error:
             self._take(RunEnded(0.0, "failed", worded(error)))
         except KeyboardInterrupt:

@@ -8,6 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mission.model import Command, MissionItem
+from wbf_mission.events import EventStream
 from wbf_mission.preflight.finding import (
     Against,
     Finding,
@@ -40,10 +41,10 @@ def test_the_worst_comes_first_and_is_counted():
 
 def test_an_error_is_told_in_one_line_with_the_way_out():
     with pytest.raises(PreflightError) as caught:
-        Report((NOTE, ERROR, ERROR)).require_no_errors("nothing was sent")
+        Report((NOTE, ERROR, ERROR)).require_no_errors("nothing was sent", EventStream())
     told = "mission item 3 (NAV_LAND): is wrong; height 3 m (at most 2 m); change it (and 1 more error)"
     assert str(caught.value) == f"{told}; preflight check: nothing was sent, --force does it nevertheless"
-    Report((NOTE,)).require_no_errors("nothing was sent")
+    Report((NOTE,)).require_no_errors("nothing was sent", EventStream())
 
 
 def test_a_finding_is_plain_values_for_json():

@@ -24,7 +24,7 @@ from geo import save_farm
 from geo.farms import get_farm
 from mission.outcome import Outcome
 from wbf_mission.cli.app import main
-from wbf_mission.flight import fly
+from wbf_mission.flight import Simulated, fly
 from wbf_mission.maps.field_maps import FieldMap
 from wbf_mission.progress import silent
 from wbf_mission.results.result import Result, load_result
@@ -40,7 +40,7 @@ SMALL: dict[str, Any] = {"budget": "90s", "estimator": "adaptive-disk"}
 def flown(folder: Path, **options: Any) -> Path:
     """Fly, and save with the log."""
     folder.mkdir(parents=True)
-    made = fly(Scenario(**{**SMALL, **options}), tlog=folder / "flight.tlog")
+    made = fly(Scenario(**{**SMALL, **options}), by=Simulated(tlog=folder / "flight.tlog"))
     made.save(folder / "run", plots=False)
     (folder / "flight.tlog").rename(folder / "run" / "flight.tlog")
     return folder / "run"

@@ -320,9 +320,7 @@ def test_the_same_flight_both_ways(autopilot, tmp_path):
                 return receive(message, now_s)
 
             made.vehicle.receive = heard
-            flown[way] = fly(
-                scenario(), connect=LiveLink(url, Agreeing(), via=via_named(way)), tlog=folder.tlog
-            )
+            flown[way] = fly(scenario(), by=LiveLink(url, Agreeing(), via=via_named(way), tlog=folder.tlog))
             folder.write(flown[way], plots=False)
             held[way], _ = download(url)
         files[way] = {one.name for one in (tmp_path / way).iterdir()}
@@ -356,7 +354,7 @@ def test_the_same_flight_both_ways(autopilot, tmp_path):
 def test_the_operator_orders_a_return_by_mavsdk():
     operator = Agreeing(act=lambda flight: flight.maneuver(Maneuver.RETURN))
     with stand_in("ardupilot", speed=2.0) as (url, made):
-        result = fly(scenario(), connect=LiveLink(url, operator, via=via_named("mavsdk")))
+        result = fly(scenario(), by=LiveLink(url, operator, via=via_named("mavsdk")))
         assert not made.vehicle.pilot.armed
     assert result.outcome is Outcome.INTERRUPTED
     assert result.reason == "the operator ordered it to return"
@@ -366,7 +364,7 @@ def test_the_operator_orders_a_return_by_mavsdk():
 def test_a_policy_changes_the_mission_of_a_px4_by_mavsdk():
     with stand_in() as (url, _):
         link = LiveLink(url, Agreeing(), via=via_named("mavsdk"))
-        result = fly(scenario(policy="greedy"), connect=link)
+        result = fly(scenario(policy="greedy"), by=link)
     assert result.outcome is Outcome.COMPLETED
     changes = [one for record in result.decisions for one in record.changes if one.outcome == "flown"]
     assert changes
@@ -391,7 +389,7 @@ def test_an_item_that_a_px4_goes_on_from_at_once_is_chosen_once_by_mavsdk():
             return receive(message, now_s)
 
         made.vehicle.receive = heard
-        result = fly(scenario(), connect=LiveLink(url, Agreeing(act=choose), via=via_named("mavsdk")))
+        result = fly(scenario(), by=LiveLink(url, Agreeing(act=choose), via=via_named("mavsdk")))
     assert result.outcome is Outcome.COMPLETED
     assert len(chosen) == 1
 
@@ -399,6 +397,6 @@ def test_an_item_that_a_px4_goes_on_from_at_once_is_chosen_once_by_mavsdk():
 def test_a_policy_is_not_offered_for_an_arducopter_by_mavsdk():
     with stand_in("ardupilot") as (url, made):
         with pytest.raises(LiveFlightError, match="leave out --via mavsdk") as error:
-            fly(scenario(policy="greedy"), connect=LiveLink(url, Agreeing(), via=via_named("mavsdk")))
+            fly(scenario(policy="greedy"), by=LiveLink(url, Agreeing(), via=via_named("mavsdk")))
         assert not made.vehicle.pilot.armed
     assert exit_code_of(error.value) is ExitCode.BAD_INPUT

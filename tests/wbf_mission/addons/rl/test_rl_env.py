@@ -54,7 +54,11 @@ def walk(task, rng):
 def flown(scenario, cells, seed=3, estimator="adaptive-disk"):
     size = 0.3048
     paths = [(one + 0.5) * size for one in cells]
-    return fly(scenario_with(scenario, {"seed": seed}), policy=Paths(paths), estimator=estimator)
+    return fly(
+        scenario_with(
+            scenario_with(scenario, {"seed": seed}), {"policy": Paths(paths), "estimator": estimator}
+        )
+    )
 
 
 @pytest.mark.parametrize(

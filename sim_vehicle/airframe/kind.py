@@ -64,7 +64,7 @@ class VehicleKind:
     """
 
     name: str
-    """What vehicle files and autopilots call it; that of its entry point."""
+    """Its name in vehicle files and autopilots; that of its entry point."""
     movement: Movement
     base: str
     """The vehicle whose values hold where a vehicle file of this kind has none."""

@@ -1,4 +1,4 @@
-"""What a vehicle's power model and battery are made of (see docs/energy.md)."""
+"""Parameters of a vehicle's power model and battery (docs/energy.md)."""
 
 from __future__ import annotations
 
@@ -90,7 +90,7 @@ class BatterySpec:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _PowerSpec:
-    """What all power models have."""
+    """Parameters of all power models."""
 
     mass_kg: float
     """As it flies or drives."""

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from sim_vehicle.autopilot.mavlink_profile import MavlinkProfile
     from sim_vehicle.autopilot.stick_rules import StickRules
 
-# Of what an estimate's errors carry a vehicle aside: so many are its margin to a step of the return altitude.
+# Return-altitude margin, in standard deviations of lateral drift.
 _RETURN_DEVIATIONS = 3.0
 _Brought = TypeVar("_Brought")
 _NOT_INSTALLED = f"no package gives any in the entry points {AUTOPILOT_GROUP}: install wbf-mission again"
@@ -43,25 +43,25 @@ class Firmware:
     title: str
     """Its name for readers."""
     mavlink: MavlinkProfile
-    """How it shows itself on MAVLink."""
+    """Its identity, modes and rates on MAVLink."""
     rules: FailsafeRules
-    """What it does when something goes wrong."""
+    """Its failsafes."""
     profile: Profile
-    """How it speaks the mission protocol."""
+    """Its behaviour in the mission protocol."""
     parameter_table: Callable[[VehicleSpec, int], Sequence[MavParameter]]
     """Given the vehicle and its MAVLink system id, the parameters besides those of the procedures."""
     procedures: FlightProcedures
-    """How it moves the vehicle: parameters of the motion, take-off, return, landing."""
+    """Parameters of the motion, take-off, return, landing."""
     takes_off: bool = False
     """A mission that begins on the ground needs no take-off item."""
     behaviour: MissionBehaviour = field(default_factory=MissionBehaviour)
-    """How it takes a mission that is changed while it flies."""
+    """Its behaviour when a mission is changed in flight."""
     cold_boot: ColdBoot | None = None
-    """How it comes up, where that is known."""
+    """Stages of its start, where they are known."""
     cornering: Cornering = field(default_factory=Cornering)
-    """How it takes the corners of a path, and the acceptance radius that it can hold."""
+    """Corners of its paths, and the acceptance radius that it can hold."""
     sticks: StickRules | None = None
-    """How it flies by sticks; without them they do nothing."""
+    """Its flight by sticks; without, sticks do nothing."""
     strays_m: Callable[[VehicleSpec], float] | None = None
     """Given the vehicle, the standard deviation of how far the errors of its estimate carry it aside, along a
     horizontal axis; without, its estimate is exact (`sim_vehicle.airframe.estimate_errors`)."""
@@ -251,7 +251,7 @@ def with_return_margin(spec: VehicleSpec) -> VehicleSpec:
     --------
     >>> from sim_vehicle.airframe.catalog import get_vehicle
     >>> flown = [with_autopilot(get_vehicle("quad"), name) for name in ("px4", "ardupilot")]
-    >>> [round(with_return_margin(one).return_margin_m, 2) for one in flown]
+    >>> [round(with_return_margin(vehicle).return_margin_m, 2) for vehicle in flown]
     [0.64, 0.0]
     """
     firmware = firmware_of(spec)

@@ -55,7 +55,7 @@ class FlightProcedures(ABC):
     def numbers(self, spec: VehicleSpec, law: type | None = None) -> dict[str, float]:
         """Numbers of the law of motion that are a parameter each, in SI units; only fields of a dataclass."""
         value = self.values(spec)
-        wanted = None if law is None else {one.name for one in fields(law)}
+        wanted = None if law is None else {field.name for field in fields(law)}
         return {
             known.law: known.in_si(value[name])
             for name, known in self.parameters.items()
@@ -168,7 +168,7 @@ GENERIC = GenericProcedures()
 
 
 class FixedWingBounds(Protocol):
-    """What is asked of the limits of a fixed wing's flight, in SI units."""
+    """Limits of a fixed wing's flight that the core reads, in SI units."""
 
     @property
     def airspeed_min(self) -> float:
@@ -191,7 +191,7 @@ class FixedWingBounds(Protocol):
 
 
 class FixedWingProcedures(FlightProcedures):
-    """What is asked of the procedures of vehicles that stay by circling."""
+    """Procedures of vehicles that stay by circling, as the core sees them."""
 
     # Parameters with the least airspeed (m/s), the heights of a take-off and of the return (m).
     least_airspeed: str

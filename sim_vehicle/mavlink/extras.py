@@ -1,4 +1,4 @@
-"""What add-ons give every simulated vehicle; they are found by entry points (`EXTRA_GROUP`)."""
+"""Parts of every simulated vehicle that add-ons bring, found by entry points (`EXTRA_GROUP`)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The simulated vehicle as a MAVLink component: what it hears, what it answers, what it tells by itself."""
+"""The simulated vehicle as a MAVLink component: messages it takes, answers, telemetry."""
 
 from __future__ import annotations
 
@@ -67,9 +67,9 @@ class SimVehicle:
     Parameters
     ----------
     spec : VehicleSpec
-        What it can do.
+        Its limits, battery and power.
     home : GeoPoint
-        Where it stands at the start; the altitude is that of the ground.
+        Its position at the start; the altitude is that of the ground.
     autopilot : Autopilot, optional
         Whom it shows itself as; the default autopilot without.
     yaw_deg : float
@@ -95,7 +95,7 @@ class SimVehicle:
     link : str
         Name of the link that the next message comes from.
     state : WireState
-        What it tells of itself: clocks, position, plans.
+        Source of its telemetry: clocks, position, plans.
     firmware : Firmware
         The autopilot's, for this kind of vehicle.
     errors : NavigationErrors or None
@@ -161,7 +161,7 @@ class SimVehicle:
         self._heard: frozenset[int] | None = None
         self.has_camera = False
         self._spoken_to = False
-        # What a stream asks for of a gimbal that nobody cares for: told when somebody does.
+        # Interval that a stream asked for while the gimbal was asleep; it holds once it wakes.
         self._gimbal_interval_us = 0
         self._signing = signing
         self._tick_s = 0.0
@@ -183,7 +183,7 @@ class SimVehicle:
         self._extras = extras_of(state, self._parameters, self._plans)
         for extra in self._extras:
             state.capabilities |= extra.capabilities
-        # What has something to do at a time, its `due_s`, in the order of sending.
+        # Parts with something to send at their `due_s`, in the order of sending.
         self._timed: tuple[Timed, ...] = (
             self._camera,
             self._reports,
@@ -196,7 +196,7 @@ class SimVehicle:
         self.wanted: frozenset[int] | None = frozenset(self._handlers)
 
     def _message_handlers(self) -> dict[int, _Handler]:
-        """What is done with a message, by its id; the answers follow what it makes the vehicle send."""
+        """Handlers of messages by id; answers follow the messages that a handler makes the vehicle send."""
         handlers: dict[int, _Handler] = {
             **_each(CommandMessage, self._commands.receive),
             **_each(ParameterMessage, self._on_parameter),
@@ -233,11 +233,11 @@ class SimVehicle:
 
     @property
     def true_position_m(self) -> tuple[float, float, float]:
-        """Where it truly is: east and north of where it stood at the start, height above there, metres."""
+        """True position: east and north of the start, height above it, metres."""
         return self.state.sensed.true_m
 
     def position_error(self, boot_us: float) -> tuple[float, float]:
-        """How far east and north of the truth it believed to be, at a time of its own clock."""
+        """Error of its believed position, east and north, at a time of its own clock."""
         return self.state.position_error(boot_us)
 
     def camera_attitude(self, boot_us: float) -> tuple[float, float, float] | None:
@@ -417,7 +417,7 @@ class SimVehicle:
         self._progress = shown[2]
         lag_s = self.state.mavlink.current_lag_s
         if pilot.mission.returns and pilot.mode is Mode.MISSION:
-            # The mode of returns is told before the item that leads to it.
+            # The mode of returns is sent before the item that leads to it.
             steps_on, lag_s = True, (pilot.behaviour.return_lag_s or 0.0) + _ITEM_AFTER_MODE_S
         changed = [old != new for old, new in zip(before, shown, strict=True)]
         if changed[0]:
@@ -430,7 +430,7 @@ class SimVehicle:
             self._send(m.MAVLINK_MSG_ID_MISSION_CURRENT)
 
     def on_home_moved(self) -> None:
-        """Tell where home is now."""
+        """Send the position of home."""
         self._plans.server.home = self.state.move_home()
         self._send(m.MAVLINK_MSG_ID_HOME_POSITION)
 
@@ -463,7 +463,7 @@ class SimVehicle:
         return self.state.now_us / 1e6
 
     def calibrate_gyro(self) -> None:
-        """Calibrate the gyroscopes, and tell how it goes where the autopilot does."""
+        """Calibrate the gyroscopes, with texts where the autopilot sends them."""
         if self.state.mavlink.tells_calibration:
             self._calibration.begin(self._now_s)
 
@@ -502,7 +502,7 @@ class SimVehicle:
                 rates_hz |= dict.fromkeys(STREAMS[group_number(group)], rate) if rate > 0.0 else {}
         if self.errors is not None and not link:
             rates_hz[mavlink.truth_message] = _TRUTH_HZ
-        # Between two steps a vehicle is told again as it was at the last one.
+        # Between two steps messages would repeat the state of the last one.
         most_hz = (2.0 if self._sitl_rates else 1.0) / self.pilot.spec.step_s
         return Schedule({kind: min(rate, most_hz) for kind, rate in rates_hz.items()})
 
@@ -521,7 +521,7 @@ class SimVehicle:
         self.has_camera |= self._is_own_camera(message)
 
     def _on_image(self, message: m.MAVLink_camera_image_captured_message) -> list[Message]:
-        """Tell of a shot that this vehicle has commanded, as an autopilot's own camera driver does."""
+        """Report a shot that this vehicle has commanded, as an autopilot's own camera driver does."""
         own = self._is_own_camera(message) and self._camera.shooting and message.capture_result == 1
         return [camera_feedback(message, self.pilot.state)] if own else []
 

@@ -1,9 +1,9 @@
-"""What the compiled motion models have in common: a state, a route, wind and energy around a kernel."""
+"""The base of compiled motion models: a state, a route, wind and energy around a kernel."""
 
 from __future__ import annotations
 
 import math
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -63,7 +63,7 @@ class Dynamics:
         }
 
 
-class CompiledMotion(MotionModel, ABC):
+class CompiledMotion(MotionModel):
     """A vehicle on the ground at home, moved by a compiled kernel.
 
     Parameters
@@ -228,7 +228,7 @@ class CompiledMotion(MotionModel, ABC):
         self.state[col.LEVEL_WIND] = self._wind.at(self.step // col.GRID, 0.0)[:2]
 
     def ignore_energy(self) -> None:
-        """Tell no more that the battery is empty."""
+        """Go on with an empty battery."""
         self._limits[self._energy_limit] = math.inf
 
     def update_spec(self, spec: VehicleSpec) -> None:

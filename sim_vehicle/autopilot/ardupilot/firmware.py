@@ -307,7 +307,7 @@ MISSION = MissionBehaviour(
 
 
 def battery_actions(**actions: str) -> tuple[Mapping[int, Action], ...]:
-    """Actions at a low and a critical level; an almost empty battery is only told."""
+    """Actions at a low and a critical level; an almost empty battery is only reported."""
     by_value = actions_by_value(**actions)
     return by_value, by_value, actions_by_value(WARN="0 1 2 3 4 5 6 7")
 

@@ -255,7 +255,7 @@ def _detour(row: Record, velocity: Vector, acceleration: Vector) -> float:
 
 @compiled(allocates=False)
 def turn_at(yaw: float, rate: float, wanted: float, most: float, change: float, dt: float) -> Turn:
-    """Return heading and rate after a step of turning at a wanted rate; it changes by so much at most."""
+    """Return heading and rate after a step of turning; the rate changes by ``change`` at most."""
     wanted = min(max(wanted, -most), most)
     rate += min(max(wanted - rate, -change), change)
     return (yaw + rate * dt) % (2.0 * pi), rate

@@ -59,7 +59,7 @@ class FileTree:
 
     Files can be written in the ``directories`` and below. By path, ``made`` are files that are made when they
     are read, and ``taken`` those that the vehicle takes over when they have been written: each is given the
-    contents and tells whether it accepts them. ``mounted`` are files that come and go by themselves and can
+    contents and returns whether it accepts them. ``mounted`` are files that come and go by themselves and can
     only be read: by directory, what returns their contents by path below it.
     """
 
@@ -81,7 +81,7 @@ class FileTree:
         }
 
     def names(self, text: str) -> list[str]:
-        """Return the entries of a directory, as LIST tells them: ``Dname``, or ``Fname`` with its size."""
+        """Return the entries of a directory, as LIST has them: ``Dname``, or ``Fname`` with its size."""
         path = path_of(text)
         mounted = self._mounted_files()
         depth = len(path)

@@ -39,7 +39,7 @@ Operation = IntEnum(
     "OPEN_TO_WRITE TRUNCATE RENAME CHECKSUM BURST",
     start=0,
 )
-"""What a request asks for."""
+"""Operations of requests."""
 # The two kinds of answers.
 ACK, NAK = 128, 129
 
@@ -89,12 +89,12 @@ class Packet:
         return (header + self.data).ljust(_PAYLOAD, b"\0")
 
     def answer(self, data: bytes = b"", *, offset: int = 0) -> Packet:
-        """The answer that says it was done."""
+        """The answer to a request that was carried out."""
         sequence = (self.sequence + 1) & 0xFFFF
         return Packet(sequence, self.session, ACK, -1, self.operation, False, offset, data)
 
     def refusal(self, error: FtpError) -> Packet:
-        """The answer that says why it was not done."""
+        """The answer to a request that failed, with the reason."""
         answer = self.answer(bytes([error]), offset=self.offset)
         return replace(answer, operation=NAK)
 
@@ -128,7 +128,7 @@ class _Session:
 
 @dataclass(slots=True)
 class _Burst:
-    """What is left of a burst."""
+    """The rest of a burst."""
 
     request: Packet
     data: bytes

@@ -62,7 +62,7 @@ def _metadata(
 ) -> dict[str, bytes]:
     """Return the files by path: the general one, which names the others, and that of the parameters.
 
-    Defaults are the values at the start, each in its own unit; a parameter without details is told as the
+    Defaults are the values at the start, each in its own unit; a parameter without details is as the
     table has it.
     """
     known = details()
@@ -141,7 +141,7 @@ def asked_for(query: str) -> tuple[int, int, bool] | None:
 def packed(parameters: ParameterSet, query: str, read_size: int) -> bytes | None:
     """Pack parameters, those of `asked_for`; None if the query is wrong.
 
-    Values are padded so that none crosses from one of the client's reads, of so many bytes, to the next.
+    Values are padded so that none crosses from one of the client's reads of ``read_size`` bytes to the next.
     """
     table = parameters.table
     asked = asked_for(query)
@@ -278,7 +278,7 @@ def unpack_plan(data: bytes, mission_type: MissionType) -> PackedPlan | None:
     return PackedPlan(tuple(items), first if in_part else None)
 
 
-# The other files of @SYS tell of threads, memory, ports and storage of a board, which there is not.
+# The other files of @SYS are about threads, memory, ports and storage of a board, which there is not.
 _TASKS_PATH = "@SYS/tasks.txt"
 
 

@@ -49,7 +49,7 @@ _NEVER_DISARM_S = 3599.0
 # Change of jerk of the S-curves, m/s^4 (AR_WPNAV_SNAP_MAX); acceleration where none is limited.
 _SNAP = 15.0
 _ANY_ACCELERATION = 20.0
-# How fast speed follows the throttle, and turns of tracks what is asked for: those of ArduPilot's simulator.
+# Time constants of the speed behind the throttle and of turns of tracks, as in ArduPilot's simulator.
 _DRIVE_LAG_S = 20.0 / 10.0
 _TRACK_LAG_S = 0.2
 

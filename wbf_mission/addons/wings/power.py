@@ -70,7 +70,7 @@ class FixedWingPowerSpec(FurtherPowerSpec):
 
 @dataclass(frozen=True, slots=True)
 class FixedWingAirframe:
-    """How a fixed wing flies, beside the drag of its power model."""
+    """Thrust, lift and ground of a fixed wing; its drag is in the power model."""
 
     thrust_n: float | None = None
     """At full throttle, at any airspeed; None is what climbs as the autopilot's parameter says."""

@@ -2,8 +2,8 @@
 
 Formulas after ArduPilot 4.7: `AR_WPNav.cpp` and Rover's `mode_auto.cpp`, `AR_PosControl.cpp`,
 `AR_AttitudeControl.cpp`, `AR_PivotTurn.cpp`, `AP_MotorsUGV.cpp`, and the vehicle of its simulator,
-`SIM_Rover.cpp`; the S-curves are those of `sim_vehicle.motion.arducopter`. How it works is told in
-docs/fixed-wing-and-rover.md.
+`SIM_Rover.cpp`; the S-curves are those of `sim_vehicle.motion.arducopter`. docs/fixed-wing-and-rover.md
+explains them.
 """
 
 from __future__ import annotations
@@ -33,18 +33,18 @@ Drive = IntEnum(
     "STEER_ERROR STEER_I DRIVE_ERROR DRIVE_I "  # Filtered errors and integrators.
     "PIVOTS "  # Whether it turns on the spot; 2: it has turned and pauses.
     "PIVOTS_NEXT "  # Whether it will at the next waypoint.
-    "STANDS",  # Whether it was told to stop and has.
+    "STANDS",  # Whether it has stopped on an order.
     start=len(Guide),
 )
 
 
-# What parameters and the vehicle decide, beyond what all have that are led along S-curves; SI units, radians,
+# Numbers of the parameters and the vehicle, besides those of all that follow S-curves; SI units, radians,
 # throttle and steering from -1 to 1.
 DriveLaw = IntEnum(
     "DriveLaw",
     "ACCELERATION DECELERATION "  # Of the speed that is asked for.
     "LATERAL TURN_SPEED "  # Greatest lateral acceleration; speed that it keeps in turns unless it slows down.
-    "NEAR "  # How near a stop counts as reached.
+    "NEAR "  # Distance within which a stop counts as reached.
     "STEER_ACCELERATION STEER_RATE "  # Limits of the rate of turning that is asked for.
     "STEER_FF STEER_P STEER_I STEER_IMAX STEER_FILTER "  # Steering over rate of turning.
     "SCALE_BASE "  # Speed above which the steering is scaled down.
@@ -52,7 +52,7 @@ DriveLaw = IntEnum(
     "STEER_LAG "  # Of the turns of tracks.
     "ANGLE_P PIVOT_ANGLE PIVOT_RATE PIVOT_DELAY "  # Turns on the spot (steps); an angle of 0 is never.
     "DRIVE_BASE DRIVE_P DRIVE_I DRIVE_IMAX DRIVE_FILTER "  # Throttle over speed.
-    "STOP_SPEED "  # Below it, told to stop, the throttle is zero.
+    "STOP_SPEED "  # Below it, when stopping, the throttle is zero.
     "TOP_SPEED DRIVE_LAG",  # At full throttle; of the speed behind it.
     start=len(Law),
 )
@@ -246,7 +246,7 @@ def _turns_by(x: float, y: float, from_x: float, from_y: float, bearing: float) 
 def begin(
     state: Record, guide: Record, law: Record, heads: Floats, curves: Floats, route: Record, leg: int
 ) -> None:
-    """Begin a leg; guide.begins tells how it follows from what was before."""
+    """Begin a leg; guide.begins is how it follows from the one before."""
     how = guide.begins
     guide.begins = at.NOTHING
     guide.until, guide.done = inf, 0.0
@@ -292,7 +292,7 @@ def begin(
 
 @compiled(allocates=False)
 def _lead(state: Record, guide: Record, law: Record, heads: Floats, curves: Floats) -> bool:
-    """Move the target for the next step; tell whether the leg is done."""
+    """Move the target for the next step; return whether the leg is done."""
     if guide.pivots != 0.0:
         return False
     look_along(state, guide)

@@ -81,7 +81,7 @@ class ArduRover(AlongCurves, Rover):
     def place_in_flight(self, position_m: Position, velocity_m_s: Position, heading_rad: float) -> None:
         """Be under way at time 0, with nothing used yet, as if it had driven there.
 
-        A first leg that lies ahead is then gone on with, as far along its profile as the speed tells.
+        A first leg that lies ahead goes on from the point of its profile at which it has that speed.
         """
         super().place_in_flight(position_m, velocity_m_s, heading_rad)
         self.heads[:] = 0.0
@@ -102,7 +102,7 @@ class ArduRover(AlongCurves, Rover):
         self._set_out(route, self.numbers, ends, kind, self.law.speed_max)
 
     def steer(self, velocity_m_s: Position, *, height_m: float = math.nan, heading: Heading = KEEP) -> None:
-        """Drive at a velocity, or stop; told to go down it stops for good."""
+        """Drive at a velocity, or stop; an order to go down stops it for good."""
         self._rest()
         super().steer(velocity_m_s, height_m=height_m, heading=heading)
 

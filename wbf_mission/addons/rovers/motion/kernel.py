@@ -191,7 +191,7 @@ def _turned_to(state: Record, limits: Record, bearing: float, speed: float) -> f
 
 @compiled(allocates=False)
 def _move(state: Record, counters: Integers, route: Record, limits: Record, own: tuple[()]) -> bool:
-    """Move one step and tell whether the leg is done."""
+    """Move one step and return whether the leg is done."""
     row, arrived = route[counters[col.LEG_INDEX]], counters[col.ARRIVED] != 0
     dt = limits.step_s
     kind = row.kind

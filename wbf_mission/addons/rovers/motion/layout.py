@@ -21,7 +21,7 @@ Wheels = IntEnum(
     # Of PX4's simulated rover.
     "SIDEWAYS "  # Speed to the right.
     "RATE_INTEGRAL STEER_ASKED "
-    "STEER PUSH",  # What the simulator has made of the steering and of the throttle.
+    "STEER PUSH",  # Steering and throttle after the simulator's lag.
     start=len(State),
 )
 # One leg.
@@ -42,7 +42,7 @@ THROUGH, STOP, AT_ONCE, VELOCITY, BRAKE = 0.0, 1.0, 2.0, 3.0, 4.0
 
 @dataclass(frozen=True, slots=True)
 class RoverLimits:
-    """What an autopilot's parameters decide about driving; SI units, radians."""
+    """Limits of driving that an autopilot's parameters set; SI units, radians."""
 
     speed_max: float
     acceleration: float
@@ -63,8 +63,7 @@ class RoverLimits:
     pivot_rate: float
     acceptance: float
     """Radius of waypoints."""
-    # The acceptance radius of a corner is this much of what the tightest turn needs, at most so much; 0 is
-    # none.
+    # Corner radius = gain x tightest-turn radius, capped at corner_max; 0 disables it.
     corner_gain: float
     corner_max: float
     passes: bool
@@ -84,7 +83,7 @@ class RoverLimits:
     """The vehicle, by columns of `Simulated`; without, it has the speed and turns as it is asked to."""
 
 
-# What PX4's simulated rover is, and the loops that steer and drive it.
+# PX4's simulated rover, and the loops that steer and drive it.
 Simulated = IntEnum(
     "Simulated",
     "THROTTLE_SPEED SPEED_P SPEED_I "  # Throttle over speed, m/s and s/m.
@@ -94,7 +93,7 @@ Simulated = IntEnum(
     "FORCE FRICTION "  # Per mass: of full throttle and of rolling, m/s^2.
     # Cornering stiffness over mass and over the moment of inertia, damping over that.
     "GRIP TURN_GRIP TURN_DAMPING "
-    "ACTUATOR_SHARE "  # How much of a change of its outputs it takes in a step.
+    "ACTUATOR_SHARE "  # Share of a change of its outputs that it follows in a step.
     "DRAG "  # Per mass, over the square of the speed along each axis of the Earth, 1/m.
     "NORTH_1 NORTH_2 NORTH_3 EAST_1 EAST_2 EAST_3",  # Of the axes of the Earth.
     start=0,

@@ -131,7 +131,7 @@ class Rover(CompiledMotion):
             row[Leg.END_SPEED] = leave
 
     def steer(self, velocity_m_s: Position, *, height_m: float = math.nan, heading: Heading = KEEP) -> None:
-        """Drive at a velocity, or stop; told to go down it stops for good."""
+        """Drive at a velocity, or stop; an order to go down stops it for good."""
         east, north, up = velocity_m_s
         speed = math.hypot(east, north)
         row = np.zeros((1, len(Leg)))

@@ -52,7 +52,7 @@ def energy_rate(limits: Record, throttle: float, airspeed: float, load: float) -
 
 CLIMB_LAG_S = 0.5
 ROLL_RATE_S = 0.1
-# How fast the side force of a slip follows the rate of a turn.
+# Time constant of the side force of a slip behind the rate of a turn.
 SLIP_S = 0.7
 STEEPEST = 0.8
 SLOW_M_S = 3.0

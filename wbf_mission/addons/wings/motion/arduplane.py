@@ -22,7 +22,7 @@ _LEVEL_OFF_FROM_M = 10.0
 _LINED_UP_RAD = 0.1745
 _ON_LINE_M = 5.0
 _SLOW_BANK = 0.4363
-# The line of an approach is aimed at a point so far behind the landing point.
+# The line of an approach aims at a point at this distance behind the landing point.
 _PROJECTION_M = 500.0
 
 

@@ -258,7 +258,7 @@ def _steer_circle(
 
 @compiled(allocates=False)
 def circles(state: Record, row: Record, arrived: bool) -> bool:
-    """Tell whether a circle is flown now."""
+    """Return whether a circle is flown now."""
     if arrived or row.kind == at.LINE:
         return row.kind != at.LANDING and (arrived or not isnan(state.bearing))
     return row.kind in (at.CIRCLE, at.CIRCULAR_LANDING)
@@ -266,7 +266,7 @@ def circles(state: Record, row: Record, arrived: bool) -> bool:
 
 @compiled(allocates=False)
 def _comes_along_line(state: Record, row: Record, limits: Record) -> bool:
-    """Tell whether ArduPlane comes to a circle of a mission along the line from the waypoint before.
+    """Return whether ArduPlane comes to a circle of a mission along the line from the waypoint before.
 
     It does until it is near the circle (``Plane::update_loiter``); a return comes to the circle at once.
     """
@@ -335,7 +335,7 @@ def _acceptance(state: Record, row: Record, limits: Record) -> float:
 
 @compiled(allocates=False)
 def passed(state: Record, row: Record, limits: Record) -> bool:
-    """Tell whether a waypoint is reached."""
+    """Return whether a waypoint is reached."""
     east, north = state.position_x - row.x, state.position_y - row.y
     near = _acceptance(state, row, limits)
     close = east * east + north * north <= near * near
@@ -352,7 +352,7 @@ def passed(state: Record, row: Record, limits: Record) -> bool:
 
 @compiled(allocates=False)
 def circled(state: Record, row: Record, limits: Record, step: int) -> bool:
-    """Keep count on a circle and tell whether it may be left."""
+    """Keep count on a circle and return whether it may be left."""
     rx, ry = state.position_x - row.x, state.position_y - row.y
     away = sqrt(rx * rx + ry * ry)
     radius = abs(row.circle_radius)

@@ -114,7 +114,7 @@ def _arduplane_control(
 
 @compiled(allocates=False)
 def _move(state: Record, counters: Integers, route: Record, limits: Record, own: tuple[()]) -> bool:
-    """Move one step and tell whether the leg is done."""
+    """Move one step and return whether the leg is done."""
     step, arrived = counters[col.STEP], counters[col.ARRIVED] != 0
     row = route[counters[col.LEG_INDEX]]
     wx, wy, rising = state.wind_east, state.wind_north, state.wind_up

@@ -91,7 +91,7 @@ LINE, CIRCLE, TAKEOFF, LANDING, CIRCULAR_LANDING, FALL = 0.0, 1.0, 2.0, 3.0, 4.0
 
 @dataclass(frozen=True, slots=True)
 class FixedWingLimits:
-    """What an autopilot's parameters decide about the flight of a fixed wing; SI units, radians."""
+    """Limits of a fixed wing's flight that an autopilot's parameters set; SI units, radians."""
 
     law: float
     """Guidance: `wbf_mission.addons.wings.motion.guidance.NPFG` or `L1`."""
@@ -132,7 +132,7 @@ class FixedWingLimits:
     # Airspeed at which the ground is left, and acceleration up to there; 0 rolls by its own thrust.
     rotation: float
     launch: float
-    # Below this height the bank is limited to so much.
+    # Greatest bank below a height.
     level_height: float
     level_bank: float
     landing_airspeed: float
@@ -144,7 +144,7 @@ class FixedWingLimits:
     """Sink over path length on a circle down to the ground."""
     loiter_radius: float
     """Of circles without a radius; positive is clockwise."""
-    # How long the throttle of a take-off roll rises, up to what, and from lift-off to the full climb.
+    # Rise of the throttle in a take-off roll: its time and end; time from lift-off to the full climb.
     ramp_s: float = 0.0
     ramp_throttle: float = 1.0
     rotation_s: float = 0.0
@@ -190,4 +190,4 @@ Limits = IntEnum(
     start=len(fields(FixedWingLimits)),
 )
 STATE, LEG = record_type(State, Wing), record_type(Leg)
-LIMITS = record_type([one.name for one in fields(FixedWingLimits)], Limits)
+LIMITS = record_type([field.name for field in fields(FixedWingLimits)], Limits)

@@ -33,9 +33,9 @@ if TYPE_CHECKING:
     from sim_vehicle.motion.legs import Heading, Position, Route
     from wbf_mission.addons.wings.motion.layout import FixedWingLimits
 
-# Least pitch of a climb-out where the mission tells none.
+# Least pitch of a climb-out where the mission has none.
 _TAKEOFF_PITCH = math.radians(4.0)
-# Whose drag is flown when nothing is known of the power: a foam mapper of 1.8 m span.
+# Its drag holds for vehicles without a power model: a foam mapper of 1.8 m span.
 _TYPICAL = FixedWingPowerSpec(mass_kg=1.9, wing_area_m2=0.42, wing_span_m=1.8, parasitic_drag=0.035)
 # Deceleration on grass.
 _BRAKE_M_S2 = 3.0
@@ -129,7 +129,7 @@ class FixedWing(CompiledMotion):
         legs, n = route.legs, len(route.legs)
         rows = np.zeros((n, len(Leg)))
         rows[:, : Leg.KIND] = route.points_m
-        # What is the vehicle's default is left to the autopilot; ArduPlane keeps radii in one byte.
+        # The vehicle's default is left to the autopilot; ArduPlane keeps radii in one byte.
         radius = np.where(legs["radius"] == self.spec.acceptance_radius_m, 0.0, legs["radius"])
         rows[:, Leg.RADIUS] = np.floor(np.minimum(radius, 255.0))
         speed = np.where(np.isnan(legs["speed"]), law.airspeed_trim, legs["speed"])
@@ -187,7 +187,7 @@ class FixedWing(CompiledMotion):
                 rows[i, Leg.TURN_ANGLE] = abs(math.atan2(ax * by - ay * bx, ax * bx + ay * by))
 
     def steer(self, velocity_m_s: Position, *, height_m: float = math.nan, heading: Heading = KEEP) -> None:
-        """Fall, when it is told to go straight down; it keeps no other velocities.
+        """Fall, when it is ordered straight down; it keeps no other velocities.
 
         Raises
         ------
@@ -206,7 +206,7 @@ class FixedWing(CompiledMotion):
         self._begin()
 
     def stopping_point(self) -> Position:
-        """Return the centre that it circles when told to stay: that of its circle, otherwise here."""
+        """Return the centre that it circles when ordered to stay: that of its circle, otherwise here."""
         route = self._route
         if route is not None and self.state[Wing.DOING] == wing.FLYING:
             centred = route["kind"][-1] in (wing.CIRCLE, wing.LINE, wing.TAKEOFF)

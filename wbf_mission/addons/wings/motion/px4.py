@@ -63,7 +63,7 @@ def _height_along(state: Record, row: Record, limits: Record) -> float:
 def _throttle(state: Record, limits: Record, asked: float, load: float) -> float:
     """Return the throttle for an energy rate over the weight (``TECSControl::_calcThrottleControl``).
 
-    It is what parameters tell that the rate takes, and an integral of what is missing, slow by default: a
+    It is the throttle that the rate takes by the parameters, and an integral of the error, slow by default: a
     motor or a drag that they do not describe leaves the airspeed off for a minute.
     """
     most, least = limits.climb_max, -limits.sink_min
@@ -124,7 +124,7 @@ def _approach(state: Record, row: Record, limits: Record) -> float:
         # It goes on below the ground, so that nothing is slowed down before the flare.
         height = min(slope * to_go, max(state.begin_z, 0.0))
     else:
-        # A circle down: so much lower than it is that it follows at the rate of its slope.
+        # A circle down: the height asked for is lower by what makes it follow at the rate of its slope.
         height = state.position_z - row.slope * ground * limits.height_s
     if state.position_z <= max(limits.flare_height, limits.flare_s * max(-state.velocity_z, 0.0)):
         state.doing = FLARE

@@ -2,6 +2,7 @@
 
 import shutil
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -100,6 +101,26 @@ def test_autopilots_fly_it_or_show_it(boat):
     assert (flown.autopilot, flown.cruise_speed_m_s) == ("tide", 2.0)
     with pytest.raises(VehicleError, match="tide flies no rover: choose a vehicle of kind boat"):
         with_autopilot(get_vehicle("rover"), "tide")
+
+
+def test_an_autopilots_own_firmware_goes_before_that_of_the_kind():
+    px4 = get_autopilot("px4")
+    own = replace(px4.for_vehicle("rover"), title="Own")
+    assert replace(px4, firmwares={"rover": own}).for_vehicle("rover") is own
+
+
+@pytest.mark.parametrize(
+    ("firmware", "text"),
+    [
+        ("nowhere_at_all:X", "of kind rover cannot be loaded"),
+        ("sim_vehicle.errors:VehicleError", "of kind rover is no Firmware"),
+    ],
+)
+def test_a_firmware_that_a_kind_cannot_give_is_refused(monkeypatch, firmware, text):
+    broken = replace(get_kind("rover"), firmwares={"px4": firmware})
+    monkeypatch.setattr("sim_vehicle.autopilot.autopilot.get_kind", lambda name: broken)
+    with pytest.raises(VehicleError, match=f"{firmware} {text}"):
+        get_autopilot("px4").for_vehicle("rover")
 
 
 def test_its_energy_and_endurance_follow_its_power(boat):

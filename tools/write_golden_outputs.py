@@ -109,7 +109,7 @@ def _stable(text: bytes, folder: Path) -> bytes:
     except ValueError:
         kept = text.decode()
     else:
-        kept = json.dumps(_without_times(document), indent=1)
+        kept = json.dumps(_without_times(document), indent=1, sort_keys=True)
     return kept.replace(str(folder), "FOLDER").encode()
 
 

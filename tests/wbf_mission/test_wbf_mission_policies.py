@@ -288,7 +288,7 @@ def test_home_at_once_is_flown() -> None:
 
 def test_vehicles_fly_together_and_share_what_they_see() -> None:
     policy = Wanderer(Triggers(period_s=6.0))
-    result = fly(Scenario(**{**IDEAL.to_dict(), "vehicles": 3, "budget": "40steps"}, policy=policy))
+    result = fly(scenario_with(IDEAL, {"vehicles": 3, "budget": "40steps", "policy": policy}))
     assert result.outcome is Outcome.COMPLETED
     assert [one.system_id for one in result.flights] == [1, 2, 3]
     assert [len(one.vehicles) for one in policy.observations] == [3] * len(policy.observations)
@@ -298,8 +298,8 @@ def test_vehicles_fly_together_and_share_what_they_see() -> None:
 
 def test_days_go_on_with_one_estimate() -> None:
     policy = Wanderer(Triggers(period_s=10.0))
-    options = {**IDEAL.to_dict(), "days": 3, "day": 5, "budget": "30steps", "flights_per_day": 2}
-    result = fly(Scenario(**options, policy=policy))
+    options = {"days": 3, "day": 5, "budget": "30steps", "flights_per_day": 2, "policy": policy}
+    result = fly(scenario_with(IDEAL, options))
     assert [(one.day, one.flight) for one in result.flights] == [
         (5, 1),
         (5, 2),

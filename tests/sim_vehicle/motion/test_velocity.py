@@ -214,3 +214,9 @@ def test_over_what_it_looks_at_it_keeps_its_heading_however_it_is_stepped():
     one_by_one = headings(1)
     np.testing.assert_array_equal(one_by_one[1::2], headings(2)[: len(one_by_one) // 2])
     assert abs((one_by_one[-1] + np.pi) % (2.0 * np.pi) - np.pi) < 0.02
+
+
+def test_each_leg_of_a_route_has_its_own_time():
+    vehicle = aloft()
+    vehicle.fly(Route.through([Leg((1.0, 0.0, 50.0), 5.0, radius_m=0.5), Leg((1000.0, 0.0, 50.0), 5.0)]))
+    assert vehicle.advance(20_000, stop_each=False) is MotionEvent.REACHED

@@ -42,6 +42,8 @@ class FlightProcedures(ABC):
     """That of the autopilot."""
     parameters: Mapping[str, ParameterSpec]
     """Those that move the vehicle, by their names."""
+    orbit_within_m: float | None = None
+    """An ordered circle is one leg, which begins so near to it; None: chords."""
 
     def value(self, spec: VehicleSpec, name: str) -> float:
         """Value of a parameter for a vehicle, in the parameter's own unit."""

@@ -8,7 +8,7 @@ import logging
 import os
 import sys
 import warnings
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -133,7 +133,7 @@ def _run(arguments: list[str]) -> int:
     try:
         code = app(args=arguments, standalone_mode=False, prog_name="wbf-mission", obj=arguments)
     except typer.TyperException as error:
-        return _complain(f"{error.format_message()} (see 'wbf-mission --help')", error.exit_code)
+        return _complain(_usage(error), error.exit_code)
     except WbfMissionError as error:
         return _complain(str(error), exit_code_of(error))
     except (KeyboardInterrupt, typer.Abort):
@@ -166,6 +166,14 @@ def _run(arguments: list[str]) -> int:
     if code == ExitCode.INTERRUPTED:
         return _complain("interrupted", ExitCode.INTERRUPTED)
     return code if isinstance(code, int) else ExitCode.GOOD
+
+
+def _usage(error: typer.TyperException) -> str:
+    """Return how the command at hand was called wrongly, without what libraries put around the words."""
+    at: Any = getattr(error, "ctx", None)
+    command = "wbf-mission" if at is None else at.command_path
+    text = error.format_message().replace("Value error, ", "", 1).replace("\n\t", " ")
+    return f"{text} (see '{command} --help')"
 
 
 def _one_line_warning(message: Warning | str, *_where: object, **_also: object) -> str:

@@ -95,7 +95,13 @@ def submit_command(
     failed are allowed, and told.
     """
     from wbf_mission.addons.boards.audit import require_asked, require_whole
-    from wbf_mission.addons.boards.submission import SUFFIX, code_files, made_when, write_pack
+    from wbf_mission.addons.boards.submission import (
+        SUFFIX,
+        code_files,
+        made_when,
+        require_texts,
+        write_pack,
+    )
     from wbf_mission.addons.boards.verification import fly_again
     from wbf_mission.bench.rows import read_rows
     from wbf_mission.bench.sealed import require_seeds
@@ -118,9 +124,11 @@ def submit_command(
             require_seeds(opened, rows)
     except ResultError as error:
         raise ResultError(f"{folder}: {error}") from None
+    require_texts({"name": name, "by": by, "about": about}, "--")
     files = code_files(code or ())
+    own = _own(code, rows) if code else {}
     with output.progress() as progress:
-        found = fly_again(rows, verify, own=_own(code or (), rows), progress=progress)
+        found = fly_again(rows, verify, own=own, progress=progress)
     if found.differing:
         for one in found.differing[:_SHOWN]:
             output.warn(one.why)
@@ -173,27 +181,27 @@ def _warn_of(output: Output, rows: Sequence[BenchRow], found: Verification) -> N
 
 
 def _own(code: Sequence[Path], rows: Sequence[BenchRow]) -> dict[str, Choice]:
-    """Return the own planners, policies and estimators of rows that stand in files, by their digests."""
-    from wbf_mission.bench.meaning import own_digest
-    from wbf_mission.own_code import own_choice
-    from wbf_mission.scenario import ScenarioError
+    """Return the own planners, policies and estimators of rows, by their digests.
 
-    found: dict[str, Choice] = {}
+    ResultError if the files and folders do not hold each as it flew.
+    """
+    from wbf_mission.addons.boards.apart import held_by
+    from wbf_mission.results.storage import ResultError
+
+    names = ", ".join(map(str, code))
     wanted = {
         (kind, getattr(row, kind), row.codes[kind])
         for row in rows
         for kind in ("planner", "estimator")
         if kind in row.codes
     }
-    for path in (one for one in code if one.suffix == ".py"):
-        for kind, label, digest in wanted:
-            try:
-                choice = own_choice(f"{path}:{label}", kind)
-            except ScenarioError:
-                continue  # it stands in another of the files
-            if choice is not None and own_digest(choice.made) == digest:
-                found[digest] = choice
-    return found
+    if not wanted:
+        raise ResultError(f"--code {names}: nothing of it flew, all methods are built in; leave it out")
+    files = [file for one in code for file in (sorted(one.rglob("*.py")) if one.is_dir() else [one])]
+    try:
+        return {digest: held_by(files, kind, label, digest) for kind, label, digest in sorted(wanted)}
+    except ResultError as error:
+        raise ResultError(f"--code {names}: {error}; give what flew, or fly it again") from None
 
 
 @options.speaks()
@@ -320,7 +328,8 @@ def verify_command(
 
     The seeds are drawn from the system's randomness, and told when all was flown. The code runs in a process
     of its own that has neither the run nor its files: read it before, and see to it that it can do no harm
-    (a container without network). The exit code is 1 if a method is worse than its rows, or was not flown.
+    (a container without network). The exit code is 1 if a method is worse than its rows, or was not flown, 2
+    if none was.
     """
     import tempfile
 
@@ -339,6 +348,9 @@ def verify_command(
         with tempfile.TemporaryDirectory() as folder, output.progress() as progress:
             unpack_code(read, Path(folder))
             found = fly_fresh(read.rows, Path(folder), environments, progress=progress)
+        if not found.gaps:
+            told = [f"{', '.join(method)}: {why}" for method, why in found.left_out]
+            raise ResultError(f"cannot be flown: {'; '.join(told[:_SHOWN])}")
     except ResultError as error:
         raise ResultError(f"{pack}: {error}") from None
     values = [msgspec.to_builtins(one) | {"verdict": one.verdict} for one in found.gaps]

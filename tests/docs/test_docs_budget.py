@@ -8,7 +8,7 @@ import pytest
 ROOT = Path(__file__).parents[2]
 BUDGET = tomllib.loads((ROOT / ".ci" / "budget.toml").read_text())
 ADDONS = ROOT / "wbf_mission" / "addons"
-BESIDE = {"typescript": ("wbf_mission/web/page/src", "*.ts"), "docs": ("docs", "*.md")}
+BESIDE = {"typescript": ("wbf_mission/addons/web/page/src", "*.ts"), "docs": ("docs", "*.md")}
 
 
 def lines_of(paths):

@@ -14,6 +14,7 @@ from wbf_mission.cli import bench_output, options
 from wbf_mission.cli.help import HelpCommand, HelpGroup
 from wbf_mission.cli.options import option
 from wbf_mission.cli.output import Output
+from wbf_mission.cli.pages import bench_page
 from wbf_mission.exit_codes import ExitCode
 
 if TYPE_CHECKING:
@@ -322,11 +323,10 @@ def report_command(
         msg = f"{folder}: holds no results of a benchmark; give the folder of 'bench run --out'"
         raise ResultError(msg)
     if out is not None:
-        from wbf_mission.web.bench_page import write_bench_page
-
+        write_page = bench_page()
         page = report_page(rows, out, title=f"Benchmark of {len(rows)} runs", asked=read_asked(folder))
         page.write(out / "report.md")
-        write_bench_page(out / "report.html", page, out, rows)
+        write_page(out / "report.html", page, out, rows)
         pictures = [picture.file for section in page.sections for picture in section.pictures]
         files = ["report.md", "report.html", *pictures]
         output.note(f"written: {', '.join(str(out / one) for one in files)}")

@@ -6,6 +6,11 @@ import sys
 from pathlib import Path
 
 import pytest
+from bench_rows import made_row
+
+from wbf_mission.bench.rows import BenchStore
+from wbf_mission.cli import pages
+from wbf_mission.cli.app import main
 
 HIDDEN = Path(__file__).parents[2] / "support" / "core_alone"
 ROOT = Path(__file__).parents[3]
@@ -39,7 +44,7 @@ def test_a_command_works_without_add_ons(tmp_path, command):
     assert done.returncode == 0, done.stderr
 
 
-@pytest.mark.parametrize("command", ["check", "export"])
+@pytest.mark.parametrize("command", ["check", "export", "report", "studio"])
 def test_what_add_ons_bring_is_not_there(tmp_path, command):
     done = run(tmp_path, command)
     assert (done.returncode, "No such command" in done.stderr) == (2, True), done.stderr
@@ -96,6 +101,34 @@ def test_a_vehicle_has_no_files_and_heartbeats_of_other_kinds_are_not_taken_for_
         check=False,
     )
     assert done.stdout.split("\n")[:4] == ["0 []", "fixed-wing rover quad", "True", "True"], done.stderr
+
+
+@pytest.mark.parametrize(
+    ("command", "page"),
+    [
+        ("fly --farm miniberry-10 --planner spiral --connect udpin:127.0.0.1:0 --yes --live 0", "live"),
+        ("bench report rows --out written", "bench"),
+        ("bench replay rows spiral1 --out written", "run"),
+    ],
+)
+def test_a_page_that_no_add_on_brings_is_refused_before_anything_is_done(tmp_path, command, page):
+    store = BenchStore(tmp_path / "rows")
+    store.add(made_row("spiral", 1, [0.5], scenario="WBF/Miniberry-10-v1"))
+    store.close()
+    there = sorted(tmp_path.rglob("*"))
+    done = run(tmp_path, *command.split())
+    told = f"error: no package that is installed brings the page '{page}' (wbf_mission.pages): "
+    assert (done.returncode, done.stderr) == (2, told + "install wbf-mission anew\n")
+    assert sorted(tmp_path.rglob("*")) == there
+
+
+@pytest.mark.parametrize("command", ["bench board no.zip --out written", "bench paper --out written"])
+def test_add_ons_ask_for_pages_as_the_core_does(tmp_path, monkeypatch, capsys, command):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(pages, "entry_points", lambda group: [])
+    assert main(command.split()) == 2
+    assert "brings the page 'bench' (wbf_mission.pages)" in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_every_part_says_on_a_short_page_what_it_is():

@@ -16,6 +16,7 @@ from wbf_mission.cli import bench_output, options
 from wbf_mission.cli.command import Command
 from wbf_mission.cli.options import option
 from wbf_mission.cli.output import Output
+from wbf_mission.cli.pages import bench_page
 from wbf_mission.exit_codes import ExitCode
 
 if TYPE_CHECKING:
@@ -237,6 +238,8 @@ def board_command(
     from wbf_mission.addons.boards.board_page import board_values, short_table
 
     opened = _secret(seal, secret)
+    if out is not None:
+        bench_page()  # None to write: an error before anything is flown
     with output.progress() as progress:
         board = board_of(packs_of(packs), verify=verify, secret=opened, progress=progress)
     if not board.entries:
@@ -271,12 +274,11 @@ def _write(output: Output, board: Board, out: Path) -> None:
 
     from geo.atomic import atomic_write
     from wbf_mission.addons.boards.board_page import board_page, board_values, draw_board
-    from wbf_mission.web.bench_page import write_bench_page
 
     out.mkdir(parents=True, exist_ok=True)
     page = board_page(board, draw_board(board, out))
     page.write(out / "board.md")
-    write_bench_page(out / "board.html", page, out)
+    bench_page()(out / "board.html", page, out)
     with atomic_write(out / "board.json", "wb") as file:
         file.write(msgspec.json.format(msgspec.json.encode(board_values(board))) + b"\n")
     output.note(f"written: {out / 'board.md'}, {out / 'board.html'}, {out / 'board.json'}")

@@ -36,6 +36,7 @@ def run(folder, *words):
         "bench run --scenarios WBF/Miniberry-10-v1 --planners spiral --estimators point --seeds 1 --out rows",
         "check-policy greedy",
         "vehicle list",
+        "bench list",
     ],
 )
 def test_a_command_works_without_add_ons(tmp_path, command):
@@ -54,6 +55,59 @@ def test_files_of_add_ons_are_of_no_known_format(tmp_path):
     assert done.returncode == 2
     said = " ".join(done.stderr.split())
     assert "missions are read from .plan, .waypoints, .wpl, .txt, .fen, .ral or .json" in said
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        "vehicle show wing",
+        "plan --farm miniberry-10 --vehicle rover",
+        "sim --vehicle fixed-wing",
+        "vehicle show mine.toml",
+        "bench run --scenarios WBF/Miniberry-100-Mixed-v1 --planners spiral --seeds 1 --out rows",
+    ],
+)
+def test_a_vehicle_of_an_add_on_is_refused_in_one_line_that_names_it(tmp_path, words):
+    (tmp_path / "mine.toml").write_text('kind = "rover"\n')
+    done = run(tmp_path, *words.split())
+    assert (done.returncode, done.stdout) == (2, ""), done.stderr
+    assert done.stderr.startswith("error: ") and done.stderr.count("\n") == 1
+    assert "fixed-wing (wbf_mission.addons.wings), rover (wbf_mission.addons.rovers)" in done.stderr
+
+
+VEHICLES = """
+from mission.link.codec.dialect import mavlink as m
+from mission.model import GeoPoint
+from mission.transfer.vehicles import Vehicle
+from sim_vehicle.airframe.catalog import get_vehicle
+from sim_vehicle.airframe.kind import kind_of_type
+from sim_vehicle.errors import VehicleError
+from sim_vehicle.mavlink import SimVehicle
+from wbf_mission.live.discovery import typical_vehicle
+
+vehicle = SimVehicle(get_vehicle("quad"), GeoPoint(28.05, -82.15, 10.0))
+(version,) = vehicle.built(m.MAVLINK_MSG_ID_AUTOPILOT_VERSION)
+ftp = m.MAVLink_file_transfer_protocol_message(0, 1, 1, [0] * 251)
+print(version.capabilities & m.MAV_PROTOCOL_CAPABILITY_FTP, vehicle.receive(ftp, 1.0))
+print(kind_of_type(1), kind_of_type(10), typical_vehicle(Vehicle(1, 1, 12, 2)))
+for mav_type in (1, 10):
+    try:
+        print(typical_vehicle(Vehicle(1, 1, 12, mav_type)))
+    except VehicleError as error:
+        print("not installed" in str(error))
+"""
+
+
+def test_a_vehicle_has_no_files_and_heartbeats_of_other_kinds_are_not_taken_for_multirotors():
+    path = os.pathsep.join(map(str, (HIDDEN, ROOT)))
+    done = subprocess.run(
+        [sys.executable, "-c", VEHICLES],
+        env={**os.environ, "PYTHONPATH": path},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.stdout.split("\n")[:4] == ["0 []", "fixed-wing rover quad", "True", "True"], done.stderr
 
 
 @pytest.mark.parametrize(

@@ -27,13 +27,11 @@ class SupersededError(WbfMissionError, RuntimeError):
 
 
 class NewestOnly(Generic[T]):
-    """Runs one job at a time in a thread of its own; a newer one takes its place.
+    """One job at a time in a thread of its own; a newer one takes its place.
 
-    Who waits for the older job gets an error at once. Its thread ends at its next report of progress;
-    the newer job waits for that for `PATIENCE_S` seconds at most.
+    The caller of the older job gets an error at once; its thread ends at its next report of progress, for
+    which the newer job waits `PATIENCE_S` seconds at most.
 
-    Examples
-    --------
     >>> NewestOnly[int]().do("a sum", lambda progress: 3 + 4)
     7
     """

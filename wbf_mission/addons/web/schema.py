@@ -1,19 +1,21 @@
-"""What a page is told and what it asks: `page/src/schema.ts` in Python, name by name (a test compares them).
+"""Messages between the server and a page; `page/src/schema.ts` is made of them by tools/write_page_schema.py.
 
-Times are seconds since the run began, places metres of the farm frame; `schema.ts` says what each part means.
-What is not finite is null.
+A page gets an `Update` with everything when it connects, then with what is new since. Times are seconds since
+the run began, places metres of the farm frame. What is not finite is null.
 """
 
 from __future__ import annotations
 
-from typing import Annotated, Any, TypeAlias
+from typing import Annotated, Any, Literal, TypeAlias
 
 import msgspec
 from msgspec import UNSET, Meta, Struct, UnsetType
 
 Ring: TypeAlias = list[float]
-"""Points, x and y in turn."""
+"""Points, x and y in turn: [x0, y0, x1, y1, ...]."""
 Numbers: TypeAlias = list[float | None]
+LayerName: TypeAlias = str
+"""Layers are named "value/FIELD", "uncertainty/FIELD", "truth/FIELD" or "acquisition"."""
 
 
 def _as_text(value: Any) -> Any:
@@ -52,19 +54,19 @@ class ObstacleShape(Struct):
     """An obstacle or a no-fly zone."""
 
     name: str
-    height_m: float | None
+    height_m: float | None  # None for a no-fly zone, or an obstacle that is too high to be flown over
     rings: list[Ring]
 
 
 class FarmShape(Struct):
-    """The land, in the order of painting."""
+    """The land."""
 
     name: str
     georeference: Georeference
     width_m: float
     height_m: float
     home_m: tuple[float, float]
-    patches: list[PatchShape]
+    patches: list[PatchShape]  # In the order of painting: later ones lie over earlier ones
     obstacles: list[ObstacleShape]
     rally_m: list[tuple[float, float]]
 
@@ -74,32 +76,35 @@ class FieldInfo(Struct):
 
     name: str
     title: str
-    kind: str
+    kind: Literal["disease", "continuous", "measured"]
     unit: str
-    range: tuple[float, float]
+    range: tuple[float, float]  # What 0 and 1 stand for
     colours: tuple[str, ...]
+    """Two or more, "#rrggbb", from 0 to 1; none where they are those of its kind, which the page has."""
 
 
 class Raster(Struct):
-    """The pixels of all layers."""
+    """The pixels of all layers: means of the owner's cells that grow what the field concerns."""
 
     width: int
-    height: int
+    height: int  # Pixels along x and y; pixel (0, 0) is at the frame's origin
     pixel_m: float
-    cells: int
-    tile: int
+    cells: int  # Along a side of a pixel
+    tile: int  # Pixels along a side of a tile
 
 
 class Tile(Struct):
-    """Pixels of a part of a layer."""
+    """Pixels of a part of a layer, in place of its tile there; a part that never came holds nothing."""
 
-    layer: str
+    layer: LayerName
     x: int
-    y: int
+    y: int  # It begins at pixel (x * tile, y * tile); those at the far borders are cut off by them
     data: str
+    """A byte a pixel, row by row from the bottom up: 0 to 254 for 0 to the layer's scale, 255 where there is
+    nothing; packed by zlib, in base64."""
 
 
-class Vehicle(Struct):
+class VehicleInfo(Struct):
     """A vehicle that takes part."""
 
     system_id: int
@@ -123,14 +128,14 @@ class Plan(Struct):
     time_s: float
     path: Ring
     fence: list[FenceShape]
-    items: list[str]
+    items: list[str]  # In words, in the order of the mission's items
     duration_s: float | None
     length_m: float | None
     coverage: float | None
 
 
 class States(Struct):
-    """States of one vehicle as columns."""
+    """States of one vehicle as columns, one entry for each moment."""
 
     time_s: list[float]
     day: list[int]
@@ -157,10 +162,11 @@ class Readings(Struct):
     x: list[float]
     y: list[float]
     values: dict[str, Numbers]
+    """By field, null where the camera told nothing, and where none of the field's crops grows."""
 
 
 class Scores(Struct):
-    """Estimates and what they cost, as columns."""
+    """Estimates as columns; the losses by field."""
 
     time_s: list[float]
     day: list[int]
@@ -188,7 +194,7 @@ class Change(Struct):
 
 
 class Decision(Struct):
-    """What a policy answered."""
+    """An answer of a policy, in place of one with its number: outcomes change while it is carried out."""
 
     number: int
     time_s: float
@@ -198,7 +204,7 @@ class Decision(Struct):
     reason: str
     refused: str
     compute_s: float
-    candidates: list[Candidate]
+    candidates: list[Candidate]  # The best first
     changes: list[Change]
 
 
@@ -206,7 +212,7 @@ class Said(Struct):
     """A line of a vehicle's or of the program's."""
 
     time_s: float
-    system_id: int
+    system_id: int  # 0 for a note of the program's own
     severity: int
     text: str
 
@@ -235,7 +241,7 @@ class Status(Struct):
     reason: str
     progress: Progress | None
     question: Question | None
-    orders: tuple[str, ...]
+    orders: tuple[str, ...]  # Orders that this page may give; none where it only shows
 
 
 class Run(Struct):
@@ -249,7 +255,7 @@ class Run(Struct):
     farm: FarmShape | None
     fields: list[FieldInfo]
     raster: Raster | None
-    vehicles: list[Vehicle]
+    vehicles: list[VehicleInfo]
 
 
 class Background(Struct):
@@ -265,21 +271,27 @@ class Reply(Struct):
 
     order: str
     error: str
-    number: int = 0
+    number: int
 
 
 class Beat(Struct):
     """A sign of life of the program, once a second, after all that was new."""
 
-    time_s: float
+    time_s: float  # On the program's own clock, since this page was connected
     silent_s: dict[str, float]
+    """Age of each vehicle's newest state, by system id; of none in a simulation, whose time may stand."""
 
 
 class Update(Struct, omit_defaults=True):
-    """What is new; what is missing did not change."""
+    """What is new; what is missing did not change.
+
+    Lists and columns are appended; the others replace what there is (`tiles`, `decisions` each its own kind).
+    """
 
     time_s: float
     restart: list[str] | UnsetType = UNSET
+    """Emptied before the rest is taken: "plans", "said", "decisions", "scores", "states/SYSTEM_ID", whose
+    older rows were thinned out; "tiles", all layers and their scales."""
     run: Run | UnsetType = UNSET
     plans: list[Plan] | UnsetType = UNSET
     states: dict[str, States] | UnsetType = UNSET
@@ -288,7 +300,8 @@ class Update(Struct, omit_defaults=True):
     decisions: list[Decision] | UnsetType = UNSET
     said: list[Said] | UnsetType = UNSET
     tiles: list[Tile] | UnsetType = UNSET
-    scales: dict[str, float] | UnsetType = UNSET
+    scales: dict[LayerName, float] | UnsetType = UNSET
+    """What 254 stands for, by layer; all of them with every update that has tiles."""
     status: Status | UnsetType = UNSET
     background: Background | UnsetType | None = UNSET
     reply: Reply | UnsetType = UNSET
@@ -309,13 +322,13 @@ class Moment(Struct):
     day: int
     observations: int
     tiles: list[Tile]
-    scales: dict[str, float]
+    scales: dict[LayerName, float]  # What 254 stands for in its tiles
 
 
 class Recording(Update, kw_only=True):
-    """A finished run in a page of its own."""
+    """A finished run in a page of its own: all of it, and the layers as they were at some moments."""
 
-    moments: list[Moment]
+    moments: list[Moment]  # In the order of their times; tiles of each replace those of the ones before
 
 
 Positive: TypeAlias = Annotated[float, Meta(ge=0.0, le=1e9)]
@@ -325,7 +338,7 @@ Number: TypeAlias = Annotated[int, Meta(ge=1, le=2**53)]
 class Given(Struct, forbid_unknown_fields=True):
     """The time of a request: the newest beat of the page, and the seconds since then on its own clock."""
 
-    number: Number
+    number: Number  # Greater than those before: each request counts once
     beat_s: Positive
     after_s: Positive
 

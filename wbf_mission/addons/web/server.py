@@ -62,16 +62,14 @@ _TYPES = {"html": "text/html", "js": "text/javascript", "css": "text/css", "txt"
 
 
 class LiveServer:
-    """Serves pages that show a view; a context manager that listens from its beginning to its end.
+    """Server of the pages of a view, as a context manager.
 
-    The caller lets `view` listen to the run's events. `host` other than this machine's own needs `token`,
-    which `url` holds: by default a random one. Without `orders` pages only show. `tiles` are shown behind the
-    farm. `routes` are served, too, behind the guard (`wbf_mission.addons.web.guard`): their paths may be any
-    but "/live", "/beats" and "/tiles/...", and they limit the bodies that they read. `home` is the page of
-    ``static/`` at "/". MapTilesError if the tiles cannot be used; by `with` LinkError if the port is taken.
+    The caller lets `view` listen to the run's events. Any `host` but this machine's own needs `token`, by
+    default a random one, which `url` holds. Without `orders` pages only show. `tiles` are behind the farm.
+    `routes` stand behind the guard (`wbf_mission.addons.web.guard`) under any path but "/live", "/beats" and
+    "/tiles/..."; they limit the bodies that they read. `home` is the page of ``static/`` at "/".
+    MapTilesError if the tiles cannot be used; by `with` LinkError if the port is taken.
 
-    Examples
-    --------
     >>> with LiveServer(View()) as server:
     ...     server.url.startswith("http://127.0.0.1:")
     True
@@ -239,16 +237,16 @@ class LiveServer:
     def _ask(self, text: str | None, visit: _Visit) -> Reply:
         """Hand a page's request on, once and while it is fresh; return the reply."""
         if self._orders is None:
-            return Reply("", "this page only shows: orders are not allowed")
+            return Reply("", "this page only shows: orders are not allowed", 0)
         try:
             # Its fields first, so that an error is about the kind of request that is meant.
             fields = msgspec.json.decode(text or "", type=dict[str, msgspec.Raw])
             kind: type[Answer | Order] = Answer if "answer" in fields else Order
             given = msgspec.json.decode(text or "", type=kind)
         except msgspec.ValidationError as error:
-            return Reply("", f"no request: {misfit(error)}")
+            return Reply("", f"no request: {misfit(error)}", 0)
         except (msgspec.DecodeError, RecursionError):
-            return Reply("", "no request: it is no JSON")
+            return Reply("", "no request: it is no JSON", 0)
         name, number = given.order if isinstance(given, Order) else "answer", given.given.number
         age_s, refused = visit.age_of(given.given)
         if refused:

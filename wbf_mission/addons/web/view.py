@@ -127,18 +127,13 @@ class _Readings:
 
 
 class View:
-    """What a page shows of a run: a listener of its events.
+    """The state of a run as pages show it: a listener of its events.
 
-    `take` is called by the threads of the run and is quick; `update` by who shows it, at any time and for any
-    number of viewers: the run does not wait for them, and nothing is kept for them. A viewer that asks seldom
-    is told more at once.
+    The run's threads call `take`, which is quick; any number of viewers call `update` at any time, and
+    nothing is kept for them. Estimates are drawn in at most `share` of the wall time (1 draws every one), the
+    last one of a flight always. Layers have at most `longest` pixels along the farm's longer side. `clock`
+    measures the age of vehicles' states.
 
-    Drawing estimates takes at most `share` of the wall time: those that come too soon are left out, but for
-    the last one of a flight; 1 draws every one. Layers have at most `longest` pixels along the farm's longer
-    side. The age of vehicles' states is measured by `clock`.
-
-    Examples
-    --------
     >>> view = View()
     >>> view.take(events.Noted("the vehicle is heard"))
     >>> update, cursor = view.update(None)
@@ -342,7 +337,7 @@ class View:
                 farm=None if farm is None else farm_shape(farm),
                 fields=[_field(one) for one in self._fields],
                 raster=None if layers is None else layers.raster,
-                vehicles=[schema.Vehicle(one.system_id, one.name, one.kind) for one in event.vehicles],
+                vehicles=[schema.VehicleInfo(one.system_id, one.name, one.kind) for one in event.vehicles],
             )
             with self._lock:
                 if anew:

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import json
 import math
-import re
 import subprocess
 import sys
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import msgspec
@@ -17,6 +15,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from viewer import Viewer
+from write_page_schema import SOURCE, TYPES, typescript
 
 from geo import Farm
 from geo.farms import get_farm
@@ -29,7 +28,7 @@ from sensors.observations import Observations
 from sensors.scoring.information import InformationModel
 from sensors.scoring.score import Score
 from sensors.scoring.tiles import tile_shape
-from wbf_mission.addons.web import schema, view
+from wbf_mission.addons.web import view
 from wbf_mission.addons.web.view import View
 from wbf_mission.events import (
     Asked,
@@ -51,7 +50,6 @@ from wbf_mission.events import (
 )
 from wbf_mission.replanning.record import DecisionRecord, PathChange
 
-TYPES = Path(schema.__file__).parent / "page" / "src" / "schema.ts"
 FARM = get_farm("miniberry-10")
 SHAPE = FARM.width_cells, FARM.height_cells
 
@@ -90,21 +88,8 @@ def expected_bytes(farm: Farm, value: np.ndarray, field: str, cells: int, scale:
     return expected
 
 
-def test_the_structs_have_the_names_of_the_pages_types() -> None:
-    types = {}
-    for name, body in re.findall(
-        r"^export interface (\w+)(?: extends \w+)? \{\n(.*?)^\}", TYPES.read_text(), re.M | re.S
-    ):
-        body = re.sub(r"/\*\*.*?\*/", "", body, flags=re.S)
-        types[name] = set(re.findall(r"^  (\w+)\??:", body, re.M))
-    renamed = {"VehicleInfo": "Vehicle"}
-    for name, names in types.items():
-        struct = getattr(schema, renamed.get(name, name))
-        own = set(struct.__struct_fields__)
-        if name == "Recording":
-            own -= set(schema.Update.__struct_fields__)
-        assert own == names, name
-    assert len(types) > 15
+def test_the_pages_types_are_made_of_the_structs() -> None:
+    assert TYPES.read_text() == typescript(SOURCE.read_text()), "run python tools/write_page_schema.py"
 
 
 @pytest.mark.parametrize(("name", "longest"), [("miniberry-10", 1024), ("miniberry-100", 1024)])

@@ -1,8 +1,8 @@
 // Orders to vehicles, where this page may give them, and the answers to what the operator is asked.
 import { button, element, setText } from "./dom.js";
 import type { Model } from "./model.js";
-import type { Said, Wish } from "./schema.js";
-import type { Send } from "./source.js";
+import type { Said } from "./schema.js";
+import type { Send, Wish } from "./source.js";
 import { capital } from "./text.js";
 import { WARNS } from "./messages.js";
 

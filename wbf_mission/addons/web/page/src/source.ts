@@ -9,7 +9,7 @@
 // A page has, in its body: <section id="summary"> (optional, above: any HTML, it is printed), and
 // <div id="app">, in which the view is built. It loads page.css and, deferred, live.js.
 import type { Heart, Link } from "./heart.js";
-import type { Recording, Request, Update, Wish } from "./schema.js";
+import type { Answer, Order, Recording, Update } from "./schema.js";
 import { inflate } from "./tiles.js";
 
 const LONGEST_WAIT_MS = 5000;
@@ -21,6 +21,9 @@ export interface Receiver {
   /** The connection is another one (`Heart.link`). */
   linked(): void;
 }
+
+/** An order to vehicles, or the answer to a question, without the time at which it is given. */
+export type Wish = Omit<Order, "given"> | Omit<Answer, "given">;
 
 /** Sends a wish at once, and returns its number; null where it cannot be sent: nothing is sent later. */
 export type Send = (wish: Wish) => number | null;
@@ -86,7 +89,7 @@ function connect(path: "live" | "beats", receiver: Receiver, heart: Heart): Send
   begin();
   return (wish) => {
     if (socket.readyState !== WebSocket.OPEN || !heart.isFresh) return null;
-    const request: Request = { ...wish, given: heart.give() };
+    const request: Order | Answer = { ...wish, given: heart.give() };
     socket.send(JSON.stringify(request));
     return request.given.number;
   };

@@ -50,14 +50,13 @@ def compile_notices(listener: Callable[[str], None]) -> Iterator[None]:
 def compiled(function: _Function) -> _Function: ...
 @overload
 def compiled(
-    *, inline: _Inline = "never", nogil: bool = False, fastmath: bool = False, allocates: bool = True
+    *, inline: _Inline = "never", nogil: bool = False, allocates: bool = True
 ) -> Callable[[_Function], _Function]: ...
 def compiled(
     function: Any = None,
     *,
     inline: _Inline = "never",
     nogil: bool = False,
-    fastmath: bool = False,
     allocates: bool = True,
 ) -> Any:
     """Compile a function at its first call (`numba.njit`), and keep the result for the next process.
@@ -75,14 +74,12 @@ def compiled(
         code, for large functions called at few places (a call hands over five to ten numbers an array).
     nogil : bool
         Whether other threads run meanwhile.
-    fastmath : bool
-        Whether sums may be reordered.
     allocates : bool
         Whether it makes arrays. A function that makes none skips counting the users of its arrays, an atomic
         operation each; compiling fails if it makes one all the same.
     """
     if function is None:
-        return partial(compiled, inline=inline, nogil=nogil, fastmath=fastmath, allocates=allocates)
+        return partial(compiled, inline=inline, nogil=nogil, allocates=allocates)
     from numba import njit
 
     # All are given: an option left out is that of the caller for which the function is first compiled.
@@ -90,7 +87,7 @@ def compiled(
         "inline": "always" if inline == "always" else "never",
         "forceinline": inline == "late",
         "nogil": nogil,
-        "fastmath": fastmath,
+        "fastmath": False,  # The same sums on every processor
         "_nrt": allocates,
     }
     dispatcher: Any = njit(**options)(function)

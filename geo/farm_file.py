@@ -135,39 +135,37 @@ def _farm_of(document: Document, default_name: str, crop: str | None, *, repair:
     # The layers of a file each have a Coordinates object of their own, with the same note.
     notes.extend(filter(None, dict.fromkeys(crs.accuracy_note() for crs in systems)))
     features = _completed(features, crop, notes)
-    patches = [feature for feature in features if not feature.obstacle]
-    if not patches:
+    fields = [feature for feature in features if not feature.obstacle]
+    if not fields:
         raise FarmError("has obstacles only, no patch with a crop")
-    owner = text_member(members, "owner", str(patches[0].owner), "the farm")
-    frame, origin_given = _frame(document, patches)
-    polygons = [_polygon(feature, frame) for feature in features]
-    bounds = shapely.total_bounds(
-        [polygon for feature, polygon in zip(features, polygons, strict=True) if not feature.obstacle]
+    owner = text_member(members, "owner", str(fields[0].owner), "the farm")
+    frame, origin_given = _frame(document, fields)
+    polygons = [(feature, _polygon(feature, frame)) for feature in features]
+    patches = tuple(
+        Patch(feature.name, str(feature.crop), str(feature.owner), polygon)
+        for feature, polygon in polygons
+        if not feature.obstacle
     )
+    obstacles = tuple(
+        Obstacle(polygon, feature.height_m, feature.margin_m, feature.name)
+        for feature, polygon in polygons
+        if feature.obstacle
+    )
+    bounds = shapely.total_bounds([patch.polygon for patch in patches])
     cell_size_m = _cell_size(members, bounds, notes)
     if origin_given:
-        for feature, polygon in zip(features, polygons, strict=True):
+        for feature, polygon in polygons:
             if not feature.obstacle and min(polygon.bounds[:2]) < -_ORIGIN_SLACK_M:
                 msg = f'{feature.where}: reaches beyond the farm\'s "origin" to the south or west of the grid'
                 raise FarmError(msg)
     width, height = _size(members, bounds[2] / cell_size_m, bounds[3] / cell_size_m, cell_size_m)
-    _check_detail(polygons, cell_size_m)
-    kept = tuple(
-        Patch(feature.name, str(feature.crop), str(feature.owner), polygon)
-        for feature, polygon in zip(features, polygons, strict=True)
-        if not feature.obstacle
-    )
-    if all(patch.owner != owner for patch in kept):
-        owners = ", ".join(sorted({repr(patch.owner) for patch in kept})[:8])
+    _check_detail([polygon for _, polygon in polygons], cell_size_m)
+    if all(patch.owner != owner for patch in patches):
+        owners = ", ".join(sorted({repr(patch.owner) for patch in patches})[:8])
         raise FarmError(f"no feature belongs to the owner {owner!r}; the owners are {owners}")
-    obstacles = tuple(
-        Obstacle(polygon, feature.height_m, feature.margin_m, feature.name)
-        for feature, polygon in zip(features, polygons, strict=True)
-        if feature.obstacle
-    )
     rally = _rally(document, places, frame)
     rally_m = tuple(frame.from_wgs84(latitude_deg, longitude_deg) for longitude_deg, latitude_deg in rally)
-    farm = Farm(name, frame, width, height, kept, owner, (0.0, 0.0), cell_size_m, obstacles, rally_m)
+    farm = Farm(name, frame, width, height, patches, owner, (0.0, 0.0), cell_size_m, obstacles, rally_m)
     if home is None:
         nearest = shapely.shortest_line(farm.owner_area, shapely.Point(0.0, 0.0))
         latitude_deg, longitude_deg = frame.to_wgs84(*(nearest.coords[0] if nearest else (0.0, 0.0)))
@@ -178,6 +176,7 @@ def _farm_of(document: Document, default_name: str, crop: str | None, *, repair:
 
 
 def _contents(document: Document, *, repair: bool) -> tuple[list[Feature], list[Place]]:
+    """Return the features and places of a file, with notes on what is left out."""
     features: list[Feature] = []
     places: list[Place] = []
     vertices = 0
@@ -313,8 +312,7 @@ def _near(
 def _reach_m(frame: LocalFrame, latitude_deg: Any, longitude_deg: Any) -> float:
     if np.abs(latitude_deg).max() > 90.0:
         return math.inf
-    x_m, y_m = frame.from_wgs84(latitude_deg.copy(), longitude_deg.copy())
-    return float(np.max(np.hypot(x_m, y_m)))
+    return float(np.max(np.hypot(*frame.from_wgs84(latitude_deg, longitude_deg))))
 
 
 def _frame(document: Document, patches: list[Feature]) -> tuple[LocalFrame, bool]:
@@ -333,17 +331,14 @@ def _frame(document: Document, patches: list[Feature]) -> tuple[LocalFrame, bool
     frame = LocalFrame(float(points[0, 1]), float(points[0, 0]), altitude_m, rotation_deg)
     # North turns with the origin (meridian convergence): four rounds from corner to corner converge.
     for _ in range(4):
-        x_m, y_m = frame.from_wgs84(points[:, 1].copy(), points[:, 0].copy())
+        x_m, y_m = frame.from_wgs84(points[:, 1], points[:, 0])
         latitude_deg, longitude_deg = frame.to_wgs84(float(x_m.min()), float(y_m.min()))
         frame = LocalFrame(latitude_deg, longitude_deg, altitude_m, rotation_deg)
     return frame, False
 
 
 def _polygon(feature: Feature, frame: LocalFrame) -> shapely.Polygon:
-    rings = []
-    for ring in feature.rings:
-        x_m, y_m = frame.from_wgs84(ring[:, 1].copy(), ring[:, 0].copy())
-        rings.append(np.column_stack([x_m, y_m]))
+    rings = [np.column_stack(frame.from_wgs84(ring[:, 1], ring[:, 0])) for ring in feature.rings]
     polygon = shapely.Polygon(rings[0], rings[1:])
     if not shapely.is_valid(polygon):
         reason = re.sub(
@@ -388,10 +383,8 @@ def _size(members: dict[str, Any], right: float, top: float, cell_size_m: float)
 
 def _check_detail(polygons: list[shapely.Polygon], cell_size_m: float) -> None:
     """Refuse polygons whose edges cross so many columns of cells that painting them would take minutes."""
-    steps = 0.0
-    for polygon in polygons:
-        x = shapely.get_coordinates(polygon)[:, 0]
-        steps += float(np.abs(np.diff(x)).sum()) / cell_size_m
+    columns = (np.abs(np.diff(shapely.get_coordinates(polygon)[:, 0])).sum() for polygon in polygons)
+    steps = float(sum(columns)) / cell_size_m
     if steps > _MAX_RASTER_STEPS:
         msg = f"the polygons are too detailed: their edges cross {steps:.3g} columns of cells; simplify them"
         raise FarmError(msg)

@@ -127,7 +127,7 @@ def _built_in(name: str) -> Farm:
     latitude_deg, (width, height), home, patches = _FARMS[name]
     made = []
     for patch, crop, owner, corners in patches:
-        # Rounded to a millionth of a cell, as rasterise rounds: arcs end at the same corners everywhere.
+        # Rounded, as other libraries of C have other last bits of sines.
         corners_m = [(round(x, 6) * FOOT_M, round(y, 6) * FOOT_M) for x, y in corners]
         made.append(Patch(patch, Crop(crop), owner, shapely.Polygon(corners_m)))
     return Farm(

@@ -174,13 +174,13 @@ class _DegreesOf:
 
     def __init__(self, farm: Farm) -> None:
         self._frame = farm.frame
-        known = farm.degrees.copy()
-        x_m, y_m = self._frame.from_wgs84(known[:, 1].copy(), known[:, 0].copy())
+        known = farm.degrees
+        x_m, y_m = self._frame.from_wgs84(known[:, 1], known[:, 0])
         self._known = dict(zip(zip(x_m.tolist(), y_m.tolist(), strict=True), known.tolist(), strict=True))
 
     def __call__(self, *places_m: Sequence[float]) -> list[list[float]]:
         places = np.array(places_m)
-        latitude_deg, longitude_deg = self._frame.to_wgs84(places[:, 0].copy(), places[:, 1].copy())
+        latitude_deg, longitude_deg = self._frame.to_wgs84(places[:, 0], places[:, 1])
         made = np.column_stack([longitude_deg, latitude_deg]).tolist()
         return [self._known.get((x, y), new) for (x, y), new in zip(places.tolist(), made, strict=True)]
 

@@ -15,8 +15,6 @@ import psutil
 
 from geo.errors import WbfMissionError
 
-_UNLIMITED = 1 << 60  # Version 1 writes 2^63 less a page
-
 
 class NotEnoughMemoryError(WbfMissionError, MemoryError):
     """A task that would not fit into memory; its text gives the memory that it needs."""
@@ -122,7 +120,7 @@ def _groups(
     own = PurePosixPath(path.lstrip("/"))
     for group in (own, *own.parents):
         limit, usage = _text(base / group / limit_file).strip(), _text(base / group / usage_file).strip()
-        if not (limit.isdecimal() and usage.isdecimal()) or int(limit) >= _UNLIMITED:
+        if not (limit.isdecimal() and usage.isdecimal()):  # "max", or no such group
             continue
         statistics = dict(line.split() for line in _text(base / group / "memory.stat").splitlines())
         free = int(limit) - max(0, int(usage) - int(statistics.get(reclaimable, 0)))

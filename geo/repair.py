@@ -93,12 +93,12 @@ def _frame(ring: NDArray[np.float64]) -> LocalFrame:
 
 
 def _metres(ring: NDArray[np.float64], frame: LocalFrame) -> NDArray[np.float64]:
-    return np.column_stack(frame.from_wgs84(ring[:, 1].copy(), ring[:, 0].copy()))
+    return np.column_stack(frame.from_wgs84(ring[:, 1], ring[:, 0]))
 
 
 def _degrees(ring: shapely.LinearRing, frame: LocalFrame) -> NDArray[np.float64]:
     xy = shapely.get_coordinates(ring)
-    latitude_deg, longitude_deg = frame.to_wgs84(xy[:, 0].copy(), xy[:, 1].copy())
+    latitude_deg, longitude_deg = frame.to_wgs84(xy[:, 0], xy[:, 1])
     positions = np.column_stack([longitude_deg, latitude_deg])
     positions[-1] = positions[0]
     return positions

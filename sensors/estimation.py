@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -93,15 +94,14 @@ class RunEstimate:
         self.every = max(1, every)
         self.day = day
         self._ready = ready
-        self.told: Callable[[float, InformationModel], None] = (
-            _nobody  # Takes each scored time with the model
-        )
+        # Takes each scored time with the model
+        self.told: Callable[[float, InformationModel], None] = lambda _time_s, _model: None
         self._seen = 0
         self._seen_before = 0
         self._held: list[Observations] = []
         self._given = 0
         self._worker = ThreadPoolExecutor(1, "estimate")
-        self._waiting: deque[Future[None]] = deque()
+        self._waiting: deque[Future[Any]] = deque()
 
     def add(self, parts: Sequence[Observations], offset_s: float = 0.0) -> None:
         """Take observations; what is seen up to a time that is scored is learned then."""
@@ -121,10 +121,25 @@ class RunEstimate:
     def current(self) -> InformationModel:
         """Wait for all that was added, and return what is believed then, in the estimator's own arrays."""
         self._catch_up()
-        begin = time.perf_counter()
-        model = believed(self.estimator)
-        self.estimate_s += time.perf_counter() - begin
-        return model
+        return self._believed()
+
+    def snapshot(self) -> Future[InformationModel]:
+        """Return, at once, what is going to be believed after all that was added, in arrays of its own.
+
+        The estimate's own thread makes it, in its turn: who waits for it in another thread meets neither the
+        estimator nor what is learned after it.
+        """
+        self._hand_over()
+        before = tuple(self._waiting)
+
+        def take() -> InformationModel:
+            for done in before:
+                done.result()
+            with attribute_errors_to(self.estimator):
+                return self._believed().copy()
+
+        self._waiting.append(taken := self._worker.submit(take))
+        return taken
 
     def begin_day(self, day: int, truth: NDArray[np.float32], time_s: float) -> None:
         """Go on to another day; score against its truth what is believed before anything is seen of it."""
@@ -179,21 +194,21 @@ class RunEstimate:
         if score_at_s is not None:
             self._evaluate(score_at_s)
 
-    def _evaluate(self, time_s: float) -> None:
+    def _believed(self) -> InformationModel:
         begin = time.perf_counter()
-        self.model = believed(self.estimator)
-        middle = time.perf_counter()
+        model = believed(self.estimator)
+        self.estimate_s += time.perf_counter() - begin
+        return model
+
+    def _evaluate(self, time_s: float) -> None:
+        self.model = self._believed()
+        begin = time.perf_counter()
         self.history.entries.append(self._score.add(self.model))
         self.history.times_s.append(time_s)
         self.history.observations.append(self._seen)
         self.history.days.append(self.day)
-        self.estimate_s += middle - begin
-        self.score_s += time.perf_counter() - middle
+        self.score_s += time.perf_counter() - begin
         self.told(time_s, self.model)
-
-
-def _nobody(_time_s: float, _model: InformationModel) -> None:
-    """Tell nobody."""
 
 
 @contextmanager
@@ -263,6 +278,10 @@ class Evidence:
         if self.estimate is not None:
             return self.estimate.current()
         return InformationModel.unknown(self.farm.grid().shape, self.fields)
+
+    def snapshot(self) -> Callable[[], InformationModel]:
+        """Return what gives that model as it is now, in any thread and however much is learned meanwhile."""
+        return self.model if self.estimate is None else self.estimate.snapshot().result
 
 
 def prepare_days(

@@ -65,18 +65,6 @@ def test_waterberry() -> None:
     assert grid.planted.sum() == 12_000_000 - pond - grid.of_crops([Crop.WETLAND]).sum()
 
 
-def test_waterberry_against_shapely_on_random_cells() -> None:
-    waterberry = get_farm("waterberry")
-    grid = waterberry.grid()
-    rng = np.random.default_rng(5)
-    ix, iy = rng.integers(0, 6000, 3000), rng.integers(0, 5000, 3000)
-    expected = np.zeros(3000, int)
-    for patch in waterberry.patches:
-        polygon = shapely.transform(patch.polygon, lambda xy: np.round(xy / FOOT_M, 6))
-        expected[shapely.intersects_xy(polygon, ix + 0.5, iy + 0.5)] = waterberry.crops.index(patch.crop)
-    np.testing.assert_array_equal(grid.crop[ix, iy], expected)
-
-
 def test_waterberry_areas() -> None:
     waterberry = get_farm("waterberry")
     # Arcs are rounded: another library of C has other last bits of sines.

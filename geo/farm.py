@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, overload
+from typing import TYPE_CHECKING, Any, TypeAlias, overload
 
 import numpy as np
 import shapely
@@ -19,6 +19,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from geo.frame import LocalFrame
+
+Land: TypeAlias = shapely.Polygon | shapely.MultiPolygon
 
 MAX_CELLS = 200_000_000
 """The largest grid that is accepted: six times Waterberry; a map of it takes 0.4 GB."""
@@ -151,9 +153,9 @@ class Farm:
             raise FarmError(f"farm {self.name!r}: no patch belongs to the owner {self.owner!r}")
 
     @cached_property
-    def owner_area(self) -> shapely.Polygon | shapely.MultiPolygon:
+    def owner_area(self) -> Land:
         """The owner's land, ponds and wetlands included, metres."""
-        return self._land(frozenset(self.crops))
+        return self.crop_area(*self.crops)
 
     @cached_property
     def crops(self) -> tuple[str, ...]:
@@ -181,13 +183,11 @@ class Farm:
         return replace(self, scouted=scouted, notes=tuple(notes))
 
     @cached_property
-    def scouted_area(self) -> shapely.Polygon | shapely.MultiPolygon:
+    def scouted_area(self) -> Land:
         """The owner's land with scouted crops, less obstacles, metres."""
         return self.without_obstacles(self.crop_area(*(self.scouted or self.grown)))
 
-    def without_obstacles(
-        self, area: shapely.Polygon | shapely.MultiPolygon
-    ) -> shapely.Polygon | shapely.MultiPolygon:
+    def without_obstacles(self, area: Land) -> Land:
         """Return an area less the outlines of the obstacles, whatever their heights, metres."""
         if not self.obstacles:
             return area
@@ -212,11 +212,8 @@ class Farm:
         """The number of cells to be scouted."""
         return int(np.count_nonzero(self.scouted_cells))
 
-    def crop_area(self, *crops: str) -> shapely.Polygon | shapely.MultiPolygon:
+    def crop_area(self, *crops: str) -> Land:
         """Return the owner's land of some crops, metres; an empty polygon where there is none."""
-        return self._land(frozenset(crops))
-
-    def _land(self, crops: frozenset[str]) -> shapely.Polygon | shapely.MultiPolygon:
         shapes = np.array([patch.polygon for patch in self.patches])
         wanted = np.array([patch.owner == self.owner and patch.crop in crops for patch in self.patches])
         # Each patch less the later ones over it, then all joined at once: joining one by one takes time that

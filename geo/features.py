@@ -15,7 +15,7 @@ from geo.grid import Crop, is_crop_name
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-# What a hostile file may cost; a farm has tens of features and thousands of vertices.
+# Limits on hostile files; a farm has tens of features and thousands of vertices.
 MAX_FEATURES = 10_000
 MAX_VERTICES = 100_000
 MAX_LATITUDE_DEG = 75.0  # No crop grows beyond

@@ -107,8 +107,8 @@ def check_parameters(owner: str, given: Iterable[str], known: Collection[str]) -
 
 def _split(text: str, whole: str) -> list[str]:
     """Split at commas outside brackets and quotes."""
-    parts, inside = [""], False
-    position = 0
+    parts, inside, position = [""], False, 0
+    unpaired = ParameterError(f"{whole!r}: brackets do not pair; a list is written [1, 10]")
     while position < len(text):
         token = _TOKEN.match(text, position)
         if token is None:
@@ -116,14 +116,14 @@ def _split(text: str, whole: str) -> list[str]:
         position = token.end()
         if token[0] in ("[", "]"):
             if inside is (token[0] == "["):
-                raise ParameterError(f"{whole!r}: brackets do not pair; a list is written [1, 10]")
+                raise unpaired
             inside = not inside
         if token[0] == "," and not inside:
             parts.append("")
         else:
             parts[-1] += token[0]
     if inside:
-        raise ParameterError(f"{whole!r}: brackets do not pair; a list is written [1, 10]")
+        raise unpaired
     return parts
 
 

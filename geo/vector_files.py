@@ -34,7 +34,7 @@ from geo.texts import decimal_point, one_line, parse_number
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-# What a hostile file may cost
+# Limits on hostile files
 _MAX_BYTES = 128 * 2**20
 _MAX_TEXT_BYTES = 32 * 2**20  # XML and .poly
 _MAX_LAYERS = 100

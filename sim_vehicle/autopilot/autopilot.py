@@ -10,13 +10,15 @@ from typing import TYPE_CHECKING, TypeVar
 
 from geo.imports import entry_points, load_entry
 from mission.planners.cornering import Cornering
-from sim_vehicle.airframe.autopilot_names import (
+from sim_vehicle.airframe.kind import (
     AUTOPILOT_GROUP,
     DEFAULT_AUTOPILOT,
     NO_AUTOPILOT,
+    VehicleKind,
     autopilot_names,
+    get_kind,
+    kind_names,
 )
-from sim_vehicle.airframe.kind import VehicleKind, get_kind, kind_names
 from sim_vehicle.airframe.parameters import ParameterSpec, check_parameters
 from sim_vehicle.autopilot.behaviour import MissionBehaviour
 from sim_vehicle.autopilot.parameters import MavParameter

@@ -9,14 +9,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geo.compiled import compiled
+from sim_vehicle.energy import power
 from sim_vehicle.motion import columns as col
 from sim_vehicle.motion.columns import Record
 from sim_vehicle.weather.gust_kernel import wind_at
 
-__all__ = ["distance2", "kernel_of", "stop", "take_velocity"]
+__all__ = ["distance2", "kernel_of", "multirotor_power", "stop", "take_velocity"]
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
+
+multirotor_power = compiled(allocates=False)(power.multirotor_power)
 
 
 @compiled(allocates=False)

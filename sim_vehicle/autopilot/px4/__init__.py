@@ -13,12 +13,13 @@ from sim_vehicle.autopilot.parameters import reference_parameters
 from sim_vehicle.autopilot.px4.copter import PX4_MULTIROTOR, strays_m
 from sim_vehicle.autopilot.px4.firmware import (
     COPTER_STICKS,
+    LINK_NAMES,
     MISSION,
     RULES,
     copter_parameters,
     mavlink_profile,
+    simulator_urls,
 )
-from sim_vehicle.autopilot.px4.streams import LINK_NAMES, simulator_urls
 
 __all__ = ["PX4", "no_multirotor"]
 

@@ -21,7 +21,6 @@ from math import atan2, cos, exp, inf, isnan, pi, sin, sqrt
 
 from geo.compiled import compiled
 from sim_vehicle.airframe.power_spec import GRAVITY_M_S2
-from sim_vehicle.energy.power_kernels import multirotor_power
 from sim_vehicle.motion import columns as col
 from sim_vehicle.motion.columns import Record, record_type
 from sim_vehicle.motion.multirotor.kernel import ROI_NEAR, STALL_S, Floats, Integers, turn_at
@@ -36,7 +35,7 @@ from sim_vehicle.motion.px4.smoothing import (
     stretched,
     unit_dot,
 )
-from sim_vehicle.motion.stepping import kernel_of, stop
+from sim_vehicle.motion.stepping import kernel_of, multirotor_power, stop
 
 # One leg: its target, the positions before and after it, and how it is flown.
 Leg = IntEnum(

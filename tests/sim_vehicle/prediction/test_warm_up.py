@@ -55,7 +55,7 @@ def test_the_ideal_vehicle_needs_none():
 
 NOTICES = """
 from geo.compiled import compile_notices
-from sim_vehicle.energy.power_kernels import multirotor_power
+from sim_vehicle.motion.stepping import multirotor_power
 import numpy as np
 
 told = []

@@ -41,7 +41,7 @@ AUTOPILOT_GROUP = "wbf_mission.autopilots"
 """The entry point group; each entry is a `sim_vehicle.autopilot.autopilot.Autopilot`."""
 DEFAULT_AUTOPILOT = "px4"
 NO_AUTOPILOT = "generic"
-"""What a vehicle names that moves as no autopilot in particular makes it move; not an installed autopilot."""
+"""Autopilot of a vehicle with the generic motion; no installed autopilot."""
 KIND_GROUP = "wbf_mission.vehicle_kinds"
 """The entry point group; each entry is a `VehicleKind` of the entry's name."""
 # The kinds that add-ons of this package bring: the add-on, and the MAV_TYPE.

@@ -226,7 +226,7 @@ def flight_procedures(spec: VehicleSpec) -> FlightProcedures:
 
 @cache
 def _brought(target: str, kind: str, wanted: type[_Brought]) -> _Brought:
-    """Load what a kind of vehicle names as ``module:NAME``."""
+    """Load the object that a kind of vehicle names as ``module:NAME``."""
     try:
         found = resolve_name(target)
     except (ImportError, AttributeError, ValueError) as error:

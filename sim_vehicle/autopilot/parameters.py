@@ -165,7 +165,7 @@ class RuntimeParameters:
         )
 
     def applied_to(self, spec: VehicleSpec) -> VehicleSpec:
-        """Return the vehicle with what these values decide of it."""
+        """Return the vehicle with these values applied."""
         return replace(spec, **{name: getattr(self, name) for name in _OF_VEHICLE})
 
 

@@ -66,7 +66,7 @@ class FlightProcedures(ABC):
 
     @abstractmethod
     def fit(self, spec: VehicleSpec) -> VehicleSpec:
-        """Vehicle with what parameters decide of its values (radii, speeds, heights)."""
+        """Vehicle with the radii, speeds and heights of its parameters."""
 
     @abstractmethod
     def motion(self, spec: VehicleSpec, wind: Wind | None, yaw_rad: float) -> MotionModel:

@@ -1,4 +1,4 @@
-"""MAVLink camera components that ride beside an autopilot: what all have in common, and the leaf camera."""
+"""MAVLink camera components beside an autopilot: their common part, and the leaf camera."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ _Obeyed: TypeAlias = int | list[Message]
 
 
 class CameraComponent:
-    """A MAVLink camera that fires as the mission commands and sends what its images show.
+    """A MAVLink camera that fires as the mission commands and sends the readings of its images.
 
     It knows where the vehicle is from telemetry only: GLOBAL_POSITION_INT of its own system's autopilot
     (10 Hz is best, 1 Hz is enough); when none comes (an ArduPilot sends what was asked for) it asks for
@@ -263,7 +263,7 @@ class CameraComponent:
         return self._by_interval(p[0] / 1000.0, 0)
 
     def _mine(self, camera_id: float) -> bool:
-        """Tell whether a command's camera id means this camera (1 to 6 are an autopilot's own cameras)."""
+        """Whether a command's camera id means this camera (1 to 6 are an autopilot's own cameras)."""
         return camera_id < 7.0 or camera_id == self.component_id
 
     def _shoot_by_distance(self, message: CommandMessage, p: Parameters) -> _Obeyed:
@@ -444,7 +444,7 @@ def _turned(exposure: Exposure, attitude: tuple[float, float, float] | None) -> 
 
 
 def _is_repeated(message: CommandMessage) -> bool:
-    """Tell whether a command was sent before: its answer was lost, and it must not begin anew."""
+    """Whether a command is repeated: its answer was lost, and it must not begin anew."""
     return getattr(message, "confirmation", 0) > 0
 
 

@@ -89,7 +89,7 @@ def power_coefficients(power: AnyPowerSpec | None, battery: BatterySpec | None =
 
 
 def profile_power_w(power: PowerSpec) -> float:
-    """Return the shaft power that turns the blades in hover, without what makes lift."""
+    """Return the shaft power that turns the blades in hover, without the power for lift."""
     blades = power.blade_drag / 8.0 * power.solidity * power.disc_area_m2
     return AIR_DENSITY_KG_M3 * blades * power.tip_speed_m_s**3
 
@@ -187,9 +187,8 @@ def flight_power_w(
 
 @dataclass(frozen=True, slots=True)
 class Best:
-    """What a vehicle can do at most with a full battery."""
+    """Longest time and distance of a vehicle with a full battery."""
 
-    # The longest time and the longest distance, and the speeds of these.
     endurance_s: float
     endurance_speed_m_s: float
     range_m: float

@@ -1,4 +1,4 @@
-"""Mission items: which there are, where they are, and what they change for the items after them."""
+"""Mission items: their commands, their positions, and their effects on the items after them."""
 
 from __future__ import annotations
 

@@ -15,7 +15,7 @@ __all__ = ["Result", "VehicleCommand", "read_command"]
 _INT_FRAMES = {5: 0, 6: 3, 11: 10}
 
 Result: TypeAlias = "int | tuple[Message, ...] | None"
-"""Of a command: MAV_RESULT, or (accepted) what is sent after the acknowledgement; None is nothing."""
+"""Result of a command: MAV_RESULT, or (accepted) the messages after the acknowledgement; None is none."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,4 +1,4 @@
-"""Rows of numbers by the names of their columns, for compiled code and for what surrounds it.
+"""Rows of numbers by the names of their columns, for compiled code and its callers.
 
 The columns of a row are an `IntEnum`: code that handles whole arrays takes its members as indices, and a
 kernel gets the row as a record with an attribute for each, ``state.position_x``. A record is one pointer, an

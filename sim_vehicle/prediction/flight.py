@@ -60,7 +60,7 @@ class Prediction:
     energy_wh: float
     """0 for a vehicle without a power model."""
     battery_fraction: float
-    """What is left at the end, 0 to 1."""
+    """Fraction that is left at the end, 0 to 1."""
     path_length_m: float
     """Flown, climbs included."""
     track_m: NDArray[np.float64]
@@ -75,7 +75,7 @@ class Prediction:
     by its statistics only."""
     energy_interval_wh: tuple[float, float] | None = None
     energy_bound_wh: float | None = None
-    """What one flight takes at most, with `sim_vehicle.prediction.predict.BOUND_PROBABILITY`."""
+    """Energy of one flight at most, with `sim_vehicle.prediction.predict.BOUND_PROBABILITY`."""
     items: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, np.int64))
     """int64[n]: the item, from 0, that is flown at each position; empty where that is not known."""
     camera_orders: tuple[tuple[float, int], ...] = ()
@@ -160,7 +160,7 @@ class PredictedFlight:
             self.events = executor.fly_through(self.longest_s)
         motion, state = executor.motion, executor.state()
         end_s, reason = self._end(executor, self.events)
-        # What the idling motors take between touch-down and disarming is no part of the mission.
+        # The energy of the idling motors between touch-down and disarming is no part of the mission.
         energy_j = motion.energy_j
         if executor.time_s > end_s and spec.power is not None and not reason:
             idle_w = spec.power.avionics_w + spec.power.camera_w + spec.power.idle_w
@@ -184,7 +184,7 @@ class PredictedFlight:
         )
 
     def _items(self, points: int) -> NDArray[np.int64]:
-        """Return which item is flown at each of so many positions of the track, and at the end."""
+        """Return the item that is flown at each of a number of positions of the track, and at the end."""
         changes = [event for event in self.events or () if isinstance(event, CurrentChanged)]
         times_s = self._track_step_s * np.arange(1, points + 2)
         since_s = np.array([event.time_s for event in changes])
@@ -192,7 +192,7 @@ class PredictedFlight:
         return numbers[np.searchsorted(since_s, times_s, side="left")]
 
     def left(self, energy_wh: float) -> tuple[float, str]:
-        """Return the fraction of the battery that is left after so much, and why it is too little."""
+        """Return the battery fraction left after using this energy, and why it is too little."""
         battery = self.spec.battery
         if battery is None:
             return 1.0, ""
@@ -250,7 +250,7 @@ def fly_all(
         ]
         for mission in missions
     ]
-    flown = [one for of_mission in flights for one in of_mission if one.executor is not None]
+    flown = [flight for of_mission in flights for flight in of_mission if flight.executor is not None]
     # One alone is flown when it is asked for its prediction.
     if len(flown) > 1 and not spec.is_ideal:
         if threads > 1:

@@ -169,7 +169,7 @@ def plan_prediction(
     threads: int = 1,
     estimate_errors: bool = False,
 ) -> Prediction:
-    """Predict the flight of a plan; what planning, the preflight check, a flight and its result tell.
+    """Predict the flight of a plan, as planning, the preflight check, a flight and its result show it.
 
     That is `expected_flights` with `PREDICTION_PAIRS`, and a track of 0.1 to 1 s steps, at least 600 of them
     where it lasts a minute: what it covers is told from that. Of a mission that is longer than the battery
@@ -232,26 +232,30 @@ def _clock(seconds: float) -> str:
 def _mean_prediction(flights: Sequence[PredictedFlight]) -> Prediction:
     """Return the expected result of one mission that was flown in several winds."""
     predictions = [flight.prediction() for flight in flights]
-    done = [one for one, flight in zip(predictions, flights, strict=True) if flight.completed]
+    done = [prediction for prediction, flight in zip(predictions, flights, strict=True) if flight.completed]
     if len(done) == 1 == len(flights):
         return done[0]
     if 2 * len(done) <= len(flights):
-        return next(one for one, flight in zip(predictions, flights, strict=True) if not flight.completed)
-    energy_wh = sum(one.energy_wh for one in done) / len(done)
+        return next(
+            prediction
+            for prediction, flight in zip(predictions, flights, strict=True)
+            if not flight.completed
+        )
+    energy_wh = sum(flown.energy_wh for flown in done) / len(done)
     battery_fraction, reason = flights[0].left(energy_wh)
-    duration_s = sum(one.duration_s for one in done) / len(done)
-    energies_wh = [one.energy_wh for one in done]
+    duration_s = sum(flown.duration_s for flown in done) / len(done)
+    energies_wh = [flown.energy_wh for flown in done]
     bound = _interval(energy_wh, energies_wh, BOUND_PROBABILITY)
-    typical = min(done, key=lambda one: abs(one.energy_wh - energy_wh))
+    typical = min(done, key=lambda flown: abs(flown.energy_wh - energy_wh))
     return replace(
         typical,
         duration_s=duration_s,
         energy_wh=energy_wh,
         battery_fraction=battery_fraction,
-        path_length_m=sum(one.path_length_m for one in done) / len(done),
+        path_length_m=sum(flown.path_length_m for flown in done) / len(done),
         feasible=not reason,
         reason=reason,
-        duration_interval_s=_interval(duration_s, [one.duration_s for one in done]),
+        duration_interval_s=_interval(duration_s, [flown.duration_s for flown in done]),
         energy_interval_wh=_interval(energy_wh, energies_wh),
         energy_bound_wh=None if bound is None else bound[1],
     )
@@ -264,7 +268,7 @@ def _interval(mean: float, values: Sequence[float], side: float = 0.95) -> tuple
     count = len(values)
     if count < 2:
         return None
-    variance = sum((one - mean) ** 2 for one in values) / (count - 1)
+    variance = sum((value - mean) ** 2 for value in values) / (count - 1)
     half = float(stdtrit(count - 1, side)) * math.sqrt(variance * (1.0 + 1.0 / count))
     return mean - half, mean + half
 

@@ -106,7 +106,7 @@ class Wind:
     seed: np.random.SeedSequence | int = 0
     """Of the gusts."""
     height_m: float = 10.0
-    """The reference height: weather reports tell the wind at 10 m."""
+    """The reference height: weather reports give the wind at 10 m."""
     shear: WindShear | None = None
     """Without it the mean wind is the same at all heights."""
     turbulence: Turbulence | None = None

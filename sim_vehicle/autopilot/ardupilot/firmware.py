@@ -1,4 +1,4 @@
-"""ArduPilot's facts: how it shows itself on MAVLink, parameters, what it does by itself, how sticks fly it.
+"""ArduPilot's facts: MAVLink profile, parameters, behaviour, sticks.
 
 Sources: ``mode.h`` of ArduCopter, ArduPlane and Rover (custom modes), ``GCS_MAVLink_Copter.cpp`` (base
 modes), ``AP_Mission.cpp``, ArduCopter's ``mode_auto.cpp`` and ``mode_guided.cpp``, the parameter references

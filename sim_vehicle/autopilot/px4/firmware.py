@@ -1,4 +1,4 @@
-"""PX4's facts: how it shows itself on MAVLink, its parameters, what it does by itself, how sticks fly it.
+"""PX4's facts: MAVLink profile, streams, parameters, behaviour, sticks.
 
 Sources: PX4 v1.17 ``px4_custom_mode.h``, ``mavlink_main.cpp`` (rates), ``Commander.cpp`` and ``ModeUtil``
 (texts), ``mission_base.cpp``, ``mission.cpp``, ``mavlink_mission.cpp``, the parameter reference, and recorded
@@ -48,8 +48,8 @@ _LAST_API_INSTANCE = 9
 _PAYLOAD_BYTES_S = 4000.0
 _LEAST_SHARE = 0.05
 _OVERHEAD = 12
-# In Hz: on the ground link (mode normal, and what the start script raises), in modes onboard and gimbal; 0 is
-# not streamed.
+# Rates in Hz on the ground link (mode normal, raised by the start script), in modes onboard and gimbal; 0 is
+# none.
 _STREAMS = """
     ALTITUDE                             1   10   0
     ATTITUDE                            50  100   0

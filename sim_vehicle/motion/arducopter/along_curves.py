@@ -43,7 +43,7 @@ class AlongCurves(CompiledMotion):
     """Kind of a leg that follows from nothing."""
 
     def _remember(self, columns: int) -> None:
-        """Have no path, and a memory of so many numbers."""
+        """Begin without a path, with a memory of this many numbers."""
         self.guide: NDArray[np.float64] = np.zeros(columns)
         self.heads: NDArray[np.float64] = np.zeros((3, scurve.HEAD))
         self.curves: NDArray[np.float64] = np.zeros((3, scurve.SEGMENTS, scurve.COLUMNS))
@@ -115,7 +115,7 @@ class AlongCurves(CompiledMotion):
         return at.SAME
 
     def _follows(self, row: Floats) -> int:
-        """Return the transition to a leg from what is flown now."""
+        """Return the transition to a leg from the present one."""
         interrupted, self._interrupted = self._interrupted, False
         if self._rows is None or row[Leg.KIND] == self.begins_anew:
             return at.ANEW

@@ -1,4 +1,4 @@
-"""A multirotor as a motion model: the compiled kernel with its state, route, wind and energy, and its legs."""
+"""A multirotor as a motion model: the compiled kernel with its state, legs, wind and energy."""
 
 from __future__ import annotations
 

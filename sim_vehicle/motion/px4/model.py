@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 # From the navigator's order to return to the mode that carries it out.
 MODE_SWITCH_S = 0.2
-# The share of the jerk-limited build-up of braking that PX4 counts on when it is told to hold.
+# The share of the jerk-limited build-up of braking that PX4 counts on when it begins to hold.
 BRAKE_DELAY_S = 0.6
 _SAME_M = 1e-3
 # Errors of the height that are drawn at once.
@@ -111,7 +111,7 @@ class Px4Multirotor(Multirotor):
         return self._estimate_errors is not None
 
     def _draw_errors(self, count: int) -> None:
-        """Know at least so many errors from the first take-off on."""
+        """Draw at least this many errors from the first take-off on."""
         assert self._estimate_errors is not None
         if len(self._errors) <= count:
             drawn = self._estimate_errors.first(2 * count + _ERRORS)
@@ -248,7 +248,7 @@ class Px4Multirotor(Multirotor):
         self._guided = False
 
     def stopping_point(self) -> Position:
-        """Return the position that PX4 would hold if it were told to now."""
+        """Return the position that PX4 would hold after an order to hold now."""
         x, y, z, vx, vy = self.state[State.POSITION_X : State.VELOCITY_Z].tolist()
         z += float(self.guide[Guide.ERROR])
         speed = math.hypot(vx, vy)

@@ -55,7 +55,7 @@ def path_of(text: str) -> Path:
 
 
 class FileTree:
-    """Directories and files; its methods raise FileError for what cannot be done.
+    """Directories and files; its methods raise FileError when they cannot.
 
     Files can be written in the ``directories`` and below. By path, ``made`` are files that are made when they
     are read, and ``taken`` those that the vehicle takes over when they have been written: each is given the

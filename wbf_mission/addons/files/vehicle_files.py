@@ -285,7 +285,7 @@ _TASKS_PATH = "@SYS/tasks.txt"
 def vehicle_files(
     profile: MavlinkProfile, parameters: ParameterSet, logs: FlightLogs, plans: PlanReceiver
 ) -> FileTree:
-    """Return the tree of a vehicle; what takes time is made when it is first read."""
+    """Return the tree of a vehicle; slow contents are made when they are first read."""
     made: dict[str, MadeFile] = {}
     taken: dict[str, TakenFile] = {}
     if profile.packed_parameters:

@@ -46,13 +46,13 @@ class CameraComponent:
     (10 Hz is best, 1 Hz is enough); when none comes (an ArduPilot sends what was asked for) it asks for
     it. It fires by DO_SET_CAM_TRIGG_DIST, DO_SET_CAM_TRIGG_INTERVAL, IMAGE_START_CAPTURE and an
     autopilot's CAMERA_TRIGGER, stops when the vehicle disarms or its autopilot restarts, and reports each
-    image by CAMERA_IMAGE_CAPTURED and DEBUG_FLOAT_ARRAY (see `sensors.camera.wire`). What an image is, a
-    subclass tells by `_take`.
+    image by CAMERA_IMAGE_CAPTURED and DEBUG_FLOAT_ARRAY (see `sensors.camera.wire`). A subclass takes the
+    images by `_take`.
 
     Parameters
     ----------
     fields : tuple of str
-        The names of what it reads.
+        The names of the fields that it reads.
     footprint_cells : int
         Side of the square of cells that one image shows.
     system_id, component_id : int
@@ -324,8 +324,8 @@ class CameraComponent:
             if image is None:
                 return _DENIED
             return self._memory.report(image, self._utc_offset_us)
-        tell = _TOLD.get(message_id)
-        return _UNSUPPORTED if tell is None else [tell(self, time_ms)]
+        build = _BUILDERS.get(message_id)
+        return _UNSUPPORTED if build is None else [build(self, time_ms)]
 
     def _settings(self, time_ms: int) -> Message:
         return mavlink.MAVLink_camera_settings_message(time_ms, self._mode)
@@ -471,7 +471,7 @@ _HANDLERS: dict[int, _Handler] = {
     mavlink.MAV_CMD_STORAGE_FORMAT: CameraComponent._format_storage,
     mavlink.MAV_CMD_RESET_CAMERA_SETTINGS: CameraComponent._reset_settings,
 }
-_TOLD: dict[float, Callable[[CameraComponent, int], Message]] = {
+_BUILDERS: dict[float, Callable[[CameraComponent, int], Message]] = {
     mavlink.MAVLINK_MSG_ID_CAMERA_INFORMATION: CameraComponent._information,
     mavlink.MAVLINK_MSG_ID_CAMERA_SETTINGS: CameraComponent._settings,
     mavlink.MAVLINK_MSG_ID_STORAGE_INFORMATION: CameraComponent._storage,

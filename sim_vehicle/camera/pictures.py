@@ -88,12 +88,12 @@ class PictureCamera(CameraComponent, Generic[P]):
     def poll(self, now_s: float) -> list[Message]:
         """Send the heartbeat when it is due, and the readings of pictures."""
         self._looked_s = now_s
-        return [*super().poll(now_s), *self._told()]
+        return [*super().poll(now_s), *self._classified()]
 
     def goodbye(self) -> list[Message]:
         """Send the readings of the last pictures, then a heartbeat of a camera that is powered off."""
         self._pool.shutdown(wait=True)
-        return [*self._told(), *super().goodbye()]
+        return [*self._classified(), *super().goodbye()]
 
     def _take(self, exposures: Sequence[Exposure]) -> list[Message]:
         for exposure in exposures:
@@ -106,9 +106,9 @@ class PictureCamera(CameraComponent, Generic[P]):
             else:
                 future = self._pool.submit(self._values, picture)
             self._waiting.append((exposure, future))
-        return self._told()
+        return self._classified()
 
-    def _told(self) -> list[Message]:
+    def _classified(self) -> list[Message]:
         """Return the messages of the pictures that have readings, in their order."""
         messages: list[Message] = []
         while self._waiting and self._waiting[0][1].done():
@@ -117,7 +117,7 @@ class PictureCamera(CameraComponent, Generic[P]):
         return messages
 
     def _values(self, picture: P) -> NDArray[np.float32]:
-        """Return the readings of a picture, float32[cells, fields]; NaN for what it does not show."""
+        """Return the readings of a picture, float32[cells, fields]; NaN where it shows none."""
         values = self._nothing()
         try:
             for name, given in self._classify(picture).items():

@@ -30,11 +30,15 @@ if TYPE_CHECKING:
 
 __all__ = ["circle_leg", "circle_legs", "lands", "orbit_legs", "plan_item_legs", "spline_legs"]
 
+# Radius of a multirotor's circle without one.
 _LOITER_RADIUS_M = 10.0
+# Length of the chords of a spline, and their greatest number.
 _CHORD_M = 2.0
 _MAX_CHORDS = 64
+# A longer plan is cut short: jumps can make missions without an end.
 _MAX_LEGS = 4096
 _LOOK_AHEAD = 20
+# Distance of a position that stands for a direction.
 _FAR_M = 1e6
 _NOWHERE = (0.0, 0.0, 0.0)
 # Plain numbers: an enumeration's member costs too much where a plan is made over thousands of items.

@@ -35,7 +35,7 @@ PASSED_COMMANDS = frozenset({16, 82})
 NAV_COMMANDS = PLACED_COMMANDS | {20, 93}
 HERE_COMMANDS = frozenset({17, 18, 19, 21, 22, 31})
 MAX_TURNS = 100.0
-# Climb of a landing that is broken off, where no take-off was flown.
+# Height and angle of the climb from a landing that is broken off, where no take-off was flown (ArduPlane).
 _CLIMB_M, _CLIMB_DEG = 30.0, 10.0
 
 
@@ -139,7 +139,7 @@ def _change_speed(item: MissionItem, settings: Settings, top_speed_m_s: float) -
 
 
 def _yaw(item: MissionItem, yaw_rad: float) -> float:
-    """Return the heading that CONDITION_YAW asks for; the short way round, whatever its direction says."""
+    """Return the heading of a CONDITION_YAW; the direction of an absolute one is ignored (the short way)."""
     angle = math.radians(number(item.param1))
     if number(item.param4) == 0.0:
         return angle

@@ -238,7 +238,7 @@ def _number(value: float | str | None) -> float:
 
 
 def _message_id(value: float | str | None) -> float:
-    """Return the id of a message that the dialect has, NaN if it has none such."""
+    """Return the id of a message of the dialect, NaN if it has none of this name."""
     number = _number(value)
     if number in mavlink.mavlink_map:
         return number

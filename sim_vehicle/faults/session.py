@@ -1,6 +1,6 @@
 """Faults in action: links that spoil frames, components that misbehave, vehicles that break.
 
-The hosts make one `FaultSession` for a run. All that is random comes from its seed by name: the same faults,
+The hosts make one `FaultSession` for a run. Everything random comes from its seed by name: the same faults,
 seed and inputs give the same bytes.
 """
 
@@ -62,7 +62,7 @@ _FEWEST_PORT = 1000
 
 
 class FaultSession:
-    """The faults of one run (as values or text), what has triggered them, and the seed of all that is random.
+    """The faults of one run (as values or text), their triggers, and the seed of everything random.
 
     Examples
     --------

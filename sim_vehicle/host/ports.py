@@ -337,7 +337,7 @@ class PortSelector:
 
     @property
     def dropped(self) -> Counter[str]:
-        """How many datagrams of which address were dropped because too many waited to be received."""
+        """Number of datagrams dropped per address because too many waited to be received."""
         ports = (port for port, _ in self._ports if isinstance(port, _UdpPort))
         return sum((Counter(port.dropped) for port in ports), Counter())
 

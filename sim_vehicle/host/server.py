@@ -165,7 +165,7 @@ class Server(Closing):
 
     @property
     def dropped(self) -> Counter[str]:
-        """How many datagrams of which address were dropped because too many waited to be received."""
+        """Number of datagrams dropped per address because too many waited to be received."""
         return self._selector.dropped
 
     def run(self, until: Callable[[float], bool] | None = None, limit_s: float = NEVER) -> StopReason:

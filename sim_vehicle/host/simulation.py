@@ -245,15 +245,15 @@ class Simulation:
         self._share_listeners()
 
     def _share_listeners(self) -> None:
-        """Let components that say much make only messages that another one, or anybody else, cares for."""
+        """Let components with much telemetry make only messages that another component or a link wants."""
         plain = self._unbroken and self._tap is None and self._signing is None
         plain = plain and not self._links and not self._radios
         for port, component in enumerate(self._components):
             if isinstance(component, SaysMuch):
                 wanted = [ids for other, ids in enumerate(self._wanted) if other != port]
                 heard = [ids for ids in wanted if ids is not None]
-                all_told = plain and len(heard) == len(wanted)
-                component.only_heard(frozenset().union(*heard) if all_told else None)
+                all_known = plain and len(heard) == len(wanted)
+                component.only_heard(frozenset().union(*heard) if all_known else None)
 
     def open_link(self, name: str = "virtual") -> VirtualLink:
         """Open a link for ground software on the virtual clock; faults and messages may name it."""

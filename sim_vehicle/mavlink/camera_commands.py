@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 __all__ = ["CAMERA", "CameraCommands", "camera_feedback"]
 
 CAMERA = int(m.MAV_COMP_ID_CAMERA)
+# A command is sent this often, RETRY_S apart, before the operator is warned.
 TRIES = 3
 RETRY_S = 0.5
 _STOPPED_BY = {

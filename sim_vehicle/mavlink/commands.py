@@ -33,8 +33,10 @@ if TYPE_CHECKING:
 
 __all__ = ["HANDLERS", "CommandReceiver", "set_custom_mode"]
 
+# Beyond it the last commands are forgotten: a peer cannot fill the memory by changing its address.
 _MOST_PEERS = 256
 _HEARTBEAT_US = 1e6
+# DO_FLIGHTTERMINATION terminates above it (common.xml).
 _TERMINATE = 0.5
 _FIRST_FREE_SERVO, _LAST_SERVO = 5, 16
 _ORBIT_HEADING = Setting("MC_ORBIT_YAW_MOD", 0.0)

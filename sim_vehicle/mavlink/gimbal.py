@@ -48,6 +48,7 @@ _RESTING = {
     GimbalMode.RETRACT: m.GIMBAL_DEVICE_FLAGS_RETRACT,
     GimbalMode.NEUTRAL: m.GIMBAL_DEVICE_FLAGS_NEUTRAL,
 }
+# Largest difference of a quaternion's length from 1.
 _UNIT = 0.1
 _NAN_3 = (math.nan, math.nan, math.nan)
 _MOST_DEG = (90.0, 180.0, 360.0)

@@ -23,6 +23,7 @@ SHORTEST_US = 5_000
 """A peer cannot ask for more than 200 messages a second."""
 LONGEST_US = 2**31 - 1
 """Longest interval that MESSAGE_INTERVAL can hold, in microseconds."""
+# Length of a STATUSTEXT.
 _TEXT_BYTES = 50
 _REPEAT_S = 1.0
 _CALIBRATION_STEP_S = 0.25

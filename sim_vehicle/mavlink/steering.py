@@ -50,7 +50,7 @@ _IGNORE_MOTION = 63
 _LEAST_HOVER = 0.1
 # A vehicle that accelerates downwards keeps some thrust (m/s^2), to be steered by; all it has is 2 hovers.
 _LEAST_LIFT, _MOST_THRUST = 1.0, 2.0
-# How far the length of a quaternion may be from 1.
+# Largest difference of a quaternion's squared length from 1.
 _UNIT = 2e-3
 _LOCAL, _LOCAL_OFFSET, _BODY, _BODY_OFFSET, _BODY_FRD = 1, 7, 8, 9, 12
 _POLE, _DATE_LINE = 90.0, 180.0

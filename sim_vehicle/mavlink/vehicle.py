@@ -47,8 +47,10 @@ __all__ = ["SimVehicle"]
 
 _AUTOPILOT = int(m.MAV_COMP_ID_AUTOPILOT1)
 _PLANNER = int(m.MAV_COMP_ID_MISSIONPLANNER)
+# An armed vehicle is advanced at least this often.
 _TICK_S = 0.1
 _ITEM_AFTER_MODE_S = 0.03
+# ``current`` of a MISSION_ITEM that is flown to at once.
 _GUIDED_ITEM = 2
 _TRUTH_HZ = 10.0
 _MISSION_IDS = frozenset(wire.SERVER_MESSAGES)
@@ -451,7 +453,7 @@ class SimVehicle:
         return built(message_id, self.state)
 
     def metadata(self) -> tuple[Message, ...]:
-        """COMPONENT_METADATA; nothing where there is none."""
+        """COMPONENT_METADATA; nothing without."""
         return tuple(message for extra in self._extras for message in extra.metadata())
 
     def _send(self, message_id: int) -> None:

@@ -81,7 +81,7 @@ LOOK = slice(State.LOOK_EAST, State.LOOK_NORTH + 1)
     LEG_INDEX,
     MOVED_STEP,  # Step of the last motion.
     ARRIVED,  # Whether the end was reached.
-    NEAR_TOLD,  # Whether nearness was told.
+    NEAR_SENT,  # Whether NEAR was returned.
     TRACK_POINTS,  # Points of the track.
 ) = range(6)
 COUNTERS = 6

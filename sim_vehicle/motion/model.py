@@ -132,7 +132,7 @@ class MotionModel(ABC):
     def steer(self, velocity_m_s: Position, *, height_m: float = math.nan, heading: Heading = KEEP) -> None:
         """Keep a velocity (east, north, up), or its horizontal part at a height.
 
-        Sinking, it goes on to the ground and slows down to the landing speed there; REACHED tells the touch.
+        Sinking, it goes on to the ground and slows down to the landing speed there; the touch is REACHED.
         A heading along the leg is that of the flight.
 
         Raises

@@ -48,7 +48,7 @@ def _complete_leg(counters: Integers, arrivals: Integers, step: int, stop_each: 
     """Enter the arrival at the end of the current leg and go on to the next; return the event."""
     leg = counters[col.LEG_INDEX]
     arrivals[leg] = step
-    counters[col.NEAR_TOLD] = 0
+    counters[col.NEAR_SENT] = 0
     if leg == len(arrivals) - 1:
         counters[col.ARRIVED] = 1
         return col.REACHED
@@ -174,8 +174,8 @@ def kernel_of(
                 if done:
                     event = _complete_leg(counters, arrivals, step, stop_each)
                     leave(state, counters, row, route, limits, own)
-                elif counters[col.NEAR_TOLD] == 0 and distance2(state, row.x, row.y, row.z) < row.near**2:
-                    counters[col.NEAR_TOLD] = 1
+                elif counters[col.NEAR_SENT] == 0 and distance2(state, row.x, row.y, row.z) < row.near**2:
+                    counters[col.NEAR_SENT] = 1
                     event = col.NEAR
             if state.energy_used >= capacity:
                 event = col.ENERGY

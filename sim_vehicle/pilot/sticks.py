@@ -241,7 +241,7 @@ class StickPilot:
         return None
 
     def forget(self) -> None:
-        """Hear sticks anew: those that are gone when the vehicle arms are not missed."""
+        """Begin with the arming: sticks that are silent then are not missed."""
         if self._silence_s > self._rules.loss.timeout.of(self._parameters):
             self._sticks, self.lost = None, False
         self._later = self._left = None

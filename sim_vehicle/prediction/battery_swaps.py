@@ -33,6 +33,7 @@ __all__ = ["BatteryChange", "Transit", "TrialFlight", "TrialFlights", "batteries
 
 _LOOK_S = 1.0
 _LONGEST_S = 86_400.0
+# Trials of a return; each brings the place of a change nearer.
 _TRIES = 6
 # Share of the battery that may be left unused.
 _CLOSE = 0.003
@@ -133,7 +134,7 @@ def battery_changes(
                 break
         while last > begin and spent[last] + back > usable:
             # The return grew in between: turn back earlier by the energy that it takes too much.
-            last -= max(1, math.ceil((spent[last] + back - usable) * 3600.0 / mean_w / _LOOK_S))
+            last -= max(1, math.ceil((spent[last] + back - usable) * WH_J / mean_w / _LOOK_S))
             transits = ground.there_and_back(track[max(last, begin)], int(whole.seq[max(last, begin)]))
             if transits is None:
                 return None

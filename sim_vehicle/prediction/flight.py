@@ -62,7 +62,7 @@ class Prediction:
     battery_fraction: float
     """Fraction that is left at the end, 0 to 1."""
     path_length_m: float
-    """Flown, climbs included."""
+    """Length of the flown path, climbs included."""
     track_m: NDArray[np.float64]
     """float64[n, 3]: east, north, up about home, every ``track_step_s`` and at the end."""
     track_step_s: float
@@ -71,22 +71,22 @@ class Prediction:
     reason: str
     """Why not; empty when feasible."""
     duration_interval_s: tuple[float, float] | None = None
-    """Between which the duration of one flight is with a probability of 90 %, when what disturbs it is known
-    by its statistics only."""
+    """Bounds of one flight's duration with a probability of 90 %, when its disturbances are known only by
+    their statistics."""
     energy_interval_wh: tuple[float, float] | None = None
     energy_bound_wh: float | None = None
     """Energy of one flight at most, with `sim_vehicle.prediction.predict.BOUND_PROBABILITY`."""
     items: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, np.int64))
     """int64[n]: the item, from 0, that is flown at each position; empty where that is not known."""
     camera_orders: tuple[tuple[float, int], ...] = ()
-    """When the camera is given an order, and by which item, from 0."""
+    """Times of orders to the camera, each with its item, from 0."""
 
     @property
     def ground_length_m(self) -> float:
-        """How long the way is over ground, from take-off to landing: the length of a plan.
+        """Length over ground, from take-off to landing: the length of a plan.
 
-        The share of what is flown that the track shows to be over ground, since a track can be the beginning
-        only, and cuts corners a little.
+        It is the flown length times the track's share over ground, since a track can be only the beginning,
+        and cuts corners a little.
         """
         steps = np.diff(self.track_m, axis=0, prepend=np.zeros((1, 3)))
         flown_m = float(np.sqrt((steps**2).sum(axis=1)).sum())
@@ -95,7 +95,7 @@ class Prediction:
 
     @property
     def most_wh(self) -> float:
-        """What one flight takes at most, as far as can be told before it."""
+        """Energy of one flight at most; the expected energy where no bound is known."""
         return self.energy_wh if self.energy_bound_wh is None else self.energy_bound_wh
 
 

@@ -235,7 +235,7 @@ class WindSeries:
 
     def at(self, index: int, height_m: float) -> tuple[float, float, float]:
         """Return the wind (east, north, up) at a grid index, not before ``first``, and a height."""
-        # Imported here: who only asks for blocks of a steady wind needs no compiler.
+        # Imported here: blocks of a steady wind need no compiler.
         from sim_vehicle.weather.gust_kernel import wind_at
 
         if self._gusts is None:

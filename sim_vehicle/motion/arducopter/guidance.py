@@ -1,7 +1,7 @@
 """ArduCopter's guidance: where the target of the position control is, leg by leg.
 
 Formulas after ArduPilot 4.7: `AC_WPNav.cpp`, `AP_Math/control.cpp`, ArduCopter's `mode.cpp`, `mode_auto.cpp`,
-`mode_rtl.cpp` and `takeoff.cpp`. How it works is told in docs/vehicle-model.md, section ArduCopter.
+`mode_rtl.cpp` and `takeoff.cpp`. It is described in docs/vehicle-model.md, section ArduCopter.
 """
 
 from __future__ import annotations

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from sim_vehicle.motion.legs import Heading, Position, Route
 
 GENERIC = Dynamics(kernel.advance, col.STATE, kernel.LIMITS)
-"""Those of a multirotor of no autopilot in particular, or that is not flown by its autopilot."""
+"""Dynamics of a multirotor without an autopilot, or while its autopilot does not fly it."""
 
 
 class Multirotor(CompiledMotion):
@@ -204,7 +204,7 @@ def prepare_route(route: Record, states: Record, legs: Record, limits_of: Record
         row.normal_x = row.along_y * row.across_z - row.along_z * row.across_y
         row.normal_y = row.along_z * row.across_x - row.along_x * row.across_z
         row.normal_z = row.along_x * row.across_y - row.along_y * row.across_x
-        # A thousandth is kept for what the time step adds.
+        # A thousandth is kept for the error of the time step.
         up = 0.999 * (limits.climb_max if row.along_z > 0.0 else limits.descent_max)
         row.acceleration_along, row.acceleration_across, row.acceleration_normal = _shared(
             limits.acceleration_max, limits.vertical_acceleration, flat, rise
@@ -234,7 +234,7 @@ def prepare_route(route: Record, states: Record, legs: Record, limits_of: Record
         row.near, row.turn_rate = leg.near, leg.turn
         bx, by, bz = row.x, row.y, row.z
     # Backwards: the speed at each corner, and the next position that the vehicle has to brake for. A corner
-    # that is slower than what braking for that position allows becomes such a position itself.
+    # that is slower than the braking for that position allows becomes such a position itself.
     slow, way = 0.0, 0.0
     for i in range(n - 1, -1, -1):
         row = route[i]
@@ -312,7 +312,7 @@ def prepare_velocity(
     ux, uy = (east / speed, north / speed) if speed > 0.0 else (1.0, 0.0)
     route = np.zeros(1, kernel.LEG)
     row = route[0]
-    # So far that it is never reached; the wind's limit looks at what is left of the leg.
+    # Too far to be reached; the wind's limit depends on the rest of the leg.
     row.x, row.y = position[0] + 1e6 * ux, position[1] + 1e6 * uy
     row.z = position[2] if np.isnan(height_m) else height_m
     row.along_x, row.along_y = ux, uy

@@ -3,7 +3,7 @@
 Mechanisms and constants from PX4 v1.17: ``FlightTaskAuto`` and ``PositionSmoothing`` (the trajectory that is
 followed), ``FlightTaskOrbit``, ``mc_pos_control`` (``PositionControl``, ``Takeoff``),
 ``navigator/mission_block`` (when a waypoint is reached), ``land_detector``, and ``simulator_sih`` (the
-airframe). docs/vehicle-model.md tells what is left out.
+airframe). docs/vehicle-model.md lists the omissions.
 
 The state and the counters are those of `sim_vehicle.motion.multirotor.kernel`; what the autopilot remembers
 is a further record, `GUIDE`. East-north-up about home.

@@ -34,7 +34,7 @@ MODE_SWITCH_S = 0.2
 # The share of the jerk-limited build-up of braking that PX4 counts on when it begins to hold.
 BRAKE_DELAY_S = 0.6
 _SAME_M = 1e-3
-# Errors of the height that are drawn at once.
+# Errors that are drawn at once.
 _ERRORS = 1000
 
 
@@ -46,7 +46,7 @@ class Px4Multirotor(Multirotor):
     Parameters
     ----------
     law_of : callable
-        What the autopilot makes of a vehicle's parameters, float64[LAW].
+        Given a vehicle, the numbers of the autopilot's laws from its parameters, float64[LAW].
     yaw_rad : float
         Heading at the start, and after a return.
 
@@ -92,7 +92,7 @@ class Px4Multirotor(Multirotor):
         return self.dynamics if self._guided else GENERIC
 
     def estimate_with(self, errors: EstimateErrors) -> None:
-        """Fly by an estimate that is wrong, from the first take-off on."""
+        """Fly by an estimate with errors, from the first take-off on."""
         self._estimate_errors = errors
 
     @property
@@ -107,7 +107,7 @@ class Px4Multirotor(Multirotor):
 
     @property
     def draws_errors(self) -> bool:
-        """Whether its estimate is wrong."""
+        """Whether its estimate has errors."""
         return self._estimate_errors is not None
 
     def _draw_errors(self, count: int) -> None:
@@ -271,7 +271,7 @@ class Px4Multirotor(Multirotor):
         """Fly up to ``max_steps`` steps, less when something happens (see `MotionEvent`)."""
         if not self._guided or len(self._errors) == 1:
             return super().advance(max_steps, stop_each=stop_each)
-        # Only errors that are drawn are flown with.
+        # Errors have to be drawn before they are flown with.
         step = self.step
         end = step + max_steps
         event = MotionEvent.RAN

@@ -118,7 +118,7 @@ class VehicleSpec:
     linear_drag_1_s: float | None = None
     """Drag of a multirotor per mass and airspeed; None is that of the autopilot's reference airframe."""
     attitude_response_s: float | None = None
-    """Time in which its tilt follows what the autopilot wants; None is that of the reference airframe."""
+    """Time constant of its tilt behind the autopilot's demand; None is that of the reference airframe."""
     battery: BatterySpec | None = None
     """None is an endless battery."""
     power: AnyPowerSpec | None = None

@@ -51,7 +51,7 @@ class Firmware:
     profile: Profile
     """Its behaviour in the mission protocol."""
     parameter_table: Callable[[VehicleSpec, int], Sequence[MavParameter]]
-    """Given the vehicle and its MAVLink system id, the parameters besides those of the procedures."""
+    """Given the vehicle and its MAVLink system id, its parameters without those of the procedures."""
     procedures: FlightProcedures
     """Parameters of the motion, take-off, return, landing."""
     takes_off: bool = False
@@ -314,7 +314,7 @@ def with_autopilot(
 
 
 def _card_parameters(spec: VehicleSpec) -> dict[str, ParameterSpec]:
-    """Return the parameters that give room for plans, as far as the vehicle's autopilot has them."""
+    """Return the parameters of the vehicle's autopilot that give room for plans."""
     firmware = firmware_of(spec)
     cards = () if firmware is None else firmware.profile.cards.values()
     text = "room on the SD card"

@@ -56,7 +56,7 @@ class Action(Enum):
 class FailsafeRules:
     """The safety functions of one firmware.
 
-    Texts are for the operator; ``fence_text`` and ``stream_lost`` have a ``{}`` for what follows.
+    Texts are for the operator; ``fence_text`` and ``stream_lost`` have a ``{}`` for the reason or the action.
     """
 
     # By the value of their parameter.
@@ -69,7 +69,7 @@ class FailsafeRules:
     watches_voltage: bool
     """A voltage that stays too low is a low battery, too (ArduPilot)."""
     any_inclusion: bool
-    """Being in one of the inclusion zones of a fence is enough."""
+    """A position inside one inclusion zone is inside the fence; otherwise it has to be in all."""
     needs_stream: bool
     """Setpoints have to flow before their mode is taken, and the vehicle returns home when they stop (PX4);
     otherwise only velocities grow old (ArduPilot)."""
@@ -98,8 +98,8 @@ class FailsafeRules:
     idle: IdleDisarm | None = None
     """When an armed vehicle that does not fly is disarmed; None is never."""
     any_mode_disarmed: bool = False
-    """Any mode is entered while the vehicle is disarmed; what it lacks keeps it from arming. Otherwise a mode
-    is refused that could not be flown."""
+    """Any mode is entered while the vehicle is disarmed; a mode that it cannot fly keeps it from arming.
+    Otherwise such a mode is refused."""
     restores_mode: bool = False
     """Disarmed, it goes back to the mode that was last asked for and in which it arms (PX4)."""
     fence_refusal: str = ""
@@ -150,7 +150,7 @@ def no_rule(_items: Sequence[MissionItem], _parameters: RuntimeParameters) -> st
 
 @dataclass(frozen=True, slots=True)
 class MissionBehaviour:
-    """Behaviour of one firmware with a mission in flight; the defaults are PX4's, as far as nothing is said.
+    """Behaviour of one firmware with a mission in flight; the defaults are PX4's, unless noted.
 
     The item that is flown keeps its number when a mission is changed, under any autopilot.
     """

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 __all__ = ["MissionExecutor"]
 
-# A vehicle that comes to rest within this distance needs no leg to brake.
+# No leg to brake is flown for a shorter stopping distance.
 _BRAKING_M = 0.2
 
 

@@ -1,4 +1,4 @@
-"""One plan of legs, or one velocity, as the motion flies it; the descent, and contact with the ground."""
+"""The flight of a plan of legs or of a velocity; the descent, and contact with the ground."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from sim_vehicle.motion.model import MotionModel, MotionState
     from sim_vehicle.weather.wind import Wind
 
-# Without thrust: as fast as a tumbling multirotor falls.
+# Speed, acceleration and jerk of a fall: those of a tumbling multirotor.
 _FALL_M_S = 18.0
 _FALL_M_S2 = 9.0
 _FALL_M_S3 = 90.0
@@ -147,7 +147,7 @@ class LegFollower:
         self.fly([Leg((x, y, z), speed, heading=KEEP, kind=LegKind.STAY)], FlightPhase.HOLD)
 
     def look_at(self, position_m: tuple[float, float] | None) -> None:
-        """Point the nose at a position (east, north) whatever is flown, None for no more."""
+        """Point the nose at a position (east, north) on any leg; None ends that."""
         self.motion.look_at(position_m)
 
     def fall(self) -> None:

@@ -1,4 +1,4 @@
-"""The order of events in a mission: legs, pauses, conditions, jumps, landing, an empty battery."""
+"""The sequence of a mission: legs, pauses, conditions, jumps, landing, an empty battery."""
 
 from __future__ import annotations
 

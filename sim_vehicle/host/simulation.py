@@ -66,7 +66,7 @@ class VirtualLink:
         self._open = True
 
     def send(self, data: bytes) -> None:
-        """Send bytes; frames are routed as they become whole, whatever is none is dropped."""
+        """Send bytes; frames are routed as they become whole, other bytes are dropped."""
         if not self._open:
             raise LinkError(f"{self.name}: the link is closed")
         self._reader.feed(data)
@@ -334,7 +334,7 @@ class Simulation:
                     self._send(port, messages)
 
     def _arrive(self, port: int, radio: FaultyLink) -> None:
-        """Take what comes out of a radio now; damaged frames end here, but links see them."""
+        """Take the bytes that leave a radio now; damaged frames end here, but links see them."""
         for frame in radio.receive("up", self.now_s):
             if valid_frame_end(frame) == len(frame):
                 ports = self._ports(port, frame_id(frame), frame_target(frame))

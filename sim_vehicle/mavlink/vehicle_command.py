@@ -30,7 +30,7 @@ class VehicleCommand:
     """MAV_FRAME, without the INT variants; COMMAND_LONG has GLOBAL."""
     source: tuple[int, int]
     again: bool = False
-    """The sender repeats a command that it had no answer to."""
+    """The sender repeats a command without an answer."""
     long: bool = False
     """It came as COMMAND_LONG, with positions in 32-bit floats."""
 

@@ -125,7 +125,7 @@ class MotionModel(ABC):
         """Begin a route."""
 
     def interrupt(self) -> None:
-        """Give up the leg that is flown: the next route begins anew, where the autopilot does it so."""
+        """Give up the present leg: the next route begins anew, where the autopilot does that."""
         return
 
     @abstractmethod
@@ -142,7 +142,7 @@ class MotionModel(ABC):
         """
 
     def look_at(self, position_m: tuple[float, float] | None) -> None:
-        """Point the nose at a position (east, north) whatever is flown, None for no more, where it can."""
+        """Point the nose at a position (east, north) on any leg, where it can; None ends that."""
         return
 
     def point(self, heading_rad: float) -> None:

@@ -281,7 +281,7 @@ class Failsafe:
             if point_m is None:
                 yield from self._react(reaction)
             else:
-                # To the fence's own point and hold there, as ArduPlane does, whatever is flown.
+                # From any flight to the fence's own point, to hold there, as ArduPlane does.
                 self.active = True
                 yield reaction
         elif before is not Breach.NONE and watch.breach is Breach.NONE:

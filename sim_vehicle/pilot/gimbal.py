@@ -159,7 +159,7 @@ class Gimbal:
         self.set_mode(GimbalMode.TARGET)
 
     def point_at(self, position_m: tuple[float, float, float] | None) -> None:
-        """Point at a position (east, north, above home) as the vehicle moves; None for no more."""
+        """Point at a position (east, north, above home) as the vehicle moves; None ends that."""
         self._point = position_m
         if position_m is not None:
             self.set_mode(GimbalMode.POINT)

@@ -365,7 +365,7 @@ class Pilot(Controls):
         self.order(lambda: self.executor.orbit(x_m, y_m, altitude_m, radius_m, speed_m_s, heading=heading))
 
     def look_at(self, latitude_deg: float | None, longitude_deg: float = 0.0) -> None:
-        """Point the nose at a position whatever is flown, None for no more."""
+        """Point the nose at a position in any flight; None ends that."""
         position = None if latitude_deg is None else self.frame.from_wgs84(latitude_deg, longitude_deg)
         self.auto_yaw.forget()
         self.executor.flight.look_at(position)

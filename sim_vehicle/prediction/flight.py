@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 __all__ = ["PredictedFlight", "Prediction", "climbs_by_itself", "fly_all", "home_frame", "without_end"]
 
 _LONGEST_S = 86_400.0
-# Each step of the ideal vehicle is cheap, whatever time it stands for.
+# A step of the ideal vehicle is cheap for any time step.
 _LONGEST_IDEAL_S = 3e8
 _TRACK_POINTS = 20_000
 # The kernels of all vehicles but the ideal one write their tracks on this grid.

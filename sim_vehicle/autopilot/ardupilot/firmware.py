@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from sim_vehicle.airframe.spec import VehicleSpec
 
 # ArduCopter 4.7 claims 64495: terrain and compass calibration besides, which the simulated one does not do.
-# It says nothing of how parameters are encoded (they are cast).
+# It has no bit for the encoding of parameters (they are cast).
 _CAPABILITIES = COMMON_CAPABILITIES | int(
     m.MAV_PROTOCOL_CAPABILITY_SET_POSITION_TARGET_LOCAL_NED
     | m.MAV_PROTOCOL_CAPABILITY_SET_POSITION_TARGET_GLOBAL_INT

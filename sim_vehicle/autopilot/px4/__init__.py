@@ -53,7 +53,7 @@ PX4 = Autopilot(
 
 
 def no_multirotor(mav_type: int) -> Firmware:
-    """Firmware of another kind of vehicle, as far as it is that of multirotors."""
+    """Firmware of another kind of vehicle: the part that it shares with multirotors."""
     return replace(
         PX4.firmwares["multirotor"],
         mavlink=mavlink_profile(mav_type),

@@ -75,7 +75,7 @@ class Multirotor(CompiledMotion):
         self._begin()
 
     def look_at(self, position_m: tuple[float, float] | None) -> None:
-        """Point the nose at a position (east, north) whatever is flown, None for no more."""
+        """Point the nose at a position (east, north) on any leg; None ends that."""
         self.state[col.LOOK] = math.nan if position_m is None else position_m
 
     def point(self, heading_rad: float) -> None:

@@ -116,7 +116,7 @@ def _compressed(value: object) -> bytes:
 
 
 def asked_for(query: str) -> tuple[int, int, bool] | None:
-    """Read what follows the ``?``: first parameter, how many (0 for all), with defaults; None if wrong.
+    """Read the query after the ``?``: first parameter, number (0 for all), with defaults; None if wrong.
 
     Examples
     --------

@@ -169,6 +169,8 @@ def test_one_goes_from_decision_to_decision_and_sees_what_came_of_it(
     with page_at(browser, files["greedy"].as_uri()) as page:
         page.locator("#app").scroll_into_view_if_needed()
         expect(page.locator(".decided > .small")).to_be_empty()
+        # A time that is given before the recording is read is lost.
+        expect(page.locator("ol.decisions details")).to_have_count(len(held["decisions"]))
         page.get_by_label("Time of the run").fill(f"{second['time_s'] + 0.1:.1f}")
         page.get_by_role("button", name="Next").click()
         opened = page.locator("ol.decisions details[open]")

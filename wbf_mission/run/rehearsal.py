@@ -1,7 +1,7 @@
 """Compiles the estimator's functions in another process, while a run plans and flies.
 
-numba compiles one function at a time in a process, and the rest of the process waits. On a machine's first run the
-estimator's functions take as long as all the rest.
+numba compiles one function at a time in a process, and the rest of the process waits. On a machine's first
+run the estimator's functions take as long as all the rest.
 """
 
 from __future__ import annotations

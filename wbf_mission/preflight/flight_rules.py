@@ -41,9 +41,9 @@ _MOST_POINTS = 20_000
 
 
 def share_flown(subject: Subject, legs: Sequence[Leg], within_m: float) -> float | None:
-    """Return which part of the length of legs is passed at no more than a distance, over ground.
+    """Return the share of the legs' length, 0 to 1, within a horizontal distance of the flown path.
 
-    0 to 1, of the flight that follows them least; None without a predicted flight.
+    Of several flights the least; None without a predicted flight.
     """
     tracks = [track.points_m[:, :2] for track in subject.tracks if len(track.points_m) > 1]
     lengths_m = np.array([leg.length_m for leg in legs])
@@ -148,7 +148,7 @@ def _flies_to_the_end(subject: Subject) -> bool:
 _TURN_BACK = 2.0
 
 _BESIDE_M = 5.0
-"""What lies so far beside the path is still in an image that is taken from ten metres and more."""
+"""An image from 10 m and more still shows ground this far beside the path."""
 
 
 @CHECKS.finds(
@@ -273,7 +273,7 @@ def check_wind(subject: Subject) -> Iterator[Finding]:
 
 
 _COMFORT = 0.1
-"""Less than this above the reserve deserves a look; who plans for the whole battery has nothing above it."""
+"""Battery fraction above the reserve below which a note is given."""
 
 
 @CHECKS.finds(
@@ -329,7 +329,7 @@ def check_battery(subject: Subject) -> Iterator[Finding]:
 
 
 def _batteries(subject: Subject, prediction: Prediction) -> str:
-    """Say how many batteries a mission needs that is longer than one, where any number is enough."""
+    """Return the number of batteries that a long mission needs, in words; empty if no number is enough."""
     count = batteries_needed(
         subject.mission, subject.vehicle, prediction, wind=subject.wind, frame=subject.frame
     )

@@ -48,7 +48,7 @@ class Leg:
     """The way to an item, in the order of the items; jumps are not followed."""
 
     item: int
-    """It ends there; counted from 0."""
+    """The item at its end, counted from 0."""
     start_m: Position
     """East, north, up about home."""
     end_m: Position
@@ -66,7 +66,7 @@ class Leg:
 
     @property
     def climb_m(self) -> float:
-        """How much higher its end is."""
+        """Height of its end above its start."""
         return self.end_m[2] - self.start_m[2]
 
 
@@ -210,11 +210,12 @@ def check_obstacles(subject: Subject) -> Iterator[Finding]:
         yield from worst(subject, "near-obstacle", hits, margin_m)
 
 
+# Spacing of the points of a straight leg; a leg beyond 1 km has wider ones
 _STEP_M, _MOST_STEPS = 1.0, 1000
 
 
 def _paths(subject: Subject) -> list[FlownTrack]:
-    """Return the paths that are judged: as they are flown, else from position to position."""
+    """Return the paths to check: the predicted flights, else straight legs between the positions."""
     if subject.tracks:
         return [track for track in subject.tracks if len(track.points_m) > 1]
     placed = [(k, position) for k, position in enumerate(subject.positions) if not np.isnan(position[0])]

@@ -187,7 +187,7 @@ _HEIGHT_M = 10.0
     ),
 )
 def check_place(subject: Subject, snapshot: VehicleSnapshot) -> Iterator[Finding]:
-    """How far the vehicle stands from home of the plan, and how much higher or lower."""
+    """Distance and height of the vehicle from the home of the plan."""
     home = subject.mission.home
     position = None if snapshot.armed or _is_unsettled(snapshot) else snapshot.position
     if position is None or home is None:
@@ -208,13 +208,13 @@ def check_place(subject: Subject, snapshot: VehicleSnapshot) -> Iterator[Finding
 
 
 def _is_unsettled(snapshot: VehicleSnapshot) -> bool:
-    """Return whether the vehicle itself says that it does not know yet where it is."""
+    """Return whether the vehicle itself reports that it has no position yet."""
     if snapshot.estimator_flags is None:
         return snapshot.gps is not None and snapshot.gps.fix < _FIX_3D
     return not snapshot.estimator_flags & m.ESTIMATOR_POS_HORIZ_ABS
 
 
-_NOTICEABLE = 0.05
+_NOTICEABLE = 0.05  # Relative difference of a speed from which on it is reported
 
 _NOTICEABLE_RADIUS_M = 0.5
 
@@ -230,7 +230,7 @@ _ASSUMED = {
 
 
 def _other(subject: Subject, snapshot: VehicleSnapshot, code: str) -> Iterator[Finding]:
-    """Yield that a parameter is another than the one that plans assume."""
+    """Yield a finding if a parameter differs from the one that plans assume."""
     meaning, attribute, part, more = _ASSUMED[code]
     if (told := snapshot.told(meaning)) is None:
         return
@@ -338,7 +338,7 @@ def check_landing_rules(subject: Subject, snapshot: VehicleSnapshot) -> Iterator
 
 
 def _told_by_dialect(subject: Subject, name: str, value: float) -> bool:
-    """Return whether the remarks on the autopilot's dialect tell what such a parameter asks for."""
+    """Return whether the remarks on the autopilot's dialect cover such a parameter."""
     return any(
         one.parameter == name and subject.vehicle_type in one.vehicle_types and value in one.refusing
         for one in subject.profile.dialect.conditions
@@ -430,7 +430,7 @@ _CONTINUES_BIT = 2  # FS_OPTIONS of ArduCopter: a mission goes on without a grou
     _setting("link-lost-ends", NOTE, "{name} is {value:g}: a link lost for long ends the mission"),
 )
 def check_failsafes(subject: Subject, snapshot: VehicleSnapshot) -> Iterator[Finding]:
-    """What a low battery and a lost link do to the mission."""
+    """Effects of a low battery and of a lost link on the mission."""
     yield from _zero(subject, snapshot, Meaning.LOW_BATTERY, "no-battery-failsafe")
     link = snapshot.told(Meaning.LINK_LOST)
     if link is None:
@@ -445,7 +445,7 @@ def check_failsafes(subject: Subject, snapshot: VehicleSnapshot) -> Iterator[Fin
 def _zero(
     subject: Subject, snapshot: VehicleSnapshot, meaning: Meaning, code: str, **words: Any
 ) -> Iterator[Finding]:
-    """Yield that a parameter is 0."""
+    """Yield a finding if a parameter is 0."""
     told = snapshot.told(meaning)
     if told is not None and told[1] == 0.0:
         yield found(subject, code, name=told[0], **words)

@@ -29,9 +29,7 @@ from wbf_mission.preflight.rules import (
     found,
     worst,
 )
-from wbf_mission.preflight.subject import (
-    Subject,
-)
+from wbf_mission.preflight.subject import Subject
 
 CHECKS = Checks[[Subject]]()
 
@@ -114,7 +112,7 @@ _MOST_OF_IT = 0.9
         "legs in a row are shorter than the acceptance radius: they count as flown at once",
         "give a smaller radius, or leave waypoints out",
         at_least("length of the leg", "m"),
-    ),
+    )
 )
 def check_short_legs(subject: Subject) -> Iterator[Finding]:
     """Several legs that lie within one acceptance radius, so that the vehicle leaves them out.
@@ -157,7 +155,7 @@ _BESIDE_M = 5.0
         WARNING,
         "the legs are too short for the turns of a fixed wing: much of the plan is not flown",
         "lay rows at least {room_m:.0f} m apart; where the field is too small for that, fly a multirotor",
-    ),
+    )
 )
 def check_turns(subject: Subject) -> Iterator[Finding]:
     """Corners for which the legs are too short, so that a fixed wing does not fly what is planned."""
@@ -205,7 +203,7 @@ def _turn_rad(one: Leg, following: Leg) -> float:
         "the leg climbs or sinks faster than the vehicle does: {outcome}",
         "make the leg longer, or fly slower",
         at_most("climb or descent", "m/s"),
-    ),
+    )
 )
 def check_climbs(subject: Subject) -> Iterator[Finding]:
     """Legs that climb or sink faster than the vehicle does at the speed of the leg."""
@@ -382,7 +380,7 @@ def check_camera(subject: Subject) -> Iterator[Finding]:
         "the images show less of the farm's land than was asked for",
         "is it a part of a survey, the right --farm and --camera? Otherwise plan it again",
         at_least("coverage", "%"),
-    ),
+    )
 )
 def check_coverage(subject: Subject) -> Iterator[Finding]:
     """Images that show less of the farm than was asked for: nothing, or of the whole land a part."""

@@ -29,11 +29,7 @@ from wbf_mission.preflight.rules import (
     found,
     worst,
 )
-from wbf_mission.preflight.subject import (
-    PLACED,
-    FlownTrack,
-    Subject,
-)
+from wbf_mission.preflight.subject import PLACED, FlownTrack, Subject
 from wbf_mission.scenario.parts import MAX_ALTITUDE_M
 
 CHECKS = Checks[[Subject]]()
@@ -296,7 +292,7 @@ _FARTHEST_START_M = 1000.0
         "the whole mission is far from home: this is its nearest position",
         "is home right?",
         at_most("distance from home", "m"),
-    ),
+    )
 )
 def check_start_distance(subject: Subject) -> Iterator[Finding]:
     """A mission that lies far from home. On a large farm the first position alone may be far away."""
@@ -349,7 +345,7 @@ _SMALLEST_RADIUS_M = 1.0
         "{autopilot} may wait at the waypoint",
         "give 2 m, or 0 for the autopilot's own",
         at_least("acceptance radius", "m"),
-    ),
+    )
 )
 def check_radii(subject: Subject) -> Iterator[Finding]:
     """Acceptance radii that the vehicle cannot hold: the error of its height estimate counts in them."""

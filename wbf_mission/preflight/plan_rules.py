@@ -43,9 +43,7 @@ _FIXES = {
 }
 
 
-@CHECKS.finds(
-    Rule("stops", ERROR, "{reason}", "change the item, or fly another vehicle", by_vehicle=True),
-)
+@CHECKS.finds(Rule("stops", ERROR, "{reason}", "change the item, or fly another vehicle", by_vehicle=True))
 def check_problems(subject: Subject) -> Iterator[Finding]:
     """What the vehicle cannot fly, as its own checks before arming find it."""
     # Where a jump leads is told of every autopilot.
@@ -74,7 +72,7 @@ def check_problems(subject: Subject) -> Iterator[Finding]:
         "the flight is not predicted, because the vehicle cannot fly the plan: battery and time are not"
         " known, and fence and obstacles are checked along straight legs",
         "correct the errors, then check again",
-    ),
+    )
 )
 def check_predicted(subject: Subject) -> Iterator[Finding]:
     """A plan whose flight could not be predicted: several checks know less then."""
@@ -135,7 +133,7 @@ def check_unknown(subject: Subject) -> Iterator[Finding]:
         WARNING,
         "is never flown: what is before it ends the mission, and nothing jumps there",
         "remove it, or put the end of the mission behind it",
-    ),
+    )
 )
 def check_flown(subject: Subject) -> Iterator[Finding]:
     """Items behind the end of the mission."""
@@ -149,7 +147,7 @@ def check_flown(subject: Subject) -> Iterator[Finding]:
         WARNING,
         "the mission goes round until the battery is low",
         "give DO_JUMP a number of times",
-    ),
+    )
 )
 def check_ends(subject: Subject) -> Iterator[Finding]:
     """Jumps that go round for ever."""
@@ -171,7 +169,7 @@ _FRAMES = {
         WARNING,
         "its height counts {frame}, that of others {usual}",
         "give all heights in one frame",
-    ),
+    )
 )
 def check_frames(subject: Subject) -> Iterator[Finding]:
     """Heights that count from different levels."""

@@ -130,7 +130,7 @@ _PARTS = {
 
 
 @CHECKS.finds(
-    _readiness("estimator", ERROR, "the estimator does not know: {parts}", "wait until it has settled"),
+    _readiness("estimator", ERROR, "the estimator does not know: {parts}", "wait until it has settled")
 )
 def check_estimator(subject: Subject, snapshot: VehicleSnapshot) -> Iterator[Finding]:
     """Parts of the state that the estimator does not know."""
@@ -458,9 +458,7 @@ _CALIBRATED = {
 }
 
 
-@CHECKS.finds(
-    _setting("not-calibrated", ERROR, "{name} is 0: there is no calibrated {sensor}", "{mend}"),
-)
+@CHECKS.finds(_setting("not-calibrated", ERROR, "{name} is 0: there is no calibrated {sensor}", "{mend}"))
 def check_calibration(subject: Subject, snapshot: VehicleSnapshot) -> Iterator[Finding]:
     """Sensors that were never calibrated."""
     for meaning, (severity, mend) in _CALIBRATED.items():
@@ -469,9 +467,7 @@ def check_calibration(subject: Subject, snapshot: VehicleSnapshot) -> Iterator[F
         yield from _zero(subject, snapshot, meaning, "not-calibrated", **words)
 
 
-@CHECKS.finds(
-    _setting("parameter-unread", NOTE, "could not be read: {names}"),
-)
+@CHECKS.finds(_setting("parameter-unread", NOTE, "could not be read: {names}"))
 def check_unread(subject: Subject, snapshot: VehicleSnapshot) -> Iterator[Finding]:
     """Parameters that the vehicle does not have, or did not tell."""
     missing = [

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from geo import Farm
 from geo.grid import NOT_GROWN
 from sensors.fields import ALL_CROPS
-from sensors.scoring.tiles import TILE_CELLS
+from sensors.scoring.information import TILE_CELLS
 from wbf_mission.web.schema import Raster, Tile
 
 Floats = NDArray[np.float32]
@@ -138,7 +138,7 @@ class Layers:
         pixels : callable
             Gives those of a window, NaN where there is nothing: `of_cells` or `of_blocks`.
         changed : bool[tiles along x, y], optional
-            The tiles (`sensors.scoring.tiles`) outside of which it is as before; all by default.
+            The tiles (`sensors.scoring.information`) outside of which it is as before; all by default.
         scale : float, optional
             What 254 stands for; by default a round number that no mean was above so far.
         """

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from geo.farms import get_farm
-from sensors.dynamics.smooth import SmoothParameters
+from sensors.dynamics.continuous import SmoothParameters
 from sensors.environment import generate_environment
 from sensors.errors import EnvironmentDataError
 from sensors.field_files import field_from_table, field_to_table

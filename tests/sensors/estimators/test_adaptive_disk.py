@@ -11,12 +11,12 @@ from hypothesis import strategies as st
 
 from geo.grid import FarmGrid
 from sensors.errors import EstimatorError
-from sensors.estimators.disk.adaptive_disk import AdaptiveDiskEstimator
-from sensors.estimators.disk.authors import AuthorsAdaptiveDiskEstimator, misplaced_disk
-from sensors.estimators.disk.disks import adaptive_radius, centred_disk
+from sensors.estimators.adaptive_disk import AdaptiveDiskEstimator
+from sensors.estimators.disks import adaptive_radius, centred_disk
 from sensors.fields import PAPER_FIELDS
 from sensors.observations import Observations
-from sensors.scoring.tiles import TILE_CELLS, tile_shape
+from sensors.scoring.information import TILE_CELLS, tile_shape
+from wbf_mission.addons.authors.adaptive_disk import AuthorsAdaptiveDiskEstimator, misplaced_disk
 
 GOLDEN = Path(__file__).parents[2] / "data" / "golden"
 

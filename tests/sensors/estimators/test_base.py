@@ -14,8 +14,7 @@ from sensors.estimators.append_buffer import GrowingArray
 from sensors.estimators.point import PointEstimator
 from sensors.fields import PAPER_FIELDS, FieldSet
 from sensors.observations import Observations
-from sensors.scoring.information import InformationModel
-from sensors.scoring.tiles import tile_shape
+from sensors.scoring.information import InformationModel, tile_shape
 
 OURS = ("adaptive-disk", "authors-ad", "gp", "gp-sklearn", "point")
 GRID = FarmGrid((6, 5), 0.3048, np.ones((6, 5), np.int8), np.ones((6, 5), bool))

@@ -16,8 +16,8 @@ from sensors.errors import EstimatorError
 from sensors.estimators.gp.cell_posterior import ExactPosterior, merge_repeated
 from sensors.estimators.gp.estimator import ZERO_MEAN, GaussianProcessEstimator
 from sensors.estimators.gp.rbf import RbfKernel, _cost, fit_kernel
-from sensors.estimators.gp.sklearn_gp import SklearnGaussianProcessEstimator
 from sensors.observations import Observations
+from wbf_mission.addons.authors.sklearn_gp import SklearnGaussianProcessEstimator
 
 KERNEL = RbfKernel(length_x=3.0, length_y=5.0, noise=0.05, amplitude=1.3)
 

@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sensors.scoring.tiles import TILE_CELLS, tile_shape, tiles_of_boxes
+from sensors.scoring.information import TILE_CELLS, tile_shape, tiles_of_boxes
 
 shapes = st.tuples(st.integers(1, 300), st.integers(1, 300))
 boxes = st.lists(st.tuples(*[st.integers(-100, 400)] * 4), max_size=6)

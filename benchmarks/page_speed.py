@@ -16,10 +16,10 @@ from urllib.parse import urlsplit
 
 from common import options_of
 
+from wbf_mission.addons.web.server import LiveServer
+from wbf_mission.addons.web.studio import Studio
+from wbf_mission.addons.web.view import View
 from wbf_mission.scenario import Scenario
-from wbf_mission.web.server import LiveServer
-from wbf_mission.web.studio import Studio
-from wbf_mission.web.view import View
 
 
 def main() -> None:

@@ -52,10 +52,10 @@
     +-- wbf_mission.addons.rl.errors.TrainingError       a training environment
     +-- wbf_mission.results.storage.ResultError          the folder of a result
     +-- wbf_mission.addons.export.rerun.ExportError      a run that cannot be exported
-    +-- wbf_mission.web.tiles.MapTilesError              a file of map tiles
-    +-- wbf_mission.web.report.ReportError               runs of which no report can be made
-    +-- wbf_mission.web.drafts.DraftError                a draft of the studio
-    +-- wbf_mission.web.newest.SupersededError           work in whose place newer work is done
+    +-- wbf_mission.addons.web.tiles.MapTilesError              a file of map tiles
+    +-- wbf_mission.addons.web.report.ReportError               runs of which no report can be made
+    +-- wbf_mission.addons.web.drafts.DraftError                a draft of the studio
+    +-- wbf_mission.addons.web.newest.SupersededError           work in whose place newer work is done
     +-- wbf_mission.cli.options.TargetError              a file or folder to be written
 """
 

@@ -20,15 +20,19 @@ _WORDS = {
 
 
 def in_words(outcome: Outcome | str, reason: str = "") -> str:
-    """Return an outcome, by its value, as people read it, with its reason.
+    """Return an outcome, by its value, as people read it, with its reason unless that says no more.
 
     Examples
     --------
     >>> in_words(Outcome.BATTERY_DEPLETED), in_words("arming_refused", "denied")
     ('battery empty in the air', 'arming refused: denied')
+    >>> in_words("position_lost", "position lost")
+    'position lost'
     """
     value = outcome.value if isinstance(outcome, Outcome) else outcome
-    return ": ".join(filter(None, (_WORDS.get(value, value.replace("_", " ")), reason)))
+    name = value.replace("_", " ")
+    words = _WORDS.get(value, name)
+    return f"{words}: {reason}" if reason not in ("", name, words) else words
 
 
 class Outcome(Enum):

@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -99,7 +100,7 @@ class RunEstimate:
         self._held: list[Observations] = []
         self._given = 0
         self._worker = ThreadPoolExecutor(1, "estimate")
-        self._waiting: deque[Future[None]] = deque()
+        self._waiting: deque[Future[Any]] = deque()
 
     def add(self, parts: Sequence[Observations], offset_s: float = 0.0) -> None:
         """Add observations; those up to a scored time are learned when they are complete."""
@@ -119,10 +120,25 @@ class RunEstimate:
     def current(self) -> InformationModel:
         """Wait until all observations are learned, and return the estimate in the estimator's own arrays."""
         self._catch_up()
-        begin = time.perf_counter()
-        model = believed(self.estimator)
-        self.estimate_s += time.perf_counter() - begin
-        return model
+        return self._believed()
+
+    def snapshot(self) -> Future[InformationModel]:
+        """Return at once a future of the estimate after all added observations, in arrays of its own.
+
+        The estimate's thread makes it in its turn, so a thread that waits for it shares nothing with the
+        estimator.
+        """
+        self._hand_over()
+        before = tuple(self._waiting)
+
+        def take() -> InformationModel:
+            for done in before:
+                done.result()
+            with attribute_errors_to(self.estimator):
+                return self._believed().copy()
+
+        self._waiting.append(taken := self._worker.submit(take))
+        return taken
 
     def begin_day(self, day: int, truth: NDArray[np.float32], time_s: float) -> None:
         """Go on to another day, and score the estimate against its truth before anything is observed."""
@@ -177,16 +193,20 @@ class RunEstimate:
         if score_at_s is not None:
             self._evaluate(score_at_s)
 
-    def _evaluate(self, time_s: float) -> None:
+    def _believed(self) -> InformationModel:
         begin = time.perf_counter()
-        self.model = believed(self.estimator)
-        middle = time.perf_counter()
+        model = believed(self.estimator)
+        self.estimate_s += time.perf_counter() - begin
+        return model
+
+    def _evaluate(self, time_s: float) -> None:
+        self.model = self._believed()
+        begin = time.perf_counter()
         self.history.entries.append(self._score.add(self.model))
         self.history.times_s.append(time_s)
         self.history.observations.append(self._seen)
         self.history.days.append(self.day)
-        self.estimate_s += middle - begin
-        self.score_s += time.perf_counter() - middle
+        self.score_s += time.perf_counter() - begin
         self.told(time_s, self.model)
 
 
@@ -257,6 +277,10 @@ class Evidence:
         if self.estimate is not None:
             return self.estimate.current()
         return InformationModel.unknown(self.farm.grid().shape, self.fields)
+
+    def snapshot(self) -> Callable[[], InformationModel]:
+        """Return what gives that model as it is now, in any thread and however much is learned meanwhile."""
+        return self.model if self.estimate is None else self.estimate.snapshot().result
 
 
 def prepare_days(

@@ -128,8 +128,8 @@ def _table(path: Path) -> bytes:
 def _page(run: Path) -> bytes:
     """Return what the page of a run is told, message by message."""
     from wbf_mission import load_result
+    from wbf_mission.addons.web.view import View
     from wbf_mission.results.replay import events_of
-    from wbf_mission.web.view import View
 
     view, cursor, messages = View(), None, []
     for number, event in enumerate(events_of(load_result(run))):

@@ -9,18 +9,16 @@ import selectors
 import socket
 import threading
 from abc import ABC, abstractmethod
-from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
 from mission.errors import LinkError, LinkLostError, NoPeerError
 from mission.link.address import LinkAddress
+from mission.link.waiting import WaitingDatagrams
 
 _DATAGRAM_BYTES = 65536
 _BATCH = 256
 _BUFFER_BYTES = 4 << 20
-_KEPT_BYTES, _OVERHEAD_BYTES = 32 << 20, 256
-"""Memory for datagrams that nobody has taken yet; a short one costs much more than its bytes."""
 _REST_S = 0.1
 _BACKLOG_BYTES = 1 << 20
 _Peer = Any
@@ -98,17 +96,14 @@ class _Datagrams(_OnSocket):
 
     The system keeps few (Linux: 208 KiB with its bookkeeping, some 330), which is less than a second of a
     vehicle's telemetry and images; who waits for the descriptor may be busy for longer than that.
-    Attribute ``dropped``: how many came while as many as may be were kept already.
 
     LinkError, and nothing stays open, if the thread cannot begin.
     """
 
     def __init__(self, made: socket.socket, address: LinkAddress, *, at_once: bool) -> None:
         super().__init__(made)
-        self.dropped = 0
         self._from = address
-        self._kept: deque[tuple[bytes, _Peer]] = deque()
-        self._kept_bytes = 0
+        self._kept = WaitingDatagrams()
         self._error: OSError | None = None
         self._lock = threading.Lock()
         self._reader: _Reader | None = None
@@ -129,12 +124,18 @@ class _Datagrams(_OnSocket):
         if self._reader is not None:
             self._reader.close()
         super().close()
-        self._kept.clear()
+
+    @property
+    def dropped(self) -> dict[str, int]:
+        """How many datagrams of which address were dropped because too many were kept already."""
+        with self._lock:
+            return self._kept.dropped
 
     def _take(self) -> bool:
         """Keep what the system has; return whether the socket can be read."""
         with self._lock:
-            self._read()
+            for data, peer in self._incoming():
+                self._kept.put(data, peer)
             self._show()
             return self._error is None
 
@@ -143,11 +144,11 @@ class _Datagrams(_OnSocket):
         if self._reader is not None:
             self._reader.show(bool(self._kept) or self._error is not None)
 
-    def _read(self) -> None:
-        """Keep what the system has, with the lock."""
+    def _incoming(self) -> Iterator[tuple[bytes, _Peer]]:
+        """Take at most 256 datagrams from the system, with the lock."""
         for _ in range(_BATCH):
             try:
-                data, peer = self._socket.recvfrom(_DATAGRAM_BYTES)
+                yield self._socket.recvfrom(_DATAGRAM_BYTES)
             except BlockingIOError:
                 return
             except ConnectionError:
@@ -155,18 +156,13 @@ class _Datagrams(_OnSocket):
             except OSError as error:
                 self._error = error
                 return
-            if self._kept_bytes + len(data) + _OVERHEAD_BYTES > _KEPT_BYTES:
-                self.dropped += 1
-                continue
-            self._kept_bytes += len(data) + _OVERHEAD_BYTES
-            self._kept.append((data, peer))
 
     def _arrived(self) -> list[tuple[bytes, _Peer]]:
         """Return the datagrams that have arrived (at most 256 a call); LinkError if the socket fails."""
+        if self._reader is not None:
+            self._take()
         with self._lock:
-            self._read()
-            taken = [self._kept.popleft() for _ in range(min(_BATCH, len(self._kept)))]
-            self._kept_bytes -= sum(len(data) + _OVERHEAD_BYTES for data, _ in taken)
+            taken = list(self._incoming()) if self._reader is None else self._kept.take(_BATCH)
             error = None
             if not taken:
                 error, self._error = self._error, None

@@ -128,7 +128,7 @@ class VehicleReport:
     age_s : float
         How old position and velocity are.
     spent : float
-        What the flight has cost so far, in the unit of the budget.
+        What the flight has cost so far, and a real one costs until the answer, in the unit of the budget.
     rest_m : float64[n, 2]
         The points of its path that are still to be reached, the present target first; read-only.
     travel_cost : TravelCost

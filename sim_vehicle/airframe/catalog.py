@@ -1,6 +1,6 @@
 """Vehicle files: TOML with the fields of `VehicleSpec`, and tables for its parts.
 
-The vehicles of the package are such files, too (``sim_vehicle/airframe/vehicles``).
+The vehicles that come with a kind are such files, too (``sim_vehicle/airframe/vehicles``).
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from geo.reading import UnreadableError, read_toml
 from sim_vehicle.airframe.autopilot_names import autopilot_names
-from sim_vehicle.airframe.kind import forget_kinds, get_kind, kind_names
+from sim_vehicle.airframe.kind import forget_kinds, get_kind, kind_names, not_installed
 from sim_vehicle.airframe.power_spec import BatterySpec
 from sim_vehicle.airframe.spec import PublishedEndurance, VehicleSpec
 from sim_vehicle.errors import VehicleError
@@ -75,7 +75,9 @@ def get_vehicle(name: str) -> VehicleSpec:
     if name.lower().endswith(".toml"):
         return load_vehicle(Path(name))
     if name.lower() not in vehicle_names():
-        msg = f"unknown vehicle {name!r}: choose {', '.join(vehicle_names())} or a .toml file"
+        msg = (
+            f"unknown vehicle {name!r}: choose {', '.join(vehicle_names())} or a .toml file{not_installed()}"
+        )
         raise VehicleError(msg)
     return _packaged(name.lower())
 
@@ -110,7 +112,7 @@ def load_vehicle(path: Path) -> VehicleSpec:
         raise VehicleError(msg)
     kind = data.get("kind", "multirotor" if "base" not in data else None)
     if kind is not None and kind not in kind_names():
-        msg = f"{where}: kind {kind!r} is not one of {', '.join(kind_names())}"
+        msg = f"{where}: kind {kind!r} is not one of {', '.join(kind_names())}{not_installed()}"
         raise VehicleError(msg)
     name = str(data.pop("base") if kind is None or "base" in data else get_kind(kind).base).lower()
     if name not in vehicle_names():

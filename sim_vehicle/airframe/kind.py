@@ -6,28 +6,37 @@ Those of the package are in `BUILT_IN`; packages register others under the entry
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import Enum
 from functools import cache
 from importlib import resources
+from itertools import chain
 from typing import TYPE_CHECKING
 
 from geo.imports import entry_points, load_entry
-from sim_vehicle.airframe.power_spec import (
-    FixedWingAirframe,
-    FixedWingPowerSpec,
-    PowerSpec,
-    RoverPowerSpec,
-)
+from sim_vehicle.airframe.power_spec import AnyPowerSpec, PowerSpec
 from sim_vehicle.errors import VehicleError
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
     from importlib.resources.abc import Traversable
 
-__all__ = ["BUILT_IN", "KIND_GROUP", "Movement", "VehicleKind", "forget_kinds", "get_kind", "kind_names"]
+__all__ = [
+    "BUILT_IN",
+    "KIND_GROUP",
+    "Movement",
+    "VehicleKind",
+    "forget_kinds",
+    "get_kind",
+    "kind_names",
+    "kind_of_type",
+    "not_installed",
+]
 
 KIND_GROUP = "wbf_mission.vehicle_kinds"
 """The entry point group; each entry is a `VehicleKind` of the entry's name."""
+# The kinds that add-ons of this package bring: the add-on, and the MAV_TYPE.
+_ADDED = {"fixed-wing": ("wings", 1), "rover": ("rovers", 10)}
 _VEHICLES = resources.files("sim_vehicle.airframe") / "vehicles"
 
 
@@ -50,12 +59,12 @@ class VehicleKind:
 
     Examples
     --------
-    >>> get_kind("rover").movement
-    <Movement.DRIVES: 'drives'>
+    >>> get_kind("multirotor").movement
+    <Movement.HOVERS: 'hovers'>
     """
 
     name: str
-    """What vehicle files and autopilots call it; that of its entry point."""
+    """Its name in vehicle files and autopilots; that of its entry point."""
     movement: Movement
     base: str
     """The vehicle whose values hold where a vehicle file of this kind has none."""
@@ -63,13 +72,16 @@ class VehicleKind:
     """The vehicle that flies where only the kind is known, and for which its motion is compiled ahead."""
     vehicles: Traversable = _VEHICLES
     """The folder with its vehicle files; each vehicle there is known by the name of its file."""
-    power: type[PowerSpec | FixedWingPowerSpec | RoverPowerSpec] | None = None
-    """Class of ``[power]`` in vehicle files: one of these or derived from one. None uses no energy."""
+    power: type[AnyPowerSpec] | None = None
+    """Class of ``[power]`` in vehicle files. None uses no energy."""
     airframe: type | None = None
     """Class of ``[airframe]`` in vehicle files, a dataclass; None has no such table."""
     procedures: str = ""
     """The `FlightProcedures` that move it without an autopilot, as ``module:NAME``, imported when it moves;
     without any, those of the default autopilot do."""
+    firmwares: Mapping[str, str] = field(default_factory=dict)
+    """By the names of autopilots that have no `Firmware` for this kind, one with which they fly it, as
+    ``module:NAME``."""
     shown_as: str = ""
     """The kind whose firmware shows it to peers where an autopilot has none for this one; its own procedures
     move it then. Without, such an autopilot is refused."""
@@ -89,23 +101,6 @@ BUILT_IN = {
             procedures="sim_vehicle.autopilot.procedures:GENERIC",
         ),
         VehicleKind(
-            "fixed-wing",
-            Movement.CIRCLES,
-            base="wing",
-            typical="fixed-wing",
-            power=FixedWingPowerSpec,
-            airframe=FixedWingAirframe,
-            mav_types=(1,),  # MAV_TYPE_FIXED_WING
-        ),
-        VehicleKind(
-            "rover",
-            Movement.DRIVES,
-            base="rover",
-            typical="rover",
-            power=RoverPowerSpec,
-            mav_types=(10,),  # MAV_TYPE_GROUND_ROVER
-        ),
-        VehicleKind(
             "ideal",
             Movement.STEPS,
             base="ideal",
@@ -115,7 +110,7 @@ BUILT_IN = {
         ),
     )
 }
-"""The kinds of the package, by name."""
+"""The kinds of the core, by name."""
 
 
 @cache
@@ -124,8 +119,8 @@ def kind_names() -> tuple[str, ...]:
 
     Examples
     --------
-    >>> kind_names()[:4]
-    ('multirotor', 'fixed-wing', 'rover', 'ideal')
+    >>> kind_names()[:2]
+    ('multirotor', 'ideal')
     """
     return (*BUILT_IN, *sorted({entry.name for entry in entry_points(KIND_GROUP)} - BUILT_IN.keys()))
 
@@ -143,15 +138,32 @@ def get_kind(name: str) -> VehicleKind:
 
 @cache
 def _registered(name: str) -> VehicleKind:
-    entry = next((one for one in entry_points(KIND_GROUP) if one.name == name), None)
+    entry = next((entry for entry in entry_points(KIND_GROUP) if entry.name == name), None)
     if entry is None:
-        raise VehicleError(f"kind {name!r} is not one of {', '.join(kind_names())}")
+        raise VehicleError(f"kind {name!r} is not one of {', '.join(kind_names())}{not_installed()}")
     found = load_entry(entry, f"vehicle kind {name}", VehicleError)
     if not isinstance(found, VehicleKind) or found.name != name:
         raise VehicleError(
             f"vehicle kind {name} ({entry.value}) is no sim_vehicle.airframe.kind.VehicleKind of this name"
         )
     return found
+
+
+def kind_of_type(mav_type: int) -> str:
+    """Return the kind that has a MAV_TYPE, installed or not; a multirotor has all that no other has."""
+    installed = (name for name in kind_names() if mav_type in get_kind(name).mav_types)
+    added = (name for name, (_, added_type) in _ADDED.items() if mav_type == added_type)
+    return next(chain(installed, added), "multirotor")
+
+
+def not_installed() -> str:
+    """Return the end of an error about an unknown kind or vehicle: which of this package's are missing."""
+    missing = [
+        f"{kind} (wbf_mission.addons.{addon})"
+        for kind, (addon, _) in _ADDED.items()
+        if kind not in kind_names()
+    ]
+    return f"; not installed: {', '.join(missing)}: install wbf-mission again" if missing else ""
 
 
 def forget_kinds() -> None:

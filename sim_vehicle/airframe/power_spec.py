@@ -1,14 +1,30 @@
-"""What a vehicle's power model and battery are made of (see docs/energy.md)."""
+"""Parameters of a vehicle's power model and battery (docs/energy.md)."""
 
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from dataclasses import dataclass, fields
+from typing import TYPE_CHECKING
 
 from sim_vehicle.errors import VehicleError
 
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
 AIR_DENSITY_KG_M3 = 1.225
 GRAVITY_M_S2 = 9.80665
+
+# The constants of a power model, by their places in an array. All have the mass (kg), the constant power (W),
+# 1 / efficiency and the loss in the battery (1/W). DRAG is drag over V^2; that of a rotorcraft is rho f / 2,
+# and its others are 1 / (2 rho A), k, P0 / W^1.5 and 3 / Utip^2.
+COEFFICIENTS = 9
+MASS, DRAG, INDUCED_FLOW, INDUCED_FACTOR, PROFILE, TIP_SPEED, CONSTANT_POWER, PER_EFFICIENCY, BATTERY_LOSS = (
+    range(COEFFICIENTS)
+)
+# In the same place, `FurtherPowerSpec.own_drag`.
+OWN_DRAG = INDUCED_FLOW
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,7 +90,7 @@ class BatterySpec:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _PowerSpec:
-    """What all power models have."""
+    """Parameters of all power models."""
 
     mass_kg: float
     """As it flies or drives."""
@@ -119,73 +135,29 @@ class PowerSpec(_PowerSpec):
     idle_w: float = 25.0
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class FixedWingPowerSpec(_PowerSpec):
-    """Parameters of the power model of a fixed wing (see `sim_vehicle.energy.power.fixed_wing_power`)."""
+class FurtherPowerSpec(_PowerSpec, ABC):
+    """Parameters of the power model of a kind that is no rotorcraft, and its formula."""
 
-    # Of the wing; they give its aspect ratio.
-    wing_area_m2: float
-    wing_span_m: float
-    parasitic_drag: float = 0.025
-    """Drag coefficient without lift, on the wing area."""
-    oswald: float = 0.8
-    """Span efficiency of the induced drag."""
-    efficiency: float = 0.55
+    __slots__ = ()
 
     @property
+    @abstractmethod
     def drag_area_m2(self) -> float:
-        """Equivalent flat plate area of the drag without lift."""
-        return self.parasitic_drag * self.wing_area_m2
+        """Equivalent flat plate area of the drag that grows with the square of the airspeed."""
+
+    @property
+    @abstractmethod
+    def own_drag(self) -> float:
+        """The constant of the drag that does not: induced drag times V^2, or rolling drag."""
+
+    @abstractmethod
+    def steady_w(
+        self, numbers: NDArray[np.float64], airspeed: float, climb: float, load: float, acceleration: float
+    ) -> float:
+        """Return the power of steady motion, as `sim_vehicle.energy.power.flight_power_w`."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class RoverPowerSpec(_PowerSpec):
-    """Parameters of the power model of a ground vehicle (see `sim_vehicle.energy.power.rover_power`)."""
-
-    rolling_resistance: float = 0.08
-    """Rolling drag over weight."""
-    drag_area_m2: float = 0.2
-    """Drag coefficient times frontal area."""
-    efficiency: float = 0.6
-    avionics_w: float = 15.0
-
-
-AnyPowerSpec = PowerSpec | FixedWingPowerSpec | RoverPowerSpec
-
-
-@dataclass(frozen=True, slots=True)
-class FixedWingAirframe:
-    """How a fixed wing flies, beside the drag of its power model."""
-
-    thrust_n: float | None = None
-    """At full throttle, at any airspeed; None is what climbs as the autopilot's parameter says."""
-    # Lift coefficient with the fuselage along the flow, and its gain per radian of angle of attack.
-    lift_level: float = 0.3
-    lift_slope: float = 5.0
-    turn_share: float = 1.0
-    """Rate of a turn over that of a coordinated one, g tan(bank) / airspeed; below 1 it slips outward."""
-    elevator_per_lift: float = 0.0
-    """Share of the throw of the elevator that trims it for one more lift coefficient: the static stability
-    over the power of the elevator. Until the pitch control has trimmed a change of airspeed its nose is too
-    high or too low; 0 is always trimmed."""
-    liftoff_airspeed_m_s: float | None = None
-    """Airspeed at which it leaves the ground by its own thrust; None: it is thrown, or rolls as the
-    autopilot's parameters say."""
-    ground_drag_1_s: float | None = None
-    """Deceleration over speed while it rolls; None is grass, which brakes at any speed alike."""
-
-    def __post_init__(self) -> None:
-        within(
-            "airframe",
-            self,
-            ("thrust_n", 0.01, 1e5),
-            ("lift_level", -1.0, 2.0),
-            ("lift_slope", 1.0, 10.0),
-            ("turn_share", 0.2, 1.0),
-            ("elevator_per_lift", 0.0, 5.0),
-            ("liftoff_airspeed_m_s", 1.0, 100.0),
-            ("ground_drag_1_s", 0.01, 10.0),
-        )
+AnyPowerSpec = PowerSpec | FurtherPowerSpec
 
 
 def _is_number(value: object) -> bool:

@@ -1,4 +1,4 @@
-"""What a vehicle can do: kinematic limits, battery, power model."""
+"""Specification of a vehicle: kinematic limits, battery, power model."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 from geo.units import FOOT_M
 from sim_vehicle.airframe.autopilot_names import NO_AUTOPILOT, autopilot_names
 from sim_vehicle.airframe.kind import Movement, VehicleKind, get_kind, kind_names
-from sim_vehicle.airframe.power_spec import AnyPowerSpec, BatterySpec, FixedWingAirframe, positive, within
+from sim_vehicle.airframe.power_spec import AnyPowerSpec, BatterySpec, positive, within
 from sim_vehicle.errors import VehicleError
 
 __all__ = ["PublishedEndurance", "VehicleSpec"]
@@ -34,7 +34,7 @@ _NO_LIMITS = (
 
 @dataclass(frozen=True, slots=True)
 class PublishedEndurance:
-    """How long a vehicle flies as its maker tells it."""
+    """Endurance of a vehicle as published by its maker."""
 
     endurance_min: float
     """Minutes."""
@@ -118,15 +118,14 @@ class VehicleSpec:
     power: AnyPowerSpec | None = None
     """The one of its kind; None uses no energy."""
     airframe: Any = None
-    """The one of its kind, such as a `FixedWingAirframe`; None is a typical one."""
+    """The one of its kind; None is a typical one."""
     return_margin_m: float = 0.0
-    """How much farther from home than planned a return may begin: a return altitude that depends on the
-    distance is that of so much more. 0 for a vehicle that flies; where a way home is priced it is what
-    `sim_vehicle.autopilot.with_return_margin` says."""
+    """Added to the distance from home on which a return altitude depends, because a return may begin farther
+    away than planned. 0 in flight; `sim_vehicle.autopilot.with_return_margin` sets it to price a way home."""
     autopilot_parameters: tuple[tuple[str, tuple[tuple[str, float], ...]], ...] = ()
     """Per autopilot, the parameters for when it flies this vehicle, under their real names."""
     published: PublishedEndurance | None = None
-    """What the maker of such a vehicle tells, to compare the model with."""
+    """The maker's endurance, to compare the model with."""
     description: str = ""
     """In a few words, for lists."""
 
@@ -154,8 +153,7 @@ class VehicleSpec:
             msg = f"vehicle {self.name}: {type(self.power).__name__} is no power model of kind {self.kind}"
             raise VehicleError(msg)
         if self.airframe is not None and not isinstance(self.airframe, kind.airframe or ()):
-            whose = "a fixed wing" if isinstance(self.airframe, FixedWingAirframe) else "another kind"
-            msg = f"vehicle {self.name}: [airframe] belongs to {whose}, not to a {self.kind}"
+            msg = f"vehicle {self.name}: {type(self.airframe).__name__} is no airframe of kind {self.kind}"
             raise VehicleError(msg)
 
     @property

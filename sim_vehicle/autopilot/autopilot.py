@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache
 from pkgutil import resolve_name
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 from geo.imports import entry_points, load_entry
 from mission.planners.cornering import Cornering
@@ -16,7 +16,7 @@ from sim_vehicle.airframe.autopilot_names import (
     NO_AUTOPILOT,
     autopilot_names,
 )
-from sim_vehicle.airframe.kind import VehicleKind, get_kind
+from sim_vehicle.airframe.kind import VehicleKind, get_kind, kind_names
 from sim_vehicle.airframe.parameters import ParameterSpec, check_parameters
 from sim_vehicle.autopilot.behaviour import MissionBehaviour
 from sim_vehicle.autopilot.parameters import MavParameter
@@ -30,8 +30,9 @@ if TYPE_CHECKING:
     from sim_vehicle.autopilot.mavlink_profile import MavlinkProfile
     from sim_vehicle.autopilot.stick_rules import StickRules
 
-# Of what an estimate's errors carry a vehicle aside: so many are its margin to a step of the return altitude.
+# Return-altitude margin, in standard deviations of lateral drift.
 _RETURN_DEVIATIONS = 3.0
+_Brought = TypeVar("_Brought")
 _NOT_INSTALLED = f"no package gives any in the entry points {AUTOPILOT_GROUP}: install wbf-mission again"
 
 
@@ -42,25 +43,25 @@ class Firmware:
     title: str
     """Its name for readers."""
     mavlink: MavlinkProfile
-    """How it shows itself on MAVLink."""
+    """Its identity, modes and rates on MAVLink."""
     rules: FailsafeRules
-    """What it does when something goes wrong."""
+    """Its failsafes."""
     profile: Profile
-    """How it speaks the mission protocol."""
+    """Its behaviour in the mission protocol."""
     parameter_table: Callable[[VehicleSpec, int], Sequence[MavParameter]]
     """Given the vehicle and its MAVLink system id, the parameters besides those of the procedures."""
     procedures: FlightProcedures
-    """How it moves the vehicle: parameters of the motion, take-off, return, landing."""
+    """Parameters of the motion, take-off, return, landing."""
     takes_off: bool = False
     """A mission that begins on the ground needs no take-off item."""
     behaviour: MissionBehaviour = field(default_factory=MissionBehaviour)
-    """How it takes a mission that is changed while it flies."""
+    """Its behaviour when a mission is changed in flight."""
     cold_boot: ColdBoot | None = None
-    """How it comes up, where that is known."""
+    """Stages of its start, where they are known."""
     cornering: Cornering = field(default_factory=Cornering)
-    """How it takes the corners of a path, and the acceptance radius that it can hold."""
+    """Corners of its paths, and the acceptance radius that it can hold."""
     sticks: StickRules | None = None
-    """How it flies by sticks; without them they do nothing."""
+    """Its flight by sticks; without, sticks do nothing."""
     strays_m: Callable[[VehicleSpec], float] | None = None
     """Given the vehicle, the standard deviation of how far the errors of its estimate carry it aside, along a
     horizontal axis; without, its estimate is exact (`sim_vehicle.airframe.estimate_errors`)."""
@@ -103,7 +104,7 @@ class Autopilot:
     title: str
     """Its name for readers."""
     firmwares: Mapping[str, Firmware]
-    """By kind of vehicle (`sim_vehicle.airframe.kind.kind_names`); without those that it does not fly."""
+    """Those of its own, by kind of vehicle; kinds bring others (`VehicleKind.firmwares`)."""
     simulator_urls: Callable[[int], tuple[str, ...]]
     """Given the number of a vehicle (from 0), the ports at which the autopilot's own simulator is found, as
     URLs of links."""
@@ -118,13 +119,17 @@ class Autopilot:
         VehicleError
             If the autopilot does not fly such a vehicle.
         """
-        firmware = self.firmwares.get(kind) or self.firmwares.get(get_kind(kind).shown_as)
+        shown_as = get_kind(kind).shown_as
+        firmware = self.firmware(kind) or (self.firmware(shown_as) if shown_as else None)
         if firmware is None:
-            msg = (
-                f"autopilot {self.name} flies no {kind}: choose a vehicle of kind {', '.join(self.firmwares)}"
-            )
-            raise VehicleError(msg)
+            flown = ", ".join(name for name in kind_names() if self.firmware(name))
+            raise VehicleError(f"autopilot {self.name} flies no {kind}: choose a vehicle of kind {flown}")
         return firmware
+
+    def firmware(self, kind: str) -> Firmware | None:
+        """Firmware for a kind of vehicle, its own or the one that the kind brings; None if it flies none."""
+        brought = "" if kind in self.firmwares else get_kind(kind).firmwares.get(self.name, "")
+        return _brought(brought, kind, Firmware) if brought else self.firmwares.get(kind)
 
 
 def get_autopilot(name: str = DEFAULT_AUTOPILOT) -> Autopilot:
@@ -137,8 +142,8 @@ def get_autopilot(name: str = DEFAULT_AUTOPILOT) -> Autopilot:
 
     Examples
     --------
-    >>> get_autopilot("ardupilot").for_vehicle("fixed-wing").title
-    'ArduPlane'
+    >>> get_autopilot("ardupilot").for_vehicle("multirotor").title
+    'ArduCopter'
     """
     return _load(name.strip().lower())
 
@@ -185,12 +190,13 @@ def forget_autopilots() -> None:
     """Find the installed autopilots again, after a package was installed while the program runs."""
     autopilot_names.cache_clear()
     _load.cache_clear()
+    _brought.cache_clear()
 
 
 def firmware_of(spec: VehicleSpec) -> Firmware | None:
     """Firmware whose procedures move a vehicle; None for a vehicle of no autopilot in particular.
 
-    There is no generic fixed wing or rover: the default autopilot's procedures move them.
+    The default autopilot moves vehicles of kinds without procedures, such as fixed wings and rovers.
     """
     kind = spec.vehicle_kind
     if spec.autopilot == NO_AUTOPILOT:
@@ -204,24 +210,27 @@ def _moves_itself(kind: VehicleKind, autopilot: str) -> bool:
     """Whether vehicles of a kind move by its own procedures when that autopilot shows them to peers."""
     if not (kind.procedures and kind.shown_as):
         return False
-    return kind.name not in get_autopilot(autopilot).firmwares
+    return get_autopilot(autopilot).firmware(kind.name) is None
 
 
 def flight_procedures(spec: VehicleSpec) -> FlightProcedures:
     """Procedures that move a vehicle."""
     firmware = firmware_of(spec)
-    return _own_procedures(spec.vehicle_kind) if firmware is None else firmware.procedures
+    if firmware is not None:
+        return firmware.procedures
+    own: FlightProcedures = _brought(spec.vehicle_kind.procedures, spec.kind, FlightProcedures)
+    return own
 
 
 @cache
-def _own_procedures(kind: VehicleKind) -> FlightProcedures:
+def _brought(target: str, kind: str, wanted: type[_Brought]) -> _Brought:
+    """Load what a kind of vehicle names as ``module:NAME``."""
     try:
-        found = resolve_name(kind.procedures)
+        found = resolve_name(target)
     except (ImportError, AttributeError, ValueError) as error:
-        msg = f"procedures {kind.procedures} of kind {kind.name} cannot be loaded: {error}"
-        raise VehicleError(msg) from error
-    if not isinstance(found, FlightProcedures):
-        raise VehicleError(f"procedures {kind.procedures} of kind {kind.name} are no FlightProcedures")
+        raise VehicleError(f"{target} of kind {kind} cannot be loaded: {error}") from error
+    if not isinstance(found, wanted):
+        raise VehicleError(f"{target} of kind {kind} is no {wanted.__name__}")
     return found
 
 
@@ -242,7 +251,7 @@ def with_return_margin(spec: VehicleSpec) -> VehicleSpec:
     --------
     >>> from sim_vehicle.airframe.catalog import get_vehicle
     >>> flown = [with_autopilot(get_vehicle("quad"), name) for name in ("px4", "ardupilot")]
-    >>> [round(with_return_margin(one).return_margin_m, 2) for one in flown]
+    >>> [round(with_return_margin(vehicle).return_margin_m, 2) for vehicle in flown]
     [0.64, 0.0]
     """
     firmware = firmware_of(spec)
@@ -319,8 +328,8 @@ def adapt_vehicle(spec: VehicleSpec, autopilot: Autopilot) -> VehicleSpec:
     Examples
     --------
     >>> from sim_vehicle.airframe.catalog import get_vehicle
-    >>> adapt_vehicle(get_vehicle("wing"), get_autopilot("ardupilot")).autopilot
-    'ardupilot'
+    >>> adapt_vehicle(get_vehicle("quad"), get_autopilot("ardupilot")).autopilot
+    'generic'
     """
     if spec.vehicle_kind.procedures or spec.autopilot == autopilot.name:
         return spec

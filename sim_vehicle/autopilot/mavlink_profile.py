@@ -23,7 +23,6 @@ COMMON_CAPABILITIES = int(
     | m.MAV_PROTOCOL_CAPABILITY_PARAM_FLOAT
     | m.MAV_PROTOCOL_CAPABILITY_MISSION_INT
     | m.MAV_PROTOCOL_CAPABILITY_COMMAND_INT
-    | m.MAV_PROTOCOL_CAPABILITY_FTP
     | m.MAV_PROTOCOL_CAPABILITY_MAVLINK2
     | m.MAV_PROTOCOL_CAPABILITY_MISSION_FENCE
     | m.MAV_PROTOCOL_CAPABILITY_MISSION_RALLY
@@ -62,10 +61,10 @@ class Identity:
 
 @dataclass(frozen=True, slots=True)
 class LogBehaviour:
-    """Where a firmware keeps its logs, and when it sends them."""
+    """A firmware's logs: their place, and when it sends them."""
 
     directory: str = "/logs"
-    """Where their files are."""
+    """Directory of their files."""
     by_date: bool = False
     """The files are named by date and time (PX4); otherwise they are numbered."""
     first_number: int = 0
@@ -78,7 +77,7 @@ class LogBehaviour:
 
 @dataclass(frozen=True, slots=True)
 class RefusalTexts:
-    """What a firmware says besides its answer to an order that it refuses; empty for nothing.
+    """Texts of a firmware with its answer to an order that it refuses; empty for none.
 
     Sources: PX4's ``Commander.cpp`` and ``mavlink_mission.cpp``; ArduPilot's ``GCS_Common.cpp`` and
     ``AP_Mission.cpp``.
@@ -101,7 +100,7 @@ class MavlinkProfile:
     identity: Identity
     modes: ModeTable
     parameter_encoding: Literal["bytewise", "cast"]
-    """How integer parameters travel in a float."""
+    """Encoding of integer parameters in a float."""
     data_streams: bool
     """REQUEST_DATA_STREAM changes rates (ArduPilot); otherwise it is ignored."""
     rates_hz: Mapping[int, float]
@@ -122,7 +121,7 @@ class MavlinkProfile:
     gps_fix: int = _FIX_3D
     """GPS_FIX_TYPE in GPS_RAW_INT while the position is known."""
     reached_repeats: int = 0
-    """How often MISSION_ITEM_REACHED is sent again, once a second, after it happened."""
+    """Repeats of MISSION_ITEM_REACHED, one a second."""
     reached_merged: bool = False
     """Of items that end together (a waypoint, the commands after it, a return that follows) only the last is
     reported."""
@@ -161,20 +160,20 @@ class MavlinkProfile:
     guided_items: bool = False
     """A mission item with ``current`` 2 is flown to at once in the guided mode (ArduPilot)."""
     tells_remaining_time: bool = False
-    """BATTERY_STATUS tells how long the battery lasts (PX4)."""
+    """BATTERY_STATUS has the time that is left (PX4)."""
     packed_parameters: bool = False
     """All parameters can be read as one file (ArduPilot)."""
     packed_plans: bool = False
     """Mission, fence and rally points can be read and written as a file each (ArduPilot)."""
     system_files: bool = False
-    """Files tell of the board and its tasks (ArduPilot's @SYS)."""
+    """It has files about the board and its tasks (ArduPilot's @SYS)."""
     component_metadata: Callable[[], Mapping[str, ParameterDetails]] | None = None
-    """What the files that COMPONENT_METADATA names tell of parameters, by their names (PX4); without it there
-    are none."""
+    """Details of parameters by their names, for the files that COMPONENT_METADATA names (PX4); without, there
+    are no such files."""
     tells_calibration: bool = False
-    """Texts tell how a calibration goes (PX4)."""
+    """It sends texts during a calibration (PX4)."""
     calibration_text: str = ""
-    """What is said when a calibration is refused, because the vehicle is armed; empty for nothing."""
+    """Text when a calibration is refused because the vehicle is armed; empty for none."""
     refusals: RefusalTexts = RefusalTexts()
     """Its words when it refuses an order."""
     gimbal: Setting | None = None

@@ -1,8 +1,8 @@
-"""Parameters of a firmware: as MAVLink has them, what they change in a vehicle, all of the real one.
+"""Parameters of a firmware: on MAVLink, their effect on a vehicle, and all that the real one has.
 
 Lists are tables in ``lists/``: name, type, default, documented range, unit. Each begins with a note of where
 its facts are from. What moves a vehicle has a table of its own, with a few words on each and the number of
-the law of motion that it is. What an autopilot tells besides is in tables that are read when somebody asks.
+the law of motion that it is. Details of parameters are in tables that are read when a peer asks for them.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ __all__ = [
 
 _INTEGERS = {8: m.MAV_PARAM_TYPE_INT8, 16: m.MAV_PARAM_TYPE_INT16, 32: m.MAV_PARAM_TYPE_INT32}
 _VOLTAGE_CELLS = 3
-# What parameters change of a vehicle's specification.
+# Fields of a vehicle's specification that parameters change.
 _OF_VEHICLE = (
     "cruise_speed_m_s",
     "acceptance_radius_m",
@@ -100,7 +100,7 @@ class FailsafeDefaults:
     """Voltage of the whole pack that is low, for batteries of three cells and more; 0 is none. ArduCopter's
     default refuses to arm with fewer cells."""
     mission_requirement: int = 0
-    """What a mission has to have, in the firmware's own values; 0 is nothing."""
+    """Take-off and landing that a mission must have, in the firmware's own values; 0 is none."""
 
 
 @dataclass(slots=True)
@@ -133,7 +133,7 @@ class RuntimeParameters:
     """Level of the last battery failsafe."""
     critical_voltage_v: float = 0.0
     low_voltage_timer_s: float = 10.0
-    """How long a voltage has to be too low to count (ArduPilot)."""
+    """Time for which a voltage has to be too low to count (ArduPilot)."""
     low_voltage_source: int = 0
     """0 for the voltage as it is, 1 for it without the sag of the load."""
     fence_type: int = 7
@@ -153,8 +153,8 @@ class RuntimeParameters:
     def of(cls, spec: VehicleSpec, defaults: FailsafeDefaults) -> RuntimeParameters:
         """Take the values of a vehicle as built, and of its firmware's safety functions."""
         battery = spec.battery
-        values = {one: getattr(spec, one) for one in _OF_VEHICLE}
-        values |= {one.name: getattr(defaults, one.name) for one in fields(defaults)}
+        values = {name: getattr(spec, name) for name in _OF_VEHICLE}
+        values |= {field.name: getattr(defaults, field.name) for field in fields(defaults)}
         if battery is None or battery.cells < _VOLTAGE_CELLS:
             values["low_voltage_v"] = 0.0
         return cls(
@@ -166,7 +166,7 @@ class RuntimeParameters:
 
     def applied_to(self, spec: VehicleSpec) -> VehicleSpec:
         """Return the vehicle with what these values decide of it."""
-        return replace(spec, **{one: getattr(self, one) for one in _OF_VEHICLE})
+        return replace(spec, **{name: getattr(self, name) for name in _OF_VEHICLE})
 
 
 @dataclass(frozen=True, slots=True)
@@ -186,7 +186,7 @@ class Setting:
 
 @dataclass(frozen=True, slots=True)
 class ParameterDetails:
-    """What an autopilot tells of one parameter for those who edit it."""
+    """Description of a parameter for those who edit it."""
 
     group: str
     """Heading under which ground stations show it."""
@@ -206,27 +206,29 @@ class ParameterDetails:
 
 
 @cache
-def reference_parameters(name: str, without: tuple[str, ...] = ()) -> tuple[MavParameter, ...]:
+def reference_parameters(
+    name: str, without: tuple[str, ...] = (), package: str = __package__
+) -> tuple[MavParameter, ...]:
     """Read the list of a firmware.
 
-    Its table is called ``arducopter``, ``arduplane``, ``rover`` or ``px4``; names that begin as one of
-    ``without`` are those that this firmware does not have.
+    Its table is ``lists/NAME.csv`` of a package, such as ``px4``. Names that begin as one of
+    ``without`` are left out.
 
     Examples
     --------
     >>> [p.name for p in reference_parameters("px4") if p.name.startswith("GF_MAX")]
     ['GF_MAX_HOR_DIST', 'GF_MAX_VER_DIST']
     """
-    return tuple(_parameter(row) for row in _rows(name) if not row["name"].startswith(without))
+    return tuple(_parameter(row) for row in _rows(name, package) if not row["name"].startswith(without))
 
 
-def motion_parameters(name: str) -> Mapping[str, ParameterSpec]:
+def motion_parameters(name: str, package: str = __package__) -> Mapping[str, ParameterSpec]:
     """Read the parameters with which a firmware moves a vehicle, by their names.
 
     Examples
     --------
-    >>> motion_parameters("arduplane-motion")["TKOFF_ALT"]
-    ParameterSpec(default=50.0, low=0.0, high=200.0, unit='m', text='take-off height', integer=False, law='')
+    >>> motion_parameters("arducopter-motion")["WPNAV_SPEED_UP"].default
+    250.0
     """
     return {
         row["name"]: ParameterSpec(
@@ -238,13 +240,13 @@ def motion_parameters(name: str) -> Mapping[str, ParameterSpec]:
             integer=row["type"] != "float",
             law=row["law"],
         )
-        for row in _rows(name)
+        for row in _rows(name, package)
     }
 
 
 @cache
 def parameter_details(name: str) -> Mapping[str, ParameterDetails]:
-    """Read what the autopilot of a list tells of its parameters, by their names.
+    """Read the descriptions of an autopilot's parameters, by their names.
 
     Examples
     --------
@@ -274,8 +276,8 @@ def parameter_details(name: str) -> Mapping[str, ParameterDetails]:
     return details
 
 
-def _rows(table: str) -> Iterator[dict[str, str]]:
-    text = files(__package__).joinpath("lists", f"{table}.csv").read_text(encoding="utf-8")
+def _rows(table: str, package: str = __package__) -> Iterator[dict[str, str]]:
+    text = files(package).joinpath("lists", f"{table}.csv").read_text(encoding="utf-8")
     return csv.DictReader(line for line in text.splitlines() if not line.startswith("#"))
 
 

@@ -1,46 +1,37 @@
 """The part of a flight that the autopilot decides: dynamics, take-off, return, landing, and parameters.
 
-The base classes for firmwares of multirotors, fixed wings and rovers, and the procedures of no autopilot in
-particular.
+The base classes for firmwares, and the procedures of no autopilot in particular.
 """
 
 from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from dataclasses import fields, replace
-from typing import TYPE_CHECKING
+from dataclasses import fields
+from typing import TYPE_CHECKING, Protocol
 
 from sim_vehicle.airframe.parameters import parameter_value
-from sim_vehicle.motion.legs import ALONG, KEEP, Circle, Leg, LegKind
+from sim_vehicle.motion.legs import ALONG, KEEP, Leg, LegKind
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from sim_vehicle.airframe.parameters import ParameterSpec
     from sim_vehicle.airframe.spec import VehicleSpec
-    from sim_vehicle.motion.fixed_wing.layout import FixedWingLimits
     from sim_vehicle.motion.legs import Heading, Position
     from sim_vehicle.motion.model import MotionModel
-    from sim_vehicle.motion.rover.layout import RoverLimits
     from sim_vehicle.weather.wind import Wind
 
 __all__ = [
     "GENERIC",
+    "FixedWingBounds",
     "FixedWingProcedures",
     "FlightProcedures",
     "GenericProcedures",
-    "RoverProcedures",
-    "airspeeds_in_order",
     "over_and_down",
     "vertical_landing",
 ]
 
-# Acceleration of a take-off that is thrown or catapulted, and of one that rolls; airspeed that a throw gives
-# over the least airspeed.
-_THROW_M_S2, _ROLL_M_S2, _THROW_SHARE = 20.0, 3.0, 0.85
-# Nearer than this there is no direction from which a landing could be approached.
-_APPROACH_M = 30.0
 _SLOW_LANDING_M = 5.0
 
 
@@ -51,6 +42,8 @@ class FlightProcedures(ABC):
     """That of the autopilot."""
     parameters: Mapping[str, ParameterSpec]
     """Those that move the vehicle, by their names."""
+    orbit_within_m: float | None = None
+    """An ordered circle is one leg, which begins so near to it; None: chords."""
 
     def value(self, spec: VehicleSpec, name: str) -> float:
         """Value of a parameter for a vehicle, in the parameter's own unit."""
@@ -64,7 +57,7 @@ class FlightProcedures(ABC):
     def numbers(self, spec: VehicleSpec, law: type | None = None) -> dict[str, float]:
         """Numbers of the law of motion that are a parameter each, in SI units; only fields of a dataclass."""
         value = self.values(spec)
-        wanted = None if law is None else {one.name for one in fields(law)}
+        wanted = None if law is None else {field.name for field in fields(law)}
         return {
             known.law: known.in_si(value[name])
             for name, known in self.parameters.items()
@@ -176,8 +169,31 @@ class GenericProcedures(FlightProcedures):
 GENERIC = GenericProcedures()
 
 
+class FixedWingBounds(Protocol):
+    """Limits of a fixed wing's flight that the core reads, in SI units."""
+
+    @property
+    def airspeed_min(self) -> float:
+        """Least airspeed."""
+
+    @property
+    def airspeed_trim(self) -> float:
+        """Airspeed of a cruise."""
+
+    @property
+    def landing_slope(self) -> float:
+        """Sink over path length of an approach."""
+
+    @property
+    def loiter_radius(self) -> float:
+        """Radius of circles without one; positive is clockwise."""
+
+    def tightest_m(self, airspeed: float) -> float:
+        """Return the radius of the tightest turn."""
+
+
 class FixedWingProcedures(FlightProcedures):
-    """Procedures of a firmware for fixed wings: the compiled motion, the approach."""
+    """Procedures of vehicles that stay by circling, as the core sees them."""
 
     # Parameters with the least airspeed (m/s), the heights of a take-off and of the return (m).
     least_airspeed: str
@@ -193,12 +209,8 @@ class FixedWingProcedures(FlightProcedures):
     """Whether the coordinates that a return does not have count as 0 N 0 E, to which the way to it leads."""
 
     @abstractmethod
-    def limits(self, spec: VehicleSpec) -> FixedWingLimits:
+    def limits(self, spec: VehicleSpec) -> FixedWingBounds:
         """Limits of a vehicle's flight."""
-
-    def control(self, spec: VehicleSpec) -> Mapping[str, float]:
-        """Further numbers of the law, columns of `sim_vehicle.motion.fixed_wing.layout.Limits`."""
-        return {}
 
     @abstractmethod
     def lands_as_mission(self, spec: VehicleSpec) -> bool:
@@ -207,90 +219,3 @@ class FixedWingProcedures(FlightProcedures):
     def steepest_approach(self, spec: VehicleSpec) -> tuple[str, float] | None:
         """Parameter that bounds the slope of an approach and its value in degrees; None without a bound."""
         return None
-
-    def start_of_flight(self, spec: VehicleSpec, rotation: float, least: float) -> tuple[float, float]:
-        """Airspeed at which the ground is left, and acceleration up to there (0: that of its thrust).
-
-        ``rotation`` is the airspeed at which a runway is left, 0 without a runway; ``least`` the least
-        airspeed.
-        """
-        lifts_off = None if spec.airframe is None else spec.airframe.liftoff_airspeed_m_s
-        if lifts_off is not None:
-            return max(lifts_off, rotation), 0.0
-        return (rotation, _ROLL_M_S2) if rotation > 0.0 else (_THROW_SHARE * least, _THROW_M_S2)
-
-    def fit(self, spec: VehicleSpec) -> VehicleSpec:
-        """Vehicle with the values that parameters decide."""
-        limits = self.limits(spec)
-        return replace(
-            spec,
-            cruise_speed_m_s=limits.airspeed_trim,
-            speed_limit_m_s=limits.airspeed_max / 0.95,
-            airspeed_limit_m_s=limits.airspeed_max,
-            climb_speed_m_s=limits.climb_max,
-            descent_speed_m_s=limits.sink_max,
-            landing_speed_m_s=max(limits.flare_sink, 0.1),
-            acceptance_radius_m=limits.acceptance,
-            takeoff_altitude_m=max(self.value(spec, self.takeoff_height), 1.0),
-            return_altitude_m=max(self.value(spec, self.return_height), 1.0),
-        )
-
-    def motion(self, spec: VehicleSpec, wind: Wind | None, yaw_rad: float) -> MotionModel:
-        """Motion of a vehicle that stands at home."""
-        from sim_vehicle.motion.fixed_wing.model import FixedWing
-
-        return FixedWing(spec, self.limits, self.control, wind, yaw_rad)
-
-    def takeoff_legs(
-        self, spec: VehicleSpec, here: Position, target: Position, speed: float, heading: Heading
-    ) -> list[Leg]:
-        """Climb-out up to the height."""
-        x, y, _ = here if self.climbs_ahead else target
-        return [Leg((x, y, max(target[2], 0.5)), speed, heading=KEEP, kind=LegKind.TAKEOFF)]
-
-    def landing_legs(self, spec: VehicleSpec, above: Position, last: Position, speed: float) -> list[Leg]:
-        """Straight approach from the position before; without one, a circle down to the ground."""
-        x, y, z = above
-        landing = self.limits(spec).landing_airspeed
-        if math.hypot(x - last[0], y - last[1]) >= _APPROACH_M:
-            return [Leg((x, y, 0.0), landing, kind=LegKind.LAND)]
-        return [
-            Leg((x, y, z), spec.cruise_speed_m_s, heading=KEEP, kind=LegKind.LOITER, circle=Circle()),
-            Leg((x, y, 0.0), landing, heading=KEEP, kind=LegKind.LAND, circle=Circle()),
-        ]
-
-
-def airspeeds_in_order(least: float, trim: float, most: float) -> tuple[float, float, float]:
-    """Return airspeeds in order, whatever the parameters say."""
-    trim = max(trim, 3.0)
-    return min(least, trim), trim, max(most, trim)
-
-
-class RoverProcedures(FlightProcedures):
-    """Procedures of a firmware for rovers: the compiled motion; they drive straight and stop."""
-
-    @abstractmethod
-    def limits(self, spec: VehicleSpec) -> RoverLimits:
-        """Limits of a vehicle's driving."""
-
-    def motion(self, spec: VehicleSpec, wind: Wind | None, yaw_rad: float) -> MotionModel:
-        """Motion of a vehicle that stands at home."""
-        from sim_vehicle.motion.rover.model import Rover
-
-        return Rover(spec, self.limits, wind, yaw_rad)
-
-    def takeoff_legs(
-        self, spec: VehicleSpec, here: Position, target: Position, speed: float, heading: Heading
-    ) -> list[Leg]:
-        """A leg that is done at once: there is nothing to take off."""
-        return [Leg((here[0], here[1], 0.0), speed, kind=LegKind.TAKEOFF)]
-
-    def landing_legs(self, spec: VehicleSpec, above: Position, last: Position, speed: float) -> list[Leg]:
-        """Route to the position, where it stops."""
-        return [Leg((above[0], above[1], 0.0), speed, kind=LegKind.HOME)]
-
-    def return_legs(
-        self, spec: VehicleSpec, last: Position, speed: float, return_point: Position
-    ) -> list[Leg]:
-        """Route home, where it stops."""
-        return self.landing_legs(spec, return_point, last, speed)

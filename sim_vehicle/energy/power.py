@@ -1,4 +1,4 @@
-"""Electric power by flight state, of rotorcraft, fixed wings and ground vehicles.
+"""Electric power by flight state.
 
 **Rotorcraft** (`multirotor_power`). Momentum and blade-element theory as in Leishman, *Principles of
 Helicopter Aerodynamics* (2nd ed., 2006, ch. 2 and 5), for a disc that is tilted so that its thrust T carries
@@ -14,16 +14,7 @@ give more thrust by turning faster, hence the power 1.5 of the profile power. Mo
 for a disc that sinks into its own wake; of the power that sinking and braking give back (Vn < 0), `REGAINED`
 is counted, which is what Leishman's measured curve for the vortex ring state (eq. 2.96) gives near hover.
 
-**Fixed wings** (`fixed_wing_power`). Drag from the parabolic polar, n the load factor of a turn (Anderson,
-*Aircraft Performance and Design*, 1999, ch. 5)::
-
-    D = q S (CD0 + CL^2 / (pi e AR))     CL = n W / (q S)     q = rho V^2 / 2
-    P = (D V + W climb) / efficiency + avionics
-
-with the climb of the energy height, which counts a gain of speed as well as one of height. A glide takes no
-less than the avionics: a windmilling propeller gives nothing back.
-
-**Ground vehicles** (`rover_power`). Rolling resistance, drag and acceleration; braking gives nothing back.
+Other kinds have formulas of their own (`FurtherPowerSpec`).
 
 The battery loses ``I^2 R`` in its own resistance, so the power that leaves its cells is ``P (1 + R P / U^2)``
 with the nominal voltage U. These functions return that, and energies are sums of it.
@@ -33,7 +24,6 @@ They are plain Python; `sim_vehicle.energy.power_kernels` has them compiled.
 
 from __future__ import annotations
 
-import math
 from math import sqrt
 from typing import TYPE_CHECKING
 
@@ -41,8 +31,18 @@ import numpy as np
 
 from sim_vehicle.airframe.power_spec import (
     AIR_DENSITY_KG_M3,
+    BATTERY_LOSS,
+    COEFFICIENTS,
+    CONSTANT_POWER,
+    DRAG,
     GRAVITY_M_S2,
-    FixedWingPowerSpec,
+    INDUCED_FACTOR,
+    INDUCED_FLOW,
+    MASS,
+    OWN_DRAG,
+    PER_EFFICIENCY,
+    PROFILE,
+    TIP_SPEED,
     PowerSpec,
 )
 
@@ -51,15 +51,6 @@ if TYPE_CHECKING:
 
     from sim_vehicle.airframe.power_spec import AnyPowerSpec, BatterySpec
 
-# The constants of a power model. All have the mass (kg), the constant power (W), 1 / efficiency and the loss
-# in the battery (1/W). DRAG is drag over V^2; that of a rotorcraft is rho f / 2, and its others are
-# 1 / (2 rho A), k, P0 / W^1.5 and 3 / Utip^2.
-COEFFICIENTS = 9
-MASS, DRAG, INDUCED_FLOW, INDUCED_FACTOR, PROFILE, TIP_SPEED, CONSTANT_POWER, PER_EFFICIENCY, BATTERY_LOSS = (
-    range(COEFFICIENTS)
-)
-# In the same column, of a fixed wing the induced drag times V^2, of a ground vehicle the rolling drag.
-INDUCED_DRAG = ROLLING_DRAG = INDUCED_FLOW
 REGAINED = 0.2
 
 
@@ -84,12 +75,8 @@ def power_coefficients(power: AnyPowerSpec | None, battery: BatterySpec | None =
         numbers[INDUCED_FACTOR] = power.induced_factor
         numbers[PROFILE] = profile_power_w(power) / weight**1.5
         numbers[TIP_SPEED] = 3.0 / power.tip_speed_m_s**2
-    elif isinstance(power, FixedWingPowerSpec):
-        numbers[INDUCED_DRAG] = weight**2 / (
-            0.5 * AIR_DENSITY_KG_M3 * math.pi * power.oswald * power.wing_span_m**2
-        )
     else:
-        numbers[ROLLING_DRAG] = power.rolling_resistance * weight
+        numbers[OWN_DRAG] = power.own_drag
     return numbers
 
 
@@ -151,46 +138,6 @@ def multirotor_power(
     return float(total * (1.0 + power[BATTERY_LOSS] * total))
 
 
-def fixed_wing_power(power: NDArray[np.float64], airspeed: float, climb: float, load: float) -> float:
-    """Return the power of a fixed wing, watts from the cells of its battery.
-
-    Parameters
-    ----------
-    power : float64[COEFFICIENTS]
-    airspeed : float
-        True airspeed; standing on the ground there is no drag.
-    climb : float
-        Gain of energy over the weight: the climb rate in a steady flight, and V a / g more when it speeds up.
-    load : float
-        Lift over weight, 1 / cos(bank) in a level turn.
-    """
-    speed2 = airspeed * airspeed
-    if speed2 < 1.0:
-        return float(power[CONSTANT_POWER])
-    drag = power[DRAG] * speed2 + power[INDUCED_DRAG] * load * load / speed2
-    needed = drag * airspeed + power[MASS] * GRAVITY_M_S2 * climb
-    total = power[CONSTANT_POWER] + power[PER_EFFICIENCY] * max(needed, 0.0)
-    return float(total * (1.0 + power[BATTERY_LOSS] * total))
-
-
-def rover_power(power: NDArray[np.float64], speed: float, airspeed: float, acceleration: float) -> float:
-    """Return the power of a ground vehicle, watts from the cells of its battery.
-
-    Parameters
-    ----------
-    power : float64[COEFFICIENTS]
-    speed : float
-        Over ground, at least 0.
-    airspeed : float
-        Against the direction of travel: more than the speed in a head wind, negative in a strong tail wind.
-    acceleration : float
-        Along the direction of travel.
-    """
-    pull = power[ROLLING_DRAG] + power[DRAG] * airspeed * abs(airspeed) + power[MASS] * acceleration
-    total = power[CONSTANT_POWER] + power[PER_EFFICIENCY] * max(pull * speed, 0.0)
-    return float(total * (1.0 + power[BATTERY_LOSS] * total))
-
-
 def flight_power_w(
     power: AnyPowerSpec,
     airspeed_m_s: float = 0.0,
@@ -204,7 +151,7 @@ def flight_power_w(
 
     Parameters
     ----------
-    power : PowerSpec, FixedWingPowerSpec or RoverPowerSpec
+    power : PowerSpec or FurtherPowerSpec
     airspeed_m_s : float
         Horizontal (rotorcraft), along the path (fixed wing) or over ground without wind.
     climb_m_s : float
@@ -227,7 +174,4 @@ def flight_power_w(
     if isinstance(power, PowerSpec):
         up = GRAVITY_M_S2 * (load_factor - 1.0)
         return multirotor_power(numbers, airspeed_m_s, 0.0, climb_m_s, acceleration_m_s2, 0.0, up)
-    if isinstance(power, FixedWingPowerSpec):
-        energy_climb = climb_m_s + airspeed_m_s * acceleration_m_s2 / GRAVITY_M_S2
-        return fixed_wing_power(numbers, airspeed_m_s, energy_climb, load_factor)
-    return rover_power(numbers, airspeed_m_s, airspeed_m_s, acceleration_m_s2)
+    return power.steady_w(numbers, airspeed_m_s, climb_m_s, load_factor, acceleration_m_s2)

@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from sim_vehicle.autopilot import fixed_wing_procedures, flight_procedures
 from sim_vehicle.energy.battery import remaining_fraction
 from sim_vehicle.epoch import EPOCH_UNIX_S
-from sim_vehicle.execution.item_legs import circle_leg, circle_legs, lands
+from sim_vehicle.execution.item_legs import circle_leg, lands, orbit_legs
 from sim_vehicle.execution.items import MAX_TURNS
 from sim_vehicle.execution.leg_follower import AfterLastLeg, LegFollower, require
 from sim_vehicle.execution.sequencer import MissionSequencer
 from sim_vehicle.execution.state import FlightEvent, FlightPhase, LandedState, VehicleState
-from sim_vehicle.motion.legs import ALONG, KEEP, Heading, Leg, LegKind
+from sim_vehicle.motion.legs import ALONG, INWARD, KEEP, Heading, Leg, LegKind
 
 if TYPE_CHECKING:
     from collections.abc import Generator
@@ -178,8 +177,21 @@ class MissionExecutor:
         self.flight.disarm_step = None
         self.flight.keep_velocity(velocity_m_s, height_m=height_m, heading=heading)
 
-    def orbit(self, x_m: float, y_m: float, altitude_m: float, radius_m: float, speed_m_s: float) -> None:
-        """Fly circles about a position (clockwise with a positive radius), a hundred of them, then hold."""
+    def orbit(
+        self,
+        x_m: float,
+        y_m: float,
+        altitude_m: float,
+        radius_m: float,
+        speed_m_s: float,
+        *,
+        heading: Heading = INWARD,
+    ) -> None:
+        """Fly circles about a position (clockwise with a positive radius).
+
+        PX4's multirotors do so until another order, the nose as ``heading`` says; others fly a hundred, the
+        nose ahead, and hold.
+        """
         self._in_air("orbit")
         self._check_height(altitude_m)
         able = 0.5 <= abs(radius_m) <= 1000.0 and math.hypot(x_m, y_m) <= self.spec.max_distance_m
@@ -189,9 +201,7 @@ class MissionExecutor:
         if self.spec.circles:
             legs = [circle_leg((x_m, y_m, altitude_m), speed, radius_m, MAX_TURNS)]
         else:
-            legs = circle_legs((x_m, y_m, altitude_m), here, MAX_TURNS, radius_m, speed, self.spec)
-            # The circle is approached at the cruise speed (PX4's FlightTaskOrbit).
-            legs[0] = replace(legs[0], speed_m_s=max(speed, self.spec.cruise_speed_m_s))
+            legs = orbit_legs((x_m, y_m, altitude_m), here, radius_m, speed, heading, self.spec)
         self.flight.fly(legs, FlightPhase.GOTO)
 
     def return_home(self, position_m: Position | None = None) -> None:

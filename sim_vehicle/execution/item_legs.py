@@ -11,6 +11,7 @@ from sim_vehicle.autopilot import fixed_wing_procedures, flight_procedures
 from sim_vehicle.execution.items import (
     CONDITIONS,
     DO_COMMANDS,
+    MAX_TURNS,
     PASSED_COMMANDS,
     POSITION_COMMANDS,
     Settings,
@@ -27,7 +28,7 @@ if TYPE_CHECKING:
     from sim_vehicle.airframe.spec import VehicleSpec
     from sim_vehicle.motion.legs import Position
 
-__all__ = ["circle_leg", "circle_legs", "lands", "plan_item_legs", "spline_legs"]
+__all__ = ["circle_leg", "circle_legs", "lands", "orbit_legs", "plan_item_legs", "spline_legs"]
 
 _LOITER_RADIUS_M = 10.0
 _CHORD_M = 2.0
@@ -311,6 +312,23 @@ def circle_legs(
         )
         for k in range(chords + 1)
     ]
+
+
+def orbit_legs(
+    centre: Position, last: Position, radius: float, speed: float, heading: Heading, spec: VehicleSpec
+) -> list[Leg]:
+    """Return circles as they are ordered: those without an end of PX4, or a hundred made of chords.
+
+    The circle is approached at the cruise speed (PX4's ``FlightTaskOrbit``). The heading is that on circles
+    without an end; along chords the nose points ahead.
+    """
+    within = flight_procedures(spec).orbit_within_m
+    legs = circle_legs(centre, last, MAX_TURNS if within is None else 0.0, radius, speed, spec)
+    legs[0] = replace(legs[0], speed_m_s=max(speed, spec.cruise_speed_m_s))
+    if within is not None:
+        around = Leg(centre, speed, heading=heading, kind=LegKind.ORBIT, circle=Circle(radius))
+        legs = [replace(legs[0], radius_m=within), around]
+    return legs
 
 
 def spline_legs(

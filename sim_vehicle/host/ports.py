@@ -6,6 +6,7 @@ import contextlib
 import selectors
 import socket
 import time
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple, TypeAlias
@@ -132,7 +133,7 @@ class _UdpPort:
         return list(self._peers.values())
 
     @property
-    def dropped(self) -> int:
+    def dropped(self) -> dict[str, int]:
         return self._socket.dropped
 
     def close(self) -> None:
@@ -335,9 +336,10 @@ class PortSelector:
         self.refresh()
 
     @property
-    def dropped(self) -> int:
-        """How many datagrams were dropped because too many waited to be received."""
-        return sum(port.dropped for port, _ in self._ports if isinstance(port, _UdpPort))
+    def dropped(self) -> Counter[str]:
+        """How many datagrams of which address were dropped because too many waited to be received."""
+        ports = (port for port, _ in self._ports if isinstance(port, _UdpPort))
+        return sum((Counter(port.dropped) for port in ports), Counter())
 
     def wake(self) -> None:
         """End a `wait`; may be called from another thread."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Callable, Iterable, Sequence
 
 from numpy.random import SeedSequence
@@ -164,8 +164,8 @@ class Server(Closing):
         return tuple(client.name for client in self._clients)
 
     @property
-    def dropped(self) -> int:
-        """How many datagrams were dropped because too many waited to be received."""
+    def dropped(self) -> Counter[str]:
+        """How many datagrams of which address were dropped because too many waited to be received."""
         return self._selector.dropped
 
     def run(self, until: Callable[[float], bool] | None = None, limit_s: float = NEVER) -> StopReason:

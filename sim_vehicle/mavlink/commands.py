@@ -16,11 +16,12 @@ from mission.link.codec.dialect import mavlink as m
 from mission.link.codec.typed import CommandMessage
 from mission.model import RELATIVE_FRAMES, Command
 from sim_vehicle.autopilot.modes import Mode
+from sim_vehicle.autopilot.parameters import Setting
 from sim_vehicle.execution.items import CAMERA_COMMANDS, ROI_COMMANDS
 from sim_vehicle.mavlink.gimbal import GIMBAL_BUILDERS, GIMBAL_COMMANDS, command_gimbal
 from sim_vehicle.mavlink.telemetry import BUILDERS, built
 from sim_vehicle.mavlink.vehicle_command import Result, VehicleCommand, read_command
-from sim_vehicle.motion.legs import ALONG, KEEP, Heading
+from sim_vehicle.motion.legs import ALONG, INWARD, KEEP, Heading
 from sim_vehicle.pilot.controls import RefusedError, Severity
 from sim_vehicle.pilot.failsafe import FORCE
 
@@ -36,6 +37,7 @@ _MOST_PEERS = 256
 _HEARTBEAT_US = 1e6
 _TERMINATE = 0.5
 _FIRST_FREE_SERVO, _LAST_SERVO = 5, 16
+_ORBIT_HEADING = Setting("MC_ORBIT_YAW_MOD", 0.0)
 _STANDARD_MODES = {
     1: Mode.HOLD,
     4: Mode.ALTITUDE,
@@ -275,12 +277,20 @@ def _change_speed(vehicle: CommandedVehicle, command: VehicleCommand) -> Result:
 
 
 def _orbit(vehicle: CommandedVehicle, command: VehicleCommand) -> None:
-    """DO_ORBIT (PX4): radius, speed, -, -, position; what is not given is 10 m, the cruise speed, here.
+    """DO_ORBIT (PX4): radius, speed, heading, -, position; what is not given is 10 m, the cruise speed, here.
 
     PX4 takes the altitude as one above the sea, whatever the frame.
     """
     pilot, modes = vehicle.pilot, vehicle.state.mavlink.modes
-    radius, speed, altitude = command.params[0], command.params[1], command.params[6]
+    radius, speed, nose, _, _, _, altitude = command.params
+    if not math.isfinite(nose) or nose == m.ORBIT_YAW_BEHAVIOUR_UNCHANGED:
+        nose = _ORBIT_HEADING.of(pilot.parameters)
+    headings = {
+        m.ORBIT_YAW_BEHAVIOUR_HOLD_INITIAL_HEADING: Heading.fixed(pilot.state.yaw_rad),
+        m.ORBIT_YAW_BEHAVIOUR_UNCONTROLLED: KEEP,
+        m.ORBIT_YAW_BEHAVIOUR_HOLD_FRONT_TANGENT_TO_CIRCLE: ALONG,
+        m.ORBIT_YAW_BEHAVIOUR_RC_CONTROLLED: KEEP,
+    }
     position = command.position or pilot.frame.to_wgs84(*pilot.state.position_m[:2])
     here = pilot.state.position_m[2]
     pilot.orbit(
@@ -288,6 +298,7 @@ def _orbit(vehicle: CommandedVehicle, command: VehicleCommand) -> None:
         vehicle.state.above_start(altitude, int(m.MAV_FRAME_GLOBAL)) if math.isfinite(altitude) else here,
         radius_m=radius if math.isfinite(radius) and radius else 10.0,
         speed_m_s=speed if math.isfinite(speed) and speed > 0.0 else pilot.spec.cruise_speed_m_s,
+        heading=headings.get(int(nose), INWARD),
         mode=modes.after_command,
     )
     if modes.orbit is not None:

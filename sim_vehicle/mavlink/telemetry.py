@@ -240,7 +240,7 @@ def _wind(source: WireState) -> Message:
 def _autopilot_version(source: WireState) -> Message:
     identity, system_id = source.mavlink.identity, source.system_id
     return m.MAVLink_autopilot_version_message(
-        identity.capabilities,
+        source.capabilities,
         identity.flight_sw_version,
         *(0, 0, 0),
         *(list(identity.custom_version), [0] * 8, [0] * 8),
@@ -397,11 +397,11 @@ BUILDERS: dict[int, Callable[[WireState], Message | None]] = {
     **ARDUPILOT_BUILDERS,
     **GIMBAL_BUILDERS,
 }
-"""Message id to what makes it; None is that there is nothing to tell now."""
+"""Functions that make messages, by message id; None where there is nothing to send now."""
 
 
 def built(message_id: int, source: WireState) -> tuple[Message, ...]:
-    """The message with this id from the state now; none when there is none such, or nothing to tell."""
+    """The message with this id from the state now; none if it is unknown or there is nothing to send."""
     builder = BUILDERS.get(message_id)
     message = None if builder is None else builder(source)
     return () if message is None else (message,)

@@ -1,4 +1,4 @@
-"""The simulated vehicle as a MAVLink component: what it hears, what it answers, what it tells by itself."""
+"""The simulated vehicle as a MAVLink component: messages it takes, answers, telemetry."""
 
 from __future__ import annotations
 
@@ -30,16 +30,14 @@ from sim_vehicle.execution.state import CameraCommand, FlightEvent, HomeMoved, I
 from sim_vehicle.mavlink.ardupilot_messages import STREAMS, group_number
 from sim_vehicle.mavlink.camera_commands import CAMERA, CameraCommands, camera_feedback
 from sim_vehicle.mavlink.commands import CommandReceiver, set_custom_mode
-from sim_vehicle.mavlink.ftp import FtpServer, checksum
+from sim_vehicle.mavlink.extras import Timed, extras_of
 from sim_vehicle.mavlink.gimbal import GimbalMessage, command_gimbal, obey_gimbal_message
-from sim_vehicle.mavlink.logs import FlightLogs, LogMessage, LogTransfer
 from sim_vehicle.mavlink.parameters import ParameterMessage, ParameterSet
 from sim_vehicle.mavlink.plan_receiver import PlanReceiver
 from sim_vehicle.mavlink.reports import GyroCalibration, ItemReports, Schedule, StatusTexts
 from sim_vehicle.mavlink.steering import SetpointMessage, Steering, StickMessage
 from sim_vehicle.mavlink.telemetry import BUILDERS, built
 from sim_vehicle.mavlink.vehicle_command import VehicleCommand
-from sim_vehicle.mavlink.vehicle_files import GENERAL_PATH, general_metadata, uri, vehicle_files
 from sim_vehicle.mavlink.wire_state import WireState
 from sim_vehicle.pilot.controls import RefusedError, Severity
 from sim_vehicle.pilot.pilot import Pilot
@@ -69,9 +67,9 @@ class SimVehicle:
     Parameters
     ----------
     spec : VehicleSpec
-        What it can do.
+        Its limits, battery and power.
     home : GeoPoint
-        Where it stands at the start; the altitude is that of the ground.
+        Its position at the start; the altitude is that of the ground.
     autopilot : Autopilot, optional
         Whom it shows itself as; the default autopilot without.
     yaw_deg : float
@@ -97,7 +95,7 @@ class SimVehicle:
     link : str
         Name of the link that the next message comes from.
     state : WireState
-        What it tells of itself: clocks, position, plans.
+        Source of its telemetry: clocks, position, plans.
     firmware : Firmware
         The autopilot's, for this kind of vehicle.
     errors : NavigationErrors or None
@@ -163,7 +161,7 @@ class SimVehicle:
         self._heard: frozenset[int] | None = None
         self.has_camera = False
         self._spoken_to = False
-        # What a stream asks for of a gimbal that nobody cares for: told when somebody does.
+        # Interval that a stream asked for while the gimbal was asleep; it holds once it wakes.
         self._gimbal_interval_us = 0
         self._signing = signing
         self._tick_s = 0.0
@@ -182,28 +180,26 @@ class SimVehicle:
         self._commands = CommandReceiver(self)
         self._parameters = ParameterSet(pilot, firmware.parameters(spec, system_id), self._plans.totals())
         self._schedules = {"": self._default_schedule("")}
-        self._logs = FlightLogs(epoch_unix_s)
-        self._log_transfer = LogTransfer(self._logs, pilot)
-        self._ftp = FtpServer(vehicle_files(firmware.mavlink, self._parameters, self._logs, self._plans))
-        # What has something to do at a time, its `due_s`, in the order of sending.
-        self._timed = (
+        self._extras = extras_of(state, self._parameters, self._plans)
+        for extra in self._extras:
+            state.capabilities |= extra.capabilities
+        # Parts with something to send at their `due_s`, in the order of sending.
+        self._timed: tuple[Timed, ...] = (
             self._camera,
             self._reports,
             self._plans,
             self._parameters,
-            self._ftp,
-            self._log_transfer,
+            *(part for extra in self._extras for part in extra.timed),
             self._calibration,
         )
         self._handlers = self._message_handlers()
         self.wanted: frozenset[int] | None = frozenset(self._handlers)
 
     def _message_handlers(self) -> dict[int, _Handler]:
-        """What is done with a message, by its id; the answers follow what it makes the vehicle send."""
+        """Handlers of messages by id; answers follow the messages that a handler makes the vehicle send."""
         handlers: dict[int, _Handler] = {
             **_each(CommandMessage, self._commands.receive),
             **_each(ParameterMessage, self._on_parameter),
-            **_each(LogMessage, lambda one: self._log_transfer.receive(one, self._now_s)),
             **dict.fromkeys(_MISSION_IDS, self._on_mission),
             **_each(GimbalMessage, lambda one: obey_gimbal_message(self.state, one)),
             **_each(SetpointMessage, self._steering.take_setpoint),
@@ -211,9 +207,6 @@ class SimVehicle:
         }
         handlers |= (
             handler(m.MAVLink_command_ack_message, self._on_ack),
-            handler(
-                m.MAVLink_file_transfer_protocol_message, lambda one: self._ftp.receive(one, self._now_s)
-            ),
             handler(m.MAVLink_heartbeat_message, self._on_heartbeat),
             handler(m.MAVLink_mission_set_current_message, self._on_set_current),
             handler(m.MAVLink_ping_message, self._on_ping),
@@ -227,19 +220,24 @@ class SimVehicle:
             handler(m.MAVLink_setup_signing_message, self._on_setup_signing),
             handler(m.MAVLink_timesync_message, self._on_timesync),
         )
+        for extra in self._extras:
+            handlers |= {kind: self._at_its_time(handle) for kind, handle in extra.handlers.items()}
         if Mode.FOLLOW in self.state.mavlink.modes.numbers:
             handlers |= (handler(m.MAVLink_follow_target_message, self._steering.take_target),)
         if self.pilot.behaviour.tells_shots:
             handlers[m.MAVLINK_MSG_ID_CAMERA_IMAGE_CAPTURED] = self._on_image
         return handlers
 
+    def _at_its_time(self, handle: Callable[[Any, float], Iterable[Message] | None]) -> _Handler:
+        return lambda message: handle(message, self._now_s)
+
     @property
     def true_position_m(self) -> tuple[float, float, float]:
-        """Where it truly is: east and north of where it stood at the start, height above there, metres."""
+        """True position: east and north of the start, height above it, metres."""
         return self.state.sensed.true_m
 
     def position_error(self, boot_us: float) -> tuple[float, float]:
-        """How far east and north of the truth it believed to be, at a time of its own clock."""
+        """Error of its believed position, east and north, at a time of its own clock."""
         return self.state.position_error(boot_us)
 
     def camera_attitude(self, boot_us: float) -> tuple[float, float, float] | None:
@@ -419,7 +417,7 @@ class SimVehicle:
         self._progress = shown[2]
         lag_s = self.state.mavlink.current_lag_s
         if pilot.mission.returns and pilot.mode is Mode.MISSION:
-            # The mode of returns is told before the item that leads to it.
+            # The mode of returns is sent before the item that leads to it.
             steps_on, lag_s = True, (pilot.behaviour.return_lag_s or 0.0) + _ITEM_AFTER_MODE_S
         changed = [old != new for old, new in zip(before, shown, strict=True)]
         if changed[0]:
@@ -432,13 +430,14 @@ class SimVehicle:
             self._send(m.MAVLINK_MSG_ID_MISSION_CURRENT)
 
     def on_home_moved(self) -> None:
-        """Tell where home is now."""
+        """Send the position of home."""
         self._plans.server.home = self.state.move_home()
         self._send(m.MAVLINK_MSG_ID_HOME_POSITION)
 
     def log_frame(self, frame: bytes, message_id: int, now_s: float) -> None:
-        """Keep a frame that was sent or heard in the log of the flight."""
-        self._logs.write(frame, message_id, now_s, armed=self.pilot.armed)
+        """Take a frame that was sent or heard."""
+        for extra in self._extras:
+            extra.log_frame(frame, message_id, now_s)
 
     def goodbye(self) -> list[Message]:
         """A last HEARTBEAT, of a vehicle that is powered off."""
@@ -452,12 +451,8 @@ class SimVehicle:
         return built(message_id, self.state)
 
     def metadata(self) -> tuple[Message, ...]:
-        """COMPONENT_METADATA; nothing where the autopilot has none."""
-        details = self.state.mavlink.component_metadata
-        if details is None:
-            return ()
-        crc = checksum(general_metadata(self._parameters, details))
-        return (m.MAVLink_component_metadata_message(self.state.boot_ms, crc, uri(GENERAL_PATH).encode()),)
+        """COMPONENT_METADATA; nothing where there is none."""
+        return tuple(message for extra in self._extras for message in extra.metadata())
 
     def _send(self, message_id: int) -> None:
         """Send a message from the state now."""
@@ -468,7 +463,7 @@ class SimVehicle:
         return self.state.now_us / 1e6
 
     def calibrate_gyro(self) -> None:
-        """Calibrate the gyroscopes, and tell how it goes where the autopilot does."""
+        """Calibrate the gyroscopes, with texts where the autopilot sends them."""
         if self.state.mavlink.tells_calibration:
             self._calibration.begin(self._now_s)
 
@@ -507,7 +502,7 @@ class SimVehicle:
                 rates_hz |= dict.fromkeys(STREAMS[group_number(group)], rate) if rate > 0.0 else {}
         if self.errors is not None and not link:
             rates_hz[mavlink.truth_message] = _TRUTH_HZ
-        # Between two steps a vehicle is told again as it was at the last one.
+        # Between two steps messages would repeat the state of the last one.
         most_hz = (2.0 if self._sitl_rates else 1.0) / self.pilot.spec.step_s
         return Schedule({kind: min(rate, most_hz) for kind, rate in rates_hz.items()})
 
@@ -526,7 +521,7 @@ class SimVehicle:
         self.has_camera |= self._is_own_camera(message)
 
     def _on_image(self, message: m.MAVLink_camera_image_captured_message) -> list[Message]:
-        """Tell of a shot that this vehicle has commanded, as an autopilot's own camera driver does."""
+        """Report a shot that this vehicle has commanded, as an autopilot's own camera driver does."""
         own = self._is_own_camera(message) and self._camera.shooting and message.capture_result == 1
         return [camera_feedback(message, self.pilot.state)] if own else []
 

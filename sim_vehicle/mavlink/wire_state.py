@@ -47,7 +47,7 @@ def _e7(latitude_deg: float, longitude_deg: float, altitude_m: float) -> tuple[i
 
 
 class WireState:
-    """The source of a vehicle's telemetry: what its messages tell besides the state of its pilot."""
+    """Source of a vehicle's telemetry, besides the state of its pilot."""
 
     def __init__(
         self,
@@ -62,24 +62,26 @@ class WireState:
         self.firmware = pilot.firmware
         self.mavlink = pilot.firmware.mavlink
         self.home = home
-        # What carries the camera; not fitted where the autopilot has none.
+        # It carries the camera; not fitted where the autopilot has none.
         self.gimbal = Gimbal(pilot.parameters, self.mavlink.gimbal)
         self.system_id = system_id
+        self.capabilities = self.mavlink.identity.capabilities
         self.errors = NavigationErrors(noise) if noise is not None and not noise.is_off else None
-        # Where it is, in truth and by its sensors.
+        # Its position, in truth and by its sensors.
         self.sensed = Sensed.exact((0.0, 0.0, 0.0))
         # Home, and where it believes to be: 1e-7 degree, 1e-7 degree, millimetres above the sea.
         self.home_e7 = _e7(home.latitude_deg, home.longitude_deg, home.altitude_m)
         self.position_e7 = self.home_e7
-        # How it believes to move: east, north, up.
+        # Believed velocity: east, north, up.
         self.velocity_m_s = (0.0, 0.0, 0.0)
         # Opaque ids of mission, fence and rally points.
         self.plan_ids = (0, 0, 0)
-        # How far it has come up, of a vehicle that boots; None of one that is up.
+        # Stage of its boot; None of a vehicle that is up.
         self.boot: BootStage | None = None
         # Time of the host, since boot, and of day.
         self.now_us = 0
         self.boot_ms = 0
+        self.epoch_unix_s = epoch_unix_s
         self.unix_us = round(epoch_unix_s * 1e6)
         self._epoch_us = self.unix_us
         self._boot_us = 0
@@ -96,7 +98,7 @@ class WireState:
 
     @property
     def custom_mode(self) -> int:
-        """The number of the flight mode that peers are told."""
+        """Number of the flight mode in heartbeats."""
         mode = self.pilot.mode
         if self._asked is not None and self._asked[0] is not mode:
             self._asked = None
@@ -111,23 +113,23 @@ class WireState:
         return self._pings - 1
 
     def forget_item(self, until_s: float) -> None:
-        """Tell no item in MISSION_CURRENT until a time."""
+        """Name no item in MISSION_CURRENT until a time."""
         self._unknown_until_us = round(until_s * 1e6)
 
     @property
     def item_known(self) -> bool:
-        """Whether MISSION_CURRENT tells an item."""
+        """Whether MISSION_CURRENT names an item."""
         return self.now_us >= self._unknown_until_us
 
     @property
     def ned_m(self) -> Vector:
-        """Where it believes to be: north, east, down of home."""
+        """Believed position: north, east, down of home."""
         east, north, up = self.sensed.believed_m
         return north, east, -up
 
     @property
     def ned_m_s(self) -> Vector:
-        """How it believes to move: north, east, down."""
+        """Believed velocity: north, east, down."""
         east, north, up = self.velocity_m_s
         return north, east, -up
 
@@ -150,7 +152,7 @@ class WireState:
 
     @property
     def turning_rad_s(self) -> Vector:
-        """Rates of roll and pitch, which are not told, and of yaw."""
+        """Rates of roll, pitch and yaw; those of roll and pitch are in no state."""
         return 0.0, 0.0, self.pilot.state.yaw_rate_rad_s
 
     @property
@@ -176,7 +178,7 @@ class WireState:
         self.unix_us = self._epoch_us + now_us
 
     def sense(self, now_s: float) -> None:
-        """Let the sensors tell where the vehicle is now."""
+        """Take the sensors' position of the vehicle now."""
         position = self.pilot.state.position_m
         self.sensed = Sensed.exact(position) if self.errors is None else self.errors.sense(position, now_s)
         self.velocity_m_s = self.pilot.state.velocity_m_s
@@ -227,7 +229,7 @@ class WireState:
         return GeoPoint(latitude, longitude, self.home.altitude_m + up)
 
     def reboot(self) -> None:
-        """Count the time since boot from now on, and tell no ids of plans until they come anew."""
+        """Count the time since boot from now on, and have no ids of plans until they come anew."""
         self._boot_us = self.now_us
         self.boot_ms = 0
         self.plan_ids = (0, 0, 0)
@@ -242,7 +244,7 @@ class WireState:
         return max(0, seq - 1) if self.firmware.profile.home_at_zero else seq
 
     def position_error(self, boot_us: float) -> tuple[float, float]:
-        """How far east and north of the truth it believed to be, at a time of its own clock."""
+        """Error of its believed position, east and north, at a time of its own clock."""
         if self.errors is None:
             return 0.0, 0.0
         error = self.errors.at((boot_us + self._boot_us) / 1e6)

@@ -1,15 +1,16 @@
-"""What the compiled motion models have in common: a state, a route, wind and energy around a kernel."""
+"""The base of compiled motion models: a state, a route, wind and energy around a kernel."""
 
 from __future__ import annotations
 
 import math
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from sim_vehicle.energy.power import CONSTANT_POWER, power_coefficients
+from sim_vehicle.airframe.power_spec import CONSTANT_POWER
+from sim_vehicle.energy.power import power_coefficients
 from sim_vehicle.motion import columns as col
 from sim_vehicle.motion.columns import State
 from sim_vehicle.motion.model import MotionEvent, MotionModel, MotionState
@@ -34,7 +35,7 @@ class Dynamics:
     Parameters
     ----------
     kernel : callable
-        See `sim_vehicle.motion.multirotor.kernel.advance`.
+        See `sim_vehicle.motion.stepping.kernel_of`.
     state, limits : dtype
         Records of the arrays that all kernels have.
     own : tuple of (str, dtype or None)
@@ -62,7 +63,7 @@ class Dynamics:
         }
 
 
-class CompiledMotion(MotionModel, ABC):
+class CompiledMotion(MotionModel):
     """A vehicle on the ground at home, moved by a compiled kernel.
 
     Parameters
@@ -227,7 +228,7 @@ class CompiledMotion(MotionModel, ABC):
         self.state[col.LEVEL_WIND] = self._wind.at(self.step // col.GRID, 0.0)[:2]
 
     def ignore_energy(self) -> None:
-        """Tell no more that the battery is empty."""
+        """Go on with an empty battery."""
         self._limits[self._energy_limit] = math.inf
 
     def update_spec(self, spec: VehicleSpec) -> None:

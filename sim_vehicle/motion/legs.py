@@ -25,7 +25,7 @@ class LegKind(IntEnum):
 
     SETPOINT is a position that a companion or ground station asks for, again and again: multirotors fly to it
     as their position control does, without a path. LOITER_TO_HEIGHT is a circle that is
-    left once its height is reached.
+    left once its height is reached. ORBIT is a circle about its end that goes on for ever.
     """
 
     WAYPOINT = 0
@@ -39,6 +39,7 @@ class LegKind(IntEnum):
     ARC = 8
     SETPOINT = 9
     LOITER_TO_HEIGHT = 10
+    ORBIT = 11
 
 
 class HeadingMode(Enum):
@@ -48,11 +49,12 @@ class HeadingMode(Enum):
     ALONG = "along the leg"
     FIXED = "a compass heading"
     TURN = "turning at a rate"
+    INWARD = "towards the centre of an orbit"
 
 
 @dataclass(frozen=True, slots=True)
 class Heading:
-    """Where the nose points on a leg: `KEEP`, `ALONG`, `Heading.fixed` or `Heading.turning`.
+    """Where the nose points on a leg: `KEEP`, `ALONG`, `INWARD`, `Heading.fixed` or `Heading.turning`.
 
     Examples
     --------
@@ -78,11 +80,16 @@ class Heading:
 
     @property
     def numbers(self) -> tuple[float, float]:
-        """Compass heading (NaN along the leg, infinity the one at its start) and rate (NaN for none)."""
+        """Compass heading and rate (NaN for none).
+
+        The heading is NaN along the leg, infinity for the one at its start, minus infinity inward.
+        """
         if self.mode is HeadingMode.ALONG:
             return math.nan, math.nan
         if self.mode is HeadingMode.KEEP:
             return math.inf, math.nan
+        if self.mode is HeadingMode.INWARD:
+            return -math.inf, math.nan
         if self.mode is HeadingMode.FIXED:
             return self.angle_rad, math.nan
         return math.nan, self.rate_rad_s
@@ -90,11 +97,12 @@ class Heading:
 
 KEEP = Heading(HeadingMode.KEEP)
 ALONG = Heading(HeadingMode.ALONG)
+INWARD = Heading(HeadingMode.INWARD)
 
 
 @dataclass(frozen=True, slots=True)
 class Circle:
-    """The circle of a leg, for vehicles that stay by circling."""
+    """The circle of a leg: of an orbit, and of vehicles that stay by circling."""
 
     radius_m: float | None = None
     """Clockwise when positive; None is the autopilot's own."""

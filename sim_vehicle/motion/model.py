@@ -1,10 +1,11 @@
-"""What a motion model is: it flies routes, in fixed steps, and tells when something happens."""
+"""The base of motion models: they fly routes in fixed steps, and return when something happens."""
 
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from enum import IntEnum
-from typing import TYPE_CHECKING, NamedTuple, Protocol
+from typing import TYPE_CHECKING, NamedTuple
 
 from sim_vehicle.motion.legs import KEEP
 
@@ -53,10 +54,10 @@ def attitude_of(east: float, north: float, up: float, heading_rad: float) -> tup
     return math.atan2((east * cosine - north * sine) * math.cos(pitch), up), pitch
 
 
-class MotionModel(Protocol):
-    """A vehicle's motion (`Multirotor`, `FixedWing`, `Rover`, `IdealRobot`).
+class MotionModel(ABC):
+    """A vehicle's motion, such as `Multirotor` or `IdealRobot`.
 
-    What has a body here is inherited by those to which it means nothing.
+    Methods that mean nothing to most models have a body here.
     """
 
     spec: VehicleSpec
@@ -66,6 +67,7 @@ class MotionModel(Protocol):
     track_every: int
 
     @property
+    @abstractmethod
     def track_points(self) -> int:
         """Points of the track that were written."""
 
@@ -75,18 +77,22 @@ class MotionModel(Protocol):
         return self.step * self.step_s
 
     @property
+    @abstractmethod
     def step(self) -> int:
         """Steps since the start."""
 
     @property
+    @abstractmethod
     def leg(self) -> int:
         """Index of the leg that is being flown."""
 
     @property
+    @abstractmethod
     def position_m(self) -> Position:
         """East, north, up about home."""
 
     @property
+    @abstractmethod
     def energy_j(self) -> float:
         """Energy used since the start."""
 
@@ -102,6 +108,7 @@ class MotionModel(Protocol):
         """Fly by an estimate that is wrong, where the autopilot's is known to be."""
         return
 
+    @abstractmethod
     def snapshot(self) -> MotionState:
         """Return the motion state now."""
 
@@ -109,9 +116,11 @@ class MotionModel(Protocol):
         """Return roll, pitch, airspeed and throttle; None where they follow from the acceleration."""
         return None
 
+    @abstractmethod
     def place_in_flight(self, position_m: Position, velocity_m_s: Position, heading_rad: float) -> None:
         """Be in steady flight at time 0, with nothing used yet, as if it had flown there."""
 
+    @abstractmethod
     def fly(self, route: Route) -> None:
         """Begin a route."""
 
@@ -119,6 +128,7 @@ class MotionModel(Protocol):
         """Give up the leg that is flown: the next route begins anew, where the autopilot does it so."""
         return
 
+    @abstractmethod
     def steer(self, velocity_m_s: Position, *, height_m: float = math.nan, heading: Heading = KEEP) -> None:
         """Keep a velocity (east, north, up), or its horizontal part at a height.
 
@@ -139,15 +149,19 @@ class MotionModel(Protocol):
         """Turn the nose to a compass heading on the leg that is flown now, where that is possible."""
         return
 
+    @abstractmethod
     def stopping_point(self) -> Position:
         """Return the position of rest if it brakes now."""
 
+    @abstractmethod
     def advance(self, max_steps: int, *, stop_each: bool = True) -> MotionEvent:
         """Fly up to a number of steps, less when something happens."""
 
+    @abstractmethod
     def rest(self, steps: int, *, armed: bool) -> None:
         """Stand on the ground for a number of steps."""
 
+    @abstractmethod
     def update_spec(self, spec: VehicleSpec) -> None:
         """Take other defaults and limits."""
 
@@ -163,9 +177,10 @@ class MotionModel(Protocol):
         """Fly on without the motor, where that is possible."""
         return
 
+    @abstractmethod
     def touch_down(self) -> None:
         """Stand still on the ground."""
 
     def ignore_energy(self) -> None:
-        """Tell no more that the battery is empty."""
+        """Go on with an empty battery."""
         return

@@ -1,4 +1,4 @@
-"""The loop over steps that moves vehicles: wind, track, legs, events; a model tells what a step does."""
+"""The loop over steps that moves all compiled vehicles: wind, track, legs, events."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from sim_vehicle.motion import columns as col
 from sim_vehicle.motion.columns import Record
 from sim_vehicle.weather.gust_kernel import wind_at
 
-__all__ = ["complete_leg", "distance2", "kernel_of", "mark_track", "stop", "take_velocity", "wind_row"]
+__all__ = ["distance2", "kernel_of", "stop", "take_velocity"]
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 
 @compiled(allocates=False)
-def wind_row(step: int, first: int, rows: int) -> int:
+def _wind_row(step: int, first: int, rows: int) -> int:
     """Return the row of the wind's block, from a grid index on, for a step; -1: the block is used up."""
     if rows == 1:
         # A steady wind.
@@ -30,10 +30,10 @@ def wind_row(step: int, first: int, rows: int) -> int:
 
 
 @compiled(allocates=False)
-def mark_track(
+def _mark_track(
     counters: Integers, step: int, track: Floats, every: int, x: float, y: float, z: float
 ) -> None:
-    """Write the position into the track at every so many grid points (0: never), until it is full."""
+    """Write the position into the track at every ``every``-th grid point (0: never), until it is full."""
     point = counters[col.TRACK_POINTS]
     if every > 0 and (step // col.GRID) % every == 0 and point < track.shape[0]:
         track[point, 0], track[point, 1], track[point, 2] = x, y, z
@@ -41,7 +41,7 @@ def mark_track(
 
 
 @compiled(allocates=False)
-def complete_leg(counters: Integers, arrivals: Integers, step: int, stop_each: bool) -> int:
+def _complete_leg(counters: Integers, arrivals: Integers, step: int, stop_each: bool) -> int:
     """Enter the arrival at the end of the current leg and go on to the next; return the event."""
     leg = counters[col.LEG_INDEX]
     arrivals[leg] = step
@@ -85,21 +85,21 @@ def kernel_of(
 ) -> Callable[..., int]:
     """Return the kernel of a vehicle: the compiled loop over its steps.
 
-    All that it is made of is compiled and takes state STATE, limits LIMITS and ``own``, a tuple of the arrays
-    that only this vehicle has.
+    Its parts are compiled functions. They take the state STATE, the limits LIMITS and ``own``, a tuple of the
+    arrays that only this vehicle has.
 
     Parameters
     ----------
     module : str
-        Under which the kernel is told and kept.
+        Under which the kernel is compiled and kept.
     enter : callable
         Before a step: begins a leg, where that is due. Takes state, counters, route LEG[n], limits, own.
     feel : callable
         On the grid of the wind: sets the wind (a tuple: east, north, up) and the power of the state, and
-        tells whether the vehicle makes no progress any more. Takes state, counters, the row of the leg, the
-        wind, limits, power, own.
+        returns whether the vehicle has stopped making progress. Takes state, counters, the row of the leg,
+        the wind, limits, power, own.
     move : callable
-        Moves by one step and tells whether the leg is done. Takes what ``enter`` takes.
+        Moves by one step and returns whether the leg is done. Takes what ``enter`` takes.
     leave : callable
         After a leg that was done, with its row: state, counters, row, route, limits, own.
     """
@@ -119,7 +119,32 @@ def kernel_of(
         track_every: int,
         *own: Any,
     ) -> int:
-        """Move up to ``max_steps`` steps, as `sim_vehicle.motion.multirotor.kernel.advance`."""
+        """Move up to ``max_steps`` steps along the route; return early, with the event, at an event.
+
+        An empty battery hides that a leg was completed in the same step; ``arrivals`` has it in any case.
+
+        Parameters
+        ----------
+        states, counters : STATE[1], int64[COUNTERS]
+            Changed in place.
+        route : LEG[n]
+            After the last leg the vehicle stays at its end.
+        limits_of, power : LIMITS[1], float64[COEFFICIENTS]
+        wind : float64[m, ROW]
+            On the grid of `GRID` steps from grid index ``first_wind``, see `wind_at`; one row is a steady
+            wind.
+        stop_each : bool
+            Return at every waypoint, not only at the last.
+        arrivals : int64[n]
+            Receives the step at which each leg was completed.
+        track : float64[k, 3]
+            Receives the position every ``track_every`` grid points (0: never) until it is full.
+
+        Returns
+        -------
+        int
+            RAN, REACHED, WIND (the wind block is used up), STALLED (no progress), ENERGY or NEAR.
+        """
         state, limits = states[0], limits_of[0]
         # Read once: a look into the limits at every step costs a tenth of the speed.
         dt, capacity = limits.step_s, limits.energy_limit
@@ -127,12 +152,12 @@ def kernel_of(
             enter(state, counters, route, limits, own)
             step, row = counters[col.STEP], route[counters[col.LEG_INDEX]]
             if step % col.GRID == 0:
-                index = wind_row(step, first_wind, len(wind))
+                index = _wind_row(step, first_wind, len(wind))
                 if index < 0:
                     return col.WIND
                 air = wind_at(wind[index], state.position_z)
                 stuck = feel(state, counters, row, air, limits, power, own)
-                mark_track(
+                _mark_track(
                     counters, step, track, track_every, state.position_x, state.position_y, state.position_z
                 )
                 if stuck:
@@ -144,7 +169,7 @@ def kernel_of(
             event = col.RAN
             if counters[col.ARRIVED] == 0:
                 if done:
-                    event = complete_leg(counters, arrivals, step, stop_each)
+                    event = _complete_leg(counters, arrivals, step, stop_each)
                     leave(state, counters, row, route, limits, own)
                 elif counters[col.NEAR_TOLD] == 0 and distance2(state, row.x, row.y, row.z) < row.near**2:
                     counters[col.NEAR_TOLD] = 1

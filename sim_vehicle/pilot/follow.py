@@ -29,7 +29,7 @@ _RESPONSIVENESS = Setting("FLW_TGT_RS", 0.1)
 _ORBIT_SPEED = Setting("FLW_TGT_MAX_VEL", 5.0)
 _GAIN, _LEAST_GAIN = Setting("MPC_XY_P", 0.95), 0.1
 # The numbers of the sources: metres, seconds, metres per second.
-_LEAST_HEIGHT_M, _LEAST_DISTANCE_M = 8.0, 1.0
+_LEAST_HEIGHT_M, _LEAST_DISTANCE_M, _LOWEST_M = 8.0, 1.0, 1.0
 _POSITION_EACH_S, _VELOCITY_EACH_S, _STALE_S = 0.5, 0.1, 3.0
 _LEAST_COURSE_M_S, _ORBIT_M_S2, _NEAR_HEIGHT_M, _LEAST_YAW_M = 1.0, 2.0, 3.0, 1.0
 _VELOCITY_SHARE = 0.9
@@ -120,7 +120,8 @@ class FollowPilot:
         x, y, z = controls.state.position_m
         height_m = max(_HEIGHT.of(get), _LEAST_HEIGHT_M)
         if _ALTITUDE_MODE.of(get) == _TRACKS_TARGET:
-            height_m += target.position_m[2]
+            # A target may be below the ground, by its altitude, or above all that the vehicle reaches.
+            height_m = min(max(height_m + target.position_m[2], _LOWEST_M), controls.spec.max_altitude_m)
         executor, gain = controls.executor, _GAIN.of(get)
         east, north, _ = executor.motion.stopping_point()
         # First up or down, then about the target.

@@ -356,12 +356,13 @@ class Pilot(Controls):
         *,
         radius_m: float,
         speed_m_s: float,
+        heading: Heading,
         mode: Mode,
     ) -> None:
         """Fly circles about a position at an altitude above home."""
         x_m, y_m = self.frame.from_wgs84(latitude_deg, longitude_deg)
         self._hold_in(mode)
-        self.order(lambda: self.executor.orbit(x_m, y_m, altitude_m, radius_m, speed_m_s))
+        self.order(lambda: self.executor.orbit(x_m, y_m, altitude_m, radius_m, speed_m_s, heading=heading))
 
     def look_at(self, latitude_deg: float | None, longitude_deg: float = 0.0) -> None:
         """Point the nose at a position whatever is flown, None for no more."""

@@ -30,7 +30,7 @@ def warm_up(spec: VehicleSpec) -> None:
 
     The motion of a vehicle is compiled when it is first flown: up to a minute once on a machine, half a
     second in each further process. A client that has just ordered a take-off would give up waiting.
-    `geo.compiled.compile_notices` tells what is compiled. The ideal vehicle needs no compiler.
+    `geo.compiled.compile_notices` names what is compiled. The ideal vehicle needs no compiler.
 
     Examples
     --------
@@ -53,9 +53,9 @@ def warm_up(spec: VehicleSpec) -> None:
 
 
 def compile_all(progress: Callable[[str, int, int], None] | None = None) -> None:
-    """Compile the dynamics of all vehicles, one by one and in batches, as far as it was not done before.
+    """Compile the dynamics of all vehicles, alone and in batches, where that was not done before.
 
-    ``progress`` is told before each of them its name, how many are done, and of how many.
+    ``progress`` is called before each with its name, the number that are done, and that of all.
     """
     dynamics = _dynamics()
     for done, (name, spec) in enumerate(dynamics):
@@ -81,7 +81,7 @@ def _dynamics() -> list[tuple[str, VehicleSpec]]:
         flown = {kind: with_autopilot(bare, NO_AUTOPILOT)}
         for name in autopilot_names():
             autopilot = get_autopilot(name)
-            if bare.kind in autopilot.firmwares:
+            if autopilot.firmware(bare.kind) is not None:
                 flown[f"{kind} under {autopilot.title}"] = with_autopilot(bare, name)
         for title, spec in flown.items():
             motion = flight_procedures(spec).motion(spec, None, 0.0)

@@ -4,7 +4,9 @@
 ``sim`` the command itself as a process of its own.
 """
 
+import contextlib
 import math
+import secrets
 import socket
 import subprocess
 import sys
@@ -34,10 +36,18 @@ def wait_until(condition, limit_s=60.0, what="the condition"):
         time.sleep(0.01)
 
 
-def free_port(kind=socket.SOCK_DGRAM):
-    with socket.socket(socket.AF_INET, kind) as probe:
-        probe.bind(("127.0.0.1", 0))
-        return probe.getsockname()[1]
+def free_port():
+    """A port that nobody has, below those that systems hand out: another process could get one of these."""
+    while True:
+        port = secrets.choice(range(20_000, 32_000))
+        with (
+            contextlib.suppress(OSError),
+            socket.socket(socket.AF_INET, socket.SOCK_STREAM) as stream,
+            socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as datagrams,
+        ):
+            stream.bind(("127.0.0.1", port))
+            datagrams.bind(("127.0.0.1", port))
+            return port
 
 
 def port_of(url):

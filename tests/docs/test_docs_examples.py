@@ -13,12 +13,11 @@ import pytest
 
 from sim_vehicle.airframe.power_spec import (
     BatterySpec,
-    FixedWingAirframe,
-    FixedWingPowerSpec,
     PowerSpec,
-    RoverPowerSpec,
 )
 from sim_vehicle.airframe.spec import PublishedEndurance
+from wbf_mission.addons.rovers.power import RoverPowerSpec
+from wbf_mission.addons.wings.power import FixedWingAirframe, FixedWingPowerSpec
 from wbf_mission.cli.app import main
 
 Printed = Callable[..., str]

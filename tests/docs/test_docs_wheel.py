@@ -17,7 +17,7 @@ PACKAGES = ("geo", "sensors", "mission", "sim_vehicle", "wbf_mission")
 
 def is_for_users(path):
     # Sources of the page and READMEs are for who changes a part; what users load is in `static`.
-    return path.name != "README.md" and Path("wbf_mission/web/page") not in path.parents
+    return path.name != "README.md" and Path("wbf_mission/addons/web/page") not in path.parents
 
 
 def test_package_data_are_the_files_that_there_are():

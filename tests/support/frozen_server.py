@@ -8,10 +8,10 @@ import time
 
 from geo.farms import get_farm
 from sensors.fields import PAPER_FIELDS
+from wbf_mission.addons.web.server import LiveServer
+from wbf_mission.addons.web.view import View
 from wbf_mission.events import EventStream, RunBegun, VehicleInfo, VehicleMoved
 from wbf_mission.run.orders import Orders
-from wbf_mission.web.server import LiveServer
-from wbf_mission.web.view import View
 
 
 def say(*words: object) -> None:

@@ -36,13 +36,13 @@ def degrees(points):
     return [FRAME.to_wgs84(float(x), float(y)) for x, y in points]
 
 
-def planned(points=OLD):
+def planned(points=OLD, image_m=4.0):
     through = [MissionItem.waypoint(*one, HEIGHT_M, acceptance_radius_m=2.0) for one in degrees(points)]
     items = (
         MissionItem(22, 3, 0, 0, 0, None, HOME.latitude_deg, HOME.longitude_deg, HEIGHT_M),
         MissionItem(178, param1=1.0, param2=5.0, param3=-1.0),
         through[0],
-        MissionItem(206, param1=4.0, param3=1.0),
+        MissionItem(206, param1=image_m, param3=1.0),
         *through[1:],
         MissionItem(206),
         MissionItem(20),
@@ -121,6 +121,7 @@ class LiveChange:
         on_board=False,
         change_at=CHANGE_AT,
         near_m=math.inf,
+        image_m=4.0,
     ):
         self.change_at, self.near_m = change_at, near_m
         spec = with_autopilot(get_vehicle("quad"), autopilot)
@@ -129,7 +130,7 @@ class LiveChange:
         self.link = BreakingLink(after, dead_s)
         self.assembler = ObservationAssembler(farm, day=1)
         gate = ArmingGate((1, 1), agreed=True)
-        self.old = planned(old)
+        self.old = planned(old, image_m)
         self.station = GroundStation(self.old, self.assembler, arming_gate=gate)
         optics = LeafCamera(SameEverywhere(), farm.grid().shape, 1)
         camera = LeafCameraComponent(optics, farm)

@@ -46,7 +46,7 @@ CASES = {
     ),
     "the autopilot is silent": ("silence=1,at=airborne,from=12,for=18", (0, "completed"), ""),
     "it starts again": ("reboot,at=airborne,from=15", (0, "completed"), "its autopilot has started again"),
-    "no position": ("gps-loss,at=airborne,from=15", (1, "position_lost"), "position_lost: position lost"),
+    "no position": ("gps-loss,at=airborne,from=15", (1, "position_lost"), "warning: position lost\n"),
     "a low battery": ("low-battery=0.08,at=airborne,from=12", (1, "battery_low"), "battery low: battery"),
     "it does not arm": ("refuse=400", (5, "arming_refused"), "arming refused: denied"),
     "it does not start": ("refuse=300", (5, "mission_rejected"), "mission rejected: denied"),

@@ -1,13 +1,16 @@
 """How often a run is scored, what it needs, and that scoring on the way looks only at what changed."""
 
+import threading
+
 import numpy as np
 import pytest
+from stand_in import LONG_S
 
 import geo.memory
 from geo.farms import get_farm
 from geo.memory import AvailableMemory, NotEnoughMemoryError
 from sensors.errors import EstimatorError
-from sensors.estimation import RunEstimate
+from sensors.estimation import Evidence, RunEstimate
 from sensors.estimators import make_estimator
 from sensors.fields import PAPER_FIELDS
 from sensors.observations import Observations
@@ -60,6 +63,53 @@ def test_an_error_of_the_estimator_ends_the_run_and_names_it():
     run.add([Observations([1], [1], [0.0], [6], [[1, 1, 0.5]])])
     with pytest.raises(EstimatorError, match=r"estimator Broken failed: ZeroDivisionError: halves"):
         run.end_flight(1.0)
+    run.close()
+
+
+def test_a_snapshot_is_what_was_known_when_it_was_asked_for():
+    grid, seen = get_farm("miniberry-10").grid(), Observations([1], [1], [0.0], [6], [[0.0, 0.0, 0.5]])
+    estimator, may_learn = make_estimator("point").fit(grid), threading.Event()
+    score = RunningScore(np.ones((3, *grid.shape), np.float32), PAPER_FIELDS.masks(grid))
+    run = RunEstimate(estimator, score, every=1, ready=lambda: may_learn.wait(LONG_S))
+    evidence = Evidence(get_farm("miniberry-10"), PAPER_FIELDS, run)
+    evidence.add(seen, offset_s=0.0)
+    model = evidence.snapshot()
+    evidence.add(Observations([2], [2], [1.0], [6], [[0.0, 0.0, 0.5]]), offset_s=0.0)
+    may_learn.set()
+    run.end_flight(2.0)
+    assert model().value[0, 1:3, 1:3].diagonal().tolist() == [0.0, 1.0]
+    assert run.model.value[0, 1:3, 1:3].diagonal().tolist() == [0.0, 0.0]
+    run.close()
+
+
+def test_nobody_asks_the_estimator_while_a_snapshot_is_made(monkeypatch):
+    grid = get_farm("miniberry-10").grid()
+    estimator = make_estimator("point").fit(grid)
+    predict, may_end, busy = estimator.predict, threading.Event(), threading.Lock()
+
+    def slowly():
+        assert busy.acquire(blocking=False), "two threads at once"
+        may_end.wait(0.2)
+        busy.release()
+        return predict()
+
+    monkeypatch.setattr(estimator, "predict", slowly)
+    run = RunEstimate(estimator, RunningScore(np.ones((3, 10, 10), np.float32), PAPER_FIELDS.masks(grid)))
+    run.add([Observations([1], [1], [0.0], [6], [[1, 1, 0.5]])])
+    taken = run.snapshot()
+    run.end_flight(1.0)
+    assert taken.done()
+    run.close()
+
+
+def test_an_error_of_the_estimator_is_the_snapshots_too(monkeypatch):
+    grid = get_farm("miniberry-10").grid()
+    estimator = make_estimator("point").fit(grid)
+    monkeypatch.setattr(estimator, "partial_fit", lambda _seen: 1 // 0)
+    run = RunEstimate(estimator, RunningScore(np.ones((3, 10, 10)), PAPER_FIELDS.masks(grid)), every=1)
+    run.add([Observations([1], [1], [0.0], [6], [[1, 1, 0.5]])])
+    with pytest.raises(EstimatorError, match="ZeroDivisionError"):
+        run.snapshot().result()
     run.close()
 
 

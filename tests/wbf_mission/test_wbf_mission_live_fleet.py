@@ -2,6 +2,7 @@
 
 import contextlib
 import math
+import socket
 import subprocess
 import time
 from types import SimpleNamespace
@@ -17,10 +18,11 @@ from mission.outcome import Outcome, Phase
 from mission.policies.observation import Status
 from mission.transfer.errors import NoVehicleError
 from mission.transfer.vehicles import Vehicle
+from sim_vehicle.host.server import Server
 from wbf_mission.events import EventStream
 from wbf_mission.flight import fly
 from wbf_mission.live.discovery import LiveFlightError, fitted_to, wanted_vehicles
-from wbf_mission.live.hosting import links_of
+from wbf_mission.live.hosting import LinkHost, links_of
 from wbf_mission.live.link import LiveLink, via_named
 from wbf_mission.replanning.loop import DecisionLoop
 from wbf_mission.run import joint_flight, sortie
@@ -277,3 +279,22 @@ def test_mavsdk_flies_one_vehicle():
     pytest.importorskip("mavsdk")
     with pytest.raises(LiveFlightError, match="--via mavsdk flies one vehicle, not 2"):
         fly(scenario(), by=LiveLink((A, B), Agreeing(), via=via_named("mavsdk")))
+
+
+def test_the_senders_whose_datagrams_were_dropped_are_named(monkeypatch):
+    """Of two ports: a vehicle's, and one that a stranger floods."""
+    monkeypatch.setattr("mission.link.waiting._MOST_BYTES", 32 * 500)
+    notes = []
+    server = Server([], ["udpin:127.0.0.1:0"] * 2, at_once=True)
+    host = LinkHost(server, note=notes.append)
+    stranger, vehicle = (socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in range(2))
+    with stranger, vehicle:
+        for sender, count in ((stranger, 40), (vehicle, 1)):
+            for url in server.urls * count:
+                sender.sendto(bytes(244), ("127.0.0.1", int(url.split(":")[-1])))
+        end_s = time.monotonic() + 30.0
+        while server.dropped.total() < 18 and time.monotonic() < end_s:
+            time.sleep(0.01)
+        named = f"127.0.0.1:{stranger.getsockname()[1]} (18)"
+    host.close()
+    assert notes == [f"datagrams of {named} were dropped: this program was too busy to take them"]

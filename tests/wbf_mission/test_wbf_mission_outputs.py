@@ -174,6 +174,30 @@ def test_force_replaces_nothing_and_overwrite_flies_nothing(
     assert Path("notes.txt").read_text() == "mine"
 
 
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        ("fly --via x --connect udpin:1", "Invalid value for '--via': 'x' is not one of 'own', 'mavsdk'."),
+        ("export x", "Missing option '--to'. Choose from: mcap, rerun, gpx, kml, geojson, csv"),
+        ("bench submit", "Missing argument 'folder'."),
+        ("bench nonsense", "No such command 'nonsense'."),
+        ("sim --foo", "No such option: --foo"),
+        ("check", "Invalid value: give the link to the vehicle, such as udpin:127.0.0.1:14550, or --list"),
+        ("--foo", "No such option: --foo"),
+    ],
+)
+def test_a_wrong_use_is_one_line_that_names_the_help_of_the_command(
+    arguments: str, told: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = [
+        word for word in arguments.split() if word in ("fly", "export", "bench", "submit", "sim", "check")
+    ]
+    text = refused(capsys, *arguments.split())
+    assert told in text
+    assert f"(see '{' '.join(['wbf-mission', *words])} --help')" in text
+    assert "\\t" not in text and "Value error" not in text
+
+
 def test_a_fault_of_a_vehicle_that_is_not_there_is_refused_before_anything_is_made(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

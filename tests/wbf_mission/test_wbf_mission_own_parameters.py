@@ -22,6 +22,7 @@ class Nobody:
     [
         ("px4", {"RTL_RETURN_ALT": 50.0, "RTL_CONE_ANG": 0}),
         ("px4", {"MPC_LAND_SPEED": 0.6, "RTL_LAND_DELAY": 20.0}),
+        ("px4", {"MPC_LAND_ALT3": 4.0, "MPC_LAND_CRWL": 0.15}),
         ("ardupilot", {"RTL_ALT": 4000, "RTL_CONE_SLOPE": 0.0, "LAND_SPEED": 30}),
         ("ardupilot", {}),
     ],

@@ -129,6 +129,17 @@ def test_a_silence_costs_the_same_whatever_is_heard_first_after_it(item_first):
     assert ride.camera.missed == pytest.approx(33, abs=3)
 
 
+def test_two_silences_before_an_item_is_told_cost_both():
+    ends = [MissionItem.waypoint(HOME.latitude_deg, HOME.longitude_deg + 2e-3 * k, 10.0) for k in range(2)]
+    ride = Ride(Mission((ends[0], MissionItem(DISTANCE, param1=0.5), ends[1])))
+    ride.seconds(3, item=2)
+    for seconds in (10.0, 1.0, 8.0, 1.0):
+        ride.move(seconds)
+    ride.at(2)
+    # 18 s of 20, with 0.98 m/s.
+    assert ride.camera.missed == pytest.approx(35, abs=1)
+
+
 def test_outside_the_mission_its_orders_are_not_read():
     ride = Ride()
     ride.beat(GUIDED)

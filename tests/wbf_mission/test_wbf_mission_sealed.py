@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from geo import FarmGrid, get_farm
-from geo.seeds import child_seed, sealed_seed
+from geo.seeds import child_seed, sealed_seed, stream
 from mission.planners import PlannedPath, PlanningRequest, make_planner
 from mission.policies.decision import NO_CHANGE, Decision
 from mission.policies.observation import Event, PolicyObservation
@@ -230,9 +230,16 @@ def test_an_estimator_reaches_neither_truth_nor_its_seed() -> None:
         assert not (isinstance(one, np.ndarray) and np.shares_memory(one, result.truth))
 
 
-@pytest.mark.parametrize("name", ["epidemic", "gp"])
+@pytest.mark.parametrize("name", ["epidemic", "gp", "gp-sklearn"])
 def test_an_estimator_that_draws_gets_a_sealed_seed(name: str) -> None:
-    seen = reachable(estimator_of(Choice(name), RUN.seed, PAPER_FIELDS))
+    estimator = estimator_of(Choice(name), RUN.seed, PAPER_FIELDS)
+    if name == "gp-sklearn":
+        estimator.fit(RUN.farm.load().grid)
+        names: list[tuple[str, ...]] = [(), ("environment",), ("planner",), ("estimator",), ("camera",)]
+        states = [state for path in names for state in child_seed(RUN.seed, *path).generate_state(8)]
+        drawn = [stream(RUN.seed, *path).integers(2**31) for path in names]
+        assert vars(estimator)["seed_"] not in {*states, *drawn}, "a stream of the run's seed"
+    seen = reachable(estimator)
     assert RUN.seed not in [one for one in seen if isinstance(one, int)]
     assert not finds_truth(seen, *true_state(RUN))
 

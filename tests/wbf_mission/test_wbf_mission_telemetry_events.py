@@ -14,6 +14,7 @@ from mission.ground.link import upload
 from mission.link.codec.dialect import mavlink as m
 from mission.link.codec.frames import FrameReader
 from mission.model import Command, Mission
+from sim_vehicle.airframe.kind import kind_of_type
 from sim_vehicle.host.server import Server
 from wbf_mission.events import (
     EventStream,
@@ -26,7 +27,6 @@ from wbf_mission.events import (
     VehicleSaid,
 )
 from wbf_mission.live.control_station import ControlStation
-from wbf_mission.live.discovery import kind_of
 from wbf_mission.live.telemetry_events import TelemetryEvents
 from wbf_mission.live.watching import FleetWatch
 from wbf_mission.planning import plan
@@ -180,7 +180,7 @@ def watched(url, heard, *, farm=None, sent=None):
         heard.stream,
         watch,
         begun,
-        named=lambda one: (one.profile.name, kind_of(one.monitor.vehicle_type)),
+        named=lambda one: (one.profile.name, kind_of_type(one.monitor.vehicle_type)),
     )
     return Server([watch], [url], tap=tap), telemetry
 

@@ -13,17 +13,18 @@ from wbf_mission import Scenario, fly
 from geo.farms import get_farm
 from sensors.fields import PAPER_FIELDS
 from sensors.scoring.information import InformationModel
-from wbf_mission.cli.warm_up import _draw_blocks, fly_all
+from wbf_mission.cli.warm_up import fly_all
 from wbf_mission.events import DayBegun, Estimated, RunBegun
 from wbf_mission.addons.rl.vector_env import SurveyVectorEnv
-from wbf_mission.addons.rl.warm_up import warm_up
-from wbf_mission.web.view import View
+from wbf_mission.addons.rl import warm_up as training
+from wbf_mission.addons.web import layers
+from wbf_mission.addons.web.view import View
 
 first, later = [], []
 with compile_notices(first.append):
     fly_all(lambda what: None)
-    _draw_blocks()
-    warm_up(lambda what: None)
+    layers.warm_up(lambda what: None)
+    training.warm_up(lambda what: None)
 with compile_notices(later.append):
     fly(Scenario(farm="miniberry-30", policy="greedy", estimator="epidemic", budget="1min"))
     fly(Scenario(farm="miniberry-30", policy="rolling-horizon", estimator="gp", vehicle="ideal"))

@@ -8,7 +8,7 @@ import logging
 import os
 import sys
 import warnings
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -24,10 +24,8 @@ from wbf_mission.cli import (
     operate,
     plan,
     preflight,
-    report,
     signals,
     sim,
-    studio,
     transfer,
     vehicle,
     warm_up,
@@ -57,9 +55,7 @@ app = typer.Typer(
 _COMMANDS = {
     "plan": Command(plan.plan_command, plan.EXAMPLES, plan.BEGINNERS),
     "fly": Command(fly.fly_command, fly.EXAMPLES, fly.BEGINNERS),
-    "studio": Command(studio.studio_command, studio.EXAMPLES, studio.BEGINNERS),
     "map": Command(treatment_map.map_command, treatment_map.EXAMPLES, treatment_map.BEGINNERS),
-    "report": Command(report.report_command, report.EXAMPLES),
     "sim": Command(sim.sim_command, sim.EXAMPLES, sim.BEGINNERS),
     "convert": Command(convert.convert_command, convert.EXAMPLES),
     "preflight": Command(preflight.preflight_command, preflight.EXAMPLES, preflight.BEGINNERS),
@@ -133,7 +129,7 @@ def _run(arguments: list[str]) -> int:
     try:
         code = app(args=arguments, standalone_mode=False, prog_name="wbf-mission", obj=arguments)
     except typer.TyperException as error:
-        return _complain(f"{error.format_message()} (see 'wbf-mission --help')", error.exit_code)
+        return _complain(_usage(error), error.exit_code)
     except WbfMissionError as error:
         return _complain(str(error), exit_code_of(error))
     except (KeyboardInterrupt, typer.Abort):
@@ -166,6 +162,14 @@ def _run(arguments: list[str]) -> int:
     if code == ExitCode.INTERRUPTED:
         return _complain("interrupted", ExitCode.INTERRUPTED)
     return code if isinstance(code, int) else ExitCode.GOOD
+
+
+def _usage(error: typer.TyperException) -> str:
+    """Return how the command at hand was called wrongly, without what libraries put around the words."""
+    at: Any = getattr(error, "ctx", None)
+    command = "wbf-mission" if at is None else at.command_path
+    text = error.format_message().replace("Value error, ", "", 1).replace("\n\t", " ")
+    return f"{text} (see '{command} --help')"
 
 
 def _one_line_warning(message: Warning | str, *_where: object, **_also: object) -> str:

@@ -14,12 +14,13 @@ from wbf_mission.cli import bench_output, options
 from wbf_mission.cli.help import HelpCommand, HelpGroup
 from wbf_mission.cli.options import option
 from wbf_mission.cli.output import Output
+from wbf_mission.cli.pages import bench_page
 from wbf_mission.exit_codes import ExitCode
 
 if TYPE_CHECKING:
     from wbf_mission.bench.rows import BenchRow
     from wbf_mission.bench.spec import BenchSpec
-    from wbf_mission.scenario import Choice
+    from wbf_mission.scenario import Choice, Scenario
 
 LIST_EXAMPLES = """
 Examples
@@ -69,7 +70,6 @@ def list_command(
     from msgspec import to_builtins
 
     from wbf_mission import scenario as known
-    from wbf_mission.bench.meaning import meaning_of
 
     if families:
         found = known.families()
@@ -82,13 +82,24 @@ def list_command(
             "scenario": one,
             "about": known.about_scenario(one),
             "family": None if (family := known.family_of(one)) is None else family.name,
-            "meaning": meaning_of(known.load_scenario(one)),
+            "meaning": _meaning(known.load_scenario(one)),
         }
         for one in known.scenario_ids()
     ]
     rows = [[str(one["scenario"]), str(one["family"] or ""), str(one["about"])] for one in values]
     output.table(values, ["scenario", "family", "what it is"], rows, left=True)
     return ExitCode.GOOD
+
+
+def _meaning(scenario: Scenario) -> str | None:
+    """Return the digest of a scenario's meaning; None where its kind of vehicle is not installed."""
+    from sim_vehicle.errors import VehicleError
+    from wbf_mission.bench.meaning import meaning_of
+
+    try:
+        return meaning_of(scenario)
+    except VehicleError:
+        return None
 
 
 @app.command("show", cls=HelpCommand, epilog=SHOW_EXAMPLES)
@@ -312,11 +323,10 @@ def report_command(
         msg = f"{folder}: holds no results of a benchmark; give the folder of 'bench run --out'"
         raise ResultError(msg)
     if out is not None:
-        from wbf_mission.web.bench_page import write_bench_page
-
+        write_page = bench_page()
         page = report_page(rows, out, title=f"Benchmark of {len(rows)} runs", asked=read_asked(folder))
         page.write(out / "report.md")
-        write_bench_page(out / "report.html", page, out, rows)
+        write_page(out / "report.html", page, out, rows)
         pictures = [picture.file for section in page.sections for picture in section.pictures]
         files = ["report.md", "report.html", *pictures]
         output.note(f"written: {', '.join(str(out / one) for one in files)}")

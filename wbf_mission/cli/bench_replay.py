@@ -11,6 +11,7 @@ import typer
 from wbf_mission.cli import options
 from wbf_mission.cli.options import TargetError, option
 from wbf_mission.cli.output import Output
+from wbf_mission.cli.pages import run_page
 from wbf_mission.exit_codes import ExitCode
 
 if TYPE_CHECKING:
@@ -125,34 +126,22 @@ def _replay(
     row = row_named(rows, key, folder)
     run = run_of(row, planner=planner, estimator=estimator)
     name = row.key[:KEY_DIGITS]
+    page_of = run_page() if "html" in formats else None
     out.mkdir(parents=True, exist_ok=True)
     with output.progress(), tempfile.TemporaryDirectory() as logs:
         events, log = output.events, Path(logs) / "flight.tlog"
-        layers = None
-        if "html" in formats:
-            from wbf_mission.web.recording import LiveLayers
-
-            layers = LiveLayers(events, len(row.times_s))
-        again = replay(row, run, events=events, tlog=log if layers else None)
+        page = page_of(events, len(row.times_s)) if page_of else None
+        again = replay(row, run, events=events, tlog=log if page else None)
         pictures = [out / f"{name}.{one}" for one in formats if one != "html"]
         decided = sum(one is not None for one in again.acquisitions)
         notes = [f"Row {row.key} flown again: {again.verdict}"]
         if again.result.decisions and not decided:
             notes.append(f"{row.planner} chooses by no acquisition map: there is none to be shown")
         files: dict[str, Any] = {}
-        if layers is not None:
-            from wbf_mission.web.report import write_report
-
-            report = write_report(
-                out / f"{name}.html",
-                [again.result],
-                logs=[log if log.is_file() else None],
-                layers=layers,
-                told=notes,
-                progress=events.progress,
-            )
-            notes = list(report.notes)
-            files["page"] = str(out / f"{name}.html")
+        if page is not None:
+            path, own_log = out / f"{name}.html", log if log.is_file() else None
+            notes = list(page.write(path, again.result, log=own_log, notes=notes, progress=events.progress))
+            files["page"] = str(path)
         if pictures:
             from wbf_mission.pictures.decision_plot import plot_decisions
 

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Annotated
 from wbf_mission.cli import options
 from wbf_mission.cli.options import option
 from wbf_mission.cli.output import Output
+from wbf_mission.cli.pages import live_page
 from wbf_mission.scenario import ScenarioError
 
 if TYPE_CHECKING:
@@ -86,21 +87,18 @@ class LivePage:
     def serve(self, output: Output, events: EventStream, orders: Orders | None = None) -> Iterator[None]:
         """Serve the page of a stream of events, if it is wanted; the page takes orders if there are `orders`.
 
-        LinkError if the port is taken; a ValueError of ours if the tiles cannot be used.
+        LinkError if the port is taken; a ValueError of ours if there is no page, or the tiles cannot be used.
         """
         self.check()
         if self.live is None:
             yield
             return
-        from wbf_mission.web.server import LiveServer
-        from wbf_mission.web.view import View
-
-        view = View()
-        with LiveServer(view, host=self.live_host, port=self.live, orders=orders, tiles=self.tiles) as server:
-            output.note(f"live page: {server.url}")
-            events.listen(view.take)  # Not before: its address, which may hold a token, is not for the page
+        page = live_page()(host=self.live_host, port=self.live, orders=orders, tiles=self.tiles)
+        with page as (url, take):
+            output.note(f"live page: {url}")
+            events.listen(take)  # Not before: its address, which may hold a token, is not for the page
             if self.open_page:
-                webbrowser.open(server.url)
+                webbrowser.open(url)
             yield
 
     def stay(self, output: Output) -> None:

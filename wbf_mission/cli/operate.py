@@ -147,9 +147,9 @@ def _watched_farm(given: options.Given, page: LivePage) -> Farm | None:
 
 def _named(heard: Contact) -> tuple[str, str]:
     """Return name and kind of a vehicle that is heard."""
-    from wbf_mission.live.discovery import kind_of
+    from sim_vehicle.airframe.kind import kind_of_type
 
-    return heard.profile.name, kind_of(heard.monitor.vehicle_type)
+    return heard.profile.name, kind_of_type(heard.monitor.vehicle_type)
 
 
 class _Told:

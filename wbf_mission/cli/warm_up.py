@@ -53,8 +53,6 @@ def warm_up_command(output: Output) -> None:
 
     compile_all(lambda what, _done, _total: begin(what))
     fly_all(begin)
-    begin("the live page of large farms")
-    _draw_blocks()
     for entry in entry_points(GROUP):
         try:
             load_entry(entry, f"the warm-up {entry.name}", TargetError)(begin)
@@ -77,11 +75,3 @@ def fly_all(told: Callable[[str], None]) -> None:
         told(what)
         options: dict[str, Any] = {"farm": "miniberry-10", **given}
         fly(Scenario(**options))
-
-
-def _draw_blocks() -> None:
-    """Draw a layer of a page as that of a farm which is larger than the page."""
-    from geo.farms import get_farm
-    from wbf_mission.web.layers import Layers
-
-    Layers(get_farm("miniberry-100"), longest=50)

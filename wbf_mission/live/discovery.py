@@ -8,7 +8,7 @@ from dataclasses import replace
 from geo.errors import WbfMissionError
 from mission.transfer.vehicles import Vehicle
 from sim_vehicle.airframe.catalog import get_vehicle
-from sim_vehicle.airframe.kind import get_kind, kind_names
+from sim_vehicle.airframe.kind import get_kind, kind_of_type
 from sim_vehicle.autopilot import name_of_number
 from wbf_mission.scenario import Scenario, scenario_with
 from wbf_mission.scenario.parts import MOST_VEHICLES
@@ -16,7 +16,6 @@ from wbf_mission.scenario.parts import MOST_VEHICLES
 __all__ = [
     "LiveFlightError",
     "fitted_to",
-    "kind_of",
     "require_single_flight",
     "typical_vehicle",
     "wanted_vehicles",
@@ -82,7 +81,7 @@ def fitted_to(scenario: Scenario, *vehicles: Vehicle) -> Scenario:
     options = scenario.vehicle if len(vehicles) == 1 else replace(scenario.vehicle, vehicles=len(vehicles))
     fitted = []
     for name, planned_for, heard in zip(options.fleet, options.autopilots, vehicles, strict=True):
-        planned, kind = get_vehicle(name).kind, kind_of(heard.vehicle_type)
+        planned, kind = get_vehicle(name).kind, kind_of_type(heard.vehicle_type)
         if planned != kind:
             which = "" if len(vehicles) == 1 else f" as system {heard.system_id}"
             does = f"a {kind} is heard{which}; name one of its kind with --vehicle"
@@ -106,13 +105,7 @@ def typical_vehicle(vehicle: Vehicle) -> str:
 
     Examples
     --------
-    >>> typical_vehicle(Vehicle(1, 1, 12, 1))
-    'fixed-wing'
+    >>> typical_vehicle(Vehicle(1, 1, 12, 2))
+    'quad'
     """
-    return get_kind(kind_of(vehicle.vehicle_type)).typical
-
-
-def kind_of(vehicle_type: int) -> str:
-    """Return the kind of a vehicle by its MAV_TYPE; all that no kind has are multirotors'."""
-    of_type = (name for name in kind_names() if vehicle_type in get_kind(name).mav_types)
-    return next(of_type, "multirotor")
+    return get_kind(kind_of_type(vehicle.vehicle_type)).typical

@@ -34,6 +34,7 @@ Note = Callable[[str], None]
 Heard = tuple[str, Vehicle]
 """A vehicle with its link."""
 _AUTOPILOT = int(m.MAV_COMP_ID_AUTOPILOT1)
+_NAMED = 4  # Senders whose datagrams were dropped, in a line
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,10 +134,9 @@ class LinkHost(Closing):
 
     def close(self) -> None:
         """Close what it stands on."""
-        if dropped := self._server.dropped:
-            self._note(
-                f"{dropped} datagrams of the vehicle were dropped: this program was too busy to take them"
-            )
+        if dropped := self._server.dropped.most_common(_NAMED):
+            named = ", ".join(f"{sender} ({count})" for sender, count in dropped)
+            self._note(f"datagrams of {named} were dropped: this program was too busy to take them")
         self._server.close()
 
 

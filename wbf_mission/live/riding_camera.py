@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Any
 
 from mission.autopilots.registry import profile_for
@@ -13,7 +14,7 @@ from mission.ground.modes import VehicleModes, is_in_mission, mode_name
 from mission.ground.vehicle_state import BootClock
 from mission.link.codec.dialect import Message, mavlink
 from mission.link.codec.typed import CommandMessage, is_a, is_command
-from mission.model import Command, Mission
+from mission.model import Command, Mission, MissionItem
 from mission.transfer.wire import command_long
 from sim_vehicle.camera.component import LeafCameraComponent
 from sim_vehicle.camera.trigger import MAX_GAP_MS
@@ -21,7 +22,10 @@ from sim_vehicle.camera.trigger import MAX_GAP_MS
 __all__ = ["MissionShots", "RidingCamera", "Silence", "images_in"]
 
 
+_Place = tuple[float, float]
 _PATIENCE_S = 2.0
+_CORNER = 0.7
+"""Of the difference of corner and chord, what the way through the acceptance radius is shorter; measured."""
 
 
 class MissionShots:
@@ -69,46 +73,94 @@ class MissionShots:
 
 
 @dataclass(frozen=True, slots=True)
+class Seen:
+    """Where a vehicle told its item, and how far it was seen to fly between that and a silence."""
+
+    place: _Place
+    metres: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
 class Silence:
     """A vehicle before and after a time in which nothing was heard of it."""
 
-    before: tuple[float, float]
-    after: tuple[float, float]
-    item: int  # Of the mission, that was flown before; -1 if none was
+    before: _Place
+    after: _Place
+    item: int  # Of the mission, that was told last before; -1 if none was
     seconds: float
     shots: Shots
     reach_m: float = math.inf  # How far it can have flown, by the greatest speed that it told
+    lead: Seen | None = None  # To its begin, from where the item was told
+    tail: Seen | None = None  # From its end, to where the item was told again
 
 
 def images_in(silence: Silence, mission: Mission, item: int) -> int:
     """Return about how many images the mission orders on the way that nobody saw.
 
-    The way goes straight from position to position of the items that were flown; its time is spread evenly
-    over its length. Where a mission orders nothing of the camera, it does what it did.
+    The way leads by the positions of the items from where one was told before the silence to where one was
+    told after it, without what was seen of it at both ends; its time is spread evenly over its length. Where
+    a mission orders nothing of the camera, it does what it did.
 
     From the number of items on, ``item`` means that the mission is over.
     """
-    first, last = silence.item, min(item, len(mission.items) - 1)
-    if first < 0:
-        # Outside a mission the camera does what somebody told it.
-        return _images([(apart_m(silence.before, silence.after), silence.shots)], silence)
-    legs: list[tuple[float, Shots]] = []
-    here = silence.before
-    for k in range(first, last + 1):
-        one = mission.items[k]
-        if not one.has_position or is_return(one):
-            continue
-        there = (one.x, one.y)
-        # Of the leg that is flown now only what lies behind the vehicle.
-        length_m = (
-            apart_m(here, there) if k < last else min(apart_m(here, silence.after), apart_m(here, there))
-        )
-        legs.append((length_m, shots_before(mission.items, k) or silence.shots))
-        here = there
-    if not legs:
-        # It hovers, or another mission has taken the place of the one before.
-        legs = [(apart_m(silence.before, silence.after), shots_before(mission.items, last) or silence.shots)]
-    return _images(legs, silence)
+    items = mission.items
+    first, last = silence.item, min(item, len(items) - 1)
+    known = range(first, last + 1) if first >= 0 else ()
+    passed = [k for k in known if items[k].has_position and not is_return(items[k])]
+    if not passed:
+        # Outside a mission the camera does what somebody told it; else it hovers, or another mission has
+        # taken the place of the one before.
+        shots = (shots_before(items, last) if first >= 0 else None) or silence.shots
+        return _images([(apart_m(silence.before, silence.after), shots)], silence)
+    lead, tail = silence.lead or Seen(silence.before), silence.tail or Seen(silence.after)
+    orders = [shots_before(items, k) or silence.shots for k in passed]
+    if passed[-1] == last:
+        passed.pop()
+    else:
+        orders.append(Shots())  # On the way home
+    corners = [((items[k].x, items[k].y), _radius_m(items[k])) for k in passed]
+    if corners and apart_m(corners[-1][0], tail.place) <= corners[-1][1]:
+        # It has been as near as it has to come, and has not turned yet.
+        corners.pop()
+    legs = list(zip(_lengths_m(lead.place, corners, tail.place), orders, strict=False))
+    return _images(_without(_without(legs, lead.metres)[::-1], tail.metres), silence)
+
+
+def _radius_m(item: MissionItem) -> float:
+    """Return how near a vehicle comes to a waypoint before it turns to the next."""
+    return max(item.param2 or 0.0, 0.0) if item.command == Command.NAV_WAYPOINT else 0.0
+
+
+def _lengths_m(begin: _Place, corners: Sequence[tuple[_Place, float]], end: _Place) -> list[float]:
+    """Return the lengths of the legs of a way that cuts its corners within a radius of each."""
+    way = [begin, *(place for place, _ in corners), end]
+    straight_m = [apart_m(*leg) for leg in pairwise(way)]
+    lengths_m = straight_m[:]
+    for k, (corner, radius_m) in enumerate(corners):
+        cut_m = min(radius_m, 0.5 * straight_m[k], 0.5 * straight_m[k + 1])
+        if cut_m > 0.0:
+            chord_m = apart_m(
+                _toward(corner, way[k], cut_m / straight_m[k]),
+                _toward(corner, way[k + 2], cut_m / straight_m[k + 1]),
+            )
+            saved_m = _CORNER * (2.0 * cut_m - chord_m)
+            lengths_m[k] -= 0.5 * saved_m
+            lengths_m[k + 1] -= 0.5 * saved_m
+    return lengths_m
+
+
+def _toward(a: _Place, b: _Place, part: float) -> _Place:
+    return a[0] + part * (b[0] - a[0]), a[1] + part * (b[1] - a[1])
+
+
+def _without(legs: Sequence[tuple[float, Shots]], metres: float) -> list[tuple[float, Shots]]:
+    """Return legs without their first metres."""
+    rest = []
+    for length_m, shots in legs:
+        off_m = min(length_m, metres)
+        metres -= off_m
+        rest.append((length_m - off_m, shots))
+    return rest
 
 
 def _images(legs: list[tuple[float, Shots]], silence: Silence) -> int:
@@ -126,6 +178,10 @@ def _images(legs: list[tuple[float, Shots]], silence: Silence) -> int:
         elif shots.interval_ms > 0.0:
             images += 1000.0 * share * silence.seconds / shots.interval_ms
     return int(images)
+
+
+def _place(position: mavlink.MAVLink_global_position_int_message) -> _Place:
+    return position.lat / 1e7, position.lon / 1e7
 
 
 _LISTEN_S = 2.2
@@ -172,8 +228,9 @@ class RidingCamera:
         self._home = 0
         self._clock = BootClock()
         self._before: Any = None
-        self._item = self._item_then = -1
-        self._did_then = Shots()
+        self._item = -1
+        self._seen: Seen | None = None
+        self._then: tuple[int, Seen | None, Shots] = (-1, None, Shots())  # At the last position
         self._silence: Silence | None = None
         self._fastest_m_s = 0.0
         self.missed = 0
@@ -245,21 +302,32 @@ class RidingCamera:
 
     def _on_position(self, message: mavlink.MAVLink_global_position_int_message, now_s: float) -> None:
         """Count what a silence cost; after a restart of the autopilot nobody has told the camera to shoot."""
-        # The item may be told before the position when the vehicle is heard again.
-        before, item, did = self._before, self._item_then, self._did_then
-        self._before, self._item_then, self._did_then = message, self._item, self._does
+        before, (item, lead, did) = self._before, self._then
+        self._before = message
         self._fastest_m_s = max(self._fastest_m_s, math.hypot(message.vx, message.vy) / 100.0)
         restarts = self._clock.restarts
         before_ms = 0 if before is None else before.time_boot_ms + self._clock.offset_ms
         time_ms = self._clock.take(message.time_boot_ms, now_s)
         if self._clock.restarts > restarts:
             self._shots.restart()
-        if before is not None and self._silence is None and time_ms - before_ms > MAX_GAP_MS:
-            # What was flown of the mission meanwhile is known when the vehicle tells its item.
-            places = [(one.lat / 1e7, one.lon / 1e7) for one in (before, message)]
-            seconds = (time_ms - before_ms) / 1000.0
-            reach_m = max(self._fastest_m_s * seconds, apart_m(*places))
-            self._silence = Silence(places[0], places[1], item, seconds, did, reach_m)
+        if before is not None:
+            places = (_place(before), _place(message))
+            if time_ms - before_ms > MAX_GAP_MS:
+                # What was flown of the mission meanwhile is known when the vehicle tells its item.
+                seconds = (time_ms - before_ms) / 1000.0
+                reach_m = max(self._fastest_m_s * seconds, apart_m(*places))
+                silence = self._silence or Silence(*places, item, 0.0, did, 0.0, lead)
+                self._silence = replace(
+                    silence,
+                    after=places[1],
+                    seconds=silence.seconds + seconds,
+                    reach_m=silence.reach_m + reach_m,
+                )
+                self._seen = Seen(places[1])
+            elif self._seen is not None:
+                self._seen = replace(self._seen, metres=self._seen.metres + apart_m(*places))
+        # The item may be told before the position when the vehicle is heard again.
+        self._then = (self._item, self._seen, self._does)
 
     @property
     def _does(self) -> Shots:
@@ -271,12 +339,15 @@ class RidingCamera:
         """Do what the mission orders before the item that is flown, if nobody else sees to that."""
         if sequence == _UNKNOWN_ITEM:
             return []
+        here = None if self._before is None else _place(self._before)
         silence, self._silence = self._silence, None
-        if silence is not None:
+        if silence is not None and here is not None and self._seen is not None:
             mission = self._mission()
             # Some autopilots start at the first item again when the mission is over.
             item = sequence - self._home if self._in_mission else len(mission.items)
+            silence = replace(silence, tail=Seen(here, self._seen.metres))
             self.missed += images_in(silence, mission, item)
+        self._seen = None if here is None else Seen(here)
         told = sequence - self._home
         self._item = told if self._in_mission else -1
         ordered = Shots() if self._returns else shots_before(self._mission().items, told)

@@ -168,7 +168,7 @@ def flies(spec: VehicleSpec) -> bool:
 def _parameters(vehicle: VehicleOptions, spec: VehicleSpec, height_m: float) -> dict[str, float]:
     """Return the parameters of a vehicle in its layer; what the user gave holds."""
     given = vehicle.parameters
-    firmware = get_autopilot(vehicle.autopilot).firmwares.get(spec.kind)
+    firmware = get_autopilot(vehicle.autopilot).firmware(spec.kind)
     if firmware is None or firmware.return_height is None:
         return given
     name, unit_m = firmware.return_height

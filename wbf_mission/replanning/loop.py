@@ -4,10 +4,14 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from types import MappingProxyType
-from typing import Protocol
+from typing import Protocol, TypeAlias
+
+import numpy as np
+import shapely
 
 from geo import Farm
 from geo.errors import WbfMissionError, told_error
@@ -26,6 +30,8 @@ from wbf_mission.replanning.spacing import KeptDistance
 _SCHEDULE = Path("/proc/thread-self/schedstat")
 CRASHED, TOO_LATE = "crashed", "too late"
 """Kinds of answers, beside those that `answer_costs` and `Decision` find."""
+_REACHED_M = 1.0
+"""A point so near is reached at once: no autopilot flies back to it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,20 +44,15 @@ class Answer:
 
 
 @dataclass(frozen=True, slots=True)
-class Question:
-    """When and why a policy is asked, and how the vehicles were then."""
-
-    event: Event
-    time_s: float  # Since the mission began
-    reports: tuple[VehicleReport, ...]
-
-
-@dataclass(frozen=True, slots=True)
 class Answered:
     """What a policy was told, and its answer: None if no vehicle could be steered, or what was wrong."""
 
     observation: PolicyObservation
     answer: Answer | AnswerError | None
+
+
+Question: TypeAlias = Callable[[], PolicyObservation]
+"""Gives what a policy is told: the vehicles and what was known when it was to be asked."""
 
 
 def ask(policy: Policy, name: str, observation: PolicyObservation) -> Answer:
@@ -103,8 +104,8 @@ class Steered(Protocol):
     def status(self, now_s: float) -> Status:
         """Return what it is doing."""
 
-    def report(self, now_s: float) -> VehicleReport:
-        """Return what is known of it."""
+    def report(self, now_s: float, ahead_s: float = 0.0) -> VehicleReport:
+        """Return what is known of it; it has spent what `ahead_s` more seconds cost, too."""
 
     def steer(self, points_m: Points, now_s: float) -> PathChange:
         """Send it a new rest of its path; what becomes of that is noted in what is returned."""
@@ -174,7 +175,8 @@ class DecisionLoop:
         self._flight = flight
         self._compute_s = compute_s
         self._kept_distance = kept_distance
-        self._asked_s = 0.0
+        self._asked_s = self._asked_at_s = 0.0  # By the clocks of the mission and of the host
+        self._took_s = 0.0
         self._observations = 0
         self._reached = 0
         self._lost: frozenset[int] = frozenset()
@@ -193,7 +195,7 @@ class DecisionLoop:
                 msg = f"{self._name} has no path for vehicle {vehicle.system_id}"
                 raise PlanningError(msg)
         self._observations = len(observation.observations)
-        record = self._note(Event.START, 0.0, observation, answer)
+        record = self._note(observation, answer)
         for vehicle in observation.steerable:
             points = answer.decision.paths[vehicle.system_id]
             cost = answer.costs[vehicle.system_id]
@@ -235,41 +237,58 @@ class DecisionLoop:
         new = any(status is Status.LOST and number not in self._lost for number, status in statuses.items())
         return new and Status.FLYING in statuses.values()
 
-    def decide(
-        self, event: Event, vehicles: Sequence[Steered], time_s: float, now_s: float
-    ) -> DecisionRecord | None:
-        """Ask, and send what is answered; return the record of it, None if no vehicle can be steered.
+    def question(
+        self,
+        event: Event,
+        vehicles: Sequence[Steered],
+        time_s: float,
+        now_s: float,
+        model: Callable[[], InformationModel] | None = None,
+    ) -> Question:
+        """Return a question with the vehicles and what is known as they are now.
 
-        An answer that breaks a rule is noted and not flown: the vehicles fly on as before.
-
-        Parameters
-        ----------
-        time_s : float
-            Since the mission began.
-        now_s : float
-            The host's clock.
+        `model` gives what is believed in place of the knowledge's own, to a thread beside which others learn
+        and the vehicles fly on: for as long as an answer may take, or there and back for as long as the last
+        one took. It would otherwise be dropped near the end of the budget.
         """
-        return self.carry_out(self.answer(self.question(event, vehicles, time_s, now_s)), vehicles, now_s)
-
-    def question(self, event: Event, vehicles: Sequence[Steered], time_s: float, now_s: float) -> Question:
-        """Return a question with the vehicles as they are now."""
-        reports = tuple(vehicle.report(now_s) for vehicle in vehicles)
-        self._asked_s = time_s
+        ahead_s = 0.0 if model is None else max(self._compute_s, 2.0 * self._took_s)
+        reports = tuple(vehicle.report(now_s, ahead_s) for vehicle in vehicles)
+        self._asked_s, self._asked_at_s = time_s, now_s
         self._reached = sum(one.waypoints_reached for one in vehicles)
         self._lost = frozenset(one.system_id for one in reports if one.status is Status.LOST)
-        return Question(event, time_s, reports)
+        known, seen = self._knowledge, self._knowledge.observations()
+        known = replace(known, model=model or known.model, observations=lambda: seen)
+        return partial(known.observation, event, time_s, reports, self._compute_s)
 
     def answer(self, question: Question) -> Answered:
-        """Ask the policy; may be called in another thread, while nobody learns."""
-        observation = self._knowledge.observation(
-            question.event, question.time_s, question.reports, self._compute_s
-        )
+        """Ask the policy; may be called in another thread."""
+        observation = question()
         if not observation.steerable:
             return Answered(observation, None)
         try:
             return Answered(observation, ask(self._policy, self._name, observation))
         except AnswerError as error:
             return Answered(observation, error)
+
+    def outdated(self, answered: Answered, vehicles: Sequence[Steered], now_s: float) -> dict[int, str]:
+        """Return why vehicles, as they are now, cannot fly what was answered, by system id.
+
+        Each path is held to the rules of answers again; its cost becomes the one from here.
+        """
+        then, answer, found = answered.observation, answered.answer, dict[int, str]()
+        self._took_s = now_s - self._asked_at_s
+        if not isinstance(answer, Answer):
+            return found
+        now = replace(then, vehicles=tuple(vehicle.report(now_s) for vehicle in vehicles))
+        for system_id, points in answer.decision.paths.items():
+            try:
+                answer.costs.update(answer_costs(self._name, Decision({system_id: points}), now))
+            except AnswerError as error:
+                found[system_id] = str(error)
+            else:
+                if _is_passed(then.vehicle(system_id), now.vehicle(system_id), points):
+                    found[system_id] = "the vehicle has passed its first point"
+        return found
 
     def carry_out(
         self,
@@ -283,21 +302,9 @@ class DecisionLoop:
         self._observations = len(observation.observations)
         if answer is None:
             return None
-        self.acquisition = None
-        event, time_s = observation.event, observation.time_s
+        record = self._note(observation, answer)
         if isinstance(answer, AnswerError):
-            record = DecisionRecord(
-                observation.day,
-                self._flight,
-                time_s,
-                event.value,
-                self._observations,
-                refused=str(answer),
-                fault=answer.kind,
-            )
-            self._records.append(record)
             return record
-        record = self._note(event, time_s, observation, answer)
         by_id = {vehicle.system_id: vehicle for vehicle in vehicles}
         refused: dict[int, str] = {}
         if self._kept_distance is not None:
@@ -315,21 +322,27 @@ class DecisionLoop:
             record.changes.append(change)
         return record
 
-    def _note(
-        self, event: Event, time_s: float, observation: PolicyObservation, answer: Answer
-    ) -> DecisionRecord:
-        self.acquisition = answer.decision.acquisition
-        record = DecisionRecord(
-            observation.day,
-            self._flight,
-            time_s,
-            event.value,
-            len(observation.observations),
-            reason=answer.decision.reason,
-            compute_s=answer.compute_s,
-            alternatives=answer.decision.alternatives,
-        )
+    def _note(self, observation: PolicyObservation, answer: Answer | AnswerError) -> DecisionRecord:
+        seen, event = len(observation.observations), observation.event
+        record = DecisionRecord(observation.day, self._flight, observation.time_s, event.value, seen)
+        self._records.append(record)
+        self.acquisition = None
+        if isinstance(answer, AnswerError):
+            record.refused, record.fault = str(answer), answer.kind
+            return record
+        decision, self.acquisition = answer.decision, answer.decision.acquisition
+        record.reason, record.alternatives = decision.reason, decision.alternatives
+        record.compute_s = answer.compute_s
         if event is not Event.START and answer.compute_s > observation.compute_s:
             record.fault = TOO_LATE
-        self._records.append(record)
         return record
+
+
+def _is_passed(then: VehicleReport, now: VehicleReport, path_m: Points) -> bool:
+    """Return whether a vehicle has flown over the first point of a path since it was asked for."""
+    near_m = max(_REACHED_M, then.request.least_leg_m)
+    reached = then.rest_m[: max(0, len(then.rest_m) - len(now.rest_m))]
+    flown = shapely.LineString(np.vstack((then.position_m, reached, now.position_m)))
+    firsts = shapely.points(path_m[:1])
+    over = shapely.distance(flown, firsts) <= near_m
+    return bool(np.any(over & (shapely.distance(shapely.Point(now.position_m), firsts) > near_m)))

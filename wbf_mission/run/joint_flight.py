@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-import warnings
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future, wait
 from functools import partial
@@ -18,7 +17,6 @@ from mission.ground.status_text import NotStartedError, doing, not_started
 from mission.outcome import Outcome, Phase
 from mission.policies.observation import Event, Status
 from sensors.estimation import Evidence
-from sensors.observations import Observations
 from sim_vehicle.host.simulation import StopReason
 from wbf_mission.events import Decided, EventStream, Noted, Seen
 from wbf_mission.progress import Stopwatch
@@ -32,8 +30,11 @@ from wbf_mission.run.sortie import Sortie
 SLICE_S = 1.0
 # Most policies answer within a second; the record is not to wait for one that never does.
 LAST_ANSWER_S = 5.0
-_OVER = frozenset({Status.PILOTED, Status.ENDED, Status.LOST})
+MOST_AGAIN = 2
+"""So often in a row a policy is asked again at once, if its answer came too late; later as it wants to be."""
+_OVER = frozenset({Status.PILOTED, Status.RETURNING, Status.ENDED, Status.LOST})
 """After one of these statuses a vehicle flies no answer to an earlier question."""
+_ORDERED = "the vehicle was given an order while the policy decided"
 _AHEAD_S = 0.02
 """The simulated clock waits for the wall clock when it is so far ahead."""
 FLIGHT_LIMIT_FACTOR = 3.0
@@ -116,7 +117,7 @@ class JointFlight:
         # The answer that a policy works on beside a real flight, and why some vehicles will not fly it
         self._thinking: Future[Answered] | None = None
         self._not_sent: dict[int, str] = {}
-        self._unlearned: list[Observations] = []
+        self._again = 0  # How many answers in a row came too late
         self._begun_wall_s = 0.0
 
     @property
@@ -138,7 +139,7 @@ class JointFlight:
         for sortie in self.sorties if only is None else (only,):
             if not sortie.done:
                 sortie.send(sortie.ground.maneuver(kind, self.now_s))
-                self._outdate(sortie, "was given an order")
+                self._outdate(sortie.system_id, _ORDERED)
 
     def _obey(self, orders: Orders) -> None:
         """Do what who watches has ordered, and say what may be ordered now."""
@@ -169,7 +170,7 @@ class JointFlight:
         command = order.command
         if command.order == "set-item":
             sortie.send(ground.choose_item(command.item, self.now_s))
-            self._outdate(sortie, "was given an order")
+            self._outdate(sortie.system_id, _ORDERED)
         else:
             self.maneuver(Maneuver(command.order), sortie)
         sortie.ordered.append(f"{order.order} {order.value}".rstrip() + f" at {ground.flight_time_s:.0f} s")
@@ -220,10 +221,10 @@ class JointFlight:
             for sortie in self.sorties:
                 sortie.note_changes()
                 sortie.give_up_lost(self.now_s)
+            if self._thinking is not None:
+                self._look_at_answer(self._thinking)
             if self._thinking is None:
                 self._decide()
-            else:
-                self._look_at_answer(self._thinking)
             if self._is_flying():
                 longest_s = max(sortie.ground.flight_time_s for sortie in self.sorties)
                 self._events.progress("flying", longest_s, self._expected_s)
@@ -251,16 +252,12 @@ class JointFlight:
         self._told.finish(self.now_s)
 
     def learn(self) -> None:
-        """Hand on what was seen since the last call; while a policy decides, the estimate stays as it is."""
+        """Hand on what was seen since the last call."""
         for sortie in self.sorties:
             seen = sortie.take()
-            self._unlearned.append(seen)
             if len(seen) and self._events.wants(Seen):
                 self._events.tell(Seen(self._offset_s, seen))
-        if self._thinking is None:
-            unlearned, self._unlearned = self._unlearned, []
-            for seen in unlearned:
-                self._evidence.add(seen, offset_s=self._offset_s)
+            self._evidence.add(seen, offset_s=self._offset_s)
         self._watch.lap("estimate and score")
 
     @property
@@ -296,44 +293,60 @@ class JointFlight:
         if self._decisions.lost(self.sorties, self.now_s):
             event = Event.LOST
         if event is not None and self._is_flying():
-            question = self._decisions.question(event, self.sorties, self._mission_s, self.now_s)
+            # What a policy sees beside the flight is fixed here and its own: its thread may outlive the
+            # flight, and must then meet neither the estimator nor what is learned meanwhile. Only ordered
+            # here, it is made in the estimate's thread: that takes seconds on large farms, in which
+            # heartbeats would be missing.
+            model = None if self._waits_for_decisions else self._evidence.snapshot()
+            question = self._decisions.question(event, self.sorties, self._mission_s, self.now_s, model)
             if self._waits_for_decisions:
                 self._carry_out_answer(self._decisions.answer(question))
             else:
-                self._not_sent = {}
+                statuses = {sortie.system_id: sortie.status(self.now_s) for sortie in self.sorties}
+                self._not_sent = {number: one.value for number, one in statuses.items() if one in _OVER}
                 self._thinking = _beside(partial(self._decisions.answer, question))
 
     def _look_at_answer(self, thinking: Future[Answered]) -> None:
-        """Send the answer once it is there, unless the vehicles were taken over or came down meanwhile."""
-        done = thinking.done()
-        for sortie in self.sorties:
-            status = sortie.status(self.now_s)
-            if status in _OVER or (done and status not in (Status.READY, Status.FLYING)):
-                self._outdate(sortie, f"was {status.value}")
-        if done:
-            self._thinking = None
-            self._carry_out_answer(thinking.result())
-            self.learn()
+        """Send the answer once it is there, to vehicles that can still fly it.
 
-    def _outdate(self, sortie: Sortie, why: str) -> None:
-        """Discard the pending answer for this vehicle."""
-        if self._thinking is not None:
-            self._not_sent.setdefault(sortie.system_id, f"the vehicle {why} while the policy decided")
+        A policy that decides cannot be asked for another reason. The operator hears at once of vehicles that
+        are lost, taken over or on their way home meanwhile, whether it ever answers or not.
+        """
+        for sortie in self.sorties:
+            if (status := sortie.status(self.now_s)) in _OVER:
+                self._outdate(sortie.system_id, f"the vehicle was {status.value} while the policy decided")
+        if thinking.done():
+            answered = thinking.result()
+            outdated = self._decisions.outdated(answered, self.sorties, self.now_s)
+            for system_id, why in outdated.items():
+                self._outdate(system_id, why)
+            self._thinking = None
+            self._carry_out_answer(answered)
+
+    def _outdate(self, system_id: int, why: str) -> None:
+        """Discard the pending answer for a vehicle, and say so."""
+        if self._thinking is not None and system_id not in self._not_sent:
+            self._not_sent[system_id] = why
+            at = f"vehicle {system_id}: " if len(self.sorties) > 1 else ""
+            self._events.tell(Noted(f"{at}the policy's answer is not sent: {why}", warns=True))
 
     def _carry_out_answer(self, answered: Answered) -> None:
         record = self._decisions.carry_out(answered, self.sorties, self.now_s, self._not_sent)
         if record is not None:
             self._events.tell(Decided(self._offset_s + self.now_s, record, self._decisions.acquisition))
+            is_late = any(change.system_id in self._not_sent for change in record.changes)
+            self._again = self._again + 1 if is_late else 0
+            if 0 < self._again <= MOST_AGAIN:
+                self._event = Event(record.event)
         self._watch.lap("decide")
 
     def _await_answer(self) -> None:
-        """Wait some seconds for the policy to end with the estimate, drop its answer, and learn the rest."""
+        """Wait some seconds for the policy to end, drop its answer, and learn the rest."""
         if self._thinking is not None:
             thinking, self._thinking = self._thinking, None
             if wait([thinking], LAST_ANSWER_S).not_done:
-                # Its thread ends with the program. Nobody takes its answer, whatever it still reads.
+                # Its thread ends with the program. Nobody takes its answer.
                 text = f"the policy has not answered within {LAST_ANSWER_S:g} s of the end: it is left behind"
-                warnings.warn(text, stacklevel=2)
                 self._events.tell(Noted(text, warns=True))
             elif (error := thinking.exception()) is not None:
                 raise error

@@ -72,18 +72,22 @@ class Sortie:
     ) -> None:
         task = vehicle.task
         self._station_range = task.builder.station_range
-        planned = plan.prediction
-        mean_m_s = planned.path_length_m / planned.duration_s if planned.duration_s > 0.0 else 0.0
-        self._mean_speed_m_s = max(mean_m_s, _SLOWEST_FLIGHT_M_S)
+        planned, planned_s = plan.prediction, plan.prediction.duration_s or math.inf
+        self._mean_speed_m_s = max(planned.path_length_m / planned_s, _SLOWEST_FLIGHT_M_S)
+        # What a second of flight costs, in Wh and in the unit of the budget
+        self._mean_wh_s = planned.energy_wh / planned_s
+        level, step_s = task.builder.level, plan.vehicle.step_s
+        a_second = {"m": level.speed_m_s, "steps": 1.0 / step_s, "Wh": self._mean_wh_s}
+        self._cost_a_second = a_second.get(task.request.budget.unit, 1.0)
         farm = plan.farm
         self.start_delay_s = start_delay_s
         self.number, self.task, self.plan = number, task, plan
         # Takes what the autopilot of a real vehicle tells, too.
-        self.follow: Callable[[Message, float], None] = _nobody_follows
+        self.follow: Callable[[Message, float], None] = lambda _message, _now_s: None
         # The host sets both: what sends messages of the ground station, and what tells how many images were
         # never taken because the link was dead.
         self.send: Callable[[list[Message]], None] = _nobody_sends
-        self.images_missed: Callable[[], int] = _none_missed
+        self.images_missed: Callable[[], int] = lambda: 0
         self.vehicle = vehicle
         self.leaf_camera = leaf_camera
         fields = leaf_camera.options.fields.names
@@ -209,8 +213,8 @@ class Sortie:
             self._ending_told = len(rest)
         return ends
 
-    def report(self, now_s: float) -> VehicleReport:
-        """Return what is known of the vehicle from its telemetry."""
+    def report(self, now_s: float, ahead_s: float = 0.0) -> VehicleReport:
+        """Return what is known of the vehicle from its telemetry, with the cost of some seconds to come."""
         state, frame = self.ground.vehicle_state, self.plan.farm.frame
         task = self.task
         heard = state.heard_s > -math.inf
@@ -227,7 +231,7 @@ class Sortie:
             position_m=position_m,
             velocity_m_s=velocity_m_s,
             age_s=now_s - state.heard_s if heard else 0.0,
-            spent=self._spent(now_s),
+            spent=self._spent(now_s) + ahead_s * self._cost_a_second,
             rest_m=rest_m,
             travel_cost=self._travel_cost(in_flight, rest_m, self.ground.changes_aside),
             battery=state.battery.remaining,
@@ -298,7 +302,7 @@ class Sortie:
 
         A real PX4 tells no energy, only percent; a real battery may be put in half full.
         """
-        ground, battery, planned = self.ground, self.plan.vehicle.battery, self.plan.prediction
+        ground, battery = self.ground, self.plan.vehicle.battery
         before, now = ground.battery_before, ground.vehicle_state.battery
         if ground.arming_gate is None or battery is None:
             return now.consumed_wh or 0.0
@@ -308,10 +312,9 @@ class Sortie:
             known.append((full - now.remaining) * battery.capacity_wh)
         if now.consumed_wh is not None and before.consumed_wh is not None:
             known.append(now.consumed_wh - before.consumed_wh)
-        mean_w = planned.energy_wh / planned.duration_s if planned.duration_s > 0.0 else 0.0
         held_wh = (full - battery.reserve_fraction) * battery.capacity_wh
         lacked_wh = max(0.0, self.task.request.budget.limit - held_wh)
-        return max(known, default=mean_w * flown_s) + lacked_wh
+        return max(known, default=self._mean_wh_s * flown_s) + lacked_wh
 
     @property
     def _delay_s(self) -> float:
@@ -426,14 +429,6 @@ class Sortie:
             return None
         silent = f"; nothing was heard of the vehicle for {report.silent_s:.0f} s" if report.silent_s else ""
         return f"about {missing} images are missing for good{silent}"
-
-
-def _nobody_follows(_message: Message, _now_s: float) -> None:
-    """Do nothing."""
-
-
-def _none_missed() -> int:
-    return 0
 
 
 def _nobody_sends(_messages: list[Message]) -> None:

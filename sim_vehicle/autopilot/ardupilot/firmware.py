@@ -12,7 +12,6 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from mission.link.codec.dialect import mavlink as m
-from mission.model import Command
 from sim_vehicle.autopilot.behaviour import (
     Action,
     BootStage,
@@ -31,14 +30,12 @@ from sim_vehicle.autopilot.mavlink_profile import (
 )
 from sim_vehicle.autopilot.modes import BaseModes, Mode, ModeTable
 from sim_vehicle.autopilot.parameters import FailsafeDefaults, MavParameter, Setting
-from sim_vehicle.autopilot.stick_rules import Axis, StickLoss, StickRules, Sticks, WingSticks, bits
+from sim_vehicle.autopilot.stick_rules import Axis, StickLoss, StickRules, Sticks, bits
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Mapping
 
-    from mission.model import MissionItem
     from sim_vehicle.airframe.spec import VehicleSpec
-    from sim_vehicle.autopilot.parameters import RuntimeParameters
 
 # ArduCopter 4.7 claims 64495: terrain and compass calibration besides, which the simulated one does not do.
 # It says nothing of how parameters are encoded (they are cast).
@@ -73,7 +70,7 @@ _STREAM_PARAMETERS = {
     "EXTRA2": "MAV1_EXTRA2",
     "EXTRA3": "MAV1_EXTRA3",
 }
-_UNSUPPORTED = frozenset(
+UNSUPPORTED = frozenset(
     map(int, (m.MAV_CMD_DO_ORBIT, m.MAV_CMD_DO_CHANGE_ALTITUDE, m.MAV_CMD_DO_SET_ACTUATOR))
 )
 COPTER_MAVLINK = MavlinkProfile(
@@ -134,7 +131,7 @@ COPTER_MAVLINK = MavlinkProfile(
     refused_result=int(m.MAV_RESULT_FAILED),
     unknown_message_result=int(m.MAV_RESULT_FAILED),
     armed_reboot_result=int(m.MAV_RESULT_FAILED),
-    unsupported=_UNSUPPORTED | {int(m.MAV_CMD_DO_GO_AROUND)},
+    unsupported=UNSUPPORTED | {int(m.MAV_CMD_DO_GO_AROUND)},
     int_only=frozenset({int(m.MAV_CMD_DO_REPOSITION)}),
     takeoff_needs_arming=True,
     camera_by_default=False,
@@ -156,7 +153,7 @@ COPTER_MAVLINK = MavlinkProfile(
         busy_text="Log download in progress",
     ),
 )
-_PLAIN_MODES = replace(
+PLAIN_MODES = replace(
     COPTER_MAVLINK.modes,
     own_hold=None,
     flips_from=frozenset(),
@@ -167,7 +164,7 @@ _PLAIN_MODES = replace(
     refused_text="Flight mode change failed",
     base=BaseModes(),
 )
-_PLAIN_MAVLINK = replace(
+PLAIN_MAVLINK = replace(
     COPTER_MAVLINK,
     identity=replace(
         COPTER_MAVLINK.identity,
@@ -178,57 +175,6 @@ _PLAIN_MAVLINK = replace(
     hover_thrust=None,
     # SITL gives copters a mount, planes and rovers none until it is set.
     gimbal=Setting("MNT1_TYPE", 0.0),
-)
-PLANE_MAVLINK = replace(
-    _PLAIN_MAVLINK,
-    identity=replace(
-        _PLAIN_MAVLINK.identity,
-        mav_type=int(m.MAV_TYPE_FIXED_WING),
-        banner="ArduPlane V4.7.0 (1511f271)",
-    ),
-    modes=replace(
-        _PLAIN_MODES,
-        rows=(
-            (0, Mode.MANUAL, "MANUAL"),
-            (6, Mode.ALTITUDE, "FBWB"),
-            (7, Mode.POSITION, "CRUISE"),
-            (10, Mode.MISSION, "AUTO"),
-            (11, Mode.RTL, "RTL"),
-            (12, Mode.HOLD, "LOITER"),
-            (13, Mode.TAKEOFF, "TAKEOFF"),
-            (15, Mode.GUIDED, "GUIDED"),
-            (26, Mode.LAND, "AUTOLAND"),
-            (1, Mode.HOLD, "CIRCLE"),
-            (2, Mode.MANUAL, "STABILIZE"),
-            (3, Mode.MANUAL, "TRAINING"),
-            (4, Mode.MANUAL, "ACRO"),
-            (5, Mode.MANUAL, "FBWA"),
-            (8, Mode.MANUAL, "AUTOTUNE"),
-        ),
-        after_takeoff=Mode.TAKEOFF,
-    ),
-    unsupported=_UNSUPPORTED | {int(m.MAV_CMD_CONDITION_YAW)},
-)
-ROVER_MAVLINK = replace(
-    _PLAIN_MAVLINK,
-    modes=replace(
-        _PLAIN_MODES,
-        rows=(
-            (0, Mode.MANUAL, "MANUAL"),
-            (1, Mode.ALTITUDE, "ACRO"),
-            (3, Mode.POSITION, "STEERING"),
-            (4, Mode.HOLD, "HOLD"),
-            (10, Mode.MISSION, "AUTO"),
-            (11, Mode.RTL, "RTL"),
-            (15, Mode.GUIDED, "GUIDED"),
-            (15, Mode.TAKEOFF, "GUIDED"),
-            (4, Mode.LAND, "HOLD"),
-            (5, Mode.HOLD, "LOITER"),
-            (7, Mode.MANUAL, "SIMPLE"),
-            (12, Mode.RTL, "SMART_RTL"),
-        ),
-    ),
-    unsupported=COPTER_MAVLINK.unsupported | {int(m.MAV_CMD_CONDITION_YAW)},
 )
 
 _SAFETY = (
@@ -323,14 +269,6 @@ def _battery_parameters(spec: VehicleSpec) -> list[MavParameter]:
     ]
 
 
-def arduplane_landing(items: Sequence[MissionItem], parameters: RuntimeParameters) -> str | None:
-    """Refuse a landing sequence that a return would not fly."""
-    has_landing = any(item.command == Command.DO_LAND_START for item in items)
-    if has_landing and parameters.settings.get("RTL_AUTOLAND", 0.0) == 0.0:
-        return "DO_LAND_START set and RTL_AUTOLAND disabled"
-    return None
-
-
 _HOME = frozenset({int(m.MAVLINK_MSG_ID_HOME_POSITION)})
 _PLACE = _HOME | {int(m.MAVLINK_MSG_ID_GLOBAL_POSITION_INT), int(m.MAVLINK_MSG_ID_GPS_RAW_INT)}
 _ACCELS, _GYROS = "Accels inconsistent", "Gyros inconsistent"
@@ -368,8 +306,8 @@ MISSION = MissionBehaviour(
 )
 
 
-def _battery_actions(**actions: str) -> tuple[Mapping[int, Action], ...]:
-    """Actions at a low and a critical level; an almost empty battery is only told."""
+def battery_actions(**actions: str) -> tuple[Mapping[int, Action], ...]:
+    """Actions at a low and a critical level; an almost empty battery is only reported."""
     by_value = actions_by_value(**actions)
     return by_value, by_value, actions_by_value(WARN="0 1 2 3 4 5 6 7")
 
@@ -377,7 +315,7 @@ def _battery_actions(**actions: str) -> tuple[Mapping[int, Action], ...]:
 COPTER_RULES = FailsafeRules(
     fence_actions=actions_by_value(WARN="0", RETURN="1 3", LAND="2 5", HOLD="4"),
     link_actions=actions_by_value(NONE="0", RETURN="1 2 3 4 6", LAND="5", HOLD="7"),
-    battery_actions=_battery_actions(WARN="0", LAND="1", RETURN="2 3 4 6 7", TERMINATE="5"),
+    battery_actions=battery_actions(WARN="0", LAND="1", RETURN="2 3 4 6 7", TERMINATE="5"),
     critical_apart=True,
     watches_voltage=True,
     any_inclusion=False,
@@ -415,7 +353,8 @@ COPTER_RULES = FailsafeRules(
     idle=IdleDisarm(Setting("DISARM_DELAY", 10.0), ("Disarming motors",)),
 )
 
-_PLANE_ROVER_RULES = replace(
+# Those of ArduPlane and Rover that are equal.
+PLAIN_RULES = replace(
     COPTER_RULES,
     mission_goes_on_bit=0,
     # Their own numbers; a low and a critical battery end the flight as the copter's do.
@@ -427,25 +366,11 @@ _PLANE_ROVER_RULES = replace(
     landed=("Throttle disarmed",),
     idle=None,
 )
-PLANE_RULES = replace(
-    _PLANE_ROVER_RULES,
-    fence_actions=actions_by_value(WARN="0", RETURN="1 6 7", HOLD="8", LAND="9"),
-    link_actions=actions_by_value(NONE="0", RETURN="1 2 3"),
-    battery_actions=_battery_actions(WARN="0", RETURN="1 6", LAND="2 4 5", TERMINATE="3"),
-    landed=("Throttle disarmed", "Auto disarmed"),
-)
-ROVER_RULES = replace(
-    _PLANE_ROVER_RULES,
-    fence_actions=actions_by_value(WARN="0", RETURN="1 3", HOLD="2 4 5"),
-    link_actions=actions_by_value(NONE="0", RETURN="1 2"),
-    battery_actions=_battery_actions(WARN="0", RETURN="1 3 4", HOLD="2 6", TERMINATE="5"),
-)
-
 
 _BRAKE, _DRIFT, _THROW = 17, 11, 18
-_RELEASE = Setting("RC_OVERRIDE_TIME", 3.0)
-# RCn_DZ: 30 of the 400 microseconds to either side.
-_DEADZONE = Axis(0.075)
+RELEASE = Setting("RC_OVERRIDE_TIME", 3.0)
+# RCn_DZ of ArduPlane and Rover: 30 of the 400 microseconds to either side.
+DEADZONE = Axis(0.075)
 COPTER_STICKS = StickRules(
     # Leaning with the sticks, as all but LOITER do, ends at the vehicle's greatest speed.
     speeds={
@@ -470,7 +395,7 @@ COPTER_STICKS = StickRules(
         timeout=Setting("RC_FS_TIMEOUT", 1.0),
         action=Setting("FS_THR_ENABLE", 1.0),
         actions=actions_by_value(NONE="0", RETURN="1 2 4 6", LAND="3 5", HOLD="7"),
-        release=_RELEASE,
+        release=RELEASE,
         # FS_OPTIONS.
         exceptions=bits(MISSION=1, GUIDED=4, LAND=8),
         on_ground=Action.DISARM,
@@ -481,61 +406,6 @@ COPTER_STICKS = StickRules(
             Mode.GUIDED: "Radio Failsafe - Continuing Guided Mode",
             Mode.LAND: "Radio Failsafe - Continuing Landing",
         },
-        regained="Radio Failsafe Cleared",
-    ),
-)
-_DEGREE = math.radians(1.0)
-# MANUAL, TRAINING, ACRO, AUTOTUNE.
-_BY_HAND = frozenset({0, 3, 4, 8})
-_WING = WingSticks(
-    bank=Setting("ROLL_LIMIT_DEG", 45.0, _DEGREE),
-    up=Setting("PTCH_LIM_MAX_DEG", 20.0, _DEGREE),
-    down=Setting("PTCH_LIM_MIN_DEG", -25.0, _DEGREE),
-)
-PLANE_STICKS = StickRules(
-    # STABILIZE and FBWA, FBWB, CRUISE.
-    speeds={Mode.MANUAL: None, Mode.ALTITUDE: None, Mode.POSITION: None},
-    level=_DEADZONE,
-    vertical=_DEADZONE,
-    turning=_DEADZONE,
-    turn_rate=Setting("ROLL_LIMIT_DEG", 45.0, _DEGREE),
-    wings=dict.fromkeys((Mode.MANUAL, Mode.ALTITUDE, Mode.POSITION), _WING),
-    landing_abort=Setting("LAND_ABORT_THR", 0.0),
-    without=_BY_HAND,
-    overrides=True,
-    pwm_half=400.0,
-    loss=StickLoss(
-        timeout=Setting("RC_FS_TIMEOUT", 1.0),
-        action=Setting("FS_LONG_ACTN", 0.0),
-        actions=actions_by_value(NONE="0", RETURN="1"),
-        exceptions=bits(),
-        in_stick_modes=Action.RETURN,
-        release=_RELEASE,
-        delay=Setting("FS_LONG_TIMEOUT", 5.0),
-        arming=Setting("THR_FAILSAFE", 1.0),
-        delayed="RC Short Failsafe: switched to CIRCLE",
-        lost="RC Long Failsafe: switched to RTL",
-        regained="RC Failsafe Cleared",
-    ),
-)
-ROVER_STICKS = StickRules(
-    speeds={Mode.MANUAL: None, Mode.ALTITUDE: None, Mode.POSITION: None},
-    level=_DEADZONE,
-    vertical=_DEADZONE,
-    turning=_DEADZONE,
-    turn_rate=Setting("ATC_STR_RAT_MAX", 120.0, math.radians(1.0)),
-    overrides=True,
-    drives=True,
-    throttle_middle=0.0,
-    pwm_half=400.0,
-    loss=StickLoss(
-        timeout=Setting("FS_TIMEOUT", 1.5),
-        action=Setting("FS_ACTION", 2.0),
-        actions=actions_by_value(NONE="0", RETURN="1 3", HOLD="2 4 6", TERMINATE="5"),
-        release=_RELEASE,
-        exceptions=bits(),
-        arming=Setting("FS_THR_ENABLE", 1.0),
-        lost="Radio Failsafe",
         regained="Radio Failsafe Cleared",
     ),
 )

@@ -35,6 +35,7 @@ class Px4MultirotorProcedures(FlightProcedures):
 
     name = "px4"
     parameters = motion_parameters("px4-multirotor-motion")
+    orbit_within_m = 2.0  # FlightTaskOrbit: _horizontal_acceptance_radius.
 
     def fit(self, spec: VehicleSpec) -> VehicleSpec:
         """Return the vehicle with the speeds, heights and limits that its parameters say."""

@@ -32,7 +32,7 @@ from sim_vehicle.autopilot.modes import Mode, ModeTable, px4_custom_mode
 from sim_vehicle.autopilot.parameters import MavParameter, Setting, parameter_details
 from sim_vehicle.autopilot.px4.copter import drag_of
 from sim_vehicle.autopilot.px4.streams import LIGHT_LINKS, SITL_LINKS
-from sim_vehicle.autopilot.stick_rules import Axis, StickLoss, StickRules, TiltSticks, WingSticks, bits
+from sim_vehicle.autopilot.stick_rules import Axis, StickLoss, StickRules, TiltSticks, bits
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -164,7 +164,7 @@ def copter_parameters(spec: VehicleSpec, system_id: int) -> list[MavParameter]:
     ['MPC_Z_VEL_MAX_DN', 'MPC_Z_VEL_MAX_UP']
     """
     return [
-        *_common(spec, system_id, m.MAV_TYPE_QUADROTOR),
+        *common_parameters(spec, system_id, m.MAV_TYPE_QUADROTOR),
         MavParameter("MPC_ACC_HOR", value=spec.acceleration_m_s2),
         MavParameter("MPC_JERK_AUTO", value=spec.jerk_m_s3),
         MavParameter("MPC_LAND_SPEED", "landing_speed_m_s", low=0.1, high=spec.descent_speed_m_s),
@@ -175,21 +175,8 @@ def copter_parameters(spec: VehicleSpec, system_id: int) -> list[MavParameter]:
     ]
 
 
-def fixed_wing_parameters(spec: VehicleSpec, system_id: int) -> list[MavParameter]:
-    """Parameters of a fixed wing."""
-    return [
-        *_common(spec, system_id, m.MAV_TYPE_FIXED_WING),
-        MavParameter("FW_MAN_P_MAX", value=30.0, stored=True, low=0.0, high=90.0, unit="deg"),
-        MavParameter("FW_MAN_R_MAX", value=45.0, stored=True, low=0.0, high=90.0, unit="deg"),
-    ]
-
-
-def rover_parameters(spec: VehicleSpec, system_id: int) -> list[MavParameter]:
-    """Parameters of a rover."""
-    return _common(spec, system_id, m.MAV_TYPE_GROUND_ROVER)
-
-
-def _common(spec: VehicleSpec, system_id: int, mav_type: int) -> list[MavParameter]:
+def common_parameters(spec: VehicleSpec, system_id: int, mav_type: int) -> list[MavParameter]:
+    """Parameters of all vehicles."""
     return [
         *_SAFETY,
         MavParameter("BAT1_N_CELLS", integer=True, value=spec.battery.cells if spec.battery else 0),
@@ -276,16 +263,12 @@ RULES = FailsafeRules(
     fence_refusal="Reposition is outside geofence",
     armed_by_start="Armed by mission start",
 )
-# PX4's defaults of its fixed wings: a mission has to land, and a return is no landing.
-FIXED_WING_RULES = replace(RULES, defaults=replace(RULES.defaults, mission_requirement=2))
-# An armed rover counts as one that drives.
-ROVER_RULES = replace(RULES, idle=None)
 
 
 _DEGREE = math.radians(1.0)
 _ACRO = px4_custom_mode(5)
-_AXIS = Axis(0.1, 0.6)
-_LOSS = StickLoss(
+AXIS = Axis(0.1, 0.6)
+LOSS = StickLoss(
     timeout=Setting("COM_RC_LOSS_T", 0.5),
     action=Setting("NAV_RCL_ACT", 2.0),
     actions=actions_by_value(NONE="0", HOLD="1", RETURN="2", LAND="3", TERMINATE="5", DISARM="6"),
@@ -298,9 +281,9 @@ _LOSS = StickLoss(
 COPTER_STICKS = StickRules(
     speeds={Mode.POSITION: Setting("MPC_VEL_MANUAL", 10.0), Mode.ALTITUDE: None, Mode.MANUAL: None},
     needed=frozenset({Mode.POSITION, Mode.ALTITUDE, Mode.MANUAL}),
-    level=_AXIS,
-    vertical=_AXIS,
-    turning=_AXIS,
+    level=AXIS,
+    vertical=AXIS,
+    turning=AXIS,
     turn_rate=Setting("MPC_MAN_Y_MAX", 150.0, _DEGREE),
     # Without a value of their own, the vehicle's vertical speeds.
     climb=Setting("MPC_Z_VEL_MAX_UP", 0.0),
@@ -320,38 +303,5 @@ COPTER_STICKS = StickRules(
         hold_below=Setting("MPC_HOLD_MAX_Z", 0.6),
         drag=drag_of,
     ),
-    loss=_LOSS,
-)
-_WHOLE = Axis(0.0)
-_BY_HAND = WingSticks(
-    bank=Setting("FW_MAN_R_MAX", 45.0, _DEGREE),
-    up=Setting("FW_MAN_P_MAX", 30.0, _DEGREE),
-    down=Setting("FW_MAN_P_MAX", 30.0, _DEGREE),
-)
-_BY_HEIGHT = WingSticks(
-    bank=Setting("FW_R_LIM", 50.0, _DEGREE),
-    up=Setting("FW_T_CLMB_R_SP", 3.0),
-    down=Setting("FW_T_SINK_R_SP", 2.0),
-    by_rate=True,
-)
-FIXED_WING_STICKS = StickRules(
-    speeds={Mode.POSITION: None, Mode.ALTITUDE: None, Mode.MANUAL: None},
-    needed=COPTER_STICKS.needed,
-    level=_WHOLE,
-    vertical=_WHOLE,
-    turning=_WHOLE,
-    turn_rate=Setting("FW_R_LIM", 50.0, _DEGREE),
-    wings={Mode.POSITION: _BY_HEIGHT, Mode.ALTITUDE: _BY_HEIGHT, Mode.MANUAL: _BY_HAND},
-    loss=_LOSS,
-)
-ROVER_STICKS = StickRules(
-    speeds={Mode.POSITION: None, Mode.MANUAL: None},
-    needed=frozenset({Mode.POSITION, Mode.MANUAL}),
-    impossible=frozenset({Mode.ALTITUDE}),
-    level=_AXIS,
-    vertical=_AXIS,
-    turning=_AXIS,
-    turn_rate=Setting("RO_YAW_RATE_LIM", 0.0, _DEGREE),
-    drives=True,
-    loss=_LOSS,
+    loss=LOSS,
 )

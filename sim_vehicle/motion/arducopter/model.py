@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sim_vehicle.airframe.power_spec import GRAVITY_M_S2
-from sim_vehicle.energy.power import CONSTANT_POWER
+from sim_vehicle.airframe.power_spec import CONSTANT_POWER, GRAVITY_M_S2
 from sim_vehicle.motion import columns as col
 from sim_vehicle.motion.arducopter import control as at
 from sim_vehicle.motion.arducopter import kernel
@@ -85,7 +84,7 @@ class ArduCopter(AlongCurves, Multirotor):
     def place_in_flight(self, position_m: Position, velocity_m_s: Position, heading_rad: float) -> None:
         """Be in steady flight at time 0, with nothing used yet, as if it had flown there.
 
-        A first leg that lies ahead is then gone on with, as far along its profile as the speed tells.
+        A first leg that lies ahead goes on from the point of its profile at which it has that speed.
         """
         super().place_in_flight(position_m, velocity_m_s, heading_rad)
         guide, law = self.guide, self.law

@@ -3,8 +3,8 @@
 The model and its control law are described in docs/vehicle-model.md. All arrays are float64 unless said
 otherwise; lengths in metres, angles in radians, east-north-up about home, headings clockwise from north.
 
-One vehicle is a record of `STATE` and a row of `COUNTERS` integers, so a batch of vehicles is two arrays
-and a loop over `advance`.
+One vehicle is a record of `STATE` and a row of `COUNTERS` integers. A batch of vehicles is two arrays, and a
+loop over `advance`.
 """
 
 from __future__ import annotations
@@ -19,9 +19,7 @@ from geo.compiled import compiled
 from sim_vehicle.energy.power_kernels import multirotor_power
 from sim_vehicle.motion import columns as col
 from sim_vehicle.motion.columns import Record, record_type
-from sim_vehicle.motion.stepping import complete_leg, mark_track, wind_row
-from sim_vehicle.weather.columns import AIR_EAST, AIR_NORTH
-from sim_vehicle.weather.gust_kernel import wind_at
+from sim_vehicle.motion.stepping import distance2, kernel_of
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -257,7 +255,7 @@ def _detour(row: Record, velocity: Vector, acceleration: Vector) -> float:
 
 @compiled(allocates=False)
 def turn_at(yaw: float, rate: float, wanted: float, most: float, change: float, dt: float) -> Turn:
-    """Return heading and rate after a step of turning at a wanted rate; it changes by so much at most."""
+    """Return heading and rate after a step of turning; the rate changes by ``change`` at most."""
     wanted = min(max(wanted, -most), most)
     rate += min(max(wanted - rate, -change), change)
     return (yaw + rate * dt) % (2.0 * pi), rate
@@ -274,222 +272,167 @@ def turn_to(yaw: float, rate: float, heading: float, most: float, acceleration: 
     return turn_at(yaw, rate, aim if error > 0.0 else -aim, most, acceleration * dt, dt)
 
 
+@compiled(inline="always")
+def _enter(state: Record, counters: Integers, route: Record, limits: Record, own: tuple[()]) -> None:
+    """Nothing: a leg has no beginning of its own."""
+
+
+@compiled(inline="always")
+def _feel(
+    state: Record, counters: Integers, row: Record, air: Vector, limits: Record, power: Floats, own: tuple[()]
+) -> bool:
+    state.wind_east, state.wind_north = air[0], air[1]
+    vx, vy, vz = state.velocity_x, state.velocity_y, state.velocity_z
+    ax, ay, az = state.acceleration_x, state.acceleration_y, state.acceleration_z
+    state.power = multirotor_power(
+        power, vx - state.wind_east, vy - state.wind_north, vz - air[2], ax, ay, az
+    )
+    if counters[col.ARRIVED] != 0 or row.radius < 0.0:
+        return False
+    step, dt = counters[col.STEP], limits.step_s
+    if state.give_up_step == inf:
+        left = sqrt(distance2(state, row.x, row.y, row.z)) + _detour(row, (vx, vy, vz), (ax, ay, az))
+        state.give_up_step = step + (STALL_S + 1.5 * left / min(row.speed, SLOWEST)) / dt
+        counters[col.MOVED_STEP] = step
+    if vx * vx + vy * vy + vz * vz > 0.0025 * min(row.speed * row.speed, 1.0):
+        counters[col.MOVED_STEP] = step
+    return bool((step - counters[col.MOVED_STEP]) * dt > STALL_S or step > state.give_up_step)
+
+
 @compiled(allocates=False)
-def advance(
-    states: Record,
-    counters: Integers,
-    route: Record,
-    limits_of: Record,
-    power: Floats,
-    wind: Floats,
-    first_wind: int,
-    max_steps: int,
-    stop_each: bool,
-    arrivals: Integers,
-    track: Floats,
-    track_every: int,
-) -> int:
-    """Fly up to ``max_steps`` steps along the route; return early, with the event, when something happens.
+def _turn(state: Record, row: Record, limits: Record) -> None:
+    """Turn the nose: to what it points at, at the rate or to the heading of the leg, or no more."""
+    heading = row.heading
+    if not isnan(state.look_east):
+        east, north = state.look_east - state.position_x, state.look_north - state.position_y
+        near = east * east + north * north <= ROI_NEAR * ROI_NEAR
+        heading = state.heading if near else atan2(east, north) % (2.0 * pi)
+    yaw, rate, dt = state.heading, state.heading_rate, limits.step_s
+    most, change = limits.turn_rate, limits.turn_acceleration * dt
+    if not isnan(row.turn_rate):
+        yaw, rate = turn_at(yaw, rate, row.turn_rate, most, change, dt)
+    elif not isnan(heading) and (heading != yaw or rate != 0.0):
+        yaw, rate = turn_to(yaw, rate, heading, most, limits.turn_acceleration, dt)
+    elif rate != 0.0:
+        yaw, rate = turn_at(yaw, rate, 0.0, most, change, dt)
+    state.heading, state.heading_rate = yaw, rate
 
-    An empty battery hides that a leg was completed in the same step: ``arrivals`` tells that in any case.
 
-    Parameters
-    ----------
-    states, counters : STATE[1], int64[COUNTERS]
-        Changed in place.
-    route : LEG[n]
-        Of `prepare_route`; after the last leg the vehicle stays at its end.
-    limits_of, power : LIMITS[1], float64[7]
-    wind : float64[m, ROW]
-        On the grid of `GRID` steps from grid index ``first_wind``, see `wind_at`; one row is a steady wind.
-    stop_each : bool
-        Return at every waypoint, not only at the last.
-    arrivals : int64[n]
-        Receives the step at which each leg was completed.
-    track : float64[k, 3]
-        Receives the position every ``track_every`` grid points (0: never) until it is full.
+@compiled(allocates=False)
+def _reached(state: Record, row: Record) -> bool:
+    """Return whether the leg is done: on the ground, within its radius, or standing at its end."""
+    if row.radius < 0.0:
+        return bool(row.radius == VELOCITY and row.climb < 0.0 and state.position_z <= 0.0)
+    left2 = distance2(state, row.x, row.y, row.z)
+    if row.radius > 0.0:
+        return bool(left2 <= row.radius * row.radius)
+    speed2 = state.velocity_x**2 + state.velocity_y**2 + state.velocity_z**2
+    return bool(left2 <= STOP_RADIUS * STOP_RADIUS and speed2 <= STOP_SPEED * STOP_SPEED)
 
-    Returns
-    -------
-    int
-        RAN, REACHED, WIND (the wind block is used up), STALLED (no progress), ENERGY or NEAR.
-    """
-    state, limits = states[0], limits_of[0]
-    dt = limits.step_s
-    windy = wind.shape[0] > 1 or wind[0, AIR_EAST] != 0.0 or wind[0, AIR_NORTH] != 0.0
+
+@compiled(inline="always")
+def _move(state: Record, counters: Integers, route: Record, limits: Record, own: tuple[()]) -> bool:
+    row, dt = route[counters[col.LEG_INDEX]], limits.step_s
     px, py, pz = state.position_x, state.position_y, state.position_z
     vx, vy, vz = state.velocity_x, state.velocity_y, state.velocity_z
     ax, ay, az = state.acceleration_x, state.acceleration_y, state.acceleration_z
-    yaw, yaw_rate, energy, length = state.heading, state.heading_rate, state.energy_used, state.path_length
-    step, leg = counters[col.STEP], counters[col.LEG_INDEX]
-    event = col.RAN
-    fresh = True
-    accel2 = limits.acceleration_max * limits.acceleration_max
-    top2 = limits.speed_max * limits.speed_max
-    tx = ty = tz = ux = uy = uz = nx = ny = wx = wy = wz = 0.0
-    cruise = leave = radius = heading = horizontal = 0.0
-    for _ in range(max_steps):
-        if fresh:
-            row = route[leg]
-            tx, ty, tz = row.x, row.y, row.z
-            ux, uy, uz = row.along_x, row.along_y, row.along_z
-            nx, ny = row.across_x, row.across_y
-            wx, wy, wz = row.normal_x, row.normal_y, row.normal_z
-            cruise, leave, radius, heading, horizontal = (
-                row.speed,
-                row.end_speed,
-                row.radius,
-                row.heading,
-                row.horizontal,
-            )
-            fresh = False
-        rx, ry, rz = tx - px, ty - py, tz - pz
-        if step % col.GRID == 0:
-            index = wind_row(step, first_wind, len(wind))
-            if index < 0:
-                event = col.WIND
-                break
-            state.wind_east, state.wind_north, rising = wind_at(wind[index], pz)
-            airx, airy = vx - state.wind_east, vy - state.wind_north
-            state.power = multirotor_power(power, airx, airy, vz - rising, ax, ay, az)
-            mark_track(counters, step, track, track_every, px, py, pz)
-            if counters[col.ARRIVED] == 0 and radius >= 0.0:
-                if state.give_up_step == inf:
-                    left = sqrt(rx * rx + ry * ry + rz * rz)
-                    left += _detour(row, (vx, vy, vz), (ax, ay, az))
-                    state.give_up_step = step + (STALL_S + 1.5 * left / min(cruise, SLOWEST)) / dt
-                    counters[col.MOVED_STEP] = step
-                if vx * vx + vy * vy + vz * vz > 0.0025 * min(cruise * cruise, 1.0):
-                    counters[col.MOVED_STEP] = step
-                if (step - counters[col.MOVED_STEP]) * dt > STALL_S or step > state.give_up_step:
-                    event = col.STALLED
-                    break
-        # Along the leg, across it, and normal to both: the state in the frame of the leg.
-        ds = rx * ux + ry * uy + rz * uz
-        vs = vx * ux + vy * uy + vz * uz
-        accs = ax * ux + ay * uy + az * uz
-        dn = rx * nx + ry * ny
-        vn = vx * nx + vy * ny
-        accn = ax * nx + ay * ny
-        dw = rx * wx + ry * wy + rz * wz
-        vw = vx * wx + vy * wy + vz * wz
-        accw = ax * wx + ay * wy + az * wz
-        speed = cruise
-        if horizontal > 0.0:
-            free = top2 - vn * vn
-            most = (sqrt(free) if free > 0.0 else 0.0) / horizontal
-            if most < speed:
-                speed = most
-            if windy and horizontal > 0.05:
-                ex, ey = ux / horizontal, uy / horizontal
-                tail = state.wind_east * ex + state.wind_north * ey
-                side = state.wind_east * ey - state.wind_north * ex
-                free = limits.airspeed_max * limits.airspeed_max - side * side
-                most = (tail + sqrt(free)) / horizontal if free > 0.0 else 0.0
-                # Without this a vehicle that brakes against a storm could never finish to stop.
-                if most < speed and (most > SLOWEST or ds > CREEP):
-                    speed = most if most > SLOWEST else 0.0
-        row = route[leg]
-        if abs(vw) > row.speed_normal and uz != 0.0:
-            most = 0.999 * (limits.climb_max if uz > 0.0 else limits.descent_max) - horizontal * abs(vw)
-            most = most / abs(uz) if most > 0.0 else 0.0
-            if most < speed:
-                speed = most
-        if radius < 0.0:
-            s1 = velocity_acceleration(vs, accs, speed, row.acceleration_along, row.jerk_along, dt)
-        elif radius > 0.0 and ds >= 0.0:
-            ahead = row.beyond + (ds - radius if ds > radius else 0.0)
-            if ahead == 0.0 and vs <= leave and leave < speed:
-                speed = leave
-            if ahead > row.braking_distance and vs <= speed:
-                ahead = 1e9
-            s1 = axis_acceleration(ahead, vs, accs, leave, speed, row.acceleration_along, row.jerk_along, dt)
-        else:
-            s1 = axis_acceleration(ds, vs, accs, 0.0, speed, row.acceleration_along, row.jerk_along, dt)
-        n1 = accn
-        if radius < 0.0:
-            n1 = velocity_acceleration(vn, accn, 0.0, row.acceleration_across, row.jerk_across, dt)
-        elif abs(dn) + abs(vn) + abs(accn) > 1e-9:
-            n1 = axis_acceleration(
-                dn, vn, accn, 0.0, row.speed_across, row.acceleration_across, row.jerk_across, dt
-            )
-        w1 = accw
-        if radius < 0.0:
-            w1 = _climb_acceleration(row, pz, vz, az, limits)
-        elif abs(dw) + abs(vw) + abs(accw) > 1e-9:
-            w1 = axis_acceleration(
-                dw, vw, accw, 0.0, row.speed_normal, row.acceleration_normal, row.jerk_normal, dt
-            )
-        bx = s1 * ux + n1 * nx + w1 * wx
-        by = s1 * uy + n1 * ny + w1 * wy
-        bz = s1 * uz + w1 * wz
-        if radius < 0.0:
-            bx, by = _below_top_speed(vx, vy, ax, ay, bx, by, limits)
-        norm2 = bx * bx + by * by
-        if norm2 > accel2:
-            scale = sqrt(accel2 / norm2)
-            bx *= scale
-            by *= scale
-        bz = min(max(bz, -limits.vertical_acceleration), limits.vertical_acceleration)
-        # A new leg may give the vertical axis less jerk than it needs to end what the leg before had begun.
-        if vz > 0.5 * limits.climb_max:
-            most = _gentle_acceleration(limits.climb_max - vz - 0.5 * az * dt, limits.vertical_jerk, dt)
-            bz = max(min(bz, most), az - limits.vertical_jerk * dt, -limits.vertical_acceleration)
-        elif vz < -0.5 * limits.descent_max:
-            most = _gentle_acceleration(limits.descent_max + vz + 0.5 * az * dt, limits.vertical_jerk, dt)
-            bz = min(max(bz, -most), az + limits.vertical_jerk * dt, limits.vertical_acceleration)
-        third = dt * dt / 6.0
-        mx = vx * dt + third * (2.0 * ax + bx)
-        my = vy * dt + third * (2.0 * ay + by)
-        mz = vz * dt + third * (2.0 * az + bz)
-        px += mx
-        py += my
-        pz += mz
-        length += sqrt(mx * mx + my * my + mz * mz)
-        vx += 0.5 * dt * (ax + bx)
-        vy += 0.5 * dt * (ay + by)
-        vz += 0.5 * dt * (az + bz)
-        ax, ay, az = bx, by, bz
-        energy += state.power * dt
-        step += 1
-        if not isnan(state.look_east):
-            east, north = state.look_east - px, state.look_north - py
-            if east * east + north * north > ROI_NEAR * ROI_NEAR:
-                heading = atan2(east, north) % (2.0 * pi)
-        most, change = limits.turn_rate, limits.turn_acceleration * dt
-        if not isnan(row.turn_rate):
-            yaw, yaw_rate = turn_at(yaw, yaw_rate, row.turn_rate, most, change, dt)
-        elif not isnan(heading) and (heading != yaw or yaw_rate != 0.0):
-            yaw, yaw_rate = turn_to(yaw, yaw_rate, heading, most, limits.turn_acceleration, dt)
-        elif yaw_rate != 0.0:
-            yaw, yaw_rate = turn_at(yaw, yaw_rate, 0.0, most, change, dt)
-        if counters[col.ARRIVED] == 0:
-            rx, ry, rz = tx - px, ty - py, tz - pz
-            left2 = rx * rx + ry * ry + rz * rz
-            if radius < 0.0:
-                reached = radius == VELOCITY and row.climb < 0.0 and pz <= 0.0
-            elif radius > 0.0:
-                reached = left2 <= radius * radius
-            else:
-                reached = (
-                    left2 <= STOP_RADIUS * STOP_RADIUS
-                    and vx * vx + vy * vy + vz * vz <= STOP_SPEED * STOP_SPEED
-                )
-            if reached:
-                event = complete_leg(counters, arrivals, step, stop_each)
-                state.give_up_step = inf
-                fresh = leg != counters[col.LEG_INDEX]
-                leg = counters[col.LEG_INDEX]
-            elif counters[col.NEAR_TOLD] == 0 and left2 < row.near * row.near:
-                counters[col.NEAR_TOLD] = 1
-                event = col.NEAR
-        if energy >= limits.energy_limit:
-            event = col.ENERGY
-        if event != col.RAN:
-            break
-    state.position_x, state.position_y, state.position_z = px, py, pz
-    state.velocity_x, state.velocity_y, state.velocity_z = vx, vy, vz
-    state.acceleration_x, state.acceleration_y, state.acceleration_z = ax, ay, az
-    state.heading, state.heading_rate, state.energy_used, state.path_length = yaw, yaw_rate, energy, length
-    counters[col.STEP] = step
-    return event
+    ux, uy, uz, nx, ny = row.along_x, row.along_y, row.along_z, row.across_x, row.across_y
+    wx, wy, wz = row.normal_x, row.normal_y, row.normal_z
+    leave, radius, horizontal = row.end_speed, row.radius, row.horizontal
+    rx, ry, rz = row.x - px, row.y - py, row.z - pz
+    # Along the leg, across it, and normal to both: the state in the frame of the leg.
+    ds = rx * ux + ry * uy + rz * uz
+    vs = vx * ux + vy * uy + vz * uz
+    accs = ax * ux + ay * uy + az * uz
+    dn = rx * nx + ry * ny
+    vn = vx * nx + vy * ny
+    accn = ax * nx + ay * ny
+    dw = rx * wx + ry * wy + rz * wz
+    vw = vx * wx + vy * wy + vz * wz
+    accw = ax * wx + ay * wy + az * wz
+    speed = row.speed
+    if horizontal > 0.0:
+        free = limits.speed_max * limits.speed_max - vn * vn
+        most = (sqrt(free) if free > 0.0 else 0.0) / horizontal
+        if most < speed:
+            speed = most
+        if (state.wind_east != 0.0 or state.wind_north != 0.0) and horizontal > 0.05:
+            ex, ey = ux / horizontal, uy / horizontal
+            tail = state.wind_east * ex + state.wind_north * ey
+            side = state.wind_east * ey - state.wind_north * ex
+            free = limits.airspeed_max * limits.airspeed_max - side * side
+            most = (tail + sqrt(free)) / horizontal if free > 0.0 else 0.0
+            # Without this a vehicle that brakes against a storm could never finish to stop.
+            if most < speed and (most > SLOWEST or ds > CREEP):
+                speed = most if most > SLOWEST else 0.0
+    if abs(vw) > row.speed_normal and uz != 0.0:
+        most = 0.999 * (limits.climb_max if uz > 0.0 else limits.descent_max) - horizontal * abs(vw)
+        most = most / abs(uz) if most > 0.0 else 0.0
+        if most < speed:
+            speed = most
+    if radius < 0.0:
+        s1 = velocity_acceleration(vs, accs, speed, row.acceleration_along, row.jerk_along, dt)
+    elif radius > 0.0 and ds >= 0.0:
+        ahead = row.beyond + (ds - radius if ds > radius else 0.0)
+        if ahead == 0.0 and vs <= leave and leave < speed:
+            speed = leave
+        if ahead > row.braking_distance and vs <= speed:
+            ahead = 1e9
+        s1 = axis_acceleration(ahead, vs, accs, leave, speed, row.acceleration_along, row.jerk_along, dt)
+    else:
+        s1 = axis_acceleration(ds, vs, accs, 0.0, speed, row.acceleration_along, row.jerk_along, dt)
+    n1 = accn
+    if radius < 0.0:
+        n1 = velocity_acceleration(vn, accn, 0.0, row.acceleration_across, row.jerk_across, dt)
+    elif abs(dn) + abs(vn) + abs(accn) > 1e-9:
+        n1 = axis_acceleration(
+            dn, vn, accn, 0.0, row.speed_across, row.acceleration_across, row.jerk_across, dt
+        )
+    w1 = accw
+    if radius < 0.0:
+        w1 = _climb_acceleration(row, pz, vz, az, limits)
+    elif abs(dw) + abs(vw) + abs(accw) > 1e-9:
+        w1 = axis_acceleration(
+            dw, vw, accw, 0.0, row.speed_normal, row.acceleration_normal, row.jerk_normal, dt
+        )
+    bx = s1 * ux + n1 * nx + w1 * wx
+    by = s1 * uy + n1 * ny + w1 * wy
+    bz = s1 * uz + w1 * wz
+    if radius < 0.0:
+        bx, by = _below_top_speed(vx, vy, ax, ay, bx, by, limits)
+    norm2 = bx * bx + by * by
+    most = limits.acceleration_max * limits.acceleration_max
+    if norm2 > most:
+        scale = sqrt(most / norm2)
+        bx *= scale
+        by *= scale
+    bz = min(max(bz, -limits.vertical_acceleration), limits.vertical_acceleration)
+    # A new leg may give the vertical axis less jerk than it needs to end what the leg before had begun.
+    if vz > 0.5 * limits.climb_max:
+        most = _gentle_acceleration(limits.climb_max - vz - 0.5 * az * dt, limits.vertical_jerk, dt)
+        bz = max(min(bz, most), az - limits.vertical_jerk * dt, -limits.vertical_acceleration)
+    elif vz < -0.5 * limits.descent_max:
+        most = _gentle_acceleration(limits.descent_max + vz + 0.5 * az * dt, limits.vertical_jerk, dt)
+        bz = min(max(bz, -most), az + limits.vertical_jerk * dt, limits.vertical_acceleration)
+    third = dt * dt / 6.0
+    mx = vx * dt + third * (2.0 * ax + bx)
+    my = vy * dt + third * (2.0 * ay + by)
+    mz = vz * dt + third * (2.0 * az + bz)
+    state.position_x, state.position_y, state.position_z = px + mx, py + my, pz + mz
+    state.path_length += sqrt(mx * mx + my * my + mz * mz)
+    state.velocity_x = vx + 0.5 * dt * (ax + bx)
+    state.velocity_y = vy + 0.5 * dt * (ay + by)
+    state.velocity_z = vz + 0.5 * dt * (az + bz)
+    state.acceleration_x, state.acceleration_y, state.acceleration_z = bx, by, bz
+    _turn(state, row, limits)
+    return _reached(state, row)
+
+
+@compiled(inline="always")
+def _leave(
+    state: Record, counters: Integers, row: Record, route: Record, limits: Record, own: tuple[()]
+) -> None:
+    state.give_up_step = inf
+
+
+advance = kernel_of(__name__, _enter, _feel, _move, _leave)

@@ -1,9 +1,9 @@
 """The compiled motion of a multirotor under PX4: navigator, trajectory, controllers, airframe.
 
 Mechanisms and constants from PX4 v1.17: ``FlightTaskAuto`` and ``PositionSmoothing`` (the trajectory that is
-followed), ``mc_pos_control`` (``PositionControl``, ``Takeoff``), ``navigator/mission_block`` (when a waypoint
-is reached), ``land_detector``, and ``simulator_sih`` (the airframe). docs/vehicle-model.md tells what is left
-out.
+followed), ``FlightTaskOrbit``, ``mc_pos_control`` (``PositionControl``, ``Takeoff``),
+``navigator/mission_block`` (when a waypoint is reached), ``land_detector``, and ``simulator_sih`` (the
+airframe). docs/vehicle-model.md tells what is left out.
 
 The state and the counters are those of `sim_vehicle.motion.multirotor.kernel`; what the autopilot remembers
 is a further record, `GUIDE`. East-north-up about home.
@@ -44,14 +44,15 @@ Leg = IntEnum(
     "X Y Z BEFORE_X BEFORE_Y BEFORE_Z AFTER_X AFTER_Y AFTER_Z "
     "RADIUS "  # Acceptance radius.
     "SPEED "
-    "HEADING "  # NaN: to the target, infinity: keep.
+    "HEADING "  # NaN: to the target, infinity: keep, minus infinity: to the centre of an orbit.
     "NEAR "  # Distance to notify at.
     "KIND "  # `LegKind`.
     "PAUSE "
-    "TURN_RATE",  # NaN: by the heading.
+    "TURN_RATE "  # NaN: by the heading.
+    "CIRCLE",  # Radius of an orbit, clockwise when positive.
     start=0,
 )
-_TAKEOFF, _CLIMB, _DESCEND, _LAND, _SETPOINT = 1, 2, 4, 5, 9
+_TAKEOFF, _CLIMB, _DESCEND, _LAND, _SETPOINT, _ORBIT = 1, 2, 4, 5, 9, 11
 # What the autopilot remembers.
 Guide = IntEnum(
     "Guide",
@@ -60,7 +61,7 @@ Guide = IntEnum(
     "THRUST_X THRUST_Y THRUST_RATE_X THRUST_RATE_Y "  # Direction of the thrust.
     "THRUST "  # m/s^2.
     "FILTERED_AX FILTERED_AY FILTERED_AZ "  # Filtered acceleration.
-    "TURN "  # Speed before a turn.
+    "TURN "  # Speed before a turn, or along an orbit.
     "CLIMB "  # Vertical speed wanted.
     # Positions of the waypoints that are followed.
     "TARGET_X TARGET_Y TARGET_Z BEFORE_X BEFORE_Y BEFORE_Z AFTER_X AFTER_Y AFTER_Z "
@@ -110,6 +111,11 @@ BRISK = 0.2
 NOISE_M_S = 0.15
 NOISE_M = 0.12
 PROGRESS = 0.98
+# FlightTaskOrbit: the most acceleration towards the centre, and the speed per metre back to the circle.
+ORBIT_M_S2 = 2.0
+ORBIT_1_S = 1.0
+# Far enough ahead to point there.
+_AHEAD_M = 1e3
 
 
 @compiled(allocates=False)
@@ -151,12 +157,50 @@ def _choose_waypoints(g: Record, row: Record, px: float, py: float, pz: float, r
 
 
 @compiled(allocates=False)
+def _orbit(g: Record, row: Record, law: Record, px: float, py: float) -> None:
+    """Move the trajectory along a circle about the target of a leg (``FlightTaskOrbit``).
+
+    Horizontally it has no position: a speed along the circle, one back to it, and the acceleration that
+    bends the path. Vertically it is that of a waypoint.
+    """
+    dt, jerk = law.dt, law.jerk
+    east, north = px - row.x, py - row.y
+    size = sqrt(east * east + north * north)
+    if size > 0.0:
+        east, north = east / size, north / size
+    radius = abs(row.circle)
+    most = min(row.speed, sqrt(ORBIT_M_S2 * radius))
+    g.turn = min(g.turn + law.acc_hor * dt, most)
+    along = g.turn if row.circle > 0.0 else -g.turn
+    back = ORBIT_1_S * (radius - size)
+    inward = g.turn * g.turn / radius
+    g.x, g.y = px, py
+    g.vx, g.vy = along * north + back * east, back * north - along * east
+    g.ax, g.ay = -inward * east, -inward * north
+    g.target_x, g.target_y, g.target_z = row.x, row.y, row.z
+    if isnan(row.heading):
+        sense = _AHEAD_M if row.circle > 0.0 else -_AHEAD_M
+        g.target_x, g.target_y = px + sense * north, py - sense * east
+    limit, top = law.acc_down, law.auto_down
+    if row.z > g.z:
+        limit, top = law.acc_up, law.auto_up
+    target = (px, py, row.z)
+    climb = climb_speed((px, py, g.z), target, target, law.alt_rad, top, limit, jerk)
+    g.climb = climb if row.z > g.z else -climb
+    way = profile(g.vz, g.az, g.climb, limit, jerk)
+    g.z, g.vz, g.az = follow(way, g.z, g.vz, g.az, jerk, dt)
+
+
+@compiled(allocates=False)
 def _guide(g: Record, row: Record, law: Record, px: float, py: float, pz: float, least_track: float) -> None:
     """Move the trajectory by one step; a setpoint has none, the controller goes straight for it."""
     if row.kind == _SETPOINT:
         g.x, g.y, g.z = row.x, row.y, row.z
         g.target_x, g.target_y, g.target_z = row.x, row.y, row.z
         g.vx = g.vy = g.vz = g.ax = g.ay = g.az = 0.0
+        return
+    if row.kind == _ORBIT:
+        _orbit(g, row, law, px, py)
         return
     dt, jerk, accel, radius = law.dt, law.jerk, law.acc_hor, row.radius
     _choose_waypoints(g, row, px, py, pz, max(radius, least_track))
@@ -303,7 +347,7 @@ def _turn(g: Record, row: Record, law: Record, state: Record) -> None:
         dx, dy = state.look_east - state.position_x, state.look_north - state.position_y
         if dx * dx + dy * dy > ROI_NEAR * ROI_NEAR:
             g.heading = atan2(dx, dy)
-    elif isnan(row.heading):
+    elif isnan(row.heading) or row.heading == -inf:
         dx, dy = g.target_x - state.position_x, g.target_y - state.position_y
         if dx * dx + dy * dy > row.radius * row.radius:
             g.heading = atan2(dx, dy)
@@ -370,6 +414,8 @@ def _fly(g: Record, law: Record, state: Record, wanted: Vector, flying: bool, tu
 def _inside(row: Record, law: Record, state: Record, error: float) -> bool:
     """Tell whether the navigator takes a waypoint as reached, its heading and pause aside."""
     kind, rise = row.kind, row.z - (state.position_z + error)
+    if kind == _ORBIT:
+        return False
     if kind == _TAKEOFF:
         return bool(rise < (law.alt_rad if row.z >= law.alt_rad else 0.5 * row.z))
     if kind in (_CLIMB, _DESCEND):
@@ -397,6 +443,8 @@ def begin_leg(g: Record, row: Record, state: Record) -> None:
         g.launch = 0.0
     if row.heading == inf:
         g.heading = state.heading
+    if row.kind == _ORBIT:
+        g.turn = 0.0
     g.fresh, g.best, g.inside, g.ground = 1.0, inf, -1.0, 0.0
 
 
@@ -428,7 +476,7 @@ def _feel(
     if counters[col.ARRIVED] != 0 or g.inside >= 0.0:
         return False
     left = _left(row, state)
-    if left < PROGRESS * g.best or g.clock < law.spoolup or g.ground > 0.0:
+    if left < PROGRESS * g.best or g.clock < law.spoolup or g.ground > 0.0 or row.kind == _ORBIT:
         g.best = left
         counters[col.MOVED_STEP] = step
         return False

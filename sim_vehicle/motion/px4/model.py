@@ -133,6 +133,7 @@ class Px4Multirotor(Multirotor):
         table[1:, Leg.BEFORE_X : Leg.AFTER_X] = points[:-1]
         stops = legs["pause"] > 0.0
         stops[-1] = True
+        stops[:-1] |= kind[1:] == LegKind.ORBIT
         ahead = np.vstack([points[1:], points[-1:]])
         table[:, Leg.AFTER_X : Leg.RADIUS] = np.where(
             stops[:, np.newaxis] | (kind >= LegKind.CLIMB)[:, np.newaxis], points, ahead
@@ -145,6 +146,7 @@ class Px4Multirotor(Multirotor):
         table[:, Leg.KIND] = kind
         table[:, Leg.PAUSE] = legs["pause"]
         table[:, Leg.TURN_RATE] = legs["turn"]
+        table[:, Leg.CIRCLE] = legs["circle"]
         self._settle(table)
         before = self._place_before(table[0, Leg.X : Leg.BEFORE_X])
         self._route = table.view(kernel.LEG)[:, 0]

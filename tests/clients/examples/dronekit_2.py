@@ -1,7 +1,7 @@
 """The examples of DroneKit 2.9.2 that a copter can fly, written after them: the same calls in the same order.
 
-Run with ``NAME [ADDRESS [SPEED]]``. Waits are divided by the speed of the simulator. DroneKit was written for
-Python before 3.10, which took `collections.MutableMapping` away.
+Run with ``NAME [ADDRESS]``. They wait by `clock`. DroneKit was written for Python before 3.10,
+which took `collections.MutableMapping` away.
 """
 
 import collections
@@ -14,11 +14,11 @@ from pathlib import Path
 collections.MutableMapping = collections.abc.MutableMapping
 collections.Callable = collections.abc.Callable
 
+from clock import now, wait  # noqa: E402
 from dronekit import Command, LocationGlobalRelative, Vehicle, VehicleMode, connect  # noqa: E402
 from pymavlink import mavutil  # noqa: E402
 
 ADDRESS = sys.argv[2] if len(sys.argv) > 2 else "tcp:127.0.0.1:5760"
-SPEED = float(sys.argv[3]) if len(sys.argv) > 3 else 1.0
 RELATIVE = mavutil.mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT
 EARTH_M = 6378137.0
 
@@ -28,11 +28,7 @@ def say(*words):
     sys.stdout.flush()
 
 
-def wait(seconds):
-    time.sleep(seconds / SPEED)
-
-
-def until(condition, limit_s=60.0):
+def until(condition, limit_s=200.0):
     end_s = time.monotonic() + limit_s
     while not condition():
         assert time.monotonic() < end_s
@@ -115,8 +111,8 @@ def flight_replay():
     while vehicle.mode.name != "AUTO":
         vehicle.mode = VehicleMode("AUTO")
         time.sleep(0.1)
-    end_s = time.monotonic() + 60 / SPEED  # the example, too, ends by its time
-    while time.monotonic() < end_s and vehicle.commands.next != len(places):
+    end_s = now() + 60  # the example, too, ends by its time
+    while now() < end_s and vehicle.commands.next != len(places):
         time.sleep(0.1)
     while vehicle.mode.name != "RTL":
         vehicle.mode = VehicleMode("RTL")
@@ -301,10 +297,10 @@ def set_attitude_target():
         yaw, pitch = vehicle.attitude.yaw / 2.0, math.radians(pitch_deg) / 2.0
         w, z, cosine, sine = math.cos(yaw), math.sin(yaw), math.cos(pitch), math.sin(pitch)
         leaning = [cosine * w, -sine * z, sine * w, cosine * z]
-        end_s = time.monotonic() + seconds / SPEED
+        end_s = now() + seconds
         while True:
             send(0b00000100, leaning, thrust)
-            if time.monotonic() >= end_s:
+            if now() >= end_s:
                 break
             wait(0.1)
         send(0b00000000, [1.0, 0.0, 0.0, 0.0], thrust)

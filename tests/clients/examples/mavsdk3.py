@@ -1,7 +1,7 @@
 """The examples of MAVSDK-Python 3 for a copter, written after them: the same calls in the same order.
 
-Run with ``NAME [ADDRESS [GRPC_PORT [SPEED]]]``. Waits are divided by the speed of the simulator; streams that
-the examples read until they are stopped end after some values.
+Run with ``NAME [ADDRESS [GRPC_PORT]]``. They wait by `clock`; streams that the examples read until they are
+stopped end after some values.
 """
 
 import asyncio
@@ -13,9 +13,11 @@ import sys
 import traceback
 from pathlib import Path
 
+from clock import wait_async as wait
 from mavsdk import System, mavlink_direct
 from mavsdk.action import OrbitYawBehavior
 from mavsdk.camera import Mode
+from mavsdk.follow_me import Config, TargetLocation
 from mavsdk.geofence import Circle, FenceType, GeofenceData, Point, Polygon
 from mavsdk.mission import MissionItem, MissionPlan
 from mavsdk.mission_raw import MissionItem as RawItem
@@ -32,7 +34,6 @@ from mavsdk.tune import SongElement, TuneDescription
 
 ADDRESS = sys.argv[2] if len(sys.argv) > 2 else "udpin://0.0.0.0:14540"
 GRPC_PORT = int(sys.argv[3]) if len(sys.argv) > 3 else 50051
-SPEED = float(sys.argv[4]) if len(sys.argv) > 4 else 1.0
 NAN = math.nan
 PLACES = ((47.39803986, 8.54557254), (47.39803622, 8.54501464), (47.39782562, 8.54500928))
 
@@ -40,10 +41,6 @@ PLACES = ((47.39803986, 8.54557254), (47.39803622, 8.54501464), (47.39782562, 8.
 def say(*words):
     sys.stdout.write(" ".join(map(str, words)) + "\n")
     sys.stdout.flush()
-
-
-async def wait(seconds):
-    await asyncio.sleep(seconds / SPEED)
 
 
 async def until(stream, condition):
@@ -123,6 +120,22 @@ async def do_orbit():
 async def firmware_version():
     drone = await connected()
     say(await drone.info.get_version())
+
+
+async def follow_me_example():
+    drone = await healthy()
+    await drone.action.arm()
+    await drone.follow_me.set_config(Config(8.0, 2.0, 0.02, Config.FollowAltitudeMode.TARGET_GPS, 10, 0))
+    await drone.action.takeoff()
+    await wait(8)
+    await drone.follow_me.start()
+    await wait(8)
+    for latitude, longitude in PLACES:
+        await drone.follow_me.set_target_location(TargetLocation(latitude, longitude, 480.0, 0, 0, 0))
+        await wait(2)
+    await drone.follow_me.stop()
+    await wait(5)
+    await drone.action.land()
 
 
 async def ftp_list_dir():

@@ -1,7 +1,6 @@
 """The examples of MAVSDK 4 for a copter, written after them: the same calls in the same order.
 
-Run with ``NAME [ADDRESS [SPEED]]``; ``asyncio_`` names are those of its asyncio API. Waits are divided by
-the speed of the simulator.
+Run with ``NAME [ADDRESS]``; ``asyncio_`` names are those of its asyncio API. They wait by `clock`.
 """
 
 import asyncio
@@ -9,6 +8,7 @@ import json
 import sys
 import time
 
+from clock import wait, wait_async
 from mavsdk import ComponentType, Configuration, Mavsdk
 from mavsdk.asyncio import Mavsdk as MavsdkAsync
 from mavsdk.asyncio.plugins.action import ActionAsync
@@ -22,17 +22,12 @@ from mavsdk.plugins.param import Param
 from mavsdk.plugins.telemetry import LandedState, Telemetry
 
 ADDRESS = sys.argv[2] if len(sys.argv) > 2 else "udpin://0.0.0.0:14540"
-SPEED = float(sys.argv[3]) if len(sys.argv) > 3 else 1.0
 _KEPT = []  # MAVSDK ends with its object
 
 
 def say(*words):
     sys.stdout.write(" ".join(map(str, words)) + "\n")
     sys.stdout.flush()
-
-
-def wait(seconds):
-    time.sleep(seconds / SPEED)
 
 
 def configured(kind=ComponentType.GROUND_STATION):
@@ -202,13 +197,13 @@ async def asyncio_mission():
     await want_to_pause.wait()
     await mission.pause_mission()
     say("paused")
-    await asyncio.sleep(5 / SPEED)
+    await wait_async(5)
     await mission.start_mission()
     while not await mission.is_mission_finished():
         await asyncio.sleep(0.1)
     watching.cancel()
     await action.return_to_launch()
-    await asyncio.sleep(2 / SPEED)
+    await wait_async(2)
     while await telemetry.armed():
         await asyncio.sleep(0.1)
 
@@ -228,7 +223,7 @@ async def asyncio_takeoff_and_land():
     say("return altitude", await action.get_return_to_launch_altitude())
     await action.arm()
     await action.takeoff()
-    await asyncio.sleep(4 / SPEED)
+    await wait_async(4)
     await action.land()
 
 
@@ -244,7 +239,7 @@ async def asyncio_telemetry():
     watching = asyncio.create_task(watch())
     await action.arm()
     await action.takeoff()
-    await asyncio.sleep(10 / SPEED)
+    await wait_async(10)
     say("altitude", (await telemetry.position()).relative_altitude_m, len(positions) > 3)
     await action.land()
     async for state in telemetry.subscribe_landed_state():

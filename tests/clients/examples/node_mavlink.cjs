@@ -99,5 +99,5 @@ const examples = {
 setTimeout(() => {
   console.log("no end");
   process.exit(1);
-}, 30000);
+}, 150000);
 examples[process.argv[2]]();

@@ -4,9 +4,9 @@ Run with ``NAME [ADDRESS]``.
 """
 
 import sys
-import time
 from pathlib import Path
 
+from clock import now
 from pymavlink import mavftp, mavutil
 
 ADDRESS = sys.argv[2] if len(sys.argv) > 2 else "tcp:127.0.0.1:5760"
@@ -77,9 +77,9 @@ def status_msg():
     master = opened()
     target = (master.target_system, master.target_component)
     master.mav.command_long_send(*target, mavutil.mavlink.MAV_CMD_DO_SEND_BANNER, *[0] * 8)
-    end_s = time.monotonic() + 2
-    while time.monotonic() < end_s:
-        message = master.recv_match(blocking=False)
+    end_s = now() + 2
+    while now() < end_s:
+        message = master.recv_match(blocking=True, timeout=0.1)
         if message is not None and message.get_type() == "STATUSTEXT":
             say("banner", message.text)
     number = mavutil.mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION

@@ -15,7 +15,8 @@ from mission import outcome
 from mission.autopilots import ARDUPILOT, PX4
 from mission.autopilots.profile import NeededParameter
 from mission.errors import MissionError
-from mission.ground.change import ChangeOutcome
+from mission.ground.change import ChangeOutcome, ChangeRequest
+from mission.ground.change_whole import WholeListChange
 from mission.ground.contact import Contact
 from mission.ground.guard import FailsafeGuard
 from mission.ground.items import revised_mission
@@ -23,6 +24,7 @@ from mission.ground.station import GroundStation, NotFlyingError
 from mission.link.codec.dialect import mavlink as m
 from mission.model import Command, GeoPoint, Mission, MissionItem
 from mission.outcome import Outcome
+from mission.transfer import MissionServer
 from sensors.camera.leaf_camera import LeafCamera
 from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.autopilot import get_autopilot, with_autopilot
@@ -594,3 +596,96 @@ def test_at_any_moment_over_any_link_one_whole_mission_is_flown_to_its_end(**val
 @given(**MOMENTS)
 def test_at_any_moment_over_any_link_one_whole_mission_is_flown_to_its_end_many_times(**values):
     check_any_moment(**values)
+
+
+class WholeChange:
+    """A PX4 in its mission at item 4, and a change that its mission server has taken and told back."""
+
+    def __init__(self, ids=True):
+        self.contact, self.session = Contact((1, 1), is_real=False), None
+        old = planned()
+        self.new, self.resume_at = other_path(NEW)(old, 4)
+        self.hear(m.MAVLink_heartbeat_message(2, 12, 129, 4 << 24 | 4 << 16, 4, 3), 0.0)
+        self.hear(m.MAVLink_mission_current_message(4, len(old.items), 3, 1), 0.9)
+        self.session = WholeListChange(ChangeRequest(old, self.new, 4, self.resume_at, self.contact, 0.1))
+        server, queue = MissionServer(1, 1), self.session.start(1.0)
+        self.ids = {0}
+        while queue:
+            message = queue.pop(0)
+            message.pack(m.MAVLink(None, 255, 190))
+            for reply in server.receive(message, 1.0).messages:
+                if hasattr(reply, "opaque_id"):
+                    reply.opaque_id *= ids
+                    self.ids.add(reply.opaque_id)
+                queue += self.hear(reply, 1.0)
+
+    def hear(self, message, now_s):
+        message.pack(m.MAVLink(None, 1, 1))
+        self.contact.receive(message, now_s)
+        return [] if self.session is None else self.session.receive(message, now_s)
+
+    def shows(self, item, now_s, mission_id=None, mode=1):
+        told = (item, len(self.new.items), 3, mode, max(self.ids) if mission_id is None else mission_id)
+        self.hear(m.MAVLink_mission_current_message(*told), now_s)
+        return self.session.done
+
+
+def test_a_whole_change_is_done_when_the_vehicle_shows_it():
+    change = WholeChange()
+    marked = change.session._mark
+    assert not change.session.done, "what it told before its confirmation proves nothing"
+    assert not change.shows(marked, 1.1, mission_id=max(change.ids) + 1), "the id is of another mission"
+    assert not change.shows(marked - 1, 1.2), "an item before the one to go on with"
+    assert not change.shows(len(change.new.items), 1.3), "an item of the old mission"
+    assert not change.shows(marked, 1.4, mode=2), "it has left its mission"
+    assert change.shows(marked, 1.5)
+    assert change.session.record.outcome is ChangeOutcome.DONE
+    assert change.session.record.in_effect_s == 1.5
+
+
+def test_of_a_vehicle_without_ids_only_what_it_shows_afterwards_counts():
+    change = WholeChange(ids=False)
+    marked = change.session._mark
+    assert change.ids == {0} and marked <= 4 < len(change.new.items), "its item could be of both missions"
+    assert not change.session.done
+    assert change.shows(marked, 1.1)
+
+
+def test_a_vehicle_that_shows_another_item_is_told_four_times():
+    change, told = WholeChange(), []
+    assert change.session.poll(10.0) == [], "of a vehicle that is not heard nobody knows how far it is"
+    now_s = 10.0
+    while not change.session.done:
+        now_s += 2.0
+        change.shows(change.session._mark - 1, now_s - 0.1)
+        told += change.session.poll(now_s)
+        assert now_s < 30.0
+    assert [one.get_type() for one in told] == ["MISSION_SET_CURRENT"] * 4
+    assert change.session.record.outcome is ChangeOutcome.GIVEN_UP
+    assert "stays at item" in change.session.record.text
+    assert change.session.held == change.new
+
+
+@pytest.mark.parametrize(
+    ("metres", "seconds_an_item", "further"), [(2.0, 1.0, 2), (2.0, 0.5, 1), (2.0, 0.01, 0), (59.0, 1.0, 0)]
+)
+def test_what_is_passed_while_a_whole_change_is_sent_is_not_flown_back_to(metres, seconds_an_item, further):
+    change, old = WholeChange(), planned()
+    [(latitude, longitude)] = degrees([(OLD[1][0] - metres, OLD[1][1])])
+    place = round(latitude * 1e7), round(longitude * 1e7)
+    change.hear(m.MAVLink_global_position_int_message(900, *place, 0, 12_000, 0, 500, 0, 9000), 1.0)
+    new, resume_at = other_path(OLD[1:])(old, 4)
+    request = ChangeRequest(old, new, 4, resume_at, change.contact, seconds_an_item)
+    session = WholeListChange(request)
+    session.start(1.0)
+    assert session._target == resume_at + further
+
+
+def test_what_was_passed_while_it_was_sent_before_is_not_flown_back_to():
+    change, old = WholeChange(), planned()
+    new, resume_at = other_path(OLD[1:])(old, 4)
+    change.session = WholeListChange(ChangeRequest(old, new, 4, resume_at, change.contact, 0.1))
+    change.session.start(1.0)
+    assert change.session._next_then() == resume_at
+    change.hear(m.MAVLink_mission_current_message(5, len(old.items), 3, 1), 1.1)
+    assert change.session._next_then() == resume_at + 1

@@ -245,16 +245,17 @@ def test_a_loop_that_stands_still_loses_no_datagram(scheme, monkeypatch):
         while select.select([link.fileno()], [], [], 1.0)[0]:
             came += [int.from_bytes(data[:4], "big") for data in link.receive()]
         assert came == list(range(5000)), "all, in their order; the descriptor shows what is kept"
-        assert link.dropped == 0
+        assert not link.dropped
 
 
 def test_what_a_link_keeps_is_bounded_and_what_it_drops_is_counted(monkeypatch):
-    monkeypatch.setattr("mission.link.sockets._KEPT_BYTES", 10_000)
+    monkeypatch.setattr("mission.link.waiting._MOST_BYTES", 10_000)
     with contextlib.closing(open_link("udpin:127.0.0.1:0")) as link:
         sender = open_link(link.name.replace("udpin", "udpout"))
         for number in range(100):
             sender.send(bytes([number]) * 744)
-        until(lambda: link.dropped == 90)
+        name = "{}:{}".format(*sender._socket.getsockname())
+        until(lambda: link.dropped == {name: 90})
         assert [data[0] for data in link.receive()] == list(range(10))
         assert not select.select([link.fileno()], [], [], 0.0)[0], "nothing is kept any more"
         sender.send(b"again")

@@ -4,11 +4,14 @@ import pytest
 
 from mission.errors import TransferError
 from mission.ground.arming_gate import ArmingGate
+from mission.ground.contact import Contact
 from mission.ground.station import GroundStation
+from mission.ground.uploads import PlanUploads
 from mission.link.codec.dialect import mavlink as m
 from mission.link.endpoint import MavlinkEndpoint
 from mission.model import GeoPoint, Mission, MissionItem, MissionType
 from mission.outcome import Outcome
+from mission.transfer import OWN_TRANSFERS, MissionDownload, TransferMaker, VerifiedUpload
 from mission.transfer.driver import TransferDriver
 from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.autopilot import get_autopilot, with_autopilot
@@ -173,6 +176,33 @@ def test_the_ground_station_clears_what_a_vehicle_holds():
     flight.run(until=lambda _now_s: station.done, limit_s=300.0)
     assert station.outcome is Outcome.COMPLETED, station.reason
     assert not outside(text for _, _, text in station.texts)
+
+
+def none_of_ours(*plan, **options):
+    return VerifiedUpload(*plan, **options)
+
+
+@pytest.mark.parametrize(
+    ("real", "total", "maker", "clears"),
+    [
+        (True, 3, OWN_TRANSFERS, True),
+        (True, None, OWN_TRANSFERS, True),  # It may hold one that it has not told of
+        (True, 0, OWN_TRANSFERS, False),
+        (False, 3, OWN_TRANSFERS, True),
+        (False, None, OWN_TRANSFERS, False),  # A simulated vehicle tells what it holds
+        (True, 3, TransferMaker(none_of_ours, MissionDownload), False),
+    ],
+)
+def test_what_a_vehicle_holds_is_cleared_where_it_may_hold_something(real, total, maker, clears):
+    contact = Contact((1, 1), is_real=real, maker=maker)
+    beat = m.MAVLink_heartbeat_message(2, m.MAV_AUTOPILOT_PX4, 1, 0, 3, 3)
+    current = m.MAVLink_mission_current_message(0, 65535 if total == 0 else total or 0)
+    for message in (beat, current):
+        message.pack(m.MAVLink(None, 1, 1))
+        contact.receive(message, 1.0)
+    assert contact.monitor.state.total == total
+    sent = [message.get_type() for message in PlanUploads(NEW, contact).start(1.0)]
+    assert sent[0] == ("MISSION_CLEAR_ALL" if clears else "MISSION_COUNT")
 
 
 class Losing:

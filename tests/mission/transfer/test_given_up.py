@@ -466,3 +466,19 @@ def test_an_upload_begins_anew_five_times_and_no_more():
         begun += counts(upload.receive(ack(CANCELLED), now_s := now_s + 0.1))
         assert begun <= 5
     assert begun == 5
+
+
+def test_a_vehicle_that_gave_up_and_is_busy_then_is_not_sent_the_plan_again_and_again():
+    """What it took of the first try says nothing of the second."""
+    upload, begun, now_s = VerifiedUpload(make_items(4, 1), target=(1, 1)), 0, 0.5
+    upload.start(0.0)
+    requests = [m.MAVLink_mission_request_int_message(255, 190, k, 0) for k in range(2)]
+    acks = [m.MAVLink_mission_ack_message(255, 190, result, 0) for result in (15, 1)]
+    for message in (*requests, *acks):
+        message.pack(m.MAVLink(None, 1, 1))
+        output = upload.receive(message, 0.4)
+        begun += sum(isinstance(event, UploadBegunAnew) for event in output.events)
+    while not upload.done and now_s < 60.0:
+        now_s += 0.25
+        begun += sum(isinstance(event, UploadBegunAnew) for event in upload.poll(now_s).events)
+    assert (upload.done, begun) == (True, 1)

@@ -2,6 +2,7 @@
 
 import shutil
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -66,7 +67,7 @@ def boat(site, monkeypatch):
 
 
 def test_its_vehicles_are_known_and_its_files_are_read(boat, tmp_path):
-    assert kind_names() == ("multirotor", "fixed-wing", "rover", "ideal", "boat")
+    assert kind_names() == ("multirotor", "ideal", "boat", "fixed-wing", "rover")
     assert "skiff" in vehicle_names() and vehicle_names()[-1] == "ideal"
     assert (boat.drives, boat.hovers, boat.circles, boat.is_ideal) == (True, False, False, False)
     assert (boat.power.mass_kg, boat.power.drag_area_m2) == (25.0, 16.0)
@@ -74,7 +75,7 @@ def test_its_vehicles_are_known_and_its_files_are_read(boat, tmp_path):
     assert boat.acceptance_radius_m == get_vehicle("skiff").acceptance_radius_m == 2.0
     path = tmp_path / "x.toml"
     for text, reason in [
-        ('kind = "raft"', "kind 'raft' is not one of multirotor, fixed-wing, rover, ideal, boat$"),
+        ('kind = "raft"', "kind 'raft' is not one of multirotor, ideal, boat, fixed-wing, rover$"),
         ('kind = "boat"\n[airframe]\nthrust_n = 1', r"unknown key 'thrust_n' in \[airframe\]"),
         ('kind = "boat"\n[airframe]\nlength_m = "long"', "length_m 'long' has the wrong type"),
         ('kind = "boat"\nbase = "rover"', "kind boat does not fit base rover, which is a rover"),
@@ -102,6 +103,26 @@ def test_autopilots_fly_it_or_show_it(boat):
         with_autopilot(get_vehicle("rover"), "tide")
 
 
+def test_an_autopilots_own_firmware_goes_before_that_of_the_kind():
+    px4 = get_autopilot("px4")
+    own = replace(px4.for_vehicle("rover"), title="Own")
+    assert replace(px4, firmwares={"rover": own}).for_vehicle("rover") is own
+
+
+@pytest.mark.parametrize(
+    ("firmware", "text"),
+    [
+        ("nowhere_at_all:X", "of kind rover cannot be loaded"),
+        ("sim_vehicle.errors:VehicleError", "of kind rover is no Firmware"),
+    ],
+)
+def test_a_firmware_that_a_kind_cannot_give_is_refused(monkeypatch, firmware, text):
+    broken = replace(get_kind("rover"), firmwares={"px4": firmware})
+    monkeypatch.setattr("sim_vehicle.autopilot.autopilot.get_kind", lambda name: broken)
+    with pytest.raises(VehicleError, match=f"{firmware} {text}"):
+        get_autopilot("px4").for_vehicle("rover")
+
+
 def test_its_energy_and_endurance_follow_its_power(boat):
     assert endurance_s(boat, 2.0) < endurance_s(boat, 1.0)
     best = best_speeds(boat)
@@ -116,7 +137,7 @@ def test_a_heartbeat_of_it_is_known(boat):
 
 
 def test_without_its_package_it_is_unknown(site):
-    with pytest.raises(VehicleError, match=r"is not one of multirotor, fixed-wing, rover, ideal$"):
+    with pytest.raises(VehicleError, match=r"is not one of multirotor, ideal, fixed-wing, rover$"):
         get_vehicle(str(site / "mine.toml"))
 
 

@@ -10,24 +10,18 @@ from sim_vehicle.airframe.power_spec import (
     AIR_DENSITY_KG_M3,
     GRAVITY_M_S2,
     BatterySpec,
-    FixedWingPowerSpec,
     PowerSpec,
-    RoverPowerSpec,
 )
 from sim_vehicle.energy import power_kernels
 from sim_vehicle.energy.power import (
     REGAINED,
-    fixed_wing_power,
     flight_power_w,
     multirotor_power,
     power_coefficients,
     profile_power_w,
-    rover_power,
 )
 
 QUAD = get_vehicle("quad")
-WING = get_vehicle("wing")
-ROVER = get_vehicle("rover")
 # Zeng, Xu, Zhang 2019, table I: W = 20 N, A = 0.503 m2, Utip = 120 m/s, s = 0.05, delta = 0.012, k = 0.1
 # (added to 1), d0 = 0.6.
 PUBLISHED = PowerSpec(
@@ -81,17 +75,6 @@ def test_the_compiled_rotor_has_the_same_power(x, y, climb, ax, ay, az):
     compiled = power_kernels.multirotor_power(numbers, x, y, climb, ax, ay, az)
     assert compiled == pytest.approx(multirotor_power(numbers, x, y, climb, ax, ay, az), rel=1e-9)
     assert math.isfinite(compiled) and compiled >= 12.0
-
-
-@settings(deadline=None)
-@given(st.floats(0.0, 40.0), st.floats(-10.0, 10.0), st.floats(0.0, 3.0))
-def test_the_compiled_wing_and_rover_have_the_same_power(speed, climb, load):
-    numbers = power_coefficients(WING.power, WING.battery)
-    compiled = power_kernels.fixed_wing_power(numbers, speed, climb, load)
-    assert compiled == pytest.approx(fixed_wing_power(numbers, speed, climb, load), rel=1e-12)
-    numbers = power_coefficients(ROVER.power, ROVER.battery)
-    compiled = power_kernels.rover_power(numbers, speed, climb, load)
-    assert compiled == pytest.approx(rover_power(numbers, speed, climb, load), rel=1e-12)
 
 
 @given(st.floats(0.0, 16.0), st.floats(0.0, 2.0 * math.pi))
@@ -149,45 +132,6 @@ def test_the_loss_in_the_battery_is_that_of_its_resistance():
     current = bare / QUAD.battery.nominal_voltage_v
     resistance = QUAD.battery.resistance_ohm + QUAD.battery.polarization_ohm
     assert loss == pytest.approx(resistance * current**2, rel=1e-9)
-
-
-def test_the_drag_of_a_wing():
-    wing = FixedWingPowerSpec(
-        mass_kg=2.0,
-        wing_area_m2=0.4,
-        wing_span_m=1.8,
-        parasitic_drag=0.03,
-        oswald=0.8,
-        efficiency=0.5,
-        avionics_w=10.0,
-        camera_w=0.0,
-    )
-    speed, weight = 15.0, 2.0 * GRAVITY_M_S2
-    pressure = 0.5 * AIR_DENSITY_KG_M3 * speed**2
-    for load in (1.0, 1.5):
-        lift = load * weight / (pressure * 0.4)
-        drag = pressure * 0.4 * (0.03 + lift**2 / (math.pi * 0.8 * 1.8**2 / 0.4))
-        assert flight_power_w(wing, speed, load_factor=load) == pytest.approx(10.0 + drag * speed / 0.5)
-    climb = flight_power_w(wing, speed, 2.0) - flight_power_w(wing, speed)
-    assert climb == pytest.approx(weight * 2.0 / 0.5)
-    faster = flight_power_w(wing, speed, acceleration_m_s2=1.0) - flight_power_w(wing, speed)
-    assert faster == pytest.approx(2.0 * speed / 0.5)
-    assert flight_power_w(wing, speed, -5.0) == 10.0
-    assert flight_power_w(wing) == 10.0
-
-
-def test_the_resistance_of_a_rover():
-    rover = RoverPowerSpec(
-        mass_kg=20.0, rolling_resistance=0.1, drag_area_m2=0.3, efficiency=0.5, avionics_w=10.0, camera_w=0.0
-    )
-    rolling = 0.1 * 20.0 * GRAVITY_M_S2
-    drag = 0.5 * AIR_DENSITY_KG_M3 * 0.3 * 4.0
-    assert flight_power_w(rover, 2.0) == pytest.approx(10.0 + (rolling + drag) * 2.0 / 0.5)
-    assert flight_power_w(rover) == 10.0
-    assert flight_power_w(rover, 2.0, acceleration_m_s2=-5.0) == 10.0
-    numbers = power_coefficients(rover)
-    assert rover_power(numbers, 2.0, 8.0, 0.0) > rover_power(numbers, 2.0, 2.0, 0.0)
-    assert rover_power(numbers, 2.0, -8.0, 0.0) < rover_power(numbers, 2.0, 2.0, 0.0)
 
 
 # Endurance as the makers tell it, at several speeds of one aircraft, and so its mean power (docs/energy.md).

@@ -5,14 +5,13 @@
 
 import numpy as np
 import pytest
+from short_flights import GUSTS, HOME, flying, item
 
-from geo.frame import LocalFrame
 from mission.model import Command, MissionItem
 from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.autopilot import flight_procedures, with_autopilot
 from sim_vehicle.execution.executor import MissionExecutor
 from sim_vehicle.execution.state import (
-    BatteryDepleted,
     FlightPhase,
     ItemReached,
     LandedState,
@@ -23,13 +22,6 @@ from sim_vehicle.motion.legs import KEEP, Circle, Heading, Leg, LegKind, Route
 from sim_vehicle.weather.wind import Turbulence, Wind, WindShear
 
 pytestmark = pytest.mark.kernel
-
-HOME = LocalFrame(28.05, -82.15)
-
-
-def item(command, x, y, z, first=0.0):
-    latitude, longitude = HOME.to_wgs84(x, y)
-    return MissionItem(int(command), 3, first, 0.0, 0.0, None, float(latitude), float(longitude), z)
 
 
 @pytest.mark.parametrize("wind", [None, Wind(1.0, -0.5, gust_m_s=0.5, seed=1)], ids=["calm", "gusts"])
@@ -58,36 +50,8 @@ def test_a_short_mission_is_flown_to_its_end(vehicle, autopilot, far_m, limit_s,
     assert vehicle == "rover" or executor.flight.landed is LandedState.ON_GROUND
 
 
-@pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
-def test_a_fixed_wing_climbs_out_and_circles(autopilot):
-    executor = MissionExecutor(with_autopilot(get_vehicle("fixed-wing"), autopilot), HOME)
-    executor.mission.load(
-        [item(Command.NAV_TAKEOFF, 0.0, 80.0, 40.0), item(Command.NAV_LOITER_UNLIM, 0.0, 200.0, 40.0)]
-    )
-    executor.arm()
-    executor.start()
-    events = executor.advance(60.0)
-    assert [event.seq for event in events if isinstance(event, ItemReached)][:1] == [0]
-    assert executor.motion.position_m[2] == pytest.approx(40.0, abs=12.0)
-
-
 MULTIROTORS = pytest.mark.parametrize("autopilot", ["generic", "px4", "ardupilot"])
-GUSTS = Wind(1.0, -0.5, gust_m_s=0.5, seed=1)
 DRYDEN = Wind(2.0, 1.0, seed=5, turbulence=Turbulence(3.0, 15.0, 8.0), shear=WindShear("log"))
-
-
-def flying(vehicle, autopilot, items=None, wind=None, height=6.0):
-    """A vehicle with a mission, or one that took off and holds."""
-    executor = MissionExecutor(with_autopilot(get_vehicle(vehicle), autopilot), HOME, wind=wind)
-    if items is not None:
-        executor.mission.load(items)
-    executor.arm()
-    if items is not None:
-        executor.start()
-    else:
-        executor.takeoff(height)
-        executor.advance(30.0)
-    return executor
 
 
 @MULTIROTORS
@@ -161,54 +125,6 @@ def test_without_motors_and_without_a_battery_it_comes_down(autopilot, order):
     executor.advance(executor.time_s + 30.0)
     assert executor.flight.landed is LandedState.ON_GROUND
     assert executor.motion.position_m[2] == 0.0
-
-
-@pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
-def test_a_fixed_wing_turns_circles_and_lands(autopilot):
-    items = [
-        item(Command.NAV_TAKEOFF, 0.0, 80.0, 40.0),
-        item(Command.NAV_WAYPOINT, 0.0, 220.0, 40.0),
-        item(Command.NAV_WAYPOINT, 150.0, 220.0, 50.0),
-        item(Command.NAV_WAYPOINT, 40.0, 180.0, 45.0),
-        MissionItem(Command.NAV_LOITER_TURNS, 3, 1.0, 0.0, -60.0, 0.0, *HOME.to_wgs84(0.0, 60.0), 40.0),
-        MissionItem(Command.DO_LAND_START, 3, 0, 0, 0, 0, *HOME.to_wgs84(0.0, -300.0), 20.0)
-        if autopilot == "ardupilot"
-        else MissionItem(Command.DO_LAND_START),
-        MissionItem(Command.NAV_LOITER_TO_ALT, 3, 1.0, 60.0, 0.0, 1.0, *HOME.to_wgs84(60.0, -300.0), 20.0),
-        item(Command.NAV_LAND, 0.0, 0.0, 0.0),
-    ]
-    executor = flying("fixed-wing", autopilot, items, GUSTS)
-    events = executor.advance(400.0)
-    reached = [event.seq for event in events if isinstance(event, ItemReached)]
-    assert reached == sorted(reached) and {0, 1, 2, 3, 4, 6} <= set(reached)
-    assert executor.flight.landed is LandedState.ON_GROUND
-    assert np.hypot(*executor.motion.position_m[:2]) < 120.0
-
-
-@pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
-def test_a_fixed_wing_glides_when_its_battery_is_empty(autopilot):
-    executor = flying("fixed-wing", autopilot, [item(Command.NAV_TAKEOFF, 0.0, 80.0, 30.0)])
-    executor.advance(40.0)
-    executor.goto(200.0, 100.0, 30.0)
-    executor.advance(50.0)
-    executor.flight.drain_battery(0.0)
-    events = executor.advance(120.0)
-    assert any(isinstance(event, BatteryDepleted) for event in events)
-    assert executor.flight.landed is LandedState.ON_GROUND
-
-
-@pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
-def test_a_rover_is_steered_turned_and_comes_home(autopilot):
-    executor = flying("rover", autopilot, [item(Command.NAV_WAYPOINT, 30.0, 0.0, 0.0)], GUSTS)
-    executor.advance(5.0)
-    executor.goto(0.0, 12.0, 0.0)
-    executor.advance(15.0)
-    executor.steer((0.0, -1.0, 0.0))
-    executor.advance(22.0)
-    assert executor.motion.snapshot().velocity_m_s[1] == pytest.approx(-1.0, abs=0.3)
-    executor.return_home()
-    executor.advance(80.0)
-    assert executor.motion.position_m[:2] == pytest.approx((0.0, 0.0), abs=3.0)
 
 
 @pytest.mark.parametrize(

@@ -26,7 +26,7 @@ from sim_vehicle.execution.state import (
     TargetReached,
 )
 from sim_vehicle.mavlink.vehicle import SimVehicle
-from sim_vehicle.motion.legs import KEEP, Leg, LegKind, Route
+from sim_vehicle.motion.legs import ALONG, KEEP, Leg, LegKind, Route
 from sim_vehicle.motion.model import MotionEvent
 from sim_vehicle.motion.px4.model import Px4Multirotor
 from sim_vehicle.motion.px4.smoothing import brakeable_speed, follow, profile, stretched, turn_speed
@@ -636,3 +636,53 @@ def test_standing_still_it_reports_the_first_leg():
     x, y, z = vehicle.stopping_point()
     assert (x, y) == pytest.approx((0.0, 0.0), abs=0.01)
     assert z == vehicle.position_m[2]
+
+
+@pytest.mark.parametrize("radius_m", [10.0, -25.0])
+@pytest.mark.parametrize("seed", [None, 2, 3])
+def test_an_orbit_is_flown_by_velocities_whatever_the_estimate_is_off_by(seed, radius_m):
+    """`FlightTaskOrbit`: straight to the circle, then about it for ever, the nose to its centre."""
+    errors = None if seed is None else EstimateErrors(seed)
+    executor = MissionExecutor(QUAD, FRAME, estimate_errors=errors)
+    executor.arm()
+    executor.takeoff(5.0)
+    executor.advance(15.0)
+    executor.orbit(-40.0, 30.0, 10.0, radius_m, 3.0)
+    executor.advance(35.0)
+    bearings, speeds = [], []
+    for now in np.arange(35.0, 135.0, 0.5):
+        executor.advance(float(now))
+        state = executor.state()
+        east, north, up = state.position_m
+        east, north = east + 40.0, north - 30.0
+        assert math.hypot(east, north) == pytest.approx(abs(radius_m), abs=2.0)
+        assert up == pytest.approx(10.0, abs=1.5)
+        bearings.append(math.atan2(east, north))
+        speeds.append(math.hypot(*state.velocity_m_s[:2]))
+        off = math.remainder(state.yaw_rad - bearings[-1] - math.pi, 2.0 * math.pi)
+        assert abs(off) < math.radians(10.0)
+    turned = np.unwrap(bearings)[-1] - bearings[0]
+    assert turned == pytest.approx(np.mean(speeds) * 99.5 / radius_m, rel=0.1)
+    assert np.mean(speeds) == pytest.approx(2.7 if radius_m < 0.0 else 2.3, abs=0.25)
+
+
+def test_an_orbit_is_no_faster_than_its_bend_allows_and_goes_on_in_no_other_order():
+    executor = MissionExecutor(QUAD, FRAME)
+    executor.arm()
+    executor.takeoff(5.0)
+    executor.advance(15.0)
+    executor.orbit(3.0, 0.0, 5.0, 3.0, 9.0, heading=ALONG)
+    executor.advance(40.0)
+    state = executor.state()
+    assert math.hypot(*state.velocity_m_s[:2]) < math.sqrt(2.0 * 3.0)
+    course = math.atan2(*state.velocity_m_s[:2])
+    assert abs(math.remainder(state.yaw_rad - course, 2.0 * math.pi)) < math.radians(25.0)
+    executor.advance(640.0)
+    assert executor.flight.phase is FlightPhase.GOTO
+    assert math.hypot(executor.motion.position_m[0] - 3.0, executor.motion.position_m[1]) < 5.0
+    executor.flight.hold()
+    executor.advance(650.0)
+    assert math.hypot(*executor.state().velocity_m_s[:2]) < 0.05
+    executor.goto(20.0, 0.0, 8.0)
+    executor.advance(670.0)
+    assert executor.motion.position_m == pytest.approx((20.0, 0.0, 8.0), abs=0.5)

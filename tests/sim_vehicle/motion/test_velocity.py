@@ -11,6 +11,7 @@ from motion_limits import check_limits
 
 from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.errors import VehicleError
+from sim_vehicle.motion.columns import State
 from sim_vehicle.motion.ideal import IdealRobot
 from sim_vehicle.motion.legs import ALONG, KEEP, Heading, Leg, Route
 from sim_vehicle.motion.model import MotionEvent
@@ -197,3 +198,25 @@ def test_the_ideal_robot_refuses():
     robot = IdealRobot(get_vehicle("ideal"))
     with pytest.raises(VehicleError, match="no velocity control"):
         robot.steer((1.0, 0.0, 0.0))
+
+
+def test_over_what_it_looks_at_it_keeps_its_heading_however_it_is_stepped():
+    def headings(size):
+        vehicle = aloft()
+        vehicle.look_at((0.0, 5.0))
+        vehicle.fly(Route.through([Leg((0.0, 30.0, 50.0), 2.0, heading=Heading.fixed(2.0))]))
+        found = []
+        while vehicle.position_m[1] < 5.3:
+            vehicle.advance(size)
+            found.append(vehicle.state[State.HEADING])
+        return found
+
+    one_by_one = headings(1)
+    np.testing.assert_array_equal(one_by_one[1::2], headings(2)[: len(one_by_one) // 2])
+    assert abs((one_by_one[-1] + np.pi) % (2.0 * np.pi) - np.pi) < 0.02
+
+
+def test_each_leg_of_a_route_has_its_own_time():
+    vehicle = aloft()
+    vehicle.fly(Route.through([Leg((1.0, 0.0, 50.0), 5.0, radius_m=0.5), Leg((1000.0, 0.0, 50.0), 5.0)]))
+    assert vehicle.advance(20_000, stop_each=False) is MotionEvent.REACHED

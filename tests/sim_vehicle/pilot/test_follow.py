@@ -99,6 +99,19 @@ def test_it_follows_the_height_of_the_target_where_that_is_asked_for(spec):
     assert rig.place[2] == pytest.approx(15.0, abs=0.7)
 
 
+@pytest.mark.parametrize(("up", "height"), [(-30.0, 1.0), (1e6, QUAD.max_altitude_m)])
+@MODELS
+def test_a_target_of_an_altitude_out_of_reach_is_followed_as_high_or_low_as_it_goes(spec, up, height):
+    rig = Follower(spec=spec)
+    rig.pilot.parameters.stored["FLW_TGT_ALT_M"] = 2.0
+    rig.walk(60, (40.0, 0.0), up=up)
+    if height < 10.0:
+        assert math.dist(rig.place, (40.0, 0.0, height)) == pytest.approx(8.0, abs=1.0)
+        assert rig.place[2] == pytest.approx(height, abs=0.5)
+    else:
+        assert rig.velocity[2] > 1.0
+
+
 @MODELS
 def test_it_turns_about_the_target_no_faster_than_is_set(spec):
     rig = Follower(spec=spec)

@@ -55,18 +55,18 @@ def test_the_ideal_vehicle_needs_none():
 
 NOTICES = """
 from geo.compiled import compile_notices
-from sim_vehicle.energy.power_kernels import rover_power
+from sim_vehicle.energy.power_kernels import multirotor_power
 import numpy as np
 
 told = []
 with compile_notices(told.append):
-    rover_power(np.ones(9), 1.0, 1.0, 0.0)
+    multirotor_power(np.ones(9), 1.0, 1.0, 0.0, 0.0, 0.0, 0.0)
 print(*told)
 """
 
 
 def test_a_compilation_is_told_before_it_begins(tmp_path):
-    for expected in ("sim_vehicle.energy.power.rover_power\n", "\n"):
+    for expected in ("sim_vehicle.energy.power.multirotor_power\n", "\n"):
         done = subprocess.run(
             [sys.executable, "-c", NOTICES],
             env=os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)},

@@ -15,7 +15,7 @@ import struct
 import subprocess
 import sys
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import IO, Any, Self
@@ -37,6 +37,7 @@ from sensors.fields import FieldSet
 from sensors.observations import Observations
 from sensors.scoring.information import InformationModel
 from wbf_mission.results.storage import ResultError
+from wbf_mission.scenario import Choice, ScenarioError
 
 _SIZE = struct.Struct("<Q")
 _MOST_BYTES = 2**30
@@ -311,14 +312,16 @@ def answer_all() -> None:
             _write(answers, msgspec.msgpack.encode(Said(error=told or "failed", planning=planning)))
 
 
-def _made(folder: str, kind: str, label: str, digest: str) -> Any:
-    """Return the planner, policy or estimator of a digest that a file of a folder holds."""
+def held_by(files: Iterable[Path], kind: str, label: str, digest: str) -> Choice:
+    """Return the planner, policy or estimator of a digest that one of these files holds.
+
+    ResultError if none does, with the file that holds another of its name.
+    """
     from wbf_mission.bench.meaning import own_digest
     from wbf_mission.own_code import own_choice
-    from wbf_mission.scenario import ScenarioError
 
     why = "no file of its code has it"
-    for path in sorted(Path(folder).rglob("*.py")):
+    for path in files:
         try:
             choice = own_choice(f"{path}:{label}", kind)
         except ScenarioError as error:
@@ -326,10 +329,16 @@ def _made(folder: str, kind: str, label: str, digest: str) -> Any:
             continue
         if choice is None:
             continue
-        if own_digest(choice.made) == digest:
-            return choice.made if not choice.params else _Planner(choice.made, choice.params)
-        why = f"{path.name} has another {label} than the one that flew the rows"
+        if (found := own_digest(choice.made)) == digest:
+            return choice
+        differs = f"its digest, with the files beside it, is {found}, not {digest}"
+        why = f"{path.name} has another {label} than the one that flew the rows: {differs}"
     raise ResultError(f"{kind} {label}: {why}")
+
+
+def _made(folder: str, kind: str, label: str, digest: str) -> Any:
+    choice = held_by(sorted(Path(folder).rglob("*.py")), kind, label, digest)
+    return choice.made if not choice.params else _Planner(choice.made, choice.params)
 
 
 class _Planner:

@@ -16,6 +16,7 @@ from wbf_mission.cli import bench_output, options
 from wbf_mission.cli.command import Command
 from wbf_mission.cli.options import option
 from wbf_mission.cli.output import Output
+from wbf_mission.cli.pages import bench_page
 from wbf_mission.exit_codes import ExitCode
 
 if TYPE_CHECKING:
@@ -95,7 +96,13 @@ def submit_command(
     failed are allowed, and told.
     """
     from wbf_mission.addons.boards.audit import require_asked, require_whole
-    from wbf_mission.addons.boards.submission import SUFFIX, code_files, made_when, write_pack
+    from wbf_mission.addons.boards.submission import (
+        SUFFIX,
+        code_files,
+        made_when,
+        require_texts,
+        write_pack,
+    )
     from wbf_mission.addons.boards.verification import fly_again
     from wbf_mission.bench.rows import read_rows
     from wbf_mission.bench.sealed import require_seeds
@@ -118,9 +125,11 @@ def submit_command(
             require_seeds(opened, rows)
     except ResultError as error:
         raise ResultError(f"{folder}: {error}") from None
+    require_texts({"name": name, "by": by, "about": about}, "--")
     files = code_files(code or ())
+    own = _own(code, rows) if code else {}
     with output.progress() as progress:
-        found = fly_again(rows, verify, own=_own(code or (), rows), progress=progress)
+        found = fly_again(rows, verify, own=own, progress=progress)
     if found.differing:
         for one in found.differing[:_SHOWN]:
             output.warn(one.why)
@@ -173,27 +182,27 @@ def _warn_of(output: Output, rows: Sequence[BenchRow], found: Verification) -> N
 
 
 def _own(code: Sequence[Path], rows: Sequence[BenchRow]) -> dict[str, Choice]:
-    """Return the own planners, policies and estimators of rows that stand in files, by their digests."""
-    from wbf_mission.bench.meaning import own_digest
-    from wbf_mission.own_code import own_choice
-    from wbf_mission.scenario import ScenarioError
+    """Return the own planners, policies and estimators of rows, by their digests.
 
-    found: dict[str, Choice] = {}
+    ResultError if the files and folders do not hold each as it flew.
+    """
+    from wbf_mission.addons.boards.apart import held_by
+    from wbf_mission.results.storage import ResultError
+
+    names = ", ".join(map(str, code))
     wanted = {
         (kind, getattr(row, kind), row.codes[kind])
         for row in rows
         for kind in ("planner", "estimator")
         if kind in row.codes
     }
-    for path in (one for one in code if one.suffix == ".py"):
-        for kind, label, digest in wanted:
-            try:
-                choice = own_choice(f"{path}:{label}", kind)
-            except ScenarioError:
-                continue  # it stands in another of the files
-            if choice is not None and own_digest(choice.made) == digest:
-                found[digest] = choice
-    return found
+    if not wanted:
+        raise ResultError(f"--code {names}: nothing of it flew, all methods are built in; leave it out")
+    files = [file for one in code for file in (sorted(one.rglob("*.py")) if one.is_dir() else [one])]
+    try:
+        return {digest: held_by(files, kind, label, digest) for kind, label, digest in sorted(wanted)}
+    except ResultError as error:
+        raise ResultError(f"--code {names}: {error}; give what flew, or fly it again") from None
 
 
 @options.speaks()
@@ -229,6 +238,8 @@ def board_command(
     from wbf_mission.addons.boards.board_page import board_values, short_table
 
     opened = _secret(seal, secret)
+    if out is not None:
+        bench_page()  # None to write: an error before anything is flown
     with output.progress() as progress:
         board = board_of(packs_of(packs), verify=verify, secret=opened, progress=progress)
     if not board.entries:
@@ -263,12 +274,11 @@ def _write(output: Output, board: Board, out: Path) -> None:
 
     from geo.atomic import atomic_write
     from wbf_mission.addons.boards.board_page import board_page, board_values, draw_board
-    from wbf_mission.web.bench_page import write_bench_page
 
     out.mkdir(parents=True, exist_ok=True)
     page = board_page(board, draw_board(board, out))
     page.write(out / "board.md")
-    write_bench_page(out / "board.html", page, out)
+    bench_page()(out / "board.html", page, out)
     with atomic_write(out / "board.json", "wb") as file:
         file.write(msgspec.json.format(msgspec.json.encode(board_values(board))) + b"\n")
     output.note(f"written: {out / 'board.md'}, {out / 'board.html'}, {out / 'board.json'}")
@@ -320,7 +330,8 @@ def verify_command(
 
     The seeds are drawn from the system's randomness, and told when all was flown. The code runs in a process
     of its own that has neither the run nor its files: read it before, and see to it that it can do no harm
-    (a container without network). The exit code is 1 if a method is worse than its rows, or was not flown.
+    (a container without network). The exit code is 1 if a method is worse than its rows, or was not flown, 2
+    if none was.
     """
     import tempfile
 
@@ -339,6 +350,9 @@ def verify_command(
         with tempfile.TemporaryDirectory() as folder, output.progress() as progress:
             unpack_code(read, Path(folder))
             found = fly_fresh(read.rows, Path(folder), environments, progress=progress)
+        if not found.gaps:
+            told = [f"{', '.join(method)}: {why}" for method, why in found.left_out]
+            raise ResultError(f"cannot be flown: {'; '.join(told[:_SHOWN])}")
     except ResultError as error:
         raise ResultError(f"{pack}: {error}") from None
     values = [msgspec.to_builtins(one) | {"verdict": one.verdict} for one in found.gaps]

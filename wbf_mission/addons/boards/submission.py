@@ -140,7 +140,7 @@ def write_pack(
     members = {TABLE: table_bytes(rows_table(rows)), **(code or {})}
     files = {member: hashlib.sha256(content).hexdigest() for member, content in members.items()}
     told = _submission(rows, name=name, by=by, about=about, made=made, seal=seal, files=files)
-    _require_texts(told)
+    require_texts(msgspec.structs.asdict(told))
     packed = archive_of({ABOUT: msgspec.json.format(msgspec.json.encode(told)) + b"\n", **members})
     if len(packed) > MAX_PACK_BYTES:
         limit = f"{MAX_PACK_BYTES // 2**20} MiB"
@@ -302,7 +302,7 @@ def _told(path: Path, data: bytes) -> Submission:
         raise ResultError(f"{path}: {ABOUT}: {not_json(error, data)}") from None
     except RecursionError:
         raise ResultError(f"{path}: {ABOUT}: is nested too deeply") from None
-    _require_texts(told, f"{path}: ")
+    require_texts(msgspec.structs.asdict(told), f"{path}: ")
     return told
 
 
@@ -310,14 +310,16 @@ class _Format(msgspec.Struct):
     format: int
 
 
-def _require_texts(told: Submission, where: str = "") -> None:
-    if told.seal and not _SEAL.fullmatch(told.seal):
+def require_texts(told: Mapping[str, Any], where: str = "") -> None:
+    """Raise ResultError if one of the texts of a submission is too long, no plain line or no seal."""
+    if told.get("seal") and not _SEAL.fullmatch(told["seal"]):
         raise ResultError(f"{where}seal is none of 'bench seal', which has 64 hexadecimal digits")
     limits = {"name": (1, _MAX_NAME), "by": (1, _MAX_NAME), "about": (0, _MAX_ABOUT), "made": (0, 40)}
     for field, (least, most) in limits.items():
-        text = getattr(told, field)
-        if not (least <= len(text) <= most and text.isprintable() and text == text.strip()):
-            raise ResultError(f"{where}{field} {text[:most]!r} is no line of {least} to {most} characters")
+        text = told.get(field)
+        if text is None or (least <= len(text) <= most and text.isprintable() and text == text.strip()):
+            continue
+        raise ResultError(f"{where}{field} {text[:most]!r} is no line of {least} to {most} characters")
 
 
 def _require_labels(path: Path, rows: Iterable[BenchRow]) -> None:

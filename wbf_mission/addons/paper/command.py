@@ -13,6 +13,7 @@ from wbf_mission.cli.bench_output import exit_code, tell_failures
 from wbf_mission.cli.command import Command
 from wbf_mission.cli.options import option
 from wbf_mission.cli.output import Output
+from wbf_mission.cli.pages import bench_page
 from wbf_mission.exit_codes import ExitCode
 
 EXAMPLES = """
@@ -64,9 +65,9 @@ def paper_command(
     from wbf_mission.addons.paper.make import make_paper
     from wbf_mission.bench.benchmark import BenchmarkInterrupted
     from wbf_mission.bench.spec import BenchSpec
-    from wbf_mission.web.bench_page import write_bench_page
 
     options.require_processes(jobs)
+    write_page = bench_page()
     paper = selected | {"seeds": selected["seeds"] or 5}
     wanted = BenchSpec.of(**paper) if spec is None else BenchSpec.read(spec, selected)
     try:
@@ -85,7 +86,7 @@ def paper_command(
         output.warn(f"{stop}; the same command goes on with them")
         return ExitCode.INTERRUPTED
     tell_failures(output, made.rows)
-    write_bench_page(made.files[0].with_suffix(".html"), made.page, out)
+    write_page(made.files[0].with_suffix(".html"), made.page, out)
     pages = [str(made.files[0].with_suffix(end)) for end in (".md", ".html")]
     pictures = [str(one) for one in made.files[1:]]
     output.result(

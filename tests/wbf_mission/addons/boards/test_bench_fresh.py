@@ -187,12 +187,21 @@ def test_the_interval_is_welchs():
     assert math.isnan(fresh._welch([-1.0], [-2.0], 1).low)
 
 
-def test_what_cannot_be_verified_is_one_line(tmp_path, code, capsys):
-    _, rows = packed(tmp_path, code / "cheat.py", "Peeper")
+def test_what_cannot_be_verified_is_one_line(tmp_path, code, monkeypatch, capsys):
+    pack, rows = packed(tmp_path, code / "cheat.py", "Peeper")
     with pytest.raises(ResultError, match="all its methods are built in"):
         fly_fresh([told_of(row, planner="spiral", codes={"code": "1"}) for row in rows], code, 2)
     older = [told_of(structs.replace(row, codes=row.codes | {"code": "0" * 24})) for row in rows]
     assert fly_fresh(older, code, 2).left_out[0][1] == OTHER_CODE
+    capsys.readouterr()
+    monkeypatch.setattr(fresh, "behaviour", lambda: "0")
+    assert main(["bench", "verify", str(pack), "--environments", "2"]) == 2
+    told = capsys.readouterr()
+    assert told.out == "" and told.err.endswith(
+        f"p.zip: cannot be flown: {SCENARIO}, Peeper, adaptive-disk: {OTHER_CODE}\n"
+    )
+    assert told.err.count("\n") == 1
+    monkeypatch.undo()
     who = ["--name", "Mine", "--by", "Me", "--verify", "0", "--quiet", "--out", str(tmp_path / "n.zip")]
     assert main(["bench", "submit", str(tmp_path / "r"), *who]) == 0
     capsys.readouterr()

@@ -27,7 +27,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from msgspec import structs
 
-from wbf_mission.addons.boards import submission
+from wbf_mission.addons.boards import submission, verification
 from wbf_mission.addons.boards.audit import require_whole
 from wbf_mission.addons.boards.submission import code_files, read_pack
 from wbf_mission.addons.boards.verification import fly_again
@@ -304,6 +304,61 @@ def test_own_code_is_packed_and_flown_again_by_its_author(tmp_path, capsys):
     code, told = submit(tmp_path / "r", tmp_path / "b.zip", "--json", capsys=capsys)
     assert json.loads(told.out)["flown_again"] == "not flown again: own code is not run"
     assert told.err == "warning: not flown again: own code is not run\n"
+
+
+@pytest.fixture(scope="module")
+def own(tmp_path_factory):
+    """Rows of own code in a folder `src`."""
+    there = tmp_path_factory.mktemp("own")
+    (there / "src").mkdir()
+    file = there / "src" / "mine.py"
+    file.write_text(OWN)
+    run = ["--scenarios", SCENARIO, "--planners", f"{file}:zigzag", "--estimators", "point", "--seeds", "2"]
+    assert main(["bench", "run", *run, "--out", str(there / "r"), "--quiet"]) == 0
+    return there
+
+
+def test_a_folder_of_code_is_flown_again_too(own, tmp_path, capsys):
+    given = ["--code", str(own / "src"), "--json"]
+    code, told = submit(own / "r", tmp_path / "a.zip", *given, capsys=capsys)
+    assert code == 0
+    assert json.loads(told.out)["flown_again"] == "1 equal"
+
+
+@pytest.mark.parametrize(
+    ("source", "why"),
+    [
+        (
+            OWN.replace("lawnmower", "spiral"),
+            "mine.py has another zigzag than the one that flew the rows: its",
+        ),
+        (OWN.replace("zigzag", "other"), "no file of its code has it"),
+        ("def (", "cannot be run: SyntaxError"),
+    ],
+)
+def test_code_that_is_not_what_flew_is_not_packed(own, source, why, tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(verification, "fly_again", lambda *_, **__: pytest.fail("it was flown again"))
+    (tmp_path / "mine.py").write_text(source)
+    for there in (tmp_path / "mine.py", tmp_path):
+        code, told = submit(own / "r", tmp_path / "a.zip", "--code", str(there), capsys=capsys)
+        assert code == 2
+        assert told.err.startswith(f"error: --code {there}: planner zigzag: ") and why in told.err
+        assert told.err.count("\n") == 1 and told.err.endswith("give what flew, or fly it again\n")
+        assert not (tmp_path / "a.zip").exists()
+
+
+def test_code_beside_rows_of_what_is_built_in_is_not_packed(folder, own, tmp_path, capsys):
+    code, told = submit(folder, tmp_path / "a.zip", "--code", str(own / "src" / "mine.py"), capsys=capsys)
+    assert code == 2
+    assert "mine.py: nothing of it flew, all methods are built in; leave it out" in told.err
+
+
+@pytest.mark.parametrize("given", [["--name", "x" * 81], ["--by", " me"], ["--about", "a\nb"]])
+def test_texts_are_read_before_anything_is_flown(given, folder, tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(verification, "fly_again", lambda *_, **__: pytest.fail("it was flown again"))
+    code, told = submit(folder, tmp_path / "a.zip", *given, capsys=capsys)
+    assert code == 2
+    assert told.err.startswith(f"error: {given[0]} ") and told.err.count("\n") == 1
 
 
 def test_a_folder_of_code_is_packed_without_what_is_hidden(tmp_path):

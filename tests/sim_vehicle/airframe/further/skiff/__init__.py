@@ -5,7 +5,7 @@ from importlib import resources
 from types import MappingProxyType
 
 from sim_vehicle.airframe.kind import Movement, VehicleKind
-from sim_vehicle.airframe.power_spec import RoverPowerSpec
+from wbf_mission.addons.rovers.power import RoverPowerSpec
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,6 +45,6 @@ def __getattr__(name):
     from sim_vehicle.autopilot.ardupilot import ARDUPILOT
     from skiff.steering import TIDAL
 
-    rover = ARDUPILOT.firmwares["rover"]
+    rover = ARDUPILOT.for_vehicle("rover")
     boat = replace(rover, title="Tide", procedures=TIDAL)
     return replace(ARDUPILOT, name="tide", title="Tide", firmwares=MappingProxyType({"boat": boat}))

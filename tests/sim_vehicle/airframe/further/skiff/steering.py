@@ -4,8 +4,8 @@ from dataclasses import replace
 from types import MappingProxyType
 
 from sim_vehicle.airframe.parameters import ParameterSpec
-from sim_vehicle.autopilot.procedures import RoverProcedures
 from skiff import Hull
+from wbf_mission.addons.rovers.procedures import RoverProcedures
 
 
 class Steering(RoverProcedures):
@@ -18,7 +18,7 @@ class Steering(RoverProcedures):
         return spec
 
     def limits(self, spec):
-        from sim_vehicle.motion.rover.layout import RoverLimits
+        from wbf_mission.addons.rovers.motion.layout import RoverLimits
 
         hull = spec.airframe or Hull()
         return RoverLimits(

@@ -1,0 +1,66 @@
+"""Parts of every simulated vehicle that add-ons bring, found by entry points (`EXTRA_GROUP`)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import cache
+from typing import Any, Protocol, TypeAlias
+
+from geo.imports import entry_points, load_entry
+from mission.link.codec.dialect import Message
+from sim_vehicle.errors import VehicleError
+from sim_vehicle.mavlink.parameters import ParameterSet
+from sim_vehicle.mavlink.plan_receiver import PlanReceiver
+from sim_vehicle.mavlink.wire_state import WireState
+
+__all__ = ["EXTRA_GROUP", "Timed", "VehicleExtra", "extras_of"]
+
+EXTRA_GROUP = "wbf_mission.vehicle_extras"
+"""Each entry makes a `VehicleExtra` of a vehicle's state, parameters and plans."""
+
+
+class Timed(Protocol):
+    """A part of a vehicle that has something to send at a time, its ``due_s``."""
+
+    @property
+    def due_s(self) -> float:
+        """When `poll` has something to do next."""
+
+    def poll(self, now_s: float) -> Iterable[Message]:
+        """Return what is due."""
+
+
+class VehicleExtra(Protocol):
+    """A part of a vehicle that an add-on brings."""
+
+    capabilities: int
+    """Bits that it adds to those of AUTOPILOT_VERSION (MAV_PROTOCOL_CAPABILITY)."""
+    handlers: Mapping[int, Callable[[Any, float], Iterable[Message] | None]]
+    """Answers to messages at a time, by their ids."""
+    timed: Sequence[Timed]
+
+    def log_frame(self, frame: bytes, message_id: int, now_s: float) -> None:
+        """Take a frame that the vehicle sent or heard."""
+
+    def metadata(self) -> tuple[Message, ...]:
+        """COMPONENT_METADATA; nothing without."""
+
+
+_Maker: TypeAlias = Callable[[WireState, ParameterSet, PlanReceiver], VehicleExtra]
+
+
+@cache
+def _makers() -> tuple[_Maker, ...]:
+    entries = sorted(entry_points(EXTRA_GROUP), key=lambda entry: entry.name)
+    return tuple(load_entry(entry, f"vehicle extra {entry.name}", VehicleError) for entry in entries)
+
+
+def extras_of(state: WireState, parameters: ParameterSet, plans: PlanReceiver) -> tuple[VehicleExtra, ...]:
+    """Make the extras of a vehicle.
+
+    Raises
+    ------
+    VehicleError
+        If a package that gives one cannot be loaded.
+    """
+    return tuple(make(state, parameters, plans) for make in _makers())

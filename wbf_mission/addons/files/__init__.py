@@ -1,0 +1,1 @@
+"""Files and logs of a simulated vehicle over MAVLink."""

@@ -1,0 +1,49 @@
+"""Files and logs as a part of the simulated vehicle."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, get_args
+
+from mission.link.codec.dialect import Message
+from mission.link.codec.dialect import mavlink as m
+from wbf_mission.addons.files.ftp import FtpServer, checksum
+from wbf_mission.addons.files.logs import FlightLogs, LogMessage, LogTransfer
+from wbf_mission.addons.files.vehicle_files import GENERAL_PATH, general_metadata, uri, vehicle_files
+
+if TYPE_CHECKING:
+    from sim_vehicle.mavlink.parameters import ParameterSet
+    from sim_vehicle.mavlink.plan_receiver import PlanReceiver
+    from sim_vehicle.mavlink.wire_state import WireState
+
+__all__ = ["Files"]
+
+
+class Files:
+    """MAVLink FTP, LOG_REQUEST_* and COMPONENT_METADATA (`sim_vehicle.mavlink.extras.VehicleExtra`)."""
+
+    capabilities = int(m.MAV_PROTOCOL_CAPABILITY_FTP)
+
+    def __init__(self, state: WireState, parameters: ParameterSet, plans: PlanReceiver) -> None:
+        self._state = state
+        self._parameters = parameters
+        self._logs = FlightLogs(state.epoch_unix_s)
+        transfer = LogTransfer(self._logs, state.pilot)
+        ftp = FtpServer(vehicle_files(state.mavlink, parameters, self._logs, plans))
+        self.timed = (ftp, transfer)
+        self.handlers = {
+            m.MAVLINK_MSG_ID_FILE_TRANSFER_PROTOCOL: ftp.receive,
+            **{message.id: transfer.receive for message in get_args(LogMessage)},
+        }
+
+    def log_frame(self, frame: bytes, message_id: int, now_s: float) -> None:
+        """Keep a frame in the log of the flight."""
+        self._logs.write(frame, message_id, now_s, armed=self._state.pilot.armed)
+
+    def metadata(self) -> tuple[Message, ...]:
+        """COMPONENT_METADATA; nothing where the autopilot has none."""
+        details = self._state.mavlink.component_metadata
+        if details is None:
+            return ()
+        crc = checksum(general_metadata(self._parameters, details))
+        address = uri(GENERAL_PATH).encode()
+        return (m.MAVLink_component_metadata_message(self._state.boot_ms, crc, address),)

@@ -1,0 +1,205 @@
+"""The files of a vehicle: a tree in memory of limited size, and files that are made when they are read."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from enum import IntEnum
+
+__all__ = ["FileError", "FileTree", "FtpError", "path_of"]
+
+_MOST_ENTRIES = 512
+_MOST_BYTES = 4_000_000
+_MOST_DEPTH = 8
+
+MadeFile = Callable[[str, int], bytes | None]
+"""Given what follows a ``?`` and the size of the first read, the contents; None when that makes no sense."""
+TakenFile = Callable[[bytes], bool]
+Mounted = Callable[[], Mapping[str, bytes | bytearray]]
+Path = tuple[str, ...]
+
+
+class FtpError(IntEnum):
+    """Why a request was not carried out."""
+
+    FAIL = 1
+    INVALID_SIZE = 3
+    INVALID_SESSION = 4
+    NO_SESSIONS = 5
+    END_OF_FILE = 6
+    UNKNOWN_COMMAND = 7
+    FILE_EXISTS = 8
+    PROTECTED = 9
+    NOT_FOUND = 10
+
+
+class FileError(Exception):
+    """A file operation that cannot be done."""
+
+    def __init__(self, code: FtpError) -> None:
+        super().__init__(code.name)
+        self.code = code
+
+
+def path_of(text: str) -> Path:
+    """Split a path from the root; the steps ``.`` and empty ones mean nothing, ``..`` is a FileError.
+
+    Examples
+    --------
+    >>> path_of("/fs/./microsd//log/")
+    ('fs', 'microsd', 'log')
+    """
+    steps = tuple(step for step in text.split("/") if step not in ("", "."))
+    if ".." in steps or len(steps) > _MOST_DEPTH:
+        raise FileError(FtpError.NOT_FOUND)
+    return steps
+
+
+class FileTree:
+    """Directories and files; its methods raise FileError for what cannot be done.
+
+    Files can be written in the ``directories`` and below. By path, ``made`` are files that are made when they
+    are read, and ``taken`` those that the vehicle takes over when they have been written: each is given the
+    contents and returns whether it accepts them. ``mounted`` are files that come and go by themselves and can
+    only be read: by directory, what returns their contents by path below it.
+    """
+
+    def __init__(
+        self,
+        directories: tuple[str, ...] = (),
+        made: Mapping[str, MadeFile] | None = None,
+        mounted: Mapping[str, Mounted] | None = None,
+        taken: Mapping[str, TakenFile] | None = None,
+    ) -> None:
+        self._taken = {path_of(path): take for path, take in (taken or {}).items()}
+        self._mounted = {path_of(path): contents for path, contents in (mounted or {}).items()}
+        self._made = {path_of(path): make for path, make in (made or {}).items()}
+        self._files: dict[Path, bytearray] = {}
+        self._writable = {path_of(path) for path in directories}
+        read_only = [path[:-1] for path in self._made]
+        self._directories = {
+            path[:depth] for path in (*self._writable, *read_only) for depth in range(len(path) + 1)
+        }
+
+    def names(self, text: str) -> list[str]:
+        """Return the entries of a directory, as LIST has them: ``Dname``, or ``Fname`` with its size."""
+        path = path_of(text)
+        mounted = self._mounted_files()
+        depth = len(path)
+        directories = self._directories | {file[:i] for file in mounted for i in range(1, len(file))}
+        if path not in directories:
+            raise FileError(FtpError.NOT_FOUND)
+
+        def within(other: Path) -> bool:
+            return len(other) == depth + 1 and other[:depth] == path
+
+        entries = [f"D{other[-1]}" for other in directories if within(other)]
+        for kept in (self._files, mounted):
+            entries += [f"F{other[-1]}\t{len(data)}" for other, data in kept.items() if within(other)]
+        entries += [f"F{o[-1]}\t{len(make('', 0) or b'')}" for o, make in self._made.items() if within(o)]
+        return sorted(entries)
+
+    def opened(self, text: str) -> Callable[[int], bytes | None]:
+        """Return the contents of a file, given the size of the first read."""
+        name, _, query = text.partition("?")
+        path = path_of(name)
+        if path in self._made:
+            make = self._made[path]
+            return lambda size: make(query, size)
+        kept = self._files.get(path, self._mounted_files().get(path))
+        if kept is None or query:
+            raise FileError(FtpError.NOT_FOUND)
+        contents = bytes(kept)
+        return lambda _size: contents
+
+    def create(self, text: str, *, anew: bool) -> Path:
+        """Make a file, or find one; ``anew`` empties it."""
+        path = path_of(text)
+        if path not in self._taken:
+            path = self._place(text)
+        if path in self._directories:
+            raise FileError(FtpError.FILE_EXISTS)
+        if path not in self._files:
+            self._check_room(0)
+            self._files[path] = bytearray()
+        elif anew:
+            self._files[path].clear()
+        return path
+
+    def write(self, path: Path, offset: int, data: bytes) -> None:
+        """Write into a file; a hole is filled with zeros."""
+        kept = self._files.get(path)
+        if kept is None:
+            raise FileError(FtpError.NOT_FOUND)
+        end = offset + len(data)
+        if end > len(kept):
+            self._check_room(end - len(kept))
+            kept.extend(bytes(end - len(kept)))
+        kept[offset:end] = data
+
+    def close(self, path: Path) -> None:
+        """End the writing of a file."""
+        if path in self._taken and not self._taken[path](bytes(self._files.pop(path, b""))):
+            raise FileError(FtpError.FAIL)
+
+    def truncate(self, text: str, size: int) -> None:
+        """Shorten a file."""
+        kept = self._files.get(self._place(text))
+        if kept is None:
+            raise FileError(FtpError.NOT_FOUND)
+        if size > len(kept):
+            raise FileError(FtpError.FAIL)
+        del kept[size:]
+
+    def remove(self, text: str) -> None:
+        """Remove a file."""
+        if self._files.pop(self._place(text), None) is None:
+            raise FileError(FtpError.NOT_FOUND)
+
+    def make_directory(self, text: str) -> None:
+        """Make a directory."""
+        path = self._place(text)
+        if path in self._directories or path in self._files:
+            raise FileError(FtpError.FILE_EXISTS)
+        self._check_room(0)
+        self._directories.add(path)
+
+    def remove_directory(self, text: str) -> None:
+        """Remove an empty directory."""
+        path = self._place(text)
+        if path not in self._directories:
+            raise FileError(FtpError.NOT_FOUND)
+        if path in self._writable or self.names(text):
+            raise FileError(FtpError.FAIL)
+        self._directories.remove(path)
+
+    def rename(self, old: str, new: str) -> None:
+        """Give a file another path."""
+        before, after = self._place(old), self._place(new)
+        if before not in self._files:
+            raise FileError(FtpError.NOT_FOUND)
+        if after in self._files or after in self._directories:
+            raise FileError(FtpError.FILE_EXISTS)
+        self._files[after] = self._files.pop(before)
+
+    def _mounted_files(self) -> dict[Path, bytes | bytearray]:
+        return {
+            (*directory, *path_of(below)): data
+            for directory, contents in self._mounted.items()
+            for below, data in contents().items()
+        }
+
+    def _place(self, text: str) -> Path:
+        """Return a path whose directory is there and can be written to."""
+        path = path_of(text)
+        if any(path in kept for kept in (self._made, self._taken, self._mounted_files())):
+            raise FileError(FtpError.PROTECTED)
+        if not any(path[: len(root)] == root for root in self._writable):
+            raise FileError(FtpError.PROTECTED)
+        if path not in self._directories and path[:-1] not in self._directories:
+            raise FileError(FtpError.NOT_FOUND)
+        return path
+
+    def _check_room(self, more: int) -> None:
+        entries = len(self._files) + len(self._directories)
+        if entries >= _MOST_ENTRIES or sum(map(len, self._files.values())) + more > _MOST_BYTES:
+            raise FileError(FtpError.FAIL)

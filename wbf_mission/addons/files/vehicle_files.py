@@ -1,0 +1,344 @@
+"""The files of each autopilot: component metadata, packed parameters and plans, logs.
+
+Component metadata: https://mavlink.io/en/services/component_metadata.html, and ``parameter.schema.json`` of
+https://github.com/mavlink/mavlink/tree/master/component_metadata; the version that PX4 writes is 1.
+"""
+
+from __future__ import annotations
+
+import json
+import lzma
+import math
+import struct
+from collections.abc import Callable, Mapping, Sequence
+from functools import lru_cache, partial
+from operator import attrgetter
+from typing import TYPE_CHECKING, NamedTuple, TypeAlias
+from urllib.parse import parse_qsl
+
+from mission.link.codec.dialect import mavlink as m
+from mission.model import MissionType
+from sim_vehicle.autopilot.parameters import MavParameter, ParameterDetails
+from wbf_mission.addons.files.file_tree import FileTree, MadeFile, TakenFile
+from wbf_mission.addons.files.ftp import checksum
+
+if TYPE_CHECKING:
+    from sim_vehicle.autopilot.mavlink_profile import MavlinkProfile
+    from sim_vehicle.mavlink.parameters import ParameterSet
+    from sim_vehicle.mavlink.plan_receiver import PlanReceiver
+    from wbf_mission.addons.files.logs import FlightLogs
+
+__all__ = [
+    "GENERAL_PATH",
+    "PLAN_PATHS",
+    "PackedPlan",
+    "general_metadata",
+    "pack_plan",
+    "unpack_plan",
+    "uri",
+    "vehicle_files",
+]
+
+GENERAL_PATH = "/etc/extras/component_general.json.xz"
+PARAMETERS_PATH = "/etc/extras/parameters.json.xz"
+_TYPE_PARAMETERS = 1
+# The readers in ground stations are small ones: they know this checksum only.
+_FILTERS = [{"id": lzma.FILTER_LZMA2, "preset": 6, "dict_size": 1 << 16}]
+_MAGIC, _MAGIC_WITH_DEFAULTS = 0x671B, 0x671C
+_HEADER = struct.Struct("<HHH")
+_INTEGERS = {8: (1, "<b"), 16: (2, "<h"), 32: (3, "<i")}
+_FLOAT = (4, "<f")
+_CODES = dict((*_INTEGERS.values(), _FLOAT))
+_LONGEST_NAME = 16
+_MOST = 65534
+
+Details: TypeAlias = Callable[[], Mapping[str, ParameterDetails]]
+
+
+# Vehicles of a fleet have almost equal tables; compressing one takes some hundredths of a second.
+@lru_cache(maxsize=16)
+def _metadata(
+    table: tuple[MavParameter, ...], defaults: tuple[float, ...], details: Details
+) -> dict[str, bytes]:
+    """Return the files by path: the general one, which names the others, and that of the parameters.
+
+    Defaults are the values at the start, each in its own unit; a parameter without details is as the
+    table has it.
+    """
+    known = details()
+    entries = [
+        _entry(parameter, default, known.get(parameter.name))
+        for parameter, default in zip(table, defaults, strict=True)
+    ]
+    parameters = _compressed({"version": 1, "parameters": entries})
+    types = [{"type": _TYPE_PARAMETERS, "uri": uri(PARAMETERS_PATH), "fileCrc": checksum(parameters)}]
+    return {GENERAL_PATH: _compressed({"version": 1, "metadataTypes": types}), PARAMETERS_PATH: parameters}
+
+
+def uri(path: str) -> str:
+    """Address of a file of the vehicle, for clients.
+
+    Examples
+    --------
+    >>> uri(GENERAL_PATH)
+    'mftp://etc/extras/component_general.json.xz'
+    """
+    return f"mftp:/{path}"
+
+
+def _entry(parameter: MavParameter, default: float, details: ParameterDetails | None) -> dict[str, object]:
+    number: Callable[[float], float] = round if parameter.integer else float
+    ranged = details or parameter
+    entry: dict[str, object] = {
+        "name": parameter.name,
+        "type": f"Int{parameter.bits}" if parameter.integer else "Float",
+        "default": number(default),
+        "group": details.group if details else parameter.name.split("_", 1)[0],
+        "min": number(ranged.low) if math.isfinite(ranged.low) else None,
+        "max": number(ranged.high) if math.isfinite(ranged.high) else None,
+        "units": parameter.unit or None,
+    }
+    if details:
+        labelled = [{"value": number(value), "description": label} for value, label in details.values]
+        entry |= {
+            "decimalPlaces": details.decimals,
+            "increment": None if details.increment is None else number(details.increment),
+            "rebootRequired": True if details.reboot else None,
+            "values": labelled or None,
+            "bitmask": [{"index": bit, "description": label} for bit, label in details.bits] or None,
+        }
+    return {key: value for key, value in entry.items() if value is not None}
+
+
+def _compressed(value: object) -> bytes:
+    text = json.dumps(value, separators=(",", ":"), sort_keys=True)
+    return lzma.compress(text.encode("ascii"), lzma.FORMAT_XZ, lzma.CHECK_CRC32, filters=_FILTERS)
+
+
+def asked_for(query: str) -> tuple[int, int, bool] | None:
+    """Read what follows the ``?``: first parameter, how many (0 for all), with defaults; None if wrong.
+
+    Examples
+    --------
+    >>> asked_for("start=10&count=5&withdefaults=1")
+    (10, 5, True)
+    """
+    start, count, defaults = 0, 0, False
+    for key, text in parse_qsl(query, keep_blank_values=True):
+        if not (text.isascii() and text.isdigit() and len(text) <= 5 and int(text) <= _MOST):
+            return None
+        if key == "start":
+            start = int(text)
+        elif key == "count":
+            count = int(text)
+        elif key == "withdefaults" and int(text) <= 1:
+            defaults = text == "1"
+        else:
+            return None
+    return start, count, defaults
+
+
+def packed(parameters: ParameterSet, query: str, read_size: int) -> bytes | None:
+    """Pack parameters, those of `asked_for`; None if the query is wrong.
+
+    Values are padded so that none crosses from one of the client's reads of ``read_size`` bytes to the next.
+    """
+    table = parameters.table
+    asked = asked_for(query)
+    if asked is None or asked[0] >= len(table):
+        return None
+    start, count, defaults = asked
+    chosen = table[start : start + count] if count else table[start:]
+    out = bytearray(_HEADER.pack(_MAGIC_WITH_DEFAULTS if defaults else _MAGIC, len(chosen), len(table)))
+    before = ""
+    for parameter in chosen:
+        kind, code = _INTEGERS[parameter.bits] if parameter.integer else _FLOAT
+        now = _bytes(parameter, code, parameters.value(parameter.name))
+        first = _bytes(parameter, code, parameters.default(parameter.name))
+        differs = defaults and first != now
+        common = _common(before, parameter.name)
+        rest = parameter.name[common:]
+        entry = bytes([kind | differs << 4, common | len(rest) - 1 << 4]) + rest.encode("ascii") + now
+        entry += first if differs else b""
+        beyond = (len(out) + len(entry)) % read_size if read_size else 0
+        if len(now) > 1 and 0 < beyond < len(now):
+            out += bytes(len(now) - beyond)
+        out += entry
+        before = parameter.name
+    return bytes(out)
+
+
+def unpacked(data: bytes) -> list[tuple[str, float]] | None:
+    """Read an upload: names and values in their order; None where it is damaged.
+
+    Its header has the length of the file in the place of the number of all parameters.
+
+    Examples
+    --------
+    >>> unpacked(bytes.fromhex("1b67 0100 0c00 01 20 414243 07"))
+    [('ABC', 7.0)]
+    """
+    if len(data) < _HEADER.size:
+        return None
+    magic, number, length = _HEADER.unpack_from(data)
+    if magic != _MAGIC or length != len(data):
+        return None
+    found: list[tuple[str, float]] = []
+    at, before = _HEADER.size, b""
+    for _ in range(number):
+        if at + 2 > length or data[at] not in _CODES:
+            return None
+        code = _CODES[data[at]]
+        common, rest = data[at + 1] & 15, (data[at + 1] >> 4) + 1
+        value_at = at + 2 + rest
+        name = before[:common] + data[at + 2 : value_at]
+        at = value_at + struct.calcsize(code)
+        if common > len(before) or common + rest > _LONGEST_NAME or at > length or not name.isascii():
+            return None
+        (value,) = struct.unpack_from(code, data, value_at)
+        found.append((name.decode("ascii"), float(value)))
+        before = name
+    return found
+
+
+def _common(one: str, other: str) -> int:
+    """Count the characters that two names have in common at their beginning."""
+    return next((i for i, pair in enumerate(zip(one, other, strict=False)) if pair[0] != pair[1]), len(one))
+
+
+def _bytes(parameter: MavParameter, code: str, value: float) -> bytes:
+    """Return a value as its type holds it."""
+    if not parameter.integer:
+        return struct.pack(code, value)
+    limit = 1 << parameter.bits - 1
+    return struct.pack(code, min(max(round(value), -limit), limit - 1))
+
+
+PLAN_PATHS = {
+    MissionType.MISSION: "@MISSION/mission.dat",
+    MissionType.FENCE: "@MISSION/fence.dat",
+    MissionType.RALLY: "@MISSION/rally.dat",
+}
+"""The file of each plan."""
+_PLAN_MAGIC = 0x763D
+_PLAN_HEADER = struct.Struct("<5H")  # magic, kind of plan, options, first item, number of items
+_ITEM = struct.Struct("<4f2if2H6B")
+_PART = 1
+
+
+_FIELDS = attrgetter(
+    *("param1", "param2", "param3", "param4", "x", "y", "z", "seq", "command", "target_system"),
+    *("target_component", "frame", "current", "autocontinue", "mission_type"),
+)
+
+
+class PackedPlan(NamedTuple):
+    """A plan as it was uploaded: items numbered from `start`, which they replace; None is a whole plan."""
+
+    items: tuple[m.MAVLink_mission_item_int_message, ...]
+    start: int | None
+
+
+def pack_plan(mission_type: MissionType, items: Sequence[m.MAVLink_mission_item_int_message]) -> bytes:
+    """Pack a plan.
+
+    Examples
+    --------
+    >>> pack_plan(MissionType.FENCE, []).hex()
+    '3d760100000000000000'
+    """
+    header = _PLAN_HEADER.pack(_PLAN_MAGIC, mission_type, 0, 0, len(items))
+    return header + b"".join(_ITEM.pack(*_FIELDS(item)) for item in items)
+
+
+def unpack_plan(data: bytes, mission_type: MissionType) -> PackedPlan | None:
+    """Read an upload; None where it is no plan of this kind, or has gaps.
+
+    Only a mission can be replaced in part, as in ArduPilot.
+    """
+    if len(data) < _PLAN_HEADER.size:
+        return None
+    magic, kind, options, start, number = _PLAN_HEADER.unpack_from(data)
+    if magic != _PLAN_MAGIC or kind != mission_type or len(data) != _PLAN_HEADER.size + number * _ITEM.size:
+        return None
+    in_part = bool(options & _PART)
+    if in_part and (mission_type is not MissionType.MISSION or number == 0 or start + number > 65535):
+        return None
+    first = start if in_part else 0
+    items = []
+    for place in range(number):
+        packed = data[_PLAN_HEADER.size + place * _ITEM.size :][: _ITEM.size]
+        if not any(packed):
+            return None
+        one, two, three, four, x, y, z, _, command, _, _, frame, current, goes_on, _ = _ITEM.unpack(packed)
+        head = (0, 0, first + place, frame, command, current, goes_on)
+        items.append(
+            m.MAVLink_mission_item_int_message(*head, one, two, three, four, x, y, z, int(mission_type))
+        )
+    return PackedPlan(tuple(items), first if in_part else None)
+
+
+# The other files of @SYS are about threads, memory, ports and storage of a board, which there is not.
+_TASKS_PATH = "@SYS/tasks.txt"
+
+
+def vehicle_files(
+    profile: MavlinkProfile, parameters: ParameterSet, logs: FlightLogs, plans: PlanReceiver
+) -> FileTree:
+    """Return the tree of a vehicle; what takes time is made when it is first read."""
+    made: dict[str, MadeFile] = {}
+    taken: dict[str, TakenFile] = {}
+    if profile.packed_parameters:
+        made["@PARAM/param.pck"] = partial(packed, parameters)
+        taken["@PARAM/param.pck"] = partial(_take_parameters, parameters)
+    if profile.component_metadata is not None:
+        for path in (GENERAL_PATH, PARAMETERS_PATH):
+            made[path] = _read_only(parameters, profile.component_metadata, path)
+    if profile.packed_plans:
+        for mission_type, path in PLAN_PATHS.items():
+            made[path] = partial(_packed_plan, plans, mission_type)
+            taken[path] = partial(_take_plan, plans, mission_type)
+    if profile.system_files:
+        made[_TASKS_PATH] = _task_info
+    behaviour = profile.logs
+    return FileTree(
+        ("/", behaviour.directory),
+        made=made,
+        mounted={behaviour.directory: lambda: logs.files(by_date=behaviour.by_date)},
+        taken=taken,
+    )
+
+
+def _task_info(query: str, _read_size: int) -> bytes | None:
+    """The statistics of a scheduler that runs no tasks: ArduPilot's header (``AP_Scheduler.cpp``) alone."""
+    return None if query else b"TasksV2\n"
+
+
+def _take_parameters(parameters: ParameterSet, data: bytes) -> bool:
+    values = unpacked(data)
+    for name, value in values or ():
+        parameters.change(name, value)
+    return values is not None
+
+
+def _packed_plan(plans: PlanReceiver, mission_type: MissionType, query: str, _read_size: int) -> bytes | None:
+    return None if query else pack_plan(mission_type, plans.server.items_on_wire(mission_type))
+
+
+def _take_plan(plans: PlanReceiver, mission_type: MissionType, data: bytes) -> bool:
+    plan = unpack_plan(data, mission_type)
+    return plan is not None and plans.take_plan(mission_type, plan.items, plan.start)
+
+
+def general_metadata(parameters: ParameterSet, details: Details) -> bytes:
+    """Return the file that COMPONENT_METADATA names."""
+    return _files(parameters, details)[GENERAL_PATH]
+
+
+def _read_only(parameters: ParameterSet, details: Details, path: str) -> Callable[[str, int], bytes | None]:
+    return lambda query, _read_size: None if query else _files(parameters, details)[path]
+
+
+def _files(parameters: ParameterSet, details: Details) -> dict[str, bytes]:
+    defaults = tuple(parameters.default(parameter.name) for parameter in parameters.table)
+    return _metadata(parameters.table, defaults, details)

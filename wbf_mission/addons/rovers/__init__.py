@@ -1,0 +1,1 @@
+"""Rovers under PX4 and ArduPilot's Rover."""

@@ -1,0 +1,176 @@
+"""A ground vehicle as a motion model: the compiled kernel with its state, route and energy."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from sim_vehicle.energy.battery import WH_J
+from sim_vehicle.motion.columns import State, record_of, row_of
+from sim_vehicle.motion.compiled_motion import CompiledMotion, Dynamics
+from sim_vehicle.motion.legs import KEEP, LegKind
+from wbf_mission.addons.rovers.motion import layout as wheels
+from wbf_mission.addons.rovers.motion.kernel import advance
+from wbf_mission.addons.rovers.motion.layout import Leg, Wheels
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from numpy.typing import NDArray
+
+    from sim_vehicle.airframe.spec import VehicleSpec
+    from sim_vehicle.motion.legs import Heading, Position, Route
+    from sim_vehicle.weather.wind import Wind
+    from wbf_mission.addons.rovers.motion.layout import RoverLimits
+
+NOT_DRIVEN = (LegKind.TAKEOFF, LegKind.CLIMB, LegKind.DESCEND)
+"""Legs that mean nothing on the ground."""
+
+
+class Rover(CompiledMotion):
+    """A vehicle on wheels that drives routes; heights mean nothing to it.
+
+    Parameters
+    ----------
+    limits_of : callable
+        What the autopilot makes of a vehicle's parameters.
+    wind : Wind, optional
+        Counts only in the power.
+    yaw_rad : float
+        Heading at the start.
+    """
+
+    dynamics = Dynamics(advance, wheels.STATE, wheels.LIMITS)
+    _state_size = len(State) + len(Wheels)
+    _energy_limit = wheels.ENERGY_LIMIT
+
+    def __init__(
+        self,
+        spec: VehicleSpec,
+        limits_of: Callable[[VehicleSpec], RoverLimits],
+        wind: Wind | None = None,
+        yaw_rad: float = 0.0,
+    ) -> None:
+        self._limits_of = limits_of
+        self.law = limits_of(spec)
+        super().__init__(spec, wind, yaw_rad)
+        self.state[Wheels.PAUSE_END] = math.inf
+
+    def attitude(self) -> tuple[float, float, float, float]:
+        """Return roll and pitch, which are none, speed in place of an airspeed, and throttle."""
+        return 0.0, 0.0, float(self.state[Wheels.SPEED]), float(self.state[Wheels.THROTTLE])
+
+    def place_in_flight(self, position_m: Position, velocity_m_s: Position, heading_rad: float) -> None:
+        """Be under way at time 0, with nothing used yet, as if it had driven there."""
+        super().place_in_flight(position_m, velocity_m_s, heading_rad)
+        self.state[Wheels.SPEED : Wheels.PIVOTING + 1] = 0.0
+        self.state[Wheels.YAW_ASKED :] = 0.0
+        self.state[Wheels.SPEED] = self.state[Wheels.SPEED_ASKED] = math.hypot(*velocity_m_s[:2])
+        self.state[Wheels.YAW_ASKED] = self.state[State.HEADING]
+        self.state[Wheels.PAUSE_END] = math.inf
+
+    def fly(self, route: Route) -> None:
+        """Begin a route, from where the vehicle is and as it moves now."""
+        law = self.law
+        legs, n = route.legs, len(route.legs)
+        rows = np.zeros((n, len(Leg)))
+        rows[:, : Leg.KIND] = route.points_m[:, :2]
+        speed = np.where(np.isnan(legs["speed"]), self.spec.cruise_speed_m_s, legs["speed"])
+        rows[:, Leg.SPEED] = np.clip(speed, 0.1, law.speed_max)
+        rows[:, Leg.NEAR] = legs["near"]
+        rows[:, Leg.PAUSE] = legs["pause"]
+        x, y = self.state[State.POSITION_X : State.POSITION_Z].tolist()
+        for i in range(n):
+            radius = float(legs["radius"][i])
+            stops = i == n - 1 or radius <= 0.0 or legs["pause"][i] > 0.0
+            rows[i, Leg.KIND] = wheels.STOP if stops else wheels.THROUGH
+            # Neither autopilot takes the radius of an item on wheels.
+            rows[i, Leg.RADIUS] = law.acceptance
+            if int(legs["kind"][i]) in NOT_DRIVEN:
+                rows[i, Leg.KIND] = wheels.AT_ONCE
+                rows[i, : Leg.KIND] = x, y
+            x, y = rows[i, : Leg.KIND].tolist()
+        self._corners(rows)
+        self._route = rows.view(wheels.LEG)[:, 0]
+        self._begin()
+
+    def _corners(self, rows: NDArray[np.float64]) -> None:
+        """Find the radius and the speed of each corner, and of those before it that have to brake for it."""
+        law = self.law
+        ends = np.vstack([self.state[None, State.POSITION_X : State.POSITION_Z], rows[:, : Leg.KIND]])
+        ways = np.diff(ends, axis=0)
+        lengths = np.hypot(ways[:, 0], ways[:, 1])
+        leave = 0.0
+        for i in range(len(rows) - 1, -1, -1):
+            row = rows[i]
+            if row[Leg.KIND] != wheels.THROUGH:
+                leave = float(row[Leg.SPEED]) if row[Leg.KIND] == wheels.AT_ONCE else 0.0
+                row[Leg.END_SPEED] = leave
+                continue
+            turn = 0.0
+            if lengths[i] > 1e-3 and lengths[i + 1] > 1e-3:
+                (ax, ay), (bx, by) = ways[i].tolist(), ways[i + 1].tolist()
+                turn = abs(math.atan2(ax * by - ay * bx, ax * bx + ay * by))
+            tangent = math.tan(0.5 * min(turn, 0.9 * math.pi))
+            if law.corner_gain > 0.0 and law.turn_radius > 0.0:
+                needed = law.corner_gain * law.turn_radius * tangent
+                row[Leg.RADIUS] = max(row[Leg.RADIUS], min(needed, law.corner_max))
+            speed = float(rows[i + 1, Leg.SPEED])
+            if law.corner_slows >= 0.0:
+                slowed = law.corner_most * (1.0 - min(law.corner_slows * turn / math.pi, 1.0))
+                speed = min(max(slowed, law.corner_least), float(row[Leg.SPEED]))
+            elif turn > 1e-3:
+                bend = max(float(row[Leg.RADIUS]) / max(tangent, 1e-6), law.turn_radius, 0.1)
+                speed = min(speed, math.sqrt(law.lateral * bend), law.turn_rate * bend)
+            if 0.0 < law.pivot_begin < turn:
+                speed = 0.0
+            reach = math.sqrt(leave * leave + 2.0 * law.deceleration * float(lengths[i + 1]))
+            leave = min(speed, reach, float(row[Leg.SPEED]))
+            row[Leg.END_SPEED] = leave
+
+    def steer(self, velocity_m_s: Position, *, height_m: float = math.nan, heading: Heading = KEEP) -> None:
+        """Drive at a velocity, or stop; an order to go down stops it for good."""
+        east, north, up = velocity_m_s
+        speed = math.hypot(east, north)
+        row = np.zeros((1, len(Leg)))
+        row[0, : Leg.KIND] = self.state[State.POSITION_X : State.POSITION_Z]
+        row[0, Leg.KIND] = wheels.BRAKE if up < 0.0 and speed == 0.0 else wheels.VELOCITY
+        row[0, Leg.SPEED] = min(speed, self.law.speed_max)
+        row[0, Leg.HEADING] = math.atan2(east, north) if speed > 0.0 else self.state[State.HEADING]
+        self._route = row.view(wheels.LEG)[:, 0]
+        self._begin()
+
+    def stopping_point(self) -> Position:
+        """Return the position of rest if it brakes now."""
+        x, y = self.state[State.POSITION_X : State.POSITION_Z].tolist()
+        speed, yaw = float(self.state[Wheels.SPEED]), float(self.state[State.HEADING])
+        distance = 0.5 * speed * speed / self.law.deceleration
+        return x + distance * math.sin(yaw), y + distance * math.cos(yaw), 0.0
+
+    def lose_power(self) -> None:
+        """Stop: without power it cannot go anywhere."""
+        record_of(self._limits, wheels.LIMITS).speed_max = 1e-3
+
+    def update_spec(self, spec: VehicleSpec) -> None:
+        """Take other defaults and limits; they hold from the next route on."""
+        self.law = self._limits_of(spec)
+        super().update_spec(spec)
+
+    def touch_down(self) -> None:
+        """Stand still."""
+        super().touch_down()
+        self.state[Wheels.SPEED : Wheels.PIVOTING + 1] = 0.0
+        self.state[Wheels.YAW_ASKED :] = 0.0
+
+    def _numbers(self, spec: VehicleSpec) -> NDArray[np.float64]:
+        """Return the limits in the order of the kernel."""
+        law = self.law
+        values = {
+            "step_s": spec.step_s,
+            "energy_limit": math.inf if spec.battery is None else spec.battery.capacity_wh * WH_J,
+            **{name: getattr(law, name) for name in wheels.OF_ROVER},
+            **law.simulated,
+        }
+        return row_of(wheels.LIMITS, values)

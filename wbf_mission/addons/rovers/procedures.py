@@ -1,0 +1,48 @@
+"""The part of a drive that the autopilot of a rover decides: motion, return, stop."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from typing import TYPE_CHECKING
+
+from sim_vehicle.autopilot.procedures import FlightProcedures
+from sim_vehicle.motion.legs import Leg, LegKind
+
+if TYPE_CHECKING:
+    from sim_vehicle.airframe.spec import VehicleSpec
+    from sim_vehicle.motion.legs import Heading, Position
+    from sim_vehicle.motion.model import MotionModel
+    from sim_vehicle.weather.wind import Wind
+    from wbf_mission.addons.rovers.motion.layout import RoverLimits
+
+__all__ = ["RoverProcedures"]
+
+
+class RoverProcedures(FlightProcedures):
+    """Procedures of a firmware for rovers: the compiled motion; they drive straight and stop."""
+
+    @abstractmethod
+    def limits(self, spec: VehicleSpec) -> RoverLimits:
+        """Limits of a vehicle's driving."""
+
+    def motion(self, spec: VehicleSpec, wind: Wind | None, yaw_rad: float) -> MotionModel:
+        """Motion of a vehicle that stands at home."""
+        from wbf_mission.addons.rovers.motion.model import Rover
+
+        return Rover(spec, self.limits, wind, yaw_rad)
+
+    def takeoff_legs(
+        self, spec: VehicleSpec, here: Position, target: Position, speed: float, heading: Heading
+    ) -> list[Leg]:
+        """A leg that is done at once: there is nothing to take off."""
+        return [Leg((here[0], here[1], 0.0), speed, kind=LegKind.TAKEOFF)]
+
+    def landing_legs(self, spec: VehicleSpec, above: Position, last: Position, speed: float) -> list[Leg]:
+        """Route to the position, where it stops."""
+        return [Leg((above[0], above[1], 0.0), speed, kind=LegKind.HOME)]
+
+    def return_legs(
+        self, spec: VehicleSpec, last: Position, speed: float, return_point: Position
+    ) -> list[Leg]:
+        """Route home, where it stops."""
+        return self.landing_legs(spec, return_point, last, speed)

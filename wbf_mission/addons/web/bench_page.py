@@ -1,0 +1,113 @@
+"""A benchmark's report as one HTML file: a table to sort and filter, whose rows open to the scores by seed.
+
+Without scripts the same tables are there, unsorted.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from html import escape
+from pathlib import Path
+
+from geo.atomic import atomic_write
+from wbf_mission.addons.web.document import document
+from wbf_mission.bench.environments import Scored, scored
+from wbf_mission.bench.page import Page, Picture, Table
+from wbf_mission.bench.report import SCORES, standing_table
+from wbf_mission.bench.rows import KEY_DIGITS, BenchRow
+from wbf_mission.bench.standings import standings_of
+from wbf_mission.bench.versions import apart
+from wbf_mission.maps.html_page import data_element, data_uri
+
+_NAMES = 3
+_OF_TEXTS = 2
+_EXACT = 2**53
+_NUMBER = re.compile(r"[+-]?\d|-$")
+# A name breaks behind these signs only, and where it has none for long.
+_PIECE = re.compile(r"[^\s/:,=-]{1,24}[/:,=-]*|[/:,=-]+|\s+")
+
+
+def write_bench_page(path: Path, page: Page, folder: Path, rows: Sequence[BenchRow] = ()) -> None:
+    """Write a page as one HTML file: a `wbf_mission.cli.pages.BenchPage`.
+
+    Pictures of `folder` are in it, but a PDF is linked. `rows` make one table of all standings, in place of
+    those of the sections.
+    """
+    groups = list(scored(apart(rows)))
+    found = [(group, standings_of(group)) for group in groups]
+    every = [one for _, own in found for one in own]
+    body = "\n".join(_body(page, folder, standing_table("All standings", every, whole=True)))
+    seeds = [_seeds(group, one.planner, one.estimator) for group, own in found for one in own]
+    data = data_element("seeds", seeds) if seeds else ""
+    with atomic_write(path) as file:
+        file.write(document(page.title, body, "bench", data))
+
+
+def _seeds(group: Scored, planner: str, estimator: str) -> list[tuple[int | str, float, float, str, str]]:
+    """Return seed, both scores, what failed and how the key begins, of a pair where it counts."""
+    k = group.pairs.index((planner, estimator))
+    scores, ends = group.scores[k].tolist(), group.final_scores[k].tolist()
+    failed = [row.error or "" for row in group.rows[k]]
+    # A number of JavaScript does not hold all digits of a seed of 64 bits.
+    seeds = [seed if seed < _EXACT else str(seed) for seed in group.seeds]
+    keys = [row.key[:KEY_DIGITS] for row in group.rows[k]]
+    return list(zip(seeds, scores, ends, failed, keys, strict=True))
+
+
+def _body(page: Page, folder: Path, whole: Table) -> Iterator[str]:
+    yield f'<main class="document"><h1>{escape(page.title)}</h1>\n<p>{escape(page.about)}</p>'
+    if whole.rows:
+        yield f"<h2>{escape(whole.title)}</h2>"
+        yield from _table(replace(whole, texts=_NAMES), whole.title, name="standings")
+    for section in page.sections:
+        yield f"<h2>{escape(section.title)}</h2>"
+        for picture in section.pictures:
+            yield _picture(picture, folder)
+        if section.text:
+            yield f"<p>{escape(section.text)}</p>"
+        for one in section.listings:
+            yield f'<h3>{escape(one.title)}</h3><pre tabindex="0">{escape(one.lines)}</pre>'
+        for table in section.tables:
+            if not (whole.rows and table.title == SCORES):
+                yield f"<h3>{escape(table.title)}</h3>"
+                yield from _table(table, f"{section.title}: {table.title}")
+    yield "</main>"
+
+
+def _picture(picture: Picture, folder: Path) -> str:
+    shows = escape(picture.shows)
+    if Path(picture.file).suffix == ".pdf":
+        return f'<p><a href="{escape(picture.file)}">{shows} (PDF)</a></p>'
+    return f'<p><img src="{data_uri((folder / picture.file).read_bytes())}" alt="{shows}"></p>'
+
+
+def _table(table: Table, label: str, *, name: str = "") -> Iterator[str]:
+    """Write a table, which scrolls if it is wide; its first columns are names, of two both hold text."""
+    names = len(table.header) if len(table.header) == _OF_TEXTS else table.texts
+
+    def cells(row: Sequence[str], tag: str) -> str:
+        # A planner may stand in a column of numbers, too.
+        texts = [
+            _numbers(one) if k >= names and _NUMBER.match(one) else _name(one) for k, one in enumerate(row)
+        ]
+        kinds = [' class="text"' if k < names else "" for k in range(len(row))]
+        made = (f"<{tag}{kind}>{text}</{tag}>" for kind, text in zip(kinds, texts, strict=True))
+        return f"<tr>{''.join(made)}</tr>"
+
+    own = f' id="{name}"' if name else ""
+    yield f'<div class="wide" tabindex="0" role="region" aria-label="{escape(label)}"><table{own}>'
+    yield from ("<thead>", cells(table.header, "th"), "</thead><tbody>")
+    yield from (cells(row, "td") for row in table.rows)
+    yield "</tbody></table></div>"
+
+
+def _name(text: str) -> str:
+    """Return a name or words with the places where they may break."""
+    return "<wbr>".join(map(escape, _PIECE.findall(text)))
+
+
+def _numbers(text: str) -> str:
+    """Return numbers; an interval stands in one line, unless it follows its mean."""
+    return escape(text).replace(" to ", " to&nbsp;" if "(" in text else "&nbsp;to&nbsp;")

@@ -1,0 +1,363 @@
+"""What somebody draws and chooses in the studio, made a scenario, planned and checked; the newest counts."""
+
+from __future__ import annotations
+
+import hashlib
+import re
+import tempfile
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from functools import lru_cache, partial
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from geo import Farm, load_farm, save_farm
+from geo.errors import FarmError, WbfMissionError
+from geo.farm_file import FARM_SUFFIXES
+from geo.farms import get_farm
+from geo.geojson import MAX_FILE_BYTES
+from geo.named import parse_named
+from geo.texts import one_line
+from mission.files import Firmware, fitted, mission_formats, write_mission
+from sensors.camera.optics import camera_names
+from sensors.field_files import field_names
+from wbf_mission.addons.web.newest import NewestOnly
+from wbf_mission.planning import PlanResult
+from wbf_mission.planning.batteries import batteries_in, plan_for_batteries
+from wbf_mission.planning.builder import coverage_together
+from wbf_mission.planning.fleet import SingleVehicle, single_vehicles
+from wbf_mission.planning.plan import plan_fleet
+from wbf_mission.planning.sorties import SortiePlan, is_too_long, sorties_of
+from wbf_mission.preflight.finding import Finding, Report
+from wbf_mission.preflight.run import check_plan
+from wbf_mission.progress import Progress
+from wbf_mission.scenario import Scenario, scenario_with
+from wbf_mission.scenario.choice import names_of
+from wbf_mission.scenario.option import Option
+from wbf_mission.scenario.scenario import all_options
+
+MAX_BODY_BYTES = MAX_FILE_BYTES
+_KEPT = 8
+"""So many plans and farms are kept: what was just undone is there again at once."""
+_DRAWN = "farm.geojson"
+"""The file of a farm that is drawn, of which nobody knows."""
+_LONGEST_NAME = 60
+_FIXED = ("farm", "farm_crs", "crop", "repair", "mission", "terrain", "days", "flights_per_day")
+"""Options that are no part of a draft: its farm is drawn, and files are not named from a page."""
+
+
+class DraftError(WbfMissionError, ValueError):
+    """A draft that cannot be read, or asks for what a page must not."""
+
+
+class _Body(msgspec.Struct, forbid_unknown_fields=True):
+    """A draft as the page sends it: a farm's name or its GeoJSON, and options of a scenario by their keys."""
+
+    farm: msgspec.Raw
+    options: dict[str, Any] = {}
+
+
+class _Named(msgspec.Struct):
+    """What messages call a farm that is drawn."""
+
+    name: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Draft:
+    """A farm and a scenario."""
+
+    key: str
+    scenario: Scenario = field(compare=False)
+    farm: Farm = field(compare=False)
+
+
+@dataclass(frozen=True, slots=True)
+class PlannedMission:
+    """What one vehicle flies in one sortie, checked."""
+
+    name: str  # Which of several it is; empty where it is the only one
+    system_id: int
+    plan: PlanResult
+    report: Report
+
+    def place_of(self, finding: Finding) -> tuple[float, float] | None:
+        """Return where on the farm a finding is, metres of its frame; None for one of the plan as a whole."""
+        if finding.item is None:
+            return None
+        farm, mission = self.plan.farm, self.plan.mission
+        items = {"fence": mission.fence, "rally": mission.rally}.get(finding.plan, mission.items)
+        before = [one for one in items[: finding.item] if one.has_position and (one.x or one.y)]
+        if not before:
+            return farm.home_m
+        x, y = farm.frame.from_wgs84(before[-1].x, before[-1].y)
+        return float(x), float(y)
+
+
+@dataclass(frozen=True, slots=True)
+class PlannedDraft:
+    """A draft with its missions: one for each vehicle, or for each of its sorties."""
+
+    draft: Draft
+    results: tuple[PlanResult, ...]  # Of each vehicle
+    cuts: tuple[SortiePlan | None, ...]  # Its sorties, where a battery is not enough
+    vehicles: tuple[SingleVehicle, ...]
+    missions: tuple[PlannedMission, ...]
+    coverage: float  # What all of them show together of the land to be seen
+    plan_s: float  # What planning took
+    check_s: float  # What the preflight check took
+
+    def mission(self, number: int) -> PlannedMission:
+        """Return a mission, counted from 0; DraftError if there is none."""
+        if not 0 <= number < len(self.missions):
+            raise DraftError(f"mission {number}: there are {len(self.missions)}, counted from 0")
+        return self.missions[number]
+
+    @property
+    def decider(self) -> str:
+        """What planned it, a planner or a policy, with its parameters."""
+        mission = self.draft.scenario.mission
+        return str(mission.policy or mission.planner)
+
+    @property
+    def surveys(self) -> bool:
+        """Whether it is planned for a camera by sensor and lens, which flights do not simulate."""
+        return self.draft.scenario.camera.model is not None
+
+    @property
+    def not_flown(self) -> str:
+        """Why the simulator cannot fly it; empty if it can."""
+        mission = self.draft.scenario.mission
+        if self.surveys and mission.policy is not None:
+            return (
+                f"the policy {mission.policy} decides by the leaf camera: fly a planner with a survey camera"
+            )
+        if self.surveys and len(self.vehicles) > 1:
+            return "with a survey camera the simulator flies one vehicle: plan for one, or save the files"
+        return ""
+
+    def flown(self, folder: Path) -> Scenario:
+        """Return the scenario that flies what was planned; DraftError if there is none.
+
+        A number of batteries and a survey camera are only planned for: the mission with its images is flown.
+        """
+        scenario = self.draft.scenario
+        if self.not_flown:
+            raise DraftError(self.not_flown)
+        if batteries_in(scenario.mission.budget) is None and not self.surveys:
+            return scenario
+        path = folder / f"{hashlib.sha256(self.draft.key.encode()).hexdigest()[:32]}.plan"
+        whole = self.results[0]
+        write_mission(whole.mission, path, firmware=Firmware(whole.mav_autopilot))
+        leaf = replace(scenario.camera, model=None)
+        return scenario_with(replace(without_budget(scenario), camera=leaf), {"mission": str(path)})
+
+    def file(self, number: int, suffix: str, folder: Path) -> tuple[str, bytes]:
+        """Return name and content of a mission's file; WbfMissionError if no such file can hold it."""
+        mission = self.mission(number)
+        plan, planner = mission.plan, str(mission.plan.planner).partition(":")[0]
+        words = re.findall(r"\w+", f"{plan.farm.name} {planner} {mission.name}")
+        name = f"{'-'.join(words).lower()[:80]}{suffix}"
+        if suffix not in written_suffixes():
+            raise DraftError(f"format {suffix!r:.40} is not known: choose one of those of the studio")
+        with tempfile.TemporaryDirectory(dir=folder) as own:
+            path = Path(own) / name
+            write_mission(fitted(plan.mission, path), path, firmware=Firmware(plan.mav_autopilot))
+            return name, path.read_bytes()
+
+
+class Drafts:
+    """Farms and plans of a studio, kept by what is in them; its files are in a folder of its own.
+
+    Unlike a draft, the scenario `start` may name files.
+    """
+
+    def __init__(self, start: Scenario) -> None:
+        self.start = start
+        self._own = tempfile.TemporaryDirectory(prefix="wbf-mission-studio-")
+        self.folder = Path(self._own.name)
+        self._farm = lru_cache(_KEPT)(self._load_farm)
+        self._planned = lru_cache(_KEPT)(self._plan)
+        self._planning = NewestOnly[PlannedDraft]()
+
+    def close(self) -> None:
+        """Give up what is planned, and remove the files."""
+        self.stop()
+        self._own.cleanup()
+
+    def farm_of_file(self, content: bytes, name: str, **how: Any) -> tuple[Farm, bytes]:
+        """Return the farm of a file's content, and its GeoJSON; FarmError, naming the feature, if bad.
+
+        Without a name it is one that is drawn. `how` it is loaded is as of `geo.load_farm`.
+        """
+        drawn, name = not name, name or _DRAWN
+        suffix = Path(name).suffix.lower()
+        if suffix not in FARM_SUFFIXES:
+            raise FarmError(f"{name!r:.80} is no farm file: give one of {', '.join(FARM_SUFFIXES)}")
+        stem = re.sub(r"[^\w .-]", "_", Path(name).stem)[:60].strip(" .") or "farm"
+        with tempfile.TemporaryDirectory(dir=self.folder) as own:
+            path = Path(own) / f"{stem}{suffix}"
+            path.write_bytes(content)
+            farm = self._loaded(path, drawn=drawn, **how)
+        return farm, self.document(farm)
+
+    def document(self, farm: Farm) -> bytes:
+        """Return a farm's GeoJSON, as ``wbf-mission farm save`` writes it."""
+        with tempfile.TemporaryDirectory(dir=self.folder) as own:
+            path = Path(own) / "farm.geojson"
+            save_farm(farm, path)
+            return path.read_bytes()
+
+    def farm_named(self, name: str) -> Farm:
+        """Return a built-in farm, or that of the beginning; WbfMissionError if it is none of these."""
+        return self.draft(msgspec.json.encode({"farm": name})).farm
+
+    def draft(self, body: bytes) -> Draft:
+        """Read a draft; WbfMissionError, in a line, if something in it cannot be used."""
+        try:
+            given = msgspec.json.decode(body, type=_Body)
+            farm: Any = msgspec.json.decode(given.farm)
+        except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
+            raise DraftError(f"the draft cannot be read: {error}") from None
+        options = {key: self._option(key, one) for key, one in given.options.items() if one not in (None, "")}
+        if isinstance(farm, str):
+            first = self.start.farm
+            if farm != first.name:
+                self._check_name("farm", farm)
+            how = {"crop": first.crop, "farm_crs": first.crs, "repair": first.repair}
+            options |= {"farm": farm, **(how if farm == first.name else {})}
+        else:
+            content = bytes(given.farm)
+            folder = self.folder / hashlib.sha256(content).hexdigest()[:32]
+            folder.mkdir(exist_ok=True)
+            path = folder / _DRAWN
+            if not path.exists():
+                path.write_bytes(content)
+            options["farm"] = str(path)
+        scenario = Scenario(**options)
+        key = msgspec.json.encode(scenario.to_dict(), order="deterministic").decode()
+        of = scenario.farm
+        return Draft(key, scenario, self._farm(of.name, of.crop, of.crs, of.repair))
+
+    def plan(self, draft: Draft) -> PlannedDraft:
+        """Plan and check a draft, unless that is kept; SupersededError, and errors as of `planned`."""
+        return self._planned(draft)
+
+    def stop(self) -> None:
+        """Give up what is planned now."""
+        self._planning.stop()
+
+    def _plan(self, draft: Draft) -> PlannedDraft:
+        return self._planning.do(draft.key, partial(planned, draft))
+
+    def _load_farm(self, name: str, crop: str | None, crs: str | None, repair: bool) -> Farm:
+        own = Path(name)
+        if own.is_relative_to(self.folder):
+            return self._loaded(own, drawn=True)
+        return get_farm(name, crop=crop, crs=crs, repair=repair)
+
+    def _loaded(self, path: Path, *, drawn: bool, **how: Any) -> Farm:
+        try:
+            return load_farm(path, **how)
+        except FarmError as error:
+            told = str(error)
+            if drawn:
+                told = told.replace(f"farm file {path}", _called(path.read_bytes()))
+            raise FarmError(told.replace(str(path), path.name)) from None
+
+    def _option(self, key: str, given: Any) -> Any:
+        found = all_options().get(key)
+        if found is None or key in _FIXED:
+            raise DraftError(f"{key!r:.60} is no option of a draft")
+        one = found[2]
+        if one.kind or key in NAMED:
+            if given == str(self.start[key]):
+                return self.start[key]  # Which may be an object, of a file of the user's
+            self._check_name(key, given)
+        return one.read(given) if one.read is not None and isinstance(given, str) else given
+
+    def _check_name(self, key: str, given: Any) -> None:
+        """Refuse what is no name: files hold code, and a page must not name one."""
+        if not isinstance(given, str):
+            raise DraftError(f"{key}: {given!r:.60} is no text")
+        known = known_names(key)
+        one_name = all_options()[key][2].kind in ("planner", "policy", "estimator")
+        for text in [parse_named(given)[0]] if one_name else given.split(","):
+            if text.strip().lower() not in known:
+                raise DraftError(f"{key} {text.strip()!r:.60}: the studio knows {', '.join(known)}")
+
+
+NAMED: Mapping[str, Callable[[], tuple[str, ...]]] = {
+    "fields": field_names,
+    "camera_fields": field_names,
+    "camera_model": camera_names,
+}
+"""Options that name something else than what `Option.kind` tells of."""
+
+
+def known_names(key: str) -> tuple[str, ...]:
+    """Return the names that an option may have, in lower case."""
+    names = NAMED[key]() if key in NAMED else names_of(all_options()[key][2].kind)
+    return tuple(name.lower() for name in names)
+
+
+def draft_options() -> dict[str, Option]:
+    """Return the options of a draft by their keys, in the order of their parts."""
+    return {key: one for key, (_, _, one) in all_options().items() if key not in _FIXED}
+
+
+def drawn_farm(body: bytes) -> bytes:
+    """Return the farm of a draft that was read, as the page sent it."""
+    return bytes(msgspec.json.decode(body, type=_Body).farm)
+
+
+def planned(draft: Draft, progress: Progress) -> PlannedDraft:
+    """Plan a draft, in sorties where a battery is not enough, and check it; errors as of `plan_fleet`."""
+    begun_s = time.perf_counter()
+    scenario, vehicles = draft.scenario, single_vehicles(draft.scenario)
+
+    def cut(plan: PlanResult, one: SingleVehicle = vehicles[0]) -> SortiePlan | None:
+        return sorties_of(plan, one) if is_too_long(plan) else None
+
+    results: tuple[PlanResult, ...]
+    batteries = batteries_in(scenario.mission.budget)
+    if batteries is None:
+        results = plan_fleet(scenario, farm=draft.farm, progress=progress)
+        cuts = tuple(cut(plan, one) for plan, one in zip(results, vehicles, strict=True))
+    else:
+        whole, sorties = plan_for_batteries(without_budget(scenario), batteries, cut)
+        results, cuts = (whole,), (sorties,)
+    planned_s, missions = time.perf_counter(), []
+    coverage = coverage_together(results, scenario.camera.footprint)
+    for number, (result, pieces, one) in enumerate(zip(results, cuts, vehicles, strict=True), start=1):
+        plans = (result,) if pieces is None else pieces.plans
+        for sortie, plan in enumerate(plans, start=1):
+            which = [f"vehicle {number}"] * (len(results) > 1) + [f"sortie {sortie}"] * (len(plans) > 1)
+            progress("checking", sortie, len(plans))
+            missions.append(PlannedMission(", ".join(which), number, plan, check_plan(plan, one, coverage)))
+    ended_s = time.perf_counter()
+    return PlannedDraft(
+        draft, results, cuts, vehicles, tuple(missions), coverage, planned_s - begun_s, ended_s - planned_s
+    )
+
+
+def _called(document: bytes) -> str:
+    """Return what messages call a farm that is drawn."""
+    try:
+        name = one_line(msgspec.json.decode(document, type=_Named).name, _LONGEST_NAME)
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
+        name = ""
+    return f"farm {name!r}" if name else "the farm"
+
+
+def written_suffixes() -> dict[str, str]:
+    """Return the names of the formats in which missions are written by the usual endings of their files."""
+    return {one.suffixes[0]: one.name for one in mission_formats() if one.dumps}
+
+
+def without_budget(scenario: Scenario) -> Scenario:
+    """Return a scenario whose budget is that of the battery."""
+    return replace(scenario, mission=replace(scenario.mission, budget=None))

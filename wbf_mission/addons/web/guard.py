@@ -1,0 +1,131 @@
+"""Who may ask the page's server: requests of other web sites are refused, and what is served is fenced in.
+
+A page elsewhere can make a browser ask this server, too. So the name by which it is asked must be this
+machine's, not a domain of somebody else's that leads here; what changes or streams something must be asked by
+a page of this server; and where it listens beyond this machine, a browser must have been given the token.
+"""
+
+from __future__ import annotations
+
+import ipaddress
+import secrets
+import socket
+from http.cookies import CookieError, SimpleCookie
+from urllib.parse import urlsplit
+
+from starlette.datastructures import Headers, MutableHeaders
+from starlette.responses import PlainTextResponse, RedirectResponse, Response
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+HEADERS = {
+    "Content-Security-Policy": (
+        "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data: blob:; "
+        "connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+    ),
+    "X-Content-Type-Options": "nosniff",
+    "Referrer-Policy": "no-referrer",
+    "Cross-Origin-Resource-Policy": "same-origin",
+}
+_COOKIE = "wbf-mission"
+_READS = ("GET", "HEAD")
+
+
+class Guard:
+    """Lets requests through to an application: by one of this machine's names, and with the token if any."""
+
+    def __init__(self, app: ASGIApp, names: tuple[str, ...] = (), token: str | None = None) -> None:
+        self._app, self._token = app, token
+        self._names = frozenset(name.lower() for name in ("localhost", *names))
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Ask the application, or answer why not."""
+        refused = self._refused(scope)
+        if refused is None:
+            await self._app(scope, receive, _with_headers(send))
+        elif scope["type"] == "websocket":
+            await send({"type": "websocket.close", "code": 1008})  # Before it is accepted: the answer is 403
+        else:
+            await refused(scope, receive, _with_headers(send))
+
+    def _refused(self, scope: Scope) -> Response | None:
+        headers = Headers(scope=scope)
+        asked, reads = headers.get("host", ""), scope["type"] == "http" and scope["method"] in _READS
+        if len(headers.getlist("host")) != 1 or not self._is_here(asked):
+            return PlainTextResponse("this is no name of this machine", 421)
+        origin = headers.get("origin")
+        if origin is None and not reads:
+            return PlainTextResponse("only a page of this server may ask that", 403)
+        if origin is not None and origin.lower().partition("://")[2] != asked.lower():
+            return PlainTextResponse("another web site must not ask that", 403)
+        return self._without_token(scope, headers, asked)
+
+    def _is_here(self, asked: str) -> bool:
+        """Return whether a name and port are this machine's; an address is, as no domain leads here by it."""
+        try:
+            split = urlsplit(f"//{asked}")
+            name, _ = split.hostname or "", split.port  # A port that is none is refused, too
+        except ValueError:
+            return False
+        try:
+            ipaddress.ip_address(name)
+        except ValueError:
+            return name in self._names
+        return True
+
+    def _without_token(self, scope: Scope, headers: Headers, asked: str) -> Response | None:
+        """Return why a request without the token is refused; one with it in the address is led on."""
+        if self._token is None:
+            return None
+        # Cookies do not tell ports apart: that of another server on this machine is another one.
+        cookie = f"{_COOKIE}-{urlsplit(f'//{asked}').port or 80}"
+        if self._is_token(_cookie(headers, cookie)):
+            return None
+        scheme, _, bearer = headers.get("authorization", "").partition(" ")
+        if scheme.lower() == "bearer" and self._is_token(bearer):
+            return None
+        _, _, given = scope.get("query_string", b"").decode("latin-1").partition("token=")
+        if scope["type"] == "http" and scope["method"] == "GET" and self._is_token(given):
+            response = RedirectResponse("/" + scope["path"].lstrip("/"), 303)
+            response.set_cookie(cookie, self._token, httponly=True, samesite="lax", path="/")
+            return response
+        return PlainTextResponse("open the address that wbf-mission printed: it has a token", 401)
+
+    def _is_token(self, given: str) -> bool:
+        return self._token is not None and secrets.compare_digest(given.encode(), self._token.encode())
+
+
+def _with_headers(send: Send) -> Send:
+    async def sending(message: Message) -> None:
+        if message["type"] == "http.response.start":
+            headers = MutableHeaders(scope=message)
+            for name, value in HEADERS.items():
+                headers[name] = value
+            headers.setdefault("Cache-Control", "no-store")
+        await send(message)
+
+    return sending
+
+
+def _cookie(headers: Headers, name: str) -> str:
+    try:
+        found = SimpleCookie(headers.get("cookie", "")).get(name)
+    except CookieError:
+        return ""
+    return "" if found is None else found.value
+
+
+def is_loopback(host: str) -> bool:
+    """Return whether who listens there is heard on this machine only.
+
+    >>> is_loopback("127.0.0.1"), is_loopback("::1"), is_loopback("0.0.0.0"), is_loopback("localhost")
+    (True, True, False, True)
+    """
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return host.lower() == "localhost"
+
+
+def own_names(host: str) -> tuple[str, ...]:
+    """Return the names by which this machine may be asked where it listens at a host."""
+    return () if is_loopback(host) else (host, name := socket.gethostname(), f"{name}.local")

@@ -1,0 +1,203 @@
+"""Layers of a page's map: fields of a whole farm as tiles of bytes, of which those that changed are known."""
+
+from __future__ import annotations
+
+import base64
+import math
+import zlib
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from geo import Farm
+from geo.farms import get_farm
+from geo.grid import NOT_GROWN
+from sensors.fields import ALL_CROPS
+from sensors.scoring.information import TILE_CELLS
+from wbf_mission.addons.web.schema import Raster, Tile
+
+Floats = NDArray[np.float32]
+Bools = NDArray[np.bool_]
+Window = tuple[int, int, int, int]
+Pixels = Callable[[Window], Floats]
+
+TILE = 128
+"""Pixels on a side of a tile."""
+LONGEST = 1024
+"""Pixels along the longer side of a farm, at most; smaller farms are shown cell by cell."""
+NOTHING, FULL = 255, 254
+
+
+class _Layer:
+    """One layer: means float32[pixels along x, y], NaN where there is nothing, and what is shown of them."""
+
+    def __init__(self, shape: tuple[int, int], scale: float | None) -> None:
+        self.means = np.full(shape, np.nan, np.float32)
+        self.pixels = np.full(shape, NOTHING, np.uint8)
+        self.fixed, self.scale = scale is not None, scale or 0.0
+        self.versions = np.zeros([-(-side // TILE) for side in shape], np.int64)
+        self.packed: dict[tuple[int, int], tuple[int, str]] = {}
+
+
+@dataclass(frozen=True, slots=True)
+class Drawing:
+    """What `Layers.put` made of a layer's new values: bytes by windows of pixels x0, x1, y0, y1."""
+
+    name: str
+    layer: _Layer
+    scale: float
+    windows: list[tuple[Window, NDArray[np.uint8]]]
+
+
+@dataclass(frozen=True, slots=True)
+class Shown:
+    """A tile of a version: packed already, or as it is."""
+
+    layer: _Layer
+    version: int
+    tile: Tile
+    pixels: bytes
+
+    def packed(self) -> Tile:
+        """Return it packed, which the next one who wants it gets, too."""
+        if not self.tile.data:
+            self.tile.data = base64.b64encode(zlib.compress(self.pixels)).decode("ascii")
+            self.layer.packed[self.tile.x, self.tile.y] = self.version, self.tile.data
+        return self.tile
+
+
+class Layers:
+    """The layers over one farm.
+
+    `put` takes its time and is called by one thread at a time; `draw`, `show` and `scales` are quick and
+    called under the lock of who shares the layers. Arrays are of the farm's cells; along its longer side
+    there are at most `longest` pixels.
+    """
+
+    def __init__(self, farm: Farm, longest: int = LONGEST) -> None:
+        self._grid = grid = farm.grid()
+        self.cells = cells = -(-max(grid.shape) // longest)
+        self.shape = -(-grid.shape[0] // cells), -(-grid.shape[1] // cells)
+        self.raster = Raster(*self.shape, cells * farm.cell_size_m, cells, TILE)
+        self._layers: dict[str, _Layer] = {}
+        if cells > 1:
+            # Loading compiled code takes longer than drawing: it is no part of that.
+            self.of_cells(np.zeros(grid.shape, np.float32), ())((0, 1, 0, 1))
+
+    @property
+    def scales(self) -> dict[str, float]:
+        """What the byte 254 stands for, by layer."""
+        return {name: layer.scale or 1.0 for name, layer in self._layers.items()}
+
+    def of_cells(self, value: Floats, crops: Iterable[str]) -> Pixels:
+        """Return the means of float32[W, H] over the owner's cells of some crops, `ALL_CROPS` or named."""
+        if value.shape != self._grid.shape:  # Compiled code would read beyond the end
+            raise ValueError(f"an array of {value.shape} for a farm of {self._grid.shape} cells")
+        named = set(crops)
+        grown = ALL_CROPS in named
+        wanted = [crop in named or (grown and crop not in NOT_GROWN) for crop in self._grid.crops]
+        return partial(self._means, value, np.array(wanted))
+
+    def of_blocks(self, value: Floats, block_m: float) -> Pixels:
+        """Return float32[w, h] of square blocks from the frame's origin, where they are above zero."""
+        pixel_m = self.raster.pixel_m
+
+        def pixels(window: Window) -> Floats:
+            x, y = (
+                np.minimum((np.arange(first, stop) + 0.5) * pixel_m // block_m, side - 1).astype(int)
+                for first, stop, side in zip(window[::2], window[1::2], value.shape, strict=True)
+            )
+            found: Floats = value[np.ix_(x, y)]
+            return np.where(found > 0.0, found, np.float32(np.nan))
+
+        return pixels
+
+    def put(
+        self, name: str, pixels: Pixels, *, changed: Bools | None = None, scale: float | None = None
+    ) -> Drawing:
+        """Return a drawing of a layer's new values.
+
+        `pixels` gives those of a window, NaN where there is nothing. Outside of the tiles `changed`,
+        bool[tiles along x, y] (`sensors.scoring.information`), all is as before. 254 stands for `scale`, by
+        default for a round number above all means.
+        """
+        layer = self._layers.get(name) or _Layer(self.shape, scale)
+        windows = list(self._windows(changed if name in self._layers else None))
+        for x0, x1, y0, y1 in windows:
+            layer.means[x0:x1, y0:y1] = pixels((x0, x1, y0, y1))
+        scale = layer.scale
+        if not layer.fixed and windows:
+            peak = max(np.nanmax(layer.means[x0:x1, y0:y1], initial=0.0) for x0, x1, y0, y1 in windows)
+            if peak > scale:
+                scale, windows = _round_up(float(peak)), list(self._windows(None))
+        drawn = [
+            (one, _bytes(layer.means[one[0] : one[1], one[2] : one[3]], scale or 1.0)) for one in windows
+        ]
+        return Drawing(name, layer, scale, drawn)
+
+    def draw(self, drawing: Drawing, version: int) -> None:
+        """Show a drawing; the tiles that it changes have this version from now on."""
+        layer = drawing.layer
+        self._layers[drawing.name], layer.scale = layer, drawing.scale
+        for (x0, x1, y0, y1), pixels in drawing.windows:
+            if not np.array_equal(layer.pixels[x0:x1, y0:y1], pixels):
+                layer.pixels[x0:x1, y0:y1] = pixels
+                layer.versions[x0 // TILE, y0 // TILE] = version
+
+    def show(self, version: int) -> list[Shown]:
+        """Return the tiles that are newer than a version."""
+        shown = []
+        for name, layer in self._layers.items():
+            for x, y in np.argwhere(layer.versions > version).tolist():
+                own, (known, data) = int(layer.versions[x, y]), layer.packed.get((x, y), (0, ""))
+                data = data if known == own else ""
+                part = layer.pixels[x * TILE : (x + 1) * TILE, y * TILE : (y + 1) * TILE]
+                shown.append(Shown(layer, own, Tile(name, x, y, data), b"" if data else part.T.tobytes()))
+        return shown
+
+    def _windows(self, changed: Bools | None) -> Iterator[Window]:
+        """Yield the windows of the tiles that hold changed cells."""
+        side = TILE * self.cells // TILE_CELLS  # TILE is a multiple of TILE_CELLS
+        for i, x in enumerate(range(0, self.shape[0], TILE)):
+            for j, y in enumerate(range(0, self.shape[1], TILE)):
+                part = (slice(i * side, (i + 1) * side), slice(j * side, (j + 1) * side))
+                if changed is None or changed[part].any():
+                    yield x, min(x + TILE, self.shape[0]), y, min(y + TILE, self.shape[1])
+
+    def _means(self, value: Floats, crops: Bools, window: Window) -> Floats:
+        """Return the means of a window's pixels over the owner's cells of some crops, by their numbers."""
+        x0, x1, y0, y1 = window
+        crop, owned = self._grid.crop, self._grid.owned
+        if self.cells == 1:
+            part = slice(x0, x1), slice(y0, y1)
+            cells: Floats = value[part]
+            return np.where(owned[part] & crops[crop[part]] & np.isfinite(cells), cells, np.float32(np.nan))
+        from wbf_mission.addons.web.block_means import block_means
+
+        means = np.empty((x1 - x0, y1 - y0), np.float32)
+        value = np.ascontiguousarray(value).view()
+        value.flags.writeable = False  # So that it is compiled once
+        block_means(value, crop, owned, crops, self.cells, x0, y0, means)
+        return means
+
+
+def warm_up(begin: Callable[[str], None]) -> None:
+    """Draw a layer of a farm which is larger than the page, for ``wbf-mission warm-up``."""
+    begin("the live page of large farms")
+    Layers(get_farm("miniberry-100"), longest=50)
+
+
+def _bytes(means: Floats, scale: float) -> NDArray[np.uint8]:
+    """Return means as parts of a scale, 0 to `FULL`."""
+    pixels, some = np.full(means.shape, NOTHING, np.uint8), np.isfinite(means)
+    pixels[some] = np.clip(np.rint(means[some] * (FULL / scale)), 0, FULL)
+    return pixels
+
+
+def _round_up(value: float) -> float:
+    """Return the next of 1, 2 and 5 times a power of ten."""
+    unit = 10.0 ** math.floor(math.log10(value))
+    return next((unit * step for step in (1.0, 2.0, 5.0) if unit * step >= value), unit * 10.0)

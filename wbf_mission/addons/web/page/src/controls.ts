@@ -1,0 +1,270 @@
+// Orders to vehicles, where this page may give them, and the answers to what the operator is asked.
+import { button, element, setText } from "./dom.js";
+import type { Model } from "./model.js";
+import type { Said } from "./schema.js";
+import type { Send, Wish } from "./source.js";
+import { capital } from "./text.js";
+import { WARNS } from "./messages.js";
+
+/** After these motors may turn: they are confirmed first. */
+const STARTS_MOTORS = new Set(["start", "arm", "takeoff"]);
+/** These end a flight: for more than one vehicle they are confirmed. */
+const ENDS_FLIGHT = new Set(["return", "land"]);
+/** Orders with a value, and what it is called. */
+const VALUES: Record<string, string> = { "set item": "Item number", takeoff: "Height above home, m" };
+/** Orders that stand together; what is in none of them stands with the second. */
+const GROUPS = [["start", "arm", "takeoff"], ["hold", "resume", "set item"], ["return", "land"]];
+/** Orders of a flight: each has its place from the beginning, so that none comes under a finger later. */
+const OF_A_FLIGHT = ["start", "hold", "resume", "set item", "return", "land"];
+const ALL = "all";
+/** How a dialog was closed, where it was not given up. */
+const SENT = "sent";
+const OVER = "over";
+const REPLY_SHOWN_MS = 8000;
+/** After this long no answer comes any more: the program carries out nothing that is older than 2 s. */
+const ANSWER_MS = 3000;
+
+const isWarning = ({ system_id, severity }: Said): boolean => !system_id && severity <= WARNS;
+
+export class Controls {
+  readonly element = element("section", { class: "controls", "aria-label": "Orders" });
+  readonly question = element("div", { class: "question", role: "alert" });
+  readonly became = element("p", { class: "became", role: "status" });
+  /** Why no order can be given. */
+  readonly why = element("p", { class: "why", id: "why-no-order", role: "status" });
+  private readonly target = element("select", { "aria-label": "Orders go to" });
+  private readonly buttons = element("div", { class: "orders" });
+  private readonly dialog = element("dialog", { "aria-labelledby": "confirm-title" });
+  /** Whether what the dialog asks about may still be ordered. */
+  private stillMay = (): boolean => true;
+  private readonly known = new Set<string>(OF_A_FLIGHT);
+  private appeared = false;
+  private wasFresh = false;
+  private shape = "";
+  private asked = "";
+  private hide = 0;
+  /** What was sent and not answered yet, in words, by its number. */
+  private readonly open = new Map<number, string>();
+  /** The newest warning of the program's before the last order; null where none was given. */
+  private before: string | null = null;
+
+  constructor(
+    private readonly model: Model,
+    private readonly send: Send,
+    /** Whether the program lives, and what is shown is what is. */
+    private readonly isFresh: () => boolean,
+    private readonly choose: (system_id: number | null) => void,
+  ) {
+    this.target.addEventListener("change", () => {
+      if (this.target.value !== ALL) this.choose(this.target.value ? Number(this.target.value) : null);
+      this.show();
+    });
+    this.element.append(
+      element("label", {}, element("span", { class: "hidden" }, "Orders go to"), this.target),
+      this.buttons,
+      this.dialog,
+    );
+  }
+
+  /** Orders go to this vehicle from now on; to none, where there are several. */
+  aim(system_id: number | null): void {
+    if (system_id !== null) this.target.value = String(system_id);
+    else if (this.vehicles.length > 1) this.target.value = "";
+  }
+
+  /** Tell what became of an order. */
+  reply({ order, error, number }: { order: string; error: string; number: number }): void {
+    const what = this.open.get(number) ?? capital(order);
+    this.open.delete(number);
+    this.say(error ? `${what}: not done: ${error}` : `${what}: sent`, error !== "");
+  }
+
+  /** The program is gone: what was not answered will not be, and what was said before is over. */
+  private lose(): void {
+    this.say("", false);
+    for (const number of [...this.open.keys()]) this.giveUp(number);
+  }
+
+  show(): void {
+    const orders = this.model.status?.orders ?? [];
+    const isFresh = this.isFresh();
+    if (this.wasFresh && !isFresh) this.lose();
+    this.wasFresh = isFresh;
+    // What comes later moves nothing: the buttons stay until the run is over.
+    this.appeared ||= orders.length > 0 || !!this.model.status?.question;
+    this.element.hidden = !this.appeared || !this.model.runs;
+    for (const order of orders) this.known.add(order);
+    const shape = JSON.stringify([[...this.known], this.vehicles]);
+    if (shape !== this.shape) {
+      this.shape = shape;
+      this.build();
+    }
+    const may = isFresh && this.meant.length > 0;
+    setText(this.why, this.element.hidden || !isFresh ? "" : this.reason(orders));
+    for (const one of this.buttons.querySelectorAll("button"))
+      one.disabled = !may || !orders.includes(one.dataset["order"]!);
+    for (const one of this.question.querySelectorAll("button")) one.disabled = !isFresh;
+    if (this.dialog.open && !this.stillMay()) {
+      this.dialog.close(OVER);
+      this.say("Nothing was sent: what was asked about is over", true);
+    }
+    this.showQuestion();
+    // What was sent may be refused later, and messages are in another panel on a phone.
+    const warning = this.warning;
+    if (this.before === null || warning === this.before || !this.model.runs) return;
+    this.before = warning;
+    this.say(this.model.said.findLast(isWarning)?.text ?? "", true);
+  }
+
+  private get warning(): string {
+    const { time_s, text } = this.model.said.findLast(isWarning) ?? {};
+    return `${time_s} ${text}`;
+  }
+
+  private reason(orders: string[]): string {
+    if (!orders.length) return "The program takes no orders now.";
+    if (!this.vehicles.length) return "No vehicle has been heard yet: orders have nowhere to go.";
+    return this.meant.length ? "" : "Choose a vehicle: until then orders go to none.";
+  }
+
+  private get vehicles(): { system_id: number }[] {
+    return this.model.run?.vehicles ?? [];
+  }
+
+  /** The vehicles to which an order goes. */
+  private get meant(): number[] {
+    const { value } = this.target;
+    if (value === ALL) return this.vehicles.map(({ system_id }) => system_id);
+    return value ? [Number(value)] : [];
+  }
+
+  /** An order keeps its place, whether it may be given or not: nothing moves under a finger. */
+  private build(): void {
+    const before = this.target.value;
+    const several = this.vehicles.length > 1;
+    const option = (value: string, text: string): HTMLElement => element("option", { value }, text);
+    const ones = this.vehicles.map(({ system_id }) => option(String(system_id), this.model.nameOf(system_id)));
+    const all = [option("", "Choose a vehicle …"), ...ones, option(ALL, `All ${ones.length} vehicles`)];
+    this.target.replaceChildren(...(several ? all : ones));
+    if ([...this.target.options].some(({ value }) => value === before)) this.target.value = before;
+    const others = [...this.known].filter((order) => !GROUPS.flat().includes(order));
+    const groups = GROUPS.map((group, k) => group.filter((order) => this.known.has(order)).concat(k === 1 ? others : []));
+    this.buttons.replaceChildren(
+      ...groups
+        .filter((group) => group.length)
+        .map((group) => element("div", { class: "group" }, ...group.map((order) => this.buttonOf(order)))),
+    );
+  }
+
+  private buttonOf(order: string): HTMLElement {
+    const kind = STARTS_MOTORS.has(order) ? "starts" : ENDS_FLIGHT.has(order) ? "comes-down" : "";
+    const attributes = { class: kind, "data-order": order, "aria-describedby": this.why.id };
+    return button(capital(order), () => this.give(order), attributes);
+  }
+
+  private showQuestion(): void {
+    const question = this.model.status?.question ?? null;
+    const key = JSON.stringify(question);
+    if (key === this.asked) return;
+    this.asked = key;
+    this.question.hidden = !question;
+    const answers = (question?.answers ?? []).map((answer) =>
+      button(capital(answer), () => this.answer(answer, question!.number)),
+    );
+    this.question.replaceChildren(
+      element("p", {}, question?.text ?? ""),
+      element("div", { class: "orders" }, ...answers),
+    );
+  }
+
+  private answer(answer: string, question: number): void {
+    const what = `Answer “${answer}”`;
+    const act = (): void => this.tell(what, { answer, question });
+    if (!ENDS_FLIGHT.has(answer) || this.vehicles.length < 2) act();
+    else
+      this.ask(what, `${capital(answer)}: all vehicles`, this.toSeveral(this.vehicles), null, act, () =>
+        this.model.status?.question?.number === question);
+  }
+
+  private give(order: string): void {
+    const system_ids = this.meant;
+    const who = this.target.selectedOptions[0]?.textContent ?? "";
+    const what = this.vehicles.length > 1 ? `${capital(order)}, ${who}` : capital(order);
+    const [starts, value] = [STARTS_MOTORS.has(order), VALUES[order]];
+    const several = system_ids.length > 1 && (starts || ENDS_FLIGHT.has(order));
+    const text = [
+      starts ? "Motors may turn. Is everybody clear of the vehicle?" : "",
+      several ? this.toSeveral(system_ids.map((system_id) => ({ system_id }))) : "",
+    ].filter(Boolean);
+    const act = (given: string | null): void =>
+      this.tell(what, {
+        order,
+        system_ids,
+        ...(given === null ? {} : { value: given }),
+        ...(text.length ? { confirmed: true } : {}),
+      });
+    if (!text.length && !value) act(null);
+    else
+      this.ask(what, `${capital(order)}: ${who}`, text.join(" "), value ?? null, act, () =>
+        (this.model.status?.orders ?? []).includes(order));
+  }
+
+  private toSeveral(vehicles: { system_id: number }[]): string {
+    return `It goes to ${vehicles.length} vehicles: ${vehicles.map((one) => this.model.nameOf(one.system_id)).join(", ")}.`;
+  }
+
+  /** Send it, once and now, or say that it was not. */
+  private tell(what: string, wish: Wish): void {
+    const number = this.send(wish);
+    if (number === null) return this.say(`${what}: not sent: the program does not answer`, true);
+    this.open.set(number, what);
+    this.before = this.warning;
+    this.say(`${what} …`, false);
+    setTimeout(() => this.giveUp(number), ANSWER_MS);
+  }
+
+  private giveUp(number: number): void {
+    const what = this.open.get(number);
+    if (what === undefined) return;
+    // The reply may still come; what it says is then the last word.
+    this.open.delete(number);
+    this.say(`${what}: not answered: nobody knows whether it arrived`, true);
+  }
+
+  private say(text: string, isBad: boolean): void {
+    setText(this.became, text);
+    this.became.classList.toggle("refused", isBad);
+    clearTimeout(this.hide);
+    if (!isBad) this.hide = setTimeout(() => setText(this.became, ""), REPLY_SHOWN_MS);
+  }
+
+  private ask(
+    what: string,
+    title: string,
+    text: string,
+    value: string | null,
+    act: (value: string | null) => void,
+    may: () => boolean,
+  ): void {
+    const heading = element("h2", { id: "confirm-title" });
+    setText(heading, title);
+    const input = element("input", { type: "number", min: "1", step: "any", required: "" });
+    const form = element("form", { method: "dialog" }, heading);
+    if (text) form.append(element("p", {}, text));
+    if (value) form.append(element("label", {}, `${value} `, input));
+    const cancel = button("Cancel", () => this.dialog.close());
+    const confirm = element("button", { type: "submit", class: "starts", value: SENT }, text ? "Yes, go on" : "Send");
+    form.append(element("div", { class: "orders" }, cancel, confirm));
+    form.addEventListener("submit", () => act(value ? input.value : null));
+    this.stillMay = () => this.isFresh() && may();
+    // The line of the order before is none of this one's.
+    this.say("", false);
+    this.dialog.returnValue = "";
+    this.dialog.onclose = () => {
+      if (!this.dialog.returnValue) this.say(`${what}: not sent`, false);
+    };
+    this.dialog.replaceChildren(form);
+    this.dialog.showModal();
+    (value ? input : cancel).focus();
+  }
+}

@@ -1,0 +1,96 @@
+// Where a page's data come from: the program that runs, or a recording within the page.
+//
+// A recording is in the page as
+//   <script type="application/json" id="recording">{...}</script>
+// with a `Recording` of schema.ts as its text ("<" as \u003c), or an array of two, which are shown side by side
+// with one slider. The page may pack it: with data-packed="deflate" the text is base64 of the JSON packed by zlib.
+// Without such an element the page asks the program by a WebSocket at /live, with the page's own query.
+//
+// A page has, in its body: <section id="summary"> (optional, above: any HTML, it is printed), and
+// <div id="app">, in which the view is built. It loads page.css and, deferred, live.js.
+import type { Heart, Link } from "./heart.js";
+import type { Answer, Order, Recording, Update } from "./schema.js";
+import { inflate } from "./tiles.js";
+
+const LONGEST_WAIT_MS = 5000;
+
+export interface Receiver {
+  /** Everything comes anew: forget what there is. */
+  begin(runs: number): void;
+  take(update: Update, run: number): void;
+  /** The connection is another one (`Heart.link`). */
+  linked(): void;
+}
+
+/** An order to vehicles, or the answer to a question, without the time at which it is given. */
+export type Wish = Omit<Order, "given"> | Omit<Answer, "given">;
+
+/** Sends a wish at once, and returns its number; null where it cannot be sent: nothing is sent later. */
+export type Send = (wish: Wish) => number | null;
+
+/** Begin to receive; returns what sends wishes, null for a recording. */
+export function open(receiver: Receiver, heart: Heart): Send | null {
+  const kept = document.getElementById("recording");
+  if (kept) {
+    void read(kept).then((runs) => {
+      receiver.begin(runs.length);
+      runs.forEach((run, k) => receiver.take(run, k));
+      heart.link = "recording";
+      receiver.linked();
+    });
+    return null;
+  }
+  return connect("live", receiver, heart);
+}
+
+/** Hear whether the program lives, and nothing else of it. */
+export function listen(heart: Heart, changed: () => void): void {
+  connect("beats", { begin: changed, take: changed, linked: changed }, heart);
+}
+
+async function read(kept: HTMLElement): Promise<Recording[]> {
+  const text = kept.textContent ?? "";
+  const packed = kept.dataset["packed"] === "deflate";
+  const read: unknown = JSON.parse(packed ? new TextDecoder().decode(await inflate(text.trim())) : text);
+  return (Array.isArray(read) ? read : [read]) as Recording[];
+}
+
+function connect(path: "live" | "beats", receiver: Receiver, heart: Heart): Send {
+  const linked = (state: Link): void => {
+    heart.link = state;
+    receiver.linked();
+  };
+  let socket: WebSocket;
+  let wait_ms = 250;
+  const begin = (): void => {
+    const address = new URL(`${path}${location.search}`, location.href);
+    address.protocol = address.protocol.replace("http", "ws");
+    let first = true;
+    socket = new WebSocket(address);
+    socket.onmessage = (message: MessageEvent<string>) => {
+      if (first) {
+        heart.stop();
+        receiver.begin(1);
+      }
+      wait_ms = 250;
+      const update = JSON.parse(message.data) as Update;
+      if (update.beat) heart.beat(update.beat);
+      receiver.take(update, 0);
+      if (first) linked("live");
+      first = false;
+    };
+    socket.onclose = () => {
+      linked("lost");
+      setTimeout(begin, wait_ms);
+      wait_ms = Math.min(2 * wait_ms, LONGEST_WAIT_MS);
+    };
+  };
+  linked("connecting");
+  begin();
+  return (wish) => {
+    if (socket.readyState !== WebSocket.OPEN || !heart.isFresh) return null;
+    const request: Order | Answer = { ...wish, given: heart.give() };
+    socket.send(JSON.stringify(request));
+    return request.given.number;
+  };
+}

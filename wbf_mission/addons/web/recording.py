@@ -1,0 +1,188 @@
+"""What is kept of a run for a page of its own: the layers at some moments, and what may be left out of it."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Sequence
+from dataclasses import replace as replaced
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from msgspec.structs import asdict, replace
+from numpy.typing import NDArray
+
+from wbf_mission.addons.web import schema
+from wbf_mission.addons.web.layers import LONGEST
+from wbf_mission.addons.web.view import Cursor, View
+from wbf_mission.events import DayBegun, Decided, Estimated, Event, EventStream, RunBegun, RunEnded
+from wbf_mission.maps.blocks import SICK_BELOW
+
+MOMENTS = 40
+"""At about so many of the scored times the layers are kept."""
+PIXELS = (LONGEST, LONGEST // 2, LONGEST // 4)
+"""Along the longer side of the farm: layers are kept in each of these sizes."""
+_SMALL_CELLS = 40_000
+"""On a farm of so many cells every estimate is drawn: each decision has the one that it was made by."""
+_ACQUISITION = "acquisition"
+_TOLERANCES = {
+    "x": 0.02,
+    "y": 0.02,
+    "height_m": 0.05,
+    "speed_m_s": 0.25,
+    "battery": 0.002,
+    "heading_deg": 2.0,
+}
+"""By how much what lies between two states may differ from the line between them, in their units."""
+_FIXED = ("day", "flight", "item", "items", "mode", "phase", "armed")
+
+
+class Recorder:
+    """Draws the layers of a run in pixels of several sizes, and keeps them at moments."""
+
+    def __init__(self) -> None:
+        self.views = {longest: View(share=1.0, longest=longest) for longest in PIXELS}
+        self._cursors: dict[int, Cursor | None] = dict.fromkeys(self.views)
+        self.moments: dict[int, list[schema.Moment]] = {longest: [] for longest in self.views}
+        self.decisions: list[bool] = []  # Whether a moment is one of a decision
+
+    def take(self, event: Event) -> None:
+        """Draw what an event tells."""
+        for view in self.views.values():
+            view.take(event)
+
+    def keep(self, time_s: float, day: int, observations: int, *, decision: bool = False) -> None:
+        """Keep what changed since the moment before."""
+        new = {}
+        for longest, view in self.views.items():
+            new[longest], self._cursors[longest] = view.update(self._cursors[longest])
+        if not new[LONGEST].tiles:
+            return
+        self.decisions.append(decision)
+        for longest, moments in self.moments.items():
+            # Two threads tell of the run: the one of the estimate may be behind.
+            at_s = max(time_s, moments[-1].time_s) if moments else time_s
+            update = new[longest]
+            moments.append(schema.Moment(at_s, day, observations, update.tiles or [], update.scales or {}))
+
+
+class LiveLayers:
+    """The layers of a run while it is flown: its estimates, and the acquisition map of each decision.
+
+    Of the `scored` times about `MOMENTS` are kept; `decided_s` has the time of each decision by the identity
+    of its record.
+    """
+
+    def __init__(self, events: EventStream, scored: int) -> None:
+        self.decided_s: dict[int, float] = {}
+        self.recorder = Recorder()
+        self._lock = threading.Lock()
+        self._every, self._left = max(1, -(-scored // MOMENTS)), scored
+        self._draws_all = False
+        self._last = 0.0, 0, 0  # When, on which day, after how many observations
+        events.listen(self._take, RunBegun, DayBegun, Estimated, Decided, RunEnded)
+
+    def _take(self, event: RunBegun | DayBegun | Estimated | Decided | RunEnded) -> None:
+        with self._lock:
+            if isinstance(event, RunBegun) and event.farm is not None:
+                self._draws_all = event.farm.width_cells * event.farm.height_cells <= _SMALL_CELLS
+            if isinstance(event, Estimated):
+                self._left -= 1
+                due = self._left % self._every == 0
+                self._last = event.time_s, event.day, event.observations
+                # As a recording of the result's events has it: a model only where it is drawn.
+                self.recorder.take(event if due or self._draws_all else replaced(event, model=None))
+                if due:
+                    self.recorder.keep(*self._last)
+                return
+            self.recorder.take(event)
+            if isinstance(event, Decided):
+                record = event.record
+                self.decided_s[id(record)] = event.time_s
+                if event.acquisition is not None:
+                    self.recorder.keep(event.time_s, record.day, record.observations, decision=True)
+            elif isinstance(event, RunEnded):
+                self.recorder.keep(*self._last)
+
+
+def thinned_moments(
+    moments: Sequence[schema.Moment], light: Sequence[bool], every: int
+) -> list[schema.Moment]:
+    """Return every so many of the moments, from the last back; tiles of those between come with the next.
+
+    What is no acquisition map comes with the next one that is not light.
+    """
+    kept, tiles = [], dict[tuple[str, int, int], schema.Tile]()
+    for number, (one, is_light) in enumerate(zip(moments, light, strict=True)):
+        tiles |= {(tile.layer, tile.x, tile.y): tile for tile in one.tiles}
+        if (len(moments) - 1 - number) % every == 0:
+            told = [key for key in tiles if not is_light or key[0] == _ACQUISITION]
+            kept.append(replace(one, tiles=[tiles.pop(key) for key in told]))
+    if kept:
+        kept[-1].tiles += tiles.values()
+    return kept
+
+
+def thinned_readings(readings: schema.Readings, diseases: Sequence[str], every: int) -> schema.Readings:
+    """Return every so many of the readings, and all that are sick."""
+    count = len(readings.time_s)
+    kept = np.arange(count) % every == 0
+    for name in diseases:
+        kept |= np.array(readings.values.get(name, [None] * count), np.float64) < SICK_BELOW
+    rows = np.flatnonzero(kept).tolist()
+
+    def some(column: list[Any]) -> list[Any]:
+        return [column[row] for row in rows]
+
+    values = {name: some(column) for name, column in readings.values.items()}
+    return schema.Readings(some(readings.time_s), some(readings.x), some(readings.y), values)
+
+
+def thinned_states(states: schema.States) -> schema.States:
+    """Return the states between which the others lie, within `_TOLERANCES`, on straight lines over time.
+
+    Of D. H. Douglas and T. K. Peucker, "Algorithms for the reduction of the number of points required to
+    represent a digitized line or its caricature", Cartographica 10 (1973) 112-122, with distances at the same
+    time.
+    """
+    columns: dict[str, list[Any]] = asdict(states)
+    kept = np.zeros(len(states.time_s), bool)
+    kept[[0, -1]] = True
+    values = np.zeros((len(_TOLERANCES), len(kept)))
+    for number, (name, tolerance) in enumerate(_TOLERANCES.items()):
+        numbers = np.array(columns[name], np.float64)
+        known = np.isfinite(numbers)  # What is not told is None or NaN
+        values[number, known] = numbers[known] / tolerance
+        if name == "heading_deg":
+            values[number] = np.unwrap(values[number], period=360.0 / tolerance)
+        _keep_changes(known.tolist(), kept)
+    for name in _FIXED:
+        _keep_changes(columns[name], kept)
+    _split(np.array(states.time_s), values, kept)
+    rows = np.flatnonzero(kept).tolist()
+    return schema.States(**{name: [column[row] for row in rows] for name, column in columns.items()})
+
+
+def _keep_changes(column: Sequence[Any], kept: NDArray[np.bool_]) -> None:
+    """Keep what is before and after each change of a value."""
+    differs = np.array([one != two for one, two in pairwise(column)], bool)
+    kept[:-1] |= differs
+    kept[1:] |= differs
+
+
+def _split(time_s: NDArray[np.float64], values: NDArray[np.float64], kept: NDArray[np.bool_]) -> None:
+    """Keep more, until what lies between two that are kept is within 1 of the line between them."""
+    parts = list(pairwise(np.flatnonzero(kept).tolist()))
+    while parts:
+        first, last = parts.pop()
+        if last - first < 2:
+            continue
+        inner = slice(first + 1, last)
+        part = (time_s[inner] - time_s[first]) / max(time_s[last] - time_s[first], 1e-9)
+        line = values[:, [first]] + part * (values[:, [last]] - values[:, [first]])
+        off = np.abs(values[:, inner] - line).max(axis=0, initial=0.0)
+        worst = int(off.argmax())
+        if off[worst] > 1.0:
+            middle = first + 1 + worst
+            kept[middle] = True
+            parts += [(first, middle), (middle, last)]

@@ -1,0 +1,207 @@
+"""A finished run, or two side by side, as one HTML file: a summary on one sheet, and the page to replay it.
+
+The page is that of a run that happens, with a recording in it: a `View` listens to the events of the result,
+and what it shows is kept at some moments. If the file gets too large, moments are left out, pixels are made
+larger, and in the end readings are left out; the page says so. Of a run that is flown for it `LiveLayers`
+keeps the layers, with the acquisition maps of its decisions, which results do not hold.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from dataclasses import replace as replaced
+from pathlib import Path
+from types import MappingProxyType
+
+from msgspec import UNSET
+from msgspec.structs import asdict, replace
+
+from geo import Farm
+from geo.atomic import atomic_write
+from geo.errors import WbfMissionError
+from sensors.errors import EstimatorError
+from wbf_mission.addons.web import schema
+from wbf_mission.addons.web.document import document
+from wbf_mission.addons.web.layers import LONGEST
+from wbf_mission.addons.web.recording import (
+    MOMENTS,
+    PIXELS,
+    LiveLayers,
+    Recorder,
+    thinned_moments,
+    thinned_readings,
+    thinned_states,
+)
+from wbf_mission.addons.web.summary import comparison_of, run_title, summary_of
+from wbf_mission.events import Decided, Estimated
+from wbf_mission.maps.html_page import data_element
+from wbf_mission.progress import Progress, silent
+from wbf_mission.results.replay import events_of
+from wbf_mission.run.record import RunRecord
+
+MOST_BYTES = 5_000_000
+"""A report is smaller, if that can be."""
+
+
+class ReportError(WbfMissionError, ValueError):
+    """Runs of which no report can be made."""
+
+
+@dataclass(frozen=True, slots=True)
+class Report:
+    """What `write_report` wrote."""
+
+    title: str
+    size: int  # Bytes
+    moments: tuple[int, ...]  # Of each run
+    notes: tuple[str, ...]  # What is not in it
+
+
+def write_report(
+    path: str | Path,
+    records: Sequence[RunRecord],
+    *,
+    logs: Sequence[Path | None] = (None, None),
+    layers: LiveLayers | None = None,
+    told: Sequence[str] = (),
+    most_bytes: int = MOST_BYTES,
+    progress: Progress = silent,
+) -> Report:
+    """Write the report of a run, or of two over the same farm; ReportError if their farms differ.
+
+    The same runs give the same bytes. Telemetry logs of the runs have more of the vehicles' states. Without
+    `layers`, which listened to the one run while it was flown, the estimates at the moments are made again
+    (`events_of`). The summary shows the notes `told`, too. From `most_bytes` on something is left out.
+    """
+    if len(records) > 1:
+        _check_farms(*(one.farm for one in records))
+    kept = [_Kept.of(one, log, layers, progress) for one, log in zip(records, logs, strict=False)]
+    title = " | ".join(run_title(one) for one in records)
+    summary = comparison_of if len(records) > 1 else summary_of
+    for reduced in _REDUCTIONS:
+        recordings = [one.recording(reduced) for one in kept]
+        notes = (*told, *dict.fromkeys(note for one in kept for note in one.notes(reduced)))
+        body = f'{summary(*records, notes=notes)}\n<div id="app"></div>'
+        page = document(title, body, "live", data_element("recording", recordings, packed=True))
+        size = len(page.encode())
+        if size < most_bytes:
+            break
+    with atomic_write(path) as file:
+        file.write(page)
+    return Report(title, size, tuple(len(one.moments) for one in recordings), notes)
+
+
+class RunPage(LiveLayers):
+    """The report of a run that is flown for it: a `wbf_mission.cli.pages.RunPage`."""
+
+    def write(
+        self, path: Path, record: RunRecord, *, log: Path | None, notes: Sequence[str], progress: Progress
+    ) -> Sequence[str]:
+        """Write the report."""
+        report = write_report(path, [record], logs=[log], layers=self, told=notes, progress=progress)
+        return report.notes
+
+
+def _check_farms(first: Farm, second: Farm) -> None:
+    same = ("frame", "width_cells", "height_cells", "cell_size_m", "patches", "owner")
+    if any(getattr(first, name) != getattr(second, name) for name in same):
+        names = f"{first.name} and {second.name}"
+        msg = f"the runs are of different farms, {names}: give two runs of the same farm, or one at a time"
+        raise ReportError(msg)
+
+
+@dataclass(frozen=True, slots=True)
+class _Reduced:
+    """What is left of a recording."""
+
+    longest: int  # Pixels along the longer side of the farm
+    every: int = 1  # Of the moments, and the last one
+    readings: int = 1  # Of the readings; those that are sick stay
+    light: bool = True  # At decisions nothing but the acquisition map
+
+
+_REDUCTIONS = (
+    _Reduced(LONGEST, light=False),
+    *(_Reduced(longest, every) for longest in PIXELS for every in (1, 2)),
+    *(_Reduced(PIXELS[-1], 4, every) for every in (1, 4, 16, 64)),
+    *(_Reduced(PIXELS[-1], every, 64) for every in (16, 64)),
+)
+
+
+@dataclass(slots=True)
+class _Kept:
+    """What a run's page shows, with the layers at all moments in pixels of several sizes."""
+
+    update: schema.Update  # Without layers
+    layers: Recorder
+    rasters: dict[int, schema.Raster | None]
+    diseases: list[str]
+    lost: str = ""  # Why the estimates could not be made again
+
+    @classmethod
+    def of(cls, record: RunRecord, log: Path | None, live: LiveLayers | None, progress: Progress) -> _Kept:
+        """Replay a run."""
+        diseases = [one.name for one in record.fields.diseases]
+        if live is not None:
+            update, _, rasters = _replayed(record, 0, log, progress, live.decided_s)
+            return cls(update, live.recorder, rasters, diseases)
+        try:
+            return cls(*_replayed(record, MOMENTS, log, progress), diseases)
+        except EstimatorError as error:
+            return cls(*_replayed(record, 0, log, progress), diseases, str(error))
+
+    def recording(self, reduced: _Reduced) -> schema.Recording:
+        """Return the recording for a page."""
+        shown = asdict(self.update)
+        shown["moments"] = thinned_moments(
+            self.layers.moments[reduced.longest],
+            [reduced.light and one for one in self.layers.decisions],
+            reduced.every,
+        )
+        if self.update.run:
+            shown["run"] = replace(self.update.run, raster=self.rasters[reduced.longest])
+        if self.update.readings and reduced.readings > 1:
+            shown["readings"] = thinned_readings(self.update.readings, self.diseases, reduced.readings)
+        return schema.Recording(**shown)
+
+    def notes(self, reduced: _Reduced) -> Iterator[str]:
+        """Yield what is not in the recording."""
+        raster, finest = self.rasters[reduced.longest], self.rasters[LONGEST]
+        moments = len(self.layers.decisions)
+        if self.lost:
+            yield f"The layers are those of the end: {self.lost}"
+        if reduced.light and any(self.layers.decisions):
+            yield f"Between about {MOMENTS} of the scored times only the acquisition maps change"
+        if reduced.every > 1 and moments > 1:
+            left = len(range(0, moments, reduced.every))
+            yield f"The layers are kept at {left} of {moments} moments"
+        if raster and finest and raster.cells > finest.cells:
+            yield f"A pixel of the layers is {raster.pixel_m:.3g} m wide in place of {finest.pixel_m:.3g} m"
+        if reduced.readings > 1 and self.update.readings:
+            yield f"Of the readings of healthy plants every {reduced.readings}th is kept"
+
+
+def _replayed(
+    record: RunRecord,
+    estimates: int,
+    log: Path | None,
+    progress: Progress,
+    decided_s: Mapping[int, float] = MappingProxyType({}),
+) -> tuple[schema.Update, Recorder, dict[int, schema.Raster | None]]:
+    recorder = Recorder()
+    for event in events_of(record, estimates=estimates, log=log, progress=progress):
+        if isinstance(event, Decided):
+            # What results tell is up to a step of the vehicle off.
+            event = replaced(event, time_s=decided_s.get(id(event.record), event.time_s))
+        recorder.take(event)
+        if isinstance(event, Estimated) and event.model is not None:
+            recorder.keep(event.time_s, event.day, event.observations)
+    rasters = {}
+    for longest, view in recorder.views.items():
+        update, _ = view.update(None)
+        rasters[longest] = update.run.raster if update.run else None
+    update.tiles = update.scales = UNSET
+    if update.states:
+        update.states = {name: thinned_states(one) for name, one in update.states.items()}
+    return update, recorder, rasters

@@ -1,0 +1,109 @@
+"""``wbf-mission report``."""
+
+from __future__ import annotations
+
+import tempfile
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from wbf_mission.cli import options
+from wbf_mission.cli.command import Command
+from wbf_mission.cli.options import TargetError, option, refuse_overwrite
+from wbf_mission.cli.output import Output
+
+if TYPE_CHECKING:
+    from wbf_mission.progress import Progress
+
+EXAMPLES = """
+Examples
+wbf-mission report runs/mine --open
+wbf-mission report runs/mine runs/other --out both.html
+wbf-mission report results --out standings.html
+"""
+
+
+@options.speaks()
+def report_command(
+    output: Output,
+    *,
+    folder: Annotated[Path, typer.Argument(help="Results of a run, or of a benchmark.")],
+    other: Annotated[
+        Path | None, typer.Argument(help="Results of another run over the same farm, beside the first.")
+    ] = None,
+    out: Annotated[
+        Path | None,
+        option(
+            "The HTML file.  [default: FOLDER.html beside the folder; of two runs FOLDER-OTHER.html]",
+            panel=options.OUTPUT_PANEL,
+        ),
+    ] = None,
+    opens: Annotated[bool, option("Open it in the browser.", "--open", panel=options.OUTPUT_PANEL)] = False,
+    overwrite: Annotated[
+        bool, option("Replace an existing file.", "--overwrite", panel=options.OUTPUT_PANEL)
+    ] = False,
+) -> None:
+    """Show a finished run, two side by side, or a benchmark, as one HTML file that needs nothing else.
+
+    Of a run: a summary for the farmer that prints on one sheet, and the page of 'fly --live' with a slider
+    that replays it. Of a benchmark: its standings, to be sorted and filtered.
+    """
+    from wbf_mission.bench.rows import holds_rows
+    from wbf_mission.results.storage import ResultError
+
+    folders = [folder] if other is None else [folder, other]
+    is_bench = [holds_rows(one) for one in folders]
+    if other is not None and any(is_bench):
+        raise ResultError("a benchmark is shown alone: give one folder, or the results of two runs")
+    names = "-".join(one.resolve().name for one in folders)
+    path = out or folder.resolve().with_name(f"{names}.html")
+    refuse_overwrite(path)
+    if path.exists() and not overwrite:
+        raise TargetError(f"{path}: is there already; give another name with --out, or --overwrite")
+    with output.progress() as progress:
+        values = _bench(folder, path) if is_bench[0] else _runs(folders, path, progress)
+    for note in values["notes"]:
+        output.note(f"note: {note}")
+    rows = {"of": values["title"], "report": f"{path}, {values['bytes'] / 1e6:.1f} MB"}
+    output.result({"report": str(path), **values}, rows)
+    if opens:
+        import webbrowser
+
+        if not webbrowser.open(path.resolve().as_uri()):
+            output.warn(f"no browser could be started; open {path} in one")
+
+
+def _bench(folder: Path, path: Path) -> dict[str, Any]:
+    """Write the page of a benchmark; return what is told of it."""
+    from wbf_mission.addons.web.bench_page import write_bench_page
+    from wbf_mission.bench.asked import read_asked
+    from wbf_mission.bench.report import report_page
+    from wbf_mission.bench.rows import read_rows
+
+    rows = read_rows(folder)
+    with tempfile.TemporaryDirectory() as pictures:
+        page = report_page(
+            rows, Path(pictures), title=f"Benchmark of {len(rows)} runs", asked=read_asked(folder)
+        )
+        write_bench_page(path, page, Path(pictures), rows)
+    return {"title": page.title, "bytes": path.stat().st_size, "runs": len(rows), "notes": []}
+
+
+def _runs(folders: list[Path], path: Path, progress: Progress) -> dict[str, Any]:
+    """Write the page of one or two runs; return what is told of it."""
+    from wbf_mission.addons.web.report import write_report
+    from wbf_mission.results.result import load_result
+
+    results = []
+    for number, one in enumerate(folders):
+        progress("reading", number, len(folders))
+        results.append(load_result(one))
+    progress("reading", len(folders), len(folders))
+    logs = [log if (log := one / "flight.tlog").is_file() else None for one in folders]
+    report = write_report(path, results, logs=logs, progress=progress)
+    told = {"title": report.title, "bytes": report.size, "moments": list(report.moments)}
+    return {**told, "notes": list(report.notes)}
+
+
+COMMAND = Command(report_command, EXAMPLES)

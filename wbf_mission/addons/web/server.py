@@ -1,0 +1,385 @@
+"""The server of the page: it shows a view to any number of browsers, in a thread of its own.
+
+The run tells its view what happens, and never waits for this server. Ten times a second, if there is news,
+each browser is sent what it does not know; those that know the same share the bytes. One that does not read
+is sent nothing until it does, and is let go after some seconds.
+
+Once a second each browser is sent a beat after what was new, so that it knows how old is what it shows. Its
+requests carry the newest beat that it had and the time since then on its own clock. From these the server
+knows how old a request is at most: the clocks of two machines are never compared.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import errno
+import hashlib
+import logging
+import secrets
+import socket
+import threading
+import time
+from collections.abc import Callable, Coroutine, Iterator, Sequence
+from dataclasses import dataclass
+from functools import partial
+from importlib import resources
+from pathlib import Path
+from typing import Any, Self, TypeAlias
+
+import msgspec
+import uvicorn
+from starlette.applications import Starlette
+from starlette.requests import Request
+from starlette.responses import Response
+from starlette.routing import BaseRoute, Route, WebSocketRoute
+from starlette.websockets import WebSocket, WebSocketDisconnect
+
+from geo.reading import misfit
+from mission.errors import LinkError
+from wbf_mission.addons.web.deadlines import HurriedProtocol
+from wbf_mission.addons.web.guard import Guard, is_loopback, own_names
+from wbf_mission.addons.web.schema import Answer, Background, Beat, Given, Order, Reply, Update
+from wbf_mission.addons.web.tiles import MapTiles
+from wbf_mission.addons.web.view import Cursor, View
+from wbf_mission.events import Event
+from wbf_mission.run.orders import Orders, steady_s, too_late
+
+INTERVAL_S = 0.1
+BEAT_S = 1.0
+OLD_S = 3.0
+"""A page whose newest beat is older shows its data as old, and gives no orders."""
+STALLED_S = 10.0
+"""How long a browser may take nothing at all of what is sent to it (where TCP can tell: on Linux)."""
+SEND_TIMEOUT_S = 20.0
+"""How long it may take to read an update, before the next one is sent."""
+MAX_REQUEST_BYTES = 4096
+MAX_CONNECTIONS = 200
+_ENDING_S = 2.0
+_ROUNDED_S = 0.25
+"""Browsers round their clocks, and these drift."""
+_TYPES = {"html": "text/html", "js": "text/javascript", "css": "text/css", "txt": "text/plain"}
+
+
+class LiveServer:
+    """Server of the pages of a view, as a context manager.
+
+    The caller lets `view` listen to the run's events. Any `host` but this machine's own needs `token`, by
+    default a random one, which `url` holds. Without `orders` pages only show. `tiles` are behind the farm.
+    `routes` stand behind the guard (`wbf_mission.addons.web.guard`) under any path but "/live", "/beats" and
+    "/tiles/..."; they limit the bodies that they read. `home` is the page of ``static/`` at "/".
+    MapTilesError if the tiles cannot be used; by `with` LinkError if the port is taken.
+
+    >>> with LiveServer(View()) as server:
+    ...     server.url.startswith("http://127.0.0.1:")
+    True
+    """
+
+    def __init__(
+        self,
+        view: View,
+        *,
+        host: str = "127.0.0.1",
+        port: int = 0,
+        token: str | None = None,
+        orders: Orders | None = None,
+        tiles: Path | None = None,
+        routes: Sequence[BaseRoute] = (),
+        home: str = "live",
+        clock: Callable[[], float] = steady_s,
+    ) -> None:
+        self._clock = clock
+        self._host, self.port, self._orders = host, port, orders
+        self._token = secrets.token_urlsafe() if token is None and not is_loopback(host) else token
+        self._tiles = None if tiles is None else MapTiles(tiles)
+        self.background: Background | None = None if self._tiles is None else self._tiles.background
+        self._viewers, self._ending = 0, False
+        self._shared: dict[Cursor | None, _Shared] = {}
+        self._making = asyncio.Lock()
+        self.show(view)
+        app = Starlette(
+            routes=[
+                *routes,
+                WebSocketRoute("/live", partial(self._serve_page, self._tell)),
+                WebSocketRoute("/beats", partial(self._serve_page, self._tell_beats)),
+                Route("/tiles/{z:int}/{x:int}/{y:int}", self._tile),
+                *_static_routes(home),
+            ]
+        )
+        config = uvicorn.Config(
+            Guard(app, own_names(host), self._token),
+            loop="asyncio",
+            http=HurriedProtocol,
+            ws="websockets-sansio",
+            ws_max_size=MAX_REQUEST_BYTES,
+            ws_per_message_deflate=False,  # Each viewer would take time of its own
+            lifespan="off",
+            log_config=None,
+            log_level="error",
+            access_log=False,
+            proxy_headers=False,
+            server_header=False,
+            limit_concurrency=MAX_CONNECTIONS,
+            timeout_graceful_shutdown=1,
+        )
+        logging.getLogger("uvicorn.error").addFilter(_is_ours)
+        self._server = uvicorn.Server(config)
+
+    def __enter__(self) -> Self:
+        """Listen, and serve."""
+        try:
+            family = socket.getaddrinfo(self._host, self.port, type=socket.SOCK_STREAM)[0][0]
+            self._socket = socket.create_server((self._host, self.port), family=family)
+        except OSError as error:
+            why = (error.strerror or str(error)).partition(" (while")[0]
+            mend = "give an address of this machine"
+            if error.errno in (errno.EADDRINUSE, errno.EACCES):
+                mend = "choose another port, or 0 for any free one"
+            msg = f"live page: cannot listen at {self._host}, port {self.port} ({why}); {mend}"
+            raise LinkError(msg) from None
+        if hasattr(socket, "TCP_USER_TIMEOUT"):
+            # What a browser does not take is given up, which asyncio would keep for good.
+            self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, round(1e3 * STALLED_S))
+        self.port = self._socket.getsockname()[1]
+        serve = partial(self._server.run, [self._socket])
+        self._thread = threading.Thread(target=serve, name="live page", daemon=True)
+        self._thread.start()
+        while not self._server.started and self._thread.is_alive():
+            self._thread.join(0.005)
+        if not self._server.started:
+            raise LinkError(f"live page: the server at port {self.port} did not start")
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Send viewers what is left to tell, and end."""
+        self._ending = True
+        deadline_s = time.monotonic() + _ENDING_S
+        while self._viewers and time.monotonic() < deadline_s:
+            time.sleep(INTERVAL_S / 4)
+        self._server.should_exit = True
+        self._thread.join()
+        if self._tiles is not None:
+            self._tiles.close()
+
+    @property
+    def url(self) -> str:
+        """The address to be opened, with the token if there is one."""
+        host = _outward() if self._host in ("0.0.0.0", "::", "") else self._host  # noqa: S104
+        host = f"[{host}]" if ":" in host else host
+        return f"http://{host}:{self.port}/" + (f"?token={self._token}" if self._token else "")
+
+    def show(self, view: View) -> None:
+        """Show another view from now on: pages that are open begin anew."""
+        view.offer(self.background)
+        self._view = view
+
+    # Viewers
+
+    async def _serve_page(self, tell: _Telling, websocket: WebSocket) -> None:
+        """Serve one page: tell it what is new, and hear what it asks for, until either ends."""
+        await websocket.accept()
+        self._viewers += 1
+        visit = _Visit(self._clock)
+        tasks = {asyncio.create_task(part(websocket, visit)) for part in (tell, self._hear)}
+        try:
+            done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+            for task in done:
+                task.result()
+        except (TimeoutError, WebSocketDisconnect):
+            pass
+        finally:
+            self._viewers -= 1
+            for task in tasks:
+                task.cancel()
+            await asyncio.gather(*tasks, return_exceptions=True)
+        with contextlib.suppress(TimeoutError, WebSocketDisconnect, RuntimeError):
+            async with asyncio.timeout(1.0):
+                await websocket.close(1001)
+
+    async def _tell(self, websocket: WebSocket, visit: _Visit) -> None:
+        view, cursor, now_s = self._view, None, asyncio.get_running_loop().time
+        while True:
+            if cursor is None or view.cursor > cursor:
+                text, cursor = await self._update(view, cursor)
+                await _send(websocket, text)
+            elif self._ending or view is not self._view:
+                return
+            await _beat(websocket, visit, view)
+            await asyncio.sleep(INTERVAL_S - now_s() % INTERVAL_S)  # All at the same times, to share
+
+    async def _tell_beats(self, websocket: WebSocket, visit: _Visit) -> None:
+        """Tell a page that shows no view whether the program lives."""
+        while not self._ending:
+            await _beat(websocket, visit, self._view)
+            await asyncio.sleep(INTERVAL_S)
+
+    async def _update(self, view: View, cursor: Cursor | None) -> tuple[str, Cursor]:
+        """Return what is new since a cursor; made once for all who ask within an interval."""
+        async with self._making:
+            now_s = asyncio.get_running_loop().time()
+            self._shared = {key: one for key, one in self._shared.items() if one.good_for(view, now_s)}
+            shared = self._shared.get(cursor)
+            if shared is None:
+                text, after = await asyncio.to_thread(_encoded, view, cursor)
+                # Who begins is brought up to date by the next one: the whole is kept longer.
+                until_s = now_s + INTERVAL_S * (0.9 if cursor else 20.0)
+                shared = self._shared[cursor] = _Shared(view, until_s, text, after)
+            return shared.text, shared.cursor
+
+    async def _hear(self, websocket: WebSocket, visit: _Visit) -> None:
+        while True:
+            message = await websocket.receive()
+            if message["type"] == "websocket.disconnect":
+                return
+            reply = Update(self._view.time_s, reply=self._ask(message.get("text"), visit))
+            await _send(websocket, reply.json().decode())
+
+    def _ask(self, text: str | None, visit: _Visit) -> Reply:
+        """Hand a page's request on, once and while it is fresh; return the reply."""
+        if self._orders is None:
+            return Reply("", "this page only shows: orders are not allowed", 0)
+        try:
+            # Its fields first, so that an error is about the kind of request that is meant.
+            fields = msgspec.json.decode(text or "", type=dict[str, msgspec.Raw])
+            kind: type[Answer | Order] = Answer if "answer" in fields else Order
+            given = msgspec.json.decode(text or "", type=kind)
+        except msgspec.ValidationError as error:
+            return Reply("", f"no request: {misfit(error)}", 0)
+        except (msgspec.DecodeError, RecursionError):
+            return Reply("", "no request: it is no JSON", 0)
+        name, number = given.order if isinstance(given, Order) else "answer", given.given.number
+        age_s, refused = visit.age_of(given.given)
+        if refused:
+            return Reply(name, refused, number)
+        if isinstance(given, Answer):
+            return Reply(name, self._orders.answer(given.answer, given.question, age_s=age_s), number)
+        refused = self._orders.take(given.system_ids, name, given.value, given.confirmed, age_s=age_s)
+        return Reply(name, refused, number)
+
+    # Files
+
+    async def _tile(self, request: Request) -> Response:
+        place = (request.path_params[name] for name in "zxy")
+        found = None if self._tiles is None else await asyncio.to_thread(self._tiles.read, *place)
+        if found is None:
+            return Response(status_code=204)  # Browsers would tell of a 404 in the console
+        headers = {"Cache-Control": "private, max-age=3600"}
+        return Response(found[0], headers=headers, media_type=found[1])
+
+
+def _is_ours(record: logging.LogRecord) -> bool:
+    """Return whether a line of the log is worth the terminal: what clients send is not."""
+    return not record.getMessage().startswith("Invalid UTF-8")
+
+
+class _Visit:
+    """One page's connection: its beats, and the age of its requests."""
+
+    def __init__(self, clock: Callable[[], float]) -> None:
+        self._clock, self._begun_s = clock, clock()
+        self._beat_s = -BEAT_S
+        self._number = 0
+
+    @property
+    def _now_s(self) -> float:
+        return self._clock() - self._begun_s
+
+    @property
+    def beat_is_due(self) -> bool:
+        return self._now_s >= self._beat_s + BEAT_S
+
+    def next_beat(self) -> float:
+        self._beat_s = self._now_s
+        return self._beat_s
+
+    def age_of(self, given: Given) -> tuple[float, str]:
+        """Return how old a request is at most, and why it is refused, empty if it is not."""
+        beat_s, number = given.beat_s, given.number
+        # It was given after the beat had left, and then so long after it had arrived.
+        age_s = self._now_s - beat_s - given.after_s
+        if number <= self._number:
+            return age_s, "it was given before: each order is carried out once"
+        self._number = number
+        if beat_s > self._beat_s or age_s < -_ROUNDED_S:
+            return age_s, "its time is none: load the page again"
+        if given.after_s > OLD_S:
+            return age_s, f"it was given by what the page had shown for {given.after_s:.0f} s: look again"
+        return max(age_s, 0.0), too_late(age_s)
+
+
+_Telling: TypeAlias = Callable[[WebSocket, _Visit], Coroutine[Any, Any, None]]
+
+
+async def _beat(websocket: WebSocket, visit: _Visit, view: View) -> None:
+    """Send a beat if one is due."""
+    if visit.beat_is_due:
+        beat = Update(view.time_s, beat=Beat(visit.next_beat(), view.silent_s()))
+        await _send(websocket, beat.json().decode())
+
+
+async def _send(websocket: WebSocket, text: str) -> None:
+    """Send a message; TimeoutError if that takes too long, WebSocketDisconnect if the page has gone."""
+    try:
+        async with asyncio.timeout(SEND_TIMEOUT_S):
+            await websocket.send_text(text)
+    except RuntimeError:  # uvicorn has closed the connection by itself, after a frame that is none
+        raise WebSocketDisconnect from None
+
+
+@contextlib.contextmanager
+def live_page(
+    *, host: str, port: int, orders: Orders | None, tiles: Path | None
+) -> Iterator[tuple[str, Callable[[Event], None]]]:
+    """Serve the page of a run: a `wbf_mission.cli.pages.LivePage`."""
+    view = View()
+    with LiveServer(view, host=host, port=port, orders=orders, tiles=tiles) as server:
+        yield server.url, view.take
+
+
+@dataclass(frozen=True, slots=True)
+class _Shared:
+    """An update for all viewers at the same cursor."""
+
+    view: View
+    until_s: float
+    text: str
+    cursor: Cursor
+
+    def good_for(self, view: View, now_s: float) -> bool:
+        return self.view is view and now_s < self.until_s
+
+
+def _encoded(view: View, cursor: Cursor | None) -> tuple[str, Cursor]:
+    update, after = view.update(cursor)
+    return update.json().decode(), after
+
+
+def _static_routes(home: str) -> list[Route]:
+    """Return a route for each file that is served, by its name; pages also without ".html"."""
+    routes = []
+    for file in (resources.files("wbf_mission.addons.web") / "static").iterdir():
+        stem, _, kind = file.name.rpartition(".")
+        if kind in _TYPES:
+            data = file.read_bytes()
+            handler = partial(_send_file, data, _TYPES[kind], f'"{hashlib.sha256(data).hexdigest()[:16]}"')
+            paths = [f"/{file.name}"] + ["/" if stem == home else f"/{stem}"] * (kind == "html")
+            routes += [Route(path, handler) for path in paths]
+    return routes
+
+
+async def _send_file(data: bytes, media_type: str, etag: str, request: Request) -> Response:
+    # Browsers keep it, and ask each time whether it is the same.
+    headers = {"ETag": etag, "Cache-Control": "no-cache"}
+    if request.headers.get("if-none-match") == etag:
+        return Response(status_code=304, headers=headers)
+    return Response(data, headers=headers, media_type=media_type)
+
+
+def _outward() -> str:
+    """Return the address by which others reach this machine, as far as it knows; nothing is sent."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        try:
+            probe.connect(("192.0.2.1", 9))  # An address for documentation
+        except OSError:
+            return socket.gethostname()
+        return str(probe.getsockname()[0])

@@ -1,0 +1,355 @@
+"""The studio: the requests of a page on which somebody draws a farm, plans over it, uploads and flies."""
+
+from __future__ import annotations
+
+import contextlib
+import inspect
+import threading
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from typing import Any, TypeAlias, get_args
+from urllib.parse import quote
+
+import msgspec
+from starlette.concurrency import run_in_threadpool
+from starlette.requests import ClientDisconnect, Request
+from starlette.responses import Response
+from starlette.routing import Route
+
+from geo import Farm
+from geo.errors import FarmError, WbfMissionError
+from geo.grid import Crop
+from geo.texts import parse_number
+from mission.planners import make_planner
+from mission.planners.registry import planner_parameters
+from mission.policies.policy import policy_parameters
+from mission.transfer.vehicles import Vehicle
+from wbf_mission.addons.web import drafts
+from wbf_mission.addons.web.newest import SupersededError
+from wbf_mission.addons.web.schema import Background
+from wbf_mission.addons.web.server import LiveServer
+from wbf_mission.addons.web.shapes import farm_shape, plan_shape
+from wbf_mission.addons.web.studio_flight import StudioFlight
+from wbf_mission.addons.web.words import worded
+from wbf_mission.events import EventStream, Planned
+from wbf_mission.live.discovery import fitted_to
+from wbf_mission.live.uploading import upload_checked
+from wbf_mission.preflight.inquiry import VehicleSnapshot
+from wbf_mission.preflight.subject import Circumstances
+from wbf_mission.scenario import Scenario, scenario_with
+from wbf_mission.scenario.choice import names_of
+from wbf_mission.scenario.option import Option
+
+_FIRST = ("planner", "policy", "budget", "vehicle", "autopilot", "wind_speed_m_s", "wind_direction_deg")
+"""Options that everybody looks at; the others are in their panels."""
+_LONGEST_END_S = 5.0
+_TYPES = {bool: "flag", int: "whole", float: "number"}
+_REMEDIES = {"repair": "--repair", "crop": "--crop", "crs": "--farm-crs"}
+_SURVEY_FLOWN = (
+    "flown with the images of the survey camera; at each the simulator's leaf camera looks at the ground"
+)
+Handler: TypeAlias = Callable[[Request, bytes], Any]
+
+
+class Studio:
+    """Answers the requests of the studio's page, which begins with the scenario `start`."""
+
+    def __init__(self, start: Scenario) -> None:
+        self.drafts = drafts.Drafts(start)
+        self._flight = StudioFlight()
+        self._background: Background | None = None
+
+    def begin(self, server: LiveServer) -> None:
+        """Begin: the server's live page shows the flights, its map tiles lie behind the farm.
+
+        What the page begins with is planned, so that it is there, and all is compiled, when it asks.
+        """
+        self._flight.show, self._background = server.show, server.background
+        body = msgspec.json.encode({"farm": self.drafts.start.farm.name, "options": self._given()})
+        threading.Thread(target=self._plan_quietly, args=(body,), name="studio", daemon=True).start()
+
+    def close(self) -> None:
+        """End the flight, if there is one, and remove the files."""
+        self._flight.stop(_LONGEST_END_S)
+        self.drafts.close()
+
+    def routes(self) -> list[Route]:
+        """Return the routes of what the page asks."""
+        read = {"options": self.options, "farm": self.named_farm, "flight": self.flight}
+        done = (self.farm, self.plan, self.cancel, self.export, self.upload, self.fly, self.stop)
+        return [
+            *(Route(f"/api/{name}", _answering(work), methods=["GET"]) for name, work in read.items()),
+            *(Route(f"/api/{work.__name__}", _answering(work), methods=["POST"]) for work in done),
+        ]
+
+    def options(self, _request: Request, _body: bytes) -> Any:
+        """Return what can be chosen, and with what the page begins."""
+        return {
+            "options": [_told(key, one) for key, one in drafts.draft_options().items()],
+            "farms": names_of("farm"),
+            "crops": [str(crop) for crop in Crop if crop is not Crop.NONE],
+            "parameters": {
+                "planner": {
+                    one: _parameters(planner_parameters(make_planner(one))) for one in names_of("planner")
+                },
+                "policy": {one: _parameters(policy_parameters(one)) for one in names_of("policy")},
+            },
+            "formats": [
+                {"name": name, "suffix": suffix} for suffix, name in drafts.written_suffixes().items()
+            ],
+            "background": self._background,
+            "start": {"farm": self.drafts.start.farm.name, "options": self._given()},
+        }
+
+    def named_farm(self, request: Request, _body: bytes) -> Any:
+        """Return a farm by its name, as it is drawn and edited."""
+        farm = self.drafts.farm_named(request.query_params.get("name", ""))
+        return _farm(farm, self.drafts.document(farm))
+
+    def farm(self, request: Request, body: bytes) -> Any:
+        """Return the farm of a file's content, or of what is drawn, which has no name of a file."""
+        asked = request.query_params
+        name = asked.get("name", "")
+        how = {"crop": asked.get("crop") or None, "crs": asked.get("crs") or None}
+        try:
+            return _farm(*self.drafts.farm_of_file(body, name, **how, repair=asked.get("repair") == "true"))
+        except FarmError as error:
+            return self._refused(error, body, name, how)
+
+    def plan(self, _request: Request, body: bytes) -> Any:
+        """Plan and check a draft."""
+        try:
+            draft = self.drafts.draft(body)
+        except FarmError as error:
+            return self._refused(error, drafts.drawn_farm(body), "", {})
+        found = self.drafts.plan(draft)
+        return {
+            "farm": farm_shape(found.draft.farm),
+            "notes": [worded(one) for one in found.draft.farm.notes],
+            "missions": [_mission(one) for one in found.missions],
+            "vehicles": [
+                result.summary() if cut is None else cut.summary()
+                for result, cut in zip(found.results, found.cuts, strict=True)
+            ],
+            "coverage": found.coverage,
+            "plan_s": found.plan_s,
+            "check_s": found.check_s,
+            "not_flown": found.not_flown,
+            "flown_note": _SURVEY_FLOWN if found.surveys else "",
+        }
+
+    def cancel(self, _request: Request, _body: bytes) -> Any:
+        """Give up what is planned now."""
+        self.drafts.stop()
+        return {}
+
+    def export(self, request: Request, body: bytes) -> Response:
+        """Return a mission's file."""
+        found = self.drafts.plan(self.drafts.draft(body))
+        suffix = request.query_params.get("format", ".plan")
+        name, content = found.file(_mission_asked(request), suffix, self.drafts.folder)
+        headers = {"Content-Disposition": f"attachment; filename*=UTF-8''{quote(name)}"}
+        return Response(content, media_type="application/octet-stream", headers=headers)
+
+    def upload(self, request: Request, body: bytes) -> Any:
+        """Upload a mission to a vehicle behind a link, which was confirmed; it is read back and compared."""
+        link = request.query_params.get("link", "")
+        found = self.drafts.plan(self.drafts.draft(body))
+        one = found.mission(_mission_asked(request))
+        if request.query_params.get("confirmed") != "true":
+            raise drafts.DraftError(f"confirm that {len(one.plan.mission.items)} items are sent to {link}")
+        system_id = _number(request, "system_id", 1, 255)
+        return _upload(found, one, link, None if system_id is None else int(system_id))
+
+    def fly(self, request: Request, body: bytes) -> Any:
+        """Fly a draft in the simulator; the live page shows it."""
+        pace = _number(request, "pace", 0.01, 1e6)
+        found = self.drafts.plan(self.drafts.draft(body))
+        self._flight.start(found.flown(self.drafts.folder), pace, found.decider)
+        return {}
+
+    def stop(self, _request: Request, _body: bytes) -> Any:
+        """End the flight."""
+        return {"stopped": self._flight.stop()}
+
+    def flight(self, _request: Request, _body: bytes) -> Any:
+        """Return what became of the flight."""
+        return self._flight.state
+
+    def _refused(self, error: FarmError, content: bytes, name: str, how: Mapping[str, Any]) -> Any:
+        """Return why a farm is refused, and what the page can offer: "repair", "crop" or "crs"."""
+        told = str(error)
+        remedy = next((one for one, flag in _REMEDIES.items() if flag in told), "")
+        if remedy == "repair":
+            try:
+                self.drafts.farm_of_file(content, name, **how, repair=True)
+            except FarmError as unmended:
+                told, remedy = str(unmended), ""
+        return {"error": worded(told), "remedy": remedy}
+
+    def _given(self) -> dict[str, Any]:
+        """Return the options of the beginning that are not at their defaults, as the page gives them."""
+        usual, start = Scenario(), self.drafts.start
+        return {key: _plain(start[key]) for key in drafts.draft_options() if start[key] != usual[key]}
+
+    def _plan_quietly(self, body: bytes) -> None:
+        with contextlib.suppress(WbfMissionError):
+            self.drafts.plan(self.drafts.draft(body))
+
+
+def _answering(work: Handler) -> Callable[[Request], Any]:
+    """Return an endpoint that answers with JSON what a function finds, or in one line why not ("error").
+
+    That is no error of HTTP: somebody types, and browsers would tell of each in the console.
+    """
+
+    async def answer(request: Request) -> Response:
+        body = bytearray()
+        try:
+            async for part in request.stream():
+                body += part
+                if len(body) > drafts.MAX_BODY_BYTES:
+                    told = f"more than {drafts.MAX_BODY_BYTES >> 20} MiB: draw with fewer points"
+                    return _json({"error": told}, 413)
+            found = await run_in_threadpool(work, request, bytes(body))
+        except SupersededError as error:
+            return _json({"error": str(error), "superseded": error.why})
+        except WbfMissionError as error:
+            return _json({"error": worded(error)})
+        except OSError as error:  # Of the files for drafts: the disk is full, for one
+            return _json({"error": worded(f"files for drafts: {error}")})
+        except ClientDisconnect:
+            return Response(status_code=400)  # Nobody is there to read it
+        return found if isinstance(found, Response) else _json(found)
+
+    return answer
+
+
+def _json(value: Any, status: int = 200) -> Response:
+    return Response(msgspec.json.encode(value), status_code=status, media_type="application/json")
+
+
+def _farm(farm: Farm, document: bytes) -> dict[str, Any]:
+    """Return a farm as it is drawn, and as it is edited."""
+    return {
+        "farm": farm_shape(farm),
+        "document": msgspec.Raw(document),
+        "notes": [worded(one) for one in farm.notes],
+    }
+
+
+def _mission(one: drafts.PlannedMission) -> dict[str, Any]:
+    """Return what one vehicle flies in one sortie, and what was found in it."""
+    plan, prediction, found = one.plan, one.plan.prediction, one.report.findings
+    told = Planned(
+        *(0.0, 0, 1, one.system_id, plan.mission, plan.path_m),
+        duration_s=prediction.duration_s,
+        length_m=plan.length_m,
+        coverage=plan.coverage,
+    )
+    return {
+        "name": one.name,
+        "plan": plan_shape(told, plan.farm),
+        "battery_used": plan.battery_used,
+        "energy_wh": prediction.energy_wh,
+        # What the check finds, too, is told once.
+        "warnings": [worded(text) for text in plan.warnings if not any(each.text in text for each in found)],
+        "findings": [
+            {
+                **each.summary(),
+                "text": worded(each.text),
+                "fix": worded(each.fix) or None,
+                "where": each.where,
+                "told": worded(each),
+                "place_m": one.place_of(each),
+            }
+            for each in found
+        ],
+    }
+
+
+def _upload(
+    found: drafts.PlannedDraft, one: drafts.PlannedMission, link: str, system_id: int | None
+) -> dict[str, Any]:
+    """Upload a mission; WbfMissionError if there are errors in it, or it does not arrive."""
+    vehicle = found.vehicles[one.system_id - 1]
+
+    def around(snapshot: VehicleSnapshot) -> Circumstances:
+        heard = Vehicle(snapshot.system_id, 1, snapshot.autopilot, snapshot.vehicle_type)
+        named = {"vehicle": vehicle.vehicle.name, "autopilot": vehicle.vehicle.autopilot, "vehicles": 1}
+        fitted = fitted_to(scenario_with(found.draft.scenario, named), heard)
+        given = Circumstances.of(fitted, one.plan.farm, snapshot)
+        return replace(given, imaging=one.plan.imaging, planner=one.plan.planner, coverage=found.coverage)
+
+    try:
+        report, checked = upload_checked(one.plan.mission, link, around, EventStream(), system_id=system_id)
+    except KeyboardInterrupt:
+        raise drafts.DraftError("the upload was interrupted") from None
+    return {
+        **report.summary(),
+        "vehicle": report.vehicle,
+        "findings": [worded(one) for one in checked.findings],
+    }
+
+
+def _told(key: str, one: Option) -> dict[str, Any]:
+    """Return what a page tells of an option."""
+    kinds = [kind for kind in get_args(one.wanted) or (one.wanted,) if kind in _TYPES]
+    is_text = one.read is not None or str in get_args(one.wanted)
+    names = drafts.known_names(key) if one.kind or key in drafts.NAMED else one.choices
+    return {
+        **{name: getattr(one, name) for name in _TOLD},
+        "help": worded(one.help),
+        "key": key,
+        "type": "text" if is_text or not kinds else _TYPES[kinds[0]],
+        "choices": names,
+        "default": worded(one.default or _default(one.initial)),
+        "first": key in _FIRST,
+        "several": one.each or one.wanted not in (str, str | None, Any),
+    }
+
+
+_TOLD = ("label", "panel", "unit", "low", "high", "kind", "needs", "not_with", "needs_fleet")
+
+
+def _default(initial: Any) -> str:
+    """Return a default in words."""
+    if isinstance(initial, bool):
+        return "yes" if initial else "no"
+    plain = _plain(initial)
+    return "none" if plain is None else f"{plain:g}" if isinstance(plain, float) else str(plain)
+
+
+def _plain(value: Any) -> Any:
+    """Return a value of an option as the page has it: a flag, a number or a text."""
+    if value is None or isinstance(value, bool | int | float):
+        return value
+    if isinstance(value, Mapping):
+        return ",".join(f"{name}={one:g}" for name, one in value.items())
+    return ",".join(map(str, value)) if isinstance(value, tuple | list) else str(value)
+
+
+def _parameters(known: Mapping[str, Any]) -> dict[str, str]:
+    """Return the parameters of a planner or policy with their defaults in words."""
+    return {
+        name: "" if default is inspect.Parameter.empty else _default(default)
+        for name, default in known.items()
+    }
+
+
+def _mission_asked(request: Request) -> int:
+    return int(_number(request, "mission", 0, 1e6) or 0)
+
+
+def _number(request: Request, name: str, low: float, high: float) -> float | None:
+    """Return a number of the request's address; None without one."""
+    text = request.query_params.get(name)
+    if not text:
+        return None
+    try:
+        value = parse_number(text)
+    except ValueError as error:
+        raise drafts.DraftError(f"{name}: {error}") from None
+    if not low <= value <= high:
+        raise drafts.DraftError(f"{name} {value:g} is out of range: give {low:g} to {high:g}")
+    return value

@@ -1,0 +1,292 @@
+"""The summary of a run on one sheet of paper: what was flown, what is sick and where, what it cost.
+
+Of two runs it tells in what they differ.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from html import escape
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mission.outcome import in_words
+from sensors.fields import Field
+from wbf_mission.maps.farm_drawing import FarmDrawing
+from wbf_mission.maps.field_maps import FieldMap
+from wbf_mission.maps.report import FieldReport, brief, percent
+from wbf_mission.run.record import RunRecord
+
+_BEGIN = '<section id="summary" aria-label="Summary">'
+_STEPS = 100
+_LEAST_SCALE = 0.02  # Of a large farm's share of sick plants
+_MOST_PIXELS = 0.995
+_SICK = ("#e3ecd2", "#f6c66a", "#e2711d", "#8e1f1c", "#4a0b16")
+_PATH_M = 0.002  # Of the farm's side: the least step of a path that is drawn
+_DENSE_SIDES = 15.0  # Tracks of so many of the farm's sides cover its map
+_SHEET_MM, _LINE_MM = 262.0, 4.5  # Below the title, within the margins
+_LEAST_MM, _MOST_MM = 18.0, 84.0  # Of a map
+_KEY_MM, _HEAD_MM = 12.0, 7.0  # With the lines and gaps around a field
+_TOLD_WARNINGS = 4
+_LONGEST_WARNING = 220
+
+
+def run_title(record: RunRecord) -> str:
+    """Return what was flown, in a line: farm, planner or policy, estimator, vehicle."""
+    parts = (_chooser(record), record.estimator, record.plan.vehicle.name)
+    return f"{record.farm.name}: {', '.join(parts)}, seed {record.scenario.seed}"
+
+
+def summary_of(record: RunRecord, *, notes: Sequence[str] = ()) -> str:
+    """Return the summary of a run, as the element of a page; the notes are about what is below it."""
+    told = _told(record)
+    reports = _reports(record)
+    shown = [one for one in record.maps if one.field.name in reports]
+    lines = _lines(told.values(), 100) + _lines(_shown_warnings(record), 115)
+    height_mm = _map_height_mm(lines, len(shown), _KEY_MM)
+    scales = {one.field.name: _scale([one]) for one in shown}
+    fields = "".join(
+        f'<div class="field"><div>{_map(record, one, scales[one.field.name], height_mm, reports)}'
+        f"{_key(one.field, scales[one.field.name])}</div>"
+        f"<div><h2>{escape(one.field.title)}</h2>{_about(reports[one.field.name])}</div></div>\n"
+        for one in shown
+    )
+    title = f"{record.farm.name}: what the flight found"
+    body = f"{_facts(told)}{_warnings(record)}{fields}{_below(notes)}"
+    return f"{_BEGIN}<h1>{escape(title)}</h1>\n{body}</section>"
+
+
+def comparison_of(first: RunRecord, second: RunRecord, *, notes: Sequence[str] = ()) -> str:
+    """Return the summary of two runs over the same farm: in what they differ, and both maps."""
+    told = [_told(one, short=True) for one in (first, second)]
+    names = list(dict.fromkeys([*told[0], *told[1]]))
+    rows = []
+    for name in names:
+        one, two = (each.get(name, "-") for each in told)
+        kind = "" if one == two else ' class="differs"'
+        rows.append(f"<tr{kind}><th>{escape(name)}</th><td>{escape(one)}</td><td>{escape(two)}</td></tr>")
+    reports = [_reports(record) for record in (first, second)]
+    pairs = [
+        (one, two)
+        for one in first.maps
+        for two in second.maps
+        if one.field.name == two.field.name and all(one.field.name in each for each in reports)
+    ]
+    lines = sum(_lines([max((each.get(name, "-") for each in told), key=len)], 45) for name in names)
+    height_mm = _map_height_mm(lines + 1, len(pairs), _KEY_MM + _HEAD_MM)
+    fields = ""
+    for pair in pairs:
+        scale, field = _scale(pair), pair[0].field
+        fields += f'<div class="field two"><h2>{escape(field.title)}</h2>'
+        for record, shown, of, side in zip((first, second), pair, reports, "ab", strict=True):
+            told_of = escape(brief(of[field.name]))
+            fields += (
+                f"<div>{_map(record, shown, scale, height_mm, of, side)}{_key(field, scale, told_of)}</div>"
+            )
+        fields += "</div>\n"
+    return (
+        f"{_BEGIN}<h1>{escape(first.farm.name)}: two runs</h1>\n"
+        f"<table><tr><th></th><th>A</th><th>B</th></tr>{''.join(rows)}</table>\n{fields}"
+        f"{_below(notes)}</section>"
+    )
+
+
+def _reports(record: RunRecord) -> dict[str, FieldReport]:
+    return {} if record.report is None else {report.name: report for report in record.report.fields}
+
+
+def _below(notes: Sequence[str]) -> str:
+    told = "".join(f"<li>{escape(one)}</li>" for one in notes)
+    return f'<nav class="below"><a href="#app">Replay it below</a><ul>{told}</ul></nav>\n'
+
+
+def _chooser(record: RunRecord) -> str:
+    mission = record.scenario.mission
+    if mission.policy is not None:
+        return str(mission.policy)
+    return record.plan.planner or f"mission {mission.file}"
+
+
+def _told(record: RunRecord, *, short: bool = False) -> dict[str, str]:
+    """Return the facts of a run in words, by what they are; the `short` ones are compared with another's."""
+    summary, scenario = record.summary(), record.scenario
+    vehicles = list(dict.fromkeys(scenario.vehicle.names))
+    count = summary["vehicles"]
+    days = [one.day for one in record.days] or [scenario.farm.day]
+    when = f"day {days[0]}" if len(days) == 1 else f"days {days[0]} to {days[-1]}"
+    flights, seed = len(record.flights), str(scenario.seed)
+    seen = f"{percent(summary['coverage'])} of the land to be seen"
+    told = {
+        "path": _chooser(record),
+        "vehicle": f"{count} x {', '.join(vehicles)}" if count > 1 else ", ".join(vehicles),
+        "when": when if short else f"{when}, {flights} flight{'s' if flights != 1 else ''}",
+        **({"flights": str(flights)} if short else {}),
+        "outcome": in_words(record.outcome, record.reason),
+        # Of a policy only the first path is known before.
+        "flown": record.flown(predicted=not short and scenario.mission.policy is None),
+        "battery": _battery(record),
+        "seen": f"{summary['observations']:,} readings, {seen}",
+        "estimator": record.estimator if short else f"{record.estimator}, seed {seed}",
+        **({"seed": seed} if short else {}),
+    }
+    if record.score is not None and record.final_score is not None:
+        told["score"] = f"{record.score:.5f} over the run, {record.final_score:.5f} at its end (0 is perfect)"
+    for name, value in summary["losses"].items():
+        if short and value is not None:
+            told[f"loss a cell, {name}"] = f"{value:.4g}"
+    if short and record.warnings:
+        told["warnings"] = str(len(record.warnings))
+    return told
+
+
+def _battery(record: RunRecord) -> str:
+    used = [one.battery_used for one in record.flights if one.battery_used is not None]
+    if not used:
+        return "not told"
+    if len(used) == 1:
+        return f"{percent(used[0])} of one"
+    return f"{len(used)} charges, at most {percent(max(used))} of one; {sum(used):.1f} in all"
+
+
+def _facts(told: Mapping[str, str]) -> str:
+    rows = "".join(f"<dt>{escape(name)}</dt><dd>{escape(text)}</dd>" for name, text in told.items())
+    return f'<dl class="facts">{rows}</dl>\n'
+
+
+def _shown_warnings(record: RunRecord) -> list[str]:
+    """Return the first warnings, and how many more there are."""
+    warnings = record.warnings
+    lines = [one if len(one) <= _LONGEST_WARNING else f"{one[:_LONGEST_WARNING]}..." for one in warnings]
+    if len(lines) > _TOLD_WARNINGS:
+        lines[_TOLD_WARNINGS - 1 :] = [f"and {len(lines) - _TOLD_WARNINGS + 1} more warnings"]
+    return lines
+
+
+def _warnings(record: RunRecord) -> str:
+    lines = "".join(f"<li>{escape(one)}</li>" for one in _shown_warnings(record))
+    return f'<ul class="warnings">{lines}</ul>\n' if lines else ""
+
+
+def _lines(texts: Iterable[str], columns: int) -> int:
+    """Return about how many lines texts take, each in lines of its own."""
+    return sum(-(-len(one) // columns) for one in texts)
+
+
+def _map_height_mm(lines: int, fields: int, beside_mm: float) -> float:
+    """Return how high maps may be, so that all is on one sheet: below some lines, one of each field."""
+    room_mm = (_SHEET_MM - _LINE_MM * lines) / max(fields, 1) - beside_mm
+    return min(max(room_mm, _LEAST_MM), _MOST_MM)
+
+
+def _about(report: FieldReport) -> str:
+    """Tell how much of a field is sick, how sure that is, and where it is worst."""
+    disease = report.kind == "disease"
+    write = _writer(report)
+    sure = "how sure that is, the estimator does not tell"
+    if report.low is not None and report.high is not None:
+        sure = f"90 % sure: {write(report.low)} to {write(report.high)}"
+    what = "of the plants are expected sick" if disease else "on average"
+    if report.is_of_seen:
+        what = "of the plants that were looked at are sick" if disease else "on average of what was looked at"
+        sure = "of what nobody looked at nothing is known"
+    main = f"{write(report.expected)} {what}"
+    interval = [
+        "" if one.low is None or one.high is None else f"{write(one.low)} to {write(one.high)}"
+        for one in report.blocks
+    ]
+    seen = f"{report.seen:,} of {report.cells:,} {'plants' if disease else 'cells'} were looked at"
+    if disease:
+        seen += f", {report.seen_sick:,} of these were sick"
+    rows = "".join(
+        f'<tr><td><span class="dot">{number}</span> {escape(one.name)}</td>'
+        f'<td class="n">{one.latitude_deg:.5f}, {one.longitude_deg:.5f}</td>'
+        f'<td class="n">{write(one.expected)}</td><td class="n">{interval[number - 1]}</td></tr>'
+        for number, one in enumerate(report.blocks, start=1)
+    )
+    worst = "worst blocks" if disease else "lowest blocks"
+    return (
+        f'<p class="main">{main}</p><p>{sure}. {seen}.</p>'
+        f'<table><tr><th>{worst}</th><th class="n">latitude, longitude</th><th class="n">'
+        f'{"sick" if disease else "value"}</th><th class="n">90 %</th></tr>{rows}</table>'
+    )
+
+
+def _writer(report: FieldReport) -> Callable[[float], str]:
+    """Return what writes a field's numbers: a part of the plants, or a value in its unit."""
+    if report.kind == "disease":
+        return percent
+    return lambda value: f"{value:.3g} {report.unit}".rstrip()
+
+
+def _map(
+    record: RunRecord,
+    of: FieldMap,
+    scale: float,
+    height_mm: float,
+    reports: Mapping[str, FieldReport],
+    side: str = "",
+) -> str:
+    """Draw the estimate of a field, the path that was flown, and the blocks that are told."""
+    drawing, grid, field = FarmDrawing.of(record.farm), of.grid, of.field
+    share = of.share / scale
+    pixels = np.zeros(share.shape, np.uint8)
+    known = np.isfinite(share)
+    pixels[known] = 1 + np.clip(np.rint(share[known] * (_STEPS - 1)), 0, _STEPS - 1).astype(np.uint8)
+    palette = np.concatenate([np.zeros((1, 3), np.uint8), _ramp(field)])
+    blocks = reports[field.name].blocks
+    dots = "".join(drawing.dot(one.x_m, one.y_m, str(number)) for number, one in enumerate(blocks, start=1))
+    over = _flown(record, drawing) + dots
+    shows = f"Map of the estimate of {field.title}"
+    name = f"{field.name}{side}"
+    drawn = drawing.svg(name, shows, pixels, grid.pixel * grid.cell_size_m, palette, over)
+    return drawn.replace("<svg ", f'<svg height="{height_mm:.1f}mm" ', 1)
+
+
+def _flown(record: RunRecord, drawing: FarmDrawing) -> str:
+    """Draw the tracks of all flights, as fine as the map shows."""
+    step_m, paths, points = _PATH_M * 100.0 * drawing.unit, [], 0
+    for flight in record.flights:
+        x, y = flight.track.x_m, flight.track.y_m
+        if len(x):
+            along = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(x), np.diff(y)))])
+            _, kept = np.unique((along // step_m).astype(np.int64), return_index=True)
+            points += len(kept)
+            paths.append("M" + "L".join(f"{x[k]:.1f} {drawing.down(y[k]):.1f}" for k in kept))
+    # Tracks that cover the farm are not to hide what they found.
+    opacity = 0.55 if points * _PATH_M < _DENSE_SIDES else 0.2
+    line = f'fill="none" stroke="#1f3b73" stroke-opacity="{opacity:g}"'
+    return f'<path d="{"".join(paths)}" {line} stroke-width="{0.25 * drawing.unit:.3f}"/>'
+
+
+def _scale(maps: Sequence[FieldMap]) -> float:
+    """Return what the last colour stands for: of a disease at least a small share, else the whole range."""
+    if maps[0].field.kind != "disease":
+        return 1.0
+    # A pixel at a border has few plants: one sick one more is no scale for all others.
+    highest = (float(np.nanquantile(one.share, _MOST_PIXELS)) for one in maps if np.isfinite(one.share).any())
+    return max(_LEAST_SCALE, *highest, 0.0)
+
+
+def _ramp(field: Field) -> NDArray[np.uint8]:
+    """Return the colours of a field's map from nothing to its scale, uint8[`_STEPS`, 3]."""
+    colours = _SICK if field.kind == "disease" else field.colours
+    ends = np.array([[int(one[k : k + 2], 16) for k in (1, 3, 5)] for one in colours], np.float64)
+    at, places = np.linspace(0.0, len(ends) - 1.0, _STEPS), np.arange(len(ends))
+    return np.rint(np.stack([np.interp(at, places, ends[:, k]) for k in range(3)], axis=1)).astype(np.uint8)
+
+
+def _key(field: Field, scale: float, told: str = "") -> str:
+    """Draw the scale of a map's colours."""
+    bars = "".join(
+        f'<rect x="{k}" width="1.05" height="1" fill="#{r:02x}{g:02x}{b:02x}"/>'
+        for k, (r, g, b) in enumerate(_ramp(field)[:: _STEPS // 20].tolist())
+    )
+    bar = f'<svg viewBox="0 0 20 1" preserveAspectRatio="none" aria-hidden="true">{bars}</svg>'
+    if field.kind == "disease":
+        low, high = "0 %", f"{percent(scale)} sick"
+    else:
+        low, high = (f"{field.to_unit(one):.3g}" for one in (0.0, scale))
+        high = f"{high} {'' if field.range == (0.0, 1.0) else field.unit}".rstrip()
+    told = f"<strong>{told}</strong>" if told else ""
+    return f'<p class="key">{told}<span>{low}</span>{bar}<span>{escape(high)}</span></p>'

@@ -1,0 +1,1 @@
+"""Fixed wings under PX4 and ArduPlane."""

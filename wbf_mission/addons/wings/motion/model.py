@@ -1,0 +1,275 @@
+"""A fixed wing as a motion model: the compiled kernel with its state, route, wind and energy."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import asdict
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from sim_vehicle.airframe.power_spec import DRAG, GRAVITY_M_S2, OWN_DRAG
+from sim_vehicle.energy.battery import WH_J
+from sim_vehicle.energy.power import power_coefficients
+from sim_vehicle.errors import VehicleError
+from sim_vehicle.motion import columns as col
+from sim_vehicle.motion.columns import State, record_of, row_of
+from sim_vehicle.motion.compiled_motion import CompiledMotion, Dynamics
+from sim_vehicle.motion.legs import KEEP, LegKind
+from sim_vehicle.weather.wind import Wind
+from wbf_mission.addons.wings.motion import layout as wing
+from wbf_mission.addons.wings.motion.air import drag
+from wbf_mission.addons.wings.motion.guidance import NPFG
+from wbf_mission.addons.wings.motion.kernel import advance
+from wbf_mission.addons.wings.motion.layout import Leg, Limits, Wing
+from wbf_mission.addons.wings.power import FixedWingAirframe, FixedWingPowerSpec
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    from numpy.typing import NDArray
+
+    from sim_vehicle.airframe.spec import VehicleSpec
+    from sim_vehicle.motion.legs import Heading, Position, Route
+    from wbf_mission.addons.wings.motion.layout import FixedWingLimits
+
+# Least pitch of a climb-out where the mission has none.
+_TAKEOFF_PITCH = math.radians(4.0)
+# Its drag holds for vehicles without a power model: a foam mapper of 1.8 m span.
+_TYPICAL = FixedWingPowerSpec(mass_kg=1.9, wing_area_m2=0.42, wing_span_m=1.8, parasitic_drag=0.035)
+# Deceleration on grass.
+_BRAKE_M_S2 = 3.0
+# ArduPlane counts the full throw of a control surface as 45 degrees.
+_ELEVATOR_RAD = 0.25 * math.pi
+
+
+class FixedWing(CompiledMotion):
+    """A fixed wing that flies routes; it stays by circling.
+
+    Parameters
+    ----------
+    limits_of : callable
+        What the autopilot makes of a vehicle's parameters.
+    yaw_rad : float
+        Heading at the start.
+    control_of : callable
+        Further columns of `Limits` that the autopilot has, by name.
+    """
+
+    dynamics = Dynamics(advance, wing.STATE, wing.LIMITS)
+    _state_size = len(State) + len(Wing)
+    _energy_limit = Limits.ENERGY_LIMIT
+
+    def __init__(
+        self,
+        spec: VehicleSpec,
+        limits_of: Callable[[VehicleSpec], FixedWingLimits],
+        control_of: Callable[[VehicleSpec], Mapping[str, float]],
+        wind: Wind | None = None,
+        yaw_rad: float = 0.0,
+    ) -> None:
+        self._limits_of = limits_of
+        self._control_of = control_of
+        self.law = limits_of(spec)
+        super().__init__(spec, wind, yaw_rad)
+        self.state[Wing.BEARING] = math.nan
+
+    def attitude(self) -> tuple[float, float, float, float]:
+        """Return roll (right), pitch (up), true airspeed and throttle."""
+        state = self.state
+        return (
+            float(state[Wing.BANK]),
+            float(state[Wing.PITCH]),
+            float(state[Wing.AIRSPEED]),
+            float(state[Wing.THROTTLE]),
+        )
+
+    def place_in_flight(self, position_m: Position, velocity_m_s: Position, heading_rad: float) -> None:
+        """Be in steady flight at time 0, with nothing used yet, as if it had flown there."""
+        super().place_in_flight(position_m, velocity_m_s, heading_rad)
+        state = self.state
+        east, north, up = velocity_m_s
+        wind_east, wind_north = state[col.LEVEL_WIND].tolist()
+        state[Wing.BANK : Wing.WIND_UP] = 0.0
+        state[Wing.AIRSPEED] = math.hypot(east - wind_east, north - wind_north, up)
+        state[Wing.CLIMB] = up
+        state[Wing.COURSE] = math.atan2(east, north)
+        state[Wing.BEGIN_X] = state[Wing.BEARING] = math.nan
+        state[Wing.DOING] = wing.FLYING
+        speed = max(float(state[Wing.AIRSPEED]), 3.0)
+        level = self._limits[Limits.LIFT_LEVEL] * speed * speed
+        attack = (GRAVITY_M_S2 - level) / (self._limits[Limits.LIFT_SLOPE] * speed * speed)
+        state[Wing.PITCH] = math.asin(min(max(up / speed, -0.5), 0.5)) + min(attack, 0.3)
+
+    def fly(self, route: Route) -> None:
+        """Begin a route, from where the vehicle is and as it moves now."""
+        before = None if self._route is None else self._route.view(np.float64).reshape(-1, len(Leg))
+        target = None if before is None else before[self.leg, : Leg.Z].copy()
+        rows = self._rows(route)
+        follows = (
+            target is not None
+            and rows[0, Leg.KIND] == wing.LINE
+            and math.hypot(rows[0, Leg.X] - target[0], rows[0, Leg.Y] - target[1]) < 1.0
+            and self.counters[col.ARRIVED] == 0
+        )
+        # A leg that is only planned again keeps its line.
+        if not follows:
+            self._begin_at(before)
+        self._route = rows.view(wing.LEG)[:, 0]
+        self._begin()
+
+    def _begin_at(self, before: NDArray[np.float64] | None) -> None:
+        """The first leg begins at the waypoint that was reached last, otherwise here."""
+        self.state[Wing.BEGIN_X] = math.nan
+        if before is not None and self.counters[col.ARRIVED] and before[-1, Leg.KIND] == wing.LINE:
+            self.state[Wing.BEGIN_X : Wing.BEGIN_X + 3] = before[-1, : Leg.KIND]
+
+    def _rows(self, route: Route) -> NDArray[np.float64]:
+        law = self.law
+        legs, n = route.legs, len(route.legs)
+        rows = np.zeros((n, len(Leg)))
+        rows[:, : Leg.KIND] = route.points_m
+        # The vehicle's default is left to the autopilot; ArduPlane keeps radii in one byte.
+        radius = np.where(legs["radius"] == self.spec.acceptance_radius_m, 0.0, legs["radius"])
+        rows[:, Leg.RADIUS] = np.floor(np.minimum(radius, 255.0))
+        speed = np.where(np.isnan(legs["speed"]), law.airspeed_trim, legs["speed"])
+        rows[:, Leg.AIRSPEED] = np.clip(speed, law.airspeed_min, law.airspeed_max)
+        rows[:, Leg.NEAR] = legs["near"]
+        rows[:, Leg.TURNS] = legs["turns"]
+        rows[:, Leg.EXIT_X], rows[:, Leg.EXIT_Y] = legs["exit_x"], legs["exit_y"]
+        rows[:, Leg.PAUSE] = legs["pause"]
+        rows[:, Leg.HEIGHT_TOLERANCE] = law.height_acceptance
+        rows[:, Leg.TURN_ANGLE] = 0.5 * math.pi
+        rows[:, Leg.PITCH] = np.where(legs["pitch"] > 0.0, legs["pitch"], _TAKEOFF_PITCH)
+        for i in range(n):
+            stops = not legs["radius"][i] > 0.0
+            wanted = float(legs["circle"][i])
+            rows[i, Leg.KIND] = kind = self._kind(int(legs["kind"][i]), stops, wanted)
+            if not abs(wanted) > 0.0:
+                wanted = law.loiter_radius
+            least = 1.05 * law.tightest_m(float(rows[i, Leg.AIRSPEED]))
+            rows[i, Leg.CIRCLE_RADIUS] = math.copysign(max(abs(wanted), least), wanted)
+            if kind == wing.CIRCLE:
+                rows[i, Leg.HEIGHT_TOLERANCE] = min(law.height_acceptance, 10.0)
+            elif kind == wing.CIRCULAR_LANDING:
+                rows[i, Leg.SLOPE] = law.landing_slope
+            rows[i, Leg.AT_ONCE] = legs["kind"][i] == LegKind.HOME
+            rows[i, Leg.ON_CIRCLE] = law.law == NPFG and legs["kind"][i] == LegKind.LOITER_TO_HEIGHT
+            if i + 1 < n and legs["kind"][i + 1] == LegKind.LAND:
+                tolerance = min(float(rows[i, Leg.HEIGHT_TOLERANCE]), law.landing_height_acceptance)
+                rows[i, Leg.HEIGHT_TOLERANCE] = tolerance
+        self._corners(rows)
+        return rows
+
+    def _kind(self, kind: int, stops: bool, radius: float) -> float:
+        if kind == LegKind.TAKEOFF:
+            return wing.TAKEOFF
+        if kind == LegKind.LAND:
+            return wing.LANDING if math.isnan(radius) else wing.CIRCULAR_LANDING
+        if kind in (LegKind.LOITER, LegKind.STAY, LegKind.LOITER_TO_HEIGHT) or stops:
+            return wing.CIRCLE
+        return wing.LINE
+
+    def _corners(self, rows: NDArray[np.float64]) -> None:
+        """Note the angle between each leg and the next one, or where it will be left to."""
+        ends = np.vstack([self.state[None, State.POSITION_X : State.POSITION_Z], rows[:, : Leg.Z]])
+        ways = np.diff(ends, axis=0)
+        leads = rows[:, Leg.EXIT_X : Leg.PAUSE] - rows[:, : Leg.Z]
+        for i in range(len(rows)):
+            if not np.isnan(leads[i, 0]):
+                ahead = leads[i]
+            elif i + 1 < len(rows):
+                ahead = ways[i + 1]
+            else:
+                continue
+            (ax, ay), (bx, by) = ways[i].tolist(), ahead.tolist()
+            if math.hypot(ax, ay) > 0.1 and math.hypot(bx, by) > 0.1:
+                rows[i, Leg.TURN_ANGLE] = abs(math.atan2(ax * by - ay * bx, ax * bx + ay * by))
+
+    def steer(self, velocity_m_s: Position, *, height_m: float = math.nan, heading: Heading = KEEP) -> None:
+        """Fall, when it is ordered straight down; it keeps no other velocities.
+
+        Raises
+        ------
+        VehicleError
+            For a velocity to keep.
+        """
+        east, north, up = velocity_m_s
+        if east != 0.0 or north != 0.0 or not up < 0.0 or not math.isnan(height_m):
+            msg = f"vehicle {self.spec.name}: a fixed wing keeps no velocity over ground, give it places"
+            raise VehicleError(msg)
+        row = np.zeros((1, len(Leg)))
+        row[0, : Leg.KIND] = self.state[col.POSITION]
+        row[0, Leg.KIND] = wing.FALL
+        row[0, Leg.CIRCLE_RADIUS] = self.law.loiter_radius
+        self._route = row.view(wing.LEG)[:, 0]
+        self._begin()
+
+    def stopping_point(self) -> Position:
+        """Return the centre that it circles when ordered to stay: that of its circle, otherwise here."""
+        route = self._route
+        if route is not None and self.state[Wing.DOING] == wing.FLYING:
+            centred = route["kind"][-1] in (wing.CIRCLE, wing.LINE, wing.TAKEOFF)
+            if self.counters[col.ARRIVED] and centred:
+                x, y, z = self.state[Wing.CENTRE_X : Wing.CENTRE_RADIUS].tolist()
+                return x, y, z
+            row = route[self.leg]
+            if row["kind"] == wing.CIRCLE and not math.isnan(self.state[Wing.BEARING]):
+                return float(row["x"]), float(row["y"]), float(row["z"])
+        return self.position_m
+
+    def lose_power(self) -> None:
+        """Glide from now on: the motor stops."""
+        self._limits[Limits.THROTTLE_LIMIT] = 0.0
+
+    def update_spec(self, spec: VehicleSpec) -> None:
+        """Take other defaults and limits; they hold at once, those of legs from the next route on."""
+        throttle = self._limits[Limits.THROTTLE_LIMIT]
+        self.law = self._limits_of(spec)
+        super().update_spec(spec)
+        self._limits[Limits.THROTTLE_LIMIT] = throttle
+
+    def set_climb(self, climb_m_s: float | None, descent_m_s: float | None) -> None:
+        """Change heights no faster than this, from now on; None is the autopilot's own rate."""
+        law = self.law
+        limits = record_of(self._limits, wing.LIMITS)
+        limits.climb_rate = min(climb_m_s or law.climb_rate, law.climb_max)
+        limits.sink_rate = min(descent_m_s or law.sink_rate, law.sink_max)
+
+    def touch_down(self) -> None:
+        """Stand still on the ground."""
+        super().touch_down()
+        self.state[Wing.BANK : Wing.COMMAND + 1] = 0.0
+        self.state[Wing.RUNNING] = 0.0
+        self.state[Wing.DOING] = wing.ON_GROUND
+        self.state[Wing.BEGIN_X] = math.nan
+
+    def _numbers(self, spec: VehicleSpec) -> NDArray[np.float64]:
+        """Return the limits in the order of the kernel."""
+        law = self.law
+        power = spec.power if isinstance(spec.power, FixedWingPowerSpec) else _TYPICAL
+        frame = FixedWingAirframe() if spec.airframe is None else spec.airframe
+        coefficients = power_coefficients(power)
+        mass = power.mass_kg
+        # rho S / (2 m): times a coefficient and V^2 it is an acceleration.
+        per_coefficient = coefficients[DRAG] / (mass * power.parasitic_drag)
+        values = {
+            **asdict(law),
+            "step_s": spec.step_s,
+            "wing_span": power.wing_span_m,
+            "ground_drag": frame.ground_drag_1_s or 0.0,
+            "braking": 0.0 if frame.ground_drag_1_s else _BRAKE_M_S2,
+            "parasitic": coefficients[DRAG] / mass,
+            "induced": coefficients[OWN_DRAG] / mass,
+            "lift_level": per_coefficient * frame.lift_level,
+            "lift_slope": per_coefficient * frame.lift_slope,
+            "turn_share": frame.turn_share,
+            "trim_change": _ELEVATOR_RAD * frame.elevator_per_lift / per_coefficient,
+            "energy_limit": math.inf if spec.battery is None else spec.battery.capacity_wh * WH_J,
+            "throttle_limit": 1.0,
+        }
+        row = row_of(wing.LIMITS, values | dict(self._control_of(spec)))
+        trim = law.airspeed_trim
+        climbing = drag(record_of(row, wing.LIMITS), trim, 1.0) + GRAVITY_M_S2 * law.climb_max / trim
+        row[Limits.THRUST] = climbing if frame.thrust_n is None else frame.thrust_n / mass
+        return row

@@ -1,0 +1,125 @@
+"""Airframe and electric power of a fixed wing.
+
+Drag from the parabolic polar, n the load factor of a turn (Anderson,
+*Aircraft Performance and Design*, 1999, ch. 5)::
+
+    D = q S (CD0 + CL^2 / (pi e AR))     CL = n W / (q S)     q = rho V^2 / 2
+    P = (D V + W climb) / efficiency + avionics
+
+with the climb of the energy height, which counts a gain of speed as well as one of height. A glide takes no
+less than the avionics: a windmilling propeller gives nothing back.
+
+It is plain Python; `wbf_mission.addons.wings.motion.kernel` has it compiled.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from sim_vehicle.airframe.power_spec import (
+    AIR_DENSITY_KG_M3,
+    BATTERY_LOSS,
+    CONSTANT_POWER,
+    DRAG,
+    GRAVITY_M_S2,
+    MASS,
+    OWN_DRAG,
+    PER_EFFICIENCY,
+    FurtherPowerSpec,
+    within,
+)
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FixedWingPowerSpec(FurtherPowerSpec):
+    """Parameters of the power model of a fixed wing (`fixed_wing_power`)."""
+
+    # Of the wing; they give its aspect ratio.
+    wing_area_m2: float
+    wing_span_m: float
+    parasitic_drag: float = 0.025
+    """Drag coefficient without lift, on the wing area."""
+    oswald: float = 0.8
+    """Span efficiency of the induced drag."""
+    efficiency: float = 0.55
+
+    @property
+    def drag_area_m2(self) -> float:
+        """Equivalent flat plate area of the drag without lift."""
+        return self.parasitic_drag * self.wing_area_m2
+
+    @property
+    def own_drag(self) -> float:
+        """Induced drag times the square of the airspeed."""
+        weight = self.mass_kg * GRAVITY_M_S2
+        return weight**2 / (0.5 * AIR_DENSITY_KG_M3 * math.pi * self.oswald * self.wing_span_m**2)
+
+    def steady_w(
+        self, numbers: NDArray[np.float64], airspeed: float, climb: float, load: float, acceleration: float
+    ) -> float:
+        """Return the power of steady flight."""
+        energy_climb = climb + airspeed * acceleration / GRAVITY_M_S2
+        return fixed_wing_power(numbers, airspeed, energy_climb, load)
+
+
+@dataclass(frozen=True, slots=True)
+class FixedWingAirframe:
+    """Thrust, lift and ground of a fixed wing; its drag is in the power model."""
+
+    thrust_n: float | None = None
+    """At full throttle, at any airspeed; None is what climbs as the autopilot's parameter says."""
+    # Lift coefficient with the fuselage along the flow, and its gain per radian of angle of attack.
+    lift_level: float = 0.3
+    lift_slope: float = 5.0
+    turn_share: float = 1.0
+    """Rate of a turn over that of a coordinated one, g tan(bank) / airspeed; below 1 it slips outward."""
+    elevator_per_lift: float = 0.0
+    """Share of the throw of the elevator that trims it for one more lift coefficient: the static stability
+    over the power of the elevator. Until the pitch control has trimmed a change of airspeed its nose is too
+    high or too low; 0 is always trimmed."""
+    liftoff_airspeed_m_s: float | None = None
+    """Airspeed at which it leaves the ground by its own thrust; None: it is thrown, or rolls as the
+    autopilot's parameters say."""
+    ground_drag_1_s: float | None = None
+    """Deceleration over speed while it rolls; None is grass, which brakes at any speed alike."""
+
+    def __post_init__(self) -> None:
+        within(
+            "airframe",
+            self,
+            ("thrust_n", 0.01, 1e5),
+            ("lift_level", -1.0, 2.0),
+            ("lift_slope", 1.0, 10.0),
+            ("turn_share", 0.2, 1.0),
+            ("elevator_per_lift", 0.0, 5.0),
+            ("liftoff_airspeed_m_s", 1.0, 100.0),
+            ("ground_drag_1_s", 0.01, 10.0),
+        )
+
+
+def fixed_wing_power(power: NDArray[np.float64], airspeed: float, climb: float, load: float) -> float:
+    """Return the power of a fixed wing, watts from the cells of its battery.
+
+    Parameters
+    ----------
+    power : float64[COEFFICIENTS]
+    airspeed : float
+        True airspeed; standing on the ground there is no drag.
+    climb : float
+        Gain of energy over the weight: the climb rate in a steady flight, and V a / g more when it speeds up.
+    load : float
+        Lift over weight, 1 / cos(bank) in a level turn.
+    """
+    speed2 = airspeed * airspeed
+    if speed2 < 1.0:
+        return float(power[CONSTANT_POWER])
+    drag = power[DRAG] * speed2 + power[OWN_DRAG] * load * load / speed2
+    needed = drag * airspeed + power[MASS] * GRAVITY_M_S2 * climb
+    total = power[CONSTANT_POWER] + power[PER_EFFICIENCY] * max(needed, 0.0)
+    return float(total * (1.0 + power[BATTERY_LOSS] * total))

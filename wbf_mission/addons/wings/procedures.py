@@ -1,0 +1,97 @@
+"""The part of a fixed wing's flight that its autopilot decides: motion, take-off, approach."""
+
+from __future__ import annotations
+
+import math
+from abc import abstractmethod
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from sim_vehicle.autopilot.procedures import FixedWingProcedures
+from sim_vehicle.motion.legs import KEEP, Circle, Leg, LegKind
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from sim_vehicle.airframe.spec import VehicleSpec
+    from sim_vehicle.motion.legs import Heading, Position
+    from sim_vehicle.motion.model import MotionModel
+    from sim_vehicle.weather.wind import Wind
+    from wbf_mission.addons.wings.motion.layout import FixedWingLimits
+
+__all__ = ["WingProcedures", "airspeeds_in_order"]
+
+# Acceleration of a take-off that is thrown or catapulted, and of one that rolls; airspeed that a throw gives
+# over the least airspeed.
+_THROW_M_S2, _ROLL_M_S2, _THROW_SHARE = 20.0, 3.0, 0.85
+# Nearer than this there is no direction from which a landing could be approached.
+_APPROACH_M = 30.0
+
+
+class WingProcedures(FixedWingProcedures):
+    """Procedures of a firmware for fixed wings: the compiled motion, the approach."""
+
+    @abstractmethod
+    def limits(self, spec: VehicleSpec) -> FixedWingLimits:
+        """Limits of a vehicle's flight."""
+
+    def control(self, spec: VehicleSpec) -> Mapping[str, float]:
+        """Further numbers of the law, columns of `wbf_mission.addons.wings.motion.layout.Limits`."""
+        return {}
+
+    def start_of_flight(self, spec: VehicleSpec, rotation: float, least: float) -> tuple[float, float]:
+        """Airspeed at which the ground is left, and acceleration up to there (0: that of its thrust).
+
+        ``rotation`` is the airspeed at which a runway is left, 0 without a runway; ``least`` the least
+        airspeed.
+        """
+        lifts_off = None if spec.airframe is None else spec.airframe.liftoff_airspeed_m_s
+        if lifts_off is not None:
+            return max(lifts_off, rotation), 0.0
+        return (rotation, _ROLL_M_S2) if rotation > 0.0 else (_THROW_SHARE * least, _THROW_M_S2)
+
+    def fit(self, spec: VehicleSpec) -> VehicleSpec:
+        """Vehicle with the values that parameters decide."""
+        limits = self.limits(spec)
+        return replace(
+            spec,
+            cruise_speed_m_s=limits.airspeed_trim,
+            speed_limit_m_s=limits.airspeed_max / 0.95,
+            airspeed_limit_m_s=limits.airspeed_max,
+            climb_speed_m_s=limits.climb_max,
+            descent_speed_m_s=limits.sink_max,
+            landing_speed_m_s=max(limits.flare_sink, 0.1),
+            acceptance_radius_m=limits.acceptance,
+            takeoff_altitude_m=max(self.value(spec, self.takeoff_height), 1.0),
+            return_altitude_m=max(self.value(spec, self.return_height), 1.0),
+        )
+
+    def motion(self, spec: VehicleSpec, wind: Wind | None, yaw_rad: float) -> MotionModel:
+        """Motion of a vehicle that stands at home."""
+        from wbf_mission.addons.wings.motion.model import FixedWing
+
+        return FixedWing(spec, self.limits, self.control, wind, yaw_rad)
+
+    def takeoff_legs(
+        self, spec: VehicleSpec, here: Position, target: Position, speed: float, heading: Heading
+    ) -> list[Leg]:
+        """Climb-out up to the height."""
+        x, y, _ = here if self.climbs_ahead else target
+        return [Leg((x, y, max(target[2], 0.5)), speed, heading=KEEP, kind=LegKind.TAKEOFF)]
+
+    def landing_legs(self, spec: VehicleSpec, above: Position, last: Position, speed: float) -> list[Leg]:
+        """Straight approach from the position before; without one, a circle down to the ground."""
+        x, y, z = above
+        landing = self.limits(spec).landing_airspeed
+        if math.hypot(x - last[0], y - last[1]) >= _APPROACH_M:
+            return [Leg((x, y, 0.0), landing, kind=LegKind.LAND)]
+        return [
+            Leg((x, y, z), spec.cruise_speed_m_s, heading=KEEP, kind=LegKind.LOITER, circle=Circle()),
+            Leg((x, y, 0.0), landing, heading=KEEP, kind=LegKind.LAND, circle=Circle()),
+        ]
+
+
+def airspeeds_in_order(least: float, trim: float, most: float) -> tuple[float, float, float]:
+    """Return airspeeds in order, whatever the parameters say."""
+    trim = max(trim, 3.0)
+    return min(least, trim), trim, max(most, trim)

@@ -6,6 +6,7 @@ from importlib.metadata import EntryPoint, EntryPoints
 import numpy as np
 import pytest
 
+from geo.farms import get_farm
 from geo.grid import FarmGrid
 from sensors.errors import EstimatorError, ObservationError
 from sensors.estimators import Estimator, check_estimator, estimator_names, make_estimator
@@ -263,3 +264,9 @@ def test_an_estimator_that_is_an_object_is_given_back():
 def test_estimators_of_any_fields_keep_their_promises_with_four(name):
     four = FieldSet((*PAPER_FIELDS, replace(PAPER_FIELDS["soil"], name="nitrogen", default=0.25)))
     check_estimator(make_estimator(name, fields=four))
+
+
+def test_the_default_is_epidemic_for_the_papers_fields_on_farms_up_to_128_by_128_cells():
+    names = "miniberry-10", "miniberry-100", "waterberry"
+    assert [registry.default_estimator(get_farm(name)) for name in names] == ["epidemic", "epidemic", "gp"]
+    assert registry.default_estimator(get_farm("miniberry-30"), ("tylcv", "soil")) == "gp"

@@ -166,6 +166,9 @@ class EpidemicParameters:
         """Return the parameters for a window of a farm of this shape, with the farm's size of the kernel.
 
         Seeds and kernel follow from the farm's width, which a window does not have.
+
+        >>> TYLCV.on_window((100, 100), seeds=2).kernel_size
+        5
         """
         return replace(self, seeds=seeds, kernel_size=self.infection_rule(shape).kernel.size)
 

@@ -5,13 +5,13 @@ from typing import TYPE_CHECKING
 from geo.imports import attach
 
 if TYPE_CHECKING:
-    from geo.built_in import farm_names as farm_names
     from geo.errors import FarmError as FarmError
     from geo.errors import WbfMissionError as WbfMissionError
     from geo.farm import Farm as Farm
     from geo.farm import Obstacle as Obstacle
     from geo.farm import Patch as Patch
     from geo.farm_file import load_farm as load_farm
+    from geo.farms import farm_names as farm_names
     from geo.farms import get_farm as get_farm
     from geo.frame import LocalFrame as LocalFrame
     from geo.geojson import save_farm as save_farm

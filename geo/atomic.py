@@ -1,8 +1,8 @@
-"""Files and folders that appear complete or not at all.
+"""Files and folders that appear complete or not at all, and locks.
 
-What is written goes to a temporary neighbour in the same folder. When the ``with`` block ends well, the
-neighbour is brought to the disk (``fsync``) and takes the place of the target in one step (``os.replace``),
-which is brought to the disk too: even a power cut leaves the old file or the new one. When the block ends
+A file is written to a temporary neighbour in the same folder. When the ``with`` block ends well, the
+neighbour is brought to the disk (``fsync``), takes the target's place in one step (``os.replace``), and the
+folder is brought to the disk too: even a power cut leaves the old file or the new one. When the block ends
 with an exception, Ctrl-C included, the neighbour is removed and an older target stays as it was.
 
 >>> import tempfile
@@ -18,30 +18,30 @@ from __future__ import annotations
 
 import contextlib
 import errno
-import fcntl
 import hashlib
 import os
 import secrets
 import shutil
 import stat
+import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import IO, Literal, Self, TextIO, overload
 
 from geo.errors import WbfMissionError
 
-# What a write reports without naming the file.
+if sys.platform == "win32":
+    import msvcrt
+else:
+    import fcntl
+
 DISK_ERRORS = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO})
-
-
-def _neighbour(target: Path) -> Path:
-    # The suffix stays, because libraries choose the format by it; the stem is cut to stay under 255 bytes.
-    return target.with_name(f".{target.stem[:40]}-{secrets.token_hex(6)}{target.suffix[:20]}")
+"""Errors of a write whose OSError names no file."""
 
 
 @contextlib.contextmanager
 def disk_errors_named(path: Path, temporary: Path | None = None) -> Iterator[None]:
-    """Make an OSError name the target: where the disk is full, and in place of a temporary neighbour."""
+    """Make an OSError of a full disk, or of the temporary neighbour, name the target."""
     try:
         yield
     except OSError as error:
@@ -53,7 +53,9 @@ def disk_errors_named(path: Path, temporary: Path | None = None) -> Iterator[Non
 
 def to_disk(path: Path) -> None:
     """Wait until a file, or the names in a folder, are on the disk."""
-    descriptor = os.open(path, os.O_RDONLY)
+    if sys.platform == "win32" and path.is_dir():  # Windows opens no folders
+        return
+    descriptor = os.open(path, os.O_RDWR if sys.platform == "win32" else os.O_RDONLY)
     try:
         os.fsync(descriptor)
     except OSError as error:
@@ -69,7 +71,7 @@ def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
     """Yield a temporary path with the same suffix, for writers that open files by name.
 
     A symbolic link stays and its target is replaced; permissions of an older file are kept. A target that is
-    no regular file (a pipe, ``/dev/stdout``) is given as it is. The block has to create this file.
+    no regular file (a pipe, ``/dev/stdout``) is yielded itself. The block has to create the file.
     """
     target = Path(path).resolve()
     if target.is_dir():
@@ -77,7 +79,9 @@ def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
     if target.exists() and not target.is_file():
         yield Path(path)
         return
-    temporary = _neighbour(target)
+    # The suffix stays, because libraries choose the format by it; the stem is cut to stay under 255 bytes.
+    name = f".{target.stem[:40]}-{secrets.token_hex(6)}{target.suffix[:20]}"
+    temporary = target.with_name(name)
     with disk_errors_named(Path(path), temporary):
         try:
             yield temporary
@@ -109,7 +113,7 @@ def atomic_write(
 ) -> Iterator[IO[str] | IO[bytes]]:
     """Open a file for writing that appears under its name only when the block ends well.
 
-    The mode is "w" (UTF-8) or "wb"; the ``filename`` of an OSError is the target.
+    Text is UTF-8; the ``filename`` of an OSError is the target.
     """
     with atomic_path(path) as temporary:
         if mode == "wb":
@@ -120,7 +124,38 @@ def atomic_write(
                 yield text
 
 
-_LONGEST_NAME = 240
+def lock_file(descriptor: int, *, wait: bool) -> bool:
+    """Lock an open file for this process; False if another process has it and `wait` is false.
+
+    OSError if the file system has no locks.
+    """
+    if sys.platform == "win32":
+        while True:
+            try:
+                msvcrt.locking(descriptor, msvcrt.LK_LOCK if wait else msvcrt.LK_NBLCK, 1)
+            except PermissionError:
+                return False
+            except OSError as error:  # LK_LOCK gives up after ten seconds
+                if error.errno != errno.EDEADLK:
+                    raise
+            else:
+                return True
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX if wait else fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    return True
+
+
+def unlock_file(descriptor: int) -> None:
+    """Unlock an open file, also for processes that were forked meanwhile."""
+    if sys.platform == "win32":
+        msvcrt.locking(descriptor, msvcrt.LK_UNLCK, 1)
+    else:
+        fcntl.flock(descriptor, fcntl.LOCK_UN)
+
+
+_LONGEST_NAME = 240  # Leaves room for the hidden folders' names: file systems allow 255 bytes
 
 
 class FolderError(WbfMissionError, ValueError):
@@ -128,12 +163,12 @@ class FolderError(WbfMissionError, ValueError):
 
 
 class AtomicFolder:
-    """A folder that one process fills anew: its content is replaced as a whole.
+    """A folder whose content one process replaces as a whole.
 
-    What is new is filled into a hidden folder beside the target. `commit` gives it the name of one that is
-    complete, and brings it to its place by renames: the older content goes aside, the new one in, and only
-    then the older one goes. A process that is killed anywhere leaves one of them whole; the next one that
-    opens the folder, or `settle`, brings to an end what was committed.
+    New content is filled into a hidden folder beside the target. `commit` renames that to a name for complete
+    content and puts it in place by renames: the older content goes aside, the new one in, then the older one
+    is removed. A process killed anywhere leaves one of them whole; the next process that opens the folder, or
+    `settle`, completes what was committed.
 
     >>> import tempfile
     >>> target = Path(tempfile.mkdtemp()) / "result"
@@ -143,14 +178,25 @@ class AtomicFolder:
     >>> [path.name for path in target.parent.iterdir()], (target / "mark").read_text()
     (['result'], 'whole')
 
-    From entering the ``with`` block to its end no other process can enter one for the same folder; the lock
-    goes with the process, however it ends.
+    Within the ``with`` block no other process can enter one for the same folder; the lock ends with the
+    process, however it ends.
 
-    The folder may be missing, and so may its parents. One that is a mount, or in which this process works,
-    stays, and its content is replaced. `mark` is a file that whole content holds; `is_part` tells whether a
-    name belongs to what is replaced; `rescue` is called on entering, before what a killed process has left in
-    `filled` is removed. FolderError on entering, if another process has the folder, or it cannot
-    be written.
+    Parameters
+    ----------
+    path : Path
+        The folder. It and its parents may be missing. A mount, or this process's working folder, stays, and
+        only its content is replaced.
+    mark : str
+        A file that whole content holds.
+    is_part : callable
+        Whether a name belongs to the content that is replaced.
+    rescue : callable
+        Called on entering, before remains of a killed process in `filled` are removed.
+
+    Raises
+    ------
+    FolderError
+        On entering, if another process has the folder, or it cannot be written.
     """
 
     def __init__(
@@ -177,18 +223,18 @@ class AtomicFolder:
 
     @property
     def is_unsettled(self) -> bool:
-        """Whether a process was killed while it brought new content to its place."""
+        """Whether a process was killed while it put new content in place."""
         return self._ready.is_dir() or self._older.is_dir()
 
     @property
     def hidden_names(self) -> frozenset[str]:
         """Names of the entries that are neither old nor new content."""
-        return frozenset(one.name for one in (self.filled, self._ready, self._older, self._lock_path))
+        return frozenset(path.name for path in (self.filled, self._ready, self._older, self._lock_path))
 
     def __enter__(self) -> Self:
         try:
             parent = self._lock_path.parent
-            self._made = [one for one in (parent, *parent.parents) if not one.exists()]
+            self._made = [folder for folder in (parent, *parent.parents) if not folder.exists()]
             parent.mkdir(parents=True, exist_ok=True)
             self._take_lock()
             self.settle()
@@ -209,7 +255,7 @@ class AtomicFolder:
         self._release()
 
     def commit(self, filled: Path | None = None) -> None:
-        """Put what was filled in the folder's place; `filled` tells where, if elsewhere on the disk."""
+        """Put new content in the folder's place; `filled` is its folder, if elsewhere on the disk."""
         filled = filled or self.filled
         for entry in filled.iterdir():
             to_disk(entry)
@@ -222,18 +268,18 @@ class AtomicFolder:
             raise
 
     def settle(self) -> None:
-        """Bring to an end what was committed, from wherever it stands; only with the lock."""
+        """Complete what was committed, at whatever step it stopped; only with the lock."""
         target, ready, older = self.target, self._ready, self._older
         if ready.is_dir():
             none_placed = (ready / self._mark).is_file()
             in_use = target.is_mount() or _works_in(target)
             if target.exists() and (in_use or older.exists() or not none_placed):
-                # A folder that somebody is in cannot be exchanged, but its content can. The mark goes in
-                # first: without it the new content has no place yet.
+                # A folder in use cannot be exchanged, but its content can. The mark goes in first: while it
+                # is in `ready`, none of the new content is in place.
                 if none_placed:
                     older.mkdir(exist_ok=True)
-                    for name in [one.name for one in target.iterdir() if self._is_part(one.name)]:
-                        (target / name).replace(older / name)
+                    for entry in [entry for entry in target.iterdir() if self._is_part(entry.name)]:
+                        entry.replace(older / entry.name)
                     (ready / self._mark).replace(target / self._mark)
                 for entry in list(ready.iterdir()):
                     entry.replace(target / entry.name)
@@ -256,7 +302,7 @@ class AtomicFolder:
         to_disk(self._lock_path.parent)
 
     def _undo(self) -> None:
-        """Put back the older content, as long as nothing of the new one has its place."""
+        """Put back the older content, while none of the new content is in place."""
         if not (self._ready / self._mark).is_file():
             return
         if self._older.is_dir():
@@ -269,33 +315,37 @@ class AtomicFolder:
         shutil.rmtree(self._ready, ignore_errors=True)
 
     def _take_lock(self) -> None:
-        while True:
+        while self._lock is None:
             lock = os.open(self._lock_path, os.O_RDWR | os.O_CREAT, 0o666)
             try:
-                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except BlockingIOError as error:
-                os.close(lock)
-                msg = "another run writes into this folder; wait for it, or give another one"
-                raise FolderError(msg) from error
-            except OSError as error:
-                if error.errno not in (errno.ENOLCK, errno.ENOTSUP, errno.ENOSYS):
-                    os.close(lock)
-                    raise  # some network disks have no locks; there nobody is kept out
-            with contextlib.suppress(FileNotFoundError):
-                # Whoever had the lock may have removed its file in the meantime.
+                if not lock_file(lock, wait=False):
+                    raise FolderError("another run writes into this folder; wait for it, or give another one")
+                # The process that had the lock may have removed its file in the meantime.
                 if self._lock_path.stat().st_ino == os.fstat(lock).st_ino:
                     self._lock = lock
-                    return
-            os.close(lock)
+            except FileNotFoundError:
+                pass
+            except OSError as error:
+                # Some network disks have no locks; there several processes may write.
+                if error.errno not in (errno.ENOLCK, errno.ENOTSUP, errno.ENOSYS):
+                    raise
+                self._lock = lock
+            finally:
+                if self._lock is None:
+                    os.close(lock)
 
     def _release(self) -> None:
         if self._lock is not None:
-            self._lock_path.unlink(missing_ok=True)
-            os.close(self._lock)
+            if sys.platform == "win32":  # It removes no open file
+                os.close(self._lock)
+                with contextlib.suppress(PermissionError):
+                    self._lock_path.unlink(missing_ok=True)
+            else:
+                self._lock_path.unlink(missing_ok=True)
+                os.close(self._lock)
             self._lock = None
         for parent in self._made:
-            # Not ours any longer once something is in it.
-            with contextlib.suppress(OSError):
+            with contextlib.suppress(OSError):  # it is not empty
                 parent.rmdir()
 
 
@@ -307,7 +357,7 @@ def _works_in(folder: Path) -> bool:
 
 
 def settle(path: Path, mark: str, is_part: Callable[[str], bool]) -> None:
-    """Bring a folder in order that a killed process left; nothing while another process writes it.
+    """Complete what a killed process committed to a folder; FolderError while another process writes it.
 
     Parameters are those of `AtomicFolder`.
     """

@@ -1,4 +1,4 @@
-"""What attributes of a feature mean, by the names that people give them."""
+"""Attribute names of farm files, and the names and spellings that other programs use for them."""
 
 from __future__ import annotations
 
@@ -10,15 +10,8 @@ from typing import Any
 ATTRIBUTES: Mapping[str, tuple[str, ...]] = {
     "name": ("name", "field_name", "fieldname", "field", "label", "title"),
     "crop": (
-        "crop",
-        "crop_name",
-        "cropname",
-        "crop_type",
-        "croptype",
-        "culture",
-        "kultur",
-        "cultura",
-        "landuse",
+        *("crop", "crop_name", "cropname", "crop_type", "croptype"),
+        *("culture", "kultur", "cultura", "landuse"),
     ),
     "owner": ("owner", "farmer", "grower"),
     "kind": ("kind", "role"),
@@ -27,14 +20,15 @@ ATTRIBUTES: Mapping[str, tuple[str, ...]] = {
     "height_m": ("height_m", "height"),
     "margin_m": ("margin_m", "margin"),
 }
-"""The properties of a farm file, and the names, in any case, under which other files have them."""
+"""Each property of a farm file with its names, in any case, in other files; the first one found counts."""
 LATITUDES = ("latitude", "lat", "latitude_deg", "lat_deg", "gps_latitude", "gpslatitude", "gps_lat")
 LONGITUDES = (
     *("longitude", "lon", "lng", "long", "longitude_deg", "lon_deg", "gps_longitude", "gpslongitude"),
     *("gps_lon", "gps_lng", "gps_long"),
 )
-"""Columns of tables that hold positions, as `column_name` returns them."""
+"""Names of position columns in tables, as `column_name` returns them."""
 DEGREES = ("", "deg", "degrees", "°")
+"""Units of position columns."""
 KNOWN = frozenset(name for names in ATTRIBUTES.values() for name in names)
 _KINDS = {
     "no-fly": r"no[-_ ]?fly([-_ ]zones?)?",
@@ -43,11 +37,11 @@ _KINDS = {
     "rally": r"rally([-_ ]points?)?",
 }
 _WORDS = {"true": True, "yes": True, "1": True, "false": False, "no": False, "0": False}
-_MAX_TEXT = 200
+_MAX_TEXT = 200  # As `geo.features.text_member` takes
 
 
 def column_name(text: str) -> tuple[str, str]:
-    """Return the name of a table's column in one word of small letters, and its unit.
+    """Return a table column's name as one lower-case word, and its unit.
 
     >>> column_name(" Rel Alt (m)"), column_name("Lat")
     (('rel_alt', 'm'), ('lat', ''))
@@ -58,7 +52,7 @@ def column_name(text: str) -> tuple[str, str]:
 
 
 def kind_of(text: object) -> str:
-    """Return what a kind, the name of a layer or that of a point says: a kind, or nothing.
+    """Return the kind of feature that a property, a layer's name or a point's name gives; else empty.
 
     >>> [kind_of(text) for text in ("No-fly zones", "Rally 2", "obstacle", "maize", None)]
     ['no-fly', 'rally', 'obstacle', '', '']
@@ -70,10 +64,10 @@ def kind_of(text: object) -> str:
 
 
 def meant(properties: Mapping[str, Any], *, literal: bool) -> dict[str, Any]:
-    """Return a feature's properties under the names of a farm file; what is empty is left out.
+    """Return a feature's properties under a farm file's names, without empty ones.
 
-    With `literal` a property that has such a name already stays as it is. Values of all others are made
-    what is wanted: other formats have no true and false, and texts for numbers.
+    With `literal` a property that has a farm file's name keeps its value. Others are converted: other formats
+    have no true and false, and write numbers as text.
 
     >>> meant({"CROP_NAME": "Maize (silage)", "Height": "6.5", "id": 4}, literal=True)
     {'crop': 'maize silage', 'height_m': 6.5}
@@ -84,30 +78,30 @@ def meant(properties: Mapping[str, Any], *, literal: bool) -> dict[str, Any]:
         if not empty:
             lowered.setdefault(key.lower(), value)
     found = {}
-    for meaning, names in ATTRIBUTES.items():
-        if literal and properties.get(meaning) is not None:
-            found[meaning] = properties[meaning]
+    for key, names in ATTRIBUTES.items():
+        if literal and properties.get(key) is not None:
+            found[key] = properties[key]
             continue
         value = next((lowered[name] for name in names if name in lowered), None)
         if value is not None:
-            found[meaning] = _made(meaning, value)
+            found[key] = _converted(key, value)
     return found
 
 
-def _made(meaning: str, value: Any) -> Any:
-    if meaning in ("obstacle", "no_fly"):
+def _converted(key: str, value: Any) -> Any:
+    if key in ("obstacle", "no_fly"):
         return _WORDS.get(str(value).strip().lower().removesuffix(".0"), value)
-    if meaning in ("height_m", "margin_m"):
+    if key in ("height_m", "margin_m"):
         try:
             return float(value)
         except (TypeError, ValueError):
             return value
     text = " ".join("".join(char if char.isprintable() else " " for char in str(value)).split())
-    return crop_of(text) if meaning == "crop" else text[:_MAX_TEXT]
+    return crop_of(text) if key == "crop" else text[:_MAX_TEXT]
 
 
 def crop_of(text: str) -> str:
-    """Return the name of a crop that a text of another program becomes.
+    """Return a crop's name in another program as a crop name of ours.
 
     >>> crop_of("Mais/Silomais"), crop_of("115")
     ('mais silomais', 'crop 115')

@@ -1,4 +1,4 @@
-"""What has to be closed."""
+"""The base of classes that are closed."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ from typing import Self
 
 
 class Closing(ABC):
-    """What a ``with`` statement closes at its end."""
+    """An object that a ``with`` statement closes at its end."""
 
     @abstractmethod
     def close(self) -> None:
-        """End it."""
+        """Close it; a second call does nothing."""
 
     def __enter__(self) -> Self:
         return self

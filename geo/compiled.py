@@ -1,8 +1,8 @@
 """Compiled functions (numba) whose cache sees a change in any module that they use.
 
-numba keeps what it compiled as long as the file of a function is unchanged, whatever happens to the files of
-the functions that it calls. Here the key is a digest of the function's module and of all modules of the same
-distribution that it imports, directly or not.
+numba keeps compiled code while a function's own file is unchanged, whatever happens to the files of functions
+that it calls. Here the key is a digest of the function's module and of all modules of the same distribution
+that it imports, directly or not.
 """
 
 from __future__ import annotations
@@ -27,8 +27,7 @@ _IMPORT = re.compile(
     r"^(?:from[ ]+([\w.]+)[ ]+import[ ]+(\([^)]*\)|[^\n]*)|import[ ]+([\w.]+))", re.MULTILINE
 )
 
-# Versions of a module whose compiled functions are kept: branches that are worked on by turns.
-_VERSIONS_KEPT = 8
+_VERSIONS_KEPT = 8  # Of a module: branches that are worked on by turns
 
 _listeners: list[Callable[[str], None]] = []
 _refused: list[OSError] = []
@@ -36,9 +35,9 @@ _refused: list[OSError] = []
 
 @contextmanager
 def compile_notices(listener: Callable[[str], None]) -> Iterator[None]:
-    """Tell each function that has to be compiled, which takes seconds, before it is.
+    """Call `listener` before each function that has to be compiled, which takes seconds.
 
-    The name is such as ``sim_vehicle.motion.px4.kernel.advance``.
+    It gets a name such as ``sim_vehicle.motion.px4.kernel.advance``.
     """
     _listeners.append(listener)
     try:
@@ -51,49 +50,44 @@ def compile_notices(listener: Callable[[str], None]) -> Iterator[None]:
 def compiled(function: _Function) -> _Function: ...
 @overload
 def compiled(
-    *, inline: _Inline = "never", nogil: bool = False, fastmath: bool = False, allocates: bool = True
+    *, inline: _Inline = "never", nogil: bool = False, allocates: bool = True
 ) -> Callable[[_Function], _Function]: ...
 def compiled(
     function: Any = None,
     *,
     inline: _Inline = "never",
     nogil: bool = False,
-    fastmath: bool = False,
     allocates: bool = True,
 ) -> Any:
-    """Compile a function when it is first called (`numba.njit`), and keep the result for the next process.
+    """Compile a function at its first call (`numba.njit`), and keep the result for the next process.
 
-    The cache is in the user's cache folder, or in ``NUMBA_CACHE_DIR``. Where nothing can be written, a
-    warning says so once and every process compiles for itself. With ``NUMBA_DISABLE_JIT`` functions stay as
-    they are.
+    The cache is in the user's cache folder, or in ``NUMBA_CACHE_DIR``. If it cannot be written, there is one
+    warning, and every process compiles for itself. With ``NUMBA_DISABLE_JIT`` functions stay Python.
 
     Parameters
     ----------
     function : callable
-        One that is made inside another function, over compiled functions only, needs a ``__qualname__`` of
-        its own: by it numba tells its code from that of the others that are made there.
+        A function defined inside another one may close over compiled functions only, and needs a
+        ``__qualname__`` of its own, by which numba keeps the code of several such functions apart.
     inline : {"never", "always", "late"}
-        Whether it becomes part of its callers: "always" as Python, which is compiled anew for each; "late" as
-        machine code, for large functions that are called at few places: a call with many arrays hands over
-        five to ten numbers for each.
+        Whether it becomes part of its callers: "always" as Python, compiled anew in each; "late" as machine
+        code, for large functions called at few places (a call hands over five to ten numbers an array).
     nogil : bool
         Whether other threads run meanwhile.
-    fastmath : bool
-        Whether sums may be reordered.
     allocates : bool
-        Whether it makes arrays. One that makes none need not count who uses those that it is given, an
-        atomic operation each time; should it make one, it is refused when it is compiled.
+        Whether it makes arrays. A function that makes none skips counting the users of its arrays, an atomic
+        operation each; compiling fails if it makes one all the same.
     """
     if function is None:
-        return partial(compiled, inline=inline, nogil=nogil, fastmath=fastmath, allocates=allocates)
+        return partial(compiled, inline=inline, nogil=nogil, allocates=allocates)
     from numba import njit
 
-    # All are told: what is not, a function takes from the one that it happens to be compiled for.
+    # All are given: an option left out is that of the caller for which the function is first compiled.
     options: dict[str, Any] = {
         "inline": "always" if inline == "always" else "never",
         "forceinline": inline == "late",
         "nogil": nogil,
-        "fastmath": fastmath,
+        "fastmath": False,  # The same sums on every processor
         "_nrt": allocates,
     }
     dispatcher: Any = njit(**options)(function)
@@ -110,8 +104,8 @@ def compiled(
 def _one_process_at_a_time(dispatcher: Any) -> None:
     """Let one process compile a function, while others that need it wait, and find it in the cache then.
 
-    Which functions call which has no circle, so no two wait for each other; numba's own lock, which is taken
-    first, keeps the threads of a process in turn.
+    No two processes wait for each other, as calls have no circle; numba's own lock, taken first, orders the
+    threads of a process.
     """
     own_lock = import_module("numba.core.compiler_lock").global_compiler_lock
     compile_it = dispatcher.compile
@@ -119,7 +113,7 @@ def _one_process_at_a_time(dispatcher: Any) -> None:
 
     def compile_alone(signature: Any) -> Any:
         with own_lock:
-            if running:  # for other arguments of its own
+            if running:  # it calls itself with other types
                 return compile_it(signature)
             running.append(signature)
             try:
@@ -132,31 +126,31 @@ def _one_process_at_a_time(dispatcher: Any) -> None:
 
 
 def _without_literals(dispatcher: Any) -> None:
-    """Compile a function once for all integers; numba would anew for each constant it is called with."""
+    """Compile a function once for all integers, in place of once for each constant argument."""
     types: Any = import_module("numba.core.types")
     template = dispatcher.get_call_template
 
     def get_call_template(args: Any, kws: Any) -> Any:
-        plain = tuple(types.unliteral(one) for one in args)
-        return template(plain, {name: types.unliteral(one) for name, one in kws.items()})
+        plain = tuple(map(types.unliteral, args))
+        return template(plain, {name: types.unliteral(kind) for name, kind in kws.items()})
 
     dispatcher.get_call_template = get_call_template
 
 
 @cache
 def _take_longer_records() -> None:
-    """Say nothing where a function is given a record with further columns behind those that it knows."""
+    """Silence numba where a function is given a record with further columns."""
     numba: Any = import_module("numba")
     warnings.filterwarnings("ignore", r"Record\(", numba.NumbaExperimentalFeatureWarning)
 
 
 @cache
 def _remember_operators() -> None:
-    """Have numba look up once what an operator or function of its own does with arguments of the same types.
+    """Have numba resolve an operator or built-in function once for the same argument types.
 
-    It would try a dozen candidates for each ``+`` of a function anew, a third of the time that it takes.
-    What a candidate compiles on its own is not remembered: that depends on the options of the caller. A numba
-    that looks them up in another way is left as it is.
+    It would try a dozen candidates anew for each ``+`` of a function: a third of the time of compiling.
+    Candidates that are compiled themselves depend on the caller's options and are not remembered. A numba
+    with another way of resolving is left alone.
     """
     functions: Any = import_module("numba.core.types.functions")
     look_up = getattr(functions.BaseFunction, "get_call_type", None)
@@ -178,18 +172,17 @@ def _remember_operators() -> None:
 
 @cache
 def _cache_class() -> Any:
-    """The cache of one function, made here so that importing this module does not import numba."""
+    """Return the class of a function's cache; defined here because importing numba takes a second."""
     caching: Any = import_module("numba.core.caching")
 
     class Locator(caching._CacheLocator):  # type: ignore[misc]
-        """Where a function is kept, and what it was made of."""
+        """The cache folder of a function, and the digest of its sources."""
 
         def __init__(self, function: Callable[..., Any], file: str) -> None:
             self._module = function.__module__
             self._line = function.__code__.co_firstlineno
-            # Of one that is made inside another function: those that it was made over, too.
-            over = [one.py_func.__code__.co_filename for one in _made_over(function)]
-            digests = sorted({sources_digest(Path(one).resolve()) for one in (file, *over)})
+            over = [inner.py_func.__code__.co_filename for inner in _closed_over(function)]
+            digests = sorted({sources_digest(Path(source).resolve()) for source in (file, *over)})
             self._digest = hashlib.sha256("".join(digests).encode()).hexdigest()
             self._folder = compiled_folder() / f"{self._module}-{self._digest[:16]}"
 
@@ -220,22 +213,22 @@ def _cache_class() -> Any:
         _impl_class = Implementation
 
         def _index_key(self, signature: Any, codegen: Any) -> Any:
-            over = _made_over(self._py_func)
+            over = _closed_over(self._py_func)
             if not over:
                 return super()._index_key(signature, codegen)
-            # numba tells a compiled function by a number, which is another in each process.
-            names = tuple(f"{one.__module__}.{one.__qualname__}" for one in over)
+            # numba's own key has a number of each inner function, which is another in each process.
+            names = tuple(f"{inner.__module__}.{inner.__qualname__}" for inner in over)
             return signature, codegen.magic_tuple(), names
 
         def path_of_function(self) -> Path:
-            with suppress(OSError):  # a folder that cannot be written to is told of when something is kept
+            with suppress(OSError):  # save_overload warns of it
                 self._impl.locator.ensure_cache_path()
             return Path(self._cache_path, self._py_func.__qualname__)
 
         def load_overload(self, signature: Any, context: Any) -> Any:
             try:
                 found = super().load_overload(signature, context)
-            except Exception:  # whatever is damaged there is compiled again
+            except Exception:  # a damaged file: compiled again
                 found = None
                 with suppress(OSError):
                     self.flush()
@@ -264,19 +257,19 @@ def _cache_class() -> Any:
 
 def compiled_folder() -> Path:
     """Return the folder in which compiled functions are kept; it may not exist yet."""
-    told = os.environ.get("NUMBA_CACHE_DIR")
-    return Path(told) if told else user_cache_folder("compiled")
+    folder = os.environ.get("NUMBA_CACHE_DIR")
+    return Path(folder) if folder else user_cache_folder("compiled")
 
 
-def _made_over(function: Callable[..., Any]) -> list[Any]:
-    """The compiled functions that a function was made over, inside another one, with those of their own."""
+def _closed_over(function: Callable[..., Any]) -> list[Any]:
+    """Return the compiled functions in a function's closure, and in theirs."""
     cells = [cell.cell_contents for cell in function.__closure__ or ()]
-    over = [one for one in cells if hasattr(one, "py_func")]
-    return over + [other for one in over for other in _made_over(one.py_func)]
+    over = [value for value in cells if hasattr(value, "py_func")]
+    return over + [deeper for inner in over for deeper in _closed_over(inner.py_func)]
 
 
 def _modified(path: Path) -> float:
-    """Time of the last change; what has gone meanwhile counts as oldest."""
+    """Return the time of the last change; a folder that was removed meanwhile counts as oldest."""
     try:
         return path.stat().st_mtime
     except OSError:
@@ -285,10 +278,7 @@ def _modified(path: Path) -> float:
 
 @cache
 def sources_digest(file: Path) -> str:
-    """Digest of a module and of the modules of its distribution that it imports, directly or not.
-
-    Imports at the top level of a module count.
-    """
+    """Return a digest of a module and all modules of its distribution that its top level leads to."""
     found: dict[Path, bytes] = {}
     left = [file]
     while left:
@@ -304,7 +294,7 @@ def sources_digest(file: Path) -> str:
 
 @cache
 def _imported(file: Path) -> tuple[Path, ...]:
-    """The files that a module imports from the packages beside its own."""
+    """Return the files that a module imports from packages beside its own."""
     root = file.parent
     while (root / "__init__.py").exists():
         root = root.parent

@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, overload
+from typing import TYPE_CHECKING, Any, TypeAlias, overload
 
 import numpy as np
 import shapely
@@ -20,12 +20,14 @@ if TYPE_CHECKING:
 
     from geo.frame import LocalFrame
 
+Land: TypeAlias = shapely.Polygon | shapely.MultiPolygon
+
 MAX_CELLS = 200_000_000
 """The largest grid that is accepted: six times Waterberry; a map of it takes 0.4 GB."""
 _NOT_SEEN = "not to be seen, as none of the fields is of that crop; name a field of it to have it flown"
-_SNAP_M = 1e-6
+_SNAP_M = 1e-6  # Joins borders that differ by rounding only
 _ARC_SEGMENTS = 16  # Of a quarter: off by a thousandth of the radius
-_EDGE_CELLS = 1e-9
+_EDGE_CELLS = 1e-9  # More than the rounding of a multiple of the cell size
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,19 +45,18 @@ class Patch:
 
 @dataclass(frozen=True, slots=True)
 class Obstacle:
-    """What flights keep away from; the polygon is in metres of the farm's frame.
+    """An obstacle or a no-fly zone.
 
     Parameters
     ----------
     polygon : shapely.Polygon
-        Its outline.
+        Outline, metres of the farm's frame.
     height_m : float or None
-        Its height above the ground: flights that are higher by the margin pass over it. None: a no-fly zone,
-        or what is too high to be flown over.
+        Height above the ground; flights higher by the margin pass over it. None: no flight passes over it.
     margin_m : float or None
-        How far flights stay away from it; None: as far as from all others.
+        Distance that flights keep; None: the default of the flight.
     name : str
-        For messages.
+        Name in messages.
     """
 
     polygon: shapely.Polygon
@@ -64,15 +65,15 @@ class Obstacle:
     name: str = ""
 
     def margin(self, default_m: float) -> float:
-        """Return its own margin, or that of the others."""
+        """Return its own margin, or the default."""
         return default_m if self.margin_m is None else self.margin_m
 
     def widened(self, margin_m: float, more_m: float = 0.0) -> shapely.Polygon:
-        """Return its outline wider by its margin, and by more."""
+        """Return its outline widened by its margin (or the default) and `more_m`."""
         return shapely.buffer(self.polygon, self.margin(margin_m) + more_m, quad_segs=_ARC_SEGMENTS)
 
     def bars(self, altitude_m: float, margin_m: float) -> bool:
-        """Return whether a flight at so many metres above the ground has to go round it.
+        """Return whether a flight at this altitude above the ground has to go round it.
 
         Examples
         --------
@@ -85,7 +86,7 @@ class Obstacle:
 
 @dataclass(frozen=True)
 class Farm:
-    """A farm and its neighbours.
+    """A farm and its neighbours' land.
 
     Parameters
     ----------
@@ -98,22 +99,22 @@ class Farm:
     patches : tuple of Patch
         In order of painting: where patches overlap, the later one counts.
     owner : str
-        Whose farm it is: the land that is scouted and scored.
+        Owner of the land that is scouted and scored.
     home_m : tuple of float
-        Where flights start, metres of the frame.
+        Start of flights, metres of the frame.
     cell_size_m : float
         Side of a cell, metres; one foot in the benchmark.
     obstacles : tuple of Obstacle
-        What flights keep away from, no-fly zones among them.
+        Obstacles and no-fly zones.
     scouted : tuple of str
-        The crops that somebody wants to see; empty: all that the owner grows.
+        Crops to be scouted; empty: all that the owner grows.
     rally_m : tuple of tuple of float
         Places where a vehicle may land when it cannot come home, metres of the frame.
     degrees : float64[n, 2]
-        Longitude and latitude of corners, home and rally points as the farm's file has them; `geo.save_farm`
-        writes them again. No part of what the farm is.
+        Longitude and latitude of corners, home and rally points in the farm's file; `geo.save_farm` writes
+        them again. Not compared.
     notes : tuple of str
-        What was decided or mended when the farm was read from a file; no part of what the farm is.
+        What was decided or mended when the farm's file was read. Not compared.
 
     Raises
     ------
@@ -152,23 +153,23 @@ class Farm:
             raise FarmError(f"farm {self.name!r}: no patch belongs to the owner {self.owner!r}")
 
     @cached_property
-    def owner_area(self) -> shapely.Polygon | shapely.MultiPolygon:
+    def owner_area(self) -> Land:
         """The owner's land, ponds and wetlands included, metres."""
-        return self._land(frozenset(self.crops))
+        return self.crop_area(*self.crops)
 
     @cached_property
     def crops(self) -> tuple[str, ...]:
-        """The names of crops, by whose numbers `grid` tells them: the benchmark's, then further ones."""
+        """Crop names, by whose index `grid` has them: the benchmark's, then further ones."""
         return tuple(dict.fromkeys((*map(str, Crop), *(str(patch.crop) for patch in self.patches))))
 
     @cached_property
     def grown(self) -> tuple[str, ...]:
         """The crops that the owner grows: neither ponds nor wetlands nor unpainted land."""
-        own = dict.fromkeys(str(one.crop) for one in self.patches if one.owner == self.owner)
+        own = dict.fromkeys(str(patch.crop) for patch in self.patches if patch.owner == self.owner)
         return tuple(crop for crop in own if crop not in NOT_GROWN)
 
     def scouting(self, crops: Iterable[str]) -> Farm:
-        """Return the same farm, of which some crops are to be seen: all if it grows none of them."""
+        """Return the same farm with only these crops scouted; with all, if it grows none of them."""
         wanted = set(crops)
         scouted = tuple(crop for crop in self.grown if crop in wanted)
         if len(scouted) in (0, len(self.grown)):
@@ -182,45 +183,40 @@ class Farm:
         return replace(self, scouted=scouted, notes=tuple(notes))
 
     @cached_property
-    def scouted_area(self) -> shapely.Polygon | shapely.MultiPolygon:
-        """The owner's land that is to be seen, clear of obstacles, metres."""
+    def scouted_area(self) -> Land:
+        """The owner's land with scouted crops, less obstacles, metres."""
         return self.without_obstacles(self.crop_area(*(self.scouted or self.grown)))
 
-    def without_obstacles(
-        self, area: shapely.Polygon | shapely.MultiPolygon
-    ) -> shapely.Polygon | shapely.MultiPolygon:
+    def without_obstacles(self, area: Land) -> Land:
         """Return an area less the outlines of the obstacles, whatever their heights, metres."""
         if not self.obstacles:
             return area
-        return shapely.difference(area, shapely.union_all([one.polygon for one in self.obstacles]))
+        return shapely.difference(area, shapely.union_all([obstacle.polygon for obstacle in self.obstacles]))
 
     @cached_property
     def scouted_cells(self) -> NDArray[np.bool_]:
-        """The cells that are to be seen, bool[W, H], not writable."""
+        """The cells to be scouted, bool[W, H], not writable."""
         grid = self.grid()
         if not (self.scouted or self.obstacles):
             return grid.planted
         cells = grid.of_crops(self.scouted or self.grown)
         cells &= grid.owned
         if self.obstacles:
-            under = ((one.polygon, 0, True) for one in self.obstacles)
+            under = ((obstacle.polygon, 0, True) for obstacle in self.obstacles)
             cells &= ~rasterise(under, grid.shape, self.cell_size_m).owned
         cells.flags.writeable = False
         return cells
 
     @cached_property
     def scouted_count(self) -> int:
-        """The number of cells that are to be seen."""
+        """The number of cells to be scouted."""
         return int(np.count_nonzero(self.scouted_cells))
 
-    def crop_area(self, *crops: str) -> shapely.Polygon | shapely.MultiPolygon:
+    def crop_area(self, *crops: str) -> Land:
         """Return the owner's land of some crops, metres; an empty polygon where there is none."""
-        return self._land(frozenset(crops))
-
-    def _land(self, crops: frozenset[str]) -> shapely.Polygon | shapely.MultiPolygon:
         shapes = np.array([patch.polygon for patch in self.patches])
         wanted = np.array([patch.owner == self.owner and patch.crop in crops for patch in self.patches])
-        # Each patch less what is painted over it, then all at once: one after the other takes time that
+        # Each patch less the later ones over it, then all joined at once: joining one by one takes time that
         # grows with the square of their number.
         tree = shapely.STRtree(shapes)
         pieces = []
@@ -231,7 +227,7 @@ class Farm:
                 piece = shapely.difference(piece, shapes[over], grid_size=_SNAP_M)
             pieces.append(piece)
         land = pieces[0] if len(pieces) == 1 else shapely.union_all(pieces, grid_size=_SNAP_M)
-        # GEOS would go on to round all that is made of it, even what is a smaller distance beside it.
+        # Otherwise GEOS would round everything derived from it, even a buffer of less than the grid's step.
         land = shapely.set_precision(shapely.simplify(land, _SNAP_M), 0.0)
         parts = [part for part in shapely.get_parts(land) if part.geom_type == "Polygon" and part.area > 0]
         if len(parts) == 1:
@@ -270,8 +266,8 @@ class Farm:
     def cell_of(self, x_m: Any, y_m: Any) -> tuple[Any, Any]:
         """Return the cell of a point in metres: ints for scalars, int64 arrays for arrays.
 
-        The cell may lie outside the grid; a point that is not finite has the cell -1. A point within 1e-9
-        cells below an edge is on it, so that multiples of the cell size fall into the cell that they begin.
+        The cell may lie outside the grid; a point that is not finite has the cell -1. A point up to 1e-9
+        cells below an edge is on it, so that a multiple of the cell size is in the cell that begins there.
         """
         return self._index(x_m), self._index(y_m)
 

@@ -1,4 +1,4 @@
-"""Farms from files of any format: one set of checks for all; see docs/farm-files.md."""
+"""Farms from files of any format, with the same checks for all; see docs/farm-files.md."""
 
 from __future__ import annotations
 
@@ -31,22 +31,20 @@ from geo.features import (
 from geo.frame import LocalFrame
 from geo.geojson import read_geojson
 from geo.grid import CROP_NAMES, is_crop_name
-from geo.poly import read_poly
 from geo.repair import closed, mended
 from geo.texts import one_line
 from geo.units import FOOT_M
 
-MAX_RALLY = 100
-MAX_RASTER_STEPS = 20_000_000
-MAX_SPAN_M = 20_000.0
-SENSIBLE_CELLS = 4_000_000
-"""A grid of more cells of one foot gets larger ones, where the file does not give their size."""
+_MAX_RALLY = 100
+_MAX_RASTER_STEPS = 20_000_000  # Edges across columns of cells; painting more takes minutes
+_MAX_SPAN_M = 20_000.0  # Farther apart, features are not of one farm, or broken
+_SENSIBLE_CELLS = 4_000_000  # More cells of one foot become larger ones, unless the file gives their size
 _ROUND_CELLS_M = (FOOT_M, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0)
 _MIN_CELL_M = 0.01
 _MAX_CELL_M = 1000.0
-_COUNT_SLACK = 1e-6
-_ORIGIN_SLACK_M = 1e-3  # PROJ takes what is nearer to the origin (1e-10 of the earth's radius) for the origin
-_THIN_M = 1e-3
+_COUNT_SLACK = 1e-6  # A border this little (in cells) beyond a cell needs no further cell
+_ORIGIN_SLACK_M = 1e-3  # PROJ moves positions within 1e-10 of the earth's radius to the origin
+_THIN_M = 1e-3  # Area over perimeter of a sliver
 
 
 def load_farm(
@@ -63,43 +61,48 @@ def load_farm(
     path : path-like
         The file; ``FILE|layername=LAYER`` takes one layer of several.
     crop : str, optional
-        The crop of patches whose crop the file does not tell.
+        The crop of patches without one in the file.
     crs : str, optional
-        The coordinate system of a file that does not tell its own, such as ``EPSG:32617``.
+        The coordinate system of a file without one, such as ``EPSG:32617``.
     repair : bool
-        Whether broken geometry is mended where that is safe (`geo.repair`); `Farm.notes` tell what was.
+        Whether broken geometry is mended where that is safe (`geo.repair`); `Farm.notes` lists the repairs.
 
     Raises
     ------
     FarmError
-        If the file cannot be read, is no farm file, or a feature cannot be used; the text names the feature.
+        If the file cannot be read, is no farm file, or a feature, which is named, cannot be used.
     """
     text = os.fspath(path)
     try:
         if crop is not None and not is_crop_name(crop):
             raise FarmError(f"{crop!r:.60} is no name of a crop; {CROP_NAMES}")
         file, layer = split_layer(text)
-        if file.suffix.lower() in VECTOR_SUFFIXES:
-            from geo.vector_files import read_vector
-
-            document = read_vector(file, layer, crs)
-        elif layer is not None:
-            what = "a .poly" if file.suffix.lower() == POLY_SUFFIX else "GeoJSON"
-            raise FarmError(f"{what} has no layers; leave |{layer} out")
-        elif file.suffix.lower() == POLY_SUFFIX:
-            if crs is not None:
-                raise FarmError(f"a .poly is in degrees of WGS 84; leave out that it is {crs!r:.60}")
-            document = read_poly(file)
-        else:
-            document = read_geojson(file, crs)
-        return _farm_of(document, file.stem, crop, repair=repair)
+        return _farm_of(_document(file, layer, crs), file.stem, crop, repair=repair)
     except FarmError as error:
         msg = f"farm file {text}: {error}"
         raise FarmError(" ".join(msg.split())) from None
 
 
+def _document(file: Path, layer: str | None, crs: str | None) -> Document:
+    suffix = file.suffix.lower()
+    if suffix in VECTOR_SUFFIXES:
+        from geo.vector_files import read_vector
+
+        return read_vector(file, layer, crs)
+    if layer is not None:
+        kind = "a .poly" if suffix == POLY_SUFFIX else "GeoJSON"
+        raise FarmError(f"{kind} has no layers; leave |{layer} out")
+    if suffix != POLY_SUFFIX:
+        return read_geojson(file, crs)
+    from geo.vector_files import read_poly
+
+    if crs is not None:
+        raise FarmError(f"a .poly is in degrees of WGS 84; leave out that it is {crs!r:.60}")
+    return read_poly(file)
+
+
 VECTOR_SUFFIXES = (".kml", ".kmz", ".shp", ".zip", ".gpkg", ".gpx")
-"""Of the files that `geo.vector_files` reads."""
+"""Suffixes of files that GDAL reads."""
 POLY_SUFFIX = ".poly"
 FARM_SUFFIXES = (
     *(".geojson", ".json", ".geojsonl", ".geojsons", ".ndjson", ".jsonl"),
@@ -109,7 +112,7 @@ FARM_SUFFIXES = (
 
 
 def split_layer(text: str) -> tuple[Path, str | None]:
-    """Return the file and, if one is named, the layer, as QGIS writes them.
+    """Split ``FILE|layername=LAYER``, as QGIS writes it; the layer is None without one.
 
     >>> split_layer("farm.gpkg|layername=fields 2026"), split_layer("farm.gpkg")
     ((PosixPath('farm.gpkg'), 'fields 2026'), (PosixPath('farm.gpkg'), None))
@@ -129,42 +132,40 @@ def _farm_of(document: Document, default_name: str, crop: str | None, *, repair:
     if repair:
         features = [part for feature in features for part in mended(feature, notes)]
     systems = dict.fromkeys(entry.crs for entry in document.entries if entry.crs is not None)
-    # Layers of one system have each an object of their own.
+    # The layers of a file each have a Coordinates object of their own, with the same note.
     notes.extend(filter(None, dict.fromkeys(crs.accuracy_note() for crs in systems)))
     features = _completed(features, crop, notes)
-    patches = [feature for feature in features if not feature.obstacle]
-    if not patches:
+    fields = [feature for feature in features if not feature.obstacle]
+    if not fields:
         raise FarmError("has obstacles only, no patch with a crop")
-    owner = text_member(members, "owner", str(patches[0].owner), "the farm")
-    frame, origin_given = _frame(document, patches)
-    polygons = [_polygon(feature, frame) for feature in features]
-    bounds = shapely.total_bounds(
-        [polygon for feature, polygon in zip(features, polygons, strict=True) if not feature.obstacle]
+    owner = text_member(members, "owner", str(fields[0].owner), "the farm")
+    frame, origin_given = _frame(document, fields)
+    polygons = [(feature, _polygon(feature, frame)) for feature in features]
+    patches = tuple(
+        Patch(feature.name, str(feature.crop), str(feature.owner), polygon)
+        for feature, polygon in polygons
+        if not feature.obstacle
     )
+    obstacles = tuple(
+        Obstacle(polygon, feature.height_m, feature.margin_m, feature.name)
+        for feature, polygon in polygons
+        if feature.obstacle
+    )
+    bounds = shapely.total_bounds([patch.polygon for patch in patches])
     cell_size_m = _cell_size(members, bounds, notes)
     if origin_given:
-        for feature, polygon in zip(features, polygons, strict=True):
+        for feature, polygon in polygons:
             if not feature.obstacle and min(polygon.bounds[:2]) < -_ORIGIN_SLACK_M:
                 msg = f'{feature.where}: reaches beyond the farm\'s "origin" to the south or west of the grid'
                 raise FarmError(msg)
     width, height = _size(members, bounds[2] / cell_size_m, bounds[3] / cell_size_m, cell_size_m)
-    _check_detail(polygons, cell_size_m)
-    kept = tuple(
-        Patch(feature.name, str(feature.crop), str(feature.owner), polygon)
-        for feature, polygon in zip(features, polygons, strict=True)
-        if not feature.obstacle
-    )
-    if all(patch.owner != owner for patch in kept):
-        owners = ", ".join(sorted({repr(patch.owner) for patch in kept})[:8])
+    _check_detail([polygon for _, polygon in polygons], cell_size_m)
+    if all(patch.owner != owner for patch in patches):
+        owners = ", ".join(sorted({repr(patch.owner) for patch in patches})[:8])
         raise FarmError(f"no feature belongs to the owner {owner!r}; the owners are {owners}")
-    obstacles = tuple(
-        Obstacle(polygon, feature.height_m, feature.margin_m, feature.name)
-        for feature, polygon in zip(features, polygons, strict=True)
-        if feature.obstacle
-    )
     rally = _rally(document, places, frame)
     rally_m = tuple(frame.from_wgs84(latitude_deg, longitude_deg) for longitude_deg, latitude_deg in rally)
-    farm = Farm(name, frame, width, height, kept, owner, (0.0, 0.0), cell_size_m, obstacles, rally_m)
+    farm = Farm(name, frame, width, height, patches, owner, (0.0, 0.0), cell_size_m, obstacles, rally_m)
     if home is None:
         nearest = shapely.shortest_line(farm.owner_area, shapely.Point(0.0, 0.0))
         latitude_deg, longitude_deg = frame.to_wgs84(*(nearest.coords[0] if nearest else (0.0, 0.0)))
@@ -175,6 +176,7 @@ def _farm_of(document: Document, default_name: str, crop: str | None, *, repair:
 
 
 def _contents(document: Document, *, repair: bool) -> tuple[list[Feature], list[Place]]:
+    """Return the features and places of a file, with notes on what is left out."""
     features: list[Feature] = []
     places: list[Place] = []
     vertices = 0
@@ -204,7 +206,7 @@ def _contents(document: Document, *, repair: bool) -> tuple[list[Feature], list[
 
 
 def _completed(features: list[Feature], crop: str | None, notes: list[str]) -> list[Feature]:
-    """Give a crop and an owner to the patches of a file that has none; FarmError if only some have one."""
+    """Give the patches a crop and an owner if the file has none; FarmError if only some patches have one."""
     patches = [feature for feature in features if not feature.obstacle]
     given = {"crop": crop, "owner": None}
     for key, default in (("crop", DEFAULT_CROP), ("owner", DEFAULT_OWNER)):
@@ -239,11 +241,12 @@ def _home(document: Document, places: list[Place]) -> tuple[float, float] | None
 
 
 def _cell_size(members: dict[str, Any], bounds: Any, notes: list[str]) -> float:
-    """Return the size of a cell: the file's, else a foot, or larger where that makes too many cells."""
+    """Return the size of a cell: the file's, else a foot, or more where that makes too many cells."""
     if members.get("cell_size_m") is not None or members.get("size_cells") is not None:
         return number_member(members, "cell_size_m", FOOT_M, _MIN_CELL_M, _MAX_CELL_M)
     area_m2 = float(bounds[2] * bounds[3])
-    size_m = next((one for one in _ROUND_CELLS_M if area_m2 <= SENSIBLE_CELLS * one**2), _ROUND_CELLS_M[-1])
+    fitting = (size_m for size_m in _ROUND_CELLS_M if area_m2 <= _SENSIBLE_CELLS * size_m**2)
+    size_m = next(fitting, _ROUND_CELLS_M[-1])
     if size_m != FOOT_M:
         notes.append(
             f"cells are {size_m:g} m, as cells of one foot would be {area_m2 / FOOT_M**2 / 1e6:.1f} million"
@@ -255,24 +258,25 @@ def _rally(document: Document, places: list[Place], frame: LocalFrame) -> list[t
     """Return longitude and latitude of the rally points."""
     given = document.members.get("rally", [])
     points = [place for place in places if place.kind == "rally"]
-    if not isinstance(given, list) or len(given) + len(points) > MAX_RALLY:
-        msg = f'member "rally": {shortened(given)} is no list of at most {MAX_RALLY} positions'
+    if not isinstance(given, list) or len(given) + len(points) > _MAX_RALLY:
+        msg = f'member "rally": {shortened(given)} is no list of at most {_MAX_RALLY} positions'
         raise FarmError(msg)
-    named = [(f'member "rally", entry {k}', one) for k, one in enumerate(given, 1)]
-    positions = [(where, position_of(one, where, document.crs)) for where, one in named]
+    named = [(f'member "rally", entry {k}', position) for k, position in enumerate(given, 1)]
+    positions = [(where, position_of(position, where, document.crs)) for where, position in named]
     positions += [(place.where, place.position) for place in points]
     for where, (longitude_deg, latitude_deg) in positions:
-        if not math.hypot(*frame.from_wgs84(latitude_deg, longitude_deg)) <= 2 * MAX_SPAN_M:
-            raise FarmError(f"{where}: lies more than {2 * MAX_SPAN_M / 1000:g} km from the farm")
+        if not math.hypot(*frame.from_wgs84(latitude_deg, longitude_deg)) <= 2 * _MAX_SPAN_M:
+            raise FarmError(f"{where}: lies more than {2 * _MAX_SPAN_M / 1000:g} km from the farm")
     return [position for _, position in positions]
 
 
 def _near(
     features: list[Feature], home: tuple[float, float] | None, notes: list[str], *, repair: bool
 ) -> list[Feature]:
-    """Return features that all lie near home, or else the first one; with `repair` those swapped are turned.
+    """Return the features if all lie near home or, without one, near the first; FarmError if not.
 
-    Without a home it is the middle of all features that tells which ones are swapped: most are right.
+    With `repair`, features with swapped latitude and longitude are turned. Without a home, the feature next
+    to the median of all counts as right.
     """
     anchor, is_sure = ('the farm\'s "home"', True) if home is not None else ("the first feature", False)
     longitude_deg, latitude_deg = features[0].rings[0][0] if home is None else home
@@ -286,16 +290,17 @@ def _near(
     spans_m = [
         max(_reach_m(reference, ring[:, 1], ring[:, 0]) for ring in feature.rings) for feature in features
     ]
-    is_sure = is_sure or 2 * sum(span_m <= MAX_SPAN_M for span_m in spans_m) > len(features)
+    is_sure = is_sure or 2 * sum(span_m <= _MAX_SPAN_M for span_m in spans_m) > len(features)
     found = []
     for feature, span_m in zip(features, spans_m, strict=True):
-        if span_m > MAX_SPAN_M:
-            swapped = all(_reach_m(reference, ring[:, 0], ring[:, 1]) <= MAX_SPAN_M for ring in feature.rings)
+        if span_m > _MAX_SPAN_M:
+            turned_m = [_reach_m(reference, ring[:, 0], ring[:, 1]) for ring in feature.rings]
+            swapped = max(turned_m) <= _MAX_SPAN_M
             if not (repair and swapped and is_sure):
                 advice = (
                     "its latitude and longitude are swapped, positions are [longitude, latitude]"
                     if swapped
-                    else f"the limit is {MAX_SPAN_M / 1000:g} km"
+                    else f"the limit is {_MAX_SPAN_M / 1000:g} km"
                 )
                 raise FarmError(f"{feature.where}: lies {span_m / 1000:.0f} km from {anchor}; {advice}")
             feature = replace(feature, rings=tuple(ring[:, ::-1].copy() for ring in feature.rings))
@@ -307,37 +312,33 @@ def _near(
 def _reach_m(frame: LocalFrame, latitude_deg: Any, longitude_deg: Any) -> float:
     if np.abs(latitude_deg).max() > 90.0:
         return math.inf
-    x_m, y_m = frame.from_wgs84(latitude_deg.copy(), longitude_deg.copy())
-    return float(np.max(np.hypot(x_m, y_m)))
+    return float(np.max(np.hypot(*frame.from_wgs84(latitude_deg, longitude_deg))))
 
 
 def _frame(document: Document, patches: list[Feature]) -> tuple[LocalFrame, bool]:
-    """Return the frame, and whether the file gives its origin (otherwise it is the corner of the patches)."""
+    """Return the frame, and whether its origin is the file's (otherwise it is the corner of the patches)."""
     members = document.members
     altitude_m = number_member(members, "ground_altitude_m", 0.0, -1000.0, 9000.0)
     rotation_deg = number_member(members, "rotation_deg", 0.0, -360.0, 360.0)
     if members.get("origin") is not None:
         longitude_deg, latitude_deg = position_of(members["origin"], 'member "origin"', document.crs)
         frame = LocalFrame(latitude_deg, longitude_deg, altitude_m, rotation_deg)
-        if _reach_m(frame, patches[0].rings[0][:, 1], patches[0].rings[0][:, 0]) > 2 * MAX_SPAN_M:
-            msg = f'{patches[0].where}: lies more than {2 * MAX_SPAN_M / 1000:g} km from the farm\'s "origin"'
-            raise FarmError(msg)
+        if _reach_m(frame, patches[0].rings[0][:, 1], patches[0].rings[0][:, 0]) > 2 * _MAX_SPAN_M:
+            limit_km = 2 * _MAX_SPAN_M / 1000
+            raise FarmError(f'{patches[0].where}: lies more than {limit_km:g} km from the farm\'s "origin"')
         return frame, True
     points = np.concatenate([patch.rings[0] for patch in patches])
     frame = LocalFrame(float(points[0, 1]), float(points[0, 0]), altitude_m, rotation_deg)
-    # North turns with the origin (meridian convergence), so the corner is sought again from each better one.
+    # North turns with the origin (meridian convergence): four rounds from corner to corner converge.
     for _ in range(4):
-        x_m, y_m = frame.from_wgs84(points[:, 1].copy(), points[:, 0].copy())
+        x_m, y_m = frame.from_wgs84(points[:, 1], points[:, 0])
         latitude_deg, longitude_deg = frame.to_wgs84(float(x_m.min()), float(y_m.min()))
         frame = LocalFrame(latitude_deg, longitude_deg, altitude_m, rotation_deg)
     return frame, False
 
 
 def _polygon(feature: Feature, frame: LocalFrame) -> shapely.Polygon:
-    rings = []
-    for ring in feature.rings:
-        x_m, y_m = frame.from_wgs84(ring[:, 1].copy(), ring[:, 0].copy())
-        rings.append(np.column_stack([x_m, y_m]))
+    rings = [np.column_stack(frame.from_wgs84(ring[:, 1], ring[:, 0])) for ring in feature.rings]
     polygon = shapely.Polygon(rings[0], rings[1:])
     if not shapely.is_valid(polygon):
         reason = re.sub(
@@ -381,11 +382,9 @@ def _size(members: dict[str, Any], right: float, top: float, cell_size_m: float)
 
 
 def _check_detail(polygons: list[shapely.Polygon], cell_size_m: float) -> None:
-    """Refuse polygons whose scan conversion would take minutes: very many edges across very many columns."""
-    steps = 0.0
-    for polygon in polygons:
-        x = shapely.get_coordinates(polygon)[:, 0]
-        steps += float(np.abs(np.diff(x)).sum()) / cell_size_m
-    if steps > MAX_RASTER_STEPS:
+    """Refuse polygons whose edges cross so many columns of cells that painting them would take minutes."""
+    columns = (np.abs(np.diff(shapely.get_coordinates(polygon)[:, 0])).sum() for polygon in polygons)
+    steps = float(sum(columns)) / cell_size_m
+    if steps > _MAX_RASTER_STEPS:
         msg = f"the polygons are too detailed: their edges cross {steps:.3g} columns of cells; simplify them"
         raise FarmError(msg)

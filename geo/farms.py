@@ -13,30 +13,77 @@ miniberry-10      28.0370     -82.1500     10 x 10
 ================  ==========  ===========  =====================
 
 Source: L. Boloni et al., the Waterberry Farms benchmark for multi-robot information gathering.
+
+Farms are made when they are first asked for: the names alone need neither numpy nor shapely.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from functools import lru_cache
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-import shapely
-
-from geo.built_in import farm_names
 from geo.errors import FarmError
-from geo.farm import Farm, Patch
-from geo.farm_file import FARM_SUFFIXES, load_farm, split_layer
-from geo.frame import LocalFrame
-from geo.grid import Crop
 from geo.units import FOOT_M
 
-GROUND_ALTITUDE_M = 30.0
-OWNER = "owner"
-_MINIBERRY_LATITUDES = {10: 28.0370, 30: 28.0380, 100: 28.0400}
-_LONGITUDE = -82.1500
-_WATERBERRY_LATITUDE = 28.0500
+if TYPE_CHECKING:
+    from geo.farm import Farm
+
+_Corners = list[tuple[float, float]]
+_Patches = list[tuple[str, str, str, _Corners]]  # Name, crop, owner, corners in feet; in order of painting
+
+_GROUND_ALTITUDE_M = 30.0
+_LONGITUDE_DEG = -82.1500
+_OWNER = "owner"
+
+
+def _box(left: float, bottom: float, right: float, top: float) -> _Corners:
+    return [(left, bottom), (right, bottom), (right, top), (left, top)]
+
+
+def _arc(x: float, y: float, radius: float, steps: range) -> _Corners:
+    """Return corners 15 degrees apart, clockwise from north."""
+    angles = [math.pi * step / 12 for step in steps]
+    return [(x + radius * math.sin(angle), y + radius * math.cos(angle)) for angle in angles]
+
+
+def _miniberry(size: int) -> _Patches:
+    return [
+        ("strawberries", "strawberry", _OWNER, _box(0, 0, size, size / 2)),
+        ("tomatoes", "tomato", _OWNER, _box(0, size / 2, size, size)),
+    ]
+
+
+_WATERBERRY: _Patches = [
+    ("strawberries", "strawberry", _OWNER, [(1000, 1000), (4000, 1000), (3000, 4000), (1000, 4000)]),
+    ("tomatoes", "tomato", _OWNER, [(4000, 1000), (5000, 1000), (5000, 4000), (3000, 4000)]),
+    ("pond", "pond", _OWNER, _arc(2000, 2000, 200, range(24))),
+    ("wetland", "wetland", _OWNER, _arc(4000, 4000, 500, range(6, 19))),
+    ("N1-strawberries", "strawberry", "N1", _box(0, 0, 6000, 1000)),
+    ("N2-strawberries", "strawberry", "N2", _box(5000, 1000, 6000, 4000)),
+    ("N3-tomatoes", "tomato", "N3", _box(0, 4000, 6000, 5000)),
+    ("N4-tomatoes", "tomato", "N4", _box(0, 1000, 1000, 4000)),
+]
+
+# Latitude, width and height, the cell of home along both axes, patches
+_FARMS: dict[str, tuple[float, tuple[int, int], int, _Patches]] = {
+    "miniberry-10": (28.0370, (10, 10), 0, _miniberry(10)),
+    "miniberry-30": (28.0380, (30, 30), 0, _miniberry(30)),
+    "miniberry-100": (28.0400, (100, 100), 0, _miniberry(100)),
+    "waterberry": (28.0500, (6000, 5000), 1000, _WATERBERRY),
+}
+
+
+def farm_names() -> tuple[str, ...]:
+    """Return the names of the built-in farms.
+
+    Examples
+    --------
+    >>> farm_names()
+    ('miniberry-10', 'miniberry-30', 'miniberry-100', 'waterberry')
+    """
+    return tuple(_FARMS)
 
 
 def get_farm(
@@ -57,70 +104,38 @@ def get_farm(
     >>> farm.grid().shape, farm.owner_cells
     ((30, 30), 900)
     """
+    from geo.farm_file import FARM_SUFFIXES, load_farm, split_layer
+
     text = str(name_or_path)
-    if text.lower() in farm_names():
+    if text.lower() in _FARMS:
         return _built_in(text.lower())
     if split_layer(text)[0].suffix.lower() in FARM_SUFFIXES:
         return load_farm(text, crop=crop, crs=crs, repair=repair)
     kinds = ", ".join(FARM_SUFFIXES)
-    msg = f"unknown farm {text!r}: choose one of {', '.join(farm_names())}, or give a file ({kinds})"
+    msg = f"unknown farm {text!r}: choose one of {', '.join(_FARMS)}, or give a file ({kinds})"
     raise FarmError(msg)
 
 
 @lru_cache(maxsize=8)
 def _built_in(name: str) -> Farm:
-    return _waterberry() if name == "waterberry" else _miniberry(int(name.removeprefix("miniberry-")))
+    import shapely
 
+    from geo.farm import Farm, Patch
+    from geo.frame import LocalFrame
+    from geo.grid import Crop
 
-def _patch(name: str, crop: Crop, owner: str, corners_ft: Sequence[tuple[float, float]]) -> Patch:
-    rounded = [(round(x, 6) * FOOT_M, round(y, 6) * FOOT_M) for x, y in corners_ft]
-    return Patch(name, crop, owner, shapely.Polygon(rounded))
-
-
-def _miniberry(size: int) -> Farm:
-    half = size / 2
+    latitude_deg, (width, height), home, patches = _FARMS[name]
+    made = []
+    for patch, crop, owner, corners in patches:
+        # Rounded, as other libraries of C have other last bits of sines.
+        corners_m = [(round(x, 6) * FOOT_M, round(y, 6) * FOOT_M) for x, y in corners]
+        made.append(Patch(patch, Crop(crop), owner, shapely.Polygon(corners_m)))
     return Farm(
-        name=f"miniberry-{size}",
-        frame=LocalFrame(_MINIBERRY_LATITUDES[size], _LONGITUDE, GROUND_ALTITUDE_M),
-        width_cells=size,
-        height_cells=size,
-        patches=(
-            _patch("strawberries", Crop.STRAWBERRY, OWNER, [(0, 0), (size, 0), (size, half), (0, half)]),
-            _patch("tomatoes", Crop.TOMATO, OWNER, [(0, half), (size, half), (size, size), (0, size)]),
-        ),
-        owner=OWNER,
-        home_m=(0.5 * FOOT_M, 0.5 * FOOT_M),
-    )
-
-
-def _arc(
-    x: float, y: float, radius: float, steps: range, steps_per_half_turn: int = 12
-) -> list[tuple[float, float]]:
-    angles = [math.pi * step / steps_per_half_turn for step in steps]
-    return [(x + radius * math.sin(angle), y + radius * math.cos(angle)) for angle in angles]
-
-
-def _waterberry() -> Farm:
-    strawberry, tomato = Crop.STRAWBERRY, Crop.TOMATO
-    return Farm(
-        name="waterberry",
-        frame=LocalFrame(_WATERBERRY_LATITUDE, _LONGITUDE, GROUND_ALTITUDE_M),
-        width_cells=6000,
-        height_cells=5000,
-        patches=(
-            _patch(
-                "strawberries", strawberry, OWNER, [(1000, 1000), (4000, 1000), (3000, 4000), (1000, 4000)]
-            ),
-            _patch("tomatoes", tomato, OWNER, [(4000, 1000), (5000, 1000), (5000, 4000), (3000, 4000)]),
-            _patch("pond", Crop.POND, OWNER, _arc(2000, 2000, 200, range(24))),
-            _patch("wetland", Crop.WETLAND, OWNER, _arc(4000, 4000, 500, range(6, 19))),
-            _patch("N1-strawberries", strawberry, "N1", [(0, 0), (6000, 0), (6000, 1000), (0, 1000)]),
-            _patch(
-                "N2-strawberries", strawberry, "N2", [(5000, 1000), (6000, 1000), (6000, 4000), (5000, 4000)]
-            ),
-            _patch("N3-tomatoes", tomato, "N3", [(0, 4000), (6000, 4000), (6000, 5000), (0, 5000)]),
-            _patch("N4-tomatoes", tomato, "N4", [(0, 1000), (1000, 1000), (1000, 4000), (0, 4000)]),
-        ),
-        owner=OWNER,
-        home_m=(1000.5 * FOOT_M, 1000.5 * FOOT_M),
+        name=name,
+        frame=LocalFrame(latitude_deg, _LONGITUDE_DEG, _GROUND_ALTITUDE_M),
+        width_cells=width,
+        height_cells=height,
+        patches=tuple(made),
+        owner=_OWNER,
+        home_m=((home + 0.5) * FOOT_M, (home + 0.5) * FOOT_M),
     )

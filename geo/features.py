@@ -8,54 +8,55 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numpy as np
 
 from geo.attributes import crop_of, kind_of, meant
-from geo.coordinates import Coordinates
 from geo.errors import FarmError
+from geo.frame import Coordinates
 from geo.grid import Crop, is_crop_name
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+# Limits on hostile files; a farm has tens of features and thousands of vertices.
 MAX_FEATURES = 10_000
 MAX_VERTICES = 100_000
-MAX_LATITUDE_DEG = 75.0
+MAX_LATITUDE_DEG = 75.0  # No crop grows beyond
 DEFAULT_CROP = "crop"
 DEFAULT_OWNER = "owner"
 
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """A feature as the file has it, not checked: its geometry is one of GeoJSON."""
+    """A feature as the file has it, unchecked."""
 
     number: int  # In its layer, from 1
     properties: dict[str, Any]
-    geometry: object  # None: the file says that it has none
+    geometry: object  # GeoJSON's; None: the file has none
     crs: Coordinates | None = None  # None: WGS 84
-    layer: str = ""  # Begins what its layer is called by in messages
-    useless: str = ""  # Why it is no part of a farm, where the reader knows
+    layer: str = ""  # Name of its layer at the start of messages
+    useless: str = ""  # Reason to leave it out, if the reader of the file knows one
 
     @property
     def where(self) -> str:
-        """How messages call it."""
+        """Its name in messages."""
         return f"{self.layer}feature {self.number}"
 
 
 @dataclass(slots=True)
 class Document:
-    """What is in a file."""
+    """The content of a farm file."""
 
     members: dict[str, Any]
     entries: list[Entry]
     crs: Coordinates | None = None
-    notes: list[str] = field(default_factory=list)  # What a user should know of how it was read
+    notes: list[str] = field(default_factory=list)  # For the user: how it was read
 
 
 @dataclass(frozen=True, slots=True)
 class Feature:
-    """A polygon: rings of float64[n, 2] longitude, latitude. Without a crop or an owner it waits for one."""
+    """A patch or an obstacle: rings of float64[n, 2] longitude, latitude."""
 
     where: str
     name: str
-    crop: str | None
+    crop: str | None  # None: the file gives none
     owner: str | None
     obstacle: bool
     height_m: float | None
@@ -82,9 +83,9 @@ GEOMETRIES = (*_NO_AREA, *_AREAS, "GeometryCollection")
 
 
 def read_entry(entry: Entry, notes: list[str], *, repair: bool) -> list[Feature] | Place | str:
-    """Return the polygons of a feature, the place that it is, or why it is no part of a farm.
+    """Return the polygons or the place of a feature, or the reason to leave it out.
 
-    FarmError, naming it, if it cannot be read. With `repair` what has latitude and longitude swapped is
+    FarmError, naming the feature, if it cannot be read. With `repair` swapped latitudes and longitudes are
     turned. Rings may be open (`geo.repair.closed`).
     """
     if entry.useless or entry.geometry is None:
@@ -137,22 +138,22 @@ def _flag(properties: dict[str, Any], key: str, kind: str, where: str) -> bool:
 
 
 def _members(geometry: dict[str, Any]) -> list[dict[str, Any]] | None:
-    """Return the geometries of a collection, and of those in it; None if it is none."""
+    """Return the geometries of a collection and of collections in it; None if it is no collection."""
     found, left = [], [geometry]
     while left:
-        one = left.pop()
-        inner = one.get("geometries") if isinstance(one, dict) else None
-        if isinstance(inner, list) and one.get("type") == "GeometryCollection":
+        member = left.pop()
+        inner = member.get("geometries") if isinstance(member, dict) else None
+        if isinstance(inner, list) and member.get("type") == "GeometryCollection":
             left.extend(reversed(inner))
-        elif one is geometry:
+        elif member is geometry:
             return None
         else:
-            found.append(one if isinstance(one, dict) else {})
+            found.append(member if isinstance(member, dict) else {})
     return found
 
 
 def _no_area(geometry: dict[str, Any]) -> str:
-    """Return why a geometry is no land, as a reason to leave it out; empty if it is, or is broken."""
+    """Return the reason to leave out a geometry that is no land; empty for land and for broken geometry."""
     inner = _members(geometry)
     if inner is not None:
         reasons = [_NO_AREA.get(str(member.get("type")), "") for member in inner]
@@ -163,7 +164,7 @@ def _no_area(geometry: dict[str, Any]) -> str:
 
 
 def _parts(geometry: dict[str, Any], where: str) -> list[list[Any]]:
-    """Return the coordinates of each polygon of a geometry; points and lines of a collection are no land."""
+    """Return the coordinates of each polygon of a geometry, without a collection's points and lines."""
     kind, inner = geometry.get("type"), _members(geometry)
     parts: list[Any]
     if inner is not None:
@@ -174,8 +175,8 @@ def _parts(geometry: dict[str, Any], where: str) -> list[list[Any]]:
     elif kind == "Polygon":
         parts = [geometry.get("coordinates")]
     else:
-        told = kind if isinstance(kind, str) else "nothing"
-        raise FarmError(f"{where}: geometry is {shortened(told)!r}, not a Polygon or MultiPolygon")
+        found = kind if isinstance(kind, str) else "nothing"
+        raise FarmError(f"{where}: geometry is {shortened(found)!r}, not a Polygon or MultiPolygon")
     if not parts or not all(isinstance(part, list) and part and part[0] for part in parts):
         raise FarmError(f"{where}: the polygon is empty")
     return parts
@@ -197,14 +198,12 @@ def _ring(ring: object, where: str, crs: Coordinates | None) -> NDArray[np.float
 
 def _only_swapped(rings: list[NDArray[np.float64]]) -> bool:
     """Return whether positions make sense only as latitude, longitude."""
-    every = np.concatenate(rings)
-    return bool(
-        (np.abs(every[:, 1]) > MAX_LATITUDE_DEG).any() and (np.abs(every[:, 0]) <= MAX_LATITUDE_DEG).all()
-    )
+    first, second = np.abs(np.concatenate(rings)).T
+    return bool((second > MAX_LATITUDE_DEG).any() and (first <= MAX_LATITUDE_DEG).all())
 
 
 def position_of(position: object, where: str, crs: Coordinates | None = None) -> tuple[float, float]:
-    """Return longitude and latitude of a position."""
+    """Return the longitude and latitude of a position; FarmError if it is none."""
     place = np.array([_numbers(position, where)])
     if crs is not None:
         place = _converted(place, where, crs)
@@ -234,7 +233,7 @@ def _converted(xy: NDArray[np.float64], where: str, crs: Coordinates) -> NDArray
 
 
 def check_degrees(longitude_deg: float, latitude_deg: float, where: str) -> None:
-    """Raise FarmError if nothing can grow there."""
+    """Raise FarmError for a position off the globe, or too far north or south for crops."""
     if abs(latitude_deg) > 90.0:
         msg = f"{where}: latitude {latitude_deg:g} is outside -90..90; positions are [longitude, latitude]"
         raise FarmError(msg)
@@ -273,6 +272,6 @@ def number_member(
 
 
 def shortened(value: object) -> str:
-    """Return a value as an error shows it."""
+    """Return a value cut to 60 characters, for errors."""
     text = value if isinstance(value, str) else repr(value)[:200]
     return text if len(text) <= 60 else text[:57] + "..."

@@ -1,14 +1,17 @@
-"""The local frame of a farm and its georeference; attitudes as angles and as quaternions."""
+"""The local frame of a farm, coordinate systems of files, and attitudes as angles and quaternions."""
 
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any, overload
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
+import pyproj
+import pyproj.network
 from pyproj import Transformer
 from pyproj.enums import TransformDirection
 
@@ -16,6 +19,8 @@ from geo.errors import FarmError
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
+
+Values = TypeVar("Values", float, "NDArray[Any]")
 
 _INVERSE = TransformDirection.INVERSE
 
@@ -83,13 +88,7 @@ class LocalFrame:
             object.__setattr__(self, "_cos", math.cos(math.radians(self.rotation_deg)))
             object.__setattr__(self, "_sin", math.sin(math.radians(self.rotation_deg)))
 
-    @overload
-    def to_wgs84(self, x_m: float, y_m: float) -> tuple[float, float]: ...
-
-    @overload
-    def to_wgs84(self, x_m: NDArray[Any], y_m: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]: ...
-
-    def to_wgs84(self, x_m: Any, y_m: Any) -> tuple[Any, Any]:
+    def to_wgs84(self, x_m: Values, y_m: Values) -> tuple[Values, Values]:
         """Return latitude and longitude, degrees, of points of the frame, metres (scalars or arrays)."""
         if self._sin:
             x_m, y_m = x_m * self._cos - y_m * self._sin, x_m * self._sin + y_m * self._cos
@@ -98,15 +97,7 @@ class LocalFrame:
         )
         return latitude_deg, _within_date_line(longitude_deg)
 
-    @overload
-    def from_wgs84(self, latitude_deg: float, longitude_deg: float) -> tuple[float, float]: ...
-
-    @overload
-    def from_wgs84(
-        self, latitude_deg: NDArray[Any], longitude_deg: NDArray[Any]
-    ) -> tuple[NDArray[Any], NDArray[Any]]: ...
-
-    def from_wgs84(self, latitude_deg: Any, longitude_deg: Any) -> tuple[Any, Any]:
+    def from_wgs84(self, latitude_deg: Values, longitude_deg: Values) -> tuple[Values, Values]:
         """Return x and y, metres, of positions in degrees (scalars or arrays).
 
         They are not finite where there is no such position.
@@ -116,16 +107,8 @@ class LocalFrame:
         )
         return self.from_east_north(east_m, north_m)
 
-    @overload
-    def from_east_north(self, east: float, north: float) -> tuple[float, float]: ...
-
-    @overload
-    def from_east_north(
-        self, east: NDArray[Any], north: NDArray[Any]
-    ) -> tuple[NDArray[Any], NDArray[Any]]: ...
-
-    def from_east_north(self, east: Any, north: Any) -> tuple[Any, Any]:
-        """Return the parts along x and y of directions or velocities about the origin (scalars or arrays).
+    def from_east_north(self, east: Values, north: Values) -> tuple[Values, Values]:
+        """Return the x and y components of directions or velocities at the origin (scalars or arrays).
 
         Examples
         --------
@@ -134,7 +117,7 @@ class LocalFrame:
         (4.0, -3.0)
         """
         if self._sin:
-            # What is not finite stays so.
+            # Numbers that are not finite stay so.
             with np.errstate(invalid="ignore"):
                 return east * self._cos + north * self._sin, north * self._cos - east * self._sin
         return east, north
@@ -147,7 +130,75 @@ def _within_date_line(longitude_deg: Any) -> Any:
     return min(max(longitude_deg, -180.0), 180.0)
 
 
-Quaternion = tuple[float, float, float, float]
+EXAMPLE_CRS = "EPSG:32617"  # UTM 17N, where the benchmark's farms are
+_CODE = re.compile(
+    r"(?:urn:ogc:def:crs:|https?://www\.opengis\.net/def/crs/)?"
+    r"(EPSG|ESRI|IGNF|OGC)[:/]+(?:[\d.]*[:/])?([A-Za-z0-9_]+)",
+    re.IGNORECASE,
+)
+_WGS84 = re.compile(r"(OGC:CRS84|EPSG:4326)|WGS ?84", re.IGNORECASE)
+_BORDER_ACCURACY_M = (
+    1.5  # Borders drawn from pictures are hardly better; a conversion this good needs no note
+)
+
+
+class Coordinates:
+    """A coordinate reference system that PROJ knows, used without network.
+
+    Axes are x and y (east, north; longitude, latitude).
+
+    Parameters
+    ----------
+    name : str
+        A code such as ``EPSG:32617``, a URN of one, or the text of a .prj file (WKT).
+
+    Raises
+    ------
+    FarmError
+        If there is no such system, or it has no way to WGS 84.
+    """
+
+    def __init__(self, name: str) -> None:
+        pyproj.network.set_network_enabled(False)  # type: ignore[attr-defined]
+        try:
+            crs = pyproj.CRS.from_user_input(name)
+            self.name = crs.name
+            self._accuracy_m = -1.0  # Of the last conversion; -1: unknown
+            self._transformer = Transformer.from_crs(crs, "EPSG:4326", always_xy=True)
+        except pyproj.exceptions.ProjError as error:
+            problem = " ".join(str(error).split())[:120]
+            raise FarmError(f"coordinate system {name[:60]!r} cannot be used: {problem}") from None
+
+    def to_wgs84(self, xy: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return float64[n, 2] longitude, latitude of x, y; not finite where there is no such place."""
+        positions = np.column_stack(self._transformer.transform(xy[:, 0], xy[:, 1]))
+        self._accuracy_m = self._transformer.get_last_used_operation().accuracy
+        return positions
+
+    def accuracy_note(self) -> str:
+        """Return a note on the last conversion's accuracy; empty if borders are known no better."""
+        if self._accuracy_m <= _BORDER_ACCURACY_M:
+            return ""
+        return f"{self.name} is converted to WGS 84 to within {self._accuracy_m:g} m"
+
+
+@lru_cache(maxsize=32)
+def coordinates_of(name: str) -> Coordinates | None:
+    """Return the coordinate system of a code; None for longitude and latitude of WGS 84.
+
+    >>> coordinates_of("urn:ogc:def:crs:OGC:1.3:CRS84"), coordinates_of("EPSG:32617").name
+    (None, 'WGS 84 / UTM zone 17N')
+    """
+    found = _CODE.fullmatch(name.strip())
+    code = f"{found[1]}:{found[2]}".upper() if found else name.strip()
+    if _WGS84.fullmatch(code):
+        return None
+    if found is None:
+        raise FarmError(f"{name[:60]!r} is no code of a coordinate system; give one such as {EXAMPLE_CRS}")
+    return Coordinates(code)
+
+
+Quaternion = tuple[float, float, float, float]  # w, x, y, z
 
 
 def quaternion_of(roll_rad: float, pitch_rad: float, yaw_rad: float) -> Quaternion:

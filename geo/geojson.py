@@ -1,7 +1,7 @@
-"""Farm files as GeoJSON documents (RFC 7946): read into entries, written; see docs/farm-files.md.
+"""Farm files as GeoJSON (RFC 7946), read into entries and written; see docs/farm-files.md.
 
-A file may hold a feature collection, a feature or a geometry, or one after the other, a line each or parted
-by record separators (RFC 8142; GDAL's GeoJSONSeq, ``.geojsonl``).
+A file holds a feature collection, a feature or a geometry, or several of them: one a line, or between record
+separators (RFC 8142; GDAL's GeoJSONSeq, ``.geojsonl``).
 """
 
 from __future__ import annotations
@@ -17,19 +17,19 @@ import shapely
 from shapely.geometry.polygon import orient
 
 from geo.atomic import atomic_write
-from geo.coordinates import Coordinates, coordinates_of, member_crs
 from geo.errors import FarmError
 from geo.farm import Farm
 from geo.features import GEOMETRIES, MAX_FEATURES, Document, Entry, shortened
+from geo.frame import EXAMPLE_CRS, Coordinates, coordinates_of
 from geo.reading import UnreadableError, json_texts, not_json, read_text
 
-MAX_FILE_BYTES = 32 * 2**20
+MAX_FILE_BYTES = 32 * 2**20  # Room for MAX_VERTICES with their properties
 
 
 def read_geojson(path: Path, crs: str | None = None) -> Document:
-    """Return what a GeoJSON file holds; ``crs`` is that of a file that does not tell its own.
+    """Return the content of a GeoJSON file; ``crs`` is the coordinate system of a file without one.
 
-    FarmError if the file is no GeoJSON, or names another coordinate system.
+    FarmError if the file is no GeoJSON, or has a coordinate system and ``crs`` is given.
     """
     given = None if crs is None else coordinates_of(crs)
     members: dict[str, Any] = {}
@@ -39,19 +39,19 @@ def read_geojson(path: Path, crs: str | None = None) -> Document:
         if crs is not None and document.get("crs") is not None:
             raise FarmError(f"has a coordinate system of its own; leave out that it is {crs!r:.60}")
         features = _features(document)
-        own = given if features is None else member_crs(document, "the file", given)
+        own = given if features is None else _crs(document, "the file", given)
         if features is not None:
             members = {**document, **members}
         is_geometry = document["type"] in GEOMETRIES
         found = features or [{"type": "Feature", "geometry": document} if is_geometry else document]
         if len(entries) + len(found) > MAX_FEATURES:
             raise FarmError(f"has more than {MAX_FEATURES} features; take those of one farm")
-        entries += [_entry(one, number, own) for number, one in enumerate(found, len(entries) + 1)]
+        entries += [_entry(feature, number, own) for number, feature in enumerate(found, len(entries) + 1)]
     return Document(members, entries, own)
 
 
 def _features(document: dict[str, Any]) -> list[Any] | None:
-    """Return the features of a collection, which it then lacks; None if the document is none."""
+    """Take the features out of a collection; None if the document is no collection."""
     if document.get("type") != "FeatureCollection":
         return None
     features = document.pop("features", None)
@@ -60,22 +60,40 @@ def _features(document: dict[str, Any]) -> list[Any] | None:
     return features
 
 
-def _entry(one: Any, number: int, own: Coordinates | None) -> Entry:
+def _entry(feature: Any, number: int, own: Coordinates | None) -> Entry:
     where = f"feature {number}"
-    if not isinstance(one, dict) or one.get("type") != "Feature":
+    if not isinstance(feature, dict) or feature.get("type") != "Feature":
         raise FarmError(f'{where}: is not a GeoJSON "Feature"')
-    properties = one.get("properties")
+    properties = feature.get("properties")
     if not isinstance(properties, dict | None):
         raise FarmError(f'{where}: its "properties" are {shortened(properties)}, no names with values')
-    if "geometry" not in one:
+    if "geometry" not in feature:
         raise FarmError(f'{where}: has no "geometry"; write null where there is none')
     properties = properties or {}
     name = properties.get("name")
     named = f"{where} ({name!r:.60})" if isinstance(name, str) else where
-    crs, geometry = member_crs(one, named, own), one["geometry"]
+    crs, geometry = _crs(feature, named, own), feature["geometry"]
     if isinstance(geometry, dict):
-        crs = member_crs(geometry, named, crs)
+        crs = _crs(geometry, named, crs)
     return Entry(number, properties, geometry, crs)
+
+
+def _crs(holder: dict[str, Any], where: str, default: Coordinates | None) -> Coordinates | None:
+    """Return the coordinate system of the member "crs" (GeoJSON of 2008, not in RFC 7946), or the default."""
+    crs = holder.get("crs")
+    if crs is None:
+        return default
+    properties = crs.get("properties") if isinstance(crs, dict) else None
+    name = properties.get("name") if isinstance(properties, dict) else None
+    if not isinstance(name, str):
+        raise FarmError(
+            f'{where}: member "crs" names no coordinate system; give {{"type": "name", "properties": '
+            f'{{"name": "{EXAMPLE_CRS}"}}}}, or leave it out for WGS 84'
+        )
+    try:
+        return coordinates_of(name)
+    except FarmError as error:
+        raise FarmError(f'{where}: member "crs": {error}') from None
 
 
 def _documents(path: Path) -> Iterator[dict[str, Any]]:
@@ -116,7 +134,7 @@ def save_farm(farm: Farm, path: str | os.PathLike[str]) -> None:
 
 
 def farm_document(farm: Farm) -> dict[str, Any]:
-    """Return what `save_farm` writes."""
+    """Return the GeoJSON document of a farm, as `save_farm` writes it."""
     frame, degrees_of = farm.frame, _DegreesOf(farm)
     patches = [
         _feature(degrees_of, patch.polygon, name=patch.name, crop=str(patch.crop), owner=patch.owner)
@@ -125,13 +143,13 @@ def farm_document(farm: Farm) -> dict[str, Any]:
     obstacles = [
         _feature(
             degrees_of,
-            one.polygon,
-            name=one.name or f"obstacle {number}",
+            obstacle.polygon,
+            name=obstacle.name or f"obstacle {number}",
             obstacle=True,
-            **({} if one.height_m is None else {"height_m": one.height_m}),
-            **({} if one.margin_m is None else {"margin_m": one.margin_m}),
+            **({} if obstacle.height_m is None else {"height_m": obstacle.height_m}),
+            **({} if obstacle.margin_m is None else {"margin_m": obstacle.margin_m}),
         )
-        for number, one in enumerate(farm.obstacles, 1)
+        for number, obstacle in enumerate(farm.obstacles, 1)
     ]
     return {
         "type": "FeatureCollection",
@@ -149,20 +167,20 @@ def farm_document(farm: Farm) -> dict[str, Any]:
 
 
 class _DegreesOf:
-    """Longitude and latitude of places of a farm: as its file has them, if they come from one.
+    """Converts places of a farm to longitude and latitude; places of its file come back as the file has them.
 
-    A projection and its inverse differ by a nanometre, and for less a planner's comparison ends otherwise.
+    Projecting and back moves a place by a nanometre, which is enough to turn a planner's comparison.
     """
 
     def __init__(self, farm: Farm) -> None:
         self._frame = farm.frame
-        known = farm.degrees.copy()
-        x_m, y_m = self._frame.from_wgs84(known[:, 1].copy(), known[:, 0].copy())
+        known = farm.degrees
+        x_m, y_m = self._frame.from_wgs84(known[:, 1], known[:, 0])
         self._known = dict(zip(zip(x_m.tolist(), y_m.tolist(), strict=True), known.tolist(), strict=True))
 
     def __call__(self, *places_m: Sequence[float]) -> list[list[float]]:
         places = np.array(places_m)
-        latitude_deg, longitude_deg = self._frame.to_wgs84(places[:, 0].copy(), places[:, 1].copy())
+        latitude_deg, longitude_deg = self._frame.to_wgs84(places[:, 0], places[:, 1])
         made = np.column_stack([longitude_deg, latitude_deg]).tolist()
         return [self._known.get((x, y), new) for (x, y), new in zip(places.tolist(), made, strict=True)]
 

@@ -1,4 +1,4 @@
-"""The cells of a farm: what grows on them and whose they are, by the polygons that they lie in."""
+"""The crop map of a farm: which crop grows on each cell, and whether the cell is the owner's."""
 
 from __future__ import annotations
 
@@ -30,8 +30,8 @@ class Crop(StrEnum):
 
 
 NOT_GROWN = frozenset({Crop.NONE, Crop.POND, Crop.WETLAND})
-"""What is no crop: nobody looks at it."""
-MAX_CROPS = 100
+"""Land without a crop, which is not scouted."""
+MAX_CROPS = 100  # Their numbers are int8
 CROP_NAMES = "names of crops are up to 40 lower-case letters, digits, spaces, hyphens and underscores"
 _CROP_NAME = re.compile(r"[^\W\d_][\w -]{0,39}")
 
@@ -56,13 +56,13 @@ class FarmGrid:
     cell_size_m : float
         Side of a cell, metres.
     crop : int8[W, H]
-        The number of each cell's crop in `crops`.
+        Each cell's crop, an index of `crops`.
     owned : bool[W, H]
         Whether the cell is the owner's.
     crops : tuple of str
-        The names of crops: those of the benchmark first, then those that only this farm has.
+        Crop names: the benchmark's first, then those that only this farm has.
 
-    The arrays and the masks are shared and not writable.
+    Arrays and masks are shared and not writable.
     """
 
     shape: tuple[int, int]
@@ -100,12 +100,12 @@ class FarmGrid:
 
     @property
     def further_crops(self) -> str:
-        """Its crops that are not the benchmark's, whose numbers are always the same, for digests."""
+        """Its crops beyond the benchmark's, as a text for digests."""
         return "".join(f"{name};" for name in self.crops[len(Crop) :])
 
     def of_crops(self, names: Iterable[str]) -> NDArray[np.bool_]:
-        """Mark the cells with one of some crops, whoever owns them: bool[W, H], a new array."""
-        # np.isin would make a copy of eight bytes a cell.
+        """Return a new mask of the cells with one of these crops, whoever owns them: bool[W, H]."""
+        # np.isin would take eight bytes a cell.
         mask = np.zeros(self.shape, np.bool_)
         for name in names:
             if name in self.crops:
@@ -127,51 +127,47 @@ def rasterise(
 ) -> FarmGrid:
     """Paint patches in order onto a grid of cells.
 
-    A cell belongs to the last patch that covers its centre. The test is made in cells with vertices rounded
-    to a millionth of a cell, so that borders through centres fall the same way on every machine.
+    A cell belongs to the last patch that covers its centre. Vertices are rounded to a millionth of a cell, so
+    that a border through a centre falls the same way on every machine.
 
-    Patches are (polygon, number in `crops`, owned), polygons in metres from the grid's corner, holes allowed.
+    Patches are (polygon, index of `crops`, owned), polygons in metres from the grid's corner, holes allowed.
     """
     crop_map = np.zeros(shape, np.int8)
     owned_map = np.zeros(shape, np.bool_)
     for polygon, crop, owned in patches:
-        for runs in cell_runs(polygon_edges(polygon, cell_size_m), *shape):
+        for runs in _cell_runs(_edges(polygon, cell_size_m), *shape):
             for x, first, stop in zip(*(array.tolist() for array in runs), strict=True):
                 crop_map[x, first:stop] = crop
                 owned_map[x, first:stop] = owned
     return FarmGrid(shape, cell_size_m, crop_map, owned_map, crops)
 
 
-TIE_CELLS = 1e-9
-"""A centre nearer than this to an edge is on the edge; float64 errors of a crossing stay below 1e-11."""
-VERTEX_DECIMALS = 6
-_CROSSINGS_AT_ONCE = 2_000_000
+_TIE_CELLS = 1e-9  # A centre this near to an edge is on it; float64 errors of a crossing stay below 1e-11
+_CROSSINGS_AT_ONCE = 2_000_000  # Some 200 MB of arrays
 
 Runs = tuple["NDArray[np.int64]", "NDArray[np.int64]", "NDArray[np.int64]"]
 
 
-def polygon_edges(polygon: shapely.Polygon, cell_size_m: float) -> NDArray[np.float64]:
-    """Return the edges of all rings in cells, rounded to a millionth, as float64[n, 4] x1 y1 x2 y2."""
+def _edges(polygon: shapely.Polygon, cell_size_m: float) -> NDArray[np.float64]:
+    """Return the edges of all rings in cells, rounded to a millionth: float64[n, 4] x1 y1 x2 y2."""
     edges = []
     for ring in (polygon.exterior, *polygon.interiors):
-        xy = np.round(shapely.get_coordinates(ring) / cell_size_m, VERTEX_DECIMALS)
+        xy = np.round(shapely.get_coordinates(ring) / cell_size_m, 6)
         edges.append(np.hstack([xy[:-1], xy[1:]]))
     return np.concatenate(edges)
 
 
-def cell_runs(edges: NDArray[np.float64], width: int, height: int) -> Iterator[Runs]:
-    """Yield the cells whose centres the polygon covers, as runs along y.
+def _cell_runs(edges: NDArray[np.float64], width: int, height: int) -> Iterator[Runs]:
+    """Yield the cells whose centres a polygon covers: runs ``first <= y < stop`` of column x.
 
-    Even-odd rule over all rings; the boundary, that of holes too, belongs to the polygon.
-
-    Edges, float64[n, 4] x1 y1 x2 y2 of closed rings, are in cells; what lies outside the grid is cut off.
-    Runs are cells ``first <= y < stop`` of column x; those of one column may overlap.
+    The rule is even-odd over all rings; boundaries, those of holes too, belong to the polygon. Runs of one
+    column may overlap; land outside the grid is cut off.
     """
     flip = edges[:, 0] > edges[:, 2]
     edges = np.where(flip[:, None], edges[:, [2, 3, 0, 1]], edges)
     # Columns whose centre line meets the closed edge.
-    first = np.clip(np.ceil(edges[:, 0] - 0.5 - TIE_CELLS), 0, width).astype(np.int64)
-    stop = np.clip(np.floor(edges[:, 2] - 0.5 + TIE_CELLS) + 1, first, width).astype(np.int64)
+    first = np.clip(np.ceil(edges[:, 0] - 0.5 - _TIE_CELLS), 0, width).astype(np.int64)
+    stop = np.clip(np.floor(edges[:, 2] - 0.5 + _TIE_CELLS) + 1, first, width).astype(np.int64)
     yield from _runs_between(edges, first, stop, 0, width, height)
 
 
@@ -202,7 +198,7 @@ def _runs_between(
     slope = np.divide(y2 - y1, x2 - x1, out=np.zeros(total), where=~upright)
     y = np.clip(y1 + (centre - x1) * slope, low_y, high_y)
     # The boundary: the one cell whose centre an edge passes, or the whole of an edge along the centre line.
-    reach = np.where(upright, np.inf, TIE_CELLS * np.abs(slope))
+    reach = np.where(upright, np.inf, _TIE_CELLS * np.abs(slope))
     yield _clipped(x, np.maximum(y - reach, low_y), np.minimum(y + reach, high_y), height)
     # The interior: the half-open rule counts a vertex on the centre line once.
     inside = (centre >= x1) & (centre < x2)
@@ -215,7 +211,7 @@ def _runs_between(
 def _clipped(
     x: NDArray[np.int64], bottom: NDArray[np.float64], top: NDArray[np.float64], height: int
 ) -> Runs:
-    first = np.clip(np.ceil(bottom - 0.5 - TIE_CELLS), 0, height).astype(np.int64)
-    stop = np.clip(np.floor(top - 0.5 + TIE_CELLS) + 1, 0, height).astype(np.int64)
+    first = np.clip(np.ceil(bottom - 0.5 - _TIE_CELLS), 0, height).astype(np.int64)
+    stop = np.clip(np.floor(top - 0.5 + _TIE_CELLS) + 1, 0, height).astype(np.int64)
     some = stop > first
     return x[some], first[some], stop[some]

@@ -17,10 +17,9 @@ from geo.imports import load_extra
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-MOST_PIXELS = 50_000_000
-"""Of the part of a raster that is read."""
-_HIGHEST_M = 9000.0
-_MARGIN_PX = 2
+_MAX_PIXELS = 50_000_000  # 0.4 GB of float64
+_HIGHEST_M = 9000.0  # Above every mountain: larger numbers mark missing heights
+_MARGIN_PX = 2  # For the interpolation at the edge, and the curve of the border in another system
 _FOOT = {"foot": 0.3048, "feet": 0.3048, "ft": 0.3048, "us survey foot": 1200.0 / 3937.0}
 
 
@@ -28,9 +27,9 @@ _FOOT = {"foot": 0.3048, "feet": 0.3048, "ft": 0.3048, "us survey foot": 1200.0 
 class _Tile:
     """A part of a raster."""
 
-    heights_m: NDArray[np.float64]  # Row, column; NaN where there is none
-    to_pixel: tuple[float, ...]  # Affine from x, y of the raster to column and row
-    transformer: Transformer  # From longitude and latitude to x and y
+    heights_m: NDArray[np.float64]  # [row, column]; NaN: no height
+    to_pixel: tuple[float, ...]  # Affine from x, y to column, row
+    transformer: Transformer  # Longitude, latitude to x, y
 
     def at(
         self, latitude_deg: NDArray[np.float64], longitude_deg: NDArray[np.float64]
@@ -55,7 +54,7 @@ class _Tile:
         shares = np.stack(
             [(1 - across) * (1 - down), across * (1 - down), (1 - across) * down, across * down]
         )
-        # Where pixels have no height the others count for them.
+        # The weights of pixels without a height go to the others.
         shares = np.where(np.isnan(corners), 0.0, shares)
         total = shares.sum(axis=0)
         with np.errstate(invalid="ignore", divide="ignore"):
@@ -65,21 +64,21 @@ class _Tile:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Ground:
-    """Heights of the ground above mean sea level, of one or more rasters; the first that has one counts."""
+    """Heights of the ground above mean sea level from rasters; the first with a height at a place counts."""
 
     tiles: tuple[_Tile, ...]
-    step_m: float  # Width of the narrowest pixels, metres
-    names: str  # For messages
+    step_m: float  # Width of the narrowest pixels
+    names: str  # In messages
 
     @classmethod
     def read(cls, paths: Iterable[str], bounds_deg: tuple[float, float, float, float]) -> Ground:
-        """Read the part of some rasters that lies in bounds.
+        """Read the part of rasters within bounds.
 
         Parameters
         ----------
         paths : iterable of str
-            GeoTIFF or whatever GDAL reads with one band of heights, in metres or, as the band's unit says, in
-            feet; SRTM tiles have the name by which GDAL knows their place (N28W083.hgt).
+            GeoTIFF or another file that GDAL reads, with one band of heights in metres, or in feet if the
+            band's unit says so. The name of an SRTM tile gives its place (N28W083.hgt).
         bounds_deg : tuple of float
             South, west, north, east: degrees of WGS84.
 
@@ -91,7 +90,7 @@ class Ground:
         """
         names = [str(path) for path in paths]
         found = [_read(name, bounds_deg) for name in names]
-        tiles = [one for one in found if one is not None]
+        tiles = [part for part in found if part is not None]
         if not tiles:
             south, west, north, east = bounds_deg
             msg = (
@@ -99,12 +98,12 @@ class Ground:
                 f" {west:.5f}..{east:.5f} east, where the flight is; give the raster of that land"
             )
             raise GroundError(msg)
-        return cls(tuple(one for one, _ in tiles), min(step for _, step in tiles), ", ".join(names))
+        return cls(tuple(tile for tile, _ in tiles), min(step for _, step in tiles), ", ".join(names))
 
     def heights(
         self, latitude_deg: NDArray[np.float64], longitude_deg: NDArray[np.float64]
     ) -> NDArray[np.float64]:
-        """Return the heights at places, metres above mean sea level; GroundError where there is none."""
+        """Return the heights at places, metres above mean sea level; GroundError if a place has none."""
         found = np.full(np.shape(latitude_deg), np.nan)
         for tile in self.tiles:
             missing = np.isnan(found)
@@ -122,10 +121,10 @@ class Ground:
 
 
 def _read(name: str, bounds_deg: tuple[float, float, float, float]) -> tuple[_Tile, float] | None:
-    """Return the part of a raster in the bounds, and its pixels' width in metres; None if it has none."""
+    """Return the part of a raster in the bounds and its pixels' width, metres; None outside."""
     rasterio, errors = (
-        load_extra(one, "gis", "heights of the ground need", GroundError)
-        for one in ("rasterio", "rasterio.errors")
+        load_extra(module, "gis", "heights of the ground need", GroundError)
+        for module in ("rasterio", "rasterio.errors")
     )
     where = f"terrain {name}"
     try:
@@ -155,20 +154,15 @@ def _part(
         return None
     a, b, c, d, e, f = tuple(~raster.transform)[:6]
     columns, rows = a * x + b * y + c, d * x + e * y + f
-    first_column, last_column = (
-        max(0, math.floor(columns.min()) - _MARGIN_PX),
-        min(raster.width, math.ceil(columns.max()) + _MARGIN_PX),
-    )
-    first_row, last_row = (
-        max(0, math.floor(rows.min()) - _MARGIN_PX),
-        min(raster.height, math.ceil(rows.max()) + _MARGIN_PX),
-    )
-    width, height = last_column - first_column, last_row - first_row
+    first_column = max(0, math.floor(columns.min()) - _MARGIN_PX)
+    first_row = max(0, math.floor(rows.min()) - _MARGIN_PX)
+    width = min(raster.width, math.ceil(columns.max()) + _MARGIN_PX) - first_column
+    height = min(raster.height, math.ceil(rows.max()) + _MARGIN_PX) - first_row
     if width <= 0 or height <= 0:
         return None
-    if width * height > MOST_PIXELS:
+    if width * height > _MAX_PIXELS:
         msg = (
-            f"{where}: {width * height} of its pixels lie where the flight is, at most {MOST_PIXELS} are read"
+            f"{where}: {width * height} of its pixels lie where the flight is, at most {_MAX_PIXELS} are read"
         )
         raise GroundError(msg)
     window = Window(first_column, first_row, width, height)
@@ -182,9 +176,9 @@ def _part(
 
 
 def _pixel_m(raster: Any, transformer: Transformer, latitude_deg: float, longitude_deg: float) -> float:
-    """Return about how wide the pixels are in metres, the narrower side."""
-    metres_deg = 111_320.0
-    small = 1e-4
+    """Return the width of a pixel at a place, metres, roughly: the narrower side."""
+    metres_deg = 111_320.0  # Of the equator
+    small = 1e-4  # Degrees: some 11 m
     x0, y0 = transformer.transform(longitude_deg, latitude_deg)
     x1, y1 = transformer.transform(longitude_deg + small, latitude_deg)
     x2, y2 = transformer.transform(longitude_deg, latitude_deg + small)

@@ -1,7 +1,7 @@
-"""What is imported when it is first used: public names of packages (PEP 562), and entry points.
+"""Imports at first use: public names of packages (PEP 562), entry points, and libraries of extras.
 
-Importing one light module of a package then does not import numpy or shapely for all the others. A package
-names them once, as the type checker sees them, one in a line, and `attach` reads these lines::
+Importing a light module of a package then imports neither numpy nor shapely. A package names its public names
+once, one a line, for the type checker, and `attach` reads these lines::
 
     if TYPE_CHECKING:
         from geo.farm import Farm as Farm
@@ -27,7 +27,7 @@ _PUBLIC = re.compile(r"^    from ([\w.]+) import (\w+) as \2$", re.MULTILINE)
 
 
 def attach(package: str) -> tuple[Callable[[str], object], Callable[[], list[str]], list[str]]:
-    """Make ``__getattr__``, ``__dir__`` and ``__all__`` of a package, of what its source names."""
+    """Make ``__getattr__``, ``__dir__`` and ``__all__`` of a package from the names in its source."""
     source = Path(str(sys.modules[package].__file__)).read_text(encoding="utf-8")
     homes = {name: module for module, name in _PUBLIC.findall(source)}
     public = sorted(homes)
@@ -37,7 +37,7 @@ def attach(package: str) -> tuple[Callable[[str], object], Callable[[], list[str
             msg = f"module {package!r} has no attribute {name!r}"
             raise AttributeError(msg, name=name, obj=sys.modules[package])
         value = getattr(importlib.import_module(homes[name]), name)
-        # The next use finds it without coming here.
+        # The next use finds it without this function.
         setattr(sys.modules[package], name, value)
         return value
 
@@ -48,20 +48,18 @@ def attach(package: str) -> tuple[Callable[[str], object], Callable[[], list[str
 
 
 def entry_points(group: str) -> metadata.EntryPoints:
-    """Return the entry points of a group, as `importlib.metadata.entry_points` does in some milliseconds.
-
-    They are looked up again when ``sys.path`` or one of its folders has changed.
+    """Return the entry points of a group; kept until ``sys.path`` or one of its folders changes.
 
     Examples
     --------
     >>> "spiral" in entry_points("wbf_mission.planners").names
     True
     """
-    return _entry_points(group, tuple((one, _changed_ns(one)) for one in sys.path))
+    return _entry_points(group, tuple((folder, _changed_ns(folder)) for folder in sys.path))
 
 
 def load_extra(module: str, extra: str, what: str, error: type[Exception]) -> Any:
-    """Import a library of an extra; an `error` tells what needs it and how to install it if it is not there.
+    """Import a library of an extra; `error` if it is not installed, with `what` ("maps need") and the remedy.
 
     Examples
     --------
@@ -78,7 +76,7 @@ def load_extra(module: str, extra: str, what: str, error: type[Exception]) -> An
 
 
 def load_entry(entry: metadata.EntryPoint, what: str, error: type[Exception]) -> Any:
-    """Return what a package registered; one that cannot be imported is told as ``error``, in one line."""
+    """Return the object of an entry point, named `what`; `error` if it cannot be imported."""
     try:
         return entry.load()
     except Exception as problem:  # code of others runs
@@ -87,7 +85,7 @@ def load_entry(entry: metadata.EntryPoint, what: str, error: type[Exception]) ->
 
 @lru_cache(maxsize=16)
 def _entry_points(group: str, _path: tuple[tuple[str, int], ...]) -> metadata.EntryPoints:
-    # Importing this takes longer than all else here.
+    # Its import takes longer than all else here.
     from importlib import metadata
 
     return metadata.entry_points(group=group)

@@ -1,9 +1,9 @@
 """Linear algebra and elementary functions with the same last bits on every processor.
 
-OpenBLAS and numpy choose code by the processor, and each adds up in another order or rounds otherwise. Here a
-sum is the plain one, term after term in the order of the index, and a function is that of the library of C.
-Blocks change what is in the cache, not a bit of the result: a product of some rows is those rows of the
-product. Whoever computes what is recorded uses these.
+OpenBLAS and numpy choose code by the processor, and each adds in another order or rounds otherwise. Here a
+sum runs term after term in the order of the index, and functions are those of the library of C. Blocks fit
+the cache and change no bit: a product of some rows is those rows of the product. Code whose results are
+recorded uses these functions.
 """
 
 from __future__ import annotations
@@ -19,10 +19,10 @@ from numpy.typing import ArrayLike, NDArray
 Floats = NDArray[Any]
 _Values = TypeVar("_Values", bound=NDArray[Any])
 
-# Small ones need no compiled code; until somebody loads it, which takes a moment, larger ones do without.
-_SHALLOW = 4
-_LIGHT = 100_000
-_FEW = 64
+# Small products and arrays need no compiled code, whose import takes a second; the bits are the same.
+_SHALLOW = 4  # Terms of a sum
+_LIGHT = 100_000  # Multiplications, while the compiled code is not loaded
+_FEW = 64  # Numbers for an elementary function
 
 
 def _kernels() -> Any:
@@ -36,9 +36,9 @@ def _are_loaded() -> bool:
 
 
 def product(a: Floats, b: Floats, out: _Values | None = None) -> Any:
-    """Return ``a @ b`` in float32 or float64 for a stack of vectors `a`, and a vector or matrix `b`.
+    """Return ``a @ b`` in float32 or float64 for a stack of vectors `a` and a vector or matrix `b`.
 
-    It is written to `out` if that is given, [n, m] in C order.
+    The product is written to `out`, [n, m] in C order, if that is given.
 
     Examples
     --------
@@ -73,23 +73,23 @@ def cholesky(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def solve_lower(factor: NDArray[np.float64], right: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Solve ``factor x = right`` for a lower triangular factor, float64[n, k] in C order, in its memory."""
+    """Solve ``factor x = right`` in place: lower triangular `factor`, `right` float64[n, k] in C order."""
     _kernels().substitute_forward(factor, right, right.shape[1])
     return right
 
 
 def solve_positive(matrix: NDArray[np.float64], right: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Solve ``matrix x = right``, a vector or matrix, for a symmetric positive definite matrix.
+    """Solve ``matrix x = right``, a vector or matrix, for a symmetric matrix.
 
     Raises
     ------
     numpy.linalg.LinAlgError
-        If it is not positive definite.
+        If the matrix is not positive definite.
     """
     factor = cholesky(matrix)
     columns = np.array(right[:, None] if right.ndim == 1 else right, np.float64, order="C")
     solve_lower(factor, columns)
-    # Its transpose is solved from the last row up: in reversed order it is lower triangular as well.
+    # The transposed factor in reversed order is lower triangular, too.
     turned = np.ascontiguousarray(factor.T[::-1, ::-1])
     found = solve_lower(turned, np.ascontiguousarray(columns[::-1]))[::-1]
     return np.ascontiguousarray(found).reshape(right.shape)
@@ -107,14 +107,14 @@ def inverse_positive(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _elementwise(function: Callable[[float], float], kernel: str = "") -> Callable[..., Any]:
-    """Make a function of arrays of one of `math`; without a kernel, of few numbers."""
+    """Make a function of arrays from one of `math`, in Python or, for many numbers, by a kernel."""
 
     def of_arrays(x: ArrayLike, out: NDArray[Any] | None = None) -> Any:
         values = np.asarray(x)
         if values.dtype != np.float32:
             values = values.astype(np.float64)
         found = np.empty(values.shape, values.dtype)
-        if kernel and (values.size > _FEW or values.dtype == np.float32 or not _tame(values)):
+        if kernel and (values.size > _FEW or values.dtype == np.float32 or not _is_tame(values)):
             getattr(_kernels(), kernel)(np.ascontiguousarray(values).reshape(-1), found.reshape(-1))
         else:
             found.reshape(-1)[:] = [function(value) for value in values.reshape(-1).tolist()]
@@ -128,8 +128,8 @@ def _elementwise(function: Callable[[float], float], kernel: str = "") -> Callab
     return of_arrays
 
 
-def _tame(values: Floats) -> bool:
-    """Return whether `math` returns a number for all of them, and raises no error."""
+def _is_tame(values: Floats) -> bool:
+    """Return whether no value overflows `exp`, which it does above 709, and none is 0, which has no `log`."""
     return bool((np.abs(values) < 700.0).all()) and bool((values != 0.0).all())
 
 

@@ -12,6 +12,7 @@ from geo.compiled import compiled
 
 Floats = NDArray[Any]
 
+# Rows and columns at a time, so that they stay in the cache; by trial.
 _BLOCK = 48
 _PANEL = 512
 
@@ -20,7 +21,10 @@ _PANEL = 512
 def add_product(
     scale: float, a: Floats, b: Floats, out: Floats, i0: int, i1: int, k0: int, k1: int, j0: int, j1: int
 ) -> None:
-    """Add ``scale a[i, k] b[k, j]`` to ``out[i, j]``, k after k; `scale` is 1 or -1, of the arrays' type."""
+    """Add ``scale a[i, k] b[k, j]`` to ``out[i, j]``, k after k; `scale` is 1 or -1, of the arrays' type.
+
+    Four rows and four terms at a time: each number is loaded once for four sums.
+    """
     for first in range(j0, j1, _PANEL):
         last = min(first + _PANEL, j1)
         width = last - first
@@ -80,9 +84,9 @@ def add_product(
 
 @compiled(nogil=True, allocates=False)
 def substitute_forward(factor: Floats, right: Floats, columns: int, triangular: bool = False) -> None:
-    """Solve ``factor x = right`` for the first `columns` columns, in place; `factor` is lower triangular.
+    """Solve ``factor x = right``, lower triangular, for the first `columns` columns, in place.
 
-    `triangular` says that `right` is so, too, and as wide.
+    With `triangular`, `right` is a lower triangular matrix of the same size.
     """
     n, minus = len(factor), right.dtype.type(-1.0)
     for first in range(0, n, _BLOCK):
@@ -98,7 +102,7 @@ def substitute_forward(factor: Floats, right: Floats, columns: int, triangular: 
 
 @compiled(nogil=True)
 def factor_of(matrix: Floats) -> Floats:
-    """Return the lower Cholesky factor of a symmetric matrix; all NaN where it is not positive definite."""
+    """Return the lower Cholesky factor of a symmetric matrix; all NaN if it is not positive definite."""
     n = len(matrix)
     upper = matrix.copy()
     turned = upper.T

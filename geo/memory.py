@@ -1,77 +1,67 @@
-"""Foreseeing that memory will not do, instead of being killed half-way.
+"""Memory that is left, checked before work begins instead of being killed half-way.
 
-What counts is the least of: what the machine has free, what every control group around this process leaves
-(containers, batch systems; versions 1 and 2), and the process's own limit of address space (``ulimit -v``).
+The least limit counts: what the machine has free, the control groups of this process (containers, batch
+systems; versions 1 and 2), and its limit of address space (``ulimit -v``).
 """
 
 from __future__ import annotations
 
 import contextlib
-import os
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
-from geo.errors import WbfMissionError
+import psutil
 
-_UNLIMITED = 1 << 60
+from geo.errors import WbfMissionError
 
 
 class NotEnoughMemoryError(WbfMissionError, MemoryError):
-    """A task that would not fit into memory; its text says what would be needed."""
+    """A task that would not fit into memory; its text gives the memory that it needs."""
 
 
 @dataclass(frozen=True, slots=True)
 class AvailableMemory:
-    """How much more memory this process may take.
-
-    Parameters
-    ----------
-    limited_by : str
-        What sets this limit, in words.
-    """
+    """Memory that this process may still take, and the limit in words."""
 
     bytes: int
     limited_by: str
 
 
 def available_memory(root: Path = Path("/")) -> AvailableMemory | None:
-    """Return how much memory this process may still take, None where the system does not tell.
+    """Return how much memory this process may still take, None where that is unknown.
 
-    `root` is where ``proc`` and ``sys`` are found.
+    Control groups are read below `root`.
     """
-    found = [*_machine(root), *_control_groups(root), *_address_space(root)]
-    return min(found, key=lambda limit: limit.bytes, default=None)
+    limits = [*_machine(), *_control_groups(root), *_address_space()]
+    return min(limits, key=lambda limit: limit.bytes, default=None)
 
 
 @contextlib.contextmanager
 def memory_bounded(more: int) -> Iterator[None]:
-    """Let this process take at most so many bytes more: what wants them gets a MemoryError.
+    """Let this process take at most `more` bytes; beyond them there is a MemoryError.
 
-    For files of others whose size is only what they say. Where the system does not tell how much is taken,
-    there is no bound.
+    For files of others, which may claim any size. Only Linux and FreeBSD have such a bound.
     """
-    import resource
-
-    pages = _text(Path("/proc/self/statm")).split()
-    if not pages:
+    taken = _address_space_taken()
+    if taken is None:
         yield
         return
-    soft, hard = resource.getrlimit(resource.RLIMIT_AS)
-    taken = int(pages[0]) * resource.getpagesize()
-    bound = taken + more if soft == resource.RLIM_INFINITY else min(soft, taken + more)
-    resource.setrlimit(resource.RLIMIT_AS, (bound, hard))
+    process = psutil.Process()
+    soft, hard = process.rlimit(psutil.RLIMIT_AS)
+    bound = taken + more if soft == psutil.RLIM_INFINITY else min(soft, taken + more)
+    process.rlimit(psutil.RLIMIT_AS, (bound, hard))
     try:
         yield
     finally:
-        resource.setrlimit(resource.RLIMIT_AS, (soft, hard))
+        process.rlimit(psutil.RLIMIT_AS, (soft, hard))
 
 
 def require_memory(what: str, parts: Mapping[str, int], *, available: AvailableMemory | None = None) -> None:
-    """Raise if a task's parts do not fit into memory together.
+    """Raise NotEnoughMemoryError if a task's parts, in bytes, do not fit into memory together.
 
-    `what` is the subject of the sentence of the NotEnoughMemoryError; parts of less than a tenth of the sum
-    are not named. Where the system does not tell what is available, nothing is checked.
+    `what` is the subject of the error's sentence; it names parts of at least a tenth of the sum. Where the
+    limits are unknown, nothing is checked.
 
     Examples
     --------
@@ -106,13 +96,9 @@ def human_bytes(size: float) -> str:
     return f"{size / 1e6:.0f} MB" if size >= 1e6 else f"{size / 1e3:.0f} kB"
 
 
-def _machine(root: Path) -> Iterator[AvailableMemory]:
-    table = _table(root / "proc/meminfo")
-    if "MemAvailable" in table:
-        yield AvailableMemory(table["MemAvailable"] * 1024, "what the machine has free")
-    elif root == Path("/") and "SC_PHYS_PAGES" in os.sysconf_names:
-        size = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
-        yield AvailableMemory(size, "the machine's memory")
+def _machine() -> Iterator[AvailableMemory]:
+    with contextlib.suppress(OSError):  # /proc is not mounted
+        yield AvailableMemory(psutil.virtual_memory().available, "what the machine has free")
 
 
 def _control_groups(root: Path) -> Iterator[AvailableMemory]:
@@ -133,25 +119,28 @@ def _groups(
     # A limit of any group above counts too; in a container the own group is mounted as the root.
     own = PurePosixPath(path.lstrip("/"))
     for group in (own, *own.parents):
-        limit, usage = _number(base / group / limit_file), _number(base / group / usage_file)
-        if limit is None or usage is None or limit >= _UNLIMITED:
+        limit, usage = _text(base / group / limit_file).strip(), _text(base / group / usage_file).strip()
+        if not (limit.isdecimal() and usage.isdecimal()):  # "max", or no such group
             continue
-        cached = _table(base / group / "memory.stat").get(reclaimable, 0)
-        free = max(0, limit - max(0, usage - cached))
-        yield AvailableMemory(free, f"control group limit {human_bytes(limit)}")
+        statistics = dict(line.split() for line in _text(base / group / "memory.stat").splitlines())
+        free = int(limit) - max(0, int(usage) - int(statistics.get(reclaimable, 0)))
+        yield AvailableMemory(max(0, free), f"control group limit {human_bytes(int(limit))}")
 
 
-def _address_space(root: Path) -> Iterator[AvailableMemory]:
-    try:
-        import resource
-    except ImportError:
-        return
-    limit, _ = resource.getrlimit(resource.RLIMIT_AS)
-    pages = _text(root / "proc/self/statm").split()
-    if limit == resource.RLIM_INFINITY or not pages:
-        return
-    free = max(0, limit - int(pages[0]) * resource.getpagesize())
-    yield AvailableMemory(free, f"address space limit {human_bytes(limit)}")
+def _address_space() -> Iterator[AvailableMemory]:
+    taken = _address_space_taken()
+    if taken is not None:
+        limit, _ = psutil.Process().rlimit(psutil.RLIMIT_AS)
+        if limit != psutil.RLIM_INFINITY:
+            yield AvailableMemory(max(0, limit - taken), f"address space limit {human_bytes(limit)}")
+
+
+def _address_space_taken() -> int | None:
+    """Return the bytes of address space of this process; None where it cannot be limited or is unknown."""
+    with contextlib.suppress(OSError, psutil.Error):  # /proc is not mounted
+        if hasattr(psutil, "RLIMIT_AS"):
+            return int(psutil.Process().memory_info().vms)
+    return None
 
 
 def _text(path: Path) -> str:
@@ -159,18 +148,3 @@ def _text(path: Path) -> str:
         return path.read_text(encoding="ascii", errors="replace")
     except OSError:
         return ""
-
-
-def _number(path: Path) -> int | None:
-    text = _text(path).strip()
-    return int(text) if text.isdecimal() else None
-
-
-def _table(path: Path) -> dict[str, int]:
-    """Read lines of a name and a number, as in ``meminfo`` and ``memory.stat``."""
-    table = {}
-    for line in _text(path).splitlines():
-        words = line.replace(":", " ").split()
-        if len(words) >= 2 and words[1].isdecimal():
-            table[words[0]] = int(words[1])
-    return table

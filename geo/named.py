@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from typing import TypeAlias
 
 from geo.errors import WbfMissionError
@@ -28,7 +28,7 @@ _HINT = "write NAME or NAME:key=value,key=value"
 
 
 class ParameterError(WbfMissionError, ValueError):
-    """Parameters that cannot be read, or that what they are given to does not have."""
+    """Parameters that cannot be read, or that a planner, policy or estimator does not have."""
 
 
 def parse_named(text: str) -> tuple[str, dict[str, Parameter]]:
@@ -78,7 +78,7 @@ def format_named(name: str, parameters: Mapping[str, object]) -> str:
 
 
 def split_named(text: str) -> list[str]:
-    """Cut several names with parameters, which have commas between them as their parameters do.
+    """Split a comma-separated list of names, whose parameters have commas, too.
 
     ParameterError if a quotation mark is not closed, or brackets do not pair.
 
@@ -89,7 +89,7 @@ def split_named(text: str) -> list[str]:
     """
     found: list[str] = []
     for part in (piece.strip() for piece in _split(text, text)):
-        # A further parameter has a value and no name in front of it.
+        # A further parameter of the last name is key=value without a name and a colon.
         if found and "=" in part and ":" not in part.partition("=")[0]:
             found[-1] += f",{part}"
         elif part:
@@ -97,22 +97,18 @@ def split_named(text: str) -> list[str]:
     return found
 
 
-def check_parameters(owner: str, given: Iterable[str], known: Iterable[str]) -> None:
-    """Refuse parameters that their owner does not have.
-
-    `owner` is what they are for, as the ParameterError names it: ``planner spiral``.
-    """
-    there = sorted(known)
-    unknown = sorted(set(given).difference(there))
+def check_parameters(owner: str, given: Iterable[str], known: Collection[str]) -> None:
+    """Raise ParameterError for parameters that `owner`, such as ``planner spiral``, does not have."""
+    unknown = sorted(set(given).difference(known))
     if unknown:
         which = f"parameter {unknown[0]!r}" if len(unknown) == 1 else f"parameters {', '.join(unknown)}"
-        raise ParameterError(f"{owner} has no {which}; it has {', '.join(there) or 'no parameters'}")
+        raise ParameterError(f"{owner} has no {which}; it has {', '.join(sorted(known)) or 'no parameters'}")
 
 
 def _split(text: str, whole: str) -> list[str]:
-    """Cut at the commas that stand outside of brackets and quotes."""
-    parts, inside = [""], False
-    position = 0
+    """Split at commas outside brackets and quotes."""
+    parts, inside, position = [""], False, 0
+    unpaired = ParameterError(f"{whole!r}: brackets do not pair; a list is written [1, 10]")
     while position < len(text):
         token = _TOKEN.match(text, position)
         if token is None:
@@ -120,14 +116,14 @@ def _split(text: str, whole: str) -> list[str]:
         position = token.end()
         if token[0] in ("[", "]"):
             if inside is (token[0] == "["):
-                raise ParameterError(f"{whole!r}: brackets do not pair; a list is written [1, 10]")
+                raise unpaired
             inside = not inside
         if token[0] == "," and not inside:
             parts.append("")
         else:
             parts[-1] += token[0]
     if inside:
-        raise ParameterError(f"{whole!r}: brackets do not pair; a list is written [1, 10]")
+        raise unpaired
     return parts
 
 

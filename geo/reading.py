@@ -1,206 +1,27 @@
-"""Files that a user names, read with care; what is wrong with a JSON or TOML document, in words.
-
-A pipe, a device or a huge file is refused, not waited for.
-"""
+"""Files and ZIP archives of users, read with limits; faults of JSON and TOML documents in words."""
 
 from __future__ import annotations
 
+import io
 import re
 import tomllib
-from collections.abc import Iterator
+import zipfile
+import zlib
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from geo.closing import Closing
 from geo.errors import WbfMissionError
 from geo.texts import one_line
 
 if TYPE_CHECKING:
-    import tomllib
-
     import msgspec
 
-_TYPES = {
-    "object": "a table of names and values",
-    "array": "a list",
-    "int": "a whole number",
-    "float": "a number",
-    "str": "a text",
-    "bool": "true or false",
-    "null": "null",
-}
-_SEPARATOR = b"\x1e"
-_NO_NUMBER = re.compile(rb"-?(NaN|nan|Infinity|inf)\b")
-_BYTE = re.compile(r"\(byte (\d+)\)")
-_SYNTAX = {
-    "expected ':'": "a colon is missing",
-    "trailing characters": "something follows the end",
-    "trailing comma in object": "a comma stands before a closing brace",
-    "trailing comma in array": "a comma stands before a closing bracket",
-    "object keys must be strings": "a name has to stand in double quotes",
-    "invalid escape character in string": "a backslash stands before a character that takes none",
-    "invalid number": "JSON has no such number",
-}
-
-
-def place_in_words(path: str) -> str:
-    """Return where in a document something stands; entries of lists count from 1.
-
-    The path is names joined by dots, and entries from 0 in brackets.
-
-    Examples
-    --------
-    >>> place_in_words("mission.items[0].command"), place_in_words("geoFence.polygons[1].polygon[2]")
-    ('mission, item 1, command', 'geoFence, polygon 2, polygon, entry 3')
-    """
-    words: list[str] = []
-    for name, entry in re.findall(r"([^.\[\]]+)|\[([^\]]*)\]", path):
-        if name:
-            words.append(name)
-        elif not entry.isdigit():
-            words.append("an entry")
-        elif words and words[-1].endswith("s"):
-            words[-1] = f"{words[-1].removesuffix('s')} {int(entry) + 1}"
-        else:
-            words.append(f"entry {int(entry) + 1}")
-    return ", ".join(words)
-
-
-def misfit(error: msgspec.ValidationError, path: str = "") -> str:
-    """Return what does not fit in a document that was read, and where.
-
-    `path` is where the part stands that was read, as of `place_in_words`.
-
-    Examples
-    --------
-    >>> import msgspec
-    >>> def told(document, wanted):
-    ...     try:
-    ...         msgspec.convert(document, wanted)
-    ...     except msgspec.ValidationError as error:
-    ...         return misfit(error)
-    >>> told([1, "two"], list[int]), told(1.5, int)
-    ('entry 2: it is a text; give a whole number', 'it is a number with a fraction; give a whole number')
-    """
-    what, _, where = str(error).rpartition(" - at ")
-    if not what:
-        what, where = where, ""
-    inner = where.rpartition("`$")[2].strip("`")
-    place = place_in_words((path + inner).removeprefix("."))
-    text = _in_words(what)
-    return one_line(f"{place}: {text}" if place else text)
-
-
-def not_json(error: msgspec.DecodeError | ValueError, data: bytes, line: int = 1) -> str:
-    r"""Return why a document cannot be read as JSON, and where, if it begins on a line of its file.
-
-    The error is DecodeError or UnicodeDecodeError of `msgspec.json.decode`.
-
-    Examples
-    --------
-    >>> import msgspec
-    >>> def told(document):
-    ...     try:
-    ...         msgspec.json.decode(document)
-    ...     except ValueError as error:
-    ...         return not_json(error, document)
-    >>> told(b'{"a": 1,'), told(b'{"a":\n  NaN}')
-    ('line 1: it ends in the middle', 'line 2, column 3: NaN is no number in JSON; write null')
-    """
-    if isinstance(error, UnicodeDecodeError):
-        return "it holds bytes that are no UTF-8 text; save it as UTF-8"
-    found = _BYTE.search(str(error))
-    if found is None:
-        lines = data.count(b"\n") + line
-        return f"line {lines}: it ends in the middle"
-    at = int(found[1])
-    what = str(error).removeprefix("JSON is malformed: ").removesuffix(found[0]).strip()
-    if what == "trailing characters" or data[at - 1 : at] == b"-":
-        at -= 1  # msgspec has read one more
-    line, column = data.count(b"\n", 0, at) + line, at - data.rfind(b"\n", 0, at)
-    number = _NO_NUMBER.match(data, at)
-    if number is not None:
-        text = f"{number[0].decode()} is no number in JSON; write null"
-    elif what == "invalid character":
-        shown = data[at : at + 1].decode("ascii", "backslashreplace")
-        text = f"{shown!r} must not stand there" if shown else "it ends in the middle"
-    else:
-        text = _SYNTAX.get(what, what)
-    return one_line(f"line {line}, column {column}: {text}")
-
-
-def not_toml(error: tomllib.TOMLDecodeError) -> str:
-    """Return why a document cannot be read as TOML, and where.
-
-    Examples
-    --------
-    >>> import tomllib
-    >>> try:
-    ...     tomllib.loads("a = 1" + chr(10) + "b = ?")
-    ... except tomllib.TOMLDecodeError as error:
-    ...     not_toml(error)
-    'line 2, column 5: invalid value'
-    """
-    found = re.fullmatch(r"(.*) \(at (line \d+, column \d+|end of document)\)", str(error), re.DOTALL)
-    if found is None:
-        return one_line(str(error))
-    return one_line(f"{found[2]}: {found[1][:1].lower()}{found[1][1:]}")
-
-
-def _in_words(text: str) -> str:
-    """Return one of msgspec's messages without its place in our words."""
-    if found := re.fullmatch(r"Object missing required field `(.*)`", text):
-        return f"{found[1]} is missing"
-    if found := re.fullmatch(r"Object contains unknown field `(.*)`", text):
-        return f"{found[1]} is unknown; leave it out"
-    if found := re.fullmatch(r"Invalid (?:enum )?value (.*)", text):
-        return f"{found[1]} is unknown"
-    if found := re.fullmatch(r"Expected `([^`]*)`(?:, got `([^`]*)`)?(?: of length (.*)| ([<>].*))?", text):
-        wanted, got, length, limit = found.groups()
-        kinds = wanted.split(" | ")
-        give = " or ".join(_TYPES.get(kind, kind) for kind in kinds)
-        if length:
-            length = length.partition(", got ")[0]
-            few = length.removeprefix("<= ")
-            return f"give {give} with {'at most ' if few != length else ''}{few} entries"
-        if limit:
-            return f"it is out of range; give {give} {limit.replace('.0', '')}"
-        if got is None:
-            return f"give {give}"
-        is_now = "a number with a fraction" if (got, wanted) == ("float", "int") else _TYPES.get(got, got)
-        return f"it is {is_now}; give {give}"
-    return "it is out of range" if text.endswith("out of range") else text.replace("`", "")
-
-
-def json_texts(data: bytes) -> Iterator[tuple[int, bytes]]:
-    r"""Yield the JSON texts of a file, mostly one, each with the line on which it begins.
-
-    There are several if the first line is a text of its own, or where record separators part them (RFC 8142).
-
-    Examples
-    --------
-    >>> list(json_texts(b'{"a":\n 1}')), list(json_texts(b'{"a": 1}\r\n\n{"b": 2}\n'))
-    ([(1, b'{"a":\n 1}')], [(1, b'{"a": 1}\r'), (3, b'{"b": 2}')])
-    """
-    import msgspec
-
-    separator = _SEPARATOR if data.lstrip().startswith(_SEPARATOR) else b"\n"
-    if separator == b"\n":
-        first, _, others = data.lstrip().partition(b"\n")
-        try:
-            msgspec.json.decode(first, type=msgspec.Raw)
-        except (ValueError, RecursionError):
-            others = b""
-        if not others.strip():
-            yield 1, data
-            return
-    line = 1
-    for part in data.split(separator):
-        if part.strip():
-            yield line, part
-        line += part.count(b"\n") + (separator == b"\n")
-
-
-MAX_TEXT_BYTES = 1 << 20
+MAX_TEXT_BYTES = 1 << 20  # Texts that people write are far smaller
+MAX_MEMBERS = 1000  # Of an archive
+_MEMBER = b"PK\x01\x02"  # Begins a member's entry in an archive's directory
+_UNZIP_ERRORS = (zipfile.BadZipFile, zlib.error, OSError, EOFError, RuntimeError, ValueError)
 
 
 class UnreadableError(WbfMissionError, ValueError):
@@ -208,7 +29,7 @@ class UnreadableError(WbfMissionError, ValueError):
 
 
 def read_file(path: Path, max_bytes: int) -> bytes:
-    """The bytes of a regular file.
+    """Return the bytes of a regular file; UnreadableError for a pipe, a device or a larger file.
 
     Examples
     --------
@@ -234,19 +55,285 @@ def read_file(path: Path, max_bytes: int) -> bytes:
 
 
 def read_text(path: Path, max_bytes: int = MAX_TEXT_BYTES) -> str:
-    """The text of a regular UTF-8 file; UnreadableError as for `read_file`, or if it is not UTF-8."""
+    """Return the text of a regular UTF-8 file; UnreadableError as of `read_file`, or if it is not UTF-8."""
     try:
         return read_file(path, max_bytes).decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise UnreadableError(f"it is not UTF-8 text (byte {error.start}); save it as UTF-8") from error
 
 
-def read_toml(path: Path, max_bytes: int = MAX_TEXT_BYTES) -> dict[str, Any]:
-    """The table of a TOML file; UnreadableError as for `read_text`, or if it is not TOML."""
-    text = read_text(path, max_bytes)
+def read_toml(path: Path) -> dict[str, Any]:
+    """Return the table of a TOML file; UnreadableError as of `read_text`, or if it is not TOML."""
+    text = read_text(path)
     try:
         return tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise UnreadableError(f"it is not TOML ({not_toml(error)})") from error
     except RecursionError as error:
         raise UnreadableError("its tables or lists are nested too deeply") from error
+
+
+class ArchiveError(ValueError):
+    """An archive that is damaged or too large."""
+
+
+class Archive(Closing):
+    """A user's ZIP archive; members are read into memory, and no file is written to their names.
+
+    Parameters
+    ----------
+    source : Path or bytes
+        Its file or its content.
+    room : int
+        Bytes that its members may unpack to together.
+
+    Attributes
+    ----------
+    names : list of str
+        Its members' names in their order, without those that macOS adds (``__MACOSX/``, ``._x``).
+    room : int
+        Bytes that are left of the room.
+
+    Raises
+    ------
+    ArchiveError
+        If it is no archive, or holds more than `MAX_MEMBERS` files.
+    """
+
+    def __init__(self, source: Path | bytes, room: int) -> None:
+        if isinstance(source, bytes) and source.count(_MEMBER) > MAX_MEMBERS:
+            raise ArchiveError(f"holds more than {MAX_MEMBERS} files")
+        self.room = self._most = room
+        try:
+            self._zip = zipfile.ZipFile(io.BytesIO(source) if isinstance(source, bytes) else source)
+        except _UNZIP_ERRORS as error:
+            raise _damaged(error) from None
+        names = self._zip.namelist()
+        if len(names) > MAX_MEMBERS:
+            self.close()
+            raise ArchiveError(f"holds {len(names)} files, more than {MAX_MEMBERS}")
+        self.names = [name for name in names if not _is_of_macos(name)]
+
+    def read(self, name: str) -> bytes:
+        """Return a member's content; ArchiveError if it is damaged, or larger than the room that is left."""
+        try:
+            with self._zip.open(name) as member:
+                data = member.read(self.room + 1)
+        except _UNZIP_ERRORS as error:
+            raise _damaged(error) from None
+        self.room -= len(data)
+        if self.room < 0:
+            raise ArchiveError(f"unpacks to more than {self._most >> 20} MiB, which is more than is read")
+        return data
+
+    def close(self) -> None:
+        """Close the file."""
+        self._zip.close()
+
+
+def _is_of_macos(name: str) -> bool:
+    """Return whether macOS added a member, to carry attributes of another.
+
+    >>> [_is_of_macos(name) for name in ("__MACOSX/My Farm/._a.shp", "My Farm/._a.shp", "My Farm/a.shp")]
+    [True, True, False]
+    """
+    return name.startswith("__MACOSX/") or name.rpartition("/")[2].startswith("._")
+
+
+def _damaged(error: Exception) -> ArchiveError:
+    return ArchiveError(f"cannot be unpacked ({one_line(str(error), 100)}); save it again")
+
+
+def archive_of(members: Mapping[str, str | bytes]) -> bytes:
+    """Return a ZIP archive of members by their names; the same members give the same bytes.
+
+    >>> archive_of({"a.txt": "one"}) == archive_of({"a.txt": b"one"})
+    True
+    """
+    made = io.BytesIO()
+    with zipfile.ZipFile(made, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, content in members.items():
+            data = content.encode() if isinstance(content, str) else content
+            archive.writestr(zipfile.ZipInfo(name), data, zipfile.ZIP_DEFLATED)  # ZipInfo's date is fixed
+    return made.getvalue()
+
+
+_TYPES = {
+    "object": "a table of names and values",
+    "array": "a list",
+    "int": "a whole number",
+    "float": "a number",
+    "str": "a text",
+    "bool": "true or false",
+    "null": "null",
+}
+_SEPARATOR = b"\x1e"  # Of RFC 8142
+_NO_NUMBER = re.compile(rb"-?(NaN|nan|Infinity|inf)\b")
+_BYTE = re.compile(r"\(byte (\d+)\)")
+_SYNTAX = {
+    "expected ':'": "a colon is missing",
+    "trailing characters": "something follows the end",
+    "trailing comma in object": "a comma stands before a closing brace",
+    "trailing comma in array": "a comma stands before a closing bracket",
+    "object keys must be strings": "a name has to stand in double quotes",
+    "invalid escape character in string": "a backslash stands before a character that takes none",
+    "invalid number": "JSON has no such number",
+}
+
+
+def place_in_words(path: str) -> str:
+    """Return a place in a document in words; entries of lists count from 1.
+
+    `path` is names joined by dots, and entries from 0 in brackets.
+
+    Examples
+    --------
+    >>> place_in_words("mission.items[0].command"), place_in_words("geoFence.polygons[1].polygon[2]")
+    ('mission, item 1, command', 'geoFence, polygon 2, polygon, entry 3')
+    """
+    words: list[str] = []
+    for name, entry in re.findall(r"([^.\[\]]+)|\[([^\]]*)\]", path):
+        if name:
+            words.append(name)
+        elif not entry.isdigit():
+            words.append("an entry")
+        elif words and words[-1].endswith("s"):
+            words[-1] = f"{words[-1].removesuffix('s')} {int(entry) + 1}"
+        else:
+            words.append(f"entry {int(entry) + 1}")
+    return ", ".join(words)
+
+
+def misfit(error: msgspec.ValidationError, path: str = "") -> str:
+    """Return msgspec's complaint about a document, and the place, in words.
+
+    `path` is the place of the part that was converted, as of `place_in_words`.
+
+    Examples
+    --------
+    >>> import msgspec
+    >>> def complaint(document, wanted):
+    ...     try:
+    ...         msgspec.convert(document, wanted)
+    ...     except msgspec.ValidationError as error:
+    ...         return misfit(error)
+    >>> complaint([1, "two"], list[int]), complaint(1.5, int)
+    ('entry 2: it is a text; give a whole number', 'it is a number with a fraction; give a whole number')
+    """
+    message, _, where = str(error).rpartition(" - at ")
+    if not message:
+        message, where = where, ""
+    inner = where.rpartition("`$")[2].strip("`")
+    place = place_in_words((path + inner).removeprefix("."))
+    text = _in_words(message)
+    return one_line(f"{place}: {text}" if place else text)
+
+
+def not_json(error: msgspec.DecodeError | ValueError, data: bytes, line: int = 1) -> str:
+    r"""Return the reason and the place of an error of `msgspec.json.decode`.
+
+    `line` is the line of its file on which the document begins.
+
+    Examples
+    --------
+    >>> import msgspec
+    >>> def complaint(document):
+    ...     try:
+    ...         msgspec.json.decode(document)
+    ...     except ValueError as error:
+    ...         return not_json(error, document)
+    >>> complaint(b'{"a": 1,'), complaint(b'{"a":\n  NaN}')
+    ('line 1: it ends in the middle', 'line 2, column 3: NaN is no number in JSON; write null')
+    """
+    if isinstance(error, UnicodeDecodeError):
+        return "it holds bytes that are no UTF-8 text; save it as UTF-8"
+    found = _BYTE.search(str(error))
+    if found is None:
+        lines = data.count(b"\n") + line
+        return f"line {lines}: it ends in the middle"
+    at = int(found[1])
+    message = str(error).removeprefix("JSON is malformed: ").removesuffix(found[0]).strip()
+    if message == "trailing characters" or data[at - 1 : at] == b"-":
+        at -= 1  # msgspec has read one byte more
+    line, column = data.count(b"\n", 0, at) + line, at - data.rfind(b"\n", 0, at)
+    number = _NO_NUMBER.match(data, at)
+    if number is not None:
+        text = f"{number[0].decode()} is no number in JSON; write null"
+    elif message == "invalid character":
+        shown = data[at : at + 1].decode("ascii", "backslashreplace")
+        text = f"{shown!r} must not stand there" if shown else "it ends in the middle"
+    else:
+        text = _SYNTAX.get(message, message)
+    return one_line(f"line {line}, column {column}: {text}")
+
+
+def not_toml(error: tomllib.TOMLDecodeError) -> str:
+    """Return the place and the reason of an error of `tomllib`.
+
+    Examples
+    --------
+    >>> import tomllib
+    >>> try:
+    ...     tomllib.loads("a = 1" + chr(10) + "b = ?")
+    ... except tomllib.TOMLDecodeError as error:
+    ...     not_toml(error)
+    'line 2, column 5: invalid value'
+    """
+    found = re.fullmatch(r"(.*) \(at (line \d+, column \d+|end of document)\)", str(error), re.DOTALL)
+    if found is None:
+        return one_line(str(error))
+    return one_line(f"{found[2]}: {found[1][:1].lower()}{found[1][1:]}")
+
+
+def _in_words(text: str) -> str:
+    """Return a message of msgspec, without the place, in our words."""
+    if found := re.fullmatch(r"Object missing required field `(.*)`", text):
+        return f"{found[1]} is missing"
+    if found := re.fullmatch(r"Object contains unknown field `(.*)`", text):
+        return f"{found[1]} is unknown; leave it out"
+    if found := re.fullmatch(r"Invalid (?:enum )?value (.*)", text):
+        return f"{found[1]} is unknown"
+    if found := re.fullmatch(r"Expected `([^`]*)`(?:, got `([^`]*)`)?(?: of length (.*)| ([<>].*))?", text):
+        wanted, got, length, limit = found.groups()
+        kinds = wanted.split(" | ")
+        give = " or ".join(_TYPES.get(kind, kind) for kind in kinds)
+        if length:
+            length = length.partition(", got ")[0]
+            few = length.removeprefix("<= ")
+            return f"give {give} with {'at most ' if few != length else ''}{few} entries"
+        if limit:
+            return f"it is out of range; give {give} {limit.replace('.0', '')}"
+        if got is None:
+            return f"give {give}"
+        is_now = "a number with a fraction" if (got, wanted) == ("float", "int") else _TYPES.get(got, got)
+        return f"it is {is_now}; give {give}"
+    return "it is out of range" if text.endswith("out of range") else text.replace("`", "")
+
+
+def json_texts(data: bytes) -> Iterator[tuple[int, bytes]]:
+    r"""Yield the JSON texts of a file, mostly one, each with its first line's number.
+
+    There are several if the first line is a whole text, or between record separators (RFC 8142).
+
+    Examples
+    --------
+    >>> list(json_texts(b'{"a":\n 1}')), list(json_texts(b'{"a": 1}\r\n\n{"b": 2}\n'))
+    ([(1, b'{"a":\n 1}')], [(1, b'{"a": 1}\r'), (3, b'{"b": 2}')])
+    """
+    import msgspec
+
+    separator = _SEPARATOR if data.lstrip().startswith(_SEPARATOR) else b"\n"
+    if separator == b"\n":
+        first, _, others = data.lstrip().partition(b"\n")
+        try:
+            msgspec.json.decode(first, type=msgspec.Raw)
+        except (ValueError, RecursionError):
+            others = b""
+        if not others.strip():
+            yield 1, data
+            return
+    line = 1
+    for part in data.split(separator):
+        if part.strip():
+            yield line, part
+        line += part.count(b"\n") + (separator == b"\n")

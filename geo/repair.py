@@ -1,13 +1,12 @@
-"""Broken polygons, mended where it is plain what they should be; what changes is told, a line a feature.
+"""Repair of broken polygons, with a note for each feature that changes.
 
-Many programs leave out the last position of a ring, which repeats the first (DJI Pilot 2, scripts): it is
-added. A side that is more than twice as long as the longest one is no slip: part of the ring is missing.
+Open rings are always closed: many programs leave out the last position, which repeats the first (DJI Pilot 2,
+scripts). If the closing side is more than twice as long as the longest side, part of the ring is missing.
 
-The rest is mended only if asked for. A ring that crosses or touches itself becomes the land within it (GEOS's
-"structure": nodes are set where sides cross, spikes without width vanish); holes are joined where they
-overlap, and end where the land ends. Corners are then on whole millimetres. Parts below a thousandth of the
-land are left out. All that, added up, changes at most a hundredth of the land, or the polygon is refused:
-corners in a wrong order, say, are no slip that can be mended.
+The rest is done on request. A ring that crosses or touches itself becomes the land that it encloses (GEOS's
+"structure" method); overlapping holes are joined and end where the land ends; corners move to whole
+millimetres; parts below a thousandth of the land are dropped. If all this changes more than a hundredth of
+the land, the polygon is refused: corners in a wrong order cannot be mended safely.
 """
 
 from __future__ import annotations
@@ -26,12 +25,10 @@ from geo.frame import LocalFrame
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-MAX_CHANGE = 0.01
-"""The part of the land that mending may change."""
-MAX_MISSING = 2.0
-"""By how much the side that an open ring lacks may be longer than its longest one."""
-_LEFT_OUT = 0.001
-_GRID_M = 1e-3
+_MAX_CHANGE = 0.01  # Of the area: less than fields are measured to
+_MAX_GAP = 2.0  # Closing side over longest side
+_SLIVER = 0.001  # Of the land: crumbs where sides cross
+_GRID_M = 1e-3  # Coarser than the rounding of degrees in files
 
 
 def closed(feature: Feature, notes: list[str]) -> Feature:
@@ -42,7 +39,7 @@ def closed(feature: Feature, notes: list[str]) -> Feature:
     for ring in feature.rings:
         steps_m = np.hypot(*np.diff(_metres(np.vstack([ring, ring[:1]]), _frame(ring)), axis=0).T)
         gap_m, longest_m = steps_m[-1], steps_m[:-1].max()
-        if gap_m > MAX_MISSING * longest_m:
+        if gap_m > _MAX_GAP * longest_m:
             raise FarmError(
                 f"{feature.where}: a ring is open over {gap_m:.1f} m, and its longest side has "
                 f"{longest_m:.1f} m: part of it is missing; draw it anew"
@@ -55,16 +52,16 @@ def closed(feature: Feature, notes: list[str]) -> Feature:
 
 
 def mended(feature: Feature, notes: list[str]) -> list[Feature]:
-    """Return a feature, whose rings are closed, as it is if it is valid, else its parts, mended.
+    """Return a feature with closed rings unchanged if it is valid, else its mended parts.
 
-    The area does not change by more than `MAX_CHANGE`; FarmError if it would.
+    FarmError if the area would change by more than a hundredth.
     """
     frame = _frame(feature.rings[0])
-    told: list[str] = []
+    changes: list[str] = []
     rings = [_metres(ring, frame) for ring in feature.rings]
     holes = [ring for ring in rings[1:] if len(np.unique(ring, axis=0)) >= 3]
     if len(holes) < len(rings) - 1:
-        told.append("holes without area are left out")
+        changes.append("holes without area are left out")
     if len(np.unique(rings[0], axis=0)) < 3:
         raise FarmError(f"{feature.where}: the polygon has no area")
     polygon = shapely.Polygon(rings[0], holes)
@@ -72,13 +69,13 @@ def mended(feature: Feature, notes: list[str]) -> list[Feature]:
         parts = [polygon]
     else:
         reason = re.sub(r"\s*\[.*", "", shapely.is_valid_reason(polygon))
-        told.append(reason[:1].lower() + reason[1:])
+        changes.append(reason[:1].lower() + reason[1:])
         parts = _parts(rings[0], holes, feature.where)
-    if not told:
+    if not changes:
         return [feature]
     before, after = polygon.area, sum(part.area for part in parts)
     pieces = "" if len(parts) == 1 else f" in {len(parts)} parts"
-    notes.append(f"{feature.where}: mended ({', '.join(told)}): {before:.1f} -> {after:.1f} m2{pieces}")
+    notes.append(f"{feature.where}: mended ({', '.join(changes)}): {before:.1f} -> {after:.1f} m2{pieces}")
     return [
         replace(
             feature,
@@ -96,32 +93,32 @@ def _frame(ring: NDArray[np.float64]) -> LocalFrame:
 
 
 def _metres(ring: NDArray[np.float64], frame: LocalFrame) -> NDArray[np.float64]:
-    return np.column_stack(frame.from_wgs84(ring[:, 1].copy(), ring[:, 0].copy()))
+    return np.column_stack(frame.from_wgs84(ring[:, 1], ring[:, 0]))
 
 
 def _degrees(ring: shapely.LinearRing, frame: LocalFrame) -> NDArray[np.float64]:
     xy = shapely.get_coordinates(ring)
-    latitude_deg, longitude_deg = frame.to_wgs84(xy[:, 0].copy(), xy[:, 1].copy())
+    latitude_deg, longitude_deg = frame.to_wgs84(xy[:, 0], xy[:, 1])
     positions = np.column_stack([longitude_deg, latitude_deg])
     positions[-1] = positions[0]
     return positions
 
 
 def _parts(shell: NDArray[np.float64], holes: list[NDArray[np.float64]], where: str) -> list[shapely.Polygon]:
-    """Return the polygons that rings mean, the largest first."""
+    """Return the polygons that broken rings enclose, the largest first."""
     within = [_land(ring) for ring in (shell, *holes)]
     drawn = [shapely.Polygon(ring).area for ring in (shell, *holes)]
     changed = sum(abs(land.area - area) for land, area in zip(within, drawn, strict=True))
     land = within[0].difference(shapely.union_all(within[1:])) if holes else within[0]
-    # On a grid corners and sides are so far apart that rounded positions stay valid.
+    # On a grid, corners and sides are far enough apart to stay valid when positions are rounded.
     land = shapely.set_precision(land, _GRID_M)
     every = sorted(_polygons(land), key=lambda part: -part.area)
-    kept = [part for part in every if part.area > max(_LEFT_OUT * land.area, _GRID_M * part.length)]
+    kept = [part for part in every if part.area > max(_SLIVER * land.area, _GRID_M * part.length)]
     changed += land.area - sum(part.area for part in kept)
-    if not kept or changed > MAX_CHANGE * land.area:
+    if not kept or changed > _MAX_CHANGE * land.area:
         raise FarmError(
             f"{where}: cannot be mended safely: as drawn it has {drawn[0] - sum(drawn[1:]):.1f} m2, what its "
-            f"rings enclose {land.area:.1f} m2 (over {MAX_CHANGE:.0%} differs); are its corners in order?"
+            f"rings enclose {land.area:.1f} m2 (over {_MAX_CHANGE:.0%} differs); are its corners in order?"
         )
     return kept
 

@@ -1,17 +1,17 @@
-"""Texts from outside, made fit to be shown; numbers in texts, read strictly; times and lengths in words."""
+"""Texts from outside made printable, numbers read strictly, and times and lengths written for people."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from typing import TypeVar
 
-MAX_SHOWN = 500
+MAX_SHOWN = 500  # Characters: some five lines of a terminal
 
 _Number = TypeVar("_Number", int, float)
 
 
 def printable(text: str) -> str:
-    r"""Return the text with control characters and undecodable bytes spelled out; line ends stay.
+    r"""Return a text with control characters and undecodable bytes escaped; line ends stay.
 
     >>> printable("a\x1b[31mred\x07 farm")
     'a\\x1b[31mred\\x07 farm'
@@ -25,7 +25,7 @@ def printable(text: str) -> str:
 
 
 def one_line(text: str, max_characters: int = MAX_SHOWN) -> str:
-    r"""Return the text as `printable` gives it, in one line of bounded length.
+    r"""Return a text as `printable` does, in one line of bounded length.
 
     >>> one_line("a\x00b.plan:\n  damaged")
     'a\\x00b.plan: damaged'
@@ -35,10 +35,10 @@ def one_line(text: str, max_characters: int = MAX_SHOWN) -> str:
 
 
 def parse_number(text: str) -> float:
-    """Return the number that a text is, infinity and NaN among them.
+    """Return the number of a text, infinity and NaN included; ValueError if it is no number.
 
-    Unlike ``float`` it takes no grouped digits (``1_000``) and no digits of other scripts: no ground
-    station and no autopilot reads such numbers, so they are slips of the keyboard. ValueError if it is none.
+    Unlike ``float`` it takes no grouped digits (``1_000``) and no digits of other scripts: no ground station
+    and no autopilot reads them, so they are slips of the keyboard.
 
     >>> parse_number(" 2.5e3 ")
     2500.0
@@ -51,7 +51,7 @@ def parse_number(text: str) -> float:
 
 
 def decimal_point(text: str) -> str:
-    """Return a number with a decimal comma with a point; any other text as it is.
+    """Return a number's decimal comma as a point; any other text unchanged.
 
     >>> decimal_point("-33,508"), decimal_point("1,5,2")
     ('-33.508', '1,5,2')
@@ -62,7 +62,7 @@ def decimal_point(text: str) -> str:
 
 
 def parse_whole(text: str) -> int:
-    """Return the whole number that a text is; ValueError as of `parse_number`.
+    """Return the whole number of a text; ValueError as of `parse_number`.
 
     >>> parse_whole("-12")
     -12
@@ -80,7 +80,7 @@ def _parsed(text: str, kind: Callable[[str], _Number], what: str) -> _Number:
 
 
 def duration(seconds: float) -> str:
-    """Seconds as people read them.
+    """Return seconds as people write them.
 
     >>> duration(75.4)
     '1 min 15 s'
@@ -95,7 +95,7 @@ def duration(seconds: float) -> str:
 
 
 def distance(metres: float) -> str:
-    """Metres as people read them.
+    """Return metres as people write them.
 
     >>> distance(12345)
     '12.35 km'

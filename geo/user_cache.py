@@ -1,8 +1,7 @@
-"""The folder where things that can be made again are kept, and what is said when they cannot be."""
+"""The user's cache folder, locks on its files, and the warning when it cannot be written."""
 
 from __future__ import annotations
 
-import fcntl
 import warnings
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
@@ -10,18 +9,20 @@ from pathlib import Path
 
 import platformdirs
 
-_told: set[Path] = set()
+from geo.atomic import lock_file, unlock_file
+
+_warned_of: set[Path] = set()
 
 
 class CacheWarning(UserWarning):
-    """A cache that cannot be written to: what was to be kept there is made anew in every run."""
+    """A cache that cannot be written: its content is made anew in every run."""
 
 
 def user_cache_folder(name: str) -> Path:
-    """Name the folder NAME of the user's cache, ``wbf-mission/NAME`` on Linux; it may not exist yet.
+    """Return the folder NAME of the user's cache; it may not exist yet.
 
-    The cache is where the system has it: below XDG_CACHE_HOME or ``~/.cache`` on Linux, ``~/Library/Caches``
-    on macOS, ``%LOCALAPPDATA%`` on Windows.
+    The cache is below XDG_CACHE_HOME or ``~/.cache`` on Linux, ``~/Library/Caches`` on macOS, and
+    ``%LOCALAPPDATA%`` on Windows.
 
     Examples
     --------
@@ -37,7 +38,7 @@ def user_cache_folder(name: str) -> Path:
 
 @contextmanager
 def made_by_one(path: Path) -> Iterator[None]:
-    """Keep other processes that make the same file waiting: they look for it again, and find it.
+    """Let one process make a file, while others wait, look for it again and find it.
 
     The lock is on a file beside it. Where nothing can be written, or a disk has no locks, nobody waits.
     """
@@ -45,20 +46,17 @@ def made_by_one(path: Path) -> Iterator[None]:
         with suppress(OSError):
             path.parent.mkdir(parents=True, exist_ok=True)
             lock = stack.enter_context(path.with_name(f"{path.name}.lock").open("ab"))
-            fcntl.flock(lock, fcntl.LOCK_EX)
+            lock_file(lock.fileno(), wait=True)
             # Closing it is not enough where another thread has forked meanwhile.
-            stack.callback(fcntl.flock, lock, fcntl.LOCK_UN)
+            stack.callback(unlock_file, lock.fileno())
         yield
 
 
 def warn_of_cache(folder: Path, error: Exception) -> None:
-    """Say once for each folder and process that nothing can be kept in it, and why.
-
-    An OSError is told by its reason and, if it has one, its file.
-    """
-    if folder in _told:
+    """Warn that a folder keeps nothing, and why: once for each folder and process."""
+    if folder in _warned_of:
         return
-    _told.add(folder)
+    _warned_of.add(folder)
     reason = str(error)
     if isinstance(error, OSError) and error.strerror:
         reason = f"{error.filename}: {error.strerror}" if error.filename else error.strerror

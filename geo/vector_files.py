@@ -1,8 +1,8 @@
-"""Files of other programs (KML, KMZ, Shapefile, GeoPackage, GPX), read by GDAL into what a farm file holds.
+"""Farm files of other programs: KML, KMZ, Shapefile, GeoPackage and GPX by GDAL; Mission Planner's ``.poly``.
 
-No file is trusted. GDAL sees plain local files only, whose first bytes are those of their format: it would
-follow a list of web addresses that is called a GeoPackage. Archives are unpacked here, with a limit; XML with
-entities or links to elsewhere is refused.
+No file is trusted. GDAL gets plain local files only, whose first bytes are their format's: it would follow a
+list of web addresses named as a GeoPackage. Archives are unpacked here, with a limit; XML with entities or
+links to elsewhere is refused.
 """
 
 from __future__ import annotations
@@ -23,33 +23,33 @@ import msgspec
 import numpy as np
 import shapely
 
-from geo.archives import Archive, ArchiveError
 from geo.attributes import KNOWN, kind_of, meant
-from geo.coordinates import EXAMPLE_CRS, Coordinates, coordinates_of
 from geo.errors import FarmError
 from geo.features import MAX_FEATURES, MAX_VERTICES, Document, Entry
-from geo.frame import LocalFrame
+from geo.frame import EXAMPLE_CRS, Coordinates, LocalFrame, coordinates_of
 from geo.imports import load_extra
-from geo.reading import UnreadableError, read_file
-from geo.texts import one_line
+from geo.reading import Archive, ArchiveError, UnreadableError, read_file, read_text
+from geo.texts import decimal_point, one_line, parse_number
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-MAX_BYTES = 128 * 2**20
-MAX_XML_BYTES = 32 * 2**20
-MAX_GAP_M = 5.0
-"""A track or a path whose ends are not farther apart is the border of a field."""
+# Limits on hostile files
+_MAX_BYTES = 128 * 2**20
+_MAX_TEXT_BYTES = 32 * 2**20  # XML and .poly
 _MAX_LAYERS = 100
-_MAX_DEPTH = 100
+_MAX_DEPTH = 100  # Of XML
+_MAX_GAP_M = 5.0  # Between the ends of a track round a field: the error of a handheld receiver
+_SHOWN_GAP_M = 0.05  # Less is rounding
 _SHAPEFILE = (".shp", ".shx", ".dbf", ".prj", ".cpg")
 _WKB = dict(enumerate(("Point", "LineString", "Polygon", "MultiPoint", "MultiLineString", "MultiPolygon"), 1))
 _WKB[7] = "GeometryCollection"
-_GPX_LAYERS = ("routes", "tracks", "waypoints")
+_GPX_LAYERS = ("routes", "tracks", "waypoints")  # The others hold their points once more
+_POLY_WORDS = re.compile(r"(name|color):(.*)", re.IGNORECASE)
 
 
 def read_vector(path: Path, layer: str | None = None, crs: str | None = None) -> Document:
-    """Return what a file of another program holds, the polygons of all layers or of one.
+    """Return the features of all layers of a file, or of one layer.
 
     Parameters
     ----------
@@ -58,12 +58,12 @@ def read_vector(path: Path, layer: str | None = None, crs: str | None = None) ->
     layer : str, optional
         The only layer that is read.
     crs : str, optional
-        The coordinate system of a file that does not tell its own.
+        The coordinate system of a file without one.
 
     Raises
     ------
     FarmError
-        If GDAL is not there, or the file cannot be used.
+        If GDAL is not installed, or the file cannot be used.
     """
     needed = f"{path}: {path.suffix.lower()} files need"
     load_extra("pyogrio.raw", "gis", needed, FarmError)
@@ -77,7 +77,7 @@ def read_vector(path: Path, layer: str | None = None, crs: str | None = None) ->
             named = [inside] if plain.suffix.lower() == ".shp" else names
             if layer is not None:
                 if layer not in named:
-                    known = ", ".join(repr(one) for one in named[:20])
+                    known = ", ".join(map(repr, named[:20]))
                     raise FarmError(f"there is no layer {layer!r:.60}; its layers are {known}")
                 names = [names[named.index(layer)]]
             for name in names:
@@ -86,20 +86,20 @@ def read_vector(path: Path, layer: str | None = None, crs: str | None = None) ->
         except FarmError:
             raise
         except Exception as error:  # A broken file makes pyogrio raise anything, even NameError
-            bytes_told = isinstance(error, UnicodeError)
-            text = "it holds bytes that are no text" if bytes_told else str(error) or type(error).__name__
-            told = one_line(text.replace(str(plain), path.name), 200)
-            raise FarmError(f"cannot be read: {told}; save it anew in the program that wrote it") from error
+            is_coding = isinstance(error, UnicodeError)
+            text = "it holds bytes that are no text" if is_coding else str(error) or type(error).__name__
+            reason = one_line(text.replace(str(plain), path.name), 200)
+            raise FarmError(f"cannot be read: {reason}; save it anew in the program that wrote it") from error
     return document
 
 
 @contextlib.contextmanager
 def _plain(path: Path) -> Iterator[tuple[Path, str]]:
-    """Give a file that GDAL may open, checked, and the name that it has for users."""
+    """Yield a checked file that GDAL may open, and its name for users."""
     suffix = path.suffix.lower()
     try:
         if suffix in (".kml", ".gpx"):
-            _check_xml(read_file(path, MAX_XML_BYTES), suffix)
+            _check_xml(read_file(path, _MAX_TEXT_BYTES), suffix)
         elif suffix in (".kmz", ".zip"):
             with tempfile.TemporaryDirectory() as folder:
                 yield _unpacked(path, Path(folder))
@@ -117,7 +117,7 @@ def _plain(path: Path) -> Iterator[tuple[Path, str]]:
 
 
 def _check_head(path: Path, head: bytes, what: str) -> None:
-    """Refuse a file that is too large, or does not begin as its format does."""
+    """Refuse a file that is too large, or does not begin with its format's bytes."""
     try:
         if path.exists() and not path.is_file():
             raise FarmError("cannot be read: it is a folder, a pipe or a device, no file")
@@ -130,23 +130,23 @@ def _check_head(path: Path, head: bytes, what: str) -> None:
         raise FarmError(f"cannot be read: {reason.lower()}") from None
     if begin != head:
         raise FarmError(f"is no {what}")
-    if path.stat().st_size > MAX_BYTES:
-        raise FarmError(f"is larger than {MAX_BYTES / 2**20:g} MiB")
+    if path.stat().st_size > _MAX_BYTES:
+        raise FarmError(f"is larger than {_MAX_BYTES / 2**20:g} MiB")
 
 
 def _check_shapefile(path: Path) -> None:
     _check_head(path, b"\0\0\x27\x0a", "Shapefile")
-    beside = [one for one in path.absolute().parent.iterdir() if one.stem == path.stem]
-    siblings = {one.suffix.lower(): one for one in beside if one.is_file()}
+    beside = [file for file in path.absolute().parent.iterdir() if file.stem == path.stem]
+    siblings = {file.suffix.lower(): file for file in beside if file.is_file()}
     if ".shx" not in siblings:
         raise FarmError("its .shx is missing: a Shapefile is several files; copy .shp, .shx, .dbf and .prj")
     for suffix in set(_SHAPEFILE) & siblings.keys():
-        if siblings[suffix].stat().st_size > MAX_BYTES:
-            raise FarmError(f"its {suffix} is larger than {MAX_BYTES / 2**20:g} MiB")
+        if siblings[suffix].stat().st_size > _MAX_BYTES:
+            raise FarmError(f"its {suffix} is larger than {_MAX_BYTES / 2**20:g} MiB")
 
 
 def _check_xml(data: bytes, suffix: str) -> None:
-    """Refuse what is no KML or GPX, has entities, is nested too deeply or links to elsewhere."""
+    """Refuse XML that is no KML or GPX, has entities, is nested too deeply or links to elsewhere."""
     parser = expat.ParserCreate(namespace_separator=" ")
     open_elements: list[str] = []
     names: set[str] = set()
@@ -181,9 +181,9 @@ def _unpacked(path: Path, folder: Path) -> tuple[Path, str]:
     wanted = (".kml",) if kmz else _SHAPEFILE
     _check_head(path, b"PK", "archive")
     try:
-        with Archive(path, MAX_XML_BYTES if kmz else MAX_BYTES) as archive:
-            mains = [one for one in archive.names if one.lower().endswith(wanted[0])]
-            mains.sort(key=lambda one: Path(one).name.lower() != "doc.kml")
+        with Archive(path, _MAX_TEXT_BYTES if kmz else _MAX_BYTES) as archive:
+            mains = [name for name in archive.names if name.lower().endswith(wanted[0])]
+            mains.sort(key=lambda name: Path(name).name.lower() != "doc.kml")
             if not mains or (len(mains) > 1 and not kmz):
                 named = f" ({one_line(', '.join(mains), 100)})" if mains else ""
                 raise FarmError(f"holds {len(mains)} files {wanted[0]}{named}; give an archive of one")
@@ -207,7 +207,7 @@ def _unpacked(path: Path, folder: Path) -> tuple[Path, str]:
 def _layers(plain: Path, list_layers: Any) -> list[str]:
     """Return the names of the layers that may hold features."""
     if plain.suffix.lower() == ".gpkg":
-        # Views may compute for ever, and need GDAL's own functions: tables only.
+        # Tables only: views may compute for ever, and need GDAL's own functions.
         base = sqlite3.connect(f"{plain.as_uri()}?mode=ro&immutable=1", uri=True)
         with contextlib.closing(base):
             found = base.execute(
@@ -256,33 +256,33 @@ def _read_layer(
         if kind:
             properties.setdefault("kind", kind)
         geometry: dict[str, Any] | None = None
-        said = useless = ""
+        note = useless = ""
         if shape is not None and shapely.from_wkb(geometries[row], on_invalid="ignore") is None:
             geometry, _ = _as_written(geometries[row], 0)
         elif shape is not None and not shape.is_empty:
             if takes_lines and shape.geom_type in ("LineString", "MultiLineString"):
-                shape, said, useless = _border(shape)
+                shape, note, useless = _border(shape)
             geometry = msgspec.json.decode(shapely.to_geojson(shape))
         entry = Entry(row + 1, properties, geometry, own, where, useless)
         document.entries.append(entry)
-        if said:
+        if note:
             called = properties.get("name", "")
-            document.notes.append(f"{entry.where}{f' ({called!r:.60})' if called else ''}: {said}")
+            document.notes.append(f"{entry.where}{f' ({called!r:.60})' if called else ''}: {note}")
 
 
 def _border(line: Any) -> tuple[Any, str, str]:
-    """Return the polygon about which a line leads, and what is to be said of that; else why there is none."""
+    """Return the polygon inside a closed line, a note on its gap, and the reason if there is none."""
     xy = np.concatenate([shapely.get_coordinates(part) for part in shapely.get_parts(line)])
     east_m, north_m = LocalFrame(xy[0, 1], xy[0, 0]).from_wgs84(float(xy[-1, 1]), float(xy[-1, 0]))
     gap_m = float(np.hypot(east_m, north_m))
-    if len(xy) < 4 or not gap_m <= MAX_GAP_M:
-        return line, "", f"lines that are open by more than {MAX_GAP_M:g} m"
-    said = f"a line, closed over {gap_m:.1f} m" if gap_m > 0.05 else ""
-    return shapely.Polygon(xy), said, ""
+    if len(xy) < 4 or not gap_m <= _MAX_GAP_M:
+        return line, "", f"lines that are open by more than {_MAX_GAP_M:g} m"
+    note = f"a line, closed over {gap_m:.1f} m" if gap_m > _SHOWN_GAP_M else ""
+    return shapely.Polygon(xy), note, ""
 
 
 def _as_written(wkb: bytes, at: int) -> tuple[dict[str, Any], int]:
-    """Return a geometry of well-known binary in GeoJSON's form, and where it ends; rings may be open."""
+    """Return a geometry of well-known binary as GeoJSON, its rings as they are, and the end of its bytes."""
     order = "<>"[wkb[at] == 0]
     kind, count = struct.unpack_from(f"{order}II", wkb, at + 1)
     name = _WKB.get(kind, "")
@@ -311,7 +311,7 @@ def _value(value: Any) -> Any:
 def _coordinates(
     own: str | None, given: str | None, shapes: NDArray[Any], name: str, document: Document
 ) -> Coordinates | None:
-    # A local system is one that nobody knows the place of: GeoPackages say so where none is given.
+    # GeoPackages without a coordinate system name a local one.
     if own and not own.startswith(("LOCAL_CS", "ENGCRS")):
         if given is not None:
             raise FarmError(f"has a coordinate system of its own; leave out that it is {given!r:.60}")
@@ -328,3 +328,49 @@ def _coordinates(
         document.notes.append("no coordinate system is given: taken for longitudes and latitudes of WGS 84")
         found = None
     return found
+
+
+def read_poly(path: Path) -> Document:
+    """Return the polygons of Mission Planner's ``.poly``; FarmError if it cannot be read.
+
+    A line has a corner's latitude and longitude; the first corner stands at the end again; ``#`` begins a
+    comment. Files of regions have a line ``Name:...`` and a line ``Color:...`` above each polygon. Source:
+    ArduPilot/MissionPlanner, FlightPlanner.cs and Regions.cs.
+    """
+    try:
+        text = read_text(path, _MAX_TEXT_BYTES)
+    except UnreadableError as error:
+        raise FarmError(f"cannot be read: {error}") from None
+    polygons: list[tuple[str, list[list[float]]]] = []
+    corners = 0
+    for number, line in enumerate(map(str.strip, text.split("\n")), 1):
+        word = _POLY_WORDS.fullmatch(line)
+        if not line or line.startswith("#"):
+            continue
+        if word is None:
+            polygons = polygons or [("", [])]
+            polygons[-1][1].append(_poly_corner(line, number))
+            corners += 1
+        elif word[1].lower() == "name":
+            polygons.append((one_line(word[2].strip(), 60), []))
+        if corners > MAX_VERTICES or len(polygons) > MAX_FEATURES:
+            raise FarmError(
+                f"line {number}: more than {MAX_VERTICES} corners up to here; simplify the polygons"
+            )
+    if not corners:
+        raise FarmError("holds no corners; give a .poly of Mission Planner")
+    document = Document({}, [])
+    for number, (name, ring) in enumerate(polygons, 1):
+        geometry = {"type": "Polygon", "coordinates": [ring] if ring else []}
+        document.entries.append(Entry(number, {"name": name} if name else {}, geometry))
+    return document
+
+
+def _poly_corner(line: str, number: int) -> list[float]:
+    try:
+        latitude_deg, longitude_deg = (parse_number(decimal_point(word)) for word in line.split())
+    except ValueError:
+        raise FarmError(
+            f"line {number}: {line!r:.60} is no latitude and longitude, as a .poly of Mission Planner has"
+        ) from None
+    return [longitude_deg, latitude_deg]

@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 from typing import Any, TypeAlias
 from xml.etree import ElementTree
 
-from geo.archives import archive_of
+from geo.reading import archive_of
 from mission.errors import MissionFileError
 from mission.files.common import Firmware
 from mission.files.comparison import Loss, dropped, numbered

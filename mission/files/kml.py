@@ -10,7 +10,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 from xml.etree import ElementTree
 
-from geo.archives import Archive, ArchiveError, archive_of
+from geo.reading import Archive, ArchiveError, archive_of
 from geo.texts import parse_number
 from mission.errors import MissionFileError
 from mission.files.common import KML_KIND, KMZ_KIND, MAX_BYTES, Firmware, kind_of, wrong_kind

@@ -21,8 +21,8 @@ from numpy.random import SeedSequence
 
 from geo.atomic import atomic_write
 from geo.memory import NotEnoughMemoryError, human_bytes, require_memory
+from geo.processes import CallsAhead
 from geo.seeds import child_seed, root_seed
-from geo.workers import CallsAhead
 from sensors.environment.environment import Environment, Provenance
 from sensors.environment.generate import generate_environment, kept_days, memory_needed
 from sensors.environment.storage import load_environment

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable, Sequence
 from numpy.random import SeedSequence
 
 from geo.closing import Closing
-from geo.interrupts import interrupts_noted
+from geo.processes import interrupts_noted
 from mission.link.address import Link
 from mission.link.codec.dialect import Message
 from mission.link.codec.frames import FrameReader, FrameWriter, valid_frame_end

@@ -1,5 +1,7 @@
 """A process that is killed anywhere leaves the older content or the newer, and nobody writes it meanwhile."""
 
+import errno
+import fcntl
 import os
 import signal
 import sys
@@ -95,6 +97,44 @@ def test_one_process_at_a_time_and_the_lock_goes_with_it(tmp_path: Path) -> None
     assert sorted(path.name for path in tmp_path.iterdir()) == [".result.lock", ".result.partial"]
     fill(target, "new")
     assert [path.name for path in tmp_path.iterdir()] == ["result"]
+
+
+def test_a_disk_without_locks_is_written_and_one_that_fails_is_not(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    number = errno.ENOLCK
+
+    def fails(descriptor: int, operation: int) -> None:
+        raise OSError(number, os.strerror(number))
+
+    monkeypatch.setattr("fcntl.flock", fails)
+    fill(tmp_path / "result", "new")
+    assert [path.name for path in tmp_path.iterdir()] == ["result"]
+    number = errno.EIO
+    with pytest.raises(FolderError, match="it cannot be written: input/output error"):
+        fill(tmp_path / "result", "newer")
+    assert (tmp_path / "result" / "mark").read_text() == "new"
+
+
+def test_a_lock_whose_file_is_removed_meanwhile_is_taken_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Whoever opens the next file would have a lock of its own."""
+    lock, left = fcntl.flock, [1, 2]
+    path = tmp_path / ".result.lock"
+
+    def late(descriptor: int, operation: int) -> None:
+        lock(descriptor, operation)
+        if left:
+            path.unlink()
+            if left.pop() == 1:
+                path.touch()
+
+    monkeypatch.setattr("fcntl.flock", late)
+    with AtomicFolder(tmp_path / "result", "mark", is_ours):
+        assert left == []
+        with pytest.raises(FolderError, match="another run"):
+            fill(tmp_path / "result", "other")
 
 
 def test_what_is_not_committed_leaves_nothing(tmp_path: Path) -> None:

@@ -241,7 +241,7 @@ functions.utils.order_by_target_specificity = counted
 def total(x, rows):
     return x * x + x * 2.0 + rows[0] * rows[1]
 
-@compiled(fastmath=True)
+@compiled(allocates=False)
 def loose(x, rows):
     return x * rows[0]
 

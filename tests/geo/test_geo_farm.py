@@ -65,20 +65,12 @@ def test_waterberry() -> None:
     assert grid.planted.sum() == 12_000_000 - pond - grid.of_crops([Crop.WETLAND]).sum()
 
 
-def test_waterberry_against_shapely_on_random_cells() -> None:
-    waterberry = get_farm("waterberry")
-    grid = waterberry.grid()
-    rng = np.random.default_rng(5)
-    ix, iy = rng.integers(0, 6000, 3000), rng.integers(0, 5000, 3000)
-    expected = np.zeros(3000, int)
-    for patch in waterberry.patches:
-        polygon = shapely.transform(patch.polygon, lambda xy: np.round(xy / FOOT_M, 6))
-        expected[shapely.intersects_xy(polygon, ix + 0.5, iy + 0.5)] = waterberry.crops.index(patch.crop)
-    np.testing.assert_array_equal(grid.crop[ix, iy], expected)
-
-
 def test_waterberry_areas() -> None:
     waterberry = get_farm("waterberry")
+    # Arcs are rounded: another library of C has other last bits of sines.
+    pond = waterberry.patches[2].polygon
+    assert pond == shapely.Polygon(np.round(shapely.get_coordinates(pond) / FOOT_M, 6) * FOOT_M)
+    assert {type(patch.crop) for patch in waterberry.patches} == {Crop}
     corners = shapely.get_coordinates(waterberry.owner_area) / FOOT_M
     assert len(corners) == 5
     assert shapely.Polygon(corners).symmetric_difference(shapely.box(1000, 1000, 5000, 4000)).area < 0.1

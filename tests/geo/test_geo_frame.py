@@ -26,35 +26,6 @@ FRAMES = st.builds(
 )
 
 
-def ecef(latitude_deg: float, longitude_deg: float, height_m: float = 0.0) -> np.ndarray:
-    a, f = 6378137.0, 1 / 298.257223563
-    e2 = f * (2 - f)
-    latitude, longitude = math.radians(latitude_deg), math.radians(longitude_deg)
-    n = a / math.sqrt(1 - e2 * math.sin(latitude) ** 2)
-    return np.array(
-        [
-            (n + height_m) * math.cos(latitude) * math.cos(longitude),
-            (n + height_m) * math.cos(latitude) * math.sin(longitude),
-            (n * (1 - e2) + height_m) * math.sin(latitude),
-        ]
-    )
-
-
-def topocentric(frame: LocalFrame, latitude_deg: float, longitude_deg: float) -> tuple[float, float]:
-    """East and north of a place on the tangent plane, without any map projection."""
-    latitude, longitude = math.radians(frame.latitude_deg), math.radians(frame.longitude_deg)
-    d = ecef(latitude_deg, longitude_deg) - ecef(frame.latitude_deg, frame.longitude_deg)
-    east = np.array([-math.sin(longitude), math.cos(longitude), 0.0])
-    north = np.array(
-        [
-            -math.sin(latitude) * math.cos(longitude),
-            -math.sin(latitude) * math.sin(longitude),
-            math.cos(latitude),
-        ]
-    )
-    return float(east @ d), float(north @ d)
-
-
 @given(FRAMES, METRES, METRES)
 def test_round_trip_is_far_below_a_millimetre(frame: LocalFrame, x_m: float, y_m: float) -> None:
     back = frame.from_wgs84(*frame.to_wgs84(x_m, y_m))
@@ -75,17 +46,6 @@ def test_distance_and_azimuth_are_the_geodesics(frame: LocalFrame, x_m: float, y
     assert distance_m == pytest.approx(math.hypot(x_m, y_m), abs=1e-6)
     assert distance_m * math.cos(angle) == pytest.approx(x_m, abs=1e-6)
     assert distance_m * math.sin(angle) == pytest.approx(y_m, abs=1e-6)
-
-
-@given(FRAMES, METRES, METRES)
-def test_agrees_with_the_tangent_plane(frame: LocalFrame, x_m: float, y_m: float) -> None:
-    east_m, north_m = topocentric(frame, *frame.to_wgs84(x_m, y_m))
-    turn = math.radians(frame.rotation_deg)
-    x = east_m * math.cos(turn) + north_m * math.sin(turn)
-    y = north_m * math.cos(turn) - east_m * math.sin(turn)
-    # The chord on the tangent plane is shorter than the arc by d^3 / 6 R^2.
-    bound = math.hypot(x_m, y_m) ** 3 / 6 / 6.3e6**2 + (1e-5 if math.hypot(x_m, y_m) > 2e-3 else 9e-4)
-    assert math.hypot(x - x_m, y - y_m) <= bound
 
 
 def test_whole_farm_arrays_match_scalars() -> None:

@@ -127,6 +127,6 @@ def test_what_is_no_ground_is_refused_in_one_line(tmp_path: Path, monkeypatch: p
         with pytest.raises(GroundError, match=told) as caught:
             Ground.read(paths, BOUNDS)
         assert "\n" not in str(caught.value)
-    monkeypatch.setattr(module, "MOST_PIXELS", 100)
+    monkeypatch.setattr(module, "_MAX_PIXELS", 100)
     with pytest.raises(GroundError, match="at most 100 are read"):
         Ground.read([good], BOUNDS)

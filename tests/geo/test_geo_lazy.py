@@ -1,3 +1,5 @@
+"""Imports of geo: light where they can be, and possible without modules that only Unix has."""
+
 from __future__ import annotations
 
 import ast
@@ -41,8 +43,67 @@ def test_an_unknown_name_is_an_attribute_error() -> None:
 
 def test_errors_and_packages_are_imported_without_the_heavy_libraries() -> None:
     code = (
-        f"import geo.errors, geo.named, mission.errors, {', '.join(PACKAGES)}, sys; "
+        f"import geo.errors, geo.farms, geo.named, mission.errors, {', '.join(PACKAGES)}, sys; "
+        "geo.farms.farm_names(); "
         "print(sorted({'numpy', 'scipy', 'shapely', 'pyproj', 'pymavlink', 'numba'} & set(sys.modules)))"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
+
+
+WINDOWS = """
+# Libraries ask for the system when they are imported: they come first.
+import multiprocessing.resource_tracker, pathlib, shutil, sys, tempfile, types
+import joblib, msgspec, numba, numpy, platformdirs, psutil, pyproj, shapely, shapely.geometry.polygon
+import os, signal, sqlite3, zipfile, xml.parsers.expat
+
+locked = {}
+
+def locking(descriptor, mode, count):
+    inode = os.fstat(descriptor).st_ino
+    if mode == "unlock":
+        del locked[inode]
+    elif locked.setdefault(inode, descriptor) != descriptor:
+        raise PermissionError
+
+sys.modules.update(fcntl=None, resource=None, msvcrt=types.ModuleType("msvcrt"))
+vars(sys.modules["msvcrt"]).update(LK_LOCK="wait", LK_NBLCK="try", LK_UNLCK="unlock", locking=locking)
+del signal.SIGHUP, signal.pthread_sigmask
+sys.platform = "win32"
+
+for file in pathlib.Path(sys.argv[1]).parent.glob("[!_]*.py"):
+    __import__(f"geo.{file.stem}")
+
+from geo.atomic import AtomicFolder, FolderError, atomic_write
+from geo.memory import available_memory
+from geo.processes import INTERRUPTS, interrupts_held
+from geo.user_cache import made_by_one
+
+folder = pathlib.Path(tempfile.mkdtemp())
+with made_by_one(folder / "made"):
+    print(len(locked), end=" ")
+print(len(locked), end=" ")
+with AtomicFolder(folder / "result", "mark", lambda name: True) as result:
+    with atomic_write(result.filled / "mark") as mark:
+        mark.write("whole")
+    try:
+        AtomicFolder(folder / "result", "mark", lambda name: True).__enter__()
+    except FolderError as error:
+        print(str(error).split(";")[0], end=" ")
+    result.commit()
+with interrupts_held():
+    print((folder / "result" / "mark").read_text(), len(INTERRUPTS), available_memory().bytes > 0)
+print(sorted(path.name for path in folder.iterdir()))
+shutil.rmtree(folder)
+"""
+
+
+def test_modules_that_only_unix_has_are_not_needed() -> None:
+    import geo
+
+    done = subprocess.run([sys.executable, "-c", WINDOWS, str(geo.__file__)], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.splitlines() == [
+        "1 0 another run writes into this folder whole 2 True",
+        "['made.lock', 'result']",
+    ]

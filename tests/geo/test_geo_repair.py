@@ -22,7 +22,7 @@ SQUARE = [(0, 0), (100, 0), (100, 100), (0, 100), (0, 0)]
 
 def degrees(ring: Any) -> list[list[float]]:
     x, y = np.array(ring, float).T
-    latitude, longitude = FRAME.to_wgs84(x.copy(), y.copy())
+    latitude, longitude = FRAME.to_wgs84(x, y)
     positions: list[list[float]] = np.column_stack([longitude, latitude]).tolist()
     if tuple(ring[0]) == tuple(ring[-1]):
         positions[-1] = positions[0]

@@ -18,7 +18,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from geo import Farm, FarmError, LocalFrame, load_farm, save_farm
-from geo.vector_files import MAX_FEATURES
+from geo.features import MAX_FEATURES
+from geo.reading import archive_of
 
 FLORIDA = LocalFrame(28.05, -82.15)
 NAMES = ("North", "South, two parts", "Silo")
@@ -44,7 +45,7 @@ def placed(geometries: list[shapely.Geometry], frame: LocalFrame, crs: str) -> l
     to_crs = pyproj.Transformer.from_crs("EPSG:4326", crs, always_xy=True)
 
     def moved(xy: np.ndarray) -> np.ndarray:
-        latitude, longitude = frame.to_wgs84(xy[:, 0].copy(), xy[:, 1].copy())
+        latitude, longitude = frame.to_wgs84(xy[:, 0], xy[:, 1])
         return np.column_stack(to_crs.transform(longitude, latitude))
 
     return [shapely.transform(one, moved) for one in geometries]
@@ -86,7 +87,7 @@ def same_land(
     for mine, other in zip(found, wanted, strict=True):
 
         def back(xy: np.ndarray) -> np.ndarray:
-            return np.column_stack(frame.from_wgs84(*farm.frame.to_wgs84(xy[:, 0].copy(), xy[:, 1].copy())))
+            return np.column_stack(frame.from_wgs84(*farm.frame.to_wgs84(xy[:, 0], xy[:, 1])))
 
         assert shapely.hausdorff_distance(shapely.transform(mine, back), other) < within_m
         assert len(mine.interiors) == len(other.interiors)
@@ -371,13 +372,6 @@ VRT = (
 BOMB = '<!DOCTYPE k [<!ENTITY a "aaaaaaaaaa"><!ENTITY b "&a;&a;&a;&a;">]><kml><name>&b;</name></kml>'
 
 
-def archive(path: Path, members: dict[str, bytes]) -> bytes:
-    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as file:
-        for name, data in members.items():
-            file.writestr(name, data)
-    return path.read_bytes()
-
-
 @pytest.mark.parametrize(
     ("name", "content", "text"),
     [
@@ -411,7 +405,7 @@ def archive(path: Path, members: dict[str, bytes]) -> bytes:
 )
 def test_hostile_and_broken_files(name: str, content: Any, text: str, tmp_path: Path) -> None:
     path = tmp_path / name
-    path.write_bytes(content if isinstance(content, bytes) else archive(tmp_path / "made", content))
+    path.write_bytes(content if isinstance(content, bytes) else archive_of(content))
     with pytest.raises(FarmError) as caught:
         load_farm(path)
     message = str(caught.value)

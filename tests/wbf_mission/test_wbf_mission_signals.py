@@ -175,7 +175,7 @@ def test_an_interrupted_wait_for_a_vehicle_is_one_line(tmp_path):
 @pytest.fixture
 def installed(monkeypatch):
     now_s = [100.0]
-    monkeypatch.setattr("geo.interrupts.time", SimpleNamespace(monotonic=lambda: now_s[0]))
+    monkeypatch.setattr("geo.processes.time", SimpleNamespace(monotonic=lambda: now_s[0]))
     signals.install()
     yield now_s
     signals.restore()

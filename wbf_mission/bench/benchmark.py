@@ -6,7 +6,7 @@ import contextlib
 import warnings
 from pathlib import Path
 
-from geo.interrupts import interrupts_noted
+from geo.processes import interrupts_noted
 from wbf_mission.bench.asked import keep_asked
 from wbf_mission.bench.engine import fly_all
 from wbf_mission.bench.rows import BenchRow, BenchStore

@@ -17,8 +17,8 @@ import numpy as np
 
 from geo.errors import WbfMissionError, told_error
 from geo.imports import load_extra
+from geo.processes import CallsAhead, Processes
 from geo.texts import one_line
-from geo.workers import CallsAhead, Processes
 from mission.errors import PlanningError
 from mission.outcome import Outcome
 from mission.planners.budget import parse_budget

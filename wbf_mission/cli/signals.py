@@ -8,7 +8,7 @@ import signal
 from collections.abc import Callable, Iterator
 from types import FrameType
 
-from geo.interrupts import INTERRUPTS, Repeats
+from geo.processes import INTERRUPTS, Repeats
 
 _before: dict[int, object] = {}
 _received: list[int] = []

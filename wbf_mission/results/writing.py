@@ -17,7 +17,7 @@ import msgspec
 import numpy as np
 
 from geo.atomic import DISK_ERRORS, AtomicFolder, FolderError, settle
-from geo.interrupts import interrupts_noted
+from geo.processes import interrupts_noted
 from mission.errors import LinkError
 from mission.ground.tracks import joined
 from mission.link.codec.dialect import mavlink as m

@@ -9,7 +9,7 @@ from functools import partial
 from threading import Thread
 from typing import Protocol
 
-from geo.interrupts import interrupts_noted
+from geo.processes import interrupts_noted
 from mission.ground.arming_gate import Stage
 from mission.ground.modes import Maneuver
 from mission.ground.station import NotFlyingError

@@ -42,7 +42,7 @@ def rehearsed(run: Run, rehearse: Callable[[str], None]) -> Iterator[Callable[[]
     if mark is None or mark.exists():
         yield _at_once
         return
-    from geo.workers import Processes
+    from geo.processes import Processes
 
     processes = Processes(1)
     try:

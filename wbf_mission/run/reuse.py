@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from geo.errors import WbfMissionError
-from geo.workers import CallsAhead
+from geo.processes import CallsAhead
 from mission.link.codec.dialect import mavlink
 from mission.link.codec.frames import FrameReader, FrameWriter
 from mission.link.codec.typed import is_a

@@ -135,7 +135,7 @@ def split_choices(text: str, what: str) -> list[str]:
 def names_of(kind: str) -> tuple[str, ...]:
     """Return the known names of a ``kind``: farm, planner, policy, estimator, autopilot or vehicle."""
     if kind == "farm":
-        from geo.built_in import farm_names
+        from geo.farms import farm_names
 
         return farm_names()
     if kind in _GROUPS:

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from geo.errors import WbfMissionError
+from geo.processes import Processes
 from geo.texts import one_line
-from geo.workers import Processes
 from wbf_mission.addons.boards.audit import FILES, names_files
 from wbf_mission.bench.engine import fly_run
 from wbf_mission.bench.replay import causes, differences, run_of

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geo.atomic import atomic_write
-from geo.workers import Processes
+from geo.processes import Processes
 from mission.ground.tracks import Track
 from mission.outcome import Outcome
 from wbf_mission.bench.spec import BenchRun

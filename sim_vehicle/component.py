@@ -35,7 +35,7 @@ class Component(Protocol):
 
     @property
     def wanted(self) -> frozenset[int] | None:
-        """Message ids that `receive` cares for, None for all; the host does not parse others. Read once."""
+        """Message ids that `receive` handles, None for all; the host does not parse others. Read once."""
         ...
 
     def receive(self, message: mavlink.MAVLink_message, now_s: float) -> list[mavlink.MAVLink_message]:
@@ -43,7 +43,7 @@ class Component(Protocol):
         ...
 
     def poll(self, now_s: float) -> list[mavlink.MAVLink_message]:
-        """Do what is due up to `now_s` (timers, physics, telemetry) and return the messages to send."""
+        """Advance to `now_s` (timers, physics, telemetry) and return the messages to send."""
         ...
 
     def next_deadline(self) -> float:
@@ -100,7 +100,7 @@ class Streams(Protocol):
     """Name of the link that the next message comes from; empty for any without a name."""
 
     def open_links(self, names: frozenset[str]) -> None:
-        """Stream on these links, too: telemetry is in `streamed` from now on, not in what `poll` gives."""
+        """Stream on these links, too: telemetry is in `streamed` from now on, no longer in `poll`."""
         ...
 
     def streamed(self) -> list[tuple[str, list[mavlink.MAVLink_message]]]:

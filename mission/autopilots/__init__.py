@@ -1,4 +1,4 @@
-"""What a ground station has to know of each autopilot: a module of data for each."""
+"""The facts of each autopilot that a ground station needs: a module of data for each."""
 
 from mission.autopilots.ardupilot import ARDUPILOT as ARDUPILOT
 from mission.autopilots.profile import Profile as Profile

@@ -1,4 +1,4 @@
-"""ArduPilot, as a ground station has to know it.
+"""ArduPilot: its facts for a ground station.
 
 Sources: ``MissionItemProtocol*.cpp``, ``AP_Mission.cpp`` (mavlink_int_to_mission_cmd,
 mission_cmd_to_mavlink_int), ``AP_Arming_Plane.cpp``, ``mode.h`` through pymavlink, the parameter references
@@ -198,7 +198,7 @@ _ROVER: Questions = {
     Meaning.LINK_LOST: {"FS_GCS_ENABLE": 1.0},
     **_ANY,
 }
-# What decides how long climbs, the return and the landing take; 4.7 has SI units and other names.
+# Parameters that decide the duration of climbs, return and landing; 4.7 has SI units and other names.
 _MOTION: Motion = {
     "WPNAV_SPEED": {"WP_SPD": 100.0, "WPNAV_SPEED": 1.0},
     "WPNAV_SPEED_UP": {"WP_SPD_UP": 100.0, "WPNAV_SPEED_UP": 1.0},

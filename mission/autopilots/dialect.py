@@ -1,4 +1,4 @@
-"""In which form an autopilot takes mission items, and what it keeps of them."""
+"""The form in which an autopilot takes mission items, and the values that it keeps."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ COPTERS = (2, 3, 4, 13, 14, 15, 29, 35)
 
 
 class Severity(StrEnum):
-    """How much a remark matters."""
+    """Severity of a remark."""
 
     ERROR = "error"
     """The autopilot would refuse the plan, or would not fly it."""
@@ -27,7 +27,7 @@ class Severity(StrEnum):
 
 
 class ReadBack(Enum):
-    """What comes back of a number of an item."""
+    """The value that a number of an item has when it is read back."""
 
     NOTHING = "nothing"
     """0."""
@@ -39,7 +39,7 @@ class ReadBack(Enum):
     """1 for more than zero, otherwise 0."""
 
     def of(self, value: float | None) -> float:
-        """The number that comes back for one that was sent; None is unset.
+        """Return the number read back for a number sent; None is unset.
 
         >>> ReadBack.WHOLE.of(-2.7), ReadBack.SIGN.of(0.0), ReadBack.FLAG.of(None)
         (-2.0, 1.0, 0.0)
@@ -58,12 +58,12 @@ class ReadBack(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Substitute:
-    """What is sent in place of a command that an autopilot does not know."""
+    """Replacement of a command that an autopilot does not know."""
 
     make: Callable[[MissionItem], MissionItem | None]
     """Returns the item to send; None leaves it out."""
     text: str
-    """What is done, for the operator."""
+    """The replacement in words, for the operator."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,7 +84,7 @@ class IgnoredField:
 
 @dataclass(frozen=True, slots=True)
 class ArmingCondition:
-    """What a parameter of the vehicle asks of a mission before the vehicle flies it."""
+    """Condition that a parameter of the vehicle sets for flying a mission."""
 
     parameter: str
     refusing: frozenset[float]
@@ -122,11 +122,11 @@ class Dialect:
     substitutes: Mapping[int, Substitute] = field(default_factory=dict)
     """By command."""
     instead: Mapping[int, str] = field(default_factory=dict)
-    """By command, what would be accepted in place of one that has no substitute."""
+    """By command without a substitute, the advice of an accepted alternative."""
     defaults: Mapping[int, Mapping[str, float]] = field(default_factory=dict)
-    """By command, what is sent for an unset parameter that may not be NaN; 0 for all others."""
+    """By command, the value of an unset parameter that may not be NaN; 0 for all others."""
     highest_m: float = float("inf")
-    """Altitudes at least so far from zero are refused."""
+    """Altitudes of this magnitude or more are refused."""
     most_jumps: int | None = None
     """DO_JUMPs that every board can count; further ones may be passed over."""
     ignored: tuple[IgnoredField, ...] = ()
@@ -142,7 +142,7 @@ STRAIGHT = Substitute(_straight, "sent as NAV_WAYPOINT: flown in straight lines"
 
 _NOTHING = ReadBack.NOTHING
 FIRST_ALONE = {"param2": _NOTHING, "param3": _NOTHING, "param4": _NOTHING}
-"""What comes back of an item of which only the first parameter is kept."""
+"""Read-back of an item that keeps only its first parameter."""
 NO_PARAMETERS = {"param1": _NOTHING, **FIRST_ALONE}
 FENCE_READ_BACK: Mapping[int, Mapping[str, ReadBack]] = {
     Command.NAV_FENCE_RETURN_POINT: NO_PARAMETERS,

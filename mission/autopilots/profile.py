@@ -1,4 +1,4 @@
-"""What a ground station has to know of an autopilot, as data: `Profile`."""
+"""The facts of an autopilot that a ground station needs, as data: `Profile`."""
 
 from __future__ import annotations
 
@@ -82,14 +82,14 @@ class CardRoom:
         return max(0, min(1024 * int(kib), self.most_bytes) - self.header_bytes) // self.item_bytes
 
     def kib_for(self, items: int) -> int | None:
-        """Return the smallest value with room for so many items; None if there is none."""
+        """Return the smallest value with room for `items`; None if there is none."""
         kib = -(-(items * self.item_bytes + self.header_bytes) // 1024)
         return kib if kib <= self.largest_kib and items <= self.items(kib) else None
 
 
 @dataclass(frozen=True, slots=True)
 class FlightModes:
-    """An autopilot's flight modes by their names, and what they are for; by default none is known."""
+    """An autopilot's flight modes by name, and their uses; by default none is known."""
 
     numbers: Callable[[int], Mapping[str, tuple[float, float, float]]] = lambda _vehicle_type: {}
     """Given a MAV_TYPE, the parameters 1 to 3 of DO_SET_MODE by the names of the modes."""
@@ -107,7 +107,7 @@ class FlightModes:
     aliases: Mapping[str, str] = field(default_factory=dict)
     """Further names."""
     in_pymavlink: bool = False
-    """Whether pymavlink names what a HEARTBEAT tells; else its custom mode is parameter 2 of DO_SET_MODE."""
+    """Whether pymavlink names the mode of a HEARTBEAT; else its custom mode is parameter 2 of DO_SET_MODE."""
 
     def name(self, custom_mode: int, vehicle_type: int) -> str:
         """Return the name of the mode whose parameter 2 of DO_SET_MODE is the custom mode of a HEARTBEAT."""
@@ -120,7 +120,7 @@ class FlightModes:
 
 
 class Meaning(Enum):
-    """What a parameter decides."""
+    """Meaning of a parameter."""
 
     CRUISE_SPEED = "the speed of a mission that sets none"
     FASTEST = "the greatest speed"
@@ -154,25 +154,25 @@ versions of the real one, the newest first, and by what a value is multiplied.""
 
 @dataclass(frozen=True, slots=True)
 class VehicleSettings:
-    """The parameters of an autopilot that a plan depends on, and what some of their values mean."""
+    """The parameters of an autopilot that a plan depends on, and the meaning of some of their values."""
 
     questions: Mapping[int | None, Questions] = field(default_factory=dict)
-    """What is asked, by MAV_TYPE; None for any other."""
+    """Parameters to request, by MAV_TYPE; None for any other."""
     motion: Mapping[int | None, Motion] = field(default_factory=dict)
-    """What a prediction of its flight goes by, likewise."""
+    """Parameters for the prediction of its flight, likewise."""
     link_goes_on: frozenset[float] = frozenset({0.0})
     """Values of `Meaning.LINK_LOST` with which a mission is flown on."""
     fence_off: frozenset[float] = frozenset()
     """Values of `Meaning.FENCE_ACTION` with which a fence does nothing."""
     fence_tells: frozenset[float] = frozenset({0.0})
-    """Those with which a broken fence is only told."""
+    """Values with which a broken fence is only reported."""
 
     def asked_of(self, vehicle_type: int) -> Questions:
-        """Return what is asked of a vehicle (MAV_TYPE)."""
+        """Return the parameters to request from a vehicle (MAV_TYPE)."""
         return self.questions.get(vehicle_type, self.questions.get(None, {}))
 
     def motion_of(self, vehicle_type: int) -> Motion:
-        """Return what a prediction goes by, for a vehicle (MAV_TYPE)."""
+        """Return the parameters for the prediction of a vehicle (MAV_TYPE)."""
         return self.motion.get(vehicle_type, self.motion.get(None, {}))
 
 
@@ -232,7 +232,7 @@ class Profile:
     lossy: Mapping[int, frozenset[str]] = field(default_factory=dict)
     """Per command, the fields of an item that it does not keep, for the comparison after an upload."""
     read_back: Mapping[int, Mapping[str, ReadBack]] = field(default_factory=dict)
-    """Per command, the fields that come back otherwise than they were sent, and what of them."""
+    """Per command, the fields that read back changed, and how."""
     whole_seconds: bool = False
     """A waypoint's hold time is kept in whole seconds."""
     keeps_autocontinue: frozenset[MissionType] = frozenset(MissionType)
@@ -265,10 +265,10 @@ class Profile:
     fence_card: CardRoom | None = None
     """Room for a larger fence."""
     space_text: str | None = "Only {} items are supported"
-    """What it says to a plan that is too long, None for nothing; takes the number of items with home."""
+    """Its text about a plan that is too long, None for none; takes the number of items with home."""
     item_text: str | None = None
-    """What it says (MAV_SEVERITY_CRITICAL) when it refuses an item for what the item is, None for nothing;
-    with the ACK ERROR nothing is said either."""
+    """Its text (MAV_SEVERITY_CRITICAL) about an item that it refuses by its content, None for none; the ACK
+    ERROR comes without a text, too."""
     type_result: int = m.MAV_MISSION_INVALID
     """ACK for a plan type that does not exist."""
     partial_write: bool = False
@@ -278,13 +278,13 @@ class Profile:
     checks_stored_mission: bool = False
     """The mission that it holds is checked, aloud, against a fence that comes."""
     empty_hold_s: float = 0.0
-    """After a COUNT of 0 every COUNT is refused for so long."""
+    """After a COUNT of 0 every COUNT is refused for this time."""
     received_texts: tuple[str, str, str] | None = None
-    """What it says (MAV_SEVERITY_INFO) when a plan has been received, per plan."""
+    """Its text (MAV_SEVERITY_INFO) after a plan was received, per plan."""
     timeout_text: str = "Operation timeout"
-    """What it says when an upload is given up."""
+    """Its text after it gave up an upload."""
     text_prefix: str = ""
-    """Before what it says about refusals."""
+    """Prefix of its texts about refusals."""
     streams_on_request: bool = False
     """It sends nothing but heartbeats until a ground station asks for its streams."""
     change_modes: Mapping[int, tuple[int, int]] | None = None
@@ -292,10 +292,10 @@ class Profile:
     at once with the item to go on with marked as current. Otherwise aside from the mission, by a position in
     the guided mode: by MAV_TYPE the custom modes of the guided and of the mission mode."""
     change_failsafe: Mapping[int, tuple[NeededParameter, ...]] = field(default_factory=dict)
-    """By MAV_TYPE, what has to be set before that, so that a vehicle in the guided mode whose ground station
-    is gone comes home."""
+    """By MAV_TYPE, the parameters to set before that, so that a vehicle in the guided mode comes home if it
+    loses its ground station."""
     dialect: Dialect = field(default_factory=Dialect)
-    """In which form it takes items, for `mission.transfer.rendering`."""
+    """The form in which it takes items, for `mission.transfer.rendering`."""
     modes: FlightModes = field(default_factory=lambda: FlightModes(in_pymavlink=True))
     """Its flight modes."""
     settings: VehicleSettings = field(default_factory=VehicleSettings)
@@ -315,7 +315,7 @@ class Profile:
     radius_in_space: bool = False
     """The acceptance radius of a multirotor counts in space, errors of its height estimate with it."""
     estimator_message: int = m.MAVLINK_MSG_ID_ESTIMATOR_STATUS
-    """The message that tells how good its estimate is."""
+    """The message with the quality of its estimate."""
 
     @property
     def cards(self) -> dict[MissionType, CardRoom]:
@@ -324,7 +324,7 @@ class Profile:
         return {kind: card for kind, card in both.items() if card is not None}
 
     def room(self, mission_type: MissionType, card_kib: float = 0.0) -> int:
-        """Return how many items of a plan its simulator takes, without home; on a card of so many KiB.
+        """Return how many items of a plan its simulator takes, without home; on a card of ``card_kib``.
 
         Examples
         --------

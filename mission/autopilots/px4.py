@@ -1,4 +1,4 @@
-"""PX4, as a ground station has to know it.
+"""PX4: its facts for a ground station.
 
 Sources: ``mavlink_mission.cpp``/``.h`` (parse_mavlink_mission_item, format_mavlink_mission_item),
 ``px4_custom_mode.h`` through pymavlink, ``rc.fw_defaults``, the parameter reference 1.14 to 1.17, and what
@@ -126,7 +126,7 @@ _WING: Questions = {
     Meaning.FASTEST: {"FW_AIRSPD_MAX": 1.0},
     **_ANY,
 }
-# What decides how long climbs, the return and the landing take.
+# Parameters that decide the duration of climbs, return and landing.
 _MOTION: Motion = {
     name: {name: 1.0}
     for name in (

@@ -1,4 +1,4 @@
-"""What has to hold before motors start: the vehicle says that it can arm, and the operator agrees."""
+"""The conditions for starting motors: the vehicle can arm, and the operator agrees."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from mission.transfer.wire import command_long
 __all__ = ["FARTHEST_M", "ArmingGate", "Stage"]
 
 FARTHEST_M = 300.0
-"""A vehicle that stands farther from the start of its plan is not started."""
+"""Largest distance from the start of the plan at which a vehicle is started."""
 _PREARM = int(m.MAV_SYS_STATUS_PREARM_CHECK)
 _ASK_AGAIN_S = 5.0
 _STATUS_US = 1_000_000
@@ -25,7 +25,7 @@ _MOST_REASONS = 8
 
 
 class Stage(Enum):
-    """How far it is."""
+    """Stage of the gate."""
 
     CHECKING = "the vehicle does not say that it can arm"
     ASKING = "the operator is asked"
@@ -56,7 +56,7 @@ class ArmingGate:
         self._held = False
 
     def poll(self, now_s: float) -> list[Message]:
-        """Ask for SYS_STATUS, and for the vehicle's checks to be run now, as long as it does not say yes."""
+        """Request SYS_STATUS and a run of the vehicle's checks, until it can arm."""
         if self.stage is not Stage.CHECKING or now_s < self._due_s:
             return []
         self._due_s = now_s + _ASK_AGAIN_S
@@ -73,7 +73,7 @@ class ArmingGate:
         return math.inf if self.stage in (Stage.ASKING, Stage.WAITING) else -math.inf
 
     def on_sys_status(self, message: m.MAVLink_sys_status_message, *, has_position: bool) -> None:
-        """Take what the vehicle says of itself; whether it knows where it is."""
+        """Take a SYS_STATUS; ``has_position``: the vehicle has a position estimate."""
         if self.stage not in (Stage.CHECKING, Stage.ASKING, Stage.WAITING):
             return
         knows = bool(message.onboard_control_sensors_present & _PREARM)

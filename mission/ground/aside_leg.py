@@ -1,4 +1,4 @@
-"""What a vehicle is flown to while its mission is changed aside, and how near that is."""
+"""The leg that a vehicle flies in the guided mode while its mission is replaced."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ __all__ = ["Leg"]
 
 # PSC_POSXY_P and WPNAV_ACCEL, from which ArduCopter works out where it would stop.
 _STOP_P_PER_S, _STOP_M_S2 = 1.0, 2.5
-# What is told of the position is a little old, and at exactly that distance it would creep to the target.
+# Positions arrive late, and a vehicle that leaves at exactly the stopping distance creeps to the target.
 _LEAVE_SPARE_M, _MOST_LEAVE_M = 0.5, 12.0
 
 
 @dataclass(slots=True)
 class Leg:
-    """The way to an item of a plan in the guided mode; over home when that is the return."""
+    """The leg to an item of a plan in the guided mode; to above home if the item is the return."""
 
     plan: Mission
     index: int
@@ -48,7 +48,7 @@ class Leg:
 
     @property
     def distance_m(self) -> float:
-        """How far the target is, over ground."""
+        """Horizontal distance to the target."""
         state, (latitude, longitude, _) = self.monitor.state, self.target
         if not math.isfinite(state.latitude_deg):
             return math.inf
@@ -56,7 +56,7 @@ class Leg:
 
     @property
     def nearing_m_s(self) -> float:
-        """How fast the vehicle comes nearer to the target, over ground."""
+        """Horizontal closing speed to the target."""
         state, (latitude, longitude, _) = self.monitor.state, self.target
         north = latitude - state.latitude_deg
         east = (longitude - state.longitude_deg) * math.cos(math.radians(latitude))
@@ -65,16 +65,12 @@ class Leg:
 
     @property
     def leave_m(self) -> float:
-        """From how far before the target the mission is gone on with: where the vehicle would stop there."""
+        """Distance to the target at which the mission is resumed: the stopping distance and a margin."""
         return min(_stopping_m(self.monitor.state.ground_speed_m_s) + _LEAVE_SPARE_M, _MOST_LEAVE_M)
 
 
 def _stopping_m(speed_m_s: float) -> float:
-    """Return ArduCopter's stopping distance: proportional to the speed, from 2.5 m/s on with its square.
-
-    `AC_PosControl`'s square-root controller: its deceleration is held where the proportional one would ask
-    for more.
-    """
+    """ArduCopter's stopping distance (`AC_PosControl`'s square-root controller): quadratic from 2.5 m/s."""
     linear_m_s = _STOP_M_S2 / _STOP_P_PER_S
     if speed_m_s < linear_m_s:
         return speed_m_s / _STOP_P_PER_S

@@ -1,4 +1,4 @@
-"""A mission that is changed while it is flown: what is asked for, what came of it, how a session is used."""
+"""Changing a mission in flight: the request, the record of its outcome, and the session."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class ChangeOutcome(Enum):
     REFUSED = "refused"
     """The autopilot did not take it; the old mission is flown."""
     GIVEN_UP = "given up"
-    """It did not come about, and the vehicle flies on without it."""
+    """It failed, and the vehicle flies on without it."""
     ROLLED_BACK = "rolled back"
     """The new mission had come in part; the old one was put back and is flown."""
 
@@ -45,7 +45,7 @@ class ChangeRecord:
     in_effect_s : float or None
         When its id, item or mode showed that it flies it.
     text : str
-        Why it did not come about, in the autopilot's own words where it said any.
+        Why it failed, in the autopilot's own words if there are any.
     items, resume_at : int
         Length of the new mission, and the item to go on with.
     """
@@ -73,22 +73,22 @@ class ChangeRecord:
 
 @dataclass(frozen=True, slots=True)
 class ChangeRequest:
-    """What a session needs to know."""
+    """The input of a session."""
 
     old: Mission  # old, new: what the vehicle holds, and what it is to hold
     new: Mission
     item: int  # The item of the old mission that is flown
     resume_at: int  # The item of the new mission to fly to next
     contact: Contact
-    seconds_an_item: float  # What an item took to send and read back
-    guard: FailsafeGuard | None = None  # What has to be set before the vehicle leaves its mission
+    seconds_an_item: float  # Measured time to send and read back an item
+    guard: FailsafeGuard | None = None  # Sets parameters before the vehicle leaves its mission
 
 
 class ChangeSession(ABC):
     """Brings a vehicle in flight from one mission to another, sans-IO.
 
     Feed it with `start`, `receive` (after the monitor took the message) and `poll` (at `next_deadline`);
-    send what comes out. `record` tells what came of it.
+    send the messages that they return. `record` holds the outcome.
 
     `held` is the mission that the vehicle holds, as far as is known.
     """
@@ -126,7 +126,7 @@ class ChangeSession(ABC):
 
     @abstractmethod
     def _take(self, output: Output, now_s: float) -> list[Message]:
-        """Take what the running transfer gives; return what is to be sent."""
+        """Take the output of the running transfer; return the messages to send."""
 
     @property
     def _transfer_s(self) -> float:
@@ -146,10 +146,10 @@ class ChangeSession(ABC):
         self.record.outcome, self.record.text, self.record.ended_s = outcome, text, now_s
 
     _flown_meanwhile = ""
-    """What the vehicle does while a change that it did not take is sent again, for the operator."""
+    """The vehicle's behaviour while a change is sent again, for the operator."""
 
     def _note_begun_anew(self, event: Event, now_s: float) -> None:
-        """Tell the operator that the vehicle gave the upload up, and that it is sent again."""
+        """Note for the operator that the vehicle gave up the upload and that it is sent again."""
         if isinstance(event, UploadBegunAnew):
             text = f"change not accepted, {self._flown_meanwhile}, trying again"
             self._contact.texts.note(text, now_s, m.MAV_SEVERITY_NOTICE)
@@ -162,5 +162,5 @@ class ChangeSession(ABC):
         return self._contact.upload(items, MissionType.MISSION, start_sequence=start_sequence, **way)
 
     def _said(self, otherwise: str) -> str:
-        """Return the latest warning since the beginning, which says more than a result code."""
+        """The latest warning since the beginning; it says more than a result code."""
         return self._contact.texts.last_warning(otherwise, self._texts_before)

@@ -44,7 +44,7 @@ _LATE_M = 3.0
 _LONGEST_S = 5.0
 _FOREVER = 1_000_000
 _SILENT_S = 2.0
-# Below it, the direction of what is told of the velocity says nothing.
+# Below this speed the direction of the velocity is noise.
 _SLOW_M_S = 0.5
 _GUIDED_FLAG = float(m.MAV_DO_REPOSITION_FLAGS_CHANGE_MODE)
 
@@ -65,9 +65,9 @@ class _Step(Enum):
 class AsideChange(ChangeSession):
     """Guided to the target; upload; read back; the item chosen; back to the mission just before the target.
 
-    While the upload lasts, further waypoints of the new mission are flown to one by one, as far as it takes.
-    A failed upload is repeated; then the old mission is put back; what cannot be put back is flown home from
-    (RTL). Nothing but a complete list, confirmed and read back, is flown.
+    During the upload the vehicle flies further waypoints of the new mission one by one, as needed. A failed
+    upload is repeated; then the old mission is put back; if that fails, too, the vehicle returns home (RTL).
+    Nothing but a complete list, confirmed and read back, is flown.
     """
 
     def __init__(self, request: ChangeRequest) -> None:
@@ -146,7 +146,7 @@ class AsideChange(ChangeSession):
             if self._step is _Step.WAITING:
                 out += self._begin(now_s)
             elif self._step is _Step.NEARING:
-                # It comes nearer more slowly than was thought.
+                # It approaches more slowly than expected.
                 self._is_far = True
                 out += self._choose(now_s)
         return out
@@ -161,7 +161,7 @@ class AsideChange(ChangeSession):
     # Leaving the mission.
 
     def _guard(self, message: Message, now_s: float) -> list[Message]:
-        """Take what the vehicle tells of its failsafe, and go on when that is set."""
+        """Take a parameter of the failsafe; go on when the failsafe is set."""
         guard = self.request.guard
         if guard is None or not isinstance(message, m.MAVLink_param_value_message):
             return []
@@ -208,10 +208,7 @@ class AsideChange(ChangeSession):
         return self._fly_to(now_s)
 
     def _on_item(self) -> None:
-        """Note where the old mission was left: it was flown until the order to leave it had arrived.
-
-        What was passed until then may have switched the camera off.
-        """
+        """Note the item at which the old mission was left; items before it may switch the camera off."""
         item = self._monitor.state.item
         if self._step in (_Step.TURNING, _Step.SENDING) and self._leg.plan is self.request.new:
             self._item = max(self._item, min(item or 0, len(self.request.old.items) - 1))
@@ -253,7 +250,7 @@ class AsideChange(ChangeSession):
         return self._answered(message.command, answer, self._said(result_name(message.result)), now_s)
 
     def _answered(self, command: int, answer: Answer, text: str, now_s: float) -> list[Message]:
-        """Go on after the answer to an order; NONE where it was given up without one."""
+        """Go on after the answer to an order; NONE if the order was given up unanswered."""
         order = self._orders.pop(command)
         if not self.done:
             self.record.retries += order.repeats
@@ -331,7 +328,7 @@ class AsideChange(ChangeSession):
         return self._order(int(Command.NAV_RETURN_TO_LAUNCH), now_s, tries=_FOREVER)
 
     def _choose(self, now_s: float) -> list[Message]:
-        """Name the item that the mission goes on with."""
+        """Order the item with which the mission resumes."""
         self._step = _Step.CHOOSING
         home = 1 if self._contact.profile.home_at_zero else 0
         self._flown_next = self._leg.index
@@ -347,9 +344,9 @@ class AsideChange(ChangeSession):
     def _item_to_choose(self) -> int:
         """Return the item after the target, which is reached aside; the target itself where it is not.
 
-        A mission that is gone on with begins its leg where the vehicle would stop: near the target that is
-        the target, and a leg to the target itself would be a stop. That is put up with where the target is
-        one, or where DO items before it are needed that no command of their own replaces.
+        A resumed mission begins its leg at the stopping point of the vehicle. Near the target that is the
+        target, and a leg to the target itself would be a stop. This is accepted if the target is a stop, or
+        if DO items before it are needed that cannot be sent as commands.
         """
         request, items, leg = self.request, self._leg.plan.items, self._leg.index
         target = items[leg]
@@ -375,7 +372,7 @@ class AsideChange(ChangeSession):
             return self._resume(now_s) if near or self._is_far else []
         # A list that will be whole before the target is there needs no further waypoint.
         in_time = self._whole_s - now_s < distance / max(speed, 0.5) and distance > _LATE_M
-        # The order is a round trip late: what is told is old, and it takes as long to arrive.
+        # The order is a round trip late: the position is old, and the order takes as long to arrive.
         ahead = max(_CHAIN_M, _CHAIN_S * speed) + speed * (self._round_trip.seconds or 0.0)
         if not self._leg.is_waypoint or in_time or distance >= ahead:
             return []

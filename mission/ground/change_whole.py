@@ -58,11 +58,11 @@ class WholeListChange(ChangeSession):
         return self._mark
 
     def _next_then(self) -> int:
-        """Return the item to fly to when the upload ends: what is passed until then is not flown back to."""
+        """The item to fly to when the upload ends; items passed by then are skipped."""
         request = self.request
         old, new, state = request.old.items, request.new.items, self._monitor.state
         item, target = request.item, request.resume_at
-        # What was passed while an earlier upload was tried is passed, too.
+        # Items passed during an earlier try count as passed, too.
         while item < (onward := next_flown_to(old, item)) <= self._passed:
             if not same_position(old[item], new[target]):
                 break
@@ -101,7 +101,7 @@ class WholeListChange(ChangeSession):
         return out
 
     def _note_passed(self) -> None:
-        """Note how far the old mission is flown: what is passed may switch the camera off."""
+        """Note the progress along the old mission; a passed item may switch the camera off."""
         item = self._monitor.state.item
         if self.record.acknowledged_s is None and item is not None:
             self._passed = max(self._passed, min(item, len(self.request.old.items) - 1))
@@ -200,12 +200,12 @@ class WholeListChange(ChangeSession):
         return self._monitor.mode in self._monitor.modes.ends(int(items[-1].command))
 
     def _insist(self, now_s: float) -> list[Message]:
-        """The vehicle holds the mission, but shows another item: name the one to go on with."""
+        """Order the item to resume with, if the vehicle holds the new mission but shows another item."""
         monitor = self._monitor
         self._due_s = now_s + _SHOWN_S
         state = monitor.state
         told = monitor.item_heard_s > now_s - _SHOWN_S and self._id in (0, state.mission_id)
-        # Of a vehicle that is not heard nobody knows how far it is.
+        # The progress of a silent vehicle is unknown.
         if not told or state.item is None:
             return []
         if monitor.left_mission:

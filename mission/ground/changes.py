@@ -26,15 +26,15 @@ _WAYS = {False: WholeListChange, True: AsideChange}
 class MissionChanges:
     """Changes the mission of a vehicle in flight, sans-IO; one change after the other.
 
-    `held` is the mission that the vehicle holds, as far as is known; `records` tells what changes came to.
+    `held` is the mission that the vehicle holds, as far as is known; `records` holds the outcome of changes.
     """
 
     def __init__(self, contact: Contact, held: Mission) -> None:
         self.held = held
         self.records: list[ChangeRecord] = []
-        self.parameters_set: list[str] = []  # Which of the vehicle's were set, from what and to what
+        self.parameters_set: list[str] = []  # Parameters of the vehicle that were set, with old and new value
         self.changed_s = -math.inf  # When the last change began, or ended
-        self.broken_off = False  # A change was: what the vehicle holds is not known
+        self.broken_off = False  # A change was dropped: the mission of the vehicle is unknown
         self._contact = contact
         self._session: ChangeSession | None = None
         self._guard: FailsafeGuard | None = None
@@ -70,7 +70,7 @@ class MissionChanges:
         return self._noted(self._session.start(now_s))
 
     def _guard_of_flight(self) -> FailsafeGuard | None:
-        """Return what has to be set before the vehicle leaves its mission; the same one for a flight."""
+        """The guard that sets the failsafe before the vehicle leaves its mission; one per flight."""
         needed = self._contact.profile.change_failsafe.get(self._contact.monitor.vehicle_type, ())
         if self._guard is None and needed:
             self._guard = FailsafeGuard(needed, self._contact, self.parameters_set)
@@ -91,12 +91,12 @@ class MissionChanges:
         return math.inf if self._session is None else self._session.next_deadline()
 
     def drop(self) -> None:
-        """Let a change go: the vehicle leaves its mission."""
+        """Drop the change: the vehicle leaves its mission."""
         self.broken_off |= self.running
         self._session = None
 
     def _noted(self, out: list[Message]) -> list[Message]:
-        """Note what a change came to."""
+        """Record the outcome of a change."""
         session = self._session
         if session is not None and session.done and not any(one is session.record for one in self.records):
             self.records.append(session.record)
@@ -107,7 +107,7 @@ class MissionChanges:
 def check_change(new: Mission, resume_at: int, old: Mission) -> None:
     """Refuse a mission that must not be sent to a vehicle in flight; PX4 itself checks no ranges.
 
-    What the autopilot would not take is told by `mission.transfer.rendering`.
+    `mission.transfer.rendering` finds the items that the autopilot would not take.
 
     MissionError if the item to go on with is no position to fly to, the mission does not lead home although
     the old one did, or a position is far from home or too high; LocalTransferError if it cannot be sent.

@@ -1,4 +1,4 @@
-"""A command of an operator to a vehicle, read strictly before a link is opened; what can go wrong with it."""
+"""A command of an operator to a vehicle, checked before a link is opened, and its errors."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ __all__ = [
 ]
 
 ORDERS = ("arm", "disarm", "takeoff", "mission", "hold", "resume", "return", "land", "set-item", "mode")
-"""What can be ordered; takeoff takes a height in metres, set-item the number of an item, mode its name."""
+"""The orders; takeoff takes a height in metres, set-item the number of an item, mode its name."""
 LOWEST_TAKEOFF_M, HIGHEST_TAKEOFF_M = 1.0, 1000.0
 """Heights above home to which a takeoff is ordered."""
 _MOST_ITEMS = 65_534
@@ -31,15 +31,15 @@ _TAKES = {
 
 
 class OrderError(WbfMissionError, ValueError):
-    """An order that is none."""
+    """The order is unknown, or its value is missing or wrong."""
 
 
 class VehicleRefusedError(WbfMissionError, RuntimeError):
-    """The vehicle did not do what it was told to."""
+    """The vehicle refused an order."""
 
 
 class MotorsStandError(WbfMissionError, ValueError):
-    """An order would start motors that stand, which was not said."""
+    """The order would start stopped motors without permission."""
 
 
 class VehicleSilentError(WbfMissionError, RuntimeError):
@@ -60,7 +60,7 @@ class OperatorCommand:
 
     order: str
     value: str = ""
-    arms: bool = False  # It may start motors that stand, though it is no order to arm
+    arms: bool = False  # Permission to start stopped motors by an order other than arm
 
     def __post_init__(self) -> None:
         if self.order not in ORDERS:

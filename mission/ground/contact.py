@@ -21,7 +21,7 @@ _HEARTBEAT_S = 1.0
 
 
 class Contact:
-    """A vehicle's address, what it told last, what it said in words, and how good the link to it is.
+    """A vehicle's address, its last telemetry, its texts, and the quality of the link to it.
 
     Orders and transfers go by the round trip and the losses of a real link; to a simulated vehicle, whose
     link is not measured, `round_trip` is None. `ground` is our own address; `maker` carries the plans.

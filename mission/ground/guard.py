@@ -1,4 +1,4 @@
-"""What has to be set on a vehicle before its mission is changed aside: a failsafe that brings it home."""
+"""The failsafe that brings a vehicle home if the link breaks while its mission is changed aside."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ __all__ = ["FailsafeGuard"]
 class FailsafeGuard:
     """Reads parameters and sets those that are not as needed, sans-IO; once for each flight.
 
-    One is set after the other: the link may break after each of them, and what the last one switches on
-    must then find the others as they have to be.
+    Parameters are set in order: the link may break after each of them, and the last one switches on a
+    failsafe that depends on the others.
     """
 
     def __init__(self, needed: Sequence[NeededParameter], contact: Contact, was_set: list[str]) -> None:
-        self.refused = ""  # Why it cannot be; empty while it may
+        self.refused = ""  # Why it failed; empty while it may succeed
         self.due_s = math.inf
-        self._was_set = was_set  # Takes which parameters were set, from what and to what
+        self._was_set = was_set  # Log of the parameters set, with old and new value
         self._before: dict[str, int] = {}
         self._vehicle, self._round_trip = contact.vehicle, contact.round_trip
         self._open = {one.name: one for one in needed}
@@ -45,7 +45,7 @@ class FailsafeGuard:
         return self.poll(now_s)
 
     def poll(self, now_s: float) -> list[Message]:
-        """Ask for what is not told, and set what is not confirmed."""
+        """Request unknown parameters, and set those that are not confirmed."""
         if self.ready:
             return []
         if self._tries >= tries_over(self._round_trip):
@@ -72,7 +72,7 @@ class FailsafeGuard:
             self._tries = 0
             self.due_s = math.inf if self.ready else self.due_s
             return self._next_setting()
-        # What answers a question that was asked twice is older than the setting.
+        # The answer to a repeated question may be older than the setting.
         self._asked[name] -= 1
         if name in self._sent and self._asked[name] < 0:
             self._refuse(f"{name} stays {value}, {wanted} is needed")
@@ -82,7 +82,7 @@ class FailsafeGuard:
         return self._next_setting()
 
     def _next_setting(self, *, again: bool = False) -> list[Message]:
-        """What is to be set next; nothing before the vehicle has told what it has."""
+        """The next parameter to set; nothing before all values are known."""
         name = next(iter(self._open), None)
         if name is None or name not in self._set or (name in self._sent and not again):
             return []

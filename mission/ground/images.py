@@ -22,7 +22,8 @@ _MANY_CAME, _FEW_CAME = 0.6, 0.3
 class ImageFetch:
     """Asks a vehicle's camera for the images that an assembler misses, a few at a time.
 
-    With the round trip of a real link answers are waited for, and so many are asked for at once as come back.
+    Over a link with a measured round trip it waits for answers, and adapts the number of requests at once to
+    the number of answers.
     """
 
     def __init__(
@@ -42,9 +43,9 @@ class ImageFetch:
         self._asked: tuple[int, ...] = ()
 
     def begin(self, now_s: float) -> bool:
-        """Begin if any image is missing; tell whether there is.
+        """Begin if any image is missing, and return whether one is.
 
-        A real link may have lost the last ones, which nothing that came after them shows.
+        A real link may have lost the last images, which no later message shows.
         """
         self._rounds = 0
         self._counts |= self._round_trip is not None and self._assembler.statistics.images > 0
@@ -52,7 +53,7 @@ class ImageFetch:
         return self._counts or bool(self._assembler.missing(1))
 
     def look_back(self, now_s: float, since_s: float) -> None:
-        """Begin after a silence: the camera has to tell how many images there are, too.
+        """Begin after a silence: request the camera's image count, too.
 
         ``since_s`` is the vehicle's clock when the flight began.
         """
@@ -62,13 +63,13 @@ class ImageFetch:
         self.due_s = now_s
 
     def on_capture_status(self, message: m.MAVLink_camera_capture_status_message) -> None:
-        """Take how many images the camera has."""
+        """Take the camera's image count."""
         if message.get_srcSystem() == self._camera[0] and self._counts:
             self._counts = False
             self._assembler.expect(message.image_count)
 
     def ask(self, now_s: float) -> list[Message]:
-        """The next requests; none when nothing is missing any more, or it was asked in vain often enough."""
+        """The next requests; none if no image is missing or the tries are used up."""
         lost = self._assembler.statistics.lost
         self._rounds = 1 if lost < self._lost else self._rounds + 1
         self._lost = lost
@@ -90,7 +91,7 @@ class ImageFetch:
         ]
 
     def _adapt(self) -> None:
-        """Ask for more at once where most of it came, for less where little did: a slow line fills up."""
+        """Request more at once if most images came, fewer if few did: a slow line fills up."""
         if not self._asked:
             return
         still = set(self._assembler.missing())

@@ -1,4 +1,4 @@
-"""What the items of a mission mean to whoever follows or changes it in flight."""
+"""The meaning of mission items for following or changing a mission in flight."""
 
 from __future__ import annotations
 
@@ -37,22 +37,22 @@ _SAME_SHOTS = 1e-5  # parameters cross the link as 32-bit floats
 
 
 def is_return(item: MissionItem) -> bool:
-    """Tell whether an item is the return or the landing."""
+    """Whether an item is the return or the landing."""
     return item.command in _RETURNS
 
 
 def leads_home(items: Sequence[MissionItem], begin: int = 0) -> bool:
-    """Tell whether a return or a landing comes from an item on."""
+    """Whether the items from `begin` on contain a return or a landing."""
     return any(map(is_return, items[begin:]))
 
 
 def leads_on(items: Sequence[MissionItem], begin: int) -> bool:
-    """Tell whether something is left to fly to from an item on, before the way home."""
+    """Whether the items from `begin` on contain a position to fly to before the way home."""
     return any(item.command in FLOWN_TO for item in items[begin:])
 
 
 def next_flown_to(items: Sequence[MissionItem], index: int) -> int:
-    """Return the next item that is flown to after DO items; the item itself when there is none."""
+    """Return the first item from `index` on that is flown to; `index` if there is none."""
     following = index + 1
     while following < len(items) and items[following].command in _DO:
         following += 1
@@ -61,7 +61,7 @@ def next_flown_to(items: Sequence[MissionItem], index: int) -> int:
 
 
 def same_position(a: MissionItem, b: MissionItem) -> bool:
-    """Tell whether two items lead to the same position."""
+    """Whether two items lead to the same position."""
     return a.has_position and b.has_position and apart_m((a.x, a.y), (b.x, b.y)) < _SAME_M
 
 
@@ -82,7 +82,7 @@ def speed_before(items: Sequence[MissionItem], index: int) -> float | None:
 
 @dataclass(frozen=True, slots=True)
 class Shots:
-    """What a camera does by itself, by distance or by time between images; neither is nothing."""
+    """The trigger of a camera: distance or time between images; neither is off."""
 
     distance_m: float = 0.0
     interval_ms: float = 0.0
@@ -93,14 +93,14 @@ class Shots:
         return self.distance_m <= 0.0 and self.interval_ms <= 0.0
 
     def is_same(self, other: Shots) -> bool:
-        """Whether a camera that does the other does this."""
+        """Whether the other trigger is the same."""
         return math.isclose(self.distance_m, other.distance_m, rel_tol=_SAME_SHOTS) and math.isclose(
             self.interval_ms, other.interval_ms, rel_tol=_SAME_SHOTS
         )
 
 
 def shots_ordered(item: MissionItem) -> Shots | None:
-    """Return what an item orders of the camera; None if it orders nothing of it.
+    """Return the camera trigger that an item sets; None if it sets none.
 
     A single image (IMAGE_START_CAPTURE without an interval) is one after an infinite time.
     """
@@ -118,7 +118,7 @@ def shots_ordered(item: MissionItem) -> Shots | None:
 
 
 def shots_before(items: Sequence[MissionItem], index: int) -> Shots | None:
-    """Return what a mission has ordered of the camera while an item is flown; None while nothing was.
+    """Return the camera trigger while the item at `index` is flown; None if none was set.
 
     Examples
     --------
@@ -128,17 +128,17 @@ def shots_before(items: Sequence[MissionItem], index: int) -> Shots | None:
     >>> [None if (one := shots_before(items, item)) is None else one.distance_m for item in range(5)]
     [None, None, 5.0, 5.0, 0.0]
     """
-    for one in reversed(items[: max(index, 0)]):
-        if one.command in _CAMERA:
-            return shots_ordered(one)
+    for item in reversed(items[: max(index, 0)]):
+        if item.command in _CAMERA:
+            return shots_ordered(item)
     return None
 
 
 def item_to_mark(old: Mission, item: int, new: Mission, resume_at: int) -> int:
     """Return the item that goes on without a gap: the target, or the first DO item before it that is needed.
 
-    DO items that would set what holds already are left out: a camera that is told its distance again may
-    take an image at once.
+    DO items that repeat the present setting are left out: a camera that gets its distance again may take an
+    image at once.
     """
     first = resume_at
     while first > 0 and new.items[first - 1].command in _DO:
@@ -178,17 +178,17 @@ def revised_mission(
     ([16, 20], 0)
     """
     items = held.items
-    ends = (k for k, one in enumerate(items) if is_return(one) or one.command == Command.DO_LAND_START)
+    ends = (k for k, entry in enumerate(items) if is_return(entry) or entry.command == Command.DO_LAND_START)
     end = next(ends, len(items))
     flown = min(item, end)
 
     def orders(commands: frozenset[int], until: int) -> list[MissionItem]:
-        return [one for one in items[:until] if one.command in commands]
+        return [entry for entry in items[:until] if entry.command in commands]
 
     begin = orders(frozenset({int(Command.NAV_TAKEOFF)}), end)[:1]
     begin += orders(_SPEED, flown)[-1:] or orders(_SPEED, end)[:1]
-    starts = [one for one in orders(_CAMERA, end) if (one.param1 or 0.0) > 0.0]
-    takes = [one for one in orders(_CAMERA, flown)[-1:] if (one.param1 or 0.0) > 0.0]
+    starts = [order for order in orders(_CAMERA, end) if (order.param1 or 0.0) > 0.0]
+    takes = [order for order in orders(_CAMERA, flown)[-1:] if (order.param1 or 0.0) > 0.0]
     stop = [MissionItem(starts[0].command)] if starts else []
     waypoints = [
         MissionItem.waypoint(latitude, longitude, altitude_m, acceptance_radius_m=acceptance_radius_m)
@@ -196,5 +196,5 @@ def revised_mission(
     ]
     if not waypoints:
         return replace(held, items=(*begin, *stop, *items[end:])), len(begin) + len(stop)
-    begin += [replace(one, param3=0.0) for one in takes] or starts[:1]
+    begin += [replace(order, param3=0.0) for order in takes] or starts[:1]
     return replace(held, items=(*begin, *waypoints, *stop, *items[end:])), len(begin)

@@ -18,12 +18,12 @@ from mission.transfer.wire import GROUND_STATION
 ProgressCallback = Callable[[str, float, float], None]
 Note = Callable[[str], None]
 DriverMaker = Callable[[str, OnEvent, OnText | None], TransferDriver]
-"""Opens the link of an address and returns what transfers plans over it."""
+"""Opens the link of an address and returns its `TransferDriver`."""
 
 
 @dataclass(frozen=True, slots=True)
 class TransferReport:
-    """What a transfer did.
+    """Result of a transfer.
 
     Parameters
     ----------
@@ -34,9 +34,9 @@ class TransferReport:
     verified : bool
         Every plan was read back and found equal, and the vehicle did not reject the mission.
     texts : list of str
-        What the vehicle warned of meanwhile (STATUSTEXT).
+        Warnings of the vehicle during the transfer (STATUSTEXT).
     remarks : list of dict
-        What its autopilot does not take as it is (`mission.transfer.remarks.Remark`).
+        Items that the autopilot does not take unchanged (`mission.transfer.remarks.Remark`).
     accepted : bool or None
         Whether the vehicle would fly the mission that it holds; None when it does not tell.
     """
@@ -73,11 +73,11 @@ _NO_MISSION = 1  # MISSION_STATE_NO_MISSION
 
 
 def _silent(*_: object) -> None:
-    """Take what nobody wants to hear."""
+    """Ignore a message."""
 
 
 def own_driver(url: str, on_event: OnEvent, on_text: OnText | None = None) -> TransferDriver:
-    """Open a link by ourselves and return what transfers plans over it."""
+    """Open a link in this process and return its `TransferDriver`."""
     endpoint = MavlinkEndpoint(open_link(url), *GROUND_STATION)
     return TransferDriver(endpoint, on_event=on_event, on_text=on_text)
 
@@ -96,8 +96,8 @@ def upload(
 ) -> TransferReport:
     """Send a mission to the vehicle behind ``url``, read it back and compare.
 
-    It is sent as the vehicle's autopilot takes it. What the vehicle warns of meanwhile is noted. A mission
-    that it stores and then rejects (PX4 judges it afterwards) is not verified: see `TransferReport.accepted`.
+    It is sent as the vehicle's autopilot takes it, and the vehicle's warnings are noted. A mission that the
+    vehicle stores and then rejects (PX4 checks it afterwards) is not verified: see `TransferReport.accepted`.
 
     Parameters
     ----------
@@ -106,13 +106,13 @@ def upload(
     system_id : int, optional
         Of the vehicle; by default the first one that is heard.
     progress : callable
-        Told how far it is.
+        Called with the progress.
     note : callable
         Takes lines for the operator.
     force : bool
-        Send also what the autopilot would refuse or not fly.
+        Send also items that the autopilot would refuse or not fly.
     parameters : mapping of str to float, optional
-        The vehicle's, as far as it told them: they decide what it would not fly.
+        Known parameters of the vehicle; they decide which items it would not fly.
     open_driver : callable
         Opens the link.
 
@@ -173,8 +173,8 @@ def find_vehicles(
 ) -> tuple[Vehicle, ...]:
     """Wait for the heartbeats of several vehicles behind ``url``.
 
-    None among ``system_ids`` is any other than those that are named or were heard before it; each is waited
-    for so long. NoVehicleError if one is not heard, LinkError if the link cannot be opened or breaks.
+    None among ``system_ids`` is any vehicle that is neither named nor found before; ``wait_s`` is the wait
+    for each. NoVehicleError if one is not heard, LinkError if the link cannot be opened or breaks.
     """
     known = {one for one in system_ids if one is not None}
     found = []

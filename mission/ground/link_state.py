@@ -1,4 +1,4 @@
-"""How good the link to one vehicle is: what part of its frames arrives, and how long an answer takes."""
+"""Quality of the link to a vehicle: frame loss, round trip time and silences."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class LinkReport:
 
     @property
     def loss(self) -> float:
-        """Part of the frames that did not arrive."""
+        """Fraction of the frames that did not arrive."""
         return self.lost_frames / max(self.frames + self.lost_frames, 1)
 
 
@@ -111,7 +111,7 @@ class LinkState:
 
 
 def milliseconds(seconds: float) -> str:
-    """Return a time between question and answer as people read it.
+    """Return a round trip time as text.
 
     Examples
     --------
@@ -123,18 +123,18 @@ def milliseconds(seconds: float) -> str:
 
 
 SILENCE_S = 2.0
-"""A vehicle that tells nothing for so long is out of reach: it sends several times a second."""
+"""A vehicle silent for this long is out of reach: it sends several times a second."""
 
 
 class SilenceWatch:
-    """Notes when messages of a vehicle arrive, and how long its silences were: together, and the longest."""
+    """Measures the silences of a vehicle: total and longest."""
 
     def __init__(self) -> None:
         self.heard_s = -math.inf
         self.silent_s = self.worst_s = 0.0
 
     def on_message(self, now_s: float) -> bool:
-        """Note a message; tell whether it ends a silence."""
+        """Note a message; return whether it ends a silence."""
         gap_s, self.heard_s = now_s - self.heard_s, now_s
         if not SILENCE_S < gap_s < math.inf:
             return False

@@ -32,8 +32,8 @@ _ACTION = r": (?:holding|returning|landing|terminating the flight)$"
 class _TextCause:
     """A STATUSTEXT that names a cause.
 
-    ``acts`` tells whether the text says that the vehicle does something about it; of the others a HEARTBEAT
-    has to tell it. ``first_only`` is a cause that counts only while there is no other.
+    ``acts``: the text itself shows that the vehicle reacts; without it a HEARTBEAT has to show that.
+    ``first_only``: the cause counts only while there is no other.
     """
 
     pattern: re.Pattern[str]
@@ -61,7 +61,7 @@ _CAUSES = (
         Outcome.LINK_LOST,
         lambda *_: "ground station lost",
     ),
-    # What was told while the link was down did not arrive.
+    # Texts sent while the link was down did not arrive.
     _TextCause(
         re.compile(r"Data link regained|GCS Failsafe Cleared"),
         Outcome.LINK_LOST,
@@ -86,17 +86,17 @@ _CAUSES = (
 
 @dataclass(slots=True)
 class FailureWatch:
-    """Notes what the vehicle tells of its troubles in one flight."""
+    """Collects the signs of failures in one flight."""
 
-    failsafe: bool = False  # Whether the last HEARTBEAT told that a safety function has taken over
-    began: list[int] = field(default_factory=list)  # How many texts had been heard whenever one took over
-    low_battery: bool = False  # low_battery, empty_battery: what BATTERY_STATUS told at the end
+    failsafe: bool = False  # The last HEARTBEAT showed a safety function in control
+    began: list[int] = field(default_factory=list)  # Number of texts heard whenever one took over
+    low_battery: bool = False  # low_battery, empty_battery: from the last BATTERY_STATUS
     empty_battery: bool = False
-    # MAV_SYS_STATUS_SENSOR bits that SYS_STATUS told to be enabled and not healthy at any time
+    # MAV_SYS_STATUS_SENSOR bits that were enabled and unhealthy in any SYS_STATUS
     unhealthy: int = 0
 
     def on_heartbeat(self, message: m.MAVLink_heartbeat_message, texts_heard: int) -> None:
-        """Take a HEARTBEAT of the vehicle, after so many texts."""
+        """Take a HEARTBEAT of the vehicle; ``texts_heard`` is the number of texts before it."""
         before, self.failsafe = self.failsafe, message.system_status in _FAILSAFE_STATES
         if self.failsafe and not before:
             self.began.append(texts_heard)
@@ -111,10 +111,9 @@ class FailureWatch:
         self.empty_battery = message.battery_remaining == 0
 
     def cause(self, texts: Sequence[tuple[float, int, str]]) -> tuple[Outcome, str] | None:
-        """Outcome and reason of a flight that was broken off; None when the vehicle told of no trouble.
+        """Outcome and reason of a flight that was broken off; None without any sign of a failure.
 
-        The vehicle's texts say it best. When they were lost on the way, its state, battery and health are
-        what is left.
+        The vehicle's texts come first; if they were lost, its state, battery and health decide.
         """
         found: tuple[Outcome, str] | None = None
         candidate: tuple[Outcome, str] | None = None
@@ -156,11 +155,11 @@ _FINISHED = re.compile(r"Mission (?:finished|complete)", re.IGNORECASE)
 
 
 class MissionEnd:
-    """Sees the end of a mission in what the vehicle tells; `pilot` is told of it, `failures` of troubles."""
+    """Detects the end of a mission from the telemetry; informs `pilot` of it, and `failures` of failures."""
 
     def __init__(self, contact: Contact, changes: MissionChanges) -> None:
         self.pilot, self.failures = PilotWatch(), FailureWatch()
-        self.is_complete = False  # Whether the vehicle told last that its mission is complete
+        self.is_complete = False  # By the last message about it
         # A text said so, whatever list was on its way to the vehicle.
         self.says_finished = False
         self._contact, self._monitor, self._changes = contact, contact.monitor, changes
@@ -168,7 +167,7 @@ class MissionEnd:
 
     @property
     def flies_home(self) -> bool:
-        """Whether no waypoint is left of the mission."""
+        """Whether all waypoints of the mission are passed."""
         item = self._monitor.state.item
         return self.pilot.mission_over or item is None or not self._leads_on(item)
 
@@ -198,7 +197,7 @@ class MissionEnd:
                 self.pilot.on_mission_end(now_s)
 
     def on_text(self, message: m.MAVLink_statustext_message, now_s: float) -> None:
-        """Take a text of the flight: it says when it leaves its mission because that is flown."""
+        """Take a text of the flight; one may say that the mission is finished."""
         if _FINISHED.match(message.text):
             self.pilot.on_mission_end(now_s)
             self.says_finished = True
@@ -223,10 +222,10 @@ class MissionEnd:
         if cause is None and pilot.somebody_else_flies:
             return Outcome.PILOT_TOOK_OVER, pilot.reason
         if cause is None and self.says_finished and pilot.mission_over and not pilot.ended_mission:
-            # The state that it tells is that of a mission which came when this one had ended.
+            # The state is that of a mission that came after this one had ended.
             return Outcome.COMPLETED, ""
         return cause or (Outcome.FLIGHT_ABORTED, texts.last_warning(f"disarmed{self._progress}"))
 
     def completed(self, texts_before: int) -> tuple[Outcome, str]:
-        """Outcome and reason of one whose mission is told to be over, as ArduPilot does after any landing."""
+        """Outcome and reason of a flight whose mission is complete: ArduPilot says so after any landing."""
         return self.cause(texts_before) if self.pilot.ended_mission else (Outcome.COMPLETED, "")

@@ -1,4 +1,4 @@
-"""Flight modes of vehicles by their names, and those that an operator wants in a hurry."""
+"""Flight modes of vehicles by name, and the modes of an operator's maneuvers."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class ModeError(WbfMissionError, ValueError):
 
 
 class Maneuver(Enum):
-    """What an operator may want of a vehicle in flight."""
+    """Maneuvers that an operator may order in flight."""
 
     HOLD = "hold"
     RETURN = "return"
@@ -41,7 +41,7 @@ class VehicleModes:
         return profile_for(self.autopilot).modes
 
     def numbers(self, name: str) -> tuple[float, float, float]:
-        """Return the parameters of DO_SET_MODE; ModeError, which lists what there is, if it has no such mode.
+        """Return the parameters of DO_SET_MODE; ModeError, which lists the modes, if there is no such mode.
 
         Examples
         --------
@@ -58,7 +58,7 @@ class VehicleModes:
         return known[wanted]
 
     def told_name(self, name: str) -> str:
-        """Return how HEARTBEAT's mode is called after a mode was asked for by a name.
+        """Return the name that HEARTBEAT shows for a mode of this name.
 
         Examples
         --------
@@ -116,7 +116,7 @@ class VehicleModes:
 
 
 def mode_name(beat: m.MAVLink_heartbeat_message) -> str:
-    """Return the name of a flight mode as HEARTBEAT tells it.
+    """Return the name of the flight mode in a HEARTBEAT.
 
     Examples
     --------
@@ -130,7 +130,7 @@ def mode_name(beat: m.MAVLink_heartbeat_message) -> str:
 
 
 def is_in_mission(beat: m.MAVLink_heartbeat_message) -> bool:
-    """Return whether HEARTBEAT tells that a vehicle flies its mission by itself.
+    """Return whether a HEARTBEAT shows the mission mode.
 
     Examples
     --------

@@ -21,7 +21,7 @@ _DOUBLINGS = 3
 
 
 class Answer(Enum):
-    """What a COMMAND_ACK means for an order."""
+    """The meaning of a COMMAND_ACK for an order."""
 
     NONE = "no answer to this order, or not the last one"
     ACCEPTED = "accepted"
@@ -31,10 +31,10 @@ class Answer(Enum):
 class Order:
     """A command on its way to a vehicle: COMMAND_LONG, or COMMAND_INT with a position.
 
-    The position is latitude and longitude in degrees, altitude above home in metres. A `message` is sent in
-    place of the command, for vehicles that do not know that; nothing answers it. The command is worth
-    sending so many `tries`; by default four, more often over a link that loses frames. Before it is sent
-    again, an answer is waited for as long as the round trip of the link says.
+    The position is latitude and longitude in degrees, altitude above home in metres. A `message` replaces
+    the command for vehicles that do not know it, and gets no answer. `tries` limits how often the command is
+    sent: four times by default, more often over a link that loses frames. The wait between tries follows the
+    round trip of the link.
     """
 
     def __init__(
@@ -58,7 +58,7 @@ class Order:
 
     @property
     def is_given_up(self) -> bool:
-        """Whether it was sent as often as it is worth."""
+        """Whether all tries are used up."""
         return self._tries >= (tries_over(self._round_trip) if self._most is None else self._most)
 
     @property
@@ -108,7 +108,7 @@ class Order:
 
 
 def tries_over(round_trip: RoundTrip | None) -> int:
-    """Return how often a question is worth sending: until its answer is missed once in a thousand times.
+    """Return the number of tries with which one question in a thousand stays unanswered.
 
     Examples
     --------
@@ -127,9 +127,9 @@ def tries_over(round_trip: RoundTrip | None) -> int:
 
 
 def retry_s_over(round_trip: RoundTrip | None, repeats: int = 0) -> float:
-    """Return how long an answer is waited for: a second, or a little more than a round trip.
+    """Return the wait for an answer: a second, or a little more than a round trip.
 
-    While that is not known yet, each wait is twice as long as the one before it, up to eight seconds.
+    Before the round trip is known, each wait doubles the last, up to eight seconds.
 
     Examples
     --------

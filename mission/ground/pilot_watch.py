@@ -28,14 +28,14 @@ class PilotWatch:
         self.mode = ""
         self._in_mission: bool | None = None
         self._shows_mission = False
-        # What we ourselves take the vehicle out of its mission for; None again when it is back
+        # The maneuver that we ordered; None again when the vehicle is back in its mission
         self.ordered: Maneuver | None = None
-        # How the vehicle showed that it does that; empty while it does not
-        # How the vehicle came up after a restart that ended its mission; empty if none did
+        # How the vehicle showed that it obeys; empty before that
+        # The state after a restart that ended the mission; empty without one
         self.obeyed = self.ended_by_restart = ""
         self._held: list[tuple[float, str]] = []
         self._restarted = False
-        self.mission_over = False  # Whether the vehicle has told that it has flown its mission to the end
+        self.mission_over = False  # The vehicle reported the end of its mission
         self._over_s = -math.inf
         self._doubt: tuple[float, str] | None = None
         self._is_stopped = False
@@ -47,7 +47,7 @@ class PilotWatch:
 
     @property
     def somebody_else_flies(self) -> bool:
-        """Whether the vehicle left its mission without having been told to by us."""
+        """Whether the vehicle left its mission without an order of ours."""
         return self._in_mission is False and self.ordered is None
 
     @property
@@ -93,27 +93,24 @@ class PilotWatch:
             self.settle()
 
     def on_mission_end(self, now_s: float) -> None:
-        """Note that the vehicle tells that it has flown its mission to the end, in whatever message."""
+        """Note that a message reports the end of the mission."""
         self.mission_over, self._over_s, self._doubt = True, now_s, None
 
     def on_mission_goes_on(self, now_s: float) -> None:
-        """Note that the vehicle tells of items left to fly: what told of an end before is outdated then.
+        """Note that items are left to fly: an end reported before is outdated.
 
-        What was sent before the end may come after it; and of a mission that came just when the old one had
-        ended, PX4 tells on its way home that it is active.
+        Messages sent before the end may arrive after it; and PX4 on its way home reports as active a mission
+        that came just after the old one had ended.
         """
         if self._shows_mission and now_s > self._over_s + _DOUBT_S:
             self.mission_over = False
 
     def on_new_mission(self) -> None:
-        """Forget an end: it was that of another list of items."""
+        """Forget a reported end: it was that of another mission."""
         self.mission_over = False
 
     def poll(self, now_s: float, *, unsure: bool = False) -> None:
-        """Settle a doubt that has lasted long enough: the mission did not end by itself.
-
-        With ``unsure`` (see `on_heartbeat`) that is not told yet.
-        """
+        """Decide after `_DOUBT_S` that the mission did not end by itself; ``unsure``: not reported yet."""
         if now_s >= self.next_deadline():
             assert self._doubt is not None
             self._held.append(self._doubt)
@@ -126,25 +123,22 @@ class PilotWatch:
         return math.inf if self._doubt is None else self._doubt[0] + _DOUBT_S
 
     def order(self, ordered: Maneuver | None) -> None:
-        """Note what is ordered; None for nothing any more."""
+        """Note the maneuver that is ordered; None for none."""
         self.ordered, self.obeyed = ordered, ""
 
     def settle(self) -> None:
-        """Tell what was held back: it came from no restart."""
+        """Report the changes that were held back: no restart caused them."""
         self.events += self._held
         self._held.clear()
 
     def on_restart(self, message: m.MAVLink_heartbeat_message | None, now_s: float) -> None:
-        """Note that the autopilot has started again; it is told with the state in which it came up.
-
-        The HEARTBEAT is the one that came since it is heard again; None if none has come yet.
-        """
+        """Note a restart; it is reported with the first HEARTBEAT since (None: not here yet)."""
         self._restarted = True
         if message is not None:
             self._tell_restart(message, now_s)
 
     def _tell_restart(self, message: m.MAVLink_heartbeat_message, now_s: float) -> None:
-        """Tell of a restart in one line, in place of what it changed."""
+        """Report a restart in one line, in place of the changes that it caused."""
         out = bool(self._held) and self._in_mission is False
         self._restarted = False
         self._doubt = None
@@ -158,7 +152,7 @@ class PilotWatch:
     def _follow_home(
         self, message: m.MAVLink_heartbeat_message, now_s: float, ends_in: Collection[str]
     ) -> None:
-        """Tell when somebody stops the vehicle on its way home, and when it goes on."""
+        """Report when somebody stops the vehicle on its way home, and when it goes on."""
         mode = mode_name(message)
         goes = is_in_mission(message) or mode in _HOMEWARD or mode in ends_in
         if not message.base_mode & m.MAV_MODE_FLAG_SAFETY_ARMED or self._in_mission is not True:
@@ -191,13 +185,13 @@ class PilotWatch:
             return
         if self.ordered is not None:
             modes = VehicleModes(message.autopilot, message.type).shows(self.ordered)
-            # Who is to go on with its mission has done so when it shows that, above.
+            # An order to resume is obeyed once the mission mode shows, above.
             if self.ordered is not Maneuver.RESUME and (not modes or self.mode in modes):
                 self.obeyed = f"{_SHOWS[self.ordered]} (mode {self.mode})"
             # On its way home it may be out of its mission without that.
             self._in_mission = bool(self._in_mission) and expects_change and not self.obeyed
             return
-        # Before the mission's mode was seen for the first time nobody has left it.
+        # The mission cannot be left before its mode was seen once.
         if expects_change or self._in_mission is None:
             self._doubt = None
             return

@@ -7,7 +7,7 @@ from collections.abc import Callable
 __all__ = ["LIFE_S", "Standstill"]
 
 LIFE_S = 2.0
-"""An older order, answer or agreement is not carried out: who gave it did not see what is now."""
+"""Lifetime of an order, answer or agreement: its giver did not see what happened since."""
 
 
 class Standstill:
@@ -26,7 +26,7 @@ class Standstill:
         self._looked_s: float | None = None
 
     def look(self) -> float:
-        """Return for how long the program stood still since the last look; 0 for up to `LIFE_S`."""
+        """Return the duration of a standstill since the last look; 0 up to `LIFE_S`."""
         before_s, self._looked_s = self._looked_s, self._clock()
         stood_s = 0.0 if before_s is None else self._looked_s - before_s
         return stood_s if stood_s > LIFE_S else 0.0

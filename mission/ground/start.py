@@ -24,7 +24,7 @@ _LATE_ANSWER_S = 1.0
 """An answer that came while the program stood still is read in that time."""
 _MODE_SHOWN_S = 2.5
 _MODE_SETTLES_S = 1.0
-"""So long after its mode has changed the vehicle's own checks may be those for the mode before."""
+"""After a change of mode the vehicle's checks may be those of the old mode for this long."""
 
 
 class MissionStart:
@@ -35,8 +35,8 @@ class MissionStart:
     """
 
     def __init__(self, contact: Contact, gate: ArmingGate | None, delay_s: float) -> None:
-        self.phase = Phase.WAIT  # How far it is; FLIGHT once the vehicle has accepted the order to start
-        self.failure: tuple[Outcome, str] | None = None  # Why it came to nothing
+        self.phase = Phase.WAIT  # FLIGHT once the vehicle has accepted the order to start
+        self.failure: tuple[Outcome, str] | None = None  # Outcome and reason of a failed start
         self._contact, self._monitor, self._texts = contact, contact.monitor, contact.texts
         self._gate, self._delay_s = gate, delay_s
         self._home: GeoPoint | None = None
@@ -48,7 +48,7 @@ class MissionStart:
         self._repeats = True
 
     def begin(self, home: GeoPoint | None, texts_before: int, now_s: float) -> list[Message]:
-        """Begin; the plan's home is where the vehicle has to stand, what it said before does not count."""
+        """Begin; the vehicle has to stand at ``home``, and texts before ``texts_before`` do not count."""
         self._home, self._texts_before = home, texts_before
         if self._gate is not None:
             self._ready_s = now_s + _READY_S
@@ -74,7 +74,7 @@ class MissionStart:
         return out
 
     def look_at_clock(self, now_s: float) -> list[Message]:
-        """End the start if the program stood still: nobody saw what became of the vehicle meanwhile."""
+        """End the start if the program stood still: the vehicle was not watched meanwhile."""
         stood_s = 0.0 if self._gate is None else self._gate.outlived_s()
         if stood_s == 0.0 or self.failure is not None:
             return []
@@ -103,7 +103,7 @@ class MissionStart:
         return min(due_s, default=math.inf)
 
     def on_sys_status(self, message: m.MAVLink_sys_status_message, now_s: float) -> None:
-        """Hand the vehicle's word on to the gate, where it is of the mode in which it arms."""
+        """Pass SYS_STATUS on to the gate, if the vehicle is in the mode in which it arms."""
         settled = now_s >= max(self._mode_s + _MODE_SETTLES_S, self._again_s)
         if self._gate is not None and self.phase is not Phase.MODE and settled:
             self._gate.on_sys_status(message, has_position=self._monitor.knows_position)
@@ -167,7 +167,7 @@ class MissionStart:
 
     @property
     def _away_m(self) -> float:
-        """How far the vehicle stands from home of its plan; 0 where it is not known."""
+        """Distance of the vehicle from the home of its plan; 0 if unknown."""
         home = self._home
         if home is None or not self._monitor.knows_position:
             return 0.0
@@ -197,7 +197,7 @@ class MissionStart:
             self._fail(self._texts.last_warning(why))
 
     def _after_refusal(self, gate: ArmingGate, why: str, now_s: float) -> None:
-        """Wait and ask again where the vehicle gives a reason that may pass; for so long as it may take."""
+        """Wait and ask again if the vehicle's reason may pass, within the time limit of the start."""
         self._refusal = None
         if gate.told > self._reasons_before and now_s < self._ready_s:
             self.phase, self._again_s = Phase.READY, now_s + _AGAIN_S

@@ -31,13 +31,13 @@ from sensors.camera.wire import ObservationAssembler
 
 _CONTACT_S = 30.0
 _STATE_S, _STATE_BEHIND_LINK_S = 2.5, 5.0
-"""The state of the mission is told so long after the disarming."""
+"""The state of the mission may arrive this long after the disarming."""
 _CLOCK_S = 5.0
-"""After a silence the vehicle tells its clock within this time and some round trips."""
+"""After a silence the vehicle's clock arrives within this time and some round trips."""
 _BEFORE_FLIGHT = frozenset({Phase.CONTACT, Phase.UPLOAD}) | STARTING
 _STREAM_HZ = 4
 _NAV_LAST = 95
-"""MAV_CMDs beyond this are flown to nowhere."""
+"""Last MAV_CMD of the items that are flown to."""
 _FAST = (int(m.MAVLINK_MSG_ID_GLOBAL_POSITION_INT), int(m.MAVLINK_MSG_ID_ATTITUDE))
 _FAST_US = 100_000
 _IMAGES = (int(m.MAVLINK_MSG_ID_CAMERA_IMAGE_CAPTURED), int(m.MAVLINK_MSG_ID_DEBUG_FLOAT_ARRAY))
@@ -47,7 +47,7 @@ _ESTIMATES = (
     int(m.MAVLINK_MSG_ID_EKF_STATUS_REPORT),
     int(m.MAVLINK_MSG_ID_ESTIMATOR_STATUS),
 )
-"""What only `VehicleMonitor` looks at."""
+"""Messages that only `VehicleMonitor` reads."""
 
 
 class NotFlyingError(WbfMissionError, RuntimeError):
@@ -66,12 +66,12 @@ class GroundStation:
     on_progress : callable, optional
         ``on_progress(done, total)`` as items of the plans cross.
     start_delay_s : float
-        How long it waits between the upload and the start, unless there is an arming gate.
+        Delay between the upload and the start; unused with an arming gate.
     arming_gate : ArmingGate, optional
-        What has to hold before the motors start; without, they start at once. With it somebody else may fly
-        the vehicle, too: that is noticed, and then nothing is ordered any more.
+        Conditions for starting the motors; without it they start at once. With it somebody else may fly the
+        vehicle, too: the station notices that and gives no more orders.
     force : bool
-        Send also what the autopilot would refuse or not fly.
+        Send also items that the autopilot would refuse or not fly.
 
     Attributes
     ----------
@@ -86,9 +86,9 @@ class GroundStation:
     transfers : list of TransferStatistics
         Of each plan that was uploaded before the flight.
     changes : list of ChangeRecord
-        What came of each change of the mission in flight.
+        Outcome of each change of the mission in flight.
     parameters_set : list of str
-        Which of the vehicle's parameters were set, from what and to what.
+        Parameters of the vehicle that were set, with old and new value.
     tracks : TrackRecorder
         Where the vehicle was since the start.
     started_s, ended_s : float or None
@@ -191,26 +191,26 @@ class GroundStation:
 
     @property
     def mission(self) -> Mission:
-        """What the vehicle holds, or is to hold."""
+        """The mission that the vehicle holds, or is to hold."""
         return self._changes.held
 
     @property
     def all_transfers(self) -> list[TransferStatistics]:
-        """Those before the flight, and what was sent again for the changes in flight."""
+        """Transfers before the flight, and those of the changes in flight."""
         again = sum(change.retries for change in self.changes)
         changes = TransferStatistics(MissionType.MISSION, 0, 0, 0, again, 0.0, verified=True)
         return [*self.transfers, *([changes] if again else [])]
 
     @property
     def flight_time_s(self) -> float:
-        """From the start of the mission until the vehicle tells that it has landed."""
+        """From the start of the mission until the vehicle reports its landing."""
         if self.started_s is None:
             return 0.0
         return max(0.0, self.tracks.aloft_ms / 1e3 - self._started_boot_s)
 
     @property
     def clock_offset_s(self) -> float:
-        """What a time that a real vehicle tells lacks to one of our clock; 0 before its mission."""
+        """Our clock minus the clock of a real vehicle; 0 before its mission."""
         if self.arming_gate is None or self.started_s is None:
             return 0.0
         return self.started_s - self._started_boot_s
@@ -222,14 +222,16 @@ class GroundStation:
 
     @property
     def vehicle_state(self) -> VehicleState:
-        """What the vehicle told of itself last."""
+        """State of the vehicle by its last telemetry."""
         return self._monitor.state
 
     @property
     def is_told_anew(self) -> bool:
-        """Whether the vehicle has told its mode and its item since it was silent: it may have gone home."""
+        """Whether mode and item have arrived since the last silence, in which it may have gone home."""
         told_s = self._monitor.mode_heard_s, self._monitor.item_heard_s
-        return self._back_s == math.inf or all(one >= self._back_s or one == -math.inf for one in told_s)
+        return self._back_s == math.inf or all(
+            time_s >= self._back_s or time_s == -math.inf for time_s in told_s
+        )
 
     @property
     def mode(self) -> str:
@@ -249,15 +251,15 @@ class GroundStation:
     def change(self, mission: Mission, resume_at: int, now_s: float) -> list[Message]:
         """Begin to change the mission that is being flown, by the safest way of the autopilot.
 
-        `changes` tells what came of it, when it is over; `mission` is then what the vehicle holds.
+        When it is over, `changes` holds the outcome, and `mission` is the mission that the vehicle holds.
 
         Parameters
         ----------
         mission : Mission
             Its items replace those that are flown; fence, rally points and home stay.
         resume_at : int
-            The item of it to fly to next. DO items directly before it are carried out where they set
-            something else than what holds.
+            The item of it to fly to next. DO items directly before it are carried out if they change the
+            present settings.
 
         Raises
         ------
@@ -351,7 +353,7 @@ class GroundStation:
 
     @property
     def link_report(self) -> LinkReport | None:
-        """How good the link to a real vehicle was; None where the link is none."""
+        """Quality of the link to a real vehicle; None without a real link."""
         if self.arming_gate is None:
             return None
         link, silences = self.link, self._silences
@@ -361,7 +363,7 @@ class GroundStation:
 
     @property
     def silent_s(self) -> float:
-        """How long the silences of the flight were, in which nothing was heard of the vehicle."""
+        """Total silence of the vehicle during the flight."""
         return self._silences.silent_s
 
     @property
@@ -370,16 +372,16 @@ class GroundStation:
         return self.phase in (Phase.FLIGHT, Phase.FETCH)
 
     def interrupt(self, outcome: Outcome, reason: str, now_s: float) -> None:
-        """End the run from outside; what was received is kept, and how the flight ended when it is over."""
+        """End the run from outside; received data is kept, and so is the end of a flight that is over."""
         if self.phase is Phase.FETCH:
             self.phase = Phase.DONE
         if not self.done:
             self._end(outcome, reason, now_s)
 
-    # What arrives.
+    # Messages that arrive.
 
     def _on_contact(self, now_s: float) -> None:
-        """Note that something is heard; after a silence, ask for what was missed."""
+        """Note contact; after a silence, request the missed data."""
         if self._silences.on_message(now_s):
             # It was armed when its mission was started, whatever was heard of that.
             self._flew = True
@@ -411,26 +413,26 @@ class GroundStation:
             self._changes.held = self._uploads.mission
             return self._ask_for_streams() + self._after_upload(begun, now_s)
         if self.phase is Phase.FLIGHT and self._flew and not self._armed and self._disarmed_s is None:
-            # The mission's state may be told a moment after the disarming.
+            # The state of the mission may arrive a moment after the disarming.
             self._disarmed_s = now_s
             if self._end_of_mission.is_complete:
                 self._land(*self._end_of_mission.completed(self._texts_before), now_s)
         return self._ask_for_streams()
 
     def _ask_for_streams(self) -> list[Message]:
-        """Ask for telemetry until it comes, where the autopilot sends it to nobody who does not ask."""
+        """Request telemetry until it comes, if the autopilot sends it only on request."""
         silent, self._no_position = self._no_position, True
         if not silent or not self._contact.profile.streams_on_request:
             return []
         vehicle = self._contact.vehicle
         return [
             m.MAVLink_request_data_stream_message(*vehicle, m.MAV_DATA_STREAM_ALL, _STREAM_HZ, 1),
-            *(command_long(vehicle, m.MAV_CMD_SET_MESSAGE_INTERVAL, one, _FAST_US) for one in _FAST),
+            *(command_long(vehicle, m.MAV_CMD_SET_MESSAGE_INTERVAL, kind, _FAST_US) for kind in _FAST),
         ]
 
     @property
     def _flies_mission(self) -> bool:
-        """Whether what the vehicle tells now is of the mission as it is."""
+        """Whether telemetry now refers to the present mission."""
         return self.phase is Phase.FLIGHT and self._armed and not self.changing
 
     def _on_mission_current(self, message: m.MAVLink_mission_current_message, now_s: float) -> None:
@@ -642,4 +644,4 @@ class GroundStation:
 
 
 def _take_note(_message: Message, _now_s: float) -> None:
-    """Do nothing more than what is done with every message of the autopilot."""
+    """Ignore a message that needs nothing beyond the common handling."""

@@ -1,4 +1,4 @@
-"""What a vehicle in flight does, in words, as it told last."""
+"""The state of a vehicle in flight in words."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ _STOPPED = {
 
 
 class NotStartedError(WbfMissionError, RuntimeError):
-    """Ctrl-C before the vehicle was started; the text tells what is left behind."""
+    """Ctrl-C before the vehicle was started; the text says in which state it is left."""
 
 
 def doing(ground: GroundStation, now_s: float) -> str:
-    """Return mode, item and height of a vehicle in flight; how old that is when nothing is heard."""
+    """Return mode, item and height of a vehicle in flight, with their age after a silence."""
     state, items = ground.vehicle_state, len(ground.mission.items)
     parts = [
         ground.pilot.mode or "mode not told",
@@ -38,5 +38,5 @@ def doing(ground: GroundStation, now_s: float) -> str:
 
 
 def not_started(ground: GroundStation) -> str | None:
-    """Return what a run that is broken off before its flight leaves behind; None once it flies."""
+    """Return the state in which a run that ends before its flight leaves the vehicle; None once it flies."""
     return None if ground.started_s is not None else _STOPPED.get(ground.phase)

@@ -1,4 +1,4 @@
-"""What the vehicle says in words: STATUSTEXTs, put together where they come in pieces."""
+"""The STATUSTEXTs of a vehicle, joined if they come in pieces."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from mission.link.codec.dialect import mavlink as m
 __all__ = ["WHOLE_S", "TextLog", "begun_until"]
 
 WHOLE_S = 0.5
-"""A text that comes in pieces is complete so long after it was begun."""
+"""A text in pieces is complete this long after its first piece."""
 
 _WARNING = 4  # MAV_SEVERITY_WARNING
 _MOST_TEXTS = 10_000
 _CONTROL = re.compile(r"[\x00-\x1f\x7f]")
-# What PX4 and ArduCopter end their reasons with, or say without any.
+# Texts of PX4 and ArduCopter that follow a reason, or stand without one.
 _NO_REASON = re.compile(
     r"Arming denied: Resolve system health failures first|Switching to .* is currently not available"
     r"|Mode change to .* failed: init failed"
@@ -49,8 +49,8 @@ class TextLog:
 
     def warnings(self, since: int = 0) -> list[str]:
         """The different texts that warn or worse, from the one with number `since` on."""
-        told = (text for _, severity, text in self.texts[since:] if severity <= _WARNING)
-        return list(dict.fromkeys(told))
+        warnings = (text for _, severity, text in self.texts[since:] if severity <= _WARNING)
+        return list(dict.fromkeys(warnings))
 
     def explain(self, failure: str, since: int = 0) -> str:
         """A failure with what the vehicle said about it, if anything.
@@ -87,4 +87,4 @@ def begun_until(
     >>> begun_until([(0.0, 6, "Armed"), (1.0, 6, "Takeoff"), (4.0, 6, "Landed")], 1, 3.0)
     [(1.0, 6, 'Takeoff')]
     """
-    return list(takewhile(lambda one: one[0] <= until_s, texts[told:]))
+    return list(takewhile(lambda text: text[0] <= until_s, texts[told:]))

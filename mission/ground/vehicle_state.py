@@ -1,4 +1,4 @@
-"""What the vehicle told of itself last: position, velocity, battery, item, mode."""
+"""State of the vehicle by its last telemetry: position, velocity, battery, item, mode."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class BootClock:
 
     def __init__(self) -> None:
         self.restarts = 0
-        self.offset_ms = 0  # What is added to the times that the vehicle tells now
+        self.offset_ms = 0  # Added to the times in present messages of the vehicle
         self._last_ms = -1
         self._last_s = -math.inf
 
@@ -60,7 +60,7 @@ _NO_HEADING = 65535
 
 @dataclass(frozen=True, slots=True)
 class Battery:
-    """What the vehicle told of its battery: fraction left and energy used; None for what it never told."""
+    """Battery of the vehicle: fraction left and energy used; None if unknown."""
 
     remaining: float | None = None
     consumed_wh: float | None = None
@@ -80,7 +80,7 @@ class Battery:
         return Battery(min(known, default=None), max(used, default=None))
 
     def used_since(self, before: Battery, capacity_wh: float) -> float | None:
-        """Return what was used since an earlier state, as a fraction: by the energy, else by what is left.
+        """Return the fraction used since an earlier state: by the energy, else by the fraction left.
 
         Examples
         --------
@@ -103,7 +103,7 @@ class Battery:
 
 @dataclass(frozen=True, slots=True)
 class VehicleState:
-    """A vehicle as its telemetry told of it last."""
+    """State of a vehicle by its last telemetry."""
 
     heard_s: float = -math.inf  # When the position was heard; -inf for never
     latitude_deg: float = math.nan  # latitude_deg, longitude_deg, height_m: position; height above home
@@ -142,11 +142,11 @@ _NO_MISSION = 1  # MISSION_STATE_NO_MISSION
 # MISSION_CURRENT.mission_mode; 0 is unknown, 1 in the mission.
 _SUSPENDED = 2
 _NO_TOTAL = 65535
-"""MISSION_CURRENT.total without a mission; 0 is told by a vehicle that does not count."""
+"""MISSION_CURRENT.total without a mission; 0 comes from a vehicle that does not count."""
 
 
 class VehicleMonitor:
-    """Keeps what a vehicle tells of itself."""
+    """Keeps the last telemetry of a vehicle."""
 
     def __init__(self) -> None:
         self.vehicle_type = 0  # vehicle_type, autopilot: MAV_TYPE and MAV_AUTOPILOT of its heartbeat
@@ -202,7 +202,7 @@ class VehicleMonitor:
     def _on_estimate(
         self, message: m.MAVLink_ekf_status_report_message | m.MAVLink_estimator_status_message, _now_s: float
     ) -> None:
-        """Take what its estimator knows; the lower bits mean the same in both messages."""
+        """Take the estimator's flags; the lower bits mean the same in both messages."""
         self._estimate = message.flags
 
     def _on_mission_current(self, message: m.MAVLink_mission_current_message, now_s: float) -> None:
@@ -213,7 +213,7 @@ class VehicleMonitor:
         self.flies = message.landed_state != m.MAV_LANDED_STATE_ON_GROUND if told else None
 
     def _on_battery(self, message: m.MAVLink_battery_status_message, _now_s: float) -> None:
-        """Take what is left of the battery, and what was used; a negative number tells nothing."""
+        """Take the battery's fraction left and energy used; negative numbers are unknown."""
         remaining, consumed_wh = self.battery.remaining, self.battery.consumed_wh
         if message.battery_remaining >= 0:
             self._has_battery = True
@@ -223,12 +223,12 @@ class VehicleMonitor:
         self._note_battery(Battery(remaining, consumed_wh))
 
     def _on_sys_status(self, message: m.MAVLink_sys_status_message, _now_s: float) -> None:
-        """Take what is left of the battery from a vehicle that tells nothing of it otherwise."""
+        """Take the battery's fraction left from a vehicle that sends no BATTERY_STATUS with it."""
         if message.battery_remaining >= 0 and not self._has_battery:
             self._note_battery(replace(self.battery, remaining=self._told(message.battery_remaining)))
 
     def _told(self, percent: int) -> float:
-        """Note what is left as it was told; return it as a share."""
+        """Note the percentage left; return it as a fraction."""
         self.battery_percent = percent
         return min(percent, 100) / 100.0
 
@@ -248,9 +248,9 @@ class VehicleMonitor:
 
     @property
     def knows_position(self) -> bool:
-        """Whether it knows where it is, as far as it tells: by its estimator, else by its fix.
+        """Whether the vehicle has a position: by its estimator, else by its fix.
 
-        ArduPilot tells positions, also 0/0, before that.
+        ArduPilot sends positions, also 0/0, before that.
         """
         position = self._position
         if position is None or position.lat == position.lon == 0:
@@ -277,7 +277,7 @@ class VehicleMonitor:
 
     @property
     def profile(self) -> Profile:
-        """What is known of its autopilot."""
+        """Profile of its autopilot."""
         return profile_for(self.autopilot)
 
     @property
@@ -292,13 +292,13 @@ class VehicleMonitor:
 
     @property
     def left_mission(self) -> bool:
-        """Whether the vehicle tells that its mission is suspended: it returns, holds, or is flown."""
+        """Whether the vehicle reports its mission as suspended: it returns, holds, or is flown."""
         current = self._current
         return current is not None and current.mission_mode == _SUSPENDED
 
     @property
     def seq(self) -> int | None:
-        """The number of the item that is flown or comes next, as MISSION_CURRENT counts; None if not told."""
+        """The number of the item that is flown or comes next, as MISSION_CURRENT counts; None if unknown."""
         current = self._current
         return None if current is None or current.seq == UNKNOWN_ITEM else current.seq
 

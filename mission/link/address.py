@@ -1,4 +1,4 @@
-"""What a link is, and how its address is written."""
+"""The interface of a link, the link inside a process, and the addresses of links."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class Link(Protocol):
     """Something that carries bytes in both directions and never blocks.
 
     ``receive`` returns what has arrived: whole datagrams, or pieces of a stream cut anywhere. A link
-    without a peer (nobody has called yet) drops what is sent, as a radio does.
+    without a peer (nobody has called yet) drops data, as a radio does.
 
     Attributes
     ----------
@@ -45,13 +45,63 @@ class Link(Protocol):
         """Send one frame (or datagram); raise LinkError if the link is broken for good."""
 
     def receive(self) -> list[bytes]:
-        """Return at once what has arrived since the last call; LinkError if the link is broken for good."""
+        """Return at once the data since the last call; LinkError if the link is broken for good."""
 
     def close(self) -> None:
         """Close the link; closing twice is fine."""
 
     def fileno(self) -> int | None:
         """Return the descriptor to wait on with ``select``, or None if there is none."""
+
+
+class MemoryLink:
+    """One end of a pair made by `memory_pair`: bytes arrive at the other end in order and whole."""
+
+    __slots__ = ("_inbox", "_open", "_peer_inbox", "name")
+
+    def __init__(self, name: str, inbox: list[bytes], peer_inbox: list[bytes]) -> None:
+        self.name = name
+        self._inbox = inbox
+        self._peer_inbox = peer_inbox
+        self._open = True
+
+    def send(self, data: bytes) -> None:
+        """Put the bytes into the other end's inbox."""
+        if not self._open:
+            msg = f"{self.name}: the link is closed"
+            raise LinkError(msg)
+        self._peer_inbox.append(data)
+
+    def receive(self) -> list[bytes]:
+        """Return and forget what has arrived."""
+        if not self._inbox:
+            return []
+        arrived = self._inbox[:]
+        self._inbox.clear()
+        return arrived
+
+    def close(self) -> None:
+        """Stop sending; what has already arrived can still be received."""
+        self._open = False
+
+    def fileno(self) -> int | None:
+        """Return None: there is nothing to wait on."""
+        return None
+
+
+def memory_pair(name: str = "memory") -> tuple[MemoryLink, MemoryLink]:
+    """Make two links that are connected to each other.
+
+    Examples
+    --------
+    >>> ground, vehicle = memory_pair()
+    >>> ground.send(b"hello")
+    >>> vehicle.receive()
+    [b'hello']
+    """
+    one: list[bytes] = []
+    other: list[bytes] = []
+    return MemoryLink(f"{name}:a", one, other), MemoryLink(f"{name}:b", other, one)
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,7 +13,7 @@ Tap = Callable[[bytes, bool], None]
 
 
 class MavlinkEndpoint:
-    """One MAVLink component's mouth and ear on a link.
+    """The sender and receiver of a MAVLink component on a link.
 
     Parameters
     ----------
@@ -22,7 +22,7 @@ class MavlinkEndpoint:
     tap : callable, optional
         Called with the bytes of each frame and whether it was sent (True) or received (False), for a log.
     signing : Signing, optional
-        Signs what is sent; what it does not accept is not received.
+        Signs sent frames, and filters received ones.
 
     Attributes
     ----------
@@ -33,7 +33,7 @@ class MavlinkEndpoint:
 
     Examples
     --------
-    >>> from mission.link.memory import memory_pair
+    >>> from mission.link.address import memory_pair
     >>> one, other = memory_pair()
     >>> ground, vehicle = MavlinkEndpoint(one, 255, 190), MavlinkEndpoint(other, 1, 1)
     >>> ground.send(mavlink.MAVLink_mission_request_list_message(1, 1))

@@ -17,7 +17,7 @@ _BITS_A_BYTE = 10.0
 
 @dataclass(frozen=True, slots=True)
 class Faults:
-    """What a channel does to the frames that cross it."""
+    """Faults of a channel."""
 
     # loss, duplicate, corrupt: chance (0 to 1) that a frame is lost, comes twice, or has one byte changed
     loss: float = 0.0
@@ -27,7 +27,7 @@ class Faults:
     # overtake each other
     delay_s: float = 0.0
     jitter_s: float = 0.0
-    # Bits per second of the line, ten for a byte (8N1). What does not fit its buffer of 16 KiB is lost.
+    # Bits per second of the line, ten for a byte (8N1). Frames beyond its buffer of 16 KiB are lost.
     baud: float = math.inf
 
     def __post_init__(self) -> None:
@@ -50,9 +50,9 @@ class FaultyChannel:
     Parameters
     ----------
     faults : Faults
-        What it does; may be changed at any time, for the frames that are sent from then on.
+        Its faults; a change applies to frames sent later.
     rng : numpy.random.Generator
-        Where its chances come from.
+        Its source of randomness.
 
     Examples
     --------

@@ -1,24 +1,92 @@
-"""Opening a link by its address; links that are opened again when they were lost."""
+"""Opening a link by its address; serial lines; links that reopen after a loss."""
 
 from __future__ import annotations
 
 import contextlib
 import errno
+import os
 import selectors
 import socket
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from typing import Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
-from mission.errors import LinkError
+from geo.imports import load_extra
+from geo.texts import one_line
+from mission.errors import LinkError, LinkLostError
 from mission.link.address import SERIAL, Link, LinkAddress, parse_link_url
-from mission.link.serial import SerialLink
-from mission.link.sockets import TcpLink, TcpListener, UdpInLink, UdpOutLink
+from mission.link.sockets import Stream, TcpLink, TcpListener, UdpInLink, UdpOutLink
 
 _RETRY_S = 1.0
 _GIVE_UP_S = 5.0
 _PENDING = frozenset({0, errno.EINPROGRESS, errno.EWOULDBLOCK, errno.EALREADY})
+_SERIAL_ERRORS = {
+    errno.ENOENT: "there is none of that name; check the name, and that it is plugged in",
+    errno.EACCES: "permission denied; add yourself to the group that it belongs to (dialout, uucp)",
+    errno.EBUSY: "another program uses it; end that",
+    errno.EAGAIN: "another program uses it; end that",
+    errno.ENOTTY: "it is no serial device; check the name",
+}
+_SERIAL_BACKLOG_BYTES = 1 << 16
+_SERIAL_READ_BYTES = 65536
+
+
+class SerialLink(Stream):
+    """A serial line, never blocking; it keeps up to 64 KiB.
+
+    LinkError if pyserial is not installed or the device cannot be opened.
+    """
+
+    def __init__(self, address: LinkAddress) -> None:
+        super().__init__(str(address), _SERIAL_BACKLOG_BYTES)
+        serial = load_extra("serial", "serial", f"{self.name}: serial lines need", LinkError)
+        try:
+            self._port: Any = serial.Serial(
+                address.host, address.port, timeout=0, write_timeout=0, exclusive=True
+            )
+        except (OSError, ValueError) as error:
+            msg = f"{self.name}: the device cannot be opened: {_serial_reason(error)}"
+            raise LinkError(msg) from error
+
+    def _write(self, data: bytearray) -> int:
+        # pyserial's own write waits for a line that takes nothing, whatever its time-out.
+        return os.write(self._port.fileno(), data)
+
+    def _gone(self) -> LinkLostError:
+        return LinkLostError(f"{self.name}: the device has gone; plug it in and start again")
+
+    def receive(self) -> list[bytes]:
+        """Return the bytes that have arrived; LinkError once the device has gone."""
+        self._flush()
+        try:
+            data = self._port.read(_SERIAL_READ_BYTES)
+        except (OSError, TypeError) as error:
+            raise self._gone() from error
+        return [data] if data else []
+
+    def close(self) -> None:
+        """Close the line."""
+        with contextlib.suppress(OSError):
+            self._port.close()
+
+    def fileno(self) -> int | None:
+        """Return the descriptor, None once closed."""
+        return int(self._port.fileno()) if self._port.is_open else None
+
+
+def _serial_reason(error: BaseException) -> str:
+    """Return why a device cannot be opened, with advice; pyserial hides the system's error in texts."""
+    cause: BaseException | None = error
+    while cause is not None:
+        number = getattr(cause, "errno", None)
+        if number is None and cause.args and isinstance(cause.args[0], int):  # termios.error
+            number = cause.args[0]
+        if number is not None:
+            why = _SERIAL_ERRORS.get(number) or f"{os.strerror(number).lower()}; check its name"
+            return one_line(why)
+        cause = cause.__context__
+    return one_line(f"{error}; check its name and its speed")
 
 
 _Link = TypeVar("_Link", bound=TcpLink | SerialLink)

@@ -72,7 +72,7 @@ def _open(
 
 
 class _OnSocket:
-    """What stands on one socket."""
+    """Base of the links on one socket."""
 
     def __init__(self, made: socket.socket) -> None:
         self._socket = made
@@ -132,7 +132,7 @@ class _Datagrams(_OnSocket):
             return self._kept.dropped
 
     def _take(self) -> bool:
-        """Keep what the system has; return whether the socket can be read."""
+        """Keep the arrived data; return whether the socket can be read."""
         with self._lock:
             for data, peer in self._incoming():
                 self._kept.put(data, peer)
@@ -173,7 +173,7 @@ class _Datagrams(_OnSocket):
 
 
 class _Reader:
-    """A thread that calls `take` whenever a socket is readable, and a descriptor for what that keeps."""
+    """A thread that calls `take` whenever a socket is readable, and a descriptor for the kept data."""
 
     def __init__(self, made: socket.socket, take: Callable[[], bool], name: str) -> None:
         self._socket, self._take = made, take
@@ -193,7 +193,7 @@ class _Reader:
         return None if number < 0 else number
 
     def show(self, waits: bool) -> None:
-        """Make the descriptor readable, or not; the caller has the lock of what waits."""
+        """Make the descriptor readable, or not; the caller holds the lock of the kept data."""
         if waits and not self._is_shown:
             self._signal.send(b"\0")
         elif self._is_shown and not waits:
@@ -248,7 +248,7 @@ class UdpSocket(_Datagrams):
         self.name = str(self.address)
 
     def send_to(self, data: bytes, peer: _Peer) -> None:
-        """Send one datagram; what the network will not take now is lost, as on a radio."""
+        """Send one datagram; it is lost if the network does not take it now, as on a radio."""
         with contextlib.suppress(OSError):
             self._socket.sendto(data, peer)
 
@@ -295,7 +295,7 @@ class UdpOutLink(_Datagrams):
 
 
 class Stream(ABC):
-    """What keeps the bytes that a line does not take at once.
+    """Base of streams; keeps the bytes that a line does not take at once.
 
     Beyond ``most_bytes`` whole frames are dropped and counted in ``dropped``; what is kept goes out with the
     next `send` or `receive`.
@@ -328,7 +328,7 @@ class Stream(ABC):
 
     @abstractmethod
     def _write(self, data: bytearray) -> int:
-        """Give the line what it takes, and return how many bytes."""
+        """Write as much as the line takes; return the number of bytes."""
 
     @abstractmethod
     def _gone(self) -> LinkLostError:
@@ -384,7 +384,7 @@ class TcpLink(Stream, _OnSocket):
         return arrived
 
     def close(self) -> None:
-        """Send what is left if the network takes it, and close."""
+        """Send the kept bytes if the network takes them, and close."""
         if self._socket.fileno() >= 0:
             with contextlib.suppress(LinkError):
                 self._flush()

@@ -1,4 +1,4 @@
-"""What upload, download and clear have in common on the ground station's side, sans-IO."""
+"""The common part of upload, download and clear on the ground station's side, sans-IO."""
 
 # ruff: noqa: ARG002 - the actions of the transition table share one signature
 
@@ -45,16 +45,16 @@ class ClientTimers:
     Parameters
     ----------
     reply_s : float
-        Repeat COUNT, LIST or CLEAR_ALL if nothing has come for so long (earlier, but not before twice
-        ``item_s``, once the round trip time is known; later where that is longer).
+        Wait before COUNT, LIST or CLEAR_ALL is repeated. Once the round trip time is known the wait is
+        shorter, but at least twice ``item_s``; it is longer if the round trip is longer.
     item_s : float
         Repeat the request for an item. Once the round trip time is known: four times that, at least
         ``floor_s`` (`RoundTrip.wait`).
     retries : int
-        COUNT, LIST and CLEAR_ALL are repeated for the time that so many repetitions each ``reply_s``, or each
-        a long round trip, take.
+        COUNT, LIST and CLEAR_ALL are repeated for ``retries`` times ``reply_s``, or ``retries`` long round
+        trips.
     silence_s : float
-        Give up when no new item has crossed for so long (longer than the vehicle's own limit of 5 or 8 s;
+        Give up after this time without a new item (longer than the vehicle's own limit of 5 or 8 s;
         on slow links up to 20 ``reply_s``, at least six times the wait for an item).
     floor_s : float
         The shortest waiting time derived from the round trip.
@@ -70,7 +70,7 @@ class ClientTimers:
 class ClientTransfer(ABC):
     """One upload, download or clear.
 
-    Feed it with `start`, `receive`, `poll` (at `next_deadline`) and `cancel`; send what comes out. It ends
+    Feed it with `start`, `receive`, `poll` (at `next_deadline`) and `cancel`; send its output. It ends
     with one event: a completion or `TransferFailed`; it always ends, whatever the vehicle does.
 
     Parameters
@@ -113,7 +113,7 @@ class ClientTransfer(ABC):
         self._messages_received = 0
         self._retries = 0
 
-    # What the owner calls.
+    # Calls of the owner.
 
     @property
     def state(self) -> ClientState:
@@ -134,7 +134,7 @@ class ClientTransfer(ABC):
         return self._step(self._opening_input, None, now_s)
 
     def receive(self, message: Message, now_s: float) -> Output:
-        """Take one message; what does not belong to this transfer is ignored."""
+        """Take one message; messages of other transfers are ignored."""
         if not wire.to_client(message) or not self._is_ours(message):
             return NOTHING
         self._messages_received += 1
@@ -164,7 +164,7 @@ class ClientTransfer(ABC):
         return self._step(_I.CANCEL, None, now_s)
 
     def statistics(self, now_s: float | None = None) -> TransferStatistics:
-        """What it has cost so far; ``now_s`` counts only while it runs."""
+        """Cost of the transfer up to ``now_s``, which counts only while it runs."""
         end_s = self._ended_s if self._ended_s is not None else now_s
         return TransferStatistics(
             self.mission_type,
@@ -175,7 +175,7 @@ class ClientTransfer(ABC):
             0.0 if end_s is None or self._state is READY else end_s - self._started_s,
         )
 
-    # What the kinds of transfer add.
+    # Methods of the kinds of transfer.
 
     @abstractmethod
     def _input_of(self, message: Message, now_s: float) -> ClientInput:
@@ -211,7 +211,7 @@ class ClientTransfer(ABC):
         return self._opened_s + tries * each_s
 
     def _silence_s(self) -> float:
-        """How long no item may cross: on a slow link long enough for twenty attempts."""
+        """Limit of the time without an item: on a slow link long enough for twenty attempts."""
         timers = self.timers
         wait_s = self.round_trip.wait(timers.item_s, timers.floor_s, timers.reply_s)
         return max(timers.silence_s, min(20.0 * wait_s, 20.0 * timers.reply_s), 6.0 * wait_s)
@@ -273,7 +273,7 @@ class ClientTransfer(ABC):
             self.round_trip.limit(now_s - self._opened_s)
 
     def _note_trouble(self, message: wire.AckMessage, now_s: float) -> Output:
-        """Note it with the time of the first one: each answer to a repetition would put the end off."""
+        """Note an ACK with the time of the first one: answers to repetitions would postpone the end."""
         self._trouble = (message.type, now_s if self._trouble is None else self._trouble[1])
         return NOTHING
 

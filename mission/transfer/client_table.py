@@ -14,7 +14,7 @@ from typing import Final
 
 
 class ClientState(Enum):
-    """What the ground station is doing."""
+    """State of the ground station."""
 
     READY = "not started"
     COUNTING = "upload: COUNT sent"
@@ -28,7 +28,7 @@ class ClientState(Enum):
 
 
 class ClientInput(Enum):
-    """What can happen to it."""
+    """Inputs of the table."""
 
     START_UPLOAD = "start of an upload"
     START_DOWNLOAD = "start of a download"

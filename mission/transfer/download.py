@@ -138,7 +138,7 @@ class MissionDownload(ClientTransfer):
         return self.round_trip.wait(timers.item_s, timers.floor_s, timers.reply_s)
 
     def _again_s(self, asked_s: float, times: int) -> float:
-        """When an item that was asked for so often is asked for again."""
+        """When to request an item again after ``times`` requests."""
         copies, apart_s = self.round_trip.copies(self.profile.abort_s)
         if times % copies != 0:
             return asked_s + apart_s

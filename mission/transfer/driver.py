@@ -46,7 +46,7 @@ _ORDER = (MissionType.FENCE, MissionType.RALLY, MissionType.MISSION)
 
 
 def wait_readable(link: Link, seconds: float) -> None:
-    """Wait until the link may have something, at most so long."""
+    """Wait until the link may have data, at most ``seconds``."""
     number = link.fileno()
     if number is None:
         time.sleep(min(seconds, 0.001))
@@ -58,13 +58,13 @@ class TransferDriver(Closing):
     """Transfers plans with one vehicle over an endpoint, blocking.
 
     It sends a ground station's heartbeat each second while it waits, as vehicles expect (and as a
-    ``udpout`` link needs to be found by the vehicle). When it is interrupted (Ctrl-C) it tells the vehicle
-    that the transfer is off.
+    ``udpout`` link needs to be found by the vehicle). When it is interrupted (Ctrl-C) it cancels
+    the transfer on the vehicle, too.
 
     Parameters
     ----------
     endpoint : MavlinkEndpoint
-        Our mouth and ear; its reader hands on what transfers need, too.
+        Sends and receives; its reader also passes on the messages that transfers need.
     clock : callable
         Monotonic seconds.
     wait : callable
@@ -106,7 +106,7 @@ class TransferDriver(Closing):
         reader.wanted = wanted if reader.wanted is None else reader.wanted | wanted
 
     def close(self) -> None:
-        """Close what it stands on."""
+        """Close the endpoint."""
         self.endpoint.close()
 
     def wait_for_vehicle(
@@ -168,7 +168,7 @@ class TransferDriver(Closing):
         return last, transfer.statistics()
 
     def _measure_loss(self) -> None:
-        """Take what part of the vehicle's frames is missing."""
+        """Measure the loss of the vehicle's frames."""
         vehicle = self.vehicle
         sources = self.endpoint.reader.sources
         heard = None if vehicle is None else sources.get((vehicle.system_id, vehicle.component_id))
@@ -190,7 +190,7 @@ class TransferDriver(Closing):
         return last
 
     def _note(self, message: Message) -> None:
-        """Take whether the vehicle is armed; hand on what it says in words."""
+        """Note whether the vehicle is armed; pass on its STATUSTEXTs."""
         heard = vehicle_of(message)
         if heard is not None and heard == self.vehicle:
             self.vehicle = heard
@@ -205,7 +205,7 @@ class TransferDriver(Closing):
     def _armed_now(self) -> bool:
         """Whether the vehicle is armed by a heartbeat that comes now; a silent vehicle counts as armed.
 
-        What waits on the link may be minutes old, as where an operator was asked between.
+        Messages waiting on the link may be minutes old, as after a question to the operator.
         """
         end_s = self._clock() + _BEAT_WAIT_S
         fresh = False
@@ -222,7 +222,7 @@ class TransferDriver(Closing):
         return True
 
     def _hear_last_words(self) -> None:
-        """Wait a moment for what the vehicle says about a failure: its text may come after its answer."""
+        """Wait a moment for the vehicle's text about a failure, which may come after its answer."""
         end_s = self._clock() + _LAST_WORDS_S
         while self._on_text is not None and (rest_s := end_s - self._clock()) > 0.0:
             self._wait(self.endpoint.link, rest_s)
@@ -255,7 +255,7 @@ class TransferDriver(Closing):
     def render(self, mission: Mission, *, parameters: Mapping[str, float] | None = None) -> Rendered:
         """Return a mission as the vehicle's autopilot takes it, with remarks (`mission.transfer.rendering`).
 
-        ``parameters`` are those of the vehicle, as far as it told them; errors as of `wait_for_vehicle`.
+        ``parameters`` are the known ones of the vehicle; errors as of `wait_for_vehicle`.
         """
         vehicle = self.vehicle or self.wait_for_vehicle()
         return render(mission, vehicle.profile, vehicle.vehicle_type, parameters=parameters)
@@ -280,9 +280,9 @@ class TransferDriver(Closing):
         types : iterable of MissionType, optional
             Which plans; default the mission, and fence and rally points if there are any.
         force : bool
-            Send also what the autopilot would refuse or not fly.
+            Send also items that the autopilot would refuse or not fly.
         parameters : mapping of str to float, optional
-            The vehicle's, as far as it told them: they decide what it would not fly.
+            Known parameters of the vehicle; they decide which items it would not fly.
 
         Raises
         ------
@@ -330,12 +330,12 @@ class TransferDriver(Closing):
         return tuple(costs)
 
     def mission_state(self, listen_s: float = 1.0) -> int | None:
-        """Ask what the vehicle makes of the mission that it holds, and hear what it says of it.
+        """Request the vehicle's verdict on its mission, and pass on its texts about it.
 
         PX4 judges a mission after it has confirmed it: one that it would not fly is stored, but its state is
         MISSION_STATE_NO_MISSION, and its mission mode is refused.
 
-        Return the last MISSION_STATE that it told while we listened; None if it told none.
+        Return the last MISSION_STATE that arrived within ``listen_s``; None without one.
         """
         vehicle = self.vehicle or self.wait_for_vehicle()
         target = (vehicle.system_id, vehicle.component_id)

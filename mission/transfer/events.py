@@ -1,4 +1,4 @@
-"""What a transfer is to its owner: how it is run, the output of one step, and frozen events."""
+"""The interface of a transfer: its methods, the output of one step, and its events."""
 
 from __future__ import annotations
 
@@ -151,7 +151,7 @@ class PlanSent(Event):
 
 @dataclass(frozen=True, slots=True)
 class StatusText(Event):
-    """Vehicle: something to be said in a STATUSTEXT (at most 50 characters; MAV_SEVERITY)."""
+    """Vehicle: a text for a STATUSTEXT (at most 50 characters; MAV_SEVERITY)."""
 
     severity: int
     text: str
@@ -159,7 +159,7 @@ class StatusText(Event):
 
 @dataclass(frozen=True, slots=True)
 class Output:
-    """What one step of a state machine gives: messages to send, in order, and events."""
+    """Output of one step of a state machine: messages to send, in order, and events."""
 
     messages: tuple[Message, ...] = ()
     events: tuple[Event, ...] = ()
@@ -173,7 +173,7 @@ NOTHING = Output()
 
 @dataclass(frozen=True, slots=True)
 class TransferStatistics:
-    """What a transfer has cost.
+    """Cost of a transfer.
 
     Parameters
     ----------
@@ -198,7 +198,7 @@ class TransferStatistics:
 
 
 class Transfer(Protocol):
-    """What can be run: uploads, downloads, clears, verified uploads. It ends with one event, see `Output`."""
+    """An upload, download, clear or verified upload. It ends with one event, see `Output`."""
 
     @property
     def done(self) -> bool:
@@ -220,4 +220,4 @@ class Transfer(Protocol):
         """Break off."""
 
     def statistics(self, now_s: float | None = None) -> TransferStatistics:
-        """What it has cost."""
+        """Return the cost."""

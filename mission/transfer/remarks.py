@@ -1,4 +1,4 @@
-"""What is said of a plan before it is sent: what an autopilot would refuse, change or ignore."""
+"""Remarks on a plan before it is sent: items that an autopilot would refuse, change or ignore."""
 
 from __future__ import annotations
 
@@ -35,9 +35,9 @@ class Remark:
         The item of the plan that was made, from 0 (a user counts from 1); None for the plan as a whole. Where
         several items share a remark, the first.
     text : str
-        What is wrong, or what is done about it.
+        The problem, or the change that is made.
     fix : str
-        What would be accepted; empty where nothing has to be done.
+        An accepted alternative; empty if nothing has to be done.
     command : int or None
         MAV_CMD of the item.
     others : tuple of int
@@ -90,7 +90,7 @@ class Remark:
 
 
 def area_remarks(mission: Mission, profile: Profile) -> list[Remark]:
-    """Tell fence and rally items that no autopilot takes, or not in this frame.
+    """Return remarks on fence and rally items that no autopilot takes, or not in this frame.
 
     An autopilot of which nothing is known is taken to accept them all.
     """
@@ -127,14 +127,14 @@ def _problems(items: tuple[MissionItem, ...], profile: Profile) -> list[tuple[in
     return found
 
 
-def _same_polygon(one: MissionItem, other: MissionItem) -> bool:
-    return one.command == other.command and one.param1 == other.param1
+def _same_polygon(item: MissionItem, other: MissionItem) -> bool:
+    return item.command == other.command and item.param1 == other.param1
 
 
 def count_remarks(
     mission: Mission, sent: int, profile: Profile, parameters: Mapping[str, float]
 ) -> list[Remark]:
-    """Tell plans that are longer than the autopilot, or many of its boards, can hold."""
+    """Return remarks on plans longer than the autopilot, or many of its boards, can hold."""
     found = []
     for kind in MissionType:
         count = sent if kind is MissionType.MISSION else len(mission.plan(kind))
@@ -153,7 +153,7 @@ def count_remarks(
 
 
 def _told_room(profile: Profile, parameters: Mapping[str, float]) -> tuple[int, str, bool] | None:
-    """Items of a mission that a vehicle surely does not exceed, why, and whether it may hold fewer."""
+    """Upper limit of a vehicle's mission items, its reason, and whether the vehicle may hold fewer."""
     card = profile.card
     if card is None or card.parameter not in parameters:
         return None
@@ -163,7 +163,7 @@ def _told_room(profile: Profile, parameters: Mapping[str, float]) -> tuple[int, 
 
 
 def longer_plan_fix(count: int, mission_type: MissionType, profile: Profile) -> str:
-    """Tell what to do about a plan that is too long.
+    """Return the advice for a plan that is too long.
 
     Examples
     --------
@@ -191,7 +191,7 @@ def frame_name(frame: int) -> str:
 
 
 def count_warning(profile: Profile, mission_type: MissionType, number: int) -> str | None:
-    """Return a line of warning if common boards of this autopilot do not hold so many items.
+    """Return a warning if common boards of this autopilot hold fewer than `number` items.
 
     Examples
     --------

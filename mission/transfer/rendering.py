@@ -1,6 +1,6 @@
-"""A plan as one autopilot takes it, and what of it that autopilot would refuse, change or ignore.
+"""A plan as an autopilot takes it, with remarks on the items that it would refuse, change or ignore.
 
-Everything is said before the first byte is sent; nothing here knows a link.
+All remarks are made before the first byte is sent; nothing here knows a link.
 """
 
 from __future__ import annotations
@@ -32,12 +32,12 @@ class Rendered:
     Parameters
     ----------
     mission : Mission
-        What is to be sent, and compared with what is read back.
+        The plan to send, and to compare with the plan read back.
     remarks : tuple of Remark
-        In the order of the plans and their items; with the numbers of the plan that was given. What is to be
-        said of several items alike is said once, of the first.
+        In the order of the plans and their items, with the numbers of the given plan. A remark on several
+        equal items is made once, on the first.
     origins : tuple of int
-        For each item of ``mission.items``, which item of the mission that was given it stands for.
+        For each item of ``mission.items``, the number of its item in the given mission.
     """
 
     mission: Mission
@@ -46,15 +46,15 @@ class Rendered:
 
     @property
     def errors(self) -> tuple[Remark, ...]:
-        """What the autopilot would refuse or not fly."""
+        """Remarks on items that the autopilot would refuse or not fly."""
         return tuple(remark for remark in self.remarks if remark.severity is Severity.ERROR)
 
     def origins_of(self, kind: MissionType) -> tuple[int, ...]:
-        """Return for each item of a plan which item of the given plan it stands for."""
+        """Return for each item of a plan the number of its item in the given plan."""
         return self.origins if kind is MissionType.MISSION else tuple(range(len(self.mission.plan(kind))))
 
     def index_of(self, item: int) -> int:
-        """Return the number of an item of the given mission in the one that is sent, or of the next one."""
+        """Return the number in the sent mission of an item of the given one, or of the next item kept."""
         return bisect_left(self.origins, item)
 
 
@@ -68,9 +68,9 @@ def render(
 ) -> Rendered:
     """Return a plan as an autopilot takes it, with remarks on all that it does not take as it is.
 
-    Frames, unset parameters and positions are written in the autopilot's way. What it does not know is
-    replaced or left out where the flight stays the same, which a remark tells. Everything else that it would
-    refuse, or would fly as something else, is an error and stays as it is.
+    Frames, unset parameters and positions are written in the autopilot's way. Unknown commands are
+    replaced or left out, with a remark, if the flight stays the same. Everything else that it would refuse,
+    or fly as something else, is an error and stays as it is.
 
     Parameters
     ----------
@@ -79,9 +79,9 @@ def render(
     vehicle_type : int
         MAV_TYPE.
     parameters : mapping of str to float, optional
-        Parameters of the vehicle as far as it told them.
+        Known parameters of the vehicle.
     planned : mapping of str to float, optional
-        Those that the plan assumes, where the vehicle did not tell them.
+        Parameters that the plan assumes if the vehicle's are unknown.
 
     Examples
     --------
@@ -106,7 +106,8 @@ def render(
     items = tuple(item for _, item in writer.entries)
     others = area_remarks(mission, profile) + count_remarks(mission, len(items), profile, parameters or {})
     found = sorted(
-        _told_once(writer.remarks + others), key=lambda one: (one.plan, -1 if one.item is None else one.item)
+        _merged(writer.remarks + others),
+        key=lambda remark: (remark.plan, -1 if remark.item is None else remark.item),
     )
     return Rendered(
         mission if items == mission.items else replace(mission, items=items),
@@ -120,7 +121,7 @@ def refuse_errors(rendered: Rendered, *, arming: bool = True) -> None:
 
     With `arming` also what it takes and would not arm with, by its parameters.
     """
-    errors = [one for one in rendered.errors if arming or not one.parameter]
+    errors = [remark for remark in rendered.errors if arming or not remark.parameter]
     if errors:
         others = len(errors) - 1
         more = f" (and {others} more error{'s' if others > 1 else ''})" if others else ""
@@ -128,14 +129,14 @@ def refuse_errors(rendered: Rendered, *, arming: bool = True) -> None:
         raise LocalTransferError(msg)
 
 
-def _told_once(remarks: list[Remark]) -> list[Remark]:
-    """Return remarks without those that say the same of the same command: the first counts them."""
+def _merged(remarks: list[Remark]) -> list[Remark]:
+    """Merge equal remarks on the same command into the first of them."""
     alike: dict[Remark, list[Remark]] = {}
     for remark in remarks:
         alike.setdefault(replace(remark, item=None, others=()), []).append(remark)
     found = []
     for same in alike.values():
-        items = sorted(k for one in same for k in (one.item, *one.others) if k is not None)
+        items = sorted(k for remark in same for k in (remark.item, *remark.others) if k is not None)
         found.append(replace(same[0], item=items[0], others=tuple(items[1:])) if items else same[0])
     return found
 
@@ -224,8 +225,8 @@ class _Writer:
         self.entries = sorted(written, key=lambda entry: entry[0])
 
     def _keep_yaw(self, written: list[tuple[int, MissionItem]], number: int) -> None:
-        """Take back that a heading was put into a waypoint; what remains is an error."""
-        self.remarks = [one for one in self.remarks if one.item != number]
+        """Undo the folding of a heading into a waypoint; the rest is an error."""
+        self.remarks = [remark for remark in self.remarks if remark.item != number]
         written.append((number, self.mission.items[number]))
 
     def place(self) -> None:
@@ -271,7 +272,7 @@ class _Writer:
         return item
 
     def check_frames(self) -> None:
-        """Tell positions in frames that the autopilot does not take, or that it would take as another."""
+        """Find positions in frames that the autopilot refuses or takes as another frame."""
         name, dialect = self._profile.name, self._dialect
         kinds = {(item.command, item.frame) for _, item in self.entries if has_position(item.command)}
         problems = {kind: self._frame_problem(*kind) for kind in kinds if self._knows(kind[0])}
@@ -295,7 +296,7 @@ class _Writer:
                 self._say(number, Severity.ERROR, text, "use DO_SET_ROI_LOCATION")
 
     def _frame_problem(self, command: int, frame: int) -> tuple[str, str] | None:
-        """What is wrong with a position command in a frame, and what would be right."""
+        """The problem of a position command in a frame, and its fix; None without a problem."""
         profile = self._profile
         without = frame == Frame.MISSION and profile.unplaced is not None
         if without and command not in (profile.unplaced or ()):
@@ -319,7 +320,7 @@ class _Writer:
             self.entries[k] = (number, _without_nan(item, self._profile))
 
     def renumber_jumps(self) -> None:
-        """Let jumps lead to where they led before items were left out; tell those that lead nowhere."""
+        """Correct the targets of jumps after items were left out; find those without a target."""
         origins = [number for number, _ in self.entries]
         count = len(self.mission.items)
         jumps = 0
@@ -341,7 +342,7 @@ class _Writer:
             self._say(None, Severity.WARNING, text, "fly the mission in parts")
 
     def tell_ignored(self) -> None:
-        """Tell the parameters that are not heeded; of many items alike the first."""
+        """Find parameters that are ignored; of many equal items the first."""
         for row in self._dialect.ignored:
             if row.vehicle_types is not None and self._type not in row.vehicle_types:
                 continue
@@ -359,7 +360,7 @@ class _Writer:
     def check_condition(
         self, condition: ArmingCondition, parameters: Mapping[str, float], planned: Mapping[str, float]
     ) -> None:
-        """Tell what a parameter of the vehicle asks of the mission."""
+        """Check the mission against the condition that a parameter of the vehicle sets."""
         if self._type not in condition.vehicle_types or not self.entries:
             return
         barred = [number for number, item in self.entries if item.command in condition.barred]

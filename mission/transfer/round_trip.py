@@ -1,4 +1,4 @@
-"""How long the answer to a message takes on a link, and how often it is worth sending one."""
+"""Round trip time and frame loss of a link, and the waits and repetitions that follow from them."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class RoundTrip:
     seconds : float or None
         The round trip time; None before the first measurement.
     loss : float
-        Part of the frames that do not arrive, as far as somebody has measured it.
+        Measured fraction of lost frames.
 
     Examples
     --------
@@ -49,12 +49,12 @@ class RoundTrip:
         self.seconds = seconds if known is None else known + (seconds - known) * _GAIN
 
     def limit(self, seconds: float) -> None:
-        """Note that a round trip took at most so long; that counts until one is measured."""
+        """Note an upper bound of the round trip; it counts until a measurement."""
         self._limit_s = seconds if self._limit_s is None else min(seconds, self._limit_s)
 
     @property
     def known_s(self) -> float | None:
-        """The round trip time, or what it is at most; None while nothing is known."""
+        """The round trip time, or its upper bound; None before any."""
         return self._limit_s if self.seconds is None else self.seconds
 
     @property
@@ -63,7 +63,7 @@ class RoundTrip:
         return self.loss > _SURE_LOSS
 
     def wait(self, default_s: float, floor_s: float, most_s: float) -> float:
-        """Return how long to wait for an answer before asking again: four round trips, at least one.
+        """Return the wait before a message is repeated: four round trips, at least one.
 
         ``default_s`` while nothing is known; ``floor_s`` and ``most_s`` limit the four, not a single one.
         """
@@ -73,12 +73,11 @@ class RoundTrip:
         return max(min(max(4.0 * known_s, floor_s), most_s), _SLOW * known_s)
 
     def copies(self, patience_s: float) -> tuple[int, float]:
-        """Return how many copies of a message are worth sending in a round trip, and how far apart.
+        """Return the number of copies of a message to send in a round trip, and their spacing in seconds.
 
-        One, unless the link loses frames and the other side gives up before it could be sent again often
-        enough: then so many, at most four, that all of them are lost once in a hundred times.
-
-        ``patience_s`` is after how long without anything new the other side gives up.
+        One copy, unless the link loses frames and the other side gives up, ``patience_s`` after the last new
+        message, before enough repetitions: then enough copies that all are lost once in a hundred times, at
+        most four.
 
         Examples
         --------

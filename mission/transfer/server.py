@@ -64,7 +64,7 @@ def _always(result: int) -> Callable[[Profile], int]:
 
 
 def _where_denied(result: int) -> Callable[[Profile], int | None]:
-    """An answer of those that deny what comes while they are busy; the others only say that they are."""
+    """Return the result for autopilots that deny messages while busy; the others only report busy."""
     return lambda profile: int(result) if profile.busy_result == wire.DENIED else None
 
 

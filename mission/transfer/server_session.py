@@ -1,4 +1,4 @@
-"""What a vehicle remembers: its plans, and the transfer that runs; and what a message means to it then."""
+"""The memory of a vehicle: its plans and the running transfer; and the input that a message becomes."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ class PlanStore:
         return plan
 
     def received(self, mission_type: MissionType, items: tuple[MissionItem, ...]) -> tuple[StoredPlan, bool]:
-        """Put a plan of a ground station in force; tell also whether it differs from the one before."""
+        """Put a plan of a ground station in force; return also whether it differs from the old one."""
         before = self._plans[mission_type]
         plan = self.put(mission_type, items)
         self._cleared = False
@@ -91,7 +91,7 @@ class PlanStore:
 
 
 class EndedUpload(NamedTuple):
-    """How the last upload ended, to know echoes of it: by which item, what was kept of it, the answer."""
+    """End of the last upload, to recognise its echoes: last item, its kept values, the answer."""
 
     sender: tuple[int, int]
     mission_type: MissionType
@@ -102,7 +102,7 @@ class EndedUpload(NamedTuple):
 
 @dataclass(slots=True)
 class ServerSession:
-    """What the server remembers of the transfer that runs, or of the last one."""
+    """State of the running transfer, or of the last one."""
 
     state: ServerState = IDLE
     partner: tuple[int, int] = (0, 0)
@@ -111,13 +111,13 @@ class ServerSession:
     count: int = 0
     first: int = 0
     part: bool = False  # Upload: whether it replaces a part of the plan
-    items: list[MissionItem] = field(default_factory=list)  # Upload: what has come
+    items: list[MissionItem] = field(default_factory=list)  # Upload: received items
     cut: bool = False  # Upload: whether a smaller count has shortened the plan already
     start: int | None = None  # Upload: the item marked as current
     # candidate, verdict: upload: the item validated last, and the MAV_MISSION_RESULT for it
     candidate: MissionItem | None = None
     verdict: int = int(wire.ACCEPTED)
-    outgoing: tuple[MissionItem, ...] = ()  # Download: what is sent
+    outgoing: tuple[MissionItem, ...] = ()  # Download: items to send
     next: int = 0  # Download: one more than the highest item that was asked for
     asked_int: bool = False  # Download: whether MISSION_REQUEST_INT was used
     warned: bool = False  # Whether the float messages were complained about
@@ -137,7 +137,7 @@ class ServerSession:
         return self.next >= len(self.outgoing)
 
     def is_with(self, sender: tuple[int, int], mission_type: int) -> bool:
-        """Tell whether a transfer of this plan runs with this partner."""
+        """Whether a transfer of this plan runs with this partner."""
         return self.state is not IDLE and sender == self.partner and mission_type == self.type
 
 
@@ -148,7 +148,7 @@ _POLYGON = frozenset({Command.NAV_FENCE_POLYGON_VERTEX_INCLUSION, Command.NAV_FE
 
 
 class ServerInputs:
-    """The part of a server that only looks: which input a message is; the session keeps the item it read."""
+    """The reading part of a server: classifies a message as an input; the session keeps the item read."""
 
     def __init__(self, profile: Profile, store: PlanStore, validator: Validator | None) -> None:
         self.profile = profile
@@ -224,7 +224,7 @@ class ServerInputs:
         return _I.ITEM_LAST if message.seq == session.count - 1 else _I.ITEM_NEXT
 
     def _of_late_item(self, message: wire.ItemMessage, sender: tuple[int, int]) -> ServerInput:
-        """Tell an echo of the last upload from an item that makes no sense."""
+        """Distinguish an echo of the last upload from a stray item."""
         idle, ended = self._session.state is IDLE, self._session.ended
         unexpected = _I.ITEM_UNEXPECTED if idle else _I.ITEM_FOREIGN
         if ended is None or sender != ended.sender or message.mission_type != ended.mission_type:

@@ -13,7 +13,7 @@ from typing import Final
 
 
 class ServerState(Enum):
-    """What the vehicle is doing."""
+    """State of the vehicle."""
 
     IDLE = "idle"
     RECEIVING = "receiving a plan"
@@ -21,7 +21,7 @@ class ServerState(Enum):
 
 
 class ServerInput(Enum):
-    """What can happen to it."""
+    """Inputs of the table."""
 
     COUNT = "COUNT that fits"
     COUNT_EMPTY = "COUNT 0"

@@ -1,7 +1,7 @@
-"""What an autopilot makes of the mission items that it is sent: which it takes, and what it keeps of them.
+"""How an autopilot stores mission items: which it accepts, and which values it keeps.
 
 Sources: PX4 ``mavlink_mission.cpp`` (parse_mavlink_mission_item), ArduPilot ``AP_Mission.cpp``
-(mavlink_int_to_mission_cmd, sanity_check_params), and what PX4 1.17 and ArduCopter 4.7 were seen to do.
+(mavlink_int_to_mission_cmd, sanity_check_params), and observations of PX4 1.17 and ArduCopter 4.7.
 """
 
 from __future__ import annotations

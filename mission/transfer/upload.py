@@ -147,7 +147,7 @@ class MissionUpload(ClientTransfer):
 
     def _input_of(self, message: Message, now_s: float) -> ClientInput:
         if wire.is_request(message) and self._state is not CLEARING:
-            # What skips items where an upload begins, or begins anew, is of one that is over.
+            # A request that skips items at the beginning of an upload belongs to an earlier one.
             skips = message.seq > self._highest + 1 and (self._highest < 0 or self._begun_s is not None)
             if message.seq >= len(self._wire) or skips:
                 return _I.STRAY
@@ -166,7 +166,7 @@ class MissionUpload(ClientTransfer):
         return max(self.round_trip.known_s or 0.0, _SHORTEST_TRIP_S)
 
     def _is_worth_sending(self, answers: _Answers, now_s: float) -> bool:
-        """Whether an item that was asked for again was lost, and not just asked for before it arrived."""
+        """Whether an item requested again was lost, and not just requested before it arrived."""
         if now_s >= answers.first_s + self._trip_s:
             return True
         copies, apart_s = self.round_trip.copies(self.profile.abort_s)
@@ -219,7 +219,7 @@ class MissionUpload(ClientTransfer):
         )
 
     def item_messages(self) -> list[wire.ItemMessage]:
-        """Return every item as it is sent, for those who bring the plan to the vehicle in another way."""
+        """Return every item as it is sent, for other ways to the vehicle than this transfer."""
         return [self._item_message(sequence) for sequence in range(len(self._wire))]
 
     def _repeat_item(self, message: None, now_s: float) -> Output:

@@ -1,4 +1,4 @@
-"""Upload, read back and compare: the upload that knows what the vehicle holds, sans-IO.
+"""Upload, read back and compare: the upload that knows the plan of the vehicle at its end, sans-IO.
 
 The last ACK of an upload can be lost, and then the client cannot know whether the plan is in force (the
 two generals' problem). Reading the plan back decides it. The outcomes are:
@@ -118,11 +118,11 @@ def compare_plans(
     *,
     limit: int = 20,
 ) -> tuple[Difference, ...]:
-    """List what differs between two plans, beyond what the wire and the autopilot's storage change.
+    """List the differences of two plans beyond the changes of the wire and the autopilot's storage.
 
     Allowed are: 32-bit floats (1e-5 relative), 2.5e-7 degree, 1.1 cm of altitude, a yaw that differs by
-    full turns, the frames 5/6/11 for 0/3/10 (the same by `MissionItem`), and what the profile says of the
-    fields that an autopilot does not keep, or keeps roughly.
+    full turns, the frames 5/6/11 for 0/3/10 (the same by `MissionItem`), and the profile's fields that an
+    autopilot does not keep, or keeps roughly.
     """
     if len(sent) != len(received):
         return (Difference(-1, "count", len(sent), len(received)),)
@@ -141,7 +141,7 @@ def compare_plans(
 
 _RESTARTS = 5
 _STUCK_S, _QUICK_S = 15.0, 1.0
-# What vehicles answer when they gave an upload up: PX4 to the items that come then, ArduPilot by itself.
+# Results after an upload was given up: PX4 answers later items so, ArduPilot sends it by itself.
 _GIVEN_UP = frozenset({wire.ERROR, wire.OPERATION_CANCELLED})
 
 
@@ -154,7 +154,7 @@ class VerifiedUpload:
     refused twice at the same item without any sign of a bad link, nor one that over a good link gets no
     farther for 15 s, however often it is begun.
 
-    Takes what `MissionUpload` takes, besides:
+    Takes the parameters of `MissionUpload`, besides:
 
     Parameters
     ----------
@@ -163,12 +163,12 @@ class VerifiedUpload:
     readings : int
         How often to read back before a difference is believed (an echo of an older transfer can spoil one).
     send, read : callable
-        Make the transfers that it consists of, from what `MissionUpload` and `MissionDownload` take.
+        Make its transfers, from the parameters of `MissionUpload` and `MissionDownload`.
 
     Attributes
     ----------
     differences : tuple of Difference
-        What differed in the last reading.
+        Differences in the last reading.
     confirmed_s : float or None
         When the vehicle confirmed the plan.
     opaque_id : int
@@ -242,7 +242,7 @@ class VerifiedUpload:
         return self._go_on(self._part.cancel(now_s), now_s)
 
     def statistics(self, now_s: float | None = None) -> TransferStatistics:
-        """What upload and reading have cost together."""
+        """Cost of upload and reading together."""
         parts = [part.statistics(now_s) for part in self._parts]
         return TransferStatistics(
             self.mission_type,
@@ -255,7 +255,7 @@ class VerifiedUpload:
         )
 
     def _go_on(self, output: Output, now_s: float) -> Output:
-        """Replace the end of a part by what follows from it."""
+        """Replace the end of a part by its consequences."""
         for event in output.events:
             if isinstance(event, Progress) and self._part is self._upload:
                 self._sent = event.done
@@ -283,7 +283,7 @@ class VerifiedUpload:
         if self._part is self._upload:
             if self._is_given_up(failed, now_s) or (self._is_bad_luck(failed) and self._under_way):
                 return self._send_again(failed, now_s)
-            # Who took no item and fell silent would not be read either.
+            # A vehicle that took no item and fell silent cannot be read either.
             tells = bool(self.items) and isinstance(self._upload, MissionUpload)  # how many items it took
             worth_reading = self._under_way or failed.reason is not FailureReason.TIMEOUT or not tells
             if failed.vehicle_plan is PlanState.UNKNOWN and not self._cancelled and worth_reading:
@@ -351,7 +351,10 @@ class VerifiedUpload:
     def _compare(self, received: DownloadComplete, now_s: float) -> Output:
         found = compare_plans(self.items, received.items, self._profile)
         self.differences = tuple(
-            one if one.sequence < 0 else replace(one, sequence=self._origins[one.sequence]) for one in found
+            difference
+            if difference.sequence < 0
+            else replace(difference, sequence=self._origins[difference.sequence])
+            for difference in found
         )
         if not self.differences:
             self._verified = True
@@ -373,7 +376,7 @@ class VerifiedUpload:
         return Output(events=(failed,))
 
     def _refused(self, refusal: TransferFailed, received: DownloadComplete) -> Output:
-        """End with the vehicle's refusal, and what it holds now."""
+        """End with the vehicle's refusal and its present plan."""
         text = f"{refusal.text}; {_told_of_held(self.items, received.items, self._profile)}"
         return Output(events=(replace(refusal, text=text),))
 

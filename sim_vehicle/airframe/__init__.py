@@ -1,1 +1,1 @@
-"""What a vehicle is: its specification, the catalogue of vehicles, the errors of its sensors."""
+"""The vehicle: its specification, the catalogue of vehicles, the errors of its sensors."""

@@ -13,8 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from geo.reading import UnreadableError, read_toml
-from sim_vehicle.airframe.autopilot_names import autopilot_names
-from sim_vehicle.airframe.kind import forget_kinds, get_kind, kind_names, not_installed
+from sim_vehicle.airframe.kind import autopilot_names, forget_kinds, get_kind, kind_names, not_installed
 from sim_vehicle.airframe.power_spec import BatterySpec
 from sim_vehicle.airframe.spec import PublishedEndurance, VehicleSpec
 from sim_vehicle.errors import VehicleError

@@ -3,11 +3,11 @@
 In all recorded flights of PX4 (v1.17, SIH) the estimated height jumps by 1 m and a little more, to and fro,
 in the first two minutes after arming. Later it only drifts. The estimated velocities are off all the time:
 the accelerometers and gyroscopes of SIH are noisy, and the estimator follows the receiver slowly, like a
-Kalman filter of positions (damping 0.7). The vehicle holds a wrong velocity until its position tells. And it
+Kalman filter of positions (damping 0.7). The vehicle holds a wrong velocity until its position shows. And it
 is pushed: a part of the error is one of the tilt, which moves the vehicle and not the estimate, and
 corrections move the estimate and not the vehicle. Measured on eight flights of quadrotors, a rover and an
 aeroplane (the velocities on the six of quadrotors, as what they differ by from the rate of the estimated
-position; the push on the two of them that tell attitudes):
+position; the push on the two of them with attitudes):
 
 ============================  ===================================================================
 jumps of the height           to the other side: 0.9 of them; size 1.0 m (tenth percentile 1.05 m,
@@ -39,11 +39,11 @@ GRID_S = 0.1
 COLUMNS = 6
 """Height, m; velocity east, north, up, m/s; push east, north, m/s^2."""
 SETTLED_S = 119.0
-"""How long after the first take-off the estimated height jumps."""
+"""Time after the first take-off in which the estimated height jumps."""
 LEAST_LEVEL_M = 0.5
 """Least distance of both sides of a jump from their middle."""
 LEVEL_SCALE_M = 0.15
-"""Mean of what is added to that, exponentially distributed."""
+"""Mean of the distance beyond that, exponentially distributed."""
 MEDIAN_DWELL_S, DWELL_SIGMA = 0.35, 1.44
 """Time between jumps, log-normally distributed."""
 DRIFT_M, DRIFT_S = 0.29, 3.8
@@ -53,15 +53,15 @@ HEIGHT_M = math.sqrt((LEAST_LEVEL_M + LEVEL_SCALE_M) ** 2 + LEVEL_SCALE_M**2 + D
 VELOCITY_M_S, VELOCITY_S, VELOCITY_DAMPING = 0.214, 2.25, 0.73
 """The same of the velocity along a horizontal axis, and its damping: the others have 1."""
 PUSH_1_S, UNSEEN = 0.5, 0.3
-"""How much of the velocity's error, and of its change, pushes the vehicle unseen."""
+"""Shares of the velocity's error and of its change that push the vehicle unseen."""
 CLIMB_M_S, CLIMB_S = 0.1, 2.3
-"""The same of the vertical velocity; a part of what was measured is the drift of the height."""
+"""The same of the vertical velocity; a part of the measured one is the drift of the height."""
 
 
 def carried_aside_m(gain_1_s: float) -> float:
-    """Return how far the error of the velocity carries a vehicle aside: deviation along a horizontal axis, m.
+    """Return the drift aside by the velocity's error: standard deviation along a horizontal axis, m.
 
-    The vehicle holds a velocity that is wrong by e until its position tells: dx/dt = e - P x, with the gain P
+    The vehicle holds a velocity that is wrong by e until its position shows: dx/dt = e - P x, with the gain P
     of its position controller and e the second-order process of `EstimateErrors`. In the steady state the
     covariances of x with e and de/dt follow from their derivatives being 0 (Lyapunov's equation). The unseen
     push and what turns add are left out: returns from random paths begin 0.23 m nearer or farther (one
@@ -115,7 +115,7 @@ class EstimateErrors:
     def _drift(
         self, name: str, count: int, deviation: float, time_s: float, damping: float
     ) -> NDArray[np.float64]:
-        # Imported here: who has no errors needs no compiler.
+        # Imported here: without errors no compiler is needed.
         from sim_vehicle.airframe.drift import recur
 
         # The poles of the process, sampled; the drive from the variance of an autoregression.

@@ -1,4 +1,4 @@
-"""Kinds of vehicles: each is one value that holds all facts of its kind.
+"""Kinds of vehicles, each one value that holds all facts of its kind, and the names of the autopilots.
 
 Those of the package are in `BUILT_IN`; packages register others under the entry point group
 ``wbf_mission.vehicle_kinds`` (docs/vehicle-kinds.md shows one).
@@ -22,10 +22,14 @@ if TYPE_CHECKING:
     from importlib.resources.abc import Traversable
 
 __all__ = [
+    "AUTOPILOT_GROUP",
     "BUILT_IN",
+    "DEFAULT_AUTOPILOT",
     "KIND_GROUP",
+    "NO_AUTOPILOT",
     "Movement",
     "VehicleKind",
+    "autopilot_names",
     "forget_kinds",
     "get_kind",
     "kind_names",
@@ -33,6 +37,11 @@ __all__ = [
     "not_installed",
 ]
 
+AUTOPILOT_GROUP = "wbf_mission.autopilots"
+"""The entry point group; each entry is a `sim_vehicle.autopilot.autopilot.Autopilot`."""
+DEFAULT_AUTOPILOT = "px4"
+NO_AUTOPILOT = "generic"
+"""Autopilot of a vehicle with the generic motion; no installed autopilot."""
 KIND_GROUP = "wbf_mission.vehicle_kinds"
 """The entry point group; each entry is a `VehicleKind` of the entry's name."""
 # The kinds that add-ons of this package bring: the add-on, and the MAV_TYPE.
@@ -170,3 +179,16 @@ def forget_kinds() -> None:
     """Find the kinds of packages again, after one was installed while the program runs."""
     kind_names.cache_clear()
     _registered.cache_clear()
+
+
+@cache
+def autopilot_names() -> tuple[str, ...]:
+    """Names of the installed autopilots, the default one first, the others sorted.
+
+    Examples
+    --------
+    >>> autopilot_names()[:2]
+    ('px4', 'ardupilot')
+    """
+    names = {entry.name for entry in entry_points(group=AUTOPILOT_GROUP)}
+    return tuple(sorted(names, key=lambda name: (name != DEFAULT_AUTOPILOT, name)))

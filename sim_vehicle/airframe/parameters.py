@@ -1,4 +1,4 @@
-"""Parameters of autopilots: what they are, and their values for a vehicle."""
+"""Parameters of autopilots: descriptions, and values for a vehicle."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class ParameterSpec:
     unit: str
     """Such as ``m/s``, ``cm/s`` or ``deg``; empty for a number."""
     text: str
-    """What it is, in a few words."""
+    """Description in a few words."""
     integer: bool = False
     """Whether it is INT32 on the wire."""
     law: str = ""

@@ -1,4 +1,4 @@
-"""What a vehicle believes about its position: errors of satellite positions and of the barometer.
+"""Errors of a vehicle's believed position: those of satellite positions and of the barometer.
 
 A receiver's error along an axis is a first-order Gauss-Markov process, from the atmosphere and the orbits,
 and white noise, from the receiver; so has it Rankin (*An error model for sensor simulation: GPS and

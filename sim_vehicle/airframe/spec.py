@@ -7,8 +7,14 @@ from dataclasses import dataclass, fields
 from typing import Any
 
 from geo.units import FOOT_M
-from sim_vehicle.airframe.autopilot_names import NO_AUTOPILOT, autopilot_names
-from sim_vehicle.airframe.kind import Movement, VehicleKind, get_kind, kind_names
+from sim_vehicle.airframe.kind import (
+    NO_AUTOPILOT,
+    Movement,
+    VehicleKind,
+    autopilot_names,
+    get_kind,
+    kind_names,
+)
 from sim_vehicle.airframe.power_spec import AnyPowerSpec, BatterySpec, positive, within
 from sim_vehicle.errors import VehicleError
 
@@ -71,7 +77,7 @@ class VehicleSpec:
     kind: str = "multirotor"
     """One of `sim_vehicle.airframe.kind.kind_names`."""
     autopilot: str = NO_AUTOPILOT
-    """The autopilot that moves it, one of `sim_vehicle.airframe.autopilot_names.autopilot_names`; "generic"
+    """The autopilot that moves it, one of `sim_vehicle.airframe.kind.autopilot_names`; "generic"
     is none in particular."""
     parameters: tuple[tuple[str, float], ...] = ()
     """Parameters of the autopilot that are not at their defaults, under their real names."""
@@ -112,7 +118,7 @@ class VehicleSpec:
     linear_drag_1_s: float | None = None
     """Drag of a multirotor per mass and airspeed; None is that of the autopilot's reference airframe."""
     attitude_response_s: float | None = None
-    """Time in which its tilt follows what the autopilot wants; None is that of the reference airframe."""
+    """Time constant of its tilt behind the autopilot's demand; None is that of the reference airframe."""
     battery: BatterySpec | None = None
     """None is an endless battery."""
     power: AnyPowerSpec | None = None

@@ -1,6 +1,6 @@
 """The autopilots: one package for each, one `Autopilot` in each, found by its name (`get_autopilot`)."""
 
-from sim_vehicle.airframe.autopilot_names import DEFAULT_AUTOPILOT, autopilot_names
+from sim_vehicle.airframe.kind import DEFAULT_AUTOPILOT, autopilot_names
 from sim_vehicle.autopilot.autopilot import (
     adapt_vehicle,
     autopilot_of_number,

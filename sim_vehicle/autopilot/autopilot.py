@@ -10,13 +10,15 @@ from typing import TYPE_CHECKING, TypeVar
 
 from geo.imports import entry_points, load_entry
 from mission.planners.cornering import Cornering
-from sim_vehicle.airframe.autopilot_names import (
+from sim_vehicle.airframe.kind import (
     AUTOPILOT_GROUP,
     DEFAULT_AUTOPILOT,
     NO_AUTOPILOT,
+    VehicleKind,
     autopilot_names,
+    get_kind,
+    kind_names,
 )
-from sim_vehicle.airframe.kind import VehicleKind, get_kind, kind_names
 from sim_vehicle.airframe.parameters import ParameterSpec, check_parameters
 from sim_vehicle.autopilot.behaviour import MissionBehaviour
 from sim_vehicle.autopilot.parameters import MavParameter
@@ -49,7 +51,7 @@ class Firmware:
     profile: Profile
     """Its behaviour in the mission protocol."""
     parameter_table: Callable[[VehicleSpec, int], Sequence[MavParameter]]
-    """Given the vehicle and its MAVLink system id, the parameters besides those of the procedures."""
+    """Given the vehicle and its MAVLink system id, its parameters without those of the procedures."""
     procedures: FlightProcedures
     """Parameters of the motion, take-off, return, landing."""
     takes_off: bool = False
@@ -224,7 +226,7 @@ def flight_procedures(spec: VehicleSpec) -> FlightProcedures:
 
 @cache
 def _brought(target: str, kind: str, wanted: type[_Brought]) -> _Brought:
-    """Load what a kind of vehicle names as ``module:NAME``."""
+    """Load the object that a kind of vehicle names as ``module:NAME``."""
     try:
         found = resolve_name(target)
     except (ImportError, AttributeError, ValueError) as error:
@@ -312,7 +314,7 @@ def with_autopilot(
 
 
 def _card_parameters(spec: VehicleSpec) -> dict[str, ParameterSpec]:
-    """Return the parameters that give room for plans, as far as the vehicle's autopilot has them."""
+    """Return the parameters of the vehicle's autopilot that give room for plans."""
     firmware = firmware_of(spec)
     cards = () if firmware is None else firmware.profile.cards.values()
     text = "room on the SD card"

@@ -1,4 +1,4 @@
-"""What a firmware does by itself: how it comes up, how it takes missions, what it does about failures."""
+"""Behaviour of a firmware: its boot, its handling of missions, its reactions to failures."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class IdleDisarm:
     delay: Setting
     """Time on the ground, in seconds; 0 and less is for ever."""
     texts: tuple[str, ...]
-    """What is said."""
+    """Notices."""
     first_flight: bool = False
     """It is only for a vehicle that has not taken off since it was armed (PX4, which has another delay after
     a landing). Otherwise each time on the ground counts, with the throttle stick down or without sticks
@@ -56,7 +56,7 @@ class Action(Enum):
 class FailsafeRules:
     """The safety functions of one firmware.
 
-    Texts are for the operator; ``fence_text`` and ``stream_lost`` have a ``{}`` for what follows.
+    Texts are for the operator; ``fence_text`` and ``stream_lost`` have a ``{}`` for the reason or the action.
     """
 
     # By the value of their parameter.
@@ -69,7 +69,7 @@ class FailsafeRules:
     watches_voltage: bool
     """A voltage that stays too low is a low battery, too (ArduPilot)."""
     any_inclusion: bool
-    """Being in one of the inclusion zones of a fence is enough."""
+    """A position inside one inclusion zone is inside the fence; otherwise it has to be in all."""
     needs_stream: bool
     """Setpoints have to flow before their mode is taken, and the vehicle returns home when they stop (PX4);
     otherwise only velocities grow old (ArduPilot)."""
@@ -80,11 +80,11 @@ class FailsafeRules:
     fences_setpoints: bool
     """A setpoint outside the fence is refused."""
     tells_link_loss: bool
-    """The loss of the ground station is told even where nothing is done about it."""
+    """The loss of the ground station is reported even without an action."""
     preflight: str
-    """Before what fails when the checks are run without an order to arm."""
+    """Prefix of a failure when the checks are run without an order to arm."""
     arming_texts: tuple[str, ...]
-    """What is said when an order to arm is refused; ``{}`` in the first is the reason."""
+    """Notices when an order to arm is refused; ``{}`` in the first is the reason."""
     fence_text: str
     fence_clear: str
     link_lost: str
@@ -98,18 +98,18 @@ class FailsafeRules:
     idle: IdleDisarm | None = None
     """When an armed vehicle that does not fly is disarmed; None is never."""
     any_mode_disarmed: bool = False
-    """Any mode is entered while the vehicle is disarmed; what it lacks keeps it from arming. Otherwise a mode
-    is refused that could not be flown."""
+    """Any mode is entered while the vehicle is disarmed; a mode that it cannot fly keeps it from arming.
+    Otherwise such a mode is refused."""
     restores_mode: bool = False
     """Disarmed, it goes back to the mode that was last asked for and in which it arms (PX4)."""
     fence_refusal: str = ""
-    """What is said when a position is refused because of the fence; empty for nothing."""
+    """Notice when the fence refuses a position; empty for none."""
     armed: str = "Armed by external command"
     armed_by_start: str = ""
     """Text when MISSION_START starts them; empty where it does not (ArduPilot)."""
     disarmed: str = "Disarmed by external command"
     disarming_text: str = "Disarming denied: not landed"
-    """What is said when an order to disarm is refused in flight; empty for nothing."""
+    """Notice when an order to disarm is refused in flight; empty for none."""
     landed: tuple[str, ...] = ("Disarmed by landing",)
     """Texts when they stop after a landing."""
 
@@ -150,7 +150,7 @@ def no_rule(_items: Sequence[MissionItem], _parameters: RuntimeParameters) -> st
 
 @dataclass(frozen=True, slots=True)
 class MissionBehaviour:
-    """Behaviour of one firmware with a mission in flight; the defaults are PX4's, as far as nothing is said.
+    """Behaviour of one firmware with a mission in flight; the defaults are PX4's, unless noted.
 
     The item that is flown keeps its number when a mission is changed, under any autopilot.
     """
@@ -174,9 +174,9 @@ class MissionBehaviour:
     """A return that is the last item ends the mission: after this time the vehicle is in the mode of returns
     (PX4). None: it is flown as an item, in the mission mode."""
     finished_texts: tuple[str, str] = ("Mission complete", "Mission complete")
-    """What is said when the mission is over in the air, and on the ground."""
+    """Notices when the mission is over in the air, and on the ground."""
     return_text: str = ""
-    """What is said besides when it ends in the mode of returns."""
+    """Further notice when it ends in the mode of returns."""
     forgets_speed_in: frozenset[Mode] = frozenset()
     """Modes that begin at the vehicle's own speed (ArduPilot)."""
     replays_speed: bool = False
@@ -189,22 +189,22 @@ class MissionBehaviour:
     """Shots that go on by themselves stop when the mission mode is left, and go on from the next position
     that is reached in it (PX4). Otherwise they go on in any mode, until the vehicle disarms (ArduPilot)."""
     tells_shots: bool = False
-    """Shots that the autopilot has ordered are told by CAMERA_FEEDBACK (ArduPilot)."""
+    """CAMERA_FEEDBACK reports the shots that the autopilot has ordered (ArduPilot)."""
     changed_texts: tuple[str, ...] = ()
-    """What is said when a leg begins anew; ``{}`` is the number of the item."""
-    # What is said when the present item is gone, and when the mission was cleared; empty for nothing.
+    """Notice when a leg begins anew; ``{}`` is the number of the item."""
+    # Notices when the present item is gone, and when the mission was cleared; empty for none.
     restart_failed_text: str = ""
     no_mission_text: str = ""
     outside_text: str = ""
-    """What is said of a waypoint outside the fence, besides the rejection; ``{}`` is its number (PX4)."""
+    """Notice of a waypoint outside the fence, besides the rejection; ``{}`` is its number (PX4)."""
     empty_mission_text: str = ""
     """Why a vehicle whose mission mode was taken without a mission does not arm (ArduPilot); where it is
     empty, the mode is refused."""
     rejected_text: str = "Mission rejected: {}"
-    """What is said of a mission that cannot be flown; empty where it is stored without a word, and its mode
+    """Notice of a mission that cannot be flown; empty where it is stored without a word, and its mode
     is entered all the same (ArduPilot)."""
     no_takeoff_text: str = ""
-    """What is said when a mission without a take-off item is to begin on the ground with the motors on."""
+    """Notice when a mission without a take-off item is to begin on the ground with the motors on."""
     refuses: MissionRule = no_rule
     """Why a mission that could be flown is refused when it comes (PX4)."""
     refuses_to_arm: MissionRule = no_rule
@@ -227,13 +227,13 @@ class BootStage:
     fix: int = 0
     """GPS_FIX_TYPE."""
     tells_place: bool = False
-    """GLOBAL_POSITION_INT tells where it is; latitude and longitude are 0 otherwise."""
+    """GLOBAL_POSITION_INT has the position; latitude and longitude are 0 otherwise."""
     knows_position: bool = False
     """The estimator has a position."""
     untold: frozenset[int] = frozenset()
     """Messages that are not sent yet."""
     text: str = ""
-    """What is said when it begins."""
+    """Notice when it begins."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -250,7 +250,7 @@ class ColdBoot:
 
     def at(self, boot_s: float) -> BootStage:
         """Return the stage at a time since the start."""
-        return [one for one in self.stages if one.begins_s <= max(boot_s, 0.0)][-1]
+        return [stage for stage in self.stages if stage.begins_s <= max(boot_s, 0.0)][-1]
 
     def problem(self, stage: BootStage, mode: Mode) -> str | None:
         """Return why a vehicle does not arm in a mode; None when nothing of the boot is in the way."""

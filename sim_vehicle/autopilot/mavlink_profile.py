@@ -27,7 +27,7 @@ COMMON_CAPABILITIES = int(
     | m.MAV_PROTOCOL_CAPABILITY_MISSION_FENCE
     | m.MAV_PROTOCOL_CAPABILITY_MISSION_RALLY
 )
-"""MAV_PROTOCOL_CAPABILITY bits of what the simulated vehicle does under any autopilot."""
+"""MAV_PROTOCOL_CAPABILITY bits of the simulated vehicle under any autopilot."""
 _FIX_3D = 3
 
 
@@ -147,7 +147,7 @@ class MavlinkProfile:
     """The altitude of NAV_TAKEOFF counts from mean sea level unless its frame says otherwise (PX4), not from
     home."""
     home_above_sea: bool = False
-    """The altitude of DO_SET_HOME counts from mean sea level whatever its frame says (PX4)."""
+    """The altitude of DO_SET_HOME counts from mean sea level in any frame (PX4)."""
     reposition_turns: bool = False
     """DO_REPOSITION's yaw is followed (PX4)."""
     camera_by_default: bool = True

@@ -37,7 +37,7 @@ class Mode(Enum):
 
 @dataclass(frozen=True, slots=True)
 class BaseModes:
-    """What HEARTBEAT's base mode says of each mode, besides armed and the custom mode bit."""
+    """Flags of each mode in HEARTBEAT's base mode, besides armed and the custom mode bit."""
 
     # MAV_MODE_FLAG bits in MANUAL, ALTITUDE and POSITION.
     manual: int = int(m.MAV_MODE_FLAG_MANUAL_INPUT_ENABLED)
@@ -83,25 +83,25 @@ class ModeTable:
     after_command: Mode
     """The mode that DO_REPOSITION, DO_ORBIT and DO_CHANGE_ALTITUDE lead to."""
     base: BaseModes = field(default_factory=BaseModes)
-    """What the base mode of the heartbeat says of them."""
+    """Their flags in the base mode of the heartbeat."""
     flips_from: frozenset[int] = frozenset()
     """The custom modes that FLIP is entered from."""
     unready: Mapping[int, tuple[str, str]] = field(default_factory=dict)
-    """Custom modes whose init fails here: name, and what is said before it (empty for nothing)."""
+    """Custom modes whose init fails here: name, and the notice before it (empty for none)."""
     not_armable: frozenset[int] = frozenset()
     """Custom modes in which the vehicle does not arm."""
     not_armable_text: str = "{name} mode not armable"
     arms_in_mission: Setting | None = None
     """The parameter whose lowest bit lets it arm in the mission mode all the same."""
     armed_texts: Mapping[int, str] = field(default_factory=dict)
-    """What is said besides when it arms in a custom mode."""
+    """Further notices when it arms in a custom mode."""
     refused_text: str = "Mode {name} refused"
-    """What is said of a mode that is not entered: ``{name}`` is its name, ``{reason}`` ArduCopter's
+    """Notice of a mode that is not entered: ``{name}`` is its name, ``{reason}`` ArduCopter's
     reason."""
     unknown_text: str = "Mode refused: unknown number {}"
-    """What is said of a mode that there is not; ``{}`` is its number."""
+    """Notice of an unknown mode; ``{}`` is its number."""
     orbit: int | None = None
-    """The custom mode that peers are told while circles are flown by command; None is that of the hold
+    """The custom mode in the heartbeat while circles are flown by command; None is that of the hold
     mode."""
     own_hold: int | None = None
     """The custom mode in which the vehicle holds by its own decision; None is that of the hold mode."""
@@ -125,7 +125,7 @@ class ModeTable:
         return next((mode for number, mode, _ in self.rows if number == custom_mode), None)
 
     def refusal(self, number: int, *, has_position: bool = True) -> str:
-        """What is said when the custom mode with this number is not entered."""
+        """Notice when the custom mode with this number is not entered."""
         reason = "init failed" if has_position else "requires position"
         return self.refused_text.format(name=self.name_of(number), reason=reason)
 

@@ -95,7 +95,7 @@ class FailsafeDefaults:
     failsafe_options: int = 0
     """Bits of FS_OPTIONS."""
     setpoint_timeout_s: float = 1.0
-    """Age at which setpoints hold no more."""
+    """Greatest age of a setpoint that is flown."""
     low_voltage_v: float = 0.0
     """Voltage of the whole pack that is low, for batteries of three cells and more; 0 is none. ArduCopter's
     default refuses to arm with fewer cells."""
@@ -105,7 +105,7 @@ class FailsafeDefaults:
 
 @dataclass(slots=True)
 class RuntimeParameters:
-    """The values of one vehicle that parameters change while it runs, whatever their names; SI units."""
+    """The values of one vehicle that parameters change while it runs, under any autopilot; SI units."""
 
     # As in `sim_vehicle.airframe.spec.VehicleSpec`.
     cruise_speed_m_s: float
@@ -165,7 +165,7 @@ class RuntimeParameters:
         )
 
     def applied_to(self, spec: VehicleSpec) -> VehicleSpec:
-        """Return the vehicle with what these values decide of it."""
+        """Return the vehicle with these values applied."""
         return replace(spec, **{name: getattr(self, name) for name in _OF_VEHICLE})
 
 

@@ -1,4 +1,4 @@
-"""The part of a flight that the autopilot decides: dynamics, take-off, return, landing, and parameters.
+"""Flight procedures of an autopilot: dynamics, take-off, return, landing, and parameters.
 
 The base classes for firmwares, and the procedures of no autopilot in particular.
 """
@@ -39,11 +39,11 @@ class FlightProcedures(ABC):
     """The flight procedures of a firmware. One object serves all vehicles; they differ by their spec."""
 
     name: str
-    """That of the autopilot."""
+    """Name of the autopilot."""
     parameters: Mapping[str, ParameterSpec]
-    """Those that move the vehicle, by their names."""
+    """Parameters that move the vehicle, by their names."""
     orbit_within_m: float | None = None
-    """An ordered circle is one leg, which begins so near to it; None: chords."""
+    """Distance to an ordered circle at which its one leg begins; None: it is flown as chords."""
 
     def value(self, spec: VehicleSpec, name: str) -> float:
         """Value of a parameter for a vehicle, in the parameter's own unit."""
@@ -66,7 +66,7 @@ class FlightProcedures(ABC):
 
     @abstractmethod
     def fit(self, spec: VehicleSpec) -> VehicleSpec:
-        """Vehicle with what parameters decide of its values (radii, speeds, heights)."""
+        """Vehicle with the radii, speeds and heights of its parameters."""
 
     @abstractmethod
     def motion(self, spec: VehicleSpec, wind: Wind | None, yaw_rad: float) -> MotionModel:
@@ -206,7 +206,7 @@ class FixedWingProcedures(FlightProcedures):
     climbs_ahead: bool
     """Whether a take-off climbs straight ahead, not towards its position."""
     turns_to_zero: bool
-    """Whether the coordinates that a return does not have count as 0 N 0 E, to which the way to it leads."""
+    """Whether a return without coordinates is led to as if it were at 0 N 0 E."""
 
     @abstractmethod
     def limits(self, spec: VehicleSpec) -> FixedWingBounds:

@@ -34,7 +34,7 @@ class Sticks:
 
 @dataclass(frozen=True, slots=True)
 class Axis:
-    """What part of the greatest speed a stick asks for.
+    """Share of the greatest speed that a stick asks for.
 
     Examples
     --------
@@ -59,7 +59,7 @@ class Axis:
 
 @dataclass(frozen=True, slots=True)
 class StickLoss:
-    """What an autopilot does when sticks that it has heard fall silent."""
+    """Reaction of an autopilot when its sticks fall silent."""
 
     timeout: Setting
     """Silence after which they are lost."""
@@ -76,7 +76,7 @@ class StickLoss:
     delay: Setting | None = None
     """How long it holds before it does more than that (PX4)."""
     on_ground: Action = Action.NONE
-    """What is done on the ground."""
+    """Action on the ground."""
     arming: Setting | None = None
     """A parameter with which a vehicle whose sticks are lost does not arm, unless it is 0 (ArduPilot)."""
     # Texts, empty for none; ``delayed`` has a ``{}`` for the seconds.
@@ -84,7 +84,7 @@ class StickLoss:
     delayed: str = ""
     regained: str = ""
     ignored: Mapping[Mode, str] = field(default_factory=dict)
-    """What is said when a mode goes on without sticks."""
+    """Notice when a mode goes on without sticks."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,4 +1,4 @@
-"""MAVLink camera components that ride beside an autopilot: what all have in common, and the leaf camera."""
+"""MAVLink camera components beside an autopilot: their common part, and the leaf camera."""
 
 from __future__ import annotations
 
@@ -40,19 +40,19 @@ _Obeyed: TypeAlias = int | list[Message]
 
 
 class CameraComponent:
-    """A MAVLink camera that fires as the mission commands and sends what its images show.
+    """A MAVLink camera that fires as the mission commands and sends the readings of its images.
 
     It knows where the vehicle is from telemetry only: GLOBAL_POSITION_INT of its own system's autopilot
     (10 Hz is best, 1 Hz is enough); when none comes (an ArduPilot sends what was asked for) it asks for
     it. It fires by DO_SET_CAM_TRIGG_DIST, DO_SET_CAM_TRIGG_INTERVAL, IMAGE_START_CAPTURE and an
     autopilot's CAMERA_TRIGGER, stops when the vehicle disarms or its autopilot restarts, and reports each
-    image by CAMERA_IMAGE_CAPTURED and DEBUG_FLOAT_ARRAY (see `sensors.camera.wire`). What an image is, a
-    subclass tells by `_take`.
+    image by CAMERA_IMAGE_CAPTURED and DEBUG_FLOAT_ARRAY (see `sensors.camera.wire`). A subclass takes the
+    images by `_take`.
 
     Parameters
     ----------
     fields : tuple of str
-        The names of what it reads.
+        The names of the fields that it reads.
     footprint_cells : int
         Side of the square of cells that one image shows.
     system_id, component_id : int
@@ -263,7 +263,7 @@ class CameraComponent:
         return self._by_interval(p[0] / 1000.0, 0)
 
     def _mine(self, camera_id: float) -> bool:
-        """Tell whether a command's camera id means this camera (1 to 6 are an autopilot's own cameras)."""
+        """Whether a command's camera id means this camera (1 to 6 are an autopilot's own cameras)."""
         return camera_id < 7.0 or camera_id == self.component_id
 
     def _shoot_by_distance(self, message: CommandMessage, p: Parameters) -> _Obeyed:
@@ -324,8 +324,8 @@ class CameraComponent:
             if image is None:
                 return _DENIED
             return self._memory.report(image, self._utc_offset_us)
-        tell = _TOLD.get(message_id)
-        return _UNSUPPORTED if tell is None else [tell(self, time_ms)]
+        build = _BUILDERS.get(message_id)
+        return _UNSUPPORTED if build is None else [build(self, time_ms)]
 
     def _settings(self, time_ms: int) -> Message:
         return mavlink.MAVLink_camera_settings_message(time_ms, self._mode)
@@ -444,7 +444,7 @@ def _turned(exposure: Exposure, attitude: tuple[float, float, float] | None) -> 
 
 
 def _is_repeated(message: CommandMessage) -> bool:
-    """Tell whether a command was sent before: its answer was lost, and it must not begin anew."""
+    """Whether a command is repeated: its answer was lost, and it must not begin anew."""
     return getattr(message, "confirmation", 0) > 0
 
 
@@ -471,7 +471,7 @@ _HANDLERS: dict[int, _Handler] = {
     mavlink.MAV_CMD_STORAGE_FORMAT: CameraComponent._format_storage,
     mavlink.MAV_CMD_RESET_CAMERA_SETTINGS: CameraComponent._reset_settings,
 }
-_TOLD: dict[float, Callable[[CameraComponent, int], Message]] = {
+_BUILDERS: dict[float, Callable[[CameraComponent, int], Message]] = {
     mavlink.MAVLINK_MSG_ID_CAMERA_INFORMATION: CameraComponent._information,
     mavlink.MAVLINK_MSG_ID_CAMERA_SETTINGS: CameraComponent._settings,
     mavlink.MAVLINK_MSG_ID_STORAGE_INFORMATION: CameraComponent._storage,

@@ -1,4 +1,4 @@
-"""The images that a leaf camera took: kept for a while, and told in MAVLink messages."""
+"""The images of a leaf camera: kept for a while, and sent in MAVLink messages."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class Image(NamedTuple):
 
 
 class ImageMemory:
-    """Numbers images, keeps the last 65,536 of them, and makes the messages that tell one."""
+    """Numbers images, keeps the last 65,536 of them, and makes the messages of an image."""
 
     def __init__(self, fields: tuple[str, ...], footprint_cells: int) -> None:
         self.count = 0  # images taken; the number of the next one
@@ -110,7 +110,7 @@ class ImageMemory:
         return report
 
     def _announce(self, time_us: int) -> list[Message]:
-        """Tell the names of the fields, unless they are the benchmark's."""
+        """Return the message with the names of the fields, unless they are the benchmark's."""
         return [
             mavlink.MAVLink_debug_float_array_message(
                 time_us, FIELDS_NAME.encode(), number, data + _PADDING[len(data) :]

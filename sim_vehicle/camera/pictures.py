@@ -1,4 +1,4 @@
-"""A real camera beside an autopilot: takes pictures where it is told to, and sends what they show."""
+"""A real camera beside an autopilot: takes pictures on command, and sends their readings."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ _LOOK_S = 0.05
 
 
 class PictureCamera(CameraComponent, Generic[P]):
-    """A camera of pictures, of which a function tells what they show: the program of a companion computer.
+    """A camera of pictures, whose readings a function gives: the program of a companion computer.
 
-    It fires as `CameraComponent` tells. A picture is taken at once; what it shows is told by a thread beside,
-    one picture after the other, so that a slow classifier delays neither the next picture nor the link. A
-    picture that cannot be taken or told is an image without readings, and said.
+    It fires as `CameraComponent` does. A picture is taken at once; a thread classifies one picture after the
+    other, so that a slow classifier delays neither the next picture nor the link. A picture that cannot be
+    taken or classified is an image without readings, and reported.
 
     Parameters
     ----------
@@ -77,23 +77,23 @@ class PictureCamera(CameraComponent, Generic[P]):
 
     @property
     def waiting(self) -> int:
-        """How many pictures were taken of which nothing was told yet."""
+        """Number of pictures without readings yet."""
         return len(self._waiting)
 
     def next_deadline(self) -> float:
-        """Return when the next heartbeat is due, or when it is worth while to look for what was told."""
+        """Return the time of the next heartbeat, or of the next look for readings."""
         due_s = super().next_deadline()
         return min(due_s, self._looked_s + _LOOK_S) if self._waiting else due_s
 
     def poll(self, now_s: float) -> list[Message]:
-        """Send the heartbeat when it is due, and what pictures show."""
+        """Send the heartbeat when it is due, and the readings of pictures."""
         self._looked_s = now_s
-        return [*super().poll(now_s), *self._told()]
+        return [*super().poll(now_s), *self._classified()]
 
     def goodbye(self) -> list[Message]:
-        """Tell what the last pictures show, then that the camera is powered off."""
+        """Send the readings of the last pictures, then a heartbeat of a camera that is powered off."""
         self._pool.shutdown(wait=True)
-        return [*self._told(), *super().goodbye()]
+        return [*self._classified(), *super().goodbye()]
 
     def _take(self, exposures: Sequence[Exposure]) -> list[Message]:
         for exposure in exposures:
@@ -106,10 +106,10 @@ class PictureCamera(CameraComponent, Generic[P]):
             else:
                 future = self._pool.submit(self._values, picture)
             self._waiting.append((exposure, future))
-        return self._told()
+        return self._classified()
 
-    def _told(self) -> list[Message]:
-        """Return the messages of the pictures of which is known what they show, in their order."""
+    def _classified(self) -> list[Message]:
+        """Return the messages of the pictures that have readings, in their order."""
         messages: list[Message] = []
         while self._waiting and self._waiting[0][1].done():
             exposure, future = self._waiting.popleft()
@@ -117,7 +117,7 @@ class PictureCamera(CameraComponent, Generic[P]):
         return messages
 
     def _values(self, picture: P) -> NDArray[np.float32]:
-        """Return the readings of a picture, float32[cells, fields]; NaN for what it does not show."""
+        """Return the readings of a picture, float32[cells, fields]; NaN where it shows none."""
         values = self._nothing()
         try:
             for name, given in self._classify(picture).items():

@@ -24,18 +24,18 @@ WH_J = 3600.0
 # voltage, over the remaining fraction of the energy.
 _FRACTION = (0.0, 0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
 _HEIGHT = (0.0, 0.301, 0.452, 0.495, 0.538, 0.559, 0.613, 0.645, 0.731, 0.806, 0.903, 1.0)
-# The mean power by which the remaining time is told follows the power with this time constant.
+# Time constant of the mean power from which the remaining time follows, seconds.
 _AVERAGE_S = 30.0
 
 
 class BatteryState(NamedTuple):
-    """What a battery monitor would show."""
+    """Readings of a battery monitor."""
 
     # At the terminals, now.
     voltage_v: float
     current_a: float
     rest_voltage_v: float
-    """What the voltage would be at once without the current: the sag over the resistance made good."""
+    """Voltage without the current's sag over the resistance."""
     # Drawn since the battery was full.
     used_wh: float
     used_mah: float
@@ -108,7 +108,7 @@ class BatteryMeter:
         left_ah = self._charge_ah[upper - 1] + battery.capacity_wh * _charge(fraction - low, low_v, open_v)
         elapsed = time_s - self._time_s
         if elapsed > 0.0:
-            # The load between two looks is taken as the mean of what they saw.
+            # The load between two readings is taken as their mean.
             mean_w = 0.5 * (self._power_w + power_w)
             kept = math.exp(-elapsed / battery.relaxation_s)
             target_v = battery.polarization_ohm * mean_w / open_v

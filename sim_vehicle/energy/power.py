@@ -1,4 +1,4 @@
-"""Electric power by flight state.
+"""Electric power by flight state, and the time and distance that a battery lasts in steady motion.
 
 **Rotorcraft** (`multirotor_power`). Momentum and blade-element theory as in Leishman, *Principles of
 Helicopter Aerodynamics* (2nd ed., 2006, ch. 2 and 5), for a disc that is tilted so that its thrust T carries
@@ -19,11 +19,12 @@ Other kinds have formulas of their own (`FurtherPowerSpec`).
 The battery loses ``I^2 R`` in its own resistance, so the power that leaves its cells is ``P (1 + R P / U^2)``
 with the nominal voltage U. These functions return that, and energies are sums of it.
 
-They are plain Python; `sim_vehicle.energy.power_kernels` has them compiled.
+They are plain Python; `sim_vehicle.motion.stepping` has that of rotorcraft compiled.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from math import sqrt
 from typing import TYPE_CHECKING
 
@@ -45,13 +46,20 @@ from sim_vehicle.airframe.power_spec import (
     TIP_SPEED,
     PowerSpec,
 )
+from sim_vehicle.energy.battery import WH_J
+from sim_vehicle.errors import VehicleError
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from sim_vehicle.airframe.power_spec import AnyPowerSpec, BatterySpec
+    from sim_vehicle.airframe.spec import VehicleSpec
 
 REGAINED = 0.2
+# Steps of the search for the best speeds.
+_STEP_M_S = 0.1
+# Least airspeed of a fixed wing, of its cruise speed, where its autopilot limits none.
+_SLOWEST = 0.8
 
 
 def power_coefficients(power: AnyPowerSpec | None, battery: BatterySpec | None = None) -> NDArray[np.float64]:
@@ -81,7 +89,7 @@ def power_coefficients(power: AnyPowerSpec | None, battery: BatterySpec | None =
 
 
 def profile_power_w(power: PowerSpec) -> float:
-    """Return the shaft power that turns the blades in hover, without what makes lift."""
+    """Return the shaft power that turns the blades in hover, without the power for lift."""
     blades = power.blade_drag / 8.0 * power.solidity * power.disc_area_m2
     return AIR_DENSITY_KG_M3 * blades * power.tip_speed_m_s**3
 
@@ -175,3 +183,52 @@ def flight_power_w(
         up = GRAVITY_M_S2 * (load_factor - 1.0)
         return multirotor_power(numbers, airspeed_m_s, 0.0, climb_m_s, acceleration_m_s2, 0.0, up)
     return power.steady_w(numbers, airspeed_m_s, climb_m_s, load_factor, acceleration_m_s2)
+
+
+@dataclass(frozen=True, slots=True)
+class Best:
+    """Longest time and distance of a vehicle with a full battery."""
+
+    endurance_s: float
+    endurance_speed_m_s: float
+    range_m: float
+    range_speed_m_s: float
+
+
+def endurance_s(spec: VehicleSpec, airspeed_m_s: float, *, used_fraction: float = 1.0) -> float:
+    """Return the time of steady motion until a vehicle has used a share of its battery, seconds.
+
+    An airspeed of 0 hovers. VehicleError if the vehicle has no battery or no power model.
+
+    Examples
+    --------
+    >>> from sim_vehicle.airframe.catalog import get_vehicle
+    >>> round(endurance_s(get_vehicle("quad"), 0.0) / 60.0)
+    30
+    """
+    if spec.battery is None or spec.power is None:
+        msg = f"vehicle {spec.name} has no battery: it goes on for ever"
+        raise VehicleError(msg)
+    power_w = flight_power_w(spec.power, airspeed_m_s, battery=spec.battery)
+    return used_fraction * spec.battery.capacity_wh * WH_J / power_w
+
+
+def best_speeds(spec: VehicleSpec, *, least_airspeed_m_s: float | None = None) -> Best:
+    """Return the longest time and the longest distance of a vehicle, with their speeds.
+
+    ``least_airspeed_m_s`` is how slowly a fixed wing may fly, as its autopilot limits it; 0.8 of the cruise
+    speed without. VehicleError if the vehicle has no battery or no power model.
+    """
+    slowest, fastest = 0.0, spec.fastest_m_s
+    if spec.circles:
+        slowest = _SLOWEST * spec.cruise_speed_m_s if least_airspeed_m_s is None else least_airspeed_m_s
+        fastest = spec.airspeed_limit_m_s
+    elif spec.drives:
+        slowest = _STEP_M_S
+    speeds = np.arange(slowest, fastest + 0.5 * _STEP_M_S, _STEP_M_S)
+    times = np.array([endurance_s(spec, float(speed)) for speed in speeds])
+    distances = times * speeds
+    longest, farthest = int(np.argmax(times)), int(np.argmax(distances))
+    return Best(
+        float(times[longest]), float(speeds[longest]), float(distances[farthest]), float(speeds[farthest])
+    )

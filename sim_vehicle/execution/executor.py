@@ -1,4 +1,4 @@
-"""Takes orders for one vehicle and flies them, and its mission. Pure: no MAVLink, no clock of its own."""
+"""Orders to one vehicle and their flight, with its mission. Pure: no MAVLink, no clock of its own."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 __all__ = ["MissionExecutor"]
 
-# A vehicle that comes to rest within this distance needs no leg to brake.
+# No leg to brake is flown for a shorter stopping distance.
 _BRAKING_M = 0.2
 
 
@@ -48,7 +48,7 @@ class MissionExecutor:
     takes_off, epoch_unix_s
         See `sim_vehicle.execution.sequencer.MissionSequencer`.
     estimate_errors : EstimateErrors, optional
-        How wrong the autopilot's estimate is, where it is known to be; exact without.
+        Errors of the autopilot's estimate; exact without.
     """
 
     def __init__(
@@ -119,7 +119,7 @@ class MissionExecutor:
         self.mission.begin_at(self.mission.current_seq)
 
     def takeoff(self, altitude_m: float) -> None:
-        """Climb to an altitude above home and hold there; TargetReached tells when."""
+        """Climb to an altitude above home and hold there; the arrival is a TargetReached."""
         self.flight.ready("take off")
         require(not self.spec.drives, f"cannot take off: a {self.spec.kind} stays on the ground")
         self._check_height(altitude_m)
@@ -139,7 +139,7 @@ class MissionExecutor:
         speed_m_s: float | None = None,
         as_setpoint: bool = False,
     ) -> None:
-        """Fly to a position about home and hold there; TargetReached tells when.
+        """Fly to a position about home and hold there; the arrival is a TargetReached.
 
         As a setpoint, a multirotor in the air goes there without a path.
         """
@@ -166,8 +166,8 @@ class MissionExecutor:
     ) -> None:
         """Keep a velocity (east, north, up) until another order; sinking ends with touch-down.
 
-        More than the vehicle flies is reduced; ``height_m`` is kept instead of the vertical speed unless it
-        is NaN.
+        A velocity beyond the vehicle's limits is reduced. A ``height_m`` that is not NaN is kept in place
+        of the vertical speed.
         """
         self.flight.ready("fly at a velocity")
         if not math.isnan(height_m):

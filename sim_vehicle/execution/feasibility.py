@@ -50,7 +50,7 @@ class ItemProblem:
     command: int
     """MAV_CMD of the item; 0 for the mission as a whole."""
     code: str
-    """What kind of problem, in words joined by hyphens."""
+    """Kind of the problem, in words joined by hyphens."""
     reason: str
 
     def __str__(self) -> str:
@@ -68,15 +68,15 @@ def check_mission(
     outside: Callable[[Position], str | None] | None = None,
     home_up_m: float = 0.0,
 ) -> list[ItemProblem]:
-    """List what the vehicle could not fly, each with its item; empty when all is well.
+    """List the problems of a mission for a vehicle, each with its item; empty without any.
 
     Checked are commands, frames, parameters, altitudes, distances from home, jumps and the take-off; not the
     energy (see `sim_vehicle.prediction.predict`).
 
-    The items are without home; ``needs_takeoff`` tells whether the vehicle does not take off by itself to
-    reach the first position. ``outside`` tells why a fence does not allow a position (east, north, up), None
-    when it does; only positions are checked, not the paths between them, as autopilots do. ``home_up_m`` is
-    how high home is above the frame's origin.
+    The items are without home. ``needs_takeoff``: the vehicle does not take off by itself to reach the first
+    position. ``outside`` returns why a fence does not allow a position (east, north, up), None when it does;
+    as autopilots do, it checks only positions, not the paths between them. ``home_up_m`` is the height of
+    home above the frame's origin.
 
     Examples
     --------
@@ -84,7 +84,7 @@ def check_mission(
     >>> from mission.model import MissionItem
     >>> from sim_vehicle.airframe.catalog import get_vehicle
     >>> items = [MissionItem.waypoint(28.05, -82.15, 10.0)]
-    >>> [str(one) for one in check_mission(items, LocalFrame(28.05, -82.15), get_vehicle("quad"))]
+    >>> [str(problem) for problem in check_mission(items, LocalFrame(28.05, -82.15), get_vehicle("quad"))]
     ['item 1 (NAV_WAYPOINT): no take-off before it']
     """
     positions = item_positions(items, frame, home_up_m)
@@ -187,7 +187,7 @@ def _item_problems(
 def _landing_problems(
     items: Sequence[MissionItem], positions: Sequence[Position], spec: VehicleSpec
 ) -> list[ItemProblem]:
-    """List what is wrong with the landings of a fixed wing; PX4 refuses an approach that is too steep.
+    """List the problems of the landings of a fixed wing; PX4 refuses an approach that is too steep.
 
     Only an approach from a waypoint is judged: a circle is left where it points to the landing.
     """

@@ -1,4 +1,4 @@
-"""From mission items to legs, which the vehicle flies without asking again; shapes: circle, spline."""
+"""The legs of mission items, as far as they are flown without a decision; circles and splines."""
 
 from __future__ import annotations
 
@@ -30,21 +30,25 @@ if TYPE_CHECKING:
 
 __all__ = ["circle_leg", "circle_legs", "lands", "orbit_legs", "plan_item_legs", "spline_legs"]
 
+# Radius of a multirotor's circle without one.
 _LOITER_RADIUS_M = 10.0
+# Length of the chords of a spline, and their greatest number.
 _CHORD_M = 2.0
 _MAX_CHORDS = 64
+# A longer plan is cut short: jumps can make missions without an end.
 _MAX_LEGS = 4096
 _LOOK_AHEAD = 20
+# Distance of a position that stands for a direction.
 _FAR_M = 1e6
 _NOWHERE = (0.0, 0.0, 0.0)
 # Plain numbers: an enumeration's member costs too much where a plan is made over thousands of items.
 _WAYPOINT = int(Command.NAV_WAYPOINT)
 _SPLINE = int(Command.NAV_SPLINE_WAYPOINT)
 _JUMP = int(Command.DO_JUMP)
-# Ahead of a circle: where it may be left to, and what moves the vehicle besides.
+# Items after a circle: positions that it may be left to, and further items that move the vehicle.
 _LED_TO = POSITION_COMMANDS | {int(Command.NAV_LAND)}
 _MOVES = _LED_TO | {int(Command.NAV_RETURN_TO_LAUNCH), int(Command.NAV_TAKEOFF)}
-# What the vehicle does with them is known only when they are executed.
+# Their effect is known only when they are executed.
 _SURPRISING = frozenset({115, 179, 195, 197, 201})
 _TURNED_AT = frozenset({17, 19, 22, 31})
 
@@ -72,7 +76,7 @@ def plan_item_legs(
 
 
 class _Planner:
-    """Plans item by item; ``last`` is where the legs end so far, ``tangent`` the direction there."""
+    """Plans item by item; ``last`` is the end of the legs planned, ``tangent`` the direction there."""
 
     def __init__(
         self,
@@ -123,8 +127,8 @@ class _Planner:
             if not 0 <= following < len(items) or items[following].command not in CONDITIONS:
                 break
             plan.unsure = True
-            # What waits for a condition is not known now: the legs are planned again when it has changed
-            # something.
+            # The effect of items that wait for a condition is not known yet: when it is, the legs are planned
+            # again.
             following = condition_items(items, following)[-1] + 1
         passes = 0 <= following < len(items) and items[following].command in PASSED_COMMANDS
         return following if passes else None

@@ -1,4 +1,4 @@
-"""Mission items: which there are, where they are, and what they change for the items after them."""
+"""Mission items: their commands, their positions, and their effects on the items after them."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from geo.frame import LocalFrame
     from sim_vehicle.motion.legs import Position
 
-# Items that are executed between two positions.
+# Commands that are executed between two positions.
 DO_COMMANDS = frozenset(
     {112, 114, 115, 177, 178, 179, 189, 195, 197, 201, 203, 205, 206, 214, 530}
     | {1000, 1001, 2000, 2001, 2003, 2500, 2501}
@@ -28,14 +28,14 @@ ROI_COMMANDS = frozenset({195, 197, 201})
 GIMBAL_COMMANDS = ROI_COMMANDS | {205, 1000, 1001}
 CONDITIONS = frozenset({int(Command.CONDITION_DELAY), int(Command.CONDITION_DISTANCE)})
 POSITION_COMMANDS = frozenset({16, 17, 18, 19, 31, 82})
-# The same, the take-off and the landing.
+# Those, the take-off and the landing.
 PLACED_COMMANDS = POSITION_COMMANDS | {21, 22}
-# Flown through to the next position without a pause.
+# Positions that are flown through without a pause.
 PASSED_COMMANDS = frozenset({16, 82})
 NAV_COMMANDS = PLACED_COMMANDS | {20, 93}
 HERE_COMMANDS = frozenset({17, 18, 19, 21, 22, 31})
 MAX_TURNS = 100.0
-# Climb of a landing that is broken off, where no take-off was flown.
+# Height and angle of the climb from a landing that is broken off, where no take-off was flown (ArduPlane).
 _CLIMB_M, _CLIMB_DEG = 30.0, 10.0
 
 
@@ -139,7 +139,7 @@ def _change_speed(item: MissionItem, settings: Settings, top_speed_m_s: float) -
 
 
 def _yaw(item: MissionItem, yaw_rad: float) -> float:
-    """Return the heading that CONDITION_YAW asks for; the short way round, whatever its direction says."""
+    """Return the heading of a CONDITION_YAW; the direction of an absolute one is ignored (the short way)."""
     angle = math.radians(number(item.param1))
     if number(item.param4) == 0.0:
         return angle

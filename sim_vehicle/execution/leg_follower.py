@@ -1,4 +1,4 @@
-"""One plan of legs, or one velocity, as the motion flies it; the descent, and contact with the ground."""
+"""The flight of a plan of legs or of a velocity; the descent, and contact with the ground."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from sim_vehicle.motion.model import MotionModel, MotionState
     from sim_vehicle.weather.wind import Wind
 
-# Without thrust: as fast as a tumbling multirotor falls.
+# Speed, acceleration and jerk of a fall: those of a tumbling multirotor.
 _FALL_M_S = 18.0
 _FALL_M_S2 = 9.0
 _FALL_M_S3 = 90.0
@@ -46,7 +46,7 @@ def drag_1_s(spec: VehicleSpec, airspeed_m_s: float) -> float:
 
 
 def require(able: bool, text: str) -> None:
-    """Refuse an order that the vehicle is not able to take."""
+    """Refuse an order that the vehicle cannot take."""
     if not able:
         raise VehicleError(text)
 
@@ -62,7 +62,7 @@ class AfterLastLeg(Enum):
 
 @dataclass(slots=True)
 class LegPlan:
-    """Legs and what they complete."""
+    """Legs, and the mission items that they complete."""
 
     legs: list[Leg] = field(default_factory=list)
     seqs: list[int] = field(default_factory=list)
@@ -120,7 +120,7 @@ class LegFollower:
         self.armed = False
         self.phase = FlightPhase.GROUND
         self.landed = LandedState.ON_GROUND
-        # What is flown, where its first leg began, and how many of its legs were accounted for.
+        # The plan that is flown, the start of its first leg, and the number of its legs that were completed.
         self.plan: LegPlan | None = None
         self.began_m: Position = (0.0, 0.0, 0.0)
         self.flown = 0
@@ -147,14 +147,14 @@ class LegFollower:
         self.fly([Leg((x, y, z), speed, heading=KEEP, kind=LegKind.STAY)], FlightPhase.HOLD)
 
     def look_at(self, position_m: tuple[float, float] | None) -> None:
-        """Point the nose at a position (east, north) whatever is flown, None for no more."""
+        """Point the nose at a position (east, north) on any leg; None ends that."""
         self.motion.look_at(position_m)
 
     def fall(self) -> None:
         """Lose the thrust: the vehicle comes down at once and can do nothing more."""
         if self.landed is LandedState.ON_GROUND:
             self.stop_motors()
-            self.tell(Disarmed(self.time_s))
+            self.emit(Disarmed(self.time_s))
             return
         self.drop_plan(FlightPhase.FALLING)
         self.look_at(None)
@@ -284,14 +284,14 @@ class LegFollower:
         return attitude_of(east, north, GRAVITY_M_S2 + az, now.heading_rad)
 
     def drop_plan(self, phase: FlightPhase) -> None:
-        """Fly no plan any more, and forget what waits for its conditions."""
+        """Fly no plan any more, and forget the items that wait for conditions."""
         self.plan = None
         self.timer = None
         self.waiting = Waiting()
         self.phase = phase
 
     def begin(self, plan: LegPlan) -> None:
-        """Begin a plan; what waits for a condition goes on waiting."""
+        """Begin a plan; items that wait for a condition go on waiting."""
         self.plan = plan
         self.flown = 0
         self.timer = None
@@ -318,8 +318,8 @@ class LegFollower:
         events, self._events = self._events, []
         return events
 
-    def tell(self, event: FlightEvent) -> None:
-        """Note an event."""
+    def emit(self, event: FlightEvent) -> None:
+        """Add an event."""
         self._events.append(event)
 
     def disarm_later(self) -> None:
@@ -333,21 +333,21 @@ class LegFollower:
         self.motion.touch_down()
         self.landed = LandedState.ON_GROUND
         self.plan = None
-        self.tell(Landed(self.time_s))
+        self.emit(Landed(self.time_s))
 
     def drain_on_ground(self) -> None:
         """Disarm when the idling motors have emptied the battery."""
         battery = self.spec.battery
         if self.armed and battery is not None and remaining_fraction(battery, self.motion.energy_j) <= 0.0:
-            self.tell(BatteryDepleted(self.time_s))
+            self.emit(BatteryDepleted(self.time_s))
             self.stop_motors()
-            self.tell(Disarmed(self.time_s))
+            self.emit(Disarmed(self.time_s))
 
     def deplete(self) -> None:
         """Come down where it is: nothing else is possible any more."""
         self.motion.ignore_energy()
         self.motion.lose_power()
-        self.tell(BatteryDepleted(self.time_s))
+        self.emit(BatteryDepleted(self.time_s))
         if self.phase is FlightPhase.FALLING:
             return
         x, y, _ = self.motion.stopping_point()

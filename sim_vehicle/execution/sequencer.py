@@ -1,4 +1,4 @@
-"""The order of events in a mission: legs, pauses, conditions, jumps, landing, an empty battery."""
+"""The sequence of a mission: legs, pauses, conditions, jumps, landing, an empty battery."""
 
 from __future__ import annotations
 
@@ -53,6 +53,7 @@ if TYPE_CHECKING:
     from sim_vehicle.airframe.spec import VehicleSpec
     from sim_vehicle.motion.legs import Position
 
+# A plan that was cut short is made anew this many legs before its end: the vehicle never brakes for the cut.
 _REPLAN_BEFORE = 64
 _GAVE_UP = -2
 _LANDING_COMMANDS = frozenset({16, 18, 19, 21, 31})
@@ -142,8 +143,8 @@ class MissionSequencer:
         A take-off is flown to its height first. A return home is flown to its end, and with it the mission.
         ``seq`` may be beyond the end: the mission is over then. ``at_waypoints`` turns to the item at once
         only from a waypoint, and if the item exists; otherwise the item that is flown is completed, and the
-        one after it follows. ``keeps_jumps`` goes on counting how often jumps were taken. Tells whether the
-        vehicle has turned to the item at once.
+        one after it follows. ``keeps_jumps`` goes on counting how often jumps were taken. Returns whether
+        the vehicle has turned to the item at once.
         """
         self.flight.ready("change the mission")
         flown = self.items[self.current_seq].command if self.current_seq < len(self.items) else _WAYPOINT
@@ -157,7 +158,7 @@ class MissionSequencer:
             elif not completes and self.flight.landed is LandedState.TAKEOFF:
                 self._goes_on_at = seq
             if completes or self._goes_on_at is not None:
-                # The plan of the old mission is left at the end of what is flown now.
+                # The plan of the old mission is left at the end of the present item.
                 self.flight.waiting = Waiting()
                 self._replan = True
                 return False
@@ -186,7 +187,7 @@ class MissionSequencer:
         return spec if up_m == 0.0 else replace(spec, return_altitude_m=spec.return_altitude_m + up_m)
 
     def return_point(self) -> Position:
-        """Where the vehicle would return to from here, and the least height of the path."""
+        """The point of a return from here, and the least height of the path."""
         return self.return_points.nearest(self._motion.position_m)
 
     def _default_settings(self) -> Settings:
@@ -196,7 +197,7 @@ class MissionSequencer:
     def _set_current(self, seq: int, time_s: float | None = None) -> None:
         if seq != self.current_seq:
             self.current_seq = seq
-            self.flight.tell(CurrentChanged(self.flight.time_s if time_s is None else time_s, seq))
+            self.flight.emit(CurrentChanged(self.flight.time_s if time_s is None else time_s, seq))
 
     def begin_at(self, seq: int) -> None:
         """Begin or go on with the mission at an item."""
@@ -239,7 +240,7 @@ class MissionSequencer:
             self._set_current(positions[-1])
 
     def apply_speed(self) -> None:
-        """Let a ground speed that was set hold for what is being flown."""
+        """Fly the present legs at the ground speed that was set."""
         speed_m_s = self.settings.speed_m_s
         plan = self.flight.plan
         if self.flight.phase is FlightPhase.STEERED or plan is None or self.flight.timer is not None:
@@ -357,12 +358,12 @@ class MissionSequencer:
                 self._release()
             if self.flight.disarm_step is not None and motion.step >= self.flight.disarm_step:
                 self.flight.stop_motors()
-                self.flight.tell(Disarmed(self.flight.time_s))
+                self.flight.emit(Disarmed(self.flight.time_s))
             if not stop_each and self._over():
                 return
 
     def _over(self) -> bool:
-        """Whether the mission is, or stays where it is for ever."""
+        """Whether the mission is over, or the vehicle stays for ever."""
         plan = self.flight.plan
         forever = plan is not None and plan.after_last is AfterLastLeg.FOREVER
         if plan is not None and forever and self.flight.flown == len(plan.legs):
@@ -376,7 +377,7 @@ class MissionSequencer:
         return bool(self.flight.waiting.seqs) or (plan is not None and (plan.open or plan.unsure))
 
     def _account(self, event: MotionEvent) -> None:
-        """Complete the legs that were flown, and take what ended the motion."""
+        """Complete the legs that were flown, and act on the event that ended the motion."""
         plan = self.flight.plan
         self._complete_legs()
         if event is MotionEvent.ENERGY:
@@ -435,12 +436,12 @@ class MissionSequencer:
         if at is None:
             self._give_up("unable to restart the landing sequence", seq)
             return
-        self.flight.tell(LandingRestarted(time_s, at))
+        self.flight.emit(LandingRestarted(time_s, at))
         self._continue(at)
 
     def _next_leg(self, plan: LegPlan, leg: int, time_s: float) -> None:
-        """Go on to the next item of the plan, unless what lies between changes the plan."""
-        self.flight.tell(ItemReached(time_s, plan.seqs[leg]))
+        """Go on to the next item of the plan, unless items between change the plan."""
+        self.flight.emit(ItemReached(time_s, plan.seqs[leg]))
         following = self._between(self._following(plan.seqs[leg]), time_s)
         nearly_out = plan.open and leg >= len(plan.legs) - _REPLAN_BEFORE
         same = following == plan.seqs[leg + 1] and plan.speeds[leg + 1] == self.settings.speed_m_s
@@ -452,11 +453,11 @@ class MissionSequencer:
     def _complete_item(self) -> None:
         """The current item is complete: go on with the items after it."""
         seq = self.current_seq
-        self.flight.tell(ItemReached(self.flight.time_s, seq))
+        self.flight.emit(ItemReached(self.flight.time_s, seq))
         self._fly_from(self._between(self._following(seq), self.flight.time_s), self.flight.time_s)
 
     def _following(self, seq: int) -> int:
-        """Where to go on after an item: at the one after it, unless the mission was changed on the way."""
+        """Return the item to go on at: the one after this, unless the mission was changed on the way."""
         at, self._goes_on_at = self._goes_on_at, None
         if at is None:
             return seq + 1
@@ -500,7 +501,7 @@ class MissionSequencer:
         item = self.items[seq]
         command = item.command
         if command in CAMERA_COMMANDS or command in GIMBAL_COMMANDS:
-            self.flight.tell(CameraCommand(time_s, seq, item))
+            self.flight.emit(CameraCommand(time_s, seq, item))
         if command in ROI_COMMANDS:
             x, y, _ = self._positions[seq]
             self.flight.look_at(None if math.isnan(x) else (x, y))
@@ -508,12 +509,12 @@ class MissionSequencer:
             home_m = self._motion.position_m if number(item.param1) == 1.0 else self._positions[seq]
             if not math.isnan(sum(home_m)):
                 self.move_home(home_m)
-                self.flight.tell(HomeMoved(time_s, *home_m[:2]))
+                self.flight.emit(HomeMoved(time_s, *home_m[:2]))
         elif command == Command.CONDITION_YAW:
             self._replan |= number(item.param4) != 0.0
         elif command == Command.DO_CHANGE_SPEED:
             self._replan |= number(item.param1) > 1.0
-        self.flight.tell(ItemReached(time_s, seq))
+        self.flight.emit(ItemReached(time_s, seq))
 
     def _execute(self, seq: int, time_s: float) -> None:
         """Execute one item that waited for a condition."""
@@ -523,7 +524,7 @@ class MissionSequencer:
         self._announce(seq, time_s)
 
     def _release(self) -> None:
-        """The condition is met: execute what waited for it, up to the next condition."""
+        """The condition is met: execute the items that waited for it, up to the next condition."""
         time_s = self.flight.time_s
         before = self.settings.copy()
         self.flight.waiting.step = None
@@ -535,7 +536,7 @@ class MissionSequencer:
             self._fly_from(self.current_seq, time_s)
 
     def _waits(self, command: int | None = None) -> bool:
-        """Whether what comes next waits for a condition (for this one)."""
+        """Whether the next items wait for a condition (for this command)."""
         if not self.flight.waiting.seqs:
             return False
         first = self.items[self.flight.waiting.seqs[0]].command
@@ -597,7 +598,7 @@ class MissionSequencer:
         return time_of_day_wait_s(item, self.epoch_unix_s + self.flight.time_s)
 
     def _finish(self, time_s: float) -> None:
-        self.flight.tell(MissionComplete(time_s))
+        self.flight.emit(MissionComplete(time_s))
         if self.flight.landed is LandedState.ON_GROUND:
             self.flight.drop_plan(FlightPhase.GROUND)
             self.flight.disarm_later()
@@ -607,12 +608,12 @@ class MissionSequencer:
     def _target_reached(self) -> None:
         if self.flight.phase in (FlightPhase.TAKEOFF, FlightPhase.GOTO):
             self.flight.phase = FlightPhase.HOLD
-            self.flight.tell(TargetReached(self.flight.time_s))
+            self.flight.emit(TargetReached(self.flight.time_s))
 
     def _give_up(self, reason: str, seq: int | None = None) -> None:
         on_mission = self.flight.phase is FlightPhase.MISSION
         at = self.current_seq if seq is None else seq
-        self.flight.tell(CannotFly(self.flight.time_s, at if on_mission else -1, reason))
+        self.flight.emit(CannotFly(self.flight.time_s, at if on_mission else -1, reason))
         if not self.flight.phase.is_lost:
             self.flight.hold()
         if self.flight.landed is LandedState.ON_GROUND:
@@ -633,7 +634,7 @@ class MissionSequencer:
 
 
 def _shoots(trigger: MissionItem) -> bool:
-    """Whether images are taken on and on after an item that starts or stops that."""
+    """Whether an item starts images that are taken on and on, and does not stop them."""
     if trigger.command == Command.IMAGE_START_CAPTURE:
         return True
     return trigger.command != Command.IMAGE_STOP_CAPTURE and number(trigger.param1) > 0.0

@@ -36,7 +36,7 @@ class FlightPhase(Enum):
 
     @property
     def is_lost(self) -> bool:
-        """Whether it can obey no more."""
+        """Whether the vehicle can obey no more."""
         return self is FlightPhase.DEPLETED or self is FlightPhase.FALLING
 
 
@@ -65,13 +65,13 @@ class VehicleState(NamedTuple):
     battery: BatteryState | None
     """None for an endless battery."""
     path_length_m: float
-    """Flown so far."""
+    """Length of the path since the start."""
     armed: bool
     """Whether the motors run."""
     landed: LandedState
     """Ground contact."""
     phase: FlightPhase
-    """What the vehicle is doing."""
+    """Present phase."""
     current_seq: int
     """The mission item that is being flown, -1 without a mission."""
     throttle: float = 0.5

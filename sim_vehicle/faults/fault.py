@@ -1,4 +1,4 @@
-"""Faults on demand: what goes wrong, when, where; as values and as text.
+"""Faults on demand: their kind, time and vehicle; as values and as text.
 
 A fault is written ``KIND[=VALUE][,OPTION=VALUE...]``, for example ``loss=0.2,from=10,for=60`` or
 ``no-final-ack,times=1`` or ``gps-loss,at=airborne,from=5,for=20``. The kinds are in `KINDS`; the mission
@@ -35,7 +35,7 @@ class FaultError(VehicleError, ValueError):
 
 @dataclass(frozen=True, slots=True)
 class Kind:
-    """One kind of fault: what it spoils, what its value is, and what it does.
+    """One kind of fault: the part that it spoils, its value, and its effect.
 
     Without a default a value must be given, unless ``value`` is "none".
     """
@@ -238,7 +238,7 @@ def _number(value: float | str | None) -> float:
 
 
 def _message_id(value: float | str | None) -> float:
-    """Return the id of a message that the dialect has, NaN if it has none such."""
+    """Return the id of a message of the dialect, NaN if it has none of this name."""
     number = _number(value)
     if number in mavlink.mavlink_map:
         return number

@@ -1,6 +1,6 @@
 """Faults in action: links that spoil frames, components that misbehave, vehicles that break.
 
-The hosts make one `FaultSession` for a run. All that is random comes from its seed by name: the same faults,
+The hosts make one `FaultSession` for a run. Everything random comes from its seed by name: the same faults,
 seed and inputs give the same bytes.
 """
 
@@ -62,7 +62,7 @@ _FEWEST_PORT = 1000
 
 
 class FaultSession:
-    """The faults of one run (as values or text), what has triggered them, and the seed of all that is random.
+    """The faults of one run (as values or text), their triggers, and the seed of everything random.
 
     Examples
     --------
@@ -298,7 +298,7 @@ class FaultyComponent:
         return any(self._session.is_active(fault, self.system_id, now_s) for fault in self._silences)
 
     def _turn(self, now_s: float) -> None:
-        """Break and mend what is due."""
+        """Begin and end the faults that are due."""
         self._now_s = now_s
         for fault, broken in self._broken.items():
             active = self._session.is_active(fault, self.system_id, now_s)
@@ -372,7 +372,7 @@ class FaultyComponent:
         return message
 
     def _watch(self, message: Message, now_s: float) -> None:
-        """Check what triggers faults."""
+        """Check the triggers of faults."""
         fire, system = self._session.fire, self.system_id
         if is_a(message, m.MAVLink_heartbeat_message) and self.component_id == _AUTOPILOT:
             armed = bool(message.base_mode & m.MAV_MODE_FLAG_SAFETY_ARMED)
@@ -442,7 +442,7 @@ _SWALLOWED: dict[str, _Fits] = {
     "no-count": lambda message, _: type(message).id == m.MAVLINK_MSG_ID_MISSION_COUNT,
     "no-request": _concerns_request,
 }
-"""Faults by what they keep from the component."""
+"""Faults by the messages that they keep from the component."""
 _SPOILED: dict[str, tuple[_Fits, Callable[[Any, Fault], Message | None]]] = {
     "drop": (lambda message, fault: type(message).id == fault.number and fault.direction != "up", _gone),
     "no-request": (_concerns_item, _gone),
@@ -452,5 +452,5 @@ _SPOILED: dict[str, tuple[_Fits, Callable[[Any, Fault], Message | None]]] = {
     "early-final-ack": (_concerns_request, _acknowledge(int(m.MAV_MISSION_ACCEPTED))),
     "final-ack-error": (_accepts, _other_result),
 }
-"""Faults by which of the component's messages they spoil, and what is sent instead."""
+"""Faults by the messages of the component that they spoil, with the replacements."""
 _NOTHING: tuple[_Fits, Callable[[Any, Fault], Message | None]] = (lambda _message, _fault: False, _gone)

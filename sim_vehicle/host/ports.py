@@ -1,4 +1,4 @@
-"""The server's ports, one for each URL with any number of clients behind it, and what waits for them all."""
+"""The server's ports, one for each URL with any number of clients behind it, and the wait for them all."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ class Client:
         self._outgoing += frame
 
     def flush(self) -> None:
-        """Send what was collected; a peer that has gone is marked so."""
+        """Send the collected frames; a peer that has gone is marked so."""
         if not self._outgoing:
             return
         data = bytes(self._outgoing)
@@ -337,7 +337,7 @@ class PortSelector:
 
     @property
     def dropped(self) -> Counter[str]:
-        """How many datagrams of which address were dropped because too many waited to be received."""
+        """Number of datagrams dropped per address because too many waited to be received."""
         ports = (port for port, _ in self._ports if isinstance(port, _UdpPort))
         return sum((Counter(port.dropped) for port in ports), Counter())
 
@@ -362,7 +362,7 @@ class PortSelector:
         return found
 
     def flush(self) -> None:
-        """Send what was collected for the clients."""
+        """Send the collected frames to the clients."""
         for client in self.clients:
             client.flush()
         if not all(client.alive for client in self.clients):

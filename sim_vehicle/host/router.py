@@ -1,4 +1,4 @@
-"""Where frames go: what the virtual-clock host and the server share.
+"""Routing of frames, shared by the virtual-clock host and the server.
 
 The rules are those of mavlink-router: a frame for everybody goes to everybody but its sender; a frame for one
 address goes to the ports that the address has sent from (or to the system's autopilot, which knows what to

@@ -165,7 +165,7 @@ class Server(Closing):
 
     @property
     def dropped(self) -> Counter[str]:
-        """How many datagrams of which address were dropped because too many waited to be received."""
+        """Number of datagrams dropped per address because too many waited to be received."""
         return self._selector.dropped
 
     def run(self, until: Callable[[float], bool] | None = None, limit_s: float = NEVER) -> StopReason:
@@ -296,7 +296,7 @@ class Server(Closing):
         self._inbox.append((frame, client, None))
 
     def _take_from_radios(self) -> None:
-        """Take what comes out of the radios now; damaged frames of clients end here."""
+        """Take the bytes that leave the radios now; damaged frames of clients end here."""
         for client in self._radios:
             assert client.radio is not None
             for frame in client.radio.receive("up", self.now_s):

@@ -66,7 +66,7 @@ class VirtualLink:
         self._open = True
 
     def send(self, data: bytes) -> None:
-        """Send bytes; frames are routed as they become whole, whatever is none is dropped."""
+        """Send bytes; frames are routed as they become whole, other bytes are dropped."""
         if not self._open:
             raise LinkError(f"{self.name}: the link is closed")
         self._reader.feed(data)
@@ -92,7 +92,7 @@ class VirtualLink:
             self._pass_time(max(0.0, seconds), lambda: bool(self._arrived))
 
     def sleep(self, seconds: float) -> None:
-        """Let so much time pass."""
+        """Let this time pass."""
         self._pass_time(max(0.0, seconds), None)
 
     def close(self) -> None:
@@ -242,18 +242,18 @@ class Simulation:
             if far[port]:
                 self._add_radio(port, f"{component.system_id}.{component.component_id}")
         self._unbroken = not faults
-        self._tell_who_listens()
+        self._share_listeners()
 
-    def _tell_who_listens(self) -> None:
-        """Let components that say much make only messages that another one, or anybody else, cares for."""
+    def _share_listeners(self) -> None:
+        """Let components with much telemetry make only messages that another component or a link wants."""
         plain = self._unbroken and self._tap is None and self._signing is None
         plain = plain and not self._links and not self._radios
         for port, component in enumerate(self._components):
             if isinstance(component, SaysMuch):
-                wanted = [one for other, one in enumerate(self._wanted) if other != port]
-                heard = [one for one in wanted if one is not None]
-                all_told = plain and len(heard) == len(wanted)
-                component.only_heard(frozenset().union(*heard) if all_told else None)
+                wanted = [ids for other, ids in enumerate(self._wanted) if other != port]
+                heard = [ids for ids in wanted if ids is not None]
+                all_known = plain and len(heard) == len(wanted)
+                component.only_heard(frozenset().union(*heard) if all_known else None)
 
     def open_link(self, name: str = "virtual") -> VirtualLink:
         """Open a link for ground software on the virtual clock; faults and messages may name it."""
@@ -264,7 +264,7 @@ class Simulation:
         self._links.append(link)
         self._routes.clear()
         self._add_radio(port, name)
-        self._tell_who_listens()
+        self._share_listeners()
         return link
 
     def _pass_time(self, seconds: float, until: Callable[[], bool] | None) -> None:
@@ -334,11 +334,11 @@ class Simulation:
                     self._send(port, messages)
 
     def _arrive(self, port: int, radio: FaultyLink) -> None:
-        """Take what comes out of a radio now; damaged frames end here, but links see them."""
+        """Take the bytes that leave a radio now; damaged frames end here, but links see them."""
         for frame in radio.receive("up", self.now_s):
             if valid_frame_end(frame) == len(frame):
                 ports = self._ports(port, frame_id(frame), frame_target(frame))
-                self._forward(frame, tuple(one for one in ports if self._reaches(one)))
+                self._forward(frame, tuple(port for port in ports if self._reaches(port)))
         for frame in radio.receive("down", self.now_s):
             if port >= len(self._components):
                 self._links[port - len(self._components)].deliver(frame)
@@ -436,7 +436,7 @@ class Simulation:
             self._inbox.append((tuple(near), frame))
 
     def _deliver(self) -> bool:
-        """Hand over what has arrived, and the answers to it; False when the answers never end."""
+        """Hand over the messages that have arrived, and the answers; False when the answers never end."""
         inbox, components, now_s = self._inbox, self._components, self.now_s
         for _ in range(_STEPS_AT_ONE_INSTANT):
             if not inbox:

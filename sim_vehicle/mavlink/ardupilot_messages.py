@@ -1,4 +1,4 @@
-"""What ArduPilot streams of the flight: targets and errors of the navigation, outputs, sensors, estimators.
+"""ArduPilot's telemetry of the flight: targets and errors of the navigation, outputs, sensors, estimators.
 
 Source: ArduPilot's ``GCS_Common.cpp``, ``GCS_MAVLink_Copter.cpp`` and the constants of its simulator (SITL).
 """
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 __all__ = ["ARDUPILOT_BUILDERS", "STREAMS", "group_number"]
 
-# Type masks of what is not told: all but a position (with ArduPilot's unused bits), but a velocity, but both.
+# Type masks: all ignored but a position (with ArduPilot's unused bits), but a velocity, but both.
 _ONLY_GLOBAL, _ONLY_POSITION, _ONLY_VELOCITY, _BOTH = 0xFDF8, 0xDF8, 0xC07, 0xC00
 _GAUSS = (0.25, 0.0, 0.41)
 _CENTIDEGREES = 2500
@@ -136,7 +136,7 @@ def _terrain_report(source: WireState) -> Message:
 
 
 def _rc_channels(source: WireState) -> Message:
-    """RC_CHANNELS: what a ground station overrides; else ArduPilot's simulator has a receiver, PX4's none."""
+    """RC_CHANNELS: overrides of a ground station; else ArduPilot's simulator has a receiver, PX4's none."""
     rules, heard = source.firmware.sticks, source.pilot.sticks
     if rules is None or not rules.overrides:
         return m.MAVLink_rc_channels_message(source.boot_ms, 0, *([UNUSED] * 18 + [255]))
@@ -166,7 +166,7 @@ ARDUPILOT_BUILDERS: dict[int, Callable[[WireState], Message | None]] = {
     m.MAVLINK_MSG_ID_TERRAIN_REPORT: _terrain_report,
     m.MAVLINK_MSG_ID_RC_CHANNELS: _rc_channels,
 }
-"""Message id to what makes it; None is that there is nothing to tell now."""
+"""Builders by message id; None where there is nothing to send now."""
 
 _GROUPS = {
     "RAW_SENSORS": "RAW_IMU SCALED_IMU2 SCALED_PRESSURE",
@@ -194,4 +194,4 @@ STREAMS: dict[int, tuple[int, ...]] = {
     m.MAV_DATA_STREAM_ALL: _ids(" ".join(_GROUPS.values())),
     **{group_number(name): _ids(names) for name, names in _GROUPS.items()},
 }
-"""What REQUEST_DATA_STREAM switches on an ArduPilot."""
+"""Messages of each stream of REQUEST_DATA_STREAM on an ArduPilot."""

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 __all__ = ["CAMERA", "CameraCommands", "camera_feedback"]
 
 CAMERA = int(m.MAV_COMP_ID_CAMERA)
+# A command is sent this often, RETRY_S apart, before the operator is warned.
 TRIES = 3
 RETRY_S = 0.5
 _STOPPED_BY = {
@@ -36,7 +37,7 @@ class _Pending:
 
 
 class CameraCommands:
-    """Commands to the camera of the vehicle's own system; the operator is told why one had no effect."""
+    """Commands to the camera of the vehicle's own system; the operator is warned of those without effect."""
 
     def __init__(self, state: WireState) -> None:
         self._state = state
@@ -48,7 +49,7 @@ class CameraCommands:
 
     @property
     def shooting(self) -> bool:
-        """Whether the camera was last told to shoot on and on."""
+        """Whether the camera shoots on and on."""
         return self._stop is not None
 
     def command(self, command: int, params: tuple[float, ...], now_s: float) -> Message:
@@ -67,7 +68,7 @@ class CameraCommands:
         return message
 
     def _end(self, now_s: float) -> list[Message]:
-        """End what `shooting` tells."""
+        """End such shots."""
         return [] if self._stop is None else [self.command(self._stop, (0.0,) * 7, now_s)]
 
     def watch(self, now_s: float) -> list[Message]:
@@ -90,7 +91,7 @@ class CameraCommands:
         return sent
 
     def resume(self, now_s: float) -> list[Message]:
-        """Go on with what was paused, unless the camera was told something else since."""
+        """Go on with the paused shots, unless the camera got another command since."""
         return [] if self._paused is None else [self.command(*self._paused, now_s)]
 
     def acknowledged(self, command: int, result: int) -> None:
@@ -102,7 +103,7 @@ class CameraCommands:
             self._state.pilot.warn(f"Camera refused command {command} (result {result})")
 
     def poll(self, now_s: float) -> list[Message]:
-        """Unacknowledged commands that are due to be sent again; after three times the operator is told."""
+        """Return the unacknowledged commands that are due again; after three times the operator is warned."""
         again: list[Message] = []
         for pending in [p for p in self._pending if p.due_s <= now_s]:
             if pending.tries == TRIES:

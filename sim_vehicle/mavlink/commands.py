@@ -1,4 +1,4 @@
-"""COMMAND_LONG and COMMAND_INT: one table, MAV_CMD to what the vehicle does.
+"""COMMAND_LONG and COMMAND_INT: one table, MAV_CMD to handler.
 
 A further command is a row of `HANDLERS`: a function of the vehicle and the command that gives a `Result`, or
 raises RefusedError.
@@ -33,8 +33,10 @@ if TYPE_CHECKING:
 
 __all__ = ["HANDLERS", "CommandReceiver", "set_custom_mode"]
 
+# Beyond it the last commands are forgotten: a peer cannot fill the memory by changing its address.
 _MOST_PEERS = 256
 _HEARTBEAT_US = 1e6
+# DO_FLIGHTTERMINATION terminates above it (common.xml).
 _TERMINATE = 0.5
 _FIRST_FREE_SERVO, _LAST_SERVO = 5, 16
 _ORBIT_HEADING = Setting("MC_ORBIT_YAW_MOD", 0.0)
@@ -68,13 +70,13 @@ class CommandedVehicle(Protocol):
         """Send a command to the camera."""
 
     def metadata(self) -> tuple[Message, ...]:
-        """Where the files are that describe it; nothing where it has none."""
+        """COMPONENT_METADATA; nothing without."""
 
     def on_home_moved(self) -> None:
-        """Tell where home is now."""
+        """Send the position of home."""
 
     def calibrate_gyro(self) -> None:
-        """Calibrate the gyroscopes, and tell how it goes."""
+        """Calibrate the gyroscopes, with texts."""
 
     def reboot(self) -> None:
         """Start again."""
@@ -91,7 +93,7 @@ class CommandReceiver:
         self._last: dict[tuple[int, int], tuple[VehicleCommand, int]] = {}
 
     def receive(self, message: CommandMessage) -> list[Message]:
-        """Take COMMAND_LONG or COMMAND_INT; the acknowledgement and what follows it."""
+        """Take COMMAND_LONG or COMMAND_INT; return the acknowledgement and the messages after it."""
         command = read_command(message)
         if command.id in self._vehicle.state.mavlink.silent:
             return []
@@ -105,7 +107,7 @@ class CommandReceiver:
         return [_acknowledgement(command, result), *messages]
 
     def _execute(self, command: VehicleCommand) -> tuple[int, tuple[Message, ...]]:
-        """Do a command; the MAV_RESULT and what is sent after it."""
+        """Do a command; return the MAV_RESULT and the messages after it."""
         handler = HANDLERS.get(command.id)
         profile = self._vehicle.state.mavlink
         if handler is None or command.id in profile.unsupported:
@@ -115,7 +117,7 @@ class CommandReceiver:
         try:
             result = handler(self._vehicle, command)
         except RefusedError as refusal:
-            self._vehicle.pilot.warn(refusal.told)
+            self._vehicle.pilot.warn(refusal.text)
             return _DENIED if refusal.denied else profile.refused_result, ()
         return (result, ()) if isinstance(result, int) else (_ACCEPTED, result or ())
 
@@ -132,37 +134,37 @@ def set_custom_mode(vehicle: CommandedVehicle, number: int) -> None:
     modes = vehicle.state.mavlink.modes
     mode = modes.mode_of(number)
     if mode is Mode.FLIP and vehicle.state.custom_mode not in modes.flips_from:
-        told = modes.refusal(number)
-        raise RefusedError(told, told=told)
+        text = modes.refusal(number)
+        raise RefusedError(text, text=text)
     if number in modes.unready:
         vehicle.pilot.warn(modes.unready[number][1])
-        told = modes.refusal(number)
-        raise RefusedError(told, told=told)
+        text = modes.refusal(number)
+        raise RefusedError(text, text=text)
     if mode is None and modes.ignores(number):
         return
     if mode is None:
-        told = modes.unknown_text.format(number)
-        raise RefusedError(told, told=told)
+        text = modes.unknown_text.format(number)
+        raise RefusedError(text, text=text)
     _enter(vehicle, mode, number)
     vehicle.state.name_mode(number)
 
 
 def _enter(vehicle: CommandedVehicle, mode: Mode, number: int) -> None:
-    with _told_as(vehicle, number):
+    with _refused_as(vehicle, number):
         vehicle.pilot.set_mode(mode)
 
 
 @contextmanager
-def _told_as(vehicle: CommandedVehicle, number: int | None) -> Iterator[None]:
-    """Tell in the firmware's words that the custom mode with this number is not entered; None for no mode."""
+def _refused_as(vehicle: CommandedVehicle, number: int | None) -> Iterator[None]:
+    """Refuse the custom mode with this number in the firmware's words; None for no mode."""
     try:
         yield
     except RefusedError as refusal:
         if number is None:
             raise
         has_position = vehicle.pilot.position_ok
-        told = vehicle.state.mavlink.modes.refusal(number, has_position=has_position)
-        raise RefusedError(str(refusal), denied=refusal.denied, told=told) from None
+        text = vehicle.state.mavlink.modes.refusal(number, has_position=has_position)
+        raise RefusedError(str(refusal), denied=refusal.denied, text=text) from None
 
 
 def _mode(mode: Mode) -> Handler:
@@ -212,7 +214,7 @@ def _arm(vehicle: CommandedVehicle, command: VehicleCommand) -> Result:
 
 
 def _run_checks(vehicle: CommandedVehicle, _command: VehicleCommand) -> Result:
-    """Run the checks before arming, and say what fails."""
+    """Run the checks before arming, and warn of a failure."""
     if vehicle.pilot.armed:
         return m.MAV_RESULT_TEMPORARILY_REJECTED
     problem = vehicle.pilot.arming.health_problem()
@@ -231,7 +233,7 @@ def _takeoff(vehicle: CommandedVehicle, command: VehicleCommand) -> Result:
     if not altitude > 0.0:
         altitude = pilot.spec.takeoff_altitude_m
     number = profile.modes[Mode.TAKEOFF]
-    with _told_as(vehicle, None if number == profile.modes[Mode.GUIDED] else number):
+    with _refused_as(vehicle, None if number == profile.modes[Mode.GUIDED] else number):
         pilot.takeoff(altitude)
     return None
 
@@ -257,7 +259,7 @@ def _reposition(vehicle: CommandedVehicle, command: VehicleCommand) -> None:
 
 
 def _change_altitude(vehicle: CommandedVehicle, command: VehicleCommand) -> None:
-    """DO_CHANGE_ALTITUDE: altitude and its frame; where it is."""
+    """DO_CHANGE_ALTITUDE: altitude and its frame, at the present position."""
     pilot = vehicle.pilot
     altitude, frame = command.params[0], command.number(2)
     if not math.isfinite(altitude) or frame not in (0, 3, 5, 6):
@@ -277,7 +279,7 @@ def _change_speed(vehicle: CommandedVehicle, command: VehicleCommand) -> Result:
 
 
 def _orbit(vehicle: CommandedVehicle, command: VehicleCommand) -> None:
-    """DO_ORBIT (PX4): radius, speed, heading, -, position; what is not given is 10 m, the cruise speed, here.
+    """DO_ORBIT (PX4): radius, speed, heading, -, position; the defaults are 10 m, the cruise speed, here.
 
     PX4 takes the altitude as one above the sea, whatever the frame.
     """
@@ -309,7 +311,7 @@ def _yaw(vehicle: CommandedVehicle, command: VehicleCommand) -> None:
     """CONDITION_YAW (ArduCopter): angle, rate, direction, whether it is relative; the vehicle flies on."""
     angle, rate, _, relative = command.params[:4]
     if not (0.0 <= angle <= 360.0 and relative in (0.0, 1.0)):
-        raise RefusedError(f"Yaw refused: angle {angle:g}, parameter 4 {relative:g}", told="")
+        raise RefusedError(f"Yaw refused: angle {angle:g}, parameter 4 {relative:g}", text="")
     direction = (command.number(3) > 0) - (command.number(3) < 0)
     vehicle.pilot.auto_yaw.order(math.radians(angle), math.radians(rate), direction, relative=relative == 1.0)
 
@@ -379,7 +381,7 @@ def _set_home(vehicle: CommandedVehicle, command: VehicleCommand) -> None:
 
 def _mission_start(vehicle: CommandedVehicle, command: VehicleCommand) -> None:
     first = command.number(1)
-    with _told_as(vehicle, vehicle.state.mavlink.modes[Mode.MISSION]):
+    with _refused_as(vehicle, vehicle.state.mavlink.modes[Mode.MISSION]):
         reason = vehicle.pilot.mission.why_not
         if reason is not None:
             raise RefusedError(f"Mission start refused: {reason}")
@@ -390,8 +392,8 @@ def _land_start(vehicle: CommandedVehicle, _command: VehicleCommand) -> None:
     """DO_LAND_START: go on with the mission where its landing begins."""
     seq = vehicle.pilot.executor.mission.landing_start()
     if seq is None:
-        told = vehicle.state.mavlink.refusals.landing
-        raise RefusedError("Land start refused: the mission has none", told=told)
+        text = vehicle.state.mavlink.refusals.landing
+        raise RefusedError("Land start refused: the mission has none", text=text)
     vehicle.pilot.set_current(seq)
     vehicle.pilot.set_mode(Mode.MISSION)
 
@@ -429,7 +431,7 @@ def _set_interval(vehicle: CommandedVehicle, command: VehicleCommand) -> Result:
     if math.isnan(interval) or abs(interval) > 1e10:
         return _DENIED
     if message_id == m.MAVLINK_MSG_ID_HEARTBEAT and not 0.0 <= interval <= _HEARTBEAT_US:
-        # Who is not heard is lost to its peers.
+        # Peers lose a vehicle without heartbeats.
         return _DENIED
     if message_id in GIMBAL_BUILDERS:
         vehicle.state.gimbal.wake()
@@ -475,13 +477,13 @@ def _reboot(vehicle: CommandedVehicle, command: VehicleCommand) -> Result:
 
 def _calibrate(vehicle: CommandedVehicle, command: VehicleCommand) -> None:
     if vehicle.pilot.armed:
-        raise RefusedError("Calibration refused: armed", told=vehicle.state.mavlink.calibration_text)
+        raise RefusedError("Calibration refused: armed", text=vehicle.state.mavlink.calibration_text)
     if command.number(1) == 1:
         vehicle.calibrate_gyro()
 
 
 def _servo(vehicle: CommandedVehicle, command: VehicleCommand) -> Result:
-    """DO_SET_SERVO: the outputs of the motors are not to be had."""
+    """DO_SET_SERVO: the outputs of the motors are refused."""
     channel = command.number(1)
     if 1 <= channel < _FIRST_FREE_SERVO:
         vehicle.pilot.warn(f"ServoRelayEvent: Channel {channel} is already in use")
@@ -493,7 +495,7 @@ def _banner(vehicle: CommandedVehicle, _command: VehicleCommand) -> None:
 
 
 def _accept(_vehicle: CommandedVehicle, _command: VehicleCommand) -> None:
-    """Take a command that nothing here hangs on."""
+    """Accept a command that changes nothing here."""
 
 
 HANDLERS: dict[int, Handler] = {
@@ -533,7 +535,7 @@ HANDLERS: dict[int, Handler] = {
     m.MAV_CMD_DO_SET_RELAY: lambda _, command: None if command.number(1, -1) == 0 else _FAILED,
     m.MAV_CMD_DO_START_MAG_CAL: _accept,
     m.MAV_CMD_DO_CANCEL_MAG_CAL: _accept,
-    # A vehicle that nobody turns about has no result to accept.
+    # Nobody turns the vehicle about, so there is no result to accept.
     m.MAV_CMD_DO_ACCEPT_MAG_CAL: lambda _vehicle, _command: _FAILED,
     **dict.fromkeys(ROI_COMMANDS, _region),
     **dict.fromkeys(GIMBAL_COMMANDS, _gimbal),

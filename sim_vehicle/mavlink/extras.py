@@ -27,7 +27,7 @@ class Timed(Protocol):
         """When `poll` has something to do next."""
 
     def poll(self, now_s: float) -> Iterable[Message]:
-        """Return what is due."""
+        """Return the messages that are due."""
 
 
 class VehicleExtra(Protocol):

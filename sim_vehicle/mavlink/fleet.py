@@ -1,4 +1,4 @@
-"""Several vehicles in one process: where they start, what they are called, where they are found."""
+"""Several vehicles in one process: their homes, names and ports."""
 
 from __future__ import annotations
 

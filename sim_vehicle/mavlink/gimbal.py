@@ -1,4 +1,4 @@
-"""The gimbal over MAVLink: what it is told, and what it tells.
+"""The gimbal over MAVLink: its commands and its telemetry.
 
 Gimbal protocol v2 with the autopilot as gimbal manager of a gimbal that is no MAVLink component of its own
 (device id 1), and the older mount messages. Sources: ArduPilot's ``AP_Mount.cpp`` and
@@ -48,6 +48,7 @@ _RESTING = {
     GimbalMode.RETRACT: m.GIMBAL_DEVICE_FLAGS_RETRACT,
     GimbalMode.NEUTRAL: m.GIMBAL_DEVICE_FLAGS_NEUTRAL,
 }
+# Largest difference of a quaternion's length from 1.
 _UNIT = 0.1
 _NAN_3 = (math.nan, math.nan, math.nan)
 _MOST_DEG = (90.0, 180.0, 360.0)
@@ -85,9 +86,9 @@ def _pitch_yaw(source: WireState, command: VehicleCommand) -> Result:
 
 
 def _configure(source: WireState, command: VehicleCommand) -> Result:
-    """DO_GIMBAL_MANAGER_CONFIGURE: who controls it; -1 leaves that, -2 takes it, -3 gives it up."""
+    """DO_GIMBAL_MANAGER_CONFIGURE: the controller; -1 keeps it, -2 takes control, -3 gives it up."""
     system, component = command.params[:2]
-    known = all(-3.0 <= one <= 255.0 for one in (system, component))
+    known = all(-3.0 <= number <= 255.0 for number in (system, component))
     if not known or command.number(7, -1) not in (0, _DEVICE):
         return _FAILED
     gimbal, before = source.gimbal, source.gimbal.controller
@@ -101,7 +102,7 @@ def _configure(source: WireState, command: VehicleCommand) -> Result:
 
 
 def _mount_configure(source: WireState, command: VehicleCommand) -> None:
-    """DO_MOUNT_CONFIGURE: the mode; there is no more to choose."""
+    """DO_MOUNT_CONFIGURE: only the mode can be chosen."""
     source.gimbal.set_mode(command.number(1, -1))
 
 
@@ -148,7 +149,7 @@ GIMBAL_COMMANDS = frozenset(_POINTING) - ROI_COMMANDS
 
 
 def command_gimbal(source: WireState, command: VehicleCommand) -> Result:
-    """Do a command, or what a mission item says, where it concerns the gimbal; FAILED where there is none."""
+    """Do a command or a mission item of the gimbal; FAILED where there is no gimbal."""
     obey = _POINTING.get(command.id)
     if obey is None or not source.gimbal.fitted:
         return _FAILED
@@ -165,7 +166,7 @@ GimbalMessage = (
 
 
 def obey_gimbal_message(source: WireState, message: GimbalMessage) -> None:
-    """Do what a message asks the gimbal for; what makes no sense is ignored."""
+    """Obey a message to the gimbal; invalid values are ignored."""
     gimbal = source.gimbal
     if not gimbal.fitted:
         return
@@ -229,4 +230,4 @@ GIMBAL_BUILDERS: dict[int, Callable[[WireState], Message | None]] = {
     m.MAVLINK_MSG_ID_GIMBAL_DEVICE_ATTITUDE_STATUS: _fitted(_attitude_status),
     m.MAVLINK_MSG_ID_MOUNT_STATUS: _fitted(_mount_status),
 }
-"""What it tells, by message id; nothing where there is no gimbal."""
+"""Builders of its telemetry, by message id; nothing where there is no gimbal."""

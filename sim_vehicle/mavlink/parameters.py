@@ -1,4 +1,4 @@
-"""The parameters of the vehicle: what peers may read and change, and what that does.
+"""The parameters of the vehicle, as peers read and change them.
 
 All names of the autopilot are here, in its own spelling and unit. Those that do something act on the vehicle
 through `RuntimeParameters`; the others are kept.
@@ -57,7 +57,7 @@ class ParameterSet:
         return self._table
 
     def default(self, name: str) -> float:
-        """Return what a parameter was at the start, in its own unit; KeyError when there is none."""
+        """Return the first value of a parameter, in its own unit; KeyError when there is none."""
         return self._defaults.get(name, self._table[self._index[name]].value)
 
     def poll(self, now_s: float) -> list[Message]:
@@ -83,7 +83,7 @@ class ParameterSet:
         return float(round(value)) if parameter.integer else value
 
     def _held(self, parameter: MavParameter) -> float:
-        """Return what the vehicle has of a parameter: in SI units where it is one of its own values."""
+        """Return the value that the vehicle uses: in SI units where it is one of its own values."""
         if parameter.field is not None:
             return float(getattr(self._values, parameter.field))
         return self._values.kept(parameter.name, parameter.value)
@@ -137,7 +137,7 @@ class ParameterSet:
             self._take(parameter, value)
 
     def _is_choice(self, parameter: MavParameter) -> bool:
-        """Whether its values are choices, of which one has no neighbours."""
+        """Whether its values are choices, without neighbours."""
         if parameter.field is None:
             return parameter.integer
         return isinstance(getattr(self._values, parameter.field), int)

@@ -1,4 +1,4 @@
-"""The plans that a vehicle is sent: its side of the mission protocol, and what its pilot does with them."""
+"""The vehicle's side of the mission protocol, and the pilot's use of the plans."""
 
 from __future__ import annotations
 
@@ -115,7 +115,7 @@ class PlanReceiver:
         return wire.ack(source, result, MissionType.MISSION)
 
     def poll(self, now_s: float) -> list[Message]:
-        """Do what is due; the messages to send."""
+        """Do the work that is due; return the messages to send."""
         self._take_part(now_s)
         return self._take(self.server.poll(now_s), now_s) if self.due_s <= now_s else []
 
@@ -124,7 +124,7 @@ class PlanReceiver:
         self._take(self.server.restart(now_s), now_s)
 
     def reboot(self, now_s: float) -> None:
-        """Forget the transfer that runs, and take the room for plans anew: the vehicle starts again."""
+        """Forget the transfer that runs, and read the room for plans anew: the vehicle starts again."""
         self.restart(now_s)
         self._attach_cards()
 
@@ -147,7 +147,7 @@ class PlanReceiver:
         }
 
     def _take_part(self, now_s: float) -> None:
-        """Fly by what has come of a mission that holds item by item; what came at one time is one change."""
+        """Fly the items that have come of a mission that holds item by item; one time makes one change."""
         if now_s <= self._part_s or not self._flies:
             return
         self._part_s = NEVER
@@ -158,7 +158,7 @@ class PlanReceiver:
         return self._pilot.armed and self._pilot.mode is Mode.MISSION
 
     def _say(self, change: MissionChange) -> None:
-        """Say what a change means to the flight, as far as the autopilot does."""
+        """Note the consequence of a change for the flight, where the autopilot does."""
         pilot = self._pilot
         behaviour = pilot.behaviour
         if change is MissionChange.TURNED:

@@ -1,4 +1,4 @@
-"""What the vehicle sends by itself: telemetry on schedule, status texts, reached items, a calibration."""
+"""Messages that the vehicle sends by itself: on schedule, status texts, reached items, a calibration."""
 
 from __future__ import annotations
 
@@ -23,6 +23,7 @@ SHORTEST_US = 5_000
 """A peer cannot ask for more than 200 messages a second."""
 LONGEST_US = 2**31 - 1
 """Longest interval that MESSAGE_INTERVAL can hold, in microseconds."""
+# Length of a STATUSTEXT.
 _TEXT_BYTES = 50
 _REPEAT_S = 1.0
 _CALIBRATION_STEP_S = 0.25
@@ -61,7 +62,7 @@ class Schedule:
         return self._interval_us.get(message_id, -1)
 
     def set_interval(self, message_id: int, interval_us: int, now_us: int) -> int:
-        """Change an interval: 0 is the default, negative is off; returns what holds now (-1 is off)."""
+        """Change an interval: 0 is the default, negative is off; return the interval now (-1 is off)."""
         if interval_us == 0:
             interval_us = self._default_us.get(message_id, -1)
         if interval_us < 0:
@@ -115,7 +116,7 @@ class StatusTexts:
         if len(data) <= _TEXT_BYTES:
             return [m.MAVLink_statustext_message(int(severity), data)]
         self._number = self._number % 65535 + 1
-        # A last chunk that is not full (perhaps empty) tells the reader that the text is complete.
+        # The text ends with a chunk that is not full (perhaps empty).
         return [
             m.MAVLink_statustext_message(
                 int(severity), data[k * _TEXT_BYTES : (k + 1) * _TEXT_BYTES], self._number, k
@@ -140,7 +141,7 @@ class ItemReports:
         self._returning = -1
 
     def merged(self, events: list[FlightEvent], items: Sequence[MissionItem]) -> list[FlightEvent]:
-        """Keep of items that ended together the last, where the autopilot tells no more.
+        """Keep only the last of items that ended together, where the autopilot reports only that.
 
         A return that follows counts as reached already.
         """
@@ -163,17 +164,17 @@ class ItemReports:
         return kept
 
     def reached(self, seq: int, now_s: float) -> Message:
-        """Report one of our items; `poll` tells it again."""
+        """Report an item; `poll` repeats it."""
         wire_seq = self._state.wire_seq(seq)
         self._latest = (wire_seq, self._repeats, now_s + _REPEAT_S) if self._repeats else None
         return m.MAVLink_mission_item_reached_message(wire_seq)
 
-    def tell_current(self, due_s: float) -> None:
+    def send_current(self, due_s: float) -> None:
         """Send MISSION_CURRENT at a time."""
         self._current_due_s = due_s
 
     def poll(self, now_s: float) -> list[Message]:
-        """The latest report again, and MISSION_CURRENT, where they are due."""
+        """Return the latest report again, and MISSION_CURRENT, where they are due."""
         messages: list[Message] = []
         if self._latest is not None and self._latest[2] <= now_s:
             seq, left, due_s = self._latest
@@ -191,7 +192,7 @@ class ItemReports:
 
 
 class GyroCalibration:
-    """Tells of a calibration of the gyroscopes text by text, as PX4 does, for whoever waits for the texts.
+    """A calibration of the gyroscopes: its texts one by one, as PX4 sends them and peers wait for them.
 
     A vehicle that stands still has nothing to find out, so that only the time passes. Source: PX4
     ``calibration_messages.h`` and ``gyro_calibration.cpp``.
@@ -216,7 +217,7 @@ class GyroCalibration:
         self.due_s = now_s
 
     def poll(self, now_s: float) -> list[Message]:
-        """Say what is due; there are no other messages."""
+        """Note the texts that are due; there are no other messages."""
         while self.due_s <= now_s:
             self._say(self._left.pop(0))
             self.due_s = self.due_s + _CALIBRATION_STEP_S if self._left else NEVER

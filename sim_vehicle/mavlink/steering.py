@@ -1,4 +1,4 @@
-"""What steers the vehicle from the ground: sticks, and setpoints of GUIDED (ArduPilot) and OFFBOARD (PX4).
+"""Messages that steer the vehicle: sticks, and setpoints of GUIDED (ArduPilot) and OFFBOARD (PX4).
 
 Sources: MAVLink common.xml (SET_POSITION_TARGET_LOCAL_NED, SET_POSITION_TARGET_GLOBAL_INT, their type masks),
 ArduPilot "Copter commands in guided mode", ``GCS_Common.cpp`` and ``GCS_MAVLink_Copter.cpp``, PX4 "Offboard
@@ -50,7 +50,7 @@ _IGNORE_MOTION = 63
 _LEAST_HOVER = 0.1
 # A vehicle that accelerates downwards keeps some thrust (m/s^2), to be steered by; all it has is 2 hovers.
 _LEAST_LIFT, _MOST_THRUST = 1.0, 2.0
-# How far the length of a quaternion may be from 1.
+# Largest difference of a quaternion's squared length from 1.
 _UNIT = 2e-3
 _LOCAL, _LOCAL_OFFSET, _BODY, _BODY_OFFSET, _BODY_FRD = 1, 7, 8, 9, 12
 _POLE, _DATE_LINE = 90.0, 180.0
@@ -68,7 +68,7 @@ class Steering:
 
     @property
     def by_sticks(self) -> bool:
-        """Whether sticks move the vehicle in the mode as peers are told it."""
+        """Whether sticks move the vehicle in the custom mode."""
         return self._rules is not None and self._state.custom_mode not in self._rules.without
 
     def take_sticks(self, message: StickMessage) -> None:
@@ -110,7 +110,7 @@ class Steering:
                 pilot.setpoints.complain(str(refusal))
 
     def take_target(self, message: m.MAVLink_follow_target_message) -> None:
-        """Take FOLLOW_TARGET; one without a place on the earth does not count."""
+        """Take FOLLOW_TARGET; a target without a valid position is ignored."""
         pilot = self._pilot
         latitude, longitude = message.lat / 1e7, message.lon / 1e7
         if pilot.mode is not Mode.FOLLOW or not (
@@ -124,7 +124,7 @@ class Steering:
         pilot.follow.take((east, north, message.alt - pilot.frame.altitude_m), velocity)
 
     def _read_sticks(self, message: StickMessage, rules: StickRules) -> Sticks | None:
-        """Return where the sticks are; None where the message does not count."""
+        """Return the positions of the sticks; None where the message does not count."""
         parameters, release = self._pilot.parameters, rules.loss.release
         if release is not None and release.of(parameters) == 0.0:
             return None
@@ -141,9 +141,9 @@ class Steering:
         self, message: m.MAVLink_rc_channels_override_message, rules: StickRules
     ) -> Sticks | None:
         """Read roll, pitch, throttle and yaw; a channel that is not overridden is centred."""
-        told = (message.chan1_raw, message.chan2_raw, message.chan3_raw, message.chan4_raw)
+        channels = (message.chan1_raw, message.chan2_raw, message.chan3_raw, message.chan4_raw)
         self._channels = [
-            before if now == _KEPT else now for before, now in zip(self._channels, told, strict=True)
+            before if now == _KEPT else now for before, now in zip(self._channels, channels, strict=True)
         ]
         if not any(self._channels):
             return None
@@ -200,7 +200,7 @@ class Steering:
 
 
 def _axis(value: int, middle: float = 0.0) -> float:
-    """Position that an axis of MANUAL_CONTROL tells; one that is not there is centred."""
+    """Position of an axis of MANUAL_CONTROL; a missing axis is centred."""
     return 0.0 if value == _NO_AXIS else min(max((value - middle) / (_FULL - middle), -1.0), 1.0)
 
 

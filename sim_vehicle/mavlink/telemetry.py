@@ -1,4 +1,4 @@
-"""Telemetry from the state of the vehicle: one table, message id to what makes the message.
+"""Telemetry from the state of the vehicle: one table, message id to builder.
 
 A further message is a row of `BUILDERS`. Those of ArduPilot's navigation are in `ardupilot_messages`, those
 of the gimbal in `gimbal`.
@@ -192,8 +192,8 @@ def _battery_status(source: WireState) -> Message:
 def _remaining_s(source: WireState) -> int:
     """Return how long the battery lasts in flight; 0 (unknown) on the ground and from an ArduPilot."""
     battery = source.pilot.state.battery
-    told = source.mavlink.tells_remaining_time and source.pilot.landed is not LandedState.ON_GROUND
-    if battery is None or not told or not math.isfinite(battery.remaining_s):
+    known = source.mavlink.tells_remaining_time and source.pilot.landed is not LandedState.ON_GROUND
+    if battery is None or not known or not math.isfinite(battery.remaining_s):
         return 0
     return min(round(battery.remaining_s), 2**31 - 1)
 
@@ -277,7 +277,7 @@ def _highres_imu(source: WireState) -> Message:
 
 
 def _state_for_gimbals(source: WireState) -> Message:
-    """AUTOPILOT_STATE_FOR_GIMBAL_DEVICE; PX4 says of taking off and landing nothing here."""
+    """AUTOPILOT_STATE_FOR_GIMBAL_DEVICE; PX4 has neither taking off nor landing here."""
     on_ground = source.pilot.landed is LandedState.ON_GROUND
     return m.MAVLink_autopilot_state_for_gimbal_device_message(
         *(0, 0, source.boot_ms * 1000),
@@ -311,7 +311,7 @@ def _true_velocity(source: WireState) -> Vector:
 
 
 def _hil_state_quaternion(source: WireState) -> Message:
-    """HIL_STATE_QUATERNION, the true state as PX4's simulators send it beside what the vehicle believes."""
+    """HIL_STATE_QUATERNION, the true state, which PX4's simulators send beside the estimate."""
     airspeed = min(65535, round(100.0 * source.pilot.state.airspeed_m_s))
     return m.MAVLink_hil_state_quaternion_message(
         source.unix_us,

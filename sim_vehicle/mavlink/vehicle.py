@@ -1,4 +1,4 @@
-"""The simulated vehicle as a MAVLink component: messages it takes, answers, telemetry."""
+"""The simulated vehicle as a MAVLink component: messages, answers, telemetry."""
 
 from __future__ import annotations
 
@@ -47,8 +47,10 @@ __all__ = ["SimVehicle"]
 
 _AUTOPILOT = int(m.MAV_COMP_ID_AUTOPILOT1)
 _PLANNER = int(m.MAV_COMP_ID_MISSIONPLANNER)
+# An armed vehicle is advanced at least this often.
 _TICK_S = 0.1
 _ITEM_AFTER_MODE_S = 0.03
+# ``current`` of a MISSION_ITEM that is flown to at once.
 _GUIDED_ITEM = 2
 _TRUTH_HZ = 10.0
 _MISSION_IDS = frozenset(wire.SERVER_MESSAGES)
@@ -71,7 +73,7 @@ class SimVehicle:
     home : GeoPoint
         Its position at the start; the altitude is that of the ground.
     autopilot : Autopilot, optional
-        Whom it shows itself as; the default autopilot without.
+        The autopilot that it simulates; the default without.
     yaw_deg : float
         Compass heading at the start.
     epoch_unix_s : float
@@ -79,14 +81,14 @@ class SimVehicle:
     signing : Signing, optional
         The host's, so that SETUP_SIGNING can change its key where it may.
     noise : SensorNoise, optional
-        How wrong it believes to be where it is; exact without.
+        Errors of its sensors; exact without.
     sd_card : bool
         It starts with the largest room for plans on an SD card, where a parameter gives that
         (BRD_SD_MISSION and BRD_SD_FENCE of ArduPilot).
     cold : bool
-        It boots when it is first spoken to, as the autopilot does; otherwise it is up already.
+        It boots at the first message to it, as the autopilot does; otherwise it is up already.
     sitl_rates : bool
-        It streams what the autopilot's own simulator does; otherwise fewer and slower messages.
+        It streams as the autopilot's own simulator does; otherwise fewer and slower messages.
 
     Attributes
     ----------
@@ -196,12 +198,12 @@ class SimVehicle:
         self.wanted: frozenset[int] | None = frozenset(self._handlers)
 
     def _message_handlers(self) -> dict[int, _Handler]:
-        """Handlers of messages by id; answers follow the messages that a handler makes the vehicle send."""
+        """Handlers of messages by id; answers follow the messages that the handler itself sends."""
         handlers: dict[int, _Handler] = {
             **_each(CommandMessage, self._commands.receive),
             **_each(ParameterMessage, self._on_parameter),
             **dict.fromkeys(_MISSION_IDS, self._on_mission),
-            **_each(GimbalMessage, lambda one: obey_gimbal_message(self.state, one)),
+            **_each(GimbalMessage, lambda message: obey_gimbal_message(self.state, message)),
             **_each(SetpointMessage, self._steering.take_setpoint),
             **_each(StickMessage, self._steering.take_sticks),
         }
@@ -265,7 +267,7 @@ class SimVehicle:
         return self.pilot.outcome.is_over and not self.pilot.armed
 
     def receive(self, message: Message, now_s: float) -> list[Message]:
-        """Take a message and return the answers; what is not for this vehicle is ignored."""
+        """Take a message and return the answers; messages to other components are ignored."""
         handle = self._handlers.get(type(message).id)
         if handle is None or not self._is_mine(message):
             return []
@@ -286,7 +288,7 @@ class SimVehicle:
         return []
 
     def poll(self, now_s: float) -> list[Message]:
-        """Fly up to now and return the telemetry and whatever else is due."""
+        """Fly up to now and return the messages that are due."""
         self._advance(now_s)
         for part in self._timed:
             self._outbox += part.poll(now_s)
@@ -349,7 +351,7 @@ class SimVehicle:
         return component in (0, self.component_id)
 
     def _advance(self, now_s: float) -> None:
-        """Fly up to now and say what happened."""
+        """Fly up to now and send the events."""
         now_us = round(now_s * 1e6)
         if now_us <= self.state.now_us and self._shown:
             return
@@ -361,10 +363,10 @@ class SimVehicle:
         self.state.sense(now_s)
         self.state.gimbal.advance(self.pilot.state, 1e3 * self.state.boot_ms, self.pilot.home_m)
         for event in self._reports.merged(events, self._plans.mission):
-            self._tell(event, now_s)
+            self._on_event(event, now_s)
 
     def _boot(self, boots: ColdBoot) -> None:
-        """Come up further, and say so."""
+        """Go on with the boot, and send its new stage."""
         before = self.state.boot
         stage = self.state.boot = boots.at(self.state.boot_ms / 1e3 if self._spoken_to else 0.0)
         self.pilot.arming.block = boots.problem(stage, self.pilot.mode)
@@ -373,7 +375,7 @@ class SimVehicle:
             for message_id in before.untold - stage.untold:
                 self._send(message_id)
 
-    def _tell(self, event: FlightEvent, now_s: float) -> None:
+    def _on_event(self, event: FlightEvent, now_s: float) -> None:
         if isinstance(event, ItemReached):
             self._outbox.append(self._reports.reached(event.seq, now_s))
             items = self.pilot.mission.items
@@ -394,7 +396,7 @@ class SimVehicle:
                 self.command_camera(item.command, params)
 
     def _show_changes(self) -> None:
-        """Send at once what peers wait for (mode, arming, landing, progress) and what is to be said."""
+        """Send notices, and changes that peers wait for (mode, arming, landing, progress), at once."""
         pilot = self.pilot
         self._outbox += self._camera.watch(self._now_s)
         if self._gimbal_interval_us and self.state.gimbal.awake:
@@ -425,7 +427,7 @@ class SimVehicle:
         if changed[1]:
             self._send(m.MAVLINK_MSG_ID_EXTENDED_SYS_STATE)
         if changed[2] and steps_on:
-            self._reports.tell_current(self._now_s + lag_s)
+            self._reports.send_current(self._now_s + lag_s)
         elif changed[2]:
             self._send(m.MAVLINK_MSG_ID_MISSION_CURRENT)
 
@@ -447,11 +449,11 @@ class SimVehicle:
         return [heartbeat]
 
     def built(self, message_id: int) -> tuple[Message, ...]:
-        """The message with this id from the state now; none when there is none such."""
+        """The message with this id from the state now; none when it is unknown."""
         return built(message_id, self.state)
 
     def metadata(self) -> tuple[Message, ...]:
-        """COMPONENT_METADATA; nothing where there is none."""
+        """COMPONENT_METADATA; nothing without."""
         return tuple(message for extra in self._extras for message in extra.metadata())
 
     def _send(self, message_id: int) -> None:
@@ -470,8 +472,8 @@ class SimVehicle:
     def reboot(self) -> None:
         """Start again: time since boot, ids of plans, message rates, transfers; the plans are kept.
 
-        On the ground it comes up in its first mode. In flight it flies on in the mode that it was in: that is
-        for the ground station's side of it, a simplification of what autopilots do whose watchdog bites.
+        On the ground it comes up in its first mode. In flight it flies on in its mode: a simplified reboot by
+        a watchdog, which is enough for the ground station's side.
         """
         self.state.reboot()
         self._plans.reboot(self._now_s)
@@ -481,7 +483,7 @@ class SimVehicle:
 
     @property
     def link_names(self) -> frozenset[str]:
-        """Links on which it streams otherwise than on those without a name."""
+        """Links with message rates of their own."""
         return frozenset(self._link_rates_hz) - {""}
 
     @property
@@ -551,7 +553,7 @@ class SimVehicle:
         try:
             set_custom_mode(self, message.custom_mode)
         except RefusedError as refusal:
-            self.pilot.warn(refusal.told)
+            self.pilot.warn(refusal.text)
 
     def _on_ping(self, message: m.MAVLink_ping_message) -> list[Message]:
         if message.target_system != 0 or message.target_component != 0:

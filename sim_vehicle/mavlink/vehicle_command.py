@@ -15,7 +15,7 @@ __all__ = ["Result", "VehicleCommand", "read_command"]
 _INT_FRAMES = {5: 0, 6: 3, 11: 10}
 
 Result: TypeAlias = "int | tuple[Message, ...] | None"
-"""Of a command: MAV_RESULT, or (accepted) what is sent after the acknowledgement; None is nothing."""
+"""Result of a command: MAV_RESULT, or (accepted) the messages after the acknowledgement; None is none."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,7 +30,7 @@ class VehicleCommand:
     """MAV_FRAME, without the INT variants; COMMAND_LONG has GLOBAL."""
     source: tuple[int, int]
     again: bool = False
-    """The sender repeats a command that it had no answer to."""
+    """The sender repeats a command without an answer."""
     long: bool = False
     """It came as COMMAND_LONG, with positions in 32-bit floats."""
 

@@ -1,4 +1,4 @@
-"""State of a vehicle for its messages besides its pilot's: clocks, estimated position, plan ids."""
+"""State of a vehicle for its messages beside that of its pilot: clocks, estimated position, plan ids."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ Vector: TypeAlias = tuple[float, float, float]
 
 UNUSED = 65535
 """Value of a 16-bit field that is not known."""
-# Rates of turning over a longer time say nothing.
+# No rates of turning from a longer time.
 _LONGEST_MEAN_S = 1.5
 
 
 def int16(value: float) -> int:
-    """Return a number as a 16-bit integer, within what one holds."""
+    """Return a number as a 16-bit integer, clipped to its range."""
     return max(-32767, min(32767, round(value)))
 
 
@@ -135,7 +135,7 @@ class WireState:
 
     @property
     def altitude_m(self) -> float:
-        """Height above the sea that it believes to have."""
+        """Believed height above the sea."""
         return self.position_e7[2] / 1000.0
 
     @property
@@ -222,7 +222,7 @@ class WireState:
         return _e7(*self.pilot.frame.to_wgs84(east, north), up + self.home.altitude_m)
 
     def move_home(self) -> GeoPoint:
-        """Take over where the pilot's home is now."""
+        """Take the pilot's home; return it."""
         east, north, up = self.pilot.home_m
         latitude, longitude = self.pilot.frame.to_wgs84(east, north)
         self.home_e7 = _e7(latitude, longitude, self.home.altitude_m + up)

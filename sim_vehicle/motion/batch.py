@@ -152,7 +152,9 @@ class VehicleBatch:
         self.vehicles = tuple(vehicles)
         self._pool = pool
         # Estimates that are wrong are drawn as they are flown with, for each vehicle on its own.
-        together = all(isinstance(one, CompiledMotion) and not one.draws_errors for one in vehicles)
+        together = all(
+            isinstance(vehicle, CompiledMotion) and not vehicle.draws_errors for vehicle in vehicles
+        )
         dynamics = type(self._vehicle(0)).dynamics if together else None
         self._dynamics = dynamics if dynamics is not None and len(dynamics.own) in _ROWS else None
         self._tables: dict[str, NDArray[Any]] = {}
@@ -240,7 +242,7 @@ class VehicleBatch:
             future.result()
 
     def _adopt(self) -> None:
-        """Make the rows of the batch what the vehicles have, and the vehicles' arrays views of them."""
+        """Copy the vehicles' arrays into the rows of the batch, and make the arrays views of them."""
         assert self._dynamics is not None
         for name in self._dynamics.rows:
             views = self._views.get(name)
@@ -270,7 +272,7 @@ class VehicleBatch:
 
     def _take_table(self, name: str) -> None:
         own = [getattr(self._vehicle(k), name) for k in range(len(self.vehicles))]
-        if any(one.shape != own[0].shape for one in own):
+        if any(array.shape != own[0].shape for array in own):
             msg = f"a batch needs vehicles whose arrays have one shape: {name.strip('_')} differs"
             raise VehicleError(msg)
         table = np.empty((len(own), *own[0].shape), dtype=own[0].dtype)

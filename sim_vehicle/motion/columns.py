@@ -1,4 +1,4 @@
-"""Rows of numbers by the names of their columns, for compiled code and for what surrounds it.
+"""Rows of numbers by the names of their columns, for compiled code and its callers.
 
 The columns of a row are an `IntEnum`: code that handles whole arrays takes its members as indices, and a
 kernel gets the row as a record with an attribute for each, ``state.position_x``. A record is one pointer, an
@@ -81,7 +81,7 @@ LOOK = slice(State.LOOK_EAST, State.LOOK_NORTH + 1)
     LEG_INDEX,
     MOVED_STEP,  # Step of the last motion.
     ARRIVED,  # Whether the end was reached.
-    NEAR_TOLD,  # Whether nearness was told.
+    NEAR_SENT,  # Whether NEAR was returned.
     TRACK_POINTS,  # Points of the track.
 ) = range(6)
 COUNTERS = 6

@@ -30,7 +30,7 @@ _NO_TRACK = np.empty((0, 3))
 
 @dataclass(frozen=True, slots=True)
 class Dynamics:
-    """A kernel and how it is given the numbers of a vehicle.
+    """A kernel, and the arrays of a vehicle that it is called with.
 
     Parameters
     ----------
@@ -73,7 +73,7 @@ class CompiledMotion(MotionModel):
     """
 
     dynamics: ClassVar[Dynamics]
-    """Those of a vehicle that is flown by its autopilot."""
+    """Dynamics of a vehicle that is flown by its autopilot."""
     _state_size: ClassVar[int]
     _energy_limit: ClassVar[int]
 
@@ -136,7 +136,7 @@ class CompiledMotion(MotionModel):
 
     @property
     def draws_errors(self) -> bool:
-        """Whether its estimate is wrong."""
+        """Whether its estimate has errors."""
         return False
 
     def snapshot(self) -> MotionState:
@@ -163,7 +163,7 @@ class CompiledMotion(MotionModel):
         self.state[State.GIVE_UP_STEP] = math.inf
         self.counters[col.LEG_INDEX] = 0
         self.counters[col.MOVED_STEP] = self.counters[col.STEP]
-        self.counters[col.ARRIVED] = self.counters[col.NEAR_TOLD] = 0
+        self.counters[col.ARRIVED] = self.counters[col.NEAR_SENT] = 0
 
     def advance(self, max_steps: int, *, stop_each: bool = True) -> MotionEvent:
         """Fly up to ``max_steps`` steps, less when something happens (see `MotionEvent`)."""
@@ -171,7 +171,7 @@ class CompiledMotion(MotionModel):
 
     @property
     def _dynamics_now(self) -> Dynamics:
-        """Those by which it moves at the moment."""
+        """Dynamics of its motion now."""
         return self.dynamics
 
     def is_flown_by_its_autopilot(self) -> bool:

@@ -1,4 +1,4 @@
-"""What a vehicle is to fly: legs, where its nose points on them, and routes for the compiled motion."""
+"""Legs, the headings on them, and routes for the compiled motion."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ Position = tuple[float, float, float]
 
 
 class LegKind(IntEnum):
-    """What a leg is flown for; an autopilot treats some kinds in its own way.
+    """Purpose of a leg; an autopilot treats some kinds in its own way.
 
     SETPOINT is a position that a companion or ground station asks for, again and again: multirotors fly to it
     as their position control does, without a path. LOITER_TO_HEIGHT is a circle that is
@@ -126,7 +126,7 @@ class Leg:
     vertical_speed_m_s: float | None = None
     """Speed of a vertical leg, up or down; None is the vehicle's own."""
     near_m: float = 0.0
-    """Distance to the end at which NEAR is told, 0 for never."""
+    """Distance to the end at which the motion reports NEAR, 0 for never."""
     pause_s: float = 0.0
     """Time to stay at the end of the leg, which is a stop then."""
     circle: Circle | None = None

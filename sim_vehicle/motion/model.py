@@ -125,14 +125,14 @@ class MotionModel(ABC):
         """Begin a route."""
 
     def interrupt(self) -> None:
-        """Give up the leg that is flown: the next route begins anew, where the autopilot does it so."""
+        """Give up the present leg: the next route begins anew, where the autopilot does that."""
         return
 
     @abstractmethod
     def steer(self, velocity_m_s: Position, *, height_m: float = math.nan, heading: Heading = KEEP) -> None:
         """Keep a velocity (east, north, up), or its horizontal part at a height.
 
-        Sinking, it goes on to the ground and slows down to the landing speed there; REACHED tells the touch.
+        Sinking, it goes on to the ground and slows down to the landing speed there; the touch is REACHED.
         A heading along the leg is that of the flight.
 
         Raises
@@ -142,7 +142,7 @@ class MotionModel(ABC):
         """
 
     def look_at(self, position_m: tuple[float, float] | None) -> None:
-        """Point the nose at a position (east, north) whatever is flown, None for no more, where it can."""
+        """Point the nose at a position (east, north) on any leg, where it can; None ends that."""
         return
 
     def point(self, heading_rad: float) -> None:

@@ -9,14 +9,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geo.compiled import compiled
+from sim_vehicle.energy import power
 from sim_vehicle.motion import columns as col
 from sim_vehicle.motion.columns import Record
 from sim_vehicle.weather.gust_kernel import wind_at
 
-__all__ = ["distance2", "kernel_of", "stop", "take_velocity"]
+__all__ = ["distance2", "kernel_of", "multirotor_power", "stop", "take_velocity"]
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
+
+multirotor_power = compiled(allocates=False)(power.multirotor_power)
 
 
 @compiled(allocates=False)
@@ -45,7 +48,7 @@ def _complete_leg(counters: Integers, arrivals: Integers, step: int, stop_each: 
     """Enter the arrival at the end of the current leg and go on to the next; return the event."""
     leg = counters[col.LEG_INDEX]
     arrivals[leg] = step
-    counters[col.NEAR_TOLD] = 0
+    counters[col.NEAR_SENT] = 0
     if leg == len(arrivals) - 1:
         counters[col.ARRIVED] = 1
         return col.REACHED
@@ -171,8 +174,8 @@ def kernel_of(
                 if done:
                     event = _complete_leg(counters, arrivals, step, stop_each)
                     leave(state, counters, row, route, limits, own)
-                elif counters[col.NEAR_TOLD] == 0 and distance2(state, row.x, row.y, row.z) < row.near**2:
-                    counters[col.NEAR_TOLD] = 1
+                elif counters[col.NEAR_SENT] == 0 and distance2(state, row.x, row.y, row.z) < row.near**2:
+                    counters[col.NEAR_SENT] = 1
                     event = col.NEAR
             if state.energy_used >= capacity:
                 event = col.ENERGY

@@ -1,4 +1,4 @@
-"""The vehicle as its pilot handles it: orders that may be refused, the state, what the operator is told."""
+"""One vehicle under a pilot: orders that may be refused, its state, and notices to the operator."""
 
 from __future__ import annotations
 
@@ -46,18 +46,18 @@ class RefusedError(VehicleError):
         For the operator.
     denied : bool
         The order can never be taken as it is; False when it may be taken later.
-    told : str
-        What the autopilot says besides its answer; empty for nothing, as most refusals are.
+    text : str
+        Text of the autopilot besides its answer; empty for none, as with most refusals.
     """
 
-    def __init__(self, reason: str, *, denied: bool = False, told: str = "") -> None:
+    def __init__(self, reason: str, *, denied: bool = False, text: str = "") -> None:
         super().__init__(reason)
         self.denied = denied
-        self.told = told
+        self.text = text
 
 
 class Controls:
-    """One vehicle under a pilot's hands: what flies, its firmware's rules, parameters, mode, and notices."""
+    """One vehicle under a pilot: executor, rules of its firmware, parameters, mode, and notices."""
 
     def __init__(self, executor: MissionExecutor, firmware: Firmware) -> None:
         self.executor = executor
@@ -70,7 +70,7 @@ class Controls:
         # After the last order or `advance`, and the time of that.
         self.state: VehicleState = executor.state()
         self.now_s = 0.0
-        # Roll and pitch where they are flown as they are told; None where they follow from the motion.
+        # Roll and pitch of an attitude that is flown; None where they follow from the motion.
         self.flown_attitude: tuple[float, float] | None = None
         # Whether there is a position (GPS), and whether all motors run.
         self.position_ok = self.motor_ok = True
@@ -92,7 +92,7 @@ class Controls:
 
     @property
     def home_m(self) -> tuple[float, float, float]:
-        """Where home is, east and north of the start, and how high above it."""
+        """Home: east and north of the start, height above it."""
         return self.executor.mission.return_points.home_m
 
     def order(self, order: Callable[[], None]) -> None:
@@ -106,16 +106,16 @@ class Controls:
         self.refresh()
 
     def note(self, severity: Severity, text: str) -> None:
-        """Tell the operator; an empty text is nothing to say."""
+        """Add a notice to the operator; none for an empty text."""
         if text:
             self._notices.append((severity, text))
 
     def warn(self, text: str) -> None:
-        """Tell the operator why something was refused; nothing where the autopilot has no words for it."""
+        """Add a warning; none for an empty text."""
         self.note(Severity.WARNING, text)
 
     def notices(self) -> list[tuple[Severity, str]]:
-        """Take what was noted since the last call."""
+        """Return the notices since the last call."""
         taken, self._notices = self._notices, []
         return taken
 

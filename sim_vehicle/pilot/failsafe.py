@@ -1,4 +1,4 @@
-"""What keeps a vehicle safe: checks before it arms, and watches in flight: battery, position, fence, link."""
+"""Safety functions: checks before arming; in flight, watches of battery, position, fence and link."""
 
 from __future__ import annotations
 
@@ -33,11 +33,11 @@ class BatteryWatch:
     """The levels of a battery: 0 fine, 1 low, 2 critical, 3 almost empty.
 
     With `by_voltage` a voltage that stays too low is a low battery, too; such a level is not taken back when
-    the voltage recovers (ArduPilot). `told` is the highest level that was told since the vehicle was armed.
+    the voltage recovers (ArduPilot). `reported` is the highest level since the vehicle was armed.
     """
 
     def __init__(self, controls: Controls, *, by_voltage: bool) -> None:
-        self.told = 0
+        self.reported = 0
         self._controls = controls
         self._parameters = controls.parameters
         self._by_voltage = by_voltage
@@ -45,24 +45,24 @@ class BatteryWatch:
 
     def reset(self) -> None:
         """Begin again with the arming."""
-        self.told = 0
+        self.reported = 0
         self._sagging_since_s = [math.inf, math.inf]
 
     def give_up(self) -> None:
-        """Note that the battery has nothing more to tell: it is empty, or the vehicle falls."""
-        self.told = _ALMOST_EMPTY
+        """Report no further level: the battery is empty, or the vehicle falls."""
+        self.reported = _ALMOST_EMPTY
 
     def check(self) -> int:
-        """Check the battery; its level when that is higher than any before, else 0."""
+        """Check the battery; return its level when that is higher than any before, else 0."""
         battery = self._controls.state.battery
         if battery is None:
             return 0
         if self._by_voltage:
             self._time_low_voltages(battery)
         level = self.level()
-        if level <= self.told:
+        if level <= self.reported:
             return 0
-        self.told = level
+        self.reported = level
         return level
 
     def level(self) -> int:
@@ -75,7 +75,7 @@ class BatteryWatch:
             level = _ALMOST_EMPTY if almost or battery.depleted else 2
         else:
             level = int(battery.fraction < parameters.low_fraction)
-        return max(level, self._voltage_level(), self.told if self._by_voltage else 0)
+        return max(level, self._voltage_level(), self.reported if self._by_voltage else 0)
 
     def describe(self, level: int) -> str:
         """A level in words, with the charge or the voltage that made it."""
@@ -96,7 +96,7 @@ class BatteryWatch:
         return 2 if critical else int(low)
 
     def _time_low_voltages(self, battery: BatteryState) -> None:
-        """Note since when the voltage is too low, as it is under load or without the sag."""
+        """Note the time since which the voltage is too low, under load or without the sag."""
         parameters, now_s = self._parameters, self._controls.now_s
         voltage = battery.rest_voltage_v if parameters.low_voltage_source == 1 else battery.voltage_v
         for i, limit in enumerate((parameters.low_voltage_v, parameters.critical_voltage_v)):
@@ -124,15 +124,15 @@ class Reaction:
 
 
 def is_done(action: Action, phase: FlightPhase) -> bool:
-    """Return whether a vehicle in a phase does as much as an action asks for, or more."""
+    """Return whether a vehicle in a phase already does at least as much as an action asks for."""
     return phase in _DONE_IN.get(action, ())
 
 
 class Failsafe:
-    """The safety functions of one vehicle. They tell what has to be done; the pilot does it.
+    """The safety functions of one vehicle; the pilot carries out their reactions.
 
-    `active` tells whether one of them has taken over since the vehicle was armed, `link_lost` whether
-    heartbeats of the ground station came once and come no more.
+    `active`: one of them has taken over since the vehicle was armed. `link_lost`: heartbeats of the ground
+    station came once and come no more.
     """
 
     def __init__(self, controls: Controls) -> None:
@@ -212,8 +212,8 @@ class Failsafe:
     def check(self) -> Iterator[Reaction]:
         """Check everything while the vehicle is armed.
 
-        Each reaction has to be carried out before the next is asked for: what follows is judged by the state
-        that it leads to.
+        Each reaction has to be carried out before the next is asked for: the next check needs the state that
+        it leads to.
         """
         controls, parameters = self._controls, self._parameters
         if controls.state.phase.is_lost:
@@ -281,7 +281,7 @@ class Failsafe:
             if point_m is None:
                 yield from self._react(reaction)
             else:
-                # To the fence's own point and hold there, as ArduPlane does, whatever is flown.
+                # From any flight to the fence's own point, to hold there, as ArduPlane does.
                 self.active = True
                 yield reaction
         elif before is not Breach.NONE and watch.breach is Breach.NONE:
@@ -301,8 +301,8 @@ class Failsafe:
 class ArmingChecks:
     """The checks before the motors may run.
 
-    `block` is a reason from outside not to arm, to be assigned; `custom_mode` the number of the flight mode
-    as peers know it, likewise.
+    Two attributes are assigned from outside: `block`, a further reason not to arm, and `custom_mode`, which
+    returns the number of the flight mode as peers know it.
     """
 
     def __init__(self, controls: Controls, failsafe: Failsafe) -> None:
@@ -312,7 +312,7 @@ class ArmingChecks:
         self._failsafe = failsafe
 
     def health_problem(self) -> str | None:
-        """Why the vehicle is not fit to fly, whatever it is told to do; None when it is."""
+        """Why the vehicle is not fit to fly in any mode; None when it is."""
         controls = self._controls
         if not controls.position_ok:
             return "no position"
@@ -326,7 +326,7 @@ class ArmingChecks:
     def why_not(self, mode: Mode, mission_problem: str | None) -> str | None:
         """Why the vehicle cannot arm in a mode; None when it can.
 
-        ``mission_problem`` tells why its mission cannot be flown.
+        ``mission_problem`` is the reason why its mission cannot be flown, or None.
         """
         problem = self.health_problem()
         if problem is not None:
@@ -357,7 +357,7 @@ class ArmingChecks:
 class IdleWatch:
     """Counts the time that a vehicle stands on the ground with its motors on, until it is disarmed.
 
-    `throttle_down` tells whether no stick asks for thrust.
+    `throttle_down` returns whether no stick asks for thrust.
     """
 
     def __init__(self, controls: Controls, rule: IdleDisarm, throttle_down: Callable[[], bool]) -> None:
@@ -369,7 +369,7 @@ class IdleWatch:
 
     @property
     def texts(self) -> tuple[str, ...]:
-        """What is said when it is over."""
+        """Notices when the time is over."""
         return self._rule.texts
 
     def on_armed(self) -> None:
@@ -377,7 +377,7 @@ class IdleWatch:
         self._since_s, self._has_flown = self._controls.now_s, False
 
     def is_over(self) -> bool:
-        """Tell, while the vehicle is armed, whether it has stood for too long."""
+        """Whether the armed vehicle has stood for too long."""
         controls, rule = self._controls, self._rule
         stands = controls.landed is LandedState.ON_GROUND and controls.state.phase is FlightPhase.GROUND
         self._has_flown |= not stands

@@ -1,7 +1,7 @@
-"""The geofence: where the vehicle may be, how far it is from the edge, and what it broke.
+"""The geofence: its zones, the margin of a position, and breaches.
 
-Checking each moment of a flight is cheap because a vehicle that is 100 m from the edge cannot have crossed it
-before it has flown 100 m: until then nothing is computed.
+The check of each moment is cheap: a vehicle 100 m from the edge cannot have crossed it before it has flown
+100 m, and until then nothing is computed.
 """
 
 from __future__ import annotations
@@ -80,7 +80,7 @@ class Fence:
 
     @classmethod
     def of(cls, items: Sequence[MissionItem], frame: LocalFrame, *, any_inclusion: bool = True) -> Fence:
-        """Make a fence from the items 5000 to 5004 of a plan; what is incomplete is left out.
+        """Make a fence from the items 5000 to 5004 of a plan; incomplete zones are left out.
 
         Examples
         --------
@@ -111,7 +111,7 @@ class Fence:
         return cls(tuple(zones), point, any_inclusion)
 
     def margins_m(self, x_m: ArrayLike, y_m: ArrayLike) -> NDArray[np.float64]:
-        """Return how far each position may move in any direction, negative where it is not allowed to be."""
+        """Return the distance from each position to the nearest edge, negative outside the fence."""
         x, y = np.atleast_1d(np.asarray(x_m, float)), np.atleast_1d(np.asarray(y_m, float))
         margin = np.full(len(x), np.inf)
         inside = [zone.depth_m(x, y) for zone in self.zones if zone.inclusion]
@@ -145,10 +145,10 @@ class FenceWatch:
 
     fence: Fence = field(default_factory=Fence)
     bounds: Bounds = field(default_factory=Bounds)
-    # What is broken now, and in words.
+    # The present breach, and its reason in words.
     breach: Breach = Breach.NONE
     reason: str = ""
-    # How often a fence was broken, and when the last time was.
+    # Number of breaches, and the time of the last.
     count: int = 0
     broken_s: float = 0.0
     _free_until_m: float = -math.inf
@@ -183,7 +183,7 @@ class FenceWatch:
         home_m: tuple[float, float, float],
         now_s: float,
     ) -> bool:
-        """Check a vehicle that has flown so far; True when it has just broken the fence."""
+        """Check a vehicle after a flown distance; True when it has just broken the fence."""
         if flown_m < self._free_until_m:
             return False
         breach, reason, free = self.evaluate(place_m, home_m)

@@ -1,4 +1,4 @@
-"""PX4's follow-me: the vehicle flies about a target that tells where it is.
+"""PX4's follow-me: the vehicle flies about a target that sends its position.
 
 Sources: PX4's ``TargetEstimator.cpp`` and ``FlightTaskAutoFollowTarget.cpp``. The estimate has no
 acceleration and no filter behind it, and the angle about the target no limit of jerk.
@@ -33,7 +33,7 @@ _LEAST_HEIGHT_M, _LEAST_DISTANCE_M, _LOWEST_M = 8.0, 1.0, 1.0
 _POSITION_EACH_S, _VELOCITY_EACH_S, _STALE_S = 0.5, 0.1, 3.0
 _LEAST_COURSE_M_S, _ORBIT_M_S2, _NEAR_HEIGHT_M, _LEAST_YAW_M = 1.0, 2.0, 3.0, 1.0
 _VELOCITY_SHARE = 0.9
-# A longer step of a filter says nothing.
+# Longest step of the filter.
 _LONGEST_S = 20.0
 
 
@@ -49,7 +49,7 @@ class _Target:
     velocity_s: float
 
     def move(self, now_s: float) -> None:
-        """Move it on; one that is not heard stands still."""
+        """Move it on; a target that is not heard stands still."""
         passed_s, self.now_s = now_s - self.now_s, now_s
         if now_s - self.heard_s >= _STALE_S:
             self.velocity_m_s = [0.0, 0.0, 0.0]
@@ -64,14 +64,14 @@ class _Target:
         if (passed_s := now_s - self.position_s) >= _POSITION_EACH_S:
             self.position_s = now_s
             gain, gain_v = 1.0 - beta**3, 1.5 * (1.0 - beta) ** 2 * (1.0 + beta) / min(passed_s, _LONGEST_S)
-            errors = [told - place for told, place in zip(position_m, self.position_m, strict=True)]
+            errors = [measured - place for measured, place in zip(position_m, self.position_m, strict=True)]
             self.position_m = [p + gain * e for p, e in zip(self.position_m, errors, strict=True)]
             self.velocity_m_s = [v + gain_v * e for v, e in zip(self.velocity_m_s, errors, strict=True)]
         if velocity_m_s is not None and now_s - self.velocity_s >= _VELOCITY_EACH_S:
             self.velocity_s = now_s
             gain = 1.0 - (_VELOCITY_SHARE * beta) ** 2
             self.velocity_m_s = [
-                v + gain * (told - v) for v, told in zip(self.velocity_m_s, velocity_m_s, strict=True)
+                v + gain * (measured - v) for v, measured in zip(self.velocity_m_s, velocity_m_s, strict=True)
             ]
 
 
@@ -128,7 +128,7 @@ class FollowPilot:
         if abs(height_m - z) < _NEAR_HEIGHT_M:
             sine, cosine = math.sin(self._orbit_rad), math.cos(self._orbit_rad)
             along = self._turning_rad_s * distance_m
-            # A position so far ahead asks for the velocity of the place about the target.
+            # A position this time ahead asks for the velocity of the place about the target.
             lead_s = 1.0 / max(gain, _LEAST_GAIN)
             east = target.position_m[0] + distance_m * sine + lead_s * (v_east + along * cosine)
             north = target.position_m[1] + distance_m * cosine + lead_s * (v_north - along * sine)

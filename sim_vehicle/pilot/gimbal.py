@@ -1,8 +1,8 @@
-"""A gimbal that carries the camera: where it is told to point, and where it points as time goes on.
+"""A gimbal that carries the camera: its target and its angles over time.
 
 Source: ArduPilot's ``AP_Mount_Backend.cpp`` and ``AP_Mount_Servo.cpp``, whose parameters, modes and limits
-these are. Here it stabilises itself: what it holds and tells are roll and pitch against the horizon and yaw
-against the vehicle's heading, and it turns at a limited rate.
+these are. Here it stabilises itself: it holds roll and pitch against the horizon and yaw against the
+vehicle's heading, and turns at a limited rate.
 """
 
 from __future__ import annotations
@@ -37,6 +37,7 @@ _HIGH = _settings(ROLL_MAX=30.0, PITCH_MAX=20.0, YAW_MAX=180.0)
 _NEUTRAL = _settings(NEUTRAL_X=0.0, NEUTRAL_Y=-90.0, NEUTRAL_Z=0.0)
 _RETRACTED = _settings(RETRACT_X=0.0, RETRACT_Y=0.0, RETRACT_Z=0.0)
 _DEFAULT_MODE = Setting("MNT1_DEFLT_MODE", 1.0)
+# Attitudes kept for images that arrive late: 10 s of a vehicle that is advanced 50 times a second.
 _REMEMBERED = 512
 _TURN = 2.0 * math.pi
 
@@ -106,7 +107,7 @@ class Gimbal:
         self._earth = self._rates_earth = False
         self.angles_rad = self._limited(self._target)
         self._track.clear()
-        # One that nobody has asked or told anything since it booted rests, and costs nothing.
+        # Until the first order or request after the boot it rests, and costs no time.
         self.awake = self.mode is not GimbalMode.NEUTRAL
 
     @property
@@ -125,11 +126,11 @@ class Gimbal:
         return self.mode in (GimbalMode.POINT, GimbalMode.HOME)
 
     def wake(self) -> None:
-        """Note that somebody cares for it."""
+        """Move from now on: a peer has asked for it."""
         self.awake = self.fitted
 
     def set_mode(self, number: int) -> bool:
-        """Take a mode by its number, or return False: there is none such."""
+        """Take a mode by its number; False when there is none."""
         if number not in _MODES:
             return False
         self.mode = GimbalMode(number)
@@ -151,14 +152,14 @@ class Gimbal:
         self.set_mode(GimbalMode.TARGET)
 
     def turn_at(self, rates_rad_s: Sequence[float], *, earth: bool) -> None:
-        """Turn at finite rates of roll, pitch and yaw from where it was told to be."""
+        """Turn at finite rates of roll, pitch and yaw from its target."""
         roll, pitch, yaw = rates_rad_s
         self._rates = (roll, pitch, yaw)
         self._rates_earth = earth
         self.set_mode(GimbalMode.TARGET)
 
     def point_at(self, position_m: tuple[float, float, float] | None) -> None:
-        """Point at a position (east, north, above home) as the vehicle moves; None for no more."""
+        """Point at a position (east, north, above home) as the vehicle moves; None ends that."""
         self._point = position_m
         if position_m is not None:
             self.set_mode(GimbalMode.POINT)
@@ -181,7 +182,7 @@ class Gimbal:
         self._track.append((boot_us, self._attitude(state.yaw_rad)))
 
     def attitude_at(self, boot_us: float) -> Attitude | None:
-        """Return where the camera looked at a time of the vehicle's clock; None while nobody had told it."""
+        """Return the attitude of the camera at a time of the vehicle's clock; None before its first order."""
         after = None
         for time_us, attitude in reversed(self._track):
             if time_us > boot_us:
@@ -194,7 +195,7 @@ class Gimbal:
                 a + part * math.remainder(b - a, _TURN) for a, b in zip(attitude, after[1], strict=True)
             )
             return Attitude(roll, pitch, heading % _TURN)
-        # Before it was first told anything it rested.
+        # Before its first order it rested.
         return None
 
     def _attitude(self, heading_rad: float) -> Attitude:
@@ -202,7 +203,7 @@ class Gimbal:
         return Attitude(roll, pitch, (heading_rad + yaw) % _TURN)
 
     def _aim(self, state: VehicleState, home_m: tuple[float, float, float], passed_s: float) -> Angles | None:
-        """Return where it is to point now, the yaw against the vehicle; None to stay."""
+        """Return the target now, its yaw against the vehicle; None to stay."""
         if self.mode is GimbalMode.TARGET:
             self._follow_rates(state.yaw_rad, passed_s)
             roll, pitch, yaw = self._target
@@ -219,7 +220,7 @@ class Gimbal:
             aim = (roll, pitch, self._to_body(0.0, state.yaw_rad) if self.yaw_lock else yaw)
         else:
             aim = self._resting()
-        # Rates begin where it was led to by these.
+        # Rates begin at this target.
         self._target, self._earth = aim, False
         return aim
 

@@ -2,8 +2,8 @@
 
 Setpoints come again and again (ArduPilot "Copter commands in guided mode", PX4 "Offboard mode"). With an
 attitude nothing holds the place: the thrust leans with the vehicle, drag pulls towards the speed of the air;
-the velocities that follow from both are flown by its velocity control, and what is told of the attitude is
-what is flown here (ArduCopter's ``mode_guided.cpp``, ``angle_control_run``, and ``mode_flip.cpp``).
+the velocities that follow from both are flown by its velocity control, and telemetry shows the attitude
+that is flown here (ArduCopter's ``mode_guided.cpp``, ``angle_control_run``, and ``mode_flip.cpp``).
 """
 
 from __future__ import annotations
@@ -67,7 +67,7 @@ class Setpoint:
 
 
 class SetpointFollower:
-    """Flies the latest setpoint and tells when setpoints have stopped to flow."""
+    """Flies the latest setpoint and notes when setpoints have stopped."""
 
     def __init__(self, controls: Controls, failsafe: Failsafe, attitude: AttitudePilot) -> None:
         self._controls = controls
@@ -106,7 +106,7 @@ class SetpointFollower:
             self.fly()
 
     def expired(self) -> Mode | None:
-        """Tell that setpoints have grown old; the mode that has to be taken then, None while all is well."""
+        """Warn that setpoints have stopped; return the mode to take then, None while they flow."""
         if self.is_fresh:
             return None
         if self._rules.needs_stream:
@@ -148,7 +148,7 @@ class SetpointFollower:
         return on_ground and self._rules.needs_stream
 
     def complain(self, text: str) -> None:
-        """Tell the operator why a setpoint is not flown, but the same thing only once in a row."""
+        """Warn why a setpoint is not flown, once for the same text in a row."""
         if text != self._complaint:
             self._complaint = text
             self._controls.note(Severity.WARNING, text)
@@ -201,7 +201,7 @@ _ROLL_P_1_S = 4.5
 
 @dataclass(frozen=True, slots=True)
 class AttitudeTarget:
-    """What SET_ATTITUDE_TARGET asks for."""
+    """The target of a SET_ATTITUDE_TARGET."""
 
     # Right and up; NaN where only rates are asked for.
     roll_rad: float
@@ -219,7 +219,7 @@ _LEVEL = AttitudeTarget(0.0, 0.0, KEEP, 0.0)
 
 
 class AttitudePilot:
-    """Flies an attitude until it is told to stop; the `attitude` of the controls is what is flown here."""
+    """Flies an attitude until `stop`; it is the `flown_attitude` of the controls."""
 
     def __init__(self, controls: Controls) -> None:
         self._controls = controls
@@ -256,7 +256,7 @@ class AttitudePilot:
         self._rolled = self._rolling = 0.0
 
     def check(self) -> bool:
-        """Fly on; whether a flip is over."""
+        """Fly on; return whether a flip is over."""
         target, controls = self._target, self._controls
         if target is None:
             return False
@@ -308,7 +308,7 @@ class AttitudePilot:
             self._velocity_m_s = (*self._velocity_m_s[:2], target.climb_m_s)
 
     def _turn_over(self, direction: float, level_rad: float, step_s: float) -> bool:
-        """Roll on; whether the flip is over."""
+        """Roll on; return whether the flip is over."""
         change = _ROLL_ACCELERATION.of(self._parameters) * step_s
         wanted, thrust, over = _FLIP_RAD_S, _FLIP_MORE, False
         if self._rolled >= math.radians(270.0):
@@ -373,8 +373,8 @@ class AutoYaw:
     def order(self, angle_rad: float, rate_rad_s: float, direction: int, *, relative: bool) -> None:
         """Turn to a compass heading, or by an angle (`relative`).
 
-        At most, and without a positive rate, it turns at the vehicle's own. The direction is 1 clockwise, -1
-        counter-clockwise, 0 (of a heading) the short way.
+        The vehicle's own rate is the limit, and holds without a positive rate. The direction is 1 clockwise,
+        -1 counter-clockwise, 0 (of a heading) the short way.
         """
         if self._controls.mode not in _SLEWS_IN or self._controls.landed is LandedState.ON_GROUND:
             return
@@ -410,6 +410,6 @@ class AutoYaw:
 
     @property
     def _now(self) -> tuple[Mode, int]:
-        """What is flown, with the waypoint of a mission."""
+        """The mode, with the current item of a mission."""
         mode = self._controls.mode
         return mode, self._controls.executor.mission.current_seq if mode is Mode.MISSION else -1

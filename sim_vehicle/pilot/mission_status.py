@@ -1,4 +1,4 @@
-"""The mission that a pilot has: whether it can be flown, and how far it is."""
+"""The mission of a pilot: its problems and its progress."""
 
 from __future__ import annotations
 
@@ -33,10 +33,10 @@ class MissionStatus:
     """Status of the loaded mission."""
 
     def __init__(self, controls: Controls, failsafe: Failsafe) -> None:
-        # What cannot be flown.
+        # Reasons why it cannot be flown.
         self.problems: tuple[ItemProblem, ...] = ()
-        # Whether it was begun since the vehicle was armed, and flown to its end; and whether all that is left
-        # of it is the way home, which is no part of it (PX4).
+        # Whether it was begun since arming, whether it was flown to its end, and whether only the way home is
+        # left, which is no part of it (PX4).
         self.started = self.complete = self.returns = False
         self._chosen = False
         self._in_air = False
@@ -45,7 +45,7 @@ class MissionStatus:
 
     @property
     def waits(self) -> bool:
-        """Whether it is over, even if an item to begin again with was chosen since."""
+        """Whether it is over, even if an item to begin again at was chosen since."""
         return self.complete or self._chosen
 
     def choose(self) -> None:
@@ -81,7 +81,7 @@ class MissionStatus:
         return str(self.problems[0]) if self.problems else None
 
     def check(self, items: Sequence[MissionItem], *, in_air: bool = False) -> None:
-        """Find what in a mission cannot be flown; in the air it needs no take-off."""
+        """List the problems of a mission; in the air it needs no take-off."""
         self.problems = ()
         self._in_air = in_air
         if items:
@@ -117,7 +117,7 @@ class MissionStatus:
             self.check(self.items)
 
     def check_again(self) -> ItemProblem | None:
-        """Check the mission after fence or parameters have changed; a problem that is new, None for none."""
+        """Check the mission after fence or parameters have changed; return a new problem, None without."""
         if not self.items:
             return None
         before = self.problems

@@ -1,4 +1,4 @@
-"""The flight mode, and what the vehicle does when it is taken."""
+"""The flight mode, and the orders that follow from it."""
 
 from __future__ import annotations
 
@@ -45,11 +45,11 @@ class ModeControl:
         follow: FollowPilot,
         sticks: StickPilot | None,
     ) -> None:
-        # The last one that was ordered, or followed from an order, and in which a vehicle arms.
+        # The last mode that was ordered, or followed from an order, and in which a vehicle arms.
         self.intended = controls.mode
-        # Whether the vehicle took it by its own decision.
+        # Whether the vehicle took its mode by its own decision.
         self.by_itself = False
-        # Of the next take-off; None is the vehicle's own.
+        # Altitude of the next take-off; None is the vehicle's own.
         self.takeoff_altitude_m: float | None = None
         self._controls = controls
         self._mission = mission
@@ -99,9 +99,9 @@ class ModeControl:
         return sticks.shown is None or abs(sticks.shown.right) < _LEANS
 
     def change(self, mode: Mode) -> bool:
-        """Take a mode and, armed, do what it means; the mode is as it was when that cannot be done.
+        """Take a mode and, armed, fly it; the old mode stays when it cannot be flown.
 
-        Tells whether the vehicle is to be disarmed: it is told to land or return, and on the ground already.
+        Returns whether the vehicle is to be disarmed: an order to land or return reached it on the ground.
         """
         before, intended = self._controls.mode, self.intended
         self._attitude.stop()
@@ -173,7 +173,7 @@ class ModeControl:
         self._controls.order(executor.start)
 
     def _begin(self, mode: Mode, before: Mode) -> None:
-        """Begin what is flown in a mode in a way of its own."""
+        """Begin the flight of a mode that is flown in a way of its own."""
         controls = self._controls
         if mode is Mode.ATTITUDE:
             self._attitude.take()

@@ -1,4 +1,4 @@
-"""The autopilot without MAVLink: takes orders, reacts to what happens in flight, tells how the run ended."""
+"""The autopilot without MAVLink: orders, reactions to events in flight, and the outcome of the run."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ class Pilot(Controls):
     Attributes
     ----------
     parameters : RuntimeParameters
-        What can be changed; `apply_parameters` afterwards.
+        Values that can be changed; call `apply_parameters` afterwards.
     outcome, outcome_text
         How the run ended and why.
     """
@@ -117,7 +117,7 @@ class Pilot(Controls):
 
     @property
     def sticks(self) -> Sticks | None:
-        """Where the sticks of the ground station are, None while none are heard."""
+        """Positions of the ground station's sticks, None while none are heard."""
         return None if self._sticks is None else self._sticks.shown
 
     # Plans and parameters.
@@ -127,11 +127,11 @@ class Pilot(Controls):
     ) -> MissionChange:
         """Replace the mission; one that cannot be flown is kept, but not flown.
 
-        ``marked`` is the item to go on with; in flight, without it, the one of the same number. What is not
-        ``whole``, the beginning of an upload that overwrites in place, is not checked.
+        ``marked`` is the item to go on with; without it, in flight, the item of the same number. A mission
+        that is not ``whole``, the beginning of an upload that overwrites in place, is not checked.
         """
         mission, behaviour = self.mission, self.behaviour
-        # One that falls takes the list, as autopilots do that do not know, and flies nothing any more.
+        # A falling vehicle stores the list, as an autopilot that does not notice the fall, and flies none.
         flying = self.mode is Mode.MISSION and self.armed and not self.state.phase.is_lost
         airborne = self.armed and self.landed is not LandedState.ON_GROUND
         seq = marked or 0
@@ -153,7 +153,7 @@ class Pilot(Controls):
         mission.complete = ended
         mission.started &= airborne
         if whole:
-            self._tell_problems(items)
+            self._report_problems(items)
         if flying and (not items or mission.problems):
             self._turn_to(Mode.HOLD)
             if not items:
@@ -173,14 +173,14 @@ class Pilot(Controls):
             return MissionChange.TURNED
         return MissionChange.LOST if is_beyond else MissionChange.LATER
 
-    def _tell_problems(self, items: Sequence[MissionItem]) -> None:
-        """Tell what is wrong with a mission."""
+    def _report_problems(self, items: Sequence[MissionItem]) -> None:
+        """Report the problems of a mission."""
         mission = self.mission
         if self.spec.drives and any(item.command == Command.NAV_TAKEOFF for item in items):
             self.note(Severity.INFO, "Take-off items have no effect on a rover")
         if mission.problems:
             self._end(Outcome.MISSION_REJECTED, str(mission.problems[0]))
-            self._tell_rejection(mission.problems[0])
+            self._report_rejection(mission.problems[0])
         elif self.outcome in (Outcome.MISSION_REJECTED, Outcome.COMPLETED, Outcome.FLIGHT_ABORTED):
             self._end(Outcome.RUNNING, "")
 
@@ -231,20 +231,20 @@ class Pilot(Controls):
             return
         problem = self.mission.check_again()
         if problem is not None:
-            self._tell_rejection(problem)
+            self._report_rejection(problem)
 
-    def _tell_rejection(self, problem: ItemProblem) -> None:
+    def _report_rejection(self, problem: ItemProblem) -> None:
         if problem.code == "fence" and problem.item is not None:
             self.note(Severity.CRITICAL, self.behaviour.outside_text.format(problem.item + 1))
         self.note(Severity.CRITICAL, self.behaviour.rejected_text.format(problem))
 
     # Orders.
 
-    def arm(self, *, force: bool = False, told: str = "") -> None:
+    def arm(self, *, force: bool = False, text: str = "") -> None:
         """Start the motors; in mission or take-off mode the flight begins.
 
-        With ``force`` whatever the checks say; ``told`` is what is said of it, by default as after an order
-        to arm. The reason of a refusal is also the outcome of a vehicle that has not flown.
+        With ``force`` no checks are made; ``text`` is the notice, by default that of an order to arm. The
+        reason of a refusal is also the outcome of a vehicle that has not flown.
         """
         if self.armed:
             return
@@ -260,8 +260,8 @@ class Pilot(Controls):
         if reason is not None:
             if not self.mission.started:
                 self._end(Outcome.ARMING_REFUSED, reason)
-            for text in self.rules.arming_texts:
-                self.note(Severity.CRITICAL, text.format(reason))
+            for refusal in self.rules.arming_texts:
+                self.note(Severity.CRITICAL, refusal.format(reason))
             raise RefusedError(self.rules.arming_texts[0].format(reason))
         self.failsafe.on_armed()
         if self._idle is not None:
@@ -269,7 +269,7 @@ class Pilot(Controls):
         if self._sticks is not None:
             self._sticks.forget()
         self._end(Outcome.RUNNING, "")
-        self.note(Severity.INFO, told or self.rules.armed)
+        self.note(Severity.INFO, text or self.rules.armed)
         self.note(Severity.INFO, self.firmware.mavlink.modes.armed_texts.get(self.arming.custom_mode(), ""))
         if self.mode is Mode.MISSION and self.mission.why_not is not None:
             self.modes.override(Mode.HOLD)
@@ -283,7 +283,7 @@ class Pilot(Controls):
         try:
             self.executor.disarm(force=force)
         except VehicleError:
-            raise RefusedError("Disarming denied: not landed", told=self.rules.disarming_text) from None
+            raise RefusedError("Disarming denied: not landed", text=self.rules.disarming_text) from None
         self.refresh()
         self._on_disarmed((self.rules.disarmed,))
 
@@ -329,7 +329,7 @@ class Pilot(Controls):
         outside = self.failsafe.outside((x_m, y_m, altitude_m))
         if outside is not None:
             raise RefusedError(
-                f"Reposition refused by the fence: {outside}", denied=True, told=self.rules.fence_refusal
+                f"Reposition refused by the fence: {outside}", denied=True, text=self.rules.fence_refusal
             )
         guided = mode is Mode.GUIDED
         self.auto_yaw.forget()
@@ -365,7 +365,7 @@ class Pilot(Controls):
         self.order(lambda: self.executor.orbit(x_m, y_m, altitude_m, radius_m, speed_m_s, heading=heading))
 
     def look_at(self, latitude_deg: float | None, longitude_deg: float = 0.0) -> None:
-        """Point the nose at a position whatever is flown, None for no more."""
+        """Point the nose at a position in any flight; None ends that."""
         position = None if latitude_deg is None else self.frame.from_wgs84(latitude_deg, longitude_deg)
         self.auto_yaw.forget()
         self.executor.flight.look_at(position)
@@ -382,7 +382,7 @@ class Pilot(Controls):
         self.order(self.executor.flight.hold)
 
     def resume(self) -> None:
-        """Go on after a pause: with the mission, or (ArduPilot in guided mode) with the next setpoint."""
+        """Go on after a pause: with the mission, or (ArduPilot in guided mode) at the next setpoint."""
         if self.rules.pauses_in_mode and self.mode is Mode.GUIDED:
             return
         if self.rules.pauses_in_mode and self.mode is not Mode.MISSION:
@@ -399,7 +399,7 @@ class Pilot(Controls):
             self.set_current(first)
         self._change_mode(Mode.MISSION)
         if self.rules.armed_by_start and not self.armed:
-            self.arm(told=self.rules.armed_by_start)
+            self.arm(text=self.rules.armed_by_start)
 
     def set_current(self, seq: int) -> None:
         """Go on with this mission item; RefusedError when there is none."""
@@ -459,10 +459,9 @@ class Pilot(Controls):
             self.order(self.executor.flight.hold)
 
     def take_sticks(self, sticks: Sticks, *, flown: bool = True, by_rate: bool = False) -> None:
-        """Fly as the sticks of the ground station say, in the modes that are flown so.
+        """Fly by the sticks of the ground station, in the modes for them.
 
-        ``flown`` tells whether they move the vehicle in the mode as it was asked for, ``by_rate`` whether
-        they are rates of turning there.
+        ``flown``: they move the vehicle in the custom mode. ``by_rate``: in it they are rates of turning.
         """
         if self._sticks is None:
             return
@@ -473,7 +472,7 @@ class Pilot(Controls):
                 self.go_around()
                 self.note(Severity.INFO, "Landing aborted via throttle")
 
-    # What goes wrong.
+    # Failures.
 
     def fail_motor(self, failed: bool = True) -> None:
         """Stop a motor for good, or repair it: without it a vehicle in the air falls, and cannot arm."""
@@ -500,12 +499,12 @@ class Pilot(Controls):
         self.executor.flight.fall()
         self.refresh()
 
-    # Time, and what happens in it.
+    # Time, and its events.
 
     def advance(self, now_s: float, *, by_sticks: bool = False) -> list[FlightEvent]:
         """Fly up to a time; the events until then, in order.
 
-        ``by_sticks`` tells whether sticks move the vehicle in the mode as it was asked for.
+        ``by_sticks``: sticks move the vehicle in the custom mode.
         """
         self.now_s = now_s
         events = self.executor.advance(now_s)
@@ -585,7 +584,7 @@ class Pilot(Controls):
             self._on_disarmed(self.rules.landed)
 
     def _give_up_mission(self, event: CannotFly) -> None:
-        """Bring the vehicle down after something that it could not do: home first, else here."""
+        """Bring the vehicle down after an item that it cannot fly: at home, or else here."""
         where = f"Item {event.seq + 1}: " if event.seq >= 0 else ""
         self.note(Severity.CRITICAL, f"{where}{event.reason}")
         if not self.outcome.is_over:
@@ -609,7 +608,7 @@ class Pilot(Controls):
             self.modes.override(self.modes.intended)
 
     def _carry_out(self, reaction: Reaction) -> None:
-        """Do what a safety function asks for."""
+        """Carry out the reaction of a safety function."""
         self._end(reaction.outcome, reaction.reason)
         point_m = reaction.return_point_m
         if point_m is not None:
@@ -635,7 +634,7 @@ class Pilot(Controls):
         self.modes.override(mode)
 
     def _turn_to(self, mode: Mode) -> None:
-        """Take a mode by the vehicle's own decision; what is not possible is told."""
+        """Take a mode by the vehicle's own decision; a refusal is a warning."""
         intended = self.modes.intended
         try:
             self._change_mode(mode)

@@ -1,4 +1,4 @@
-"""Flies by the sticks of a ground station, and notices when they are lost."""
+"""Flight by the sticks of a ground station, and reactions to their loss."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ if TYPE_CHECKING:
 
 __all__ = ["StickPilot", "StickTilt", "StickWing"]
 
-# A longer gap is no flight by sticks, but its beginning.
+# After a longer gap the flight by sticks begins anew.
 _LONGEST_STEP_S = 0.5
-# Angles beyond it, and so flips, are not flown.
+# Larger angles are not flown, so no flips.
 _MOST_LEAN_RAD = math.radians(70.0)
 
 
@@ -132,7 +132,10 @@ def _fall(speed: float, air_speed: float, acceleration: float, drag_1_s: float, 
     return final + (speed - final) * math.exp(-drag_1_s * step_s)
 
 
+# A straight line ends this far ahead, and is drawn anew after half of it.
 _AHEAD_M, _AGAIN_M = 2000.0, 1000.0
+# A bank below this is flown as a straight line; lowest height of a path, widest circle; stick positions
+# within a step are one order.
 _LEAST_BANK_RAD = math.radians(1.5)
 _LOWEST_M, _WIDEST_M = 5.0, 1000.0
 _STEP = 0.02
@@ -191,7 +194,7 @@ _SEVERITY = {
         (Action.NONE, Action.WARN, Action.HOLD, Action.RETURN, Action.LAND, Action.DISARM, Action.TERMINATE)
     )
 }
-# How far ahead of its nose a rover is steered to: the rate of its turn over this, in seconds.
+# A rover is steered to the course that it has after this time of turning.
 _STEERS_AHEAD_S = 0.5
 # ArduPlane takes 90 % and more for it (``Plane::update_flight_stage``).
 _FULL_THROTTLE = 0.8
@@ -200,14 +203,14 @@ _DOWN = -0.94
 
 
 class StickPilot:
-    """Flies by the sticks while they are heard; `lost` tells that they were, and are no more."""
+    """Flies by the sticks while they are heard; `lost`: they were heard and no longer are."""
 
     def __init__(self, controls: Controls, rules: StickRules) -> None:
         self._controls = controls
         self._parameters = controls.parameters
         self._rules = rules
         self._sticks: Sticks | None = None
-        self._told = Sticks()
+        self._shown = Sticks()
         self._heard_s = -math.inf
         self._moves = False
         self.lost = False
@@ -220,12 +223,11 @@ class StickPilot:
     def take(self, sticks: Sticks, *, flown: bool = True, by_rate: bool = False) -> Mode | None:
         """Fly as the sticks say; centred ones stop the vehicle where it is.
 
-        `flown` tells whether they move the vehicle in the mode as it was asked for, `by_rate` whether they
-        are rates of turning there. Returns the mode that is gone on with, where the sticks are back before
-        anything was done but holding.
+        `flown`: they move the vehicle in the custom mode. `by_rate`: in it they are rates of turning.
+        Returns the mode to go on with when the sticks are back while the vehicle only holds.
         """
         self._heard_s = self._controls.now_s
-        self._told = sticks
+        self._shown = sticks
         self._sticks = sticks if flown else Sticks()
         self._by_rate = by_rate
         left, was_lost = self._left, self.lost
@@ -239,7 +241,7 @@ class StickPilot:
         return None
 
     def forget(self) -> None:
-        """Hear sticks anew: those that are gone when the vehicle arms are not missed."""
+        """Begin with the arming: sticks that are silent then are not missed."""
         if self._silence_s > self._rules.loss.timeout.of(self._parameters):
             self._sticks, self.lost = None, False
         self._later = self._left = None
@@ -251,8 +253,8 @@ class StickPilot:
 
     @property
     def shown(self) -> Sticks | None:
-        """Where the sticks are, whether they fly or not; None while none are heard."""
-        return self._told if self.heard else None
+        """Positions of the sticks, whether they fly or not; None while none are heard."""
+        return self._shown if self.heard else None
 
     @property
     def throttle_down(self) -> bool:
@@ -273,7 +275,7 @@ class StickPilot:
         return "No manual control input" if self.lacks(mode) else None
 
     def check(self, *, flown: bool) -> Iterator[Reaction]:
-        """Steer on, and yield what the loss of the sticks demands; `flown` as in `take`."""
+        """Steer on, and yield the reactions to a loss of the sticks; `flown` as in `take`."""
         if self._sticks is None:
             receiver = self._rules.receiver
             if receiver is not None and flown and self._flies and self._holds:
@@ -311,7 +313,7 @@ class StickPilot:
 
     @property
     def _action(self) -> Action:
-        """What the loss of the sticks demands in this mode."""
+        """Action on the loss of the sticks in this mode."""
         loss = self._rules.loss
         action = loss.actions.get(int(loss.action.of(self._parameters)), Action.NONE)
         return max(action, loss.in_stick_modes, key=_SEVERITY.__getitem__) if self._flies else action
@@ -327,7 +329,7 @@ class StickPilot:
 
     @property
     def _steers_on(self) -> bool:
-        """Whether sticks that stay where they are have to be followed."""
+        """Whether sticks that do not move have to be followed."""
         return self._rules.drives or self._wing is not None
 
     @property

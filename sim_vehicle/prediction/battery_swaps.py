@@ -33,8 +33,9 @@ __all__ = ["BatteryChange", "Transit", "TrialFlight", "TrialFlights", "batteries
 
 _LOOK_S = 1.0
 _LONGEST_S = 86_400.0
+# Trials of a return; each brings the place of a change nearer.
 _TRIES = 6
-# Of the battery: so much of it may be left unused.
+# Share of the battery that may be left unused.
 _CLOSE = 0.003
 _GROUND_M = 0.5
 
@@ -50,7 +51,7 @@ class BatteryChange:
     seq: int
     """The item that is being flown."""
     energy_wh: float
-    """What the old battery has given when the vehicle is home."""
+    """Energy from the old battery until the vehicle is home."""
 
 
 def batteries_needed(
@@ -110,7 +111,7 @@ def battery_changes(
         return None
     usable = battery.capacity_wh * (1.0 - battery.reserve_fraction)
     used, track = whole.energy_wh, whole.place_m
-    # A first estimate of the return; what it takes beyond that is found by flying it.
+    # A first estimate of the return; its error is found by flying it.
     mean_w = used[-1] / max(whole.time_s[-1], 1.0)
     rough = mean_w * time_home_s(track, spec)
     changes: list[BatteryChange] = []
@@ -132,8 +133,8 @@ def battery_changes(
             if usable - _CLOSE * battery.capacity_wh <= spent[at] + back <= usable:
                 break
         while last > begin and spent[last] + back > usable:
-            # The return grew in between: turn back a little earlier, by what it takes too much.
-            last -= max(1, math.ceil((spent[last] + back - usable) * 3600.0 / mean_w / _LOOK_S))
+            # The return grew in between: turn back earlier by the energy that it takes too much.
+            last -= max(1, math.ceil((spent[last] + back - usable) * WH_J / mean_w / _LOOK_S))
             transits = ground.there_and_back(track[max(last, begin)], int(whole.seq[max(last, begin)]))
             if transits is None:
                 return None
@@ -164,7 +165,7 @@ class TrialFlight:
     place_m: NDArray[np.float64]
     """float64[n, 3]: east, north, up about home."""
     energy_wh: NDArray[np.float64]
-    """float64[n]: what the battery has given."""
+    """float64[n]: energy from the battery."""
     seq: NDArray[np.int64]
     """int64[n]: the item that is flown."""
     reached_s: dict[int, float]
@@ -173,7 +174,7 @@ class TrialFlight:
 
 @dataclass(frozen=True, slots=True)
 class Transit:
-    """What the ways to a position and home from there take."""
+    """Time and energy of the ways to a position and home from there."""
 
     out_s: float
     out_wh: float
@@ -200,7 +201,7 @@ class TrialFlights:
         self._end = mission.items[landing[0] :] if landing else (MissionItem(20, 2),)
 
     def there_and_back(self, place_m: NDArray[np.float64], seq: int) -> Transit | None:
-        """Return what the transits to a position of an item take; None if it cannot be flown.
+        """Return time and energy of the transits to an item's position; None if it cannot be flown.
 
         The position is east, north, up about home.
         """

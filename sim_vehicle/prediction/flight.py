@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 __all__ = ["PredictedFlight", "Prediction", "climbs_by_itself", "fly_all", "home_frame", "without_end"]
 
 _LONGEST_S = 86_400.0
-# Each step of the ideal vehicle is cheap, whatever time it stands for.
+# A step of the ideal vehicle is cheap for any time step.
 _LONGEST_IDEAL_S = 3e8
 _TRACK_POINTS = 20_000
 # The kernels of all vehicles but the ideal one write their tracks on this grid.
@@ -60,9 +60,9 @@ class Prediction:
     energy_wh: float
     """0 for a vehicle without a power model."""
     battery_fraction: float
-    """What is left at the end, 0 to 1."""
+    """Fraction that is left at the end, 0 to 1."""
     path_length_m: float
-    """Flown, climbs included."""
+    """Length of the flown path, climbs included."""
     track_m: NDArray[np.float64]
     """float64[n, 3]: east, north, up about home, every ``track_step_s`` and at the end."""
     track_step_s: float
@@ -71,22 +71,22 @@ class Prediction:
     reason: str
     """Why not; empty when feasible."""
     duration_interval_s: tuple[float, float] | None = None
-    """Between which the duration of one flight is with a probability of 90 %, when what disturbs it is known
-    by its statistics only."""
+    """Bounds of one flight's duration with a probability of 90 %, when its disturbances are known only by
+    their statistics."""
     energy_interval_wh: tuple[float, float] | None = None
     energy_bound_wh: float | None = None
-    """What one flight takes at most, with `sim_vehicle.prediction.predict.BOUND_PROBABILITY`."""
+    """Energy of one flight at most, with `sim_vehicle.prediction.predict.BOUND_PROBABILITY`."""
     items: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, np.int64))
     """int64[n]: the item, from 0, that is flown at each position; empty where that is not known."""
     camera_orders: tuple[tuple[float, int], ...] = ()
-    """When the camera is given an order, and by which item, from 0."""
+    """Times of orders to the camera, each with its item, from 0."""
 
     @property
     def ground_length_m(self) -> float:
-        """How long the way is over ground, from take-off to landing: the length of a plan.
+        """Length over ground, from take-off to landing: the length of a plan.
 
-        The share of what is flown that the track shows to be over ground, since a track can be the beginning
-        only, and cuts corners a little.
+        It is the flown length times the track's share over ground, since a track can be only the beginning,
+        and cuts corners a little.
         """
         steps = np.diff(self.track_m, axis=0, prepend=np.zeros((1, 3)))
         flown_m = float(np.sqrt((steps**2).sum(axis=1)).sum())
@@ -95,7 +95,7 @@ class Prediction:
 
     @property
     def most_wh(self) -> float:
-        """What one flight takes at most, as far as can be told before it."""
+        """Energy of one flight at most; the expected energy where no bound is known."""
         return self.energy_wh if self.energy_bound_wh is None else self.energy_bound_wh
 
 
@@ -160,7 +160,7 @@ class PredictedFlight:
             self.events = executor.fly_through(self.longest_s)
         motion, state = executor.motion, executor.state()
         end_s, reason = self._end(executor, self.events)
-        # What the idling motors take between touch-down and disarming is no part of the mission.
+        # The energy of the idling motors between touch-down and disarming is no part of the mission.
         energy_j = motion.energy_j
         if executor.time_s > end_s and spec.power is not None and not reason:
             idle_w = spec.power.avionics_w + spec.power.camera_w + spec.power.idle_w
@@ -184,7 +184,7 @@ class PredictedFlight:
         )
 
     def _items(self, points: int) -> NDArray[np.int64]:
-        """Return which item is flown at each of so many positions of the track, and at the end."""
+        """Return the item that is flown at each of a number of positions of the track, and at the end."""
         changes = [event for event in self.events or () if isinstance(event, CurrentChanged)]
         times_s = self._track_step_s * np.arange(1, points + 2)
         since_s = np.array([event.time_s for event in changes])
@@ -192,7 +192,7 @@ class PredictedFlight:
         return numbers[np.searchsorted(since_s, times_s, side="left")]
 
     def left(self, energy_wh: float) -> tuple[float, str]:
-        """Return the fraction of the battery that is left after so much, and why it is too little."""
+        """Return the battery fraction left after using this energy, and why it is too little."""
         battery = self.spec.battery
         if battery is None:
             return 1.0, ""
@@ -250,7 +250,7 @@ def fly_all(
         ]
         for mission in missions
     ]
-    flown = [one for of_mission in flights for one in of_mission if one.executor is not None]
+    flown = [flight for of_mission in flights for flight in of_mission if flight.executor is not None]
     # One alone is flown when it is asked for its prediction.
     if len(flown) > 1 and not spec.is_ideal:
         if threads > 1:

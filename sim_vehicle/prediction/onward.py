@@ -1,4 +1,4 @@
-"""What the rest of a mission takes, from a vehicle in flight: many paths at once, without telemetry."""
+"""Time and energy of the rest of a mission from a vehicle in flight: many paths at once, no telemetry."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ _MOST_WAYS = 100_000
 
 @dataclass(frozen=True, slots=True)
 class InFlight:
-    """A vehicle in flight, as its telemetry tells it."""
+    """A vehicle in flight, from its telemetry."""
 
     position_m: tuple[float, float]
     """Of the farm frame."""
@@ -131,7 +131,7 @@ class OnwardPredictor:
         *,
         anew: Sequence[bool] | None = None,
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return what each of several paths takes from here to its end.
+        """Return time and energy of each of several paths from here to its end.
 
         Parameters
         ----------
@@ -156,7 +156,9 @@ class OnwardPredictor:
         self._on_path.fly(flights)
         if self._ending:
             self._fly_home([flight for flight in flights if flight.seconds < math.inf])
-        return np.array([one.seconds for one in flights]), np.array([one.joules / WH_J for one in flights])
+        return np.array([flight.seconds for flight in flights]), np.array(
+            [flight.joules / WH_J for flight in flights]
+        )
 
     def _start(self, state: InFlight) -> tuple[Position, Position, float]:
         """Return position, velocity and compass heading about home."""
@@ -252,7 +254,7 @@ class _Flight:
     motion: MotionModel
 
     def __init__(self, route: Route | None) -> None:
-        # What is flown next, how long it stays at the end of that, its number in the squadron.
+        # The next path, the pause at its end, its number in the squadron.
         self.route = route
         self.wait_s = 0.0
         self.slot = 0
@@ -317,7 +319,7 @@ class _Squadron:
 
 
 def _stepping(spec: VehicleSpec, steps: int) -> VehicleSpec:
-    """Return a vehicle that moves in steps of so many of its own; the ideal robot keeps its own."""
+    """Return a vehicle with a time step that many times longer; the ideal robot keeps its own."""
     return spec if spec.is_ideal or steps == 1 else replace(spec, step_s=steps * spec.step_s)
 
 

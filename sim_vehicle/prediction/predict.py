@@ -34,18 +34,18 @@ __all__ = [
 ]
 
 _TRACK_STEP_S = 1.0
-_TRACK_POINTS = 600  # of a plan: of a short one the corners are told, of a long one the way
+_TRACK_POINTS = 600  # least number of a plan: enough for the corners of a short one
 _FINEST_STEP_S = 0.1
 _REHEARSAL_SEED = 0x1D8F
 _ERROR_SEED = 0x4A7C
 ERROR_REHEARSALS = 8
-"""With how many errors of the estimate `expected_flights` tries a flight."""
+"""Samples of the estimate's errors with which `expected_flights` tries a flight."""
 REHEARSAL_PAIRS = 2
-"""In how many other gusts, and in as many that blow the other way, flights are tried to choose among them."""
+"""Pairs of gusts, each with its opposite, in which flights are tried to choose among them."""
 PREDICTION_PAIRS = 8
-"""The same for the flight that was chosen: what the gusts of a pair cost in power does not cancel."""
+"""The same for the flight that was chosen: the power for the gusts of a pair does not cancel."""
 BOUND_PROBABILITY = 0.995
-"""With which `Prediction.energy_bound_wh` is enough for one flight."""
+"""Probability that `Prediction.energy_bound_wh` is enough for one flight."""
 
 
 def predict_flight(
@@ -72,12 +72,12 @@ def predict_flight(
     epoch_unix_s : float
         Time of day at the start, for items that wait for one.
     endless : bool
-        Fly on when the battery is empty: what the whole mission takes, however much that is.
+        Fly on when the battery is empty, for the time and energy of the whole mission.
 
     Raises
     ------
     VehicleError
-        If neither ``frame`` nor the mission tells where home is, or ``track_step_s`` is not positive.
+        If neither ``frame`` nor the mission gives home, or ``track_step_s`` is not positive.
 
     Examples
     --------
@@ -169,12 +169,12 @@ def plan_prediction(
     threads: int = 1,
     estimate_errors: bool = False,
 ) -> Prediction:
-    """Predict the flight of a plan; what planning, the preflight check, a flight and its result tell.
+    """Predict the flight of a plan, as planning, the preflight check, a flight and its result show it.
 
     That is `expected_flights` with `PREDICTION_PAIRS`, and a track of 0.1 to 1 s steps, at least 600 of them
-    where it lasts a minute: what it covers is told from that. Of a mission that is longer than the battery
+    where it lasts a minute: its coverage is computed from that. Of a mission that is longer than the battery
     duration, energy, length and track are those of the whole mission, as if the battery lasted; the reason
-    tells when it is at its reserve, and when it is empty.
+    says when it is at its reserve, and when it is empty.
     """
 
     def flown(*, endless: bool, track_step_s: float) -> Prediction:
@@ -195,13 +195,13 @@ def plan_prediction(
         step_s = max(_FINEST_STEP_S, found.duration_s / _TRACK_POINTS)
         return found if step_s >= _TRACK_STEP_S else flown(endless=endless, track_step_s=step_s)
 
-    told, battery = expected(endless=False), spec.battery
-    if battery is None or told.battery_fraction >= battery.reserve_fraction:
-        return told
+    limited, battery = expected(endless=False), spec.battery
+    if battery is None or limited.battery_fraction >= battery.reserve_fraction:
+        return limited
     one_wind = rehearsals(wind)[0]
     if not predict_flight(mission, spec, wind=one_wind, frame=frame, endless=True).feasible:
-        return told  # it ends nowhere, battery or not
-    whole = told if told.battery_fraction > 0.0 else expected(endless=True)
+        return limited  # it ends nowhere, battery or not
+    whole = limited if limited.battery_fraction > 0.0 else expected(endless=True)
 
     def lasts(watt_hours: float) -> str:
         smaller = replace(spec, battery=replace(battery, capacity_wh=watt_hours))
@@ -218,7 +218,7 @@ def plan_prediction(
         reason += f" and empty after {lasts(battery.capacity_wh)}"
     return replace(
         whole,
-        battery_fraction=min(whole.battery_fraction, told.battery_fraction),
+        battery_fraction=min(whole.battery_fraction, limited.battery_fraction),
         feasible=False,
         reason=reason,
     )
@@ -232,49 +232,53 @@ def _clock(seconds: float) -> str:
 def _mean_prediction(flights: Sequence[PredictedFlight]) -> Prediction:
     """Return the expected result of one mission that was flown in several winds."""
     predictions = [flight.prediction() for flight in flights]
-    done = [one for one, flight in zip(predictions, flights, strict=True) if flight.completed]
+    done = [prediction for prediction, flight in zip(predictions, flights, strict=True) if flight.completed]
     if len(done) == 1 == len(flights):
         return done[0]
     if 2 * len(done) <= len(flights):
-        return next(one for one, flight in zip(predictions, flights, strict=True) if not flight.completed)
-    energy_wh = sum(one.energy_wh for one in done) / len(done)
+        return next(
+            prediction
+            for prediction, flight in zip(predictions, flights, strict=True)
+            if not flight.completed
+        )
+    energy_wh = sum(flown.energy_wh for flown in done) / len(done)
     battery_fraction, reason = flights[0].left(energy_wh)
-    duration_s = sum(one.duration_s for one in done) / len(done)
-    energies_wh = [one.energy_wh for one in done]
+    duration_s = sum(flown.duration_s for flown in done) / len(done)
+    energies_wh = [flown.energy_wh for flown in done]
     bound = _interval(energy_wh, energies_wh, BOUND_PROBABILITY)
-    typical = min(done, key=lambda one: abs(one.energy_wh - energy_wh))
+    typical = min(done, key=lambda flown: abs(flown.energy_wh - energy_wh))
     return replace(
         typical,
         duration_s=duration_s,
         energy_wh=energy_wh,
         battery_fraction=battery_fraction,
-        path_length_m=sum(one.path_length_m for one in done) / len(done),
+        path_length_m=sum(flown.path_length_m for flown in done) / len(done),
         feasible=not reason,
         reason=reason,
-        duration_interval_s=_interval(duration_s, [one.duration_s for one in done]),
+        duration_interval_s=_interval(duration_s, [flown.duration_s for flown in done]),
         energy_interval_wh=_interval(energy_wh, energies_wh),
         energy_bound_wh=None if bound is None else bound[1],
     )
 
 
 def _interval(mean: float, values: Sequence[float], side: float = 0.95) -> tuple[float, float] | None:
-    """Return what one more value is above, and below, each with a probability, by Student's distribution."""
+    """Return the bounds below and above one more value, each with a probability (Student's distribution)."""
     from scipy.special import stdtrit
 
     count = len(values)
     if count < 2:
         return None
-    variance = sum((one - mean) ** 2 for one in values) / (count - 1)
+    variance = sum((value - mean) ** 2 for value in values) / (count - 1)
     half = float(stdtrit(count - 1, side)) * math.sqrt(variance * (1.0 + 1.0 / count))
     return mean - half, mean + half
 
 
 def rehearsals(wind: Wind | None, pairs: int = REHEARSAL_PAIRS) -> list[Wind | None]:
-    """Return winds to try a flight in that is to happen in a wind of which only the statistics are known.
+    """Return winds to try a flight in when only the statistics of its wind are known.
 
     They have the mean, shear and gust statistics of ``wind``, but gusts of their own, always the same ones
     whatever its seed. They come in pairs, in which the gusts of the second are those of the first the other
-    way round: what grows with the gust then cancels in the mean, and few flights suffice (antithetic
+    way round: effects linear in the gust then cancel in the mean, and few flights suffice (antithetic
     variates; Hammersley and Morton 1956). A wind without gusts is returned alone.
     """
     if wind is None or not wind.is_gusty:

@@ -18,7 +18,7 @@ from __future__ import annotations
 WIND_ROW = 9
 SITL_FULL_M = 60.0
 """Height from which ArduPilot's simulator has the whole of its wind."""
-# One filter: decay of one step, what of the first state goes into the second, and the lower triangle of the
+# One filter: decay of one step, share of the first state in the second, and the lower triangle of the
 # square root of the noise's covariance.
 (
     DECAY,

@@ -1,6 +1,6 @@
 """The compiled part of the wind: gusts from noise, and the wind that blows at a height.
 
-One row of a wind block tells everything about the air at one instant, so that a kernel needs nothing else.
+A row of a wind block has all numbers of the air at one instant, so that a kernel needs nothing else.
 """
 
 from __future__ import annotations
@@ -54,8 +54,8 @@ def wind_at(row: Floats, height_m: float) -> tuple[float, float, float]:
     Notes
     -----
     The mean wind follows its law, between 3 and 1000 ft (that of ArduPilot's simulator from the ground). Of
-    Dryden's gusts the horizontal ones have the
-    intensity of MIL-F-8785C at the height, the vertical one does not depend on it above 10 ft.
+    Dryden's gusts the horizontal ones have the intensity of MIL-F-8785C at the height, the vertical one does
+    not depend on it above 10 ft.
     """
     law = row[SHEAR_LAW]
     if law == CONSTANT and row[HAS_DRYDEN] == 0.0:
@@ -109,7 +109,7 @@ def forming_filters(noise: Floats, filters: Floats, state: Floats) -> Floats:
     noise : float64[n, 5]
         Independent standard normal numbers.
     filters : float64[3, 5]
-        For each component the decay of one step, what of the first state goes into the second, and the
+        For each component the decay of one step, the share of the first state in the second, and the
         lower triangle of the square root of the noise's covariance (see `sim_vehicle.weather.dryden`).
     state : float64[5]
         Changed in place: one number along, two each across and up.

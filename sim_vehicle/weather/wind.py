@@ -106,7 +106,7 @@ class Wind:
     seed: np.random.SeedSequence | int = 0
     """Of the gusts."""
     height_m: float = 10.0
-    """The reference height: weather reports tell the wind at 10 m."""
+    """The reference height: weather reports give the wind at 10 m."""
     shear: WindShear | None = None
     """Without it the mean wind is the same at all heights."""
     turbulence: Turbulence | None = None
@@ -235,7 +235,7 @@ class WindSeries:
 
     def at(self, index: int, height_m: float) -> tuple[float, float, float]:
         """Return the wind (east, north, up) at a grid index, not before ``first``, and a height."""
-        # Imported here: who only asks for blocks of a steady wind needs no compiler.
+        # Imported here: blocks of a steady wind need no compiler.
         from sim_vehicle.weather.gust_kernel import wind_at
 
         if self._gusts is None:

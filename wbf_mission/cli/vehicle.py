@@ -87,8 +87,7 @@ def _by_autopilot(spec: VehicleSpec, speed: Callable[[VehicleSpec], float]) -> s
 
 def _add_endurance(spec: VehicleSpec, values: dict[str, Any], rows: dict[str, str]) -> None:
     """Add time and distance on one battery by the model, and what the maker publishes."""
-    from sim_vehicle.energy.endurance import best_speeds, endurance_s
-    from sim_vehicle.energy.power import flight_power_w
+    from sim_vehicle.energy.power import best_speeds, endurance_s, flight_power_w
 
     battery, power = spec.battery, spec.power
     assert battery is not None
@@ -127,7 +126,7 @@ def _add_endurance(spec: VehicleSpec, values: dict[str, Any], rows: dict[str, st
 
 def _least_airspeed_m_s(spec: VehicleSpec) -> float | None:
     """Return the least airspeed of a fixed wing by its own parameters for the default autopilot, if there."""
-    from sim_vehicle.airframe.autopilot_names import DEFAULT_AUTOPILOT
+    from sim_vehicle.airframe.kind import DEFAULT_AUTOPILOT
     from sim_vehicle.autopilot import fixed_wing_procedures
 
     if not spec.circles:
@@ -137,7 +136,7 @@ def _least_airspeed_m_s(spec: VehicleSpec) -> float | None:
 
 
 def _summary(spec: VehicleSpec) -> dict[str, Any]:
-    from sim_vehicle.energy.endurance import endurance_s
+    from sim_vehicle.energy.power import endurance_s
 
     endless = spec.battery is None or spec.power is None
     return {

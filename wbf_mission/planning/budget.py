@@ -16,7 +16,7 @@ from mission.planners.path import Points, drop_coincident
 from mission.planners.request import PlanningRequest
 from mission.policies.observation import GeometricTravelCost
 from sim_vehicle.airframe.spec import VehicleSpec
-from sim_vehicle.energy.endurance import endurance_s
+from sim_vehicle.energy.power import endurance_s
 from sim_vehicle.prediction.flight import Prediction
 from sim_vehicle.prediction.onward import InFlight, OnwardPredictor
 from sim_vehicle.prediction.predict import BOUND_PROBABILITY

@@ -141,7 +141,7 @@ def names_of(kind: str) -> tuple[str, ...]:
     if kind in _GROUPS:
         return _entry_points(_GROUPS[kind])
     if kind == "autopilot":
-        from sim_vehicle.airframe.autopilot_names import autopilot_names
+        from sim_vehicle.airframe.kind import autopilot_names
 
         return autopilot_names()
     from sim_vehicle.airframe.catalog import vehicle_names

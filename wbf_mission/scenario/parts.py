@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, Protocol, TypedDict
 
-from sim_vehicle.airframe.autopilot_names import DEFAULT_AUTOPILOT, autopilot_names
+from sim_vehicle.airframe.kind import DEFAULT_AUTOPILOT, autopilot_names
 from wbf_mission.scenario.choice import Choice, choose
 from wbf_mission.scenario.option import Option, Part, ScenarioError, names_in, option
 from wbf_mission.scenario.values import (

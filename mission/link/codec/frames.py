@@ -76,7 +76,7 @@ def _compiled(source: str, **names: Any) -> Callable[[Any], Any]:
 
 
 class _Kind:
-    """What the fast path needs to know of one message type."""
+    """The data of a message type for the fast path."""
 
     __slots__ = ("crc_extra", "make", "number", "pack", "size", "unpack")
 
@@ -325,8 +325,8 @@ class FrameReader:
 def decode_frame(frame: bytes) -> Message | None:
     """Return the message of a whole frame whose checksum is known to hold.
 
-    That is one that a `FrameWriter` packed, a `FrameReader` told its tap, or `valid_frame_end` approved:
-    nothing is left to verify. None if the dialect lacks it or its content is refused.
+    That is a frame packed by a `FrameWriter`, passed to a tap by a `FrameReader`, or approved by
+    `valid_frame_end`. None if the dialect lacks it or its content is refused.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Message signing: who has the key can be heard, all others cannot.
+"""Message signing: only senders with the key are heard.
 
 Frame and rules after https://mavlink.io/en/guide/message_signing.html: 13 bytes follow the checksum, the
 link's number, a time stamp of 48 bits (10 microseconds since 2015-01-01 UTC), and the first 48 bits of the
@@ -35,7 +35,7 @@ _LATEST = (1 << 48) - 1
 
 
 def key_from_text(text: str) -> bytes:
-    """Return the key for what a person types: 64 hexadecimal digits, or a phrase, hashed as MAVProxy does.
+    """Return the key of a typed text: 64 hexadecimal digits, or a phrase, hashed as MAVProxy does.
 
     LinkError if it is empty.
 

@@ -23,7 +23,7 @@ R = TypeVar("R")
 
 
 def is_a(message: Message, kind: type[M]) -> TypeIs[M]:
-    """Tell whether a message is of this class.
+    """Whether a message is of this class.
 
     Examples
     --------
@@ -35,7 +35,7 @@ def is_a(message: Message, kind: type[M]) -> TypeIs[M]:
 
 
 def is_command(message: Message) -> TypeIs[CommandMessage]:
-    """Tell whether a message is a COMMAND_LONG or COMMAND_INT."""
+    """Whether a message is a COMMAND_LONG or COMMAND_INT."""
     return type(message).id in (mavlink.MAVLINK_MSG_ID_COMMAND_LONG, mavlink.MAVLINK_MSG_ID_COMMAND_INT)
 
 

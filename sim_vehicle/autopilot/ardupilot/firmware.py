@@ -1,4 +1,4 @@
-"""ArduPilot's facts: how it shows itself on MAVLink, parameters, what it does by itself, how sticks fly it.
+"""ArduPilot's facts: MAVLink profile, parameters, behaviour, sticks.
 
 Sources: ``mode.h`` of ArduCopter, ArduPlane and Rover (custom modes), ``GCS_MAVLink_Copter.cpp`` (base
 modes), ``AP_Mission.cpp``, ArduCopter's ``mode_auto.cpp`` and ``mode_guided.cpp``, the parameter references
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from sim_vehicle.airframe.spec import VehicleSpec
 
 # ArduCopter 4.7 claims 64495: terrain and compass calibration besides, which the simulated one does not do.
-# It says nothing of how parameters are encoded (they are cast).
+# It has no bit for the encoding of parameters (they are cast).
 _CAPABILITIES = COMMON_CAPABILITIES | int(
     m.MAV_PROTOCOL_CAPABILITY_SET_POSITION_TARGET_LOCAL_NED
     | m.MAV_PROTOCOL_CAPABILITY_SET_POSITION_TARGET_GLOBAL_INT

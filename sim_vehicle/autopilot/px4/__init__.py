@@ -13,12 +13,13 @@ from sim_vehicle.autopilot.parameters import reference_parameters
 from sim_vehicle.autopilot.px4.copter import PX4_MULTIROTOR, strays_m
 from sim_vehicle.autopilot.px4.firmware import (
     COPTER_STICKS,
+    LINK_NAMES,
     MISSION,
     RULES,
     copter_parameters,
     mavlink_profile,
+    simulator_urls,
 )
-from sim_vehicle.autopilot.px4.streams import LINK_NAMES, simulator_urls
 
 __all__ = ["PX4", "no_multirotor"]
 
@@ -52,7 +53,7 @@ PX4 = Autopilot(
 
 
 def no_multirotor(mav_type: int) -> Firmware:
-    """Firmware of another kind of vehicle, as far as it is that of multirotors."""
+    """Firmware of another kind of vehicle: the part that it shares with multirotors."""
     return replace(
         PX4.firmwares["multirotor"],
         mavlink=mavlink_profile(mav_type),

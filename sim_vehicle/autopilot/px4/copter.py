@@ -111,7 +111,7 @@ class Px4MultirotorProcedures(FlightProcedures):
     def return_legs(
         self, spec: VehicleSpec, last: Position, speed: float, return_point: Position
     ) -> list[Leg]:
-        """Return the legs home: up, home at the cruise speed, down to wait if so told, and down."""
+        """Return the legs home: up, home at the cruise speed, down, perhaps to wait, and down."""
         x, y, z = last
         home_x, home_y, least = return_point
         cruise = spec.cruise_speed_m_s

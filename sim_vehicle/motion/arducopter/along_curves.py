@@ -1,4 +1,4 @@
-"""Vehicles of ArduPilot along S-curves: how a new route follows from what is flown, how a leg is joined."""
+"""Vehicles of ArduPilot along S-curves: the transition from the present leg to a new route."""
 
 from __future__ import annotations
 
@@ -24,26 +24,27 @@ if TYPE_CHECKING:
 
 __all__ = ["AlongCurves"]
 
-# A vehicle that is put into flight goes on along its first leg when so much of its speed points there; the
-# leg began at most so far behind, and the speed of its profile is that of the vehicle within so much.
+# A vehicle that is put into flight goes on along its first leg when at least this share of its speed points
+# there; the leg began at most this far behind, and its profile has the speed of the vehicle but for this.
 _STEADY = 0.2
 _FAR_M = 200.0
 _SAME_M_S = 0.3
+# Bisections for a time: of a leg of 100 s to 6 us.
 _HALVINGS = 24
-# What `scurve.state_at` returns first.
+# The first results of `scurve.state_at`.
 _POSITION, _SPEED = 0, 1
 
 
 class AlongCurves(CompiledMotion):
-    """A vehicle that ArduPilot leads along S-curves; velocities are kept as any vehicle of its kind does."""
+    """A vehicle that ArduPilot leads along S-curves; velocities are flown by the generic dynamics."""
 
     generic: ClassVar[Dynamics]
-    """Those of such a vehicle without an autopilot."""
+    """Dynamics of such a vehicle without an autopilot."""
     begins_anew: ClassVar[LegKind]
-    """Kind of a leg that follows from nothing."""
+    """Kind of a leg that does not go on from the one before."""
 
     def _remember(self, columns: int) -> None:
-        """Have no path, and a memory of so many numbers."""
+        """Begin without a path, with a memory of this many numbers."""
         self.guide: NDArray[np.float64] = np.zeros(columns)
         self.heads: NDArray[np.float64] = np.zeros((3, scurve.HEAD))
         self.curves: NDArray[np.float64] = np.zeros((3, scurve.SEGMENTS, scurve.COLUMNS))
@@ -115,7 +116,7 @@ class AlongCurves(CompiledMotion):
         return at.SAME
 
     def _follows(self, row: Floats) -> int:
-        """Return the transition to a leg from what is flown now."""
+        """Return the transition to a leg from the present one."""
         interrupted, self._interrupted = self._interrupted, False
         if self._rows is None or row[Leg.KIND] == self.begins_anew:
             return at.ANEW

@@ -1,7 +1,7 @@
 """ArduCopter's legs, memory and law, its position control, and the airframe that it moves.
 
 Formulas after ArduPilot 4.7: `AC_PosControl.cpp`, `AC_PID_2D.cpp`, `AP_Math/control.cpp`, and the airframe of
-its simulator, `SIM_Frame.cpp`. How it works is told in docs/vehicle-model.md, section ArduCopter.
+its simulator, `SIM_Frame.cpp`. It is described in docs/vehicle-model.md, section ArduCopter.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """ArduCopter's guidance: where the target of the position control is, leg by leg.
 
 Formulas after ArduPilot 4.7: `AC_WPNav.cpp`, `AP_Math/control.cpp`, ArduCopter's `mode.cpp`, `mode_auto.cpp`,
-`mode_rtl.cpp` and `takeoff.cpp`. How it works is told in docs/vehicle-model.md, section ArduCopter.
+`mode_rtl.cpp` and `takeoff.cpp`. It is described in docs/vehicle-model.md, section ArduCopter.
 """
 
 from __future__ import annotations
@@ -145,7 +145,7 @@ def begin(
     leg: int,
     step: int,
 ) -> None:
-    """Begin a leg; guide.begins tells how it follows from what was before."""
+    """Begin a leg; guide.begins is how it follows the one before."""
     how = guide.begins
     guide.begins = at.NOTHING
     guide.until, guide.done = inf, 0.0
@@ -154,7 +154,7 @@ def begin(
     before = guide.mode
     speed = row.speed
     if kind == at.ARC:
-        # The bends of a curve may be slower than what the mission set.
+        # The bends of a curve may be slower than the speed of the mission.
         speed = max(speed, guide.level)
     elif speed < at.LEAST_SPEED:
         speed = guide.level
@@ -222,7 +222,7 @@ def _blurred_share(share: float, blur: float) -> float:
 
 @compiled(inline="late", allocates=False)
 def lead_legs(guide: Record, law: Record, heads: Floats, curves: Floats) -> bool:
-    """Move the target along this leg, the end of the one before and the begin of the next; tell its end.
+    """Move the target along this leg, the end of the one before and the begin of the next; return its end.
 
     The target slows down as far as the vehicle falls behind it, with the time constant of the acceleration.
     """
@@ -267,7 +267,7 @@ def lead_legs(guide: Record, law: Record, heads: Floats, curves: Floats) -> bool
 
 @compiled(allocates=False)
 def _lead_chord(guide: Record, law: Record, route: Record, leg: int) -> bool:
-    """Move the target along a curve of chords with half of the acceleration; tell the end of this one."""
+    """Move the target along a curve of chords with half of the acceleration; return whether the leg ends."""
     dt = law.dt
     gx, gy, gz = guide.end_x - guide.px, guide.end_y - guide.py, guide.end_z - guide.pz
     left = sqrt(gx**2 + gy**2 + gz**2)
@@ -330,7 +330,7 @@ def _accelerate(guide: Record, ax: float, ay: float, most: float) -> None:
 
 @compiled(allocates=False)
 def _lead_up(guide: Record, law: Record) -> bool:
-    """Climb to the height of the take-off; tell when that is reached and the climb slow."""
+    """Climb to the height of the take-off; return whether it is reached and the climb slow."""
     dt, limit, jerk = law.dt, law.accel_z, law.shape_jerk_z
     _move_up(guide, dt)
     gain = jerk / limit
@@ -348,7 +348,7 @@ def _lead_up(guide: Record, law: Record) -> bool:
 
 @compiled(allocates=False)
 def _lead_to(guide: Record, law: Record) -> bool:
-    """Move the target to the position asked for in guided mode; tell whether it is there.
+    """Move the target to the position asked for in guided mode; return whether it is there.
 
     `AC_PosControl::input_pos_NEU_m`: the speed is that from which half of the acceleration, reached with half
     of the jerk, still stops there. What corrects the velocity goes along the wanted velocity and across it:
@@ -428,7 +428,7 @@ def lead(
     leg: int,
     step: int,
 ) -> bool:
-    """Move the target for the next step; tell whether the leg is done."""
+    """Move the target for the next step; return whether the leg is done."""
     mode = guide.mode
     if mode == at.LEGS:
         done = lead_legs(guide, law, heads, curves)

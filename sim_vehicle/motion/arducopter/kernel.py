@@ -14,14 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geo.compiled import compiled
-from sim_vehicle.energy.power_kernels import multirotor_power
 from sim_vehicle.motion import columns as col
 from sim_vehicle.motion.arducopter import control as at
 from sim_vehicle.motion.arducopter.control import command, move, stand, turn
 from sim_vehicle.motion.arducopter.guidance import begin, lead
 from sim_vehicle.motion.columns import Record
 from sim_vehicle.motion.multirotor.kernel import SLOWEST, STALL_S, Vector
-from sim_vehicle.motion.stepping import distance2, kernel_of
+from sim_vehicle.motion.stepping import distance2, kernel_of, multirotor_power
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]

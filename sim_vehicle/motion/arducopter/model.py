@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from sim_vehicle.motion.legs import Heading, Position, Route
     from sim_vehicle.weather.wind import Wind
 
-# ArduCopter leaves its motors stopped for so long after arming (ARMING_DELAY_SEC), then they spool up.
+# Time from arming until ArduCopter's motors spool up (ARMING_DELAY_SEC).
 _ARMING_DELAY_S = 2.0
 
 
@@ -39,7 +39,7 @@ class ArduCopter(AlongCurves, Multirotor):
     Parameters
     ----------
     law_of : callable
-        What the autopilot makes of a vehicle's parameters, float64[LAW].
+        Given a vehicle, the numbers of the autopilot's laws from its parameters, float64[LAW].
     yaw_rad : float
         Heading at the start.
 

@@ -336,7 +336,7 @@ def end_time(head: Floats, curve: Floats) -> float:
 
 @compiled(allocates=False)
 def may_turn(heads: Floats, curves: Floats, radius: float, corner: float) -> bool:
-    """Tell whether the leg after the present one may begin while that one still brakes.
+    """Return whether the leg after the present one may begin while that one still brakes.
 
     The middle of the turn must lie within ``radius`` of the corner, be slower than both legs, and have less
     than the acceleration ``corner``.

@@ -16,10 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geo.compiled import compiled
-from sim_vehicle.energy.power_kernels import multirotor_power
 from sim_vehicle.motion import columns as col
 from sim_vehicle.motion.columns import Record, record_type
-from sim_vehicle.motion.stepping import distance2, kernel_of
+from sim_vehicle.motion.stepping import distance2, kernel_of, multirotor_power
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]

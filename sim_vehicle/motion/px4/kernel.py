@@ -3,7 +3,7 @@
 Mechanisms and constants from PX4 v1.17: ``FlightTaskAuto`` and ``PositionSmoothing`` (the trajectory that is
 followed), ``FlightTaskOrbit``, ``mc_pos_control`` (``PositionControl``, ``Takeoff``),
 ``navigator/mission_block`` (when a waypoint is reached), ``land_detector``, and ``simulator_sih`` (the
-airframe). docs/vehicle-model.md tells what is left out.
+airframe). docs/vehicle-model.md lists the omissions.
 
 The state and the counters are those of `sim_vehicle.motion.multirotor.kernel`; what the autopilot remembers
 is a further record, `GUIDE`. East-north-up about home.
@@ -21,7 +21,6 @@ from math import atan2, cos, exp, inf, isnan, pi, sin, sqrt
 
 from geo.compiled import compiled
 from sim_vehicle.airframe.power_spec import GRAVITY_M_S2
-from sim_vehicle.energy.power_kernels import multirotor_power
 from sim_vehicle.motion import columns as col
 from sim_vehicle.motion.columns import Record, record_type
 from sim_vehicle.motion.multirotor.kernel import ROI_NEAR, STALL_S, Floats, Integers, turn_at
@@ -36,7 +35,7 @@ from sim_vehicle.motion.px4.smoothing import (
     stretched,
     unit_dot,
 )
-from sim_vehicle.motion.stepping import kernel_of, stop
+from sim_vehicle.motion.stepping import kernel_of, multirotor_power, stop
 
 # One leg: its target, the positions before and after it, and how it is flown.
 Leg = IntEnum(
@@ -232,7 +231,7 @@ def _guide(g: Record, row: Record, law: Record, px: float, py: float, pz: float,
         size = sqrt(tx * tx + ty * ty)
         scale = level / size if size > 1e-9 else 0.0
         wx, wy = tx * scale, ty * scale
-        # A distance sensor tells the height over the ground, whatever the estimate is off by.
+        # A distance sensor measures the height over the ground, whatever the error of the estimate.
         above = pz - g.error
         share = (above - law.land_alt2) / max(law.land_alt1 - law.land_alt2, 1e-6)
         share = min(max(share, 0.0), 1.0)
@@ -412,7 +411,7 @@ def _fly(g: Record, law: Record, state: Record, wanted: Vector, flying: bool, tu
 
 @compiled(allocates=False)
 def _inside(row: Record, law: Record, state: Record, error: float) -> bool:
-    """Tell whether the navigator takes a waypoint as reached, its heading and pause aside."""
+    """Return whether the navigator takes a waypoint as reached, its heading and pause aside."""
     kind, rise = row.kind, row.z - (state.position_z + error)
     if kind == _ORBIT:
         return False
@@ -499,10 +498,10 @@ def _stand_landed(g: Record, law: Record, state: Record) -> None:
     """Stand on the ground until the land detector is sure."""
     stop(state)
     state.heading_rate = 0.0
-    # A vertical speed that is wrongly told is a movement: the stages begin anew.
+    # An error of the estimated vertical speed counts as movement: the stages begin anew.
     maybe = g.ground >= law.land_time * (2.0 / 3.0)
     still = abs(g.error_vz) <= law.land_climb * (MAYBE_LANDED if maybe else 1.0)
-    # Landed is landed: what is told later does not delay the disarming.
+    # Landed is landed: later estimates do not delay the disarming.
     g.ground = g.ground + law.dt if still or g.inside >= 0.0 else law.dt
 
 
@@ -537,7 +536,7 @@ def _move(state: Record, counters: Integers, route: Record, limits: Record, own:
 
 @compiled(allocates=False)
 def _reached(g: Record, row: Record, law: Record, state: Record, step: int) -> bool:
-    """Tell whether the navigator goes on to the next leg after a step."""
+    """Return whether the navigator goes on to the next leg after a step."""
     # The navigator looks twenty times a second.
     if g.inside < 0.0:
         if row.kind == _LAND:

@@ -31,10 +31,10 @@ if TYPE_CHECKING:
 
 # From the navigator's order to return to the mode that carries it out.
 MODE_SWITCH_S = 0.2
-# The share of the jerk-limited build-up of braking that PX4 counts on when it is told to hold.
+# The share of the jerk-limited build-up of braking that PX4 counts on when it begins to hold.
 BRAKE_DELAY_S = 0.6
 _SAME_M = 1e-3
-# Errors of the height that are drawn at once.
+# Errors that are drawn at once.
 _ERRORS = 1000
 
 
@@ -46,7 +46,7 @@ class Px4Multirotor(Multirotor):
     Parameters
     ----------
     law_of : callable
-        What the autopilot makes of a vehicle's parameters, float64[LAW].
+        Given a vehicle, the numbers of the autopilot's laws from its parameters, float64[LAW].
     yaw_rad : float
         Heading at the start, and after a return.
 
@@ -92,7 +92,7 @@ class Px4Multirotor(Multirotor):
         return self.dynamics if self._guided else GENERIC
 
     def estimate_with(self, errors: EstimateErrors) -> None:
-        """Fly by an estimate that is wrong, from the first take-off on."""
+        """Fly by an estimate with errors, from the first take-off on."""
         self._estimate_errors = errors
 
     @property
@@ -107,11 +107,11 @@ class Px4Multirotor(Multirotor):
 
     @property
     def draws_errors(self) -> bool:
-        """Whether its estimate is wrong."""
+        """Whether its estimate has errors."""
         return self._estimate_errors is not None
 
     def _draw_errors(self, count: int) -> None:
-        """Know at least so many errors from the first take-off on."""
+        """Draw at least this many errors from the first take-off on."""
         assert self._estimate_errors is not None
         if len(self._errors) <= count:
             drawn = self._estimate_errors.first(2 * count + _ERRORS)
@@ -248,7 +248,7 @@ class Px4Multirotor(Multirotor):
         self._guided = False
 
     def stopping_point(self) -> Position:
-        """Return the position that PX4 would hold if it were told to now."""
+        """Return the position that PX4 would hold after an order to hold now."""
         x, y, z, vx, vy = self.state[State.POSITION_X : State.VELOCITY_Z].tolist()
         z += float(self.guide[Guide.ERROR])
         speed = math.hypot(vx, vy)
@@ -271,7 +271,7 @@ class Px4Multirotor(Multirotor):
         """Fly up to ``max_steps`` steps, less when something happens (see `MotionEvent`)."""
         if not self._guided or len(self._errors) == 1:
             return super().advance(max_steps, stop_each=stop_each)
-        # Only errors that are drawn are flown with.
+        # Errors have to be drawn before they are flown with.
         step = self.step
         end = step + max_steps
         event = MotionEvent.RAN

@@ -18,7 +18,7 @@ from sim_vehicle.autopilot import (
     get_autopilot,
     with_autopilot,
 )
-from sim_vehicle.energy.endurance import best_speeds, endurance_s
+from sim_vehicle.energy.power import best_speeds, endurance_s
 from sim_vehicle.errors import VehicleError
 from wbf_mission.live.discovery import typical_vehicle
 

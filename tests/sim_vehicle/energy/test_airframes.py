@@ -7,8 +7,7 @@ import pytest
 
 from sim_vehicle.airframe.catalog import get_vehicle, vehicle_names
 from sim_vehicle.energy.battery import WH_J
-from sim_vehicle.energy.endurance import best_speeds, endurance_s
-from sim_vehicle.energy.power import flight_power_w
+from sim_vehicle.energy.power import best_speeds, endurance_s, flight_power_w
 from sim_vehicle.errors import VehicleError
 from sim_vehicle.motion.legs import Leg, Route
 from sim_vehicle.motion.model import MotionEvent

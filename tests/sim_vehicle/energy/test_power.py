@@ -12,7 +12,6 @@ from sim_vehicle.airframe.power_spec import (
     BatterySpec,
     PowerSpec,
 )
-from sim_vehicle.energy import power_kernels
 from sim_vehicle.energy.power import (
     REGAINED,
     flight_power_w,
@@ -20,6 +19,7 @@ from sim_vehicle.energy.power import (
     power_coefficients,
     profile_power_w,
 )
+from sim_vehicle.motion import stepping
 
 QUAD = get_vehicle("quad")
 # Zeng, Xu, Zhang 2019, table I: W = 20 N, A = 0.503 m2, Utip = 120 m/s, s = 0.05, delta = 0.012, k = 0.1
@@ -72,7 +72,7 @@ def test_power_over_speed_has_its_minimum_between_hover_and_top_speed():
 @given(_SPEEDS, _SPEEDS, st.floats(-6.0, 6.0), _ACCELERATIONS, _ACCELERATIONS, st.floats(-12.0, 8.0))
 def test_the_compiled_rotor_has_the_same_power(x, y, climb, ax, ay, az):
     numbers = power_coefficients(QUAD.power, QUAD.battery)
-    compiled = power_kernels.multirotor_power(numbers, x, y, climb, ax, ay, az)
+    compiled = stepping.multirotor_power(numbers, x, y, climb, ax, ay, az)
     assert compiled == pytest.approx(multirotor_power(numbers, x, y, climb, ax, ay, az), rel=1e-9)
     assert math.isfinite(compiled) and compiled >= 12.0
 

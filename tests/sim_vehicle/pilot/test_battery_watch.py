@@ -47,7 +47,7 @@ class Watched:
 def test_each_charge_has_its_level(fraction, level):
     watched = Watched(by_voltage=False)
     watched.see(fraction, 16.0)
-    assert watched.after(1.0) == watched.watch.told == watched.watch.level() == level
+    assert watched.after(1.0) == watched.watch.reported == watched.watch.level() == level
     assert watched.after(1.0) == 0, "told once"
 
 
@@ -87,7 +87,7 @@ def test_what_was_told_by_voltage_stays_until_the_next_arming():
     assert watched.after(1.0) == 0
     assert watched.watch.level() == 2
     watched.watch.reset()
-    assert (watched.watch.level(), watched.watch.told) == (0, 0)
+    assert (watched.watch.level(), watched.watch.reported) == (0, 0)
 
 
 def test_the_voltage_without_the_load_can_be_the_one_that_counts():

@@ -11,7 +11,7 @@ FLIGHT = """
 from geo.frame import LocalFrame
 from mission.model import GeoPoint, MissionItem
 from sim_vehicle.motion.multirotor import kernel
-from sim_vehicle.motion.multirotor import legs
+from sim_vehicle.motion.multirotor import model
 from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.mavlink import SimVehicle
 from sim_vehicle.prediction.compile_ahead import warm_up
@@ -19,7 +19,7 @@ from sim_vehicle.weather.wind import Wind
 
 def compiled():
     found = {}
-    for module in (kernel, legs):
+    for module in (kernel, model):
         for name, value in vars(module).items():
             if hasattr(value, "signatures"):
                 found[name] = len(value.signatures)
@@ -55,7 +55,7 @@ def test_the_ideal_vehicle_needs_none():
 
 NOTICES = """
 from geo.compiled import compile_notices
-from sim_vehicle.energy.power_kernels import multirotor_power
+from sim_vehicle.motion.stepping import multirotor_power
 import numpy as np
 
 told = []

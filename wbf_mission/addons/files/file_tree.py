@@ -12,14 +12,14 @@ _MOST_BYTES = 4_000_000
 _MOST_DEPTH = 8
 
 MadeFile = Callable[[str, int], bytes | None]
-"""Given what follows a ``?`` and the size of the first read, the contents; None when that makes no sense."""
+"""Given the query after a ``?`` and the size of the first read, the contents; None for a wrong query."""
 TakenFile = Callable[[bytes], bool]
 Mounted = Callable[[], Mapping[str, bytes | bytearray]]
 Path = tuple[str, ...]
 
 
 class FtpError(IntEnum):
-    """Why a request was not carried out."""
+    """Reasons why a request fails."""
 
     FAIL = 1
     INVALID_SIZE = 3
@@ -41,7 +41,7 @@ class FileError(Exception):
 
 
 def path_of(text: str) -> Path:
-    """Split a path from the root; the steps ``.`` and empty ones mean nothing, ``..`` is a FileError.
+    """Split a path from the root; ``.`` and empty steps are dropped, ``..`` is a FileError.
 
     Examples
     --------
@@ -55,12 +55,11 @@ def path_of(text: str) -> Path:
 
 
 class FileTree:
-    """Directories and files; its methods raise FileError for what cannot be done.
+    """Directories and files; its methods raise FileError when they cannot.
 
-    Files can be written in the ``directories`` and below. By path, ``made`` are files that are made when they
-    are read, and ``taken`` those that the vehicle takes over when they have been written: each is given the
-    contents and returns whether it accepts them. ``mounted`` are files that come and go by themselves and can
-    only be read: by directory, what returns their contents by path below it.
+    Files can be written in the ``directories`` and below. Functions by path: ``made`` returns the contents of
+    a file when it is read; ``taken`` is given the contents of a written file, and returns whether the vehicle
+    accepts them. ``mounted``, by directory, returns the contents of read-only files by path below it.
     """
 
     def __init__(

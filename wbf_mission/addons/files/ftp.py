@@ -70,7 +70,7 @@ class Packet:
 
     @classmethod
     def parse(cls, payload: bytes) -> Packet | None:
-        """Read a payload; None when it is too short or says that it holds more than it can."""
+        """Read a payload; None when it is too short or its size is too large."""
         if len(payload) < _HEADER.size:
             return None
         sequence, session, operation, size, request, complete, offset = _HEADER.unpack_from(payload)
@@ -233,7 +233,7 @@ class FtpServer:
         return session
 
     def _begin(self, peer: Peer, request: Packet, session: _Session) -> None:
-        """Keep a session; one of the same number, whose end was lost, gives way to it."""
+        """Keep a session; it replaces one of the same number, whose end was lost."""
         key = (peer, request.session)
         if key not in self._sessions and len(self._sessions) >= _MOST_SESSIONS:
             raise FileError(FtpError.NO_SESSIONS)
@@ -315,7 +315,7 @@ class FtpServer:
 
 
 def checksum(data: bytes) -> int:
-    """CRC32 as MAVLink FTP wants it: with zero at the start and no inversion at the end.
+    """CRC32 of MAVLink FTP: with zero at the start and no inversion at the end.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""The logs that a vehicle keeps of its flights, and LOG_REQUEST_LIST, LOG_REQUEST_DATA and their like.
+"""The logs of a vehicle's flights, and the LOG_REQUEST messages.
 
 A log begins when the vehicle arms and ends a second after it has disarmed, as those of autopilots do
 (ArduPilot's LOG_DISARMED 0, PX4's SDLOG_MODE 0). It is a telemetry log (.tlog) of what the vehicle sent and

@@ -116,7 +116,7 @@ def _compressed(value: object) -> bytes:
 
 
 def asked_for(query: str) -> tuple[int, int, bool] | None:
-    """Read what follows the ``?``: first parameter, how many (0 for all), with defaults; None if wrong.
+    """Read the query after the ``?``: first parameter, number (0 for all), with defaults; None if wrong.
 
     Examples
     --------
@@ -285,7 +285,7 @@ _TASKS_PATH = "@SYS/tasks.txt"
 def vehicle_files(
     profile: MavlinkProfile, parameters: ParameterSet, logs: FlightLogs, plans: PlanReceiver
 ) -> FileTree:
-    """Return the tree of a vehicle; what takes time is made when it is first read."""
+    """Return the tree of a vehicle; slow contents are made when they are first read."""
     made: dict[str, MadeFile] = {}
     taken: dict[str, TakenFile] = {}
     if profile.packed_parameters:

@@ -1,4 +1,4 @@
-"""ArduPilot's Rover: what it makes of its parameters."""
+"""ArduPilot's Rover: limits from its parameters."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The part of a drive that the autopilot of a rover decides: motion, return, stop."""
+"""Procedures of an autopilot for rovers: motion, return, stop."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""PX4 with a rover: what it makes of its parameters."""
+"""PX4 with a rover: limits from its parameters."""
 
 from __future__ import annotations
 
@@ -101,7 +101,7 @@ class Px4Rover(RoverProcedures):
 
 
 def _simulated(law: RoverLimits, value: Mapping[str, float], step_s: float) -> dict[str, float]:
-    """Return what the rover of PX4's simulator is, besides what is a parameter."""
+    """Return the values of the rover of PX4's simulator that are no parameters."""
     latitude, longitude = math.radians(value["SIH_LOC_LAT0"]), math.radians(value["SIH_LOC_LON0"])
     sine, cosine = math.sin(latitude), math.cos(latitude)
     steer_speed = math.radians(value["RA_STR_RATE_LIM"]) if value["RA_STR_RATE_LIM"] > 0.0 else 1e5

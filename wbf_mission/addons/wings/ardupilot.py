@@ -1,4 +1,4 @@
-"""ArduPlane: what it makes of its parameters that move a fixed wing, its take-off and its return."""
+"""ArduPlane: limits of a fixed wing from its parameters, its take-off and its return."""
 
 from __future__ import annotations
 

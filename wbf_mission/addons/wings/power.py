@@ -73,7 +73,7 @@ class FixedWingAirframe:
     """Thrust, lift and ground of a fixed wing; its drag is in the power model."""
 
     thrust_n: float | None = None
-    """At full throttle, at any airspeed; None is what climbs as the autopilot's parameter says."""
+    """At full throttle, at any airspeed; None is the climb of the autopilot's parameter."""
     # Lift coefficient with the fuselage along the flow, and its gain per radian of angle of attack.
     lift_level: float = 0.3
     lift_slope: float = 5.0

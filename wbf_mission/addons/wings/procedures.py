@@ -1,4 +1,4 @@
-"""The part of a fixed wing's flight that its autopilot decides: motion, take-off, approach."""
+"""Flight procedures of an autopilot for fixed wings: motion, take-off, approach."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ __all__ = ["WingProcedures", "airspeeds_in_order"]
 # Acceleration of a take-off that is thrown or catapulted, and of one that rolls; airspeed that a throw gives
 # over the least airspeed.
 _THROW_M_S2, _ROLL_M_S2, _THROW_SHARE = 20.0, 3.0, 0.85
-# Nearer than this there is no direction from which a landing could be approached.
+# A landing nearer than this has no direction of approach.
 _APPROACH_M = 30.0
 
 
@@ -92,6 +92,6 @@ class WingProcedures(FixedWingProcedures):
 
 
 def airspeeds_in_order(least: float, trim: float, most: float) -> tuple[float, float, float]:
-    """Return airspeeds in order, whatever the parameters say."""
+    """Return airspeeds in order, for any values of the parameters."""
     trim = max(trim, 3.0)
     return min(least, trim), trim, max(most, trim)

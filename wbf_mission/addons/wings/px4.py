@@ -1,4 +1,4 @@
-"""PX4 with a fixed wing: what it makes of its parameters, its take-off and its return."""
+"""PX4 with a fixed wing: limits from its parameters, its take-off and its return."""
 
 from __future__ import annotations
 

@@ -27,8 +27,8 @@ if TYPE_CHECKING:
     from sim_vehicle.weather.wind import Wind
     from wbf_mission.addons.rovers.motion.layout import RoverLimits
 
-# Legs that are followed as any `Rover` does it: bends of a curve, and positions that are asked for again and
-# again, which Rover does not drive to along S-curves either.
+# Legs that are followed as by any `Rover`: bends of a curve, and repeated position setpoints, to which
+# ArduPilot's Rover does not drive along S-curves either.
 _PURSUED = (LegKind.ARC, LegKind.SETPOINT)
 
 
@@ -71,7 +71,7 @@ class ArduRover(AlongCurves, Rover):
         self._rest()
 
     def _rest(self) -> None:
-        """Have no path, and the speed that the vehicle has."""
+        """Begin without a path, at the vehicle's speed."""
         self._rows = None
         self.guide[:] = 0.0
         self.guide[Guide.LEVEL] = self.spec.cruise_speed_m_s

@@ -26,16 +26,16 @@ if TYPE_CHECKING:
     from wbf_mission.addons.rovers.motion.layout import RoverLimits
 
 NOT_DRIVEN = (LegKind.TAKEOFF, LegKind.CLIMB, LegKind.DESCEND)
-"""Legs that mean nothing on the ground."""
+"""Kinds of legs without effect on the ground."""
 
 
 class Rover(CompiledMotion):
-    """A vehicle on wheels that drives routes; heights mean nothing to it.
+    """A vehicle on wheels that drives routes and ignores heights.
 
     Parameters
     ----------
     limits_of : callable
-        What the autopilot makes of a vehicle's parameters.
+        Given a vehicle, the limits from its autopilot's parameters.
     wind : Wind, optional
         Counts only in the power.
     yaw_rad : float

@@ -159,7 +159,7 @@ def command_energy(
     wx: float,
     wy: float,
 ) -> None:
-    """Set the demanded pitch and throttle for a leg; the airspeed is its, or what the ground speed needs."""
+    """Set the demanded pitch and throttle for a leg; the airspeed follows from the leg or its speed."""
     kind = row.kind
     climb = state.velocity_z
     sinking = limits.throttle_limit == 0.0

@@ -104,7 +104,7 @@ def _enter(state: Record, counters: Integers, route: Record, limits: Record, own
 def _arduplane_control(
     state: Record, row: Record, arrived: bool, limits: Record, wx: float, wy: float
 ) -> None:
-    """Set what ArduPlane demands: bank, pitch and throttle."""
+    """Set ArduPlane's demands: bank, pitch and throttle."""
     lateral, be, bn = steer(state, row, arrived, limits, wx, wy)
     takeoff = row.kind == at.TAKEOFF and not arrived
     arduplane.command_bank(state, limits, lateral, takeoff, state.doing == at.FLARE)

@@ -37,7 +37,7 @@ from geo.grid import FarmGrid
 from geo.seeds import child_seed
 from sensors.environment import Environment, generate_environment
 from sensors.estimators import make_estimator
-from sensors.estimators.disk.disks import adaptive_radius
+from sensors.estimators.disks import adaptive_radius
 from sensors.estimators.gp.estimator import GaussianProcessEstimator
 from sensors.fields import PAPER_FIELDS
 from sensors.observations import Observations

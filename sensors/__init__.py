@@ -1,1 +1,1 @@
-"""What there is to sense and what it tells: environment, camera, estimators, score."""
+"""Sensing: environment, leaf camera, estimators and score."""

@@ -1,4 +1,4 @@
-"""Estimating and scoring while the observations come in."""
+"""Estimation and scoring of a run while its observations come in."""
 
 from __future__ import annotations
 
@@ -51,27 +51,26 @@ class ScoreHistory:
 
     def of_day(self, day: int) -> ScoreHistory:
         """Return the entries of one day."""
-        at = [k for k, one in enumerate(self.days) if one == day]
+        at = [k for k, scored in enumerate(self.days) if scored == day]
         columns = (self.times_s, self.observations, self.entries, self.days)
         return ScoreHistory(*([column[k] for k in at] for column in columns))  # type: ignore[arg-type]
 
 
 class RunEstimate:
-    """An estimator that is fed and scored as a run goes on, in a thread of its own beside the flight.
+    """The estimate of a run and its scores, computed in a thread of its own beside the flight.
 
-    Observations are learned in the order in which they are added, those between two scored times together, so
-    the outcome depends neither on how fast either side is nor on the parts in which they arrive. An error of
-    the estimator is raised by a later call; a run ends with `close`.
+    Observations between two scored times are learned together, in the order in which they were added, so the
+    outcome depends neither on the speed of either side nor on the parts in which they arrive. An error of the
+    estimator is raised by a later call; a run ends with `close`.
 
-    The scored times of each flight are those of a run of this one flight: after each `every` observations of
-    it, and at its end. Those of a flight that is not made are scored by what is believed (`hold`). On later
-    days, what is believed before anything was seen is scored first. `ready` is called before anything is
-    learned, and may wait for what the estimator needs.
+    Scored times are after each `every` observations of a flight, and at its end; on later days also before
+    the first observation. A flight that is not made is scored as often by the present estimate (`hold`).
+    `ready` is called in the thread before each learning, and may wait there.
 
     Attributes
     ----------
     history : ScoreHistory
-        The scores so far; complete after `end_flight`.
+        The scores; complete after `end_flight`.
     model : InformationModel or None
         The latest scored estimate, valid after `end_flight`; its arrays may be the estimator's own, which
         change with the next observations.
@@ -94,7 +93,7 @@ class RunEstimate:
         self.every = max(1, every)
         self.day = day
         self._ready = ready
-        # Takes each scored time with the model
+        # Called with each scored time and the model.
         self.told: Callable[[float, InformationModel], None] = lambda _time_s, _model: None
         self._seen = 0
         self._seen_before = 0
@@ -104,7 +103,7 @@ class RunEstimate:
         self._waiting: deque[Future[Any]] = deque()
 
     def add(self, parts: Sequence[Observations], offset_s: float = 0.0) -> None:
-        """Take observations; what is seen up to a time that is scored is learned then."""
+        """Add observations; those up to a scored time are learned when they are complete."""
         while self._waiting and self._waiting[0].done():
             self._waiting.popleft().result()
         for part in parts:
@@ -119,15 +118,15 @@ class RunEstimate:
                     self._hand_over(offset_s + float(self._held[-1].time_s[-1]))
 
     def current(self) -> InformationModel:
-        """Wait for all that was added, and return what is believed then, in the estimator's own arrays."""
+        """Wait until all observations are learned, and return the estimate in the estimator's own arrays."""
         self._catch_up()
         return self._believed()
 
     def snapshot(self) -> Future[InformationModel]:
-        """Return, at once, what is going to be believed after all that was added, in arrays of its own.
+        """Return at once a future of the estimate after all added observations, in arrays of its own.
 
-        The estimate's own thread makes it, in its turn: who waits for it in another thread meets neither the
-        estimator nor what is learned after it.
+        The estimate's thread makes it in its turn, so a thread that waits for it shares nothing with the
+        estimator.
         """
         self._hand_over()
         before = tuple(self._waiting)
@@ -142,7 +141,7 @@ class RunEstimate:
         return taken
 
     def begin_day(self, day: int, truth: NDArray[np.float32], time_s: float) -> None:
-        """Go on to another day; score against its truth what is believed before anything is seen of it."""
+        """Go on to another day, and score the estimate against its truth before anything is observed."""
         self._catch_up()
         self.day = day
         self._score.advance(truth)
@@ -151,7 +150,7 @@ class RunEstimate:
         self._evaluate(time_s)
 
     def end_flight(self, time_s: float) -> None:
-        """Wait for all that was added, and score it unless that was done or nothing was ever seen."""
+        """Wait until all observations are learned; score them unless there are none or that was done."""
         self._catch_up()
         history = self.history
         if self._seen and (history.observations[-1:], history.days[-1:]) != ([self._seen], [self.day]):
@@ -159,7 +158,7 @@ class RunEstimate:
         self._seen_before = self._seen
 
     def hold(self, times: int, time_s: float) -> None:
-        """Score what is believed as often as during a flight that is not made."""
+        """Score the present estimate `times` times, in place of a flight that is not made."""
         self._catch_up()
         self._evaluate(time_s)
         history, again = self.history, times - 1
@@ -169,7 +168,7 @@ class RunEstimate:
         history.days += again * [self.day]
 
     def _hand_over(self, score_at_s: float | None = None) -> None:
-        """Begin to learn what is held, and to score what is believed then if a time is given."""
+        """Start learning the held observations, and scoring the estimate then if a time is given."""
         if self._held:
             held = Observations.concatenate(self._held, self._held[0].fields)
             self._held = []
@@ -181,7 +180,7 @@ class RunEstimate:
             self._waiting.popleft().result()
 
     def close(self) -> None:
-        """End the thread; what was added and not learned yet is dropped."""
+        """End the thread; observations that are not learned yet are dropped."""
         self._worker.shutdown(wait=False, cancel_futures=True)
 
     def _learn(self, observations: Observations, score_at_s: float | None) -> None:
@@ -228,7 +227,7 @@ def attribute_errors_to(estimator: Estimator) -> Iterator[None]:
 
 
 def believed(estimator: Estimator) -> InformationModel:
-    """Return what an estimator predicts; one that is no part of this program is held to the contract."""
+    """Return an estimator's prediction, checked unless the estimator is of this program."""
     with attribute_errors_to(estimator):
         model = estimator.predict()
     if type(estimator).__module__.partition(".")[0] not in PACKAGES:
@@ -241,7 +240,7 @@ def believed(estimator: Estimator) -> InformationModel:
 
 @dataclass(slots=True)
 class Evidence:
-    """Observations of all flights, and the estimate that learns from them."""
+    """The observations of all flights, and the estimate that learns from them."""
 
     farm: Farm
     fields: FieldSet
@@ -253,14 +252,14 @@ class Evidence:
         return self._count
 
     def add(self, *parts: Observations, offset_s: float) -> None:
-        """Take observations, made `offset_s` after the beginning of the run by the time they tell."""
-        told = [part for part in parts if len(part)]
-        if not told:
+        """Add observations, whose times count from `offset_s` seconds after the beginning of the run."""
+        filled = [part for part in parts if len(part)]
+        if not filled:
             return
-        self._parts += told
-        self._count += sum(map(len, told))
+        self._parts += filled
+        self._count += sum(map(len, filled))
         if self.estimate is not None:
-            self.estimate.add(told, offset_s)
+            self.estimate.add(filled, offset_s)
 
     @property
     def parts(self) -> tuple[Observations, ...]:
@@ -274,7 +273,7 @@ class Evidence:
         return self._parts[0]
 
     def model(self) -> InformationModel:
-        """Return what is believed after all observations so far; without an estimate: nothing is known."""
+        """Return the estimate after all observations; without an estimator, the fields' defaults."""
         if self.estimate is not None:
             return self.estimate.current()
         return InformationModel.unknown(self.farm.grid().shape, self.fields)
@@ -287,6 +286,6 @@ class Evidence:
 def prepare_days(
     estimator: Estimator, first: int, days: int, progress: Callable[[str, float, float], None]
 ) -> None:
-    """Let an estimator learn beforehand what estimates of all days of a run need."""
+    """Train an estimator for all days of a run."""
     with attribute_errors_to(estimator):
         prepare_estimator(estimator, range(first, first + days), progress)

@@ -22,10 +22,8 @@ import msgspec
 from geo.errors import WbfMissionError
 from geo.imports import entry_points, load_entry
 from geo.reading import UnreadableError, misfit, read_toml
-from sensors.dynamics.continuous import ContinuousDynamics
+from sensors.dynamics.continuous import ContinuousDynamics, Measured, SmoothParameters
 from sensors.dynamics.epidemic import EpidemicParameters
-from sensors.dynamics.measured import Measured
-from sensors.dynamics.smooth import SmoothParameters
 from sensors.dynamics.soil import SoilParameters
 from sensors.errors import FieldError
 from sensors.fields import ALL_CROPS, PAPER_FIELDS, Dynamics, Field, FieldSet
@@ -34,10 +32,10 @@ ENTRY_POINT_GROUP = "wbf_mission.fields"
 DYNAMICS_GROUP = "wbf_mission.dynamics"
 
 _DYNAMICS: dict[str, type[Dynamics]] = {
-    one.kind: one for one in (EpidemicParameters, SoilParameters, SmoothParameters, Measured)
+    dynamics.kind: dynamics for dynamics in (EpidemicParameters, SoilParameters, SmoothParameters, Measured)
 }
 _REQUIRED = ("name", "kind", "crops", "default")
-"""Of a field that is simulated; one that is only measured needs its name."""
+"""Keys of a simulated field; a field that is only measured needs its name."""
 
 
 class _Table(msgspec.Struct, forbid_unknown_fields=True, omit_defaults=True):
@@ -103,7 +101,7 @@ def read_fields(path: str | Path) -> tuple[Field, ...]:
     if unknown or not isinstance(tables, list) or not tables:
         found = f"unknown key {unknown[0]!r}" if unknown else "no table [[field]]"
         raise FieldError(f"{path}: {found}; a field file has one [[field]] for each field")
-    return tuple(field_from_table(one, f"{path}: field {number}") for number, one in enumerate(tables, 1))
+    return tuple(field_from_table(given, f"{path}: field {number}") for number, given in enumerate(tables, 1))
 
 
 def field_from_table(table: Mapping[str, Any], where: str) -> Field:
@@ -116,7 +114,7 @@ def field_from_table(table: Mapping[str, Any], where: str) -> Field:
         ``cost_above``, ``cost_below``, ``title``, ``unit``, ``range`` and ``colours`` as of
         `sensors.fields.Field`; and a table ``dynamics`` with the parameters of
         `sensors.dynamics.epidemic.EpidemicParameters` (of which a disease needs ``likelihood`` and
-        ``duration_days``), `sensors.dynamics.soil.SoilParameters` or `sensors.dynamics.measured.Measured`,
+        ``duration_days``), `sensors.dynamics.soil.SoilParameters` or `sensors.dynamics.continuous.Measured`,
         which is what a field without a ``kind`` has; that needs its ``name`` only. The default is in the
         field's unit, else the middle of its range.
     where : str
@@ -156,7 +154,7 @@ def field_to_table(field: Field) -> dict[str, Any]:
 
     Parameters of its dynamics that have no value are left out, as TOML has none for them.
     """
-    table = {one.name: getattr(field, one.name) for one in fields(field)}
+    table = {key.name: getattr(field, key.name) for key in fields(field)}
     table["kind"] = field.dynamics.kind
     table["crops"], table["colours"] = list(field.crops), list(field.colours)
     # Digits that are noise of the conversion would make another field of the same file.
@@ -181,7 +179,7 @@ def _part(default: float | None, limits: tuple[float, float]) -> float:
 
 def _convert_dynamics(kind: str, given: dict[str, Any]) -> Dynamics:
     dynamics = _DYNAMICS[kind] if kind in _DYNAMICS else _registered_dynamics(kind)
-    known = [one.name for one in fields(dynamics)]
+    known = [parameter.name for parameter in fields(dynamics)]
     unknown = [name for name in given if name not in known]
     if unknown:
         msg = f"dynamics: unknown parameter {unknown[0]!r} of a {kind} field; known: {', '.join(known)}"
@@ -216,7 +214,7 @@ def _registered_dynamics(kind: str) -> type[Dynamics]:
 
 
 def _load(group: str, name: str, what: str) -> tuple[Any, str]:
-    """Load what packages register, and tell what and where that is: nowhere if nobody does."""
+    """Load a registered object; with it comes its description for errors, empty if none is registered."""
     points = [point for point in entry_points(group=group) if point.name == name]
     if not points:
         return None, ""

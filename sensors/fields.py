@@ -1,12 +1,10 @@
-"""Fields as values: what is sensed on a farm, how it develops, and what errors about it cost.
+"""Fields: the quantities that are sensed on a farm, their dynamics, and the costs of errors.
 
-Everything that has one array, column or reading per field takes a `FieldSet` and its order: the environment,
-the camera, observations, their form on the wire and in files, estimators, the score and the pictures. The
-benchmark's three fields are `PAPER_FIELDS`; `sensors.field_files` reads further ones from a file.
+Arrays, columns and readings of fields are in the order of a `FieldSet`. The benchmark's three fields are
+`PAPER_FIELDS`; `sensors.field_files` reads further ones from a file.
 
 All values lie in 0..1. A disease is 1 where plants are healthy, 0.5 where they are infected and 0 where they
-are lost; a continuous field is 0 where there is nothing of it and 1 where there is as much as can be. What is
-measured in a unit has a range in it, which these values are parts of (`Field.to_unit`, `Field.from_unit`).
+are lost. A continuous field is 0 at its least and 1 at its most; `Field.range` gives both in its unit.
 
 >>> PAPER_FIELDS.names, PAPER_FIELDS["ccr"].kind, PAPER_FIELDS["soil"].kind
 (('tylcv', 'ccr', 'soil'), 'disease', 'continuous')
@@ -23,9 +21,8 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from geo.grid import CROP_NAMES, NOT_GROWN, is_crop_name
-from sensors.dynamics.continuous import ContinuousDynamics
+from sensors.dynamics.continuous import ContinuousDynamics, Measured
 from sensors.dynamics.epidemic import CCR, TYLCV, EpidemicParameters
-from sensors.dynamics.measured import Measured
 from sensors.dynamics.soil import SoilParameters
 from sensors.errors import FieldError
 
@@ -38,9 +35,9 @@ Kind = Literal["disease", "continuous"]
 Dynamics = EpidemicParameters | ContinuousDynamics
 
 ALL_CROPS = "all"
-"""In place of the names of crops: whatever grows on a farm."""
+"""In place of the names of crops: every crop of a farm."""
 MAX_FIELDS = 16
-"""So many readings of a cell fit into one MAVLink message with room to spare."""
+"""A cell's readings of this many fields fit into one MAVLink message with room to spare."""
 HEALTH_COLOURS = ("#5a0f14", "#f08a24", "#4f9d5d")
 """Lost, infected, healthy."""
 WATER_COLOURS = (
@@ -57,7 +54,7 @@ _MAX_TEXT = 60
 
 @dataclass(frozen=True, slots=True)
 class Field:
-    """One thing that is sensed.
+    """A quantity that is sensed.
 
     Parameters
     ----------
@@ -65,12 +62,11 @@ class Field:
         Lower-case letters, digits and underscores, at most 24; the name of columns, arrays and streams of
         random numbers.
     dynamics : EpidemicParameters or ContinuousDynamics
-        How it develops, `SoilParameters` among others; that also says which kind of field it is. `Measured`
-        is for those that are not simulated.
+        How it develops; the class decides the kind of the field. `Measured` is for fields that are not
+        simulated.
     crops : tuple of str
-        The crops that it concerns: those of the benchmark (`geo.Crop`) or others, by the names that farms
-        give them. A disease infects them on everybody's land; errors are counted on the owner's cells with
-        these crops. `ALL_CROPS` are all that are grown.
+        Names of the crops that it concerns: those of the benchmark (`geo.Crop`), those of a farm, or
+        `ALL_CROPS`. A disease infects them on everybody's land; errors count on the owner's cells with them.
     default : float
         Value assumed where nothing is known, 0..1.
     weight : float
@@ -78,13 +74,13 @@ class Field:
     cost_above, cost_below : float
         Cost of a squared error where the estimate is above and below the truth, >= 0.
     title : str
-        What it is called in pictures and tables; its name if empty.
+        Name in pictures and tables; `name` if empty.
     unit : str
-        What its values are measured in, for pictures.
+        Unit of its values, for pictures.
     colours : tuple of str
         Two or more colours ``#rrggbb`` from 0 to 1; colours of its kind if empty.
     range : tuple of float
-        What 0 and 1 are in the unit, the lower first; a disease has none but (0, 1).
+        The values 0 and 1 in the unit, the lower first; of a disease always (0, 1).
 
     Raises
     ------
@@ -156,7 +152,7 @@ class Field:
 
     @property
     def epidemic(self) -> EpidemicParameters:
-        """The parameters of a disease; FieldError if it is none."""
+        """The parameters of a disease; FieldError for other fields."""
         if not isinstance(self.dynamics, EpidemicParameters):
             raise self._error("is no disease")
         return self.dynamics
@@ -170,7 +166,7 @@ class Field:
 
     @property
     def is_simulated(self) -> bool:
-        """Whether it has dynamics, or is only measured."""
+        """Whether it has dynamics; otherwise it is only measured."""
         return not isinstance(self.dynamics, Measured)
 
     def to_unit(self, values: Any) -> Any:
@@ -179,7 +175,7 @@ class Field:
         return low + values * (high - low)
 
     def from_unit(self, values: Any) -> Any:
-        """Return values in its unit as parts of its range, cut to 0..1; NaN stays."""
+        """Return values in its unit (scalar or array) as 0..1 of its range, clipped; NaN stays."""
         low, high = self.range
         return np.clip((np.asarray(values, np.float64) - low) / (high - low), 0.0, 1.0)
 
@@ -251,7 +247,7 @@ class FieldSet:
 
     @property
     def crops(self) -> tuple[str, ...]:
-        """The crops that they concern, each once; empty if that is whatever grows."""
+        """The crops of all fields, each once; empty if a field concerns all crops."""
         named = tuple(dict.fromkeys(crop for field in self.fields for crop in field.crops))
         return () if ALL_CROPS in named else named
 
@@ -267,11 +263,11 @@ class FieldSet:
 
     @property
     def continuous(self) -> tuple[Field, ...]:
-        """The fields that are none."""
+        """The fields that are not diseases."""
         return tuple(field for field in self.fields if field.kind == "continuous")
 
     def require_simulated(self) -> None:
-        """Raise FieldError if one is only measured, so that there is nothing to be seen of it offline."""
+        """Raise FieldError if a field is only measured, which a simulated camera cannot see."""
         measured = ", ".join(field.name for field in self.fields if not field.is_simulated)
         if measured:
             raise FieldError(
@@ -280,17 +276,14 @@ class FieldSet:
             )
 
     def masks(self, grid: FarmGrid) -> NDArray[np.bool_]:
-        """Mark the cells whose error costs the farm's owner something, field by field.
-
-        The neighbours' land spreads disease but is never scored.
-        """
+        """Mark the scored cells of each field, bool[n, W, H]: never those of the neighbours."""
         masks = np.empty((len(self.fields), *grid.shape), np.bool_)
         for field, mask in zip(self.fields, masks, strict=True):
             mask[...] = field.mask(grid)
         return masks
 
     def with_dynamics(self, **dynamics: Dynamics) -> FieldSet:
-        """Return the same fields, of which some develop otherwise.
+        """Return the same fields, with other dynamics for those that are named.
 
         Examples
         --------

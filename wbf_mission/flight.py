@@ -36,7 +36,7 @@ from wbf_mission.scenario.scenario import require_scenario
 
 
 def check_flight(scenario: Scenario) -> None:
-    """Check what a scenario says of fields, camera and estimator, which planning alone does not use.
+    """Check the fields, camera and estimator of a scenario, which planning does not use.
 
     WbfMissionError if `fly` would refuse it.
     """
@@ -52,7 +52,7 @@ class Way(Protocol):
 
     @property
     def faults(self) -> Sequence[Fault | str]:
-        """What goes wrong in each flight of simulated vehicles."""
+        """Faults of each flight of simulated vehicles."""
 
     @property
     def full(self) -> float:
@@ -68,14 +68,14 @@ class Way(Protocol):
 
     @property
     def console(self) -> OperatorConsole | None:
-        """Who stands by while vehicles fly."""
+        """The operator's console during flights."""
 
     @property
     def changer(self) -> BatteryChanger | None:
-        """Who sees to the batteries of a real vehicle."""
+        """Who changes the batteries of a real vehicle."""
 
     def fitted(self, scenario: Scenario, events: EventStream) -> Scenario:
-        """Return the scenario as the vehicles want it."""
+        """Return the scenario, fitted to the vehicles."""
 
     def numbered(self, vehicles: Sequence[Vehicle]) -> tuple[Vehicle, ...]:
         """Return the run's vehicles with their system ids, from where they stand."""
@@ -94,9 +94,9 @@ class Simulated:
     Parameters
     ----------
     faults : sequence of Fault or str
-        What goes wrong in each flight (`sim_vehicle.faults`).
+        Faults of each flight (`sim_vehicle.faults`).
     impairment : Impairment, optional
-        A bad radio between the ground station and the vehicles.
+        Disturbances of the radio between the ground station and the vehicles.
     pace : float, optional
         Simulated seconds per wall second; without, as fast as possible.
     tlog : Path, optional
@@ -160,15 +160,15 @@ def fly(
     by : Simulated or LiveLink
         The vehicles that fly, and how.
     events : EventStream, optional
-        Takes what happens: progress, notes, findings, questions, and all that is flown. With listeners that
-        follow the vehicles (``VehicleMoved``) flights are flown one after the other in this process.
+        Progress, notes, findings, questions, and all that is flown. With a listener of ``VehicleMoved``,
+        flights are flown one after the other in this process.
     weights : ScoreWeights, optional
-        What errors cost; the paper's by default.
+        Costs of errors; the paper's by default.
     memory : FlightMemory, optional
-        Given to several runs: flights of planners that would be the same are flown once, and runs on the same
-        small environment that follow one another share it.
+        Shared by several runs: equal flights of planners are flown once, and successive runs on the same
+        small environment share it.
     use_cache : bool
-        Take the environment of a large farm from the user's cache, or keep it there
+        Read the environment of a large farm from the user's cache, or write it there
         (:class:`sensors.environment.cache.EnvironmentCache`).
 
     Returns
@@ -203,7 +203,7 @@ def fly(
             watch.lap("preflight")
 
         if not run.decider.steers:
-            # A planner needs no estimate: what it cannot plan is told before anything takes long.
+            # A planner needs no estimate: its errors come before anything takes long.
             plan()
         require_run_memory(run.farm, run.estimator, round(campaign.expected_readings))
         environments = None if memory is None else memory.environments
@@ -229,7 +229,7 @@ def fly(
 
 
 def _begun(run: Run, *, simulated: bool) -> RunBegun:
-    """Return what is flown."""
+    """Return the event of a run's begin."""
     asked = run.asked
     vehicles = tuple(
         VehicleInfo(one.task.system_id, one.task.builder.vehicle.name, one.task.builder.vehicle.kind)
@@ -248,14 +248,14 @@ def _begun(run: Run, *, simulated: bool) -> RunBegun:
 
 
 def rehearse(estimator: str) -> None:
-    """Fly what goes through everything that an estimator of this name compiles on a large farm."""
+    """Fly a small run that compiles all functions that the estimator uses on a large farm."""
     # `gp` would take the readings of this farm as those of a small one.
     chosen = "gp:method=local" if estimator == "gp" else estimator
     fly(Scenario(farm=REHEARSED_ON, planner="spiral", vehicle="ideal", estimator=chosen, budget="300steps"))
 
 
 def _result(campaign: Campaign) -> Result:
-    """Score what was learned last and gather everything."""
+    """Return the result of a campaign, with its last estimate scored."""
     estimate, watch = campaign.evidence.estimate, campaign.watch
     assert estimate is not None
     campaign.end_day()

@@ -1,4 +1,4 @@
-"""From what was flown to the treatment map, and from the map to the next flight."""
+"""Treatment map of a flight's readings, and the next flight planned on it."""
 
 from __future__ import annotations
 
@@ -42,10 +42,10 @@ from wbf_mission.scenario import Choice, Scenario
 from wbf_mission.scenario.parts import LAST_DAY
 
 Costs = Mapping[str, Sequence[str]]
-"""What was given for the costs, as `wbf_mission.maps.zones.costs_of` takes it."""
+"""Costs, as `wbf_mission.maps.zones.costs_of` takes them."""
 _FAR = 1e6
 _WHOLE_FLIGHT = {"greedy": {"ahead": _FAR}, "orienteering": {"horizon": _FAR, "patience": _FAR}}
-"""Parameters by which policies plan as far as the budget goes, as nobody asks them again in flight."""
+"""Parameters by which policies plan for the whole budget, since they decide only once here."""
 
 
 def treatment_of_log(
@@ -57,7 +57,7 @@ def treatment_of_log(
     block_m: float | None = None,
     progress: Progress = silent,
 ) -> TreatmentMap:
-    """Make the map of what was read in a flight, whoever flew.
+    """Return the treatment map of the readings of any flight.
 
     Parameters
     ----------
@@ -177,7 +177,7 @@ def _observed(
 def _estimate(
     scenario: Scenario, farm: Farm, fields: FieldSet, seen: Observations, progress: Progress
 ) -> tuple[InformationModel, Estimator]:
-    """Return what the scenario's estimator believes after these observations, as in a flight."""
+    """Return the estimate after these observations, and the estimator."""
     estimator = estimator_of(scenario.estimate.estimator, scenario.seed, fields)
     require_run_memory(farm, estimator, len(seen))
     first = int(seen.day.min())
@@ -194,7 +194,7 @@ def _estimate(
 
 @dataclass(frozen=True, slots=True)
 class NextFlight:
-    """A flight that looks where that is worth most."""
+    """The next flight, planned by the expected saving."""
 
     plan: PlanResult
     vehicle: SingleVehicle
@@ -212,9 +212,9 @@ class NextFlight:
 def plan_next(of: TreatmentMap, scenario: Scenario, *, progress: Progress = silent) -> NextFlight:
     """Plan another flight on this map: the scenario's vehicle, budget and policy (`greedy` if it has none).
 
-    A policy that takes an acquisition gets what looks are worth by the costs of the map; others go by the
-    estimate, as in flight. `greedy` and `orienteering` plan for the whole budget, others only as far as they
-    would before they are asked again.
+    A policy with an acquisition gets the expected saving of each cell by the costs of the map; others use the
+    estimate, as in flight. `greedy` and `orienteering` plan for the whole budget, others only up to their
+    next decision.
 
     Raises
     ------
@@ -270,15 +270,15 @@ def _policy(of: TreatmentMap, choice: Choice) -> Policy:
 
 
 def _gain_of_cells(of: TreatmentMap) -> Acquisition:
-    """Return an acquisition: what knowing each cell is worth, its part of what its block is worth."""
+    """Return an acquisition: the expected saving of each cell, its share of its block's."""
 
     def acquisition(observation: PolicyObservation) -> ValueMap:
         grid = observation.farm.grid()
         total = np.zeros(grid.shape, np.float32)
         for each in of.zone_maps:
             side, (width, height) = each.of.grid.pixel, grid.shape
-            worth = np.nan_to_num(each.gain).astype(np.float32)
-            fine = np.repeat(np.repeat(worth, side, axis=0), side, axis=1)[:width, :height]
+            gain = np.nan_to_num(each.gain).astype(np.float32)
+            fine = np.repeat(np.repeat(gain, side, axis=0), side, axis=1)[:width, :height]
             total += np.where(each.field.mask(grid), fine, np.float32(0.0))
         return total
 

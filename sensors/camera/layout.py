@@ -44,7 +44,7 @@ LEAF_NAME = "WBF_LEAF"
 FURTHER_NAME = "WBF_LEAF2"
 FIELDS_NAME = "WBF_FIELDS"
 ANNOUNCED_EVERY = 64
-"""After so many images the names of the fields are told again, for who joined later."""
+"""Images from one announcement of the fields' names to the next, for receivers that joined later."""
 
 _VERSION = 2
 _NAMES_HEADER = 3
@@ -66,7 +66,7 @@ class Readings:
 class LeafLayout:
     """The layout of the readings of some fields.
 
-    The header follows the first three floats of a message; so many cells fit into one.
+    `header` follows the first three floats of a message, which holds `cells_per_array` cells.
 
     Examples
     --------
@@ -105,7 +105,7 @@ class LeafLayout:
         return parts
 
     def unpack(self, data: Sequence[float]) -> Readings | None:
-        """Read the data of a message; None if they make no sense."""
+        """Read the data of a message; None if they are invalid."""
         side, first = data[1], data[2]
         if not (1.0 <= side <= MAX_FOOTPRINT_CELLS and side % 1.0 == 0.0 and 0.0 <= first < side * side):
             return None
@@ -151,7 +151,7 @@ class Announcement:
         self.fields: tuple[str, ...] | None = None
 
     def add(self, number: int, data: Sequence[float]) -> bool:
-        """Take the data of one message; False if they make no sense."""
+        """Take the data of one message; False if they are invalid."""
         header = tuple(data[:_NAMES_HEADER])
         version, check, length = header
         start = number * _NAMES_FLOATS

@@ -1,4 +1,4 @@
-"""The leaf camera: what it reads of the fields under its footprint, and where that lies."""
+"""The leaf camera: its readings of the fields under its footprint, and the position of that footprint."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ NOWHERE_M = 1e7
 MOST_READINGS = 1 << 24
 """A reading is a 32-bit float, which holds every whole number below this."""
 _FARTHEST_M = 10_000.0
-# Single precision leaves straight down so far from it; hundredths of a degree are farther.
+# Single precision leaves straight down this far from it; hundredths of a degree are farther.
 _STRAIGHT = 5e-5
-_UNIT = 0.01
+_UNIT = 0.01  # a squared norm farther than this from 1 is no rotation with rounding errors
 
 
 class Sampled(Protocol):
-    """What a leaf camera looks at, such as `sensors.environment.Environment`."""
+    """Fields that a leaf camera reads, such as a `sensors.environment.Environment`."""
 
     def sample(self, day: int, ix: NDArray[np.int64], iy: NDArray[np.int64], /) -> NDArray[np.float32]:
         """Return float32[n, k], the fields at cells that lie on the farm."""
@@ -38,7 +38,7 @@ class Sampled(Protocol):
 
 
 class Camera(Protocol):
-    """Takes images of what lies under it, as `LeafCamera` does."""
+    """Takes images of the cells below, as `LeafCamera` does."""
 
     options: LeafCameraOptions
 
@@ -49,7 +49,7 @@ class Camera(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class LeafCameraOptions:
-    """How good the camera is; by default it reads one cell, all fields, without error.
+    """Footprint and errors of a camera; by default it reads one cell, all fields, without error.
 
     Parameters
     ----------
@@ -65,7 +65,7 @@ class LeafCameraOptions:
     sensed : sequence of str, optional
         Names of the fields that the sensor suite measures, each once; the others are NaN. All by default.
     fields : FieldSet
-        What there is to sense, in the order of the readings.
+        The fields, in the order of the readings.
 
     Raises
     ------
@@ -236,12 +236,11 @@ def footprint_offsets(footprint_cells: int) -> tuple[NDArray[np.int64], NDArray[
 def ground_offset(quaternion: Sequence[float], height_m: float) -> tuple[float, float]:
     """Return how far east and north of the camera the axis of its lens meets flat ground.
 
-    That is the height times the tangent of the angle from straight down, in the direction that the camera
-    looks to. What is farther than 10 km counts as not seen, as by ArduPilot (``AP_MOUNT_POI_DIST_M_MAX``):
-    `NOWHERE_M` each then, as where the lens looks to the horizon or above.
+    The distance is the height times the tangent of the angle from straight down. Beyond 10 km (ArduPilot's
+    ``AP_MOUNT_POI_DIST_M_MAX``), and at the horizon or above, both offsets are `NOWHERE_M`.
 
-    The quaternion (w, x, y, z) is that of the camera, forward along its lens, as CAMERA_IMAGE_CAPTURED tells
-    it; one that is no rotation (zeros, NaN) tells nothing, and means straight down.
+    The quaternion (w, x, y, z) is the camera's attitude in CAMERA_IMAGE_CAPTURED, forward along its lens; one
+    that is no rotation (zeros, NaN) counts as straight down.
 
     Examples
     --------
@@ -266,7 +265,7 @@ def ground_offset(quaternion: Sequence[float], height_m: float) -> tuple[float, 
 
 @dataclass(slots=True)
 class ImageList:
-    """The images of a flight's cameras, in the order in which they were taken, each of so many cells."""
+    """The images of a flight's cameras in the order in which they were taken, each of `cells` cells."""
 
     cells: int
     _x: list[int] = field(default_factory=list)
@@ -278,19 +277,19 @@ class ImageList:
 
     @property
     def is_exact(self) -> bool:
-        """Whether every number of a reading is one that a reading can hold."""
+        """Whether a reading can hold every reading's number."""
         return len(self) * self.cells <= MOST_READINGS
 
     def add(self, ix: Sequence[int], iy: Sequence[int], camera: int) -> None:
-        """Note images of a camera, by the cells that it looked at."""
+        """Add images of a camera, by the cells at their centres."""
         self._x += ix
         self._y += iy
         self._camera += [camera] * len(ix)
 
     def read(self, cameras: Sequence[Camera]) -> NDArray[np.float32]:
-        """Return what cameras read in these images, float32[images * cells, fields], by number.
+        """Return the cameras' readings in these images, float32[images * cells, fields], by their number.
 
-        The cameras come by their numbers; each takes its images in their order.
+        `cameras` are in the order of their numbers; each takes its images in their order.
         """
         x, y, by = (np.array(column, np.int64) for column in (self._x, self._y, self._camera))
         fields = len(cameras[0].options.fields)
@@ -302,11 +301,11 @@ class ImageList:
 
 
 class NumberingCamera:
-    """A leaf camera that gives as every field's value the number of the reading among all of a flight.
+    """A leaf camera whose readings are their own numbers among all readings of a flight.
 
-    So one flight serves for all that is seen on its path. Cells beyond the farm (of so many cells in width
-    and height) give no value, as with any leaf camera; the list takes the images of this camera, under its
-    number, and of others that fly with it.
+    `ImageList.read` replaces the numbers by readings of any environment, so one flight serves for many. Cells
+    beyond the farm's `shape` give no value. Cameras of vehicles that fly together share one list, each under
+    its own `number`.
     """
 
     def __init__(

@@ -1,4 +1,4 @@
-"""A camera by its sensor and lens: what a pixel and an image show of the ground, and how fast it may fly."""
+"""Cameras by sensor and lens: ground sampling distance, footprint, and the speed that they allow."""
 
 from __future__ import annotations
 
@@ -14,10 +14,9 @@ import msgspec
 from geo.reading import UnreadableError, misfit, read_toml
 from sensors.errors import CameraError
 
-_MM_PER_M = 1000.0
 MOST_OVERLAP = 0.95
 BLUR_PX = 1.0
-"""So far the ground moves over the sensor during an exposure, at most."""
+"""Largest movement of the ground over the sensor during an exposure, pixels."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,19 +26,19 @@ class CameraModel:
     Parameters
     ----------
     name : str
-        What it is called.
+        Name in tables and errors.
     sensor_width_mm, sensor_height_mm : float
-        Of the part of the sensor that makes the image; the width is the longer side, as a rule.
+        Sides of the part of the sensor that makes the image; the width is usually the longer one.
     focal_length_mm : float
-        Of the lens itself, not its 35 mm equivalent.
+        Focal length of the lens, not its 35 mm equivalent.
     image_width_px, image_height_px : int
-        Of an image.
+        Sides of an image.
     min_interval_s : float
-        Shortest time between two images; 0: it does not matter.
+        Shortest time between two images; 0 for no limit.
     shutter_s : float
-        Exposure by which blur is reckoned.
+        Exposure, for the blur.
     source : str
-        Where the numbers are from.
+        Source of the numbers.
 
     Raises
     ------
@@ -49,7 +48,7 @@ class CameraModel:
     Examples
     --------
     >>> camera = get_camera("sony-rx1r-ii")
-    >>> round(100 * camera.gsd_m(60.0), 2), [round(one, 1) for one in camera.footprint_m(60.0)]
+    >>> round(100 * camera.gsd_m(60.0), 2), [round(side, 1) for side in camera.footprint_m(60.0)]
     (0.78, [61.5, 41.1])
     """
 
@@ -76,15 +75,15 @@ class CameraModel:
         return max(self.sensor_width_mm / self.image_width_px, self.sensor_height_mm / self.image_height_px)
 
     def gsd_m(self, height_m: float) -> float:
-        """Return the ground sampling distance: what a pixel shows of flat ground so far below."""
+        """Return the ground sampling distance: the width of a pixel on flat ground `height_m` below."""
         return self.pitch_mm * height_m / self.focal_length_mm
 
     def height_m(self, gsd_m: float) -> float:
-        """Return the height at which a pixel shows so much."""
+        """Return the height with this ground sampling distance."""
         return gsd_m * self.focal_length_mm / self.pitch_mm
 
     def footprint_m(self, height_m: float) -> tuple[float, float]:
-        """Return what an image shows of flat ground so far below: along the width and the height of it."""
+        """Return width and height of an image on flat ground `height_m` below."""
         scale = height_m / self.focal_length_mm
         return self.sensor_width_mm * scale, self.sensor_height_mm * scale
 
@@ -104,7 +103,7 @@ class Imaging:
     portrait : bool
         The image's width lies along the flight; else across it.
     blur_px : float
-        So many pixels the ground may move during an exposure.
+        Largest movement of the ground during an exposure, pixels.
 
     Raises
     ------
@@ -140,7 +139,7 @@ class Imaging:
 
     @property
     def gsd_m(self) -> float:
-        """What a pixel shows of the ground."""
+        """The ground sampling distance."""
         return self.camera.gsd_m(self.height_m)
 
     @property
@@ -155,17 +154,17 @@ class Imaging:
 
     @property
     def row_spacing_m(self) -> float:
-        """How far apart rows lie."""
+        """Distance between neighbouring rows."""
         return self.across_m * (1.0 - self.side_overlap)
 
     @property
     def image_distance_m(self) -> float:
-        """How far apart the images of a row are taken."""
+        """Distance between the images of a row."""
         return self.along_m * (1.0 - self.front_overlap)
 
     @property
     def sure_along_m(self) -> float:
-        """What of a row's end is seen wherever within one distance the last image is taken, twice."""
+        """Length of an image less an image distance at either end, by which a row's last image may be off."""
         return max(self.along_m - 2.0 * self.image_distance_m, 0.0)
 
     @property
@@ -181,7 +180,7 @@ class Imaging:
 
     @property
     def top_speed_m_s(self) -> float:
-        """The lesser of both."""
+        """The lesser of `interval_speed_m_s` and `blur_speed_m_s`."""
         return min(self.interval_speed_m_s, self.blur_speed_m_s)
 
 

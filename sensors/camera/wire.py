@@ -1,4 +1,4 @@
-"""What the leaf camera saw, from MAVLink messages back to observations.
+"""Observations from the MAVLink messages of a leaf camera.
 
 An image is two standard messages: CAMERA_IMAGE_CAPTURED says when and where, DEBUG_FLOAT_ARRAY holds the
 readings (`sensors.camera.layout`). They belong together by the image index (its low 16 bits are the array's
@@ -7,7 +7,7 @@ The image's cell is the one that the camera looks at from the reported position,
 the message: the one below, or where its attitude leads on flat ground (`ground_offset`); the cells of the
 footprint count from there in the order of `footprint_offsets`.
 
-Nothing here needs a MAVLink library: messages are told by their ``id`` and read by their fields.
+No MAVLink library is needed: messages are recognised by their ``id`` and read by their fields.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ _Key = tuple[int, int]
 
 @dataclass(slots=True)
 class AssemblerStatistics:
-    """What arrived.
+    """Counts of what arrived.
 
     Parameters
     ----------
@@ -62,7 +62,7 @@ class AssemblerStatistics:
 
 @dataclass(slots=True)
 class _Image:
-    """A image of which something arrived."""
+    """An image of which some message arrived."""
 
     index: int = -1
     latitude_e7: int = 0
@@ -96,8 +96,8 @@ class ObservationAssembler:
 
     Notes
     -----
-    Lost messages cost their image, duplicates are counted, nonsense is counted and never raises. At most
-    1024 incomplete images are kept.
+    An image that misses a message is lost. Duplicates and invalid messages are counted and raise no error. At
+    most 1024 incomplete images are kept.
     """
 
     def __init__(
@@ -130,7 +130,7 @@ class ObservationAssembler:
         self._wide: list[_Image] = []
 
     def add(self, message: Any) -> None:
-        """Take a MAVLink message; what is not the camera's is ignored."""
+        """Take a MAVLink message; those of others than the camera are ignored."""
         kind = type(message).id
         if kind != DEBUG_FLOAT_ARRAY and kind != CAMERA_IMAGE_CAPTURED:
             return
@@ -153,8 +153,8 @@ class ObservationAssembler:
         """Say in one line that the camera senses other fields than the expected ones; None if it does not."""
         if not self.statistics.other_fields:
             return None
-        told = self._announcement.fields
-        other = f"the camera senses {', '.join(told)}" if told else "the camera senses other fields"
+        sensed = self._announcement.fields
+        other = f"the camera senses {', '.join(sensed)}" if sensed else "the camera senses other fields"
         return f"{other}, expected {', '.join(self._layout.fields)}; give both sides the same fields"
 
     def _add_image(self, message: Any) -> None:
@@ -250,38 +250,38 @@ class ObservationAssembler:
         self.statistics.lost = len(self._missing)
 
     def _miss(self, begin: int, end: int) -> None:
-        """Note that images have not arrived; only so many are remembered."""
+        """Count images as missing; at most `_MAX_MISSING` are remembered."""
         self._missing.update(dict.fromkeys(range(max(begin, end - _MAX_MISSING), end)))
         while len(self._missing) > _MAX_MISSING:
             del self._missing[next(iter(self._missing))]
 
     def expect_from_first(self, since_s: float = 0.0) -> None:
-        """Miss the images before the first one that arrives, too: the link was dead when they were taken.
+        """Count images before the first arrival as missing, too: the link was dead when they were taken.
 
-        Images older than the flight's beginning by the vehicle's clock are of others.
+        Images from before `since_s` of the vehicle's clock are of earlier flights.
         """
         self._from_first = True
         self._since_us = 1e6 * since_s
 
     def move_clock(self, seconds: float) -> None:
-        """Add so many seconds to the times of images from now on: the vehicle's clock has started again."""
+        """Add `seconds` to the times of images from now on: the vehicle's clock has started again."""
         self._moved_us = 1e6 * seconds
 
     def expect(self, count: int) -> None:
-        """Miss what has not arrived of so many images, the camera's own count."""
+        """Count as missing what has not arrived of `count` images, the camera's own count."""
         if self._highest + 1 < count < _MOST_IMAGES:
             self._miss(self._highest + 1, count)
             self._highest = count - 1
             self.statistics.lost = len(self._missing)
 
     def missing(self, most: int | None = None) -> list[int]:
-        """List the indexes of images that have not arrived whole, or some: to be asked for again."""
+        """List the indexes of images that have not arrived whole, at most `most`, to request them again."""
         waiting = (image.index for image in self._pending.values() if image.index >= 0)
         return sorted({*islice(self._missing, most), *waiting})[:most]
 
     @property
     def waiting(self) -> int:
-        """How many observations `take` would give."""
+        """Number of observations that `take` would return."""
         return len(self._single) + sum(image.footprint_cells**2 for image in self._wide)
 
     def take(self) -> Observations:

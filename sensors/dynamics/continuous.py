@@ -1,7 +1,8 @@
-"""What all continuous fields have in common, whatever changes them from day to day."""
+"""Continuous fields: the interface of their dynamics; fields that are only measured; smooth static fields."""
 
 from __future__ import annotations
 
+import math
 from abc import ABC
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
@@ -11,6 +12,7 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 
+from geo.linear_algebra import exp
 from sensors.errors import EnvironmentDataError
 
 _Level = NDArray[np.float32]
@@ -18,11 +20,11 @@ _LEAST_COARSE_CELLS = 8
 
 
 class Course(Protocol):
-    """A field of a farm from day to day."""
+    """The course of a continuous field of a farm over days."""
 
     @property
     def pieces(self) -> int:
-        """In how many pieces a day is computed."""
+        """Number of pieces in which a day is computed."""
 
     def compute(
         self,
@@ -31,29 +33,29 @@ class Course(Protocol):
         earlier: tuple[int, _Level] | None = None,
         on_piece: Callable[[], None] = lambda: None,
     ) -> None:
-        """Compute a day, 0 for the state before the first step, of the whole farm.
+        """Compute a day of the whole farm; day 0 is the state before the first step.
 
         Parameters
         ----------
         out : float32[W, H]
             Is filled.
         earlier : (int, float32[W, H]), optional
-            An earlier day and its field, to go on from.
+            An earlier day and its field, to start from.
         on_piece : callable
-            Called after each of the pieces.
+            Called after each piece.
         """
 
 
 class ContinuousDynamics(ABC):
-    """How a continuous field develops: parameters, as of a frozen dataclass, and what follows from them.
+    """The dynamics of a continuous field: parameters, as of a frozen dataclass, and the fields they make.
 
-    A subclass has a `kind` and writes `days`; it is registered by its kind as an entry point of the group
-    ``wbf_mission.dynamics`` (``docs/fields.md`` shows one). Environment, estimators and score need no more.
+    A subclass has a `kind` and a method `days`; it is registered by its kind as an entry point of the group
+    ``wbf_mission.dynamics`` (``docs/fields.md`` shows one).
     """
 
     __dataclass_fields__: ClassVar[dict[str, Any]]
     kind: ClassVar[str]
-    """What a field file calls it."""
+    """Its name in a field file."""
 
     def days(self, shape: tuple[int, int], rng: Generator) -> Iterator[NDArray[np.floating]]:
         """Yield the field of day 0, 1, 2, ... without end, float[W, H] with values in 0..1.
@@ -66,12 +68,12 @@ class ContinuousDynamics(ABC):
         shape : tuple of int
             The farm, cells.
         rng : numpy.random.Generator
-            All that chance decides; equal generators give equal fields.
+            The source of chance; equal generators give equal fields.
         """
         raise NotImplementedError
 
     def course(self, shape: tuple[int, int], last_day: int, rng: Generator) -> Course:  # noqa: ARG002
-        """Return the field up to a day; where days can be computed in pieces this is better than `days`."""
+        """Return the course up to a day; a subclass whose days can be computed in pieces overrides it."""
         return _DailyCourse(self.kind, shape, self.days(shape, rng))
 
     def simulate_coarse(
@@ -98,7 +100,7 @@ class ContinuousDynamics(ABC):
 
 @dataclass(slots=True)
 class _DailyCourse:
-    """What `ContinuousDynamics.days` yields, checked; days are asked for in ascending order."""
+    """The checked fields of `ContinuousDynamics.days`; days are computed in ascending order."""
 
     kind: str
     shape: tuple[int, int]
@@ -125,3 +127,121 @@ class _DailyCourse:
             )
         out[...] = level
         on_piece()
+
+
+@dataclass(frozen=True, slots=True)
+class Measured(ContinuousDynamics):
+    """Assumptions about a field without a model, which is only measured and cannot be simulated.
+
+    Values are normally distributed about the mean of the readings; readings of earlier days count like those
+    of the day.
+
+    Parameters
+    ----------
+    correlation_length_m : float
+        Length scale of the squared exponential kernel, metres: values at this distance are correlated by
+        ``exp(-1/2)``, 0.61.
+    spread : float
+        Standard deviation of the smooth part, as a part of the field's range.
+    noise : float
+        Standard deviation of a cell from its neighbourhood, as a part of the range.
+
+    Raises
+    ------
+    EnvironmentDataError
+        If a value is out of its range.
+    """
+
+    kind: ClassVar[str] = "measured"
+
+    correlation_length_m: float = 25.0
+    spread: float = 0.25
+    noise: float = 0.05
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.correlation_length_m < math.inf:
+            msg = f"measured: correlation_length_m {self.correlation_length_m} is not above 0"
+            raise EnvironmentDataError(msg)
+        for name in ("spread", "noise"):
+            if not 0.001 <= getattr(self, name) <= 1.0:
+                raise EnvironmentDataError(f"measured: {name} {getattr(self, name)} is not in 0.001..1")
+
+    def days(self, shape: tuple[int, int], rng: Generator) -> Iterator[NDArray[np.floating]]:  # noqa: ARG002
+        """Raise EnvironmentDataError."""
+        raise EnvironmentDataError(
+            'a field that is only measured cannot be simulated; give it a kind that can, such as "continuous"'
+        )
+
+
+_TRUNCATED_AT = 4.0  # standard deviations of the smoothing Gaussian: less than 1e-4 of its weight is beyond
+
+
+@dataclass(frozen=True, slots=True)
+class SmoothParameters(ContinuousDynamics):
+    """Smooth static fields: Gaussian random fields that do not change from day to day.
+
+    They are the fields of classic informative path planning, on which a Gaussian process with a squared
+    exponential kernel is the exact model. White noise that a Gaussian of the standard deviation l / sqrt(2)
+    smooths has the correlation exp(-d^2 / (2 l^2)) (process convolution: D. Higdon, *Space and Space-Time
+    Modeling using Process Convolutions*, 2002).
+
+    Parameters
+    ----------
+    correlation_length : float
+        Length scale of the squared exponential covariance, as a part of each side of the farm: cells at this
+        distance are correlated by exp(-1/2), 0.61.
+    mean, spread : float
+        Mean and standard deviation of the values, which are cut to 0..1.
+
+    Raises
+    ------
+    EnvironmentDataError
+        If a value is out of its range.
+
+    Examples
+    --------
+    >>> smooth = SmoothParameters(correlation_length=0.2)
+    >>> field = next(smooth.days((60, 60), np.random.default_rng(0)))
+    >>> bool(abs(field[:-12] - field[12:]).mean() > 4.0 * abs(field[:-1] - field[1:]).mean())
+    True
+    """
+
+    kind: ClassVar[str] = "smooth"
+
+    correlation_length: float = 0.15
+    mean: float = 0.5
+    spread: float = 0.15
+
+    def __post_init__(self) -> None:
+        if not 0.001 <= self.correlation_length <= 2.0:
+            length = self.correlation_length
+            raise EnvironmentDataError(f"smooth: correlation_length {length} is not in 0.001..2")
+        if not 0.0 <= self.mean <= 1.0:
+            raise EnvironmentDataError(f"smooth: mean {self.mean} is not in 0..1")
+        if not 0.0 < self.spread <= 1.0:
+            raise EnvironmentDataError(f"smooth: spread {self.spread} is not above 0 and at most 1")
+
+    def days(self, shape: tuple[int, int], rng: Generator) -> Iterator[NDArray[np.floating]]:
+        """Yield the same field on every day; see `ContinuousDynamics.days`."""
+        from scipy.ndimage import correlate1d
+
+        widths = [cells * self.correlation_length / math.sqrt(2.0) for cells in shape]
+        margins = [math.ceil(_TRUNCATED_AT * width) for width in widths]
+        noise = rng.standard_normal([n + 2 * margin for n, margin in zip(shape, margins, strict=True)])
+        smoothed = noise
+        for axis, width in enumerate(widths):
+            smoothed = correlate1d(smoothed, _weights(width), axis, mode="constant")
+        inner = smoothed[tuple(slice(m, m + n) for m, n in zip(margins, shape, strict=True))]
+        # What the smoothing leaves of a variance of 1.
+        left = math.prod(float(np.square(_weights(width)).sum()) for width in widths)
+        field = np.clip(self.mean + self.spread / math.sqrt(left) * inner, 0.0, 1.0)
+        while True:
+            yield field
+
+
+def _weights(width: float) -> NDArray[np.float64]:
+    """Return the weights of the smoothing along an axis."""
+    reach = int(_TRUNCATED_AT * width + 0.5)
+    weights: NDArray[np.float64] = exp(-0.5 * (np.arange(-reach, reach + 1) / width) ** 2)
+    weights /= weights.sum()
+    return weights

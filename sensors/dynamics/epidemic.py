@@ -48,7 +48,7 @@ Draws = Callable[[NDArray[np.intp]], NDArray[np.float64]] | NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class InfectionRule:
-    """How infected neighbours infect: a kernel, and the probability for each weighted count.
+    """A rule of infection: a kernel, and the probability for each weighted count of infected neighbours.
 
     Parameters
     ----------
@@ -162,6 +162,16 @@ class EpidemicParameters:
         kernel = make_kernel(self.kernel_shape, size, self.kernel_length_cells)
         return InfectionRule(kernel, self.likelihood, self.duration_days, self.rule == "count")
 
+    def on_window(self, shape: tuple[int, int], seeds: int) -> EpidemicParameters:
+        """Return the parameters for a window of a farm of this shape, with the farm's size of the kernel.
+
+        Seeds and kernel follow from the farm's width, which a window does not have.
+
+        >>> TYLCV.on_window((100, 100), seeds=2).kernel_size
+        5
+        """
+        return replace(self, seeds=seeds, kernel_size=self.infection_rule(shape).kernel.size)
+
 
 TYLCV = EpidemicParameters(likelihood=0.25, duration_days=5)
 """Tomato yellow leaf curl virus, on tomatoes (parameters of the Waterberry Farms code)."""
@@ -186,9 +196,9 @@ def age(status: NDArray[np.int8]) -> NDArray[np.int8]:
 def step(status: NDArray[np.int8], draws: Draws, rule: InfectionRule) -> NDArray[np.int8]:
     """Advance an epidemic by one day; a pure function of the status and the draws.
 
-    Draws are uniform in [0, 1): an array of one for every cell, or a function that is called once with the
-    flat indices (C order, ascending) of the cells that may be infected. A cell is infected if p > u. Infected
-    cells may stand on immune land; they spread like any other.
+    Draws are uniform in [0, 1): an array with a number for each cell, or a function that is called once with
+    the flat indices (C order, ascending) of the cells that may be infected. A cell is infected if p > u.
+    Infected cells may stand on immune land; they spread like any other.
 
     Examples
     --------
@@ -321,20 +331,20 @@ def value_table(parameters: EpidemicParameters, day: int) -> NDArray[np.float32]
 
 _OUTBREAKS = 100
 _SIDE_CELLS = 64
-_SHARED_DAYS = 4
+_SHARED_DAYS = 4  # days served by one simulation, so that a campaign does not simulate each day anew
 
 
 @dataclass(frozen=True, slots=True)
 class Outbreak:
-    """The outbreaks of a disease on a day, which spread from one plant each.
+    """Statistics of the outbreaks of a disease on a day, each from one plant.
 
     Parameters
     ----------
     together : float
-        Sum of squares by sum of their sick plants. The variance of the number of sick plants of a farm, where
-        outbreaks begin anywhere and do not meet, is so many times its mean.
+        Sum of squares by sum of their sick plants. It is the ratio of variance to mean of a farm's number of
+        sick plants, if outbreaks begin anywhere and do not meet.
     illness : float
-        How far the value of a sick plant lies below 1 on average.
+        Mean of one less the value of a sick plant.
     """
 
     together: float
@@ -351,12 +361,12 @@ def outbreak_of(parameters: EpidemicParameters, shape: tuple[int, int], day: int
     >>> 10 < small.together < 30 < 50 < large.together < 90, 0.5 < large.illness < small.illness < 0.6
     (True, True)
     """
-    table = 1.0 - np.asarray(value_table(parameters, day), np.float64)
+    illness_by_onset = 1.0 - np.asarray(value_table(parameters, day), np.float64)
     counts, illness = np.zeros(_OUTBREAKS), 0.0
     last_day = max(day, min(_SHARED_DAYS * math.ceil(day / _SHARED_DAYS), MAX_DAYS))
     for number, onset in enumerate(_onsets(parameters, shape, last_day)):
-        # Who falls ill later is healthy by the table of the day.
-        ill = table[onset.view(np.uint8)]
+        # Plants that fall ill later are healthy in the table of the day.
+        ill = illness_by_onset[onset.view(np.uint8)]
         counts[number] = np.count_nonzero(ill > 0.0)
         illness += float(ill.sum())
     sick = float(counts.sum())
@@ -369,14 +379,11 @@ def outbreak_of(parameters: EpidemicParameters, shape: tuple[int, int], day: int
 def _onsets(
     parameters: EpidemicParameters, shape: tuple[int, int], last_day: int
 ) -> tuple[NDArray[np.int8], ...]:
-    """Simulate outbreaks up to a day, each from one plant; return the day on which each plant fell ill."""
-    size = parameters.kernel_size
-    if size is None:
-        size = parameters.infection_rule(shape).kernel.size
-    one = replace(parameters, seeds=1, kernel_size=size)
+    """Simulate outbreaks up to a day, each from one plant; return their onsets."""
+    from_one_plant = parameters.on_window(shape, 1)
     side = min(max(shape), _SIDE_CELLS)
     land = np.ones((side, side), np.bool_)
     return tuple(
-        simulate_outbreak(land, one, last_day, stream(0, "report", str(number)))
+        simulate_outbreak(land, from_one_plant, last_day, stream(0, "report", str(number)))
         for number in range(_OUTBREAKS)
     )

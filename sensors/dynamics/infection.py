@@ -1,4 +1,4 @@
-"""Who infects whom: distance kernels in exact integers, and the front of an epidemic.
+"""Infection by distance: kernels in exact integers, and the front of an epidemic.
 
 The epidemic compares a weighted number of infected neighbours with whole numbers. Sums of 1/d^2 in floating
 point depend on the order of summation: five neighbours of weight 0.2 may make 1 or just less than 1.

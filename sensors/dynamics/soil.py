@@ -104,10 +104,10 @@ class Shower:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Weather:
-    """All that chance decides about the soil."""
+    """The random part of the soil: positions of humps, and showers."""
 
     start_corners: NDArray[np.int64]
-    """Of the humps of the first field."""
+    """int64[k, 2]: lower corners of the first field's humps, cells."""
     showers: tuple[Shower | None, ...]
     """The rain of each day, the days of warm-up first."""
 
@@ -216,7 +216,7 @@ class SoilCourse:
 
     @property
     def pieces(self) -> int:
-        """In how many blocks a day is computed."""
+        """Number of blocks in which a day is computed."""
         return len(self.blocks)
 
     def begin(self, rows: slice, out: NDArray[np.float32]) -> None:

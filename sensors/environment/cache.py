@@ -1,13 +1,13 @@
-"""Environments kept between runs and within a process: the same is not generated again.
+"""Caches of environments: on disk between runs, and in memory within a process.
 
-An entry is a stored environment under a name that is a digest of all that decides it: the crop map, the
-fields, the seed, the days and the version of the format. Entries appear complete or not at all, so processes
-may share a cache. One that is damaged is generated again. When the cache grows beyond its limit, the entries
-that were used least recently are removed.
+The name of an entry on disk is a digest of the crop map, the fields, the seed, the days and the version of
+the format. Entries appear complete or not at all, so processes may share a cache. A damaged entry is
+generated again. Beyond the cache's limit, the least recently used entries are removed.
 """
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import os
 import re
@@ -44,7 +44,7 @@ _LEFTOVER_AFTER_S = 3600.0
 
 @dataclass(frozen=True, slots=True)
 class EnvironmentCache:
-    """A folder of environments, in which nothing is touched but entries of this cache."""
+    """A cache in a folder, of which other files are left alone."""
 
     folder: Path
     limit_bytes: int
@@ -79,13 +79,11 @@ class EnvironmentCache:
         farm_name: str = "",
         progress: Progress | None = None,
     ) -> tuple[Environment, bool]:
-        """Return the environment of a day or some, from the cache or generated now and kept.
+        """Return the environment of days `day` to `last_day` in memory, and whether it is from the cache.
 
-        A folder that cannot be written to, or a full disk, costs a generation in every run and a
-        `geo.user_cache.CacheWarning`, not an error. Other errors are those of `generate_environment`.
-
-        The days from the first to the last are kept, one day without `last_day`. The environment is in
-        memory; with it comes whether it is from the cache.
+        Without `last_day` it has one day. An environment that is not cached is generated and saved. A folder
+        that cannot be written to, or a full disk, is a `geo.user_cache.CacheWarning`, not an error. Other
+        errors are those of `generate_environment`.
         """
         last = day if last_day is None else last_day
         kept = range(day, last + 1)
@@ -110,7 +108,8 @@ class EnvironmentCache:
             store = open_store(path)
             if store.header == header:
                 environment = store.environment(lazy=False)
-                _touch(path)
+                with contextlib.suppress(OSError):
+                    os.utime(path)
                 return environment, True
         except EnvironmentDataError:
             shutil.rmtree(path, ignore_errors=True)
@@ -127,7 +126,7 @@ class EnvironmentCache:
         return environment, False
 
     def _shrink(self) -> None:
-        """Remove the entries that were used least recently, as far as the limit asks for it."""
+        """Remove the least recently used entries until the rest is within the limit."""
         entries: list[tuple[float, int, Path]] = []
         for path in self.folder.iterdir():
             if _ENTRY.fullmatch(path.name):
@@ -142,13 +141,6 @@ class EnvironmentCache:
             total -= size
 
 
-def _touch(path: Path) -> None:
-    try:
-        os.utime(path)
-    except OSError:
-        return
-
-
 def _last_use(path: Path) -> float:
     try:
         return path.stat().st_mtime
@@ -160,20 +152,18 @@ def _size(path: Path) -> int:
     total = 0
     for folder, _, files in os.walk(path):
         for file in files:
-            try:
+            with contextlib.suppress(OSError):
                 total += (Path(folder) / file).stat().st_size
-            except OSError:
-                continue
     return total
 
 
 MOST_ENVIRONMENTS = 2
 MOST_CELLS = 100_000
-"""Larger farms are not kept: their runs take so long that an environment anew is nothing beside them."""
+"""Larger farms are not kept: their runs take much longer than generating the environment."""
 
 
 class EnvironmentMemory:
-    """Keeps the small environments that were used last.
+    """The most recently used small environments.
 
     Examples
     --------
@@ -198,9 +188,9 @@ class EnvironmentMemory:
         fields: FieldSet = PAPER_FIELDS,
         progress: Progress | None = None,
     ) -> tuple[Environment, bool]:
-        """Return the environment that was kept, or the cache's, which is kept if it is small.
+        """Return an environment from memory, else from the cache, and whether it is from the cache's folder.
 
-        Others have it, too: it is not to be changed. With it comes whether it is from the cache's folder.
+        It is shared with other callers and must not be changed.
         """
         key = b""
         if grid.crop.size <= MOST_CELLS:

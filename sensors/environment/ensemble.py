@@ -26,7 +26,7 @@ from geo.seeds import child_seed, root_seed
 from sensors.environment.environment import Environment, Provenance
 from sensors.environment.generate import generate_environment, kept_days, memory_needed
 from sensors.environment.storage import load_environment
-from sensors.environment.store import fields_from_tables, fields_to_tables
+from sensors.environment.store import FormatVersion, fields_from_tables, fields_to_tables
 from sensors.errors import EnvironmentDataError
 from sensors.fields import PAPER_FIELDS, FieldSet
 
@@ -40,7 +40,7 @@ MAX_MEMBERS = 100_000
 
 Progress = Callable[[float, float], None]
 
-# What a process needs beside the environment: the interpreter with its libraries.
+# The interpreter with its libraries, in each process beside the environment.
 _PROCESS_BYTES = 150_000_000
 # Lossless compression leaves about half of a continuous field.
 _BYTES_A_CELL = 2.2
@@ -112,12 +112,12 @@ class _Plan:
     threads: int | None
 
     def make(self, member: int, progress: Callable[[int, int], None]) -> bool:
-        """Generate a member unless it is there; tell whether it had to be made."""
+        """Generate a member unless it is there; return whether it was generated."""
         path = member_folder(self.folder, member)
         seed = member_seed(self.seed, member)
         made = False
 
-        def tell(done: int, total: int) -> None:
+        def note(done: int, total: int) -> None:
             nonlocal made
             made = True
             progress(done, total)
@@ -131,7 +131,7 @@ class _Plan:
             farm_name=self.farm_name,
             directory=path,
             threads=self.threads,
-            progress=tell,
+            progress=note,
         )
         return made
 
@@ -181,7 +181,7 @@ def generate_ensemble(
         If a number is out of range, the folder holds something else or cannot be written, the disk is too
         full, or a process was killed.
     geo.memory.NotEnoughMemoryError
-        If so many processes would not fit into memory.
+        If the processes would not fit into memory.
     """
     if not 1 <= members <= MAX_MEMBERS:
         raise EnvironmentDataError(f"ensemble: {members} members are not in 1..{MAX_MEMBERS}")
@@ -192,7 +192,8 @@ def generate_ensemble(
     kept = kept_days(days, keep_days)
     jobs = min(jobs, members)
     plan = _Plan(grid, target, kept, root, fields, farm_name, threads=1 if jobs > 1 else None)
-    header = _header(plan, members)
+    provenance = Provenance.of(grid, root, farm_name)
+    header = EnsembleHeader(FORMAT, VERSION, members, kept, provenance, fields_to_tables(fields))
     if target.exists() and any(target.iterdir() if target.is_dir() else [target]):
         older = _read_header(target)
         if msgspec.structs.replace(older, members=members) != header:
@@ -205,28 +206,28 @@ def generate_ensemble(
             file.write(msgspec.json.format(msgspec.json.encode(header), indent=2) + b"\n")
     except OSError as error:
         raise EnvironmentDataError(f"{target}: cannot be written: {error.strerror or error}") from error
-    tell = progress or (lambda _done, _total: None)
-    made = _alone(plan, members, tell) if jobs == 1 else _together(plan, members, jobs, tell)
+    report = progress or (lambda _done, _total: None)
+    made = _alone(plan, members, report) if jobs == 1 else _together(plan, members, jobs, report)
     return Ensemble(target, header, tuple(made), tuple(sorted(set(range(members)) - set(made))))
 
 
-def _alone(plan: _Plan, members: int, tell: Progress) -> list[int]:
+def _alone(plan: _Plan, members: int, report: Progress) -> list[int]:
     made = []
     for member in range(members):
-        if plan.make(member, lambda done, total, at=member: tell(at + done / total, members)):  # type: ignore[misc]
+        if plan.make(member, lambda done, total, at=member: report(at + done / total, members)):  # type: ignore[misc]
             made.append(member)
-        tell(member + 1, members)
+        report(member + 1, members)
     return made
 
 
-def _together(plan: _Plan, members: int, jobs: int, tell: Progress) -> list[int]:
+def _together(plan: _Plan, members: int, jobs: int, report: Progress) -> list[int]:
     made = []
     with closing(CallsAhead(_make, [(plan, member) for member in range(members)], jobs)) as calls:
         try:
             for member in range(members):
                 if calls.result(member):
                     made.append(member)
-                tell(member + 1, members)
+                report(member + 1, members)
         except BrokenProcessPool as error:
             raise EnvironmentDataError(
                 "ensemble: a process was killed, perhaps for lack of memory; finished members are kept: "
@@ -243,21 +244,11 @@ def _make(plan: _Plan, member: int) -> bool:
     return plan.make(member, lambda _done, _total: None)
 
 
-def _header(plan: _Plan, members: int) -> EnsembleHeader:
-    provenance = Provenance.of(plan.grid, plan.seed, plan.farm_name)
-    return EnsembleHeader(FORMAT, VERSION, members, plan.days, provenance, fields_to_tables(plan.fields))
-
-
-class _Version(msgspec.Struct, frozen=True):
-    format: str
-    version: int
-
-
 def _read_header(folder: Path) -> EnsembleHeader:
     path = folder / HEADER
     try:
         data = path.read_bytes()
-        found = msgspec.json.decode(data, type=_Version)
+        found = msgspec.json.decode(data, type=FormatVersion)
         if (found.format, found.version) != (FORMAT, VERSION):
             text = f"{found.format!r} version {found.version} is not {FORMAT!r} version {VERSION}"
             raise EnvironmentDataError(f"{path}: {text}; generate the ensemble again in another folder")
@@ -275,7 +266,7 @@ def _read_header(folder: Path) -> EnsembleHeader:
 
 
 def _check_resources(plan: _Plan, members: int, jobs: int) -> None:
-    """Foresee that memory or disk will not do."""
+    """Raise an error if memory or disk would not suffice."""
     shape = (int(plan.grid.shape[0]), int(plan.grid.shape[1]))
     each = memory_needed(shape, len(plan.days), fields=plan.fields, on_disk=True, threads=plan.threads)
     if jobs > 1:

@@ -1,4 +1,4 @@
-"""The environment E over days: what is really there, which planners and estimators never see."""
+"""The environment E over days: the true state of the fields, which planners and estimators never see."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
     from geo.grid import FarmGrid
 
-_FEW = 8
+_FEW = 8  # cells: beyond, numpy's arrays are faster than a loop
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,7 +47,7 @@ class Provenance:
 
     @classmethod
     def of(cls, grid: FarmGrid, seed: SeedSequence, farm_name: str) -> Provenance:
-        """Note a farm and a seed."""
+        """Return the provenance of a farm and a seed."""
         entropy = np.atleast_1d(np.asarray(seed.entropy, dtype=object)).tolist()
         return cls(
             farm_name,
@@ -237,7 +237,7 @@ class Environment:
         """
         self._check_day(day)
         few = _few_cells(ix, iy, self.shape)
-        if few:  # a camera asks so for the images between two positions
+        if few:  # as a camera's images between two positions
             return self._sample_few(day, few)
         x, y = np.broadcast_arrays(np.atleast_1d(ix), np.atleast_1d(iy))
         if x.ndim != 1 or x.dtype.kind not in "iu" or y.dtype.kind not in "iu":

@@ -1,4 +1,4 @@
-"""Generating environments: in memory, or day by day into a folder, where it can be resumed."""
+"""Generation of environments: in memory, or day by day into a folder, where it can be resumed."""
 
 from __future__ import annotations
 
@@ -38,14 +38,14 @@ _OUTBREAKS_AT_ONCE = 2
 
 
 class StoppedError(Exception):
-    """Ends a thread whose result nobody waits for any more."""
+    """Ends a thread whose result is no longer wanted."""
 
 
 class _Steps:
     """Counts finished pieces of work, in any thread, and reports them in the caller's."""
 
     def __init__(self, total: int, progress: Progress | None) -> None:
-        self._done, self._told, self._total, self._progress = 0, 0, total, progress
+        self._done, self._reported, self._total, self._progress = 0, 0, total, progress
         self._lock = threading.Lock()
         self._caller = threading.get_ident()
         self.stopped = threading.Event()
@@ -56,30 +56,30 @@ class _Steps:
         with self._lock:
             self._done += pieces
         if threading.get_ident() == self._caller:
-            self.tell()
+            self.report()
 
-    def tell(self) -> None:
-        """Report what was done since the last time; may raise what the caller's function raises."""
+    def report(self) -> None:
+        """Report new progress; raises what the caller's function raises."""
         done = self._done
-        if self._progress is not None and done > self._told:
-            self._told = done
+        if self._progress is not None and done > self._reported:
+            self._reported = done
             self._progress(done, self._total)
 
     def wait(self, future: Future[T]) -> T:
         """Return the result of a future, reporting progress meanwhile."""
         while not future.done():
             wait([future], timeout=_POLL_S)
-            self.tell()
+            self.report()
         return future.result()
 
 
 @dataclass(frozen=True, slots=True)
 class Task:
-    """What to generate: equal tasks give equal environments."""
+    """The inputs of a generation: equal tasks give equal environments."""
 
     grid: FarmGrid
     days: tuple[int, ...]
-    """Those that are kept."""
+    """The days that are kept."""
     seed: SeedSequence
     fields: FieldSet
     farm_name: str = ""
@@ -90,11 +90,11 @@ class Task:
         return int(self.grid.shape[0]), int(self.grid.shape[1])
 
     def header(self) -> Header:
-        """Describe the environment."""
+        """Return the header of the environment's store."""
         return Header.of(self.shape, self.days, self.fields, self.provenance())
 
     def provenance(self) -> Provenance:
-        """Tell where the environment comes from."""
+        """Return the provenance of the environment."""
         return Provenance.of(self.grid, self.seed, self.farm_name)
 
 
@@ -107,7 +107,7 @@ def make_task(
     keep_days: Iterable[int] | None = None,
     farm_name: str = "",
 ) -> Task:
-    """Check what to generate; see `generate_environment`."""
+    """Return a checked task; the parameters are those of `generate_environment`."""
     return Task(grid, kept_days(days, keep_days), root_seed(seed), fields, farm_name)
 
 
@@ -131,7 +131,7 @@ def memory_needed(
     on_disk: bool = False,
     threads: int | None = None,
 ) -> dict[str, int]:
-    """Estimate the memory that generating takes at its peak: bytes by what they are for.
+    """Estimate the peak memory of a generation, bytes by purpose.
 
     Examples
     --------
@@ -149,7 +149,7 @@ def memory_needed(
 
 
 def check_memory(task: Task, *, on_disk: bool, threads: int | None = None) -> None:
-    """Raise NotEnoughMemoryError, with what to do, if generating would not fit into memory."""
+    """Raise NotEnoughMemoryError, with advice, if a generation would not fit into memory."""
     shape, days = task.shape, len(task.days)
     try:
         require_memory(
@@ -193,7 +193,7 @@ def generate_environment(
     days : int
         Number of steps, 0..126.
     fields : FieldSet
-        What there is to sense, and how it develops; the benchmark's by default.
+        The fields and their dynamics; the benchmark's by default.
     progress : callable, optional
         Called as ``progress(done, total)`` after each piece of work, in the calling thread. It may raise to
         stop.
@@ -203,10 +203,9 @@ def generate_environment(
     farm_name : str
         Recorded in the provenance.
     directory : path-like, optional
-        Write the days to this folder while they are computed and return them as they are stored, so that
-        they are not held in memory. The folder appears when it is complete. After an error or Ctrl-C the days
-        that were finished are kept beside it, and the same call goes on with them. If the folder holds this
-        environment already, nothing is computed.
+        Write the days to this folder while they are computed, in place of memory. The folder appears when it
+        is complete. After an error or Ctrl-C the finished days are kept beside it, and the same call goes on
+        with them. If the folder holds this environment already, nothing is computed.
     threads : int, optional
         How many to use on large farms; by default one for each processor that this process may use.
 
@@ -243,7 +242,7 @@ def generate_environment(
                 course.compute(day, days_of[day], earlier, work.step)
                 earlier = day, days_of[day]
         onset = {name: work.step.wait(outbreak) for name, outbreak in outbreaks.items()}
-        work.step.tell()
+        work.step.report()
     return Environment.of_arrays(task.fields, task.days, onset, levels, task.provenance())
 
 
@@ -323,7 +322,7 @@ def _generate_into(
         _write_levels(store, work, task, write_finished_outbreaks)
         for name, outbreak in outbreaks.items():
             store.write_onset(name, work.step.wait(outbreak))
-        work.step.tell()
+        work.step.report()
     return load_environment(directory)
 
 

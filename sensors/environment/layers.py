@@ -1,8 +1,7 @@
-"""Arrays over a farm that an environment reads from: held in memory, or in chunks in a store.
+"""Layers: arrays over a farm, held in memory or in chunks in a store.
 
-Both give the whole array, a window of it, or single cells. A chunk that single cells need is decoded once and
-kept among the most recently used ones, so that a camera that looks at cell after cell along a path decodes
-each chunk on its way once.
+A chunk that single cells need is decoded once and kept among the most recently used chunks, so that a camera
+along a path decodes each chunk on its way once.
 """
 
 from __future__ import annotations

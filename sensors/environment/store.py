@@ -11,6 +11,7 @@ from __future__ import annotations
 import contextlib
 import math
 import os
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -24,7 +25,7 @@ from sensors.environment.environment import Environment, Provenance
 from sensors.environment.layers import ArrayLayer, ChunkCache, ChunkedLayer
 from sensors.errors import EnvironmentDataError, FieldError
 from sensors.field_files import field_from_table, field_to_table
-from sensors.fields import Field, FieldSet
+from sensors.fields import FieldSet
 
 if TYPE_CHECKING:
     import zarr
@@ -65,13 +66,15 @@ class _Group(msgspec.Struct, frozen=True):
     attributes: Header
 
 
-class _Version(msgspec.Struct, frozen=True):
+class FormatVersion(msgspec.Struct, frozen=True):
+    """The keys that headers of all versions have."""
+
     format: str
     version: int
 
 
 class _AnyGroup(msgspec.Struct, frozen=True):
-    attributes: _Version
+    attributes: FormatVersion
 
 
 def fields_to_tables(fields: FieldSet) -> tuple[dict[str, Any], ...]:
@@ -249,9 +252,15 @@ class EnvironmentStore:
         """Return the environment; the group has to be finished."""
         header = self.header
         cache = ChunkCache(CACHED_BYTES)
-        onset = {field.name: self._onset_layer(field, cache) for field in self.fields.diseases}
+        shape, chunk = header.shape, self._chunk()
+        onset = {
+            field.name: ChunkedLayer(field.name, shape, chunk, partial(self.read_onset, field.name), cache)
+            for field in self.fields.diseases
+        }
         levels = {
-            (field.name, day): self._level_layer(field, day, cache)
+            (field.name, day): ChunkedLayer(
+                f"{field.name} {day}", shape, chunk, partial(self.read_level, field.name, day), cache
+            )
             for field in self.fields.continuous
             for day in header.days
         }
@@ -265,18 +274,6 @@ class EnvironmentStore:
             {key: ArrayLayer(layer.whole()) for key, layer in levels.items()},
             header.provenance,
         )
-
-    def _onset_layer(self, field: Field, cache: ChunkCache) -> ChunkedLayer[np.int8]:
-        def read(x: slice, y: slice) -> NDArray[np.int8]:
-            return self.read_onset(field.name, x, y)
-
-        return ChunkedLayer(field.name, self.header.shape, self._chunk(), read, cache)
-
-    def _level_layer(self, field: Field, day: int, cache: ChunkCache) -> ChunkedLayer[np.float32]:
-        def read(x: slice, y: slice) -> NDArray[np.float32]:
-            return self.read_level(field.name, day, x, y)
-
-        return ChunkedLayer(f"{field.name} {day}", self.header.shape, self._chunk(), read, cache)
 
     def _chunk(self) -> tuple[int, int]:
         width, height = self.header.shape

@@ -1,8 +1,8 @@
-"""Worlds: how an environment really develops, while what is published of it stays as it is.
+"""Worlds: true dynamics of an environment that differ from the published ones.
 
-Planners, estimators and policies know the fields of a scenario and their dynamics. In a world the environment
-is made by other parameters of these dynamics: of another value, or drawn for each seed. A world is a TOML
-file with a table for each field that develops otherwise::
+Planners, estimators and policies know the fields of a scenario and their published dynamics. A world replaces
+parameters of these dynamics in the environment, by a value or by a draw for each seed. It is a TOML file with
+a table for each field that it changes::
 
     [tylcv]
     likelihood = { factor = [0.5, 2.0] }    # times the published value, drawn log-uniformly for each seed
@@ -42,7 +42,7 @@ Value = bool | int | float | str
 
 
 class Drawn(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
-    """A value that each seed has its own of: the published one times a factor, or one of a list."""
+    """A value drawn for each seed: the published value times a factor, or an entry of a list."""
 
     factor: tuple[float, float] | None = None
     one_of: tuple[Value, ...] | None = None
@@ -59,7 +59,7 @@ class Drawn(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaul
             raise ValueError(f"one_of has {len(self.one_of)} values: give 1 to {_MOST_CHOICES}")
 
     def value(self, published: Any, rng: Generator) -> Value:
-        """Return a value; ValueError if there is no published number that a factor could change."""
+        """Draw a value; ValueError if a factor has no published number to multiply."""
         if self.one_of is not None:
             return self.one_of[int(rng.integers(len(self.one_of)))]
         assert self.factor is not None
@@ -123,14 +123,14 @@ class World:
             if not isinstance(given, Mapping):
                 msg = f"{where}: {name} is no table; a world has a table for each field: [tylcv]"
                 raise EnvironmentDataError(msg)
-            laws[name] = {key: _law(one, f"{where}: {name}, {key}") for key, one in given.items()}
+            laws[name] = {key: _law(law, f"{where}: {name}, {key}") for key, law in given.items()}
         if not any(laws.values()):
             msg = f"{where}: nothing develops otherwise; a world has a table for each field that does"
             raise EnvironmentDataError(msg)
         return cls(where, laws)
 
     def to_table(self) -> dict[str, Any]:
-        """Return it as plain values, from which `of_table` makes an equal one."""
+        """Return the world as plain values for `of_table`."""
         table: dict[str, Any] = msgspec.to_builtins(self.laws)
         return table
 
@@ -145,9 +145,9 @@ class World:
         """
         strange = [name for name in self.laws if name not in fields and name not in PAPER_FIELDS]
         if strange or not any(name in fields for name in self.laws):
-            told = f"no field {strange[0]!r:.60}" if strange else f"nothing of {', '.join(fields.names)}"
-            raise EnvironmentDataError(f"{self.where}: {told}; the fields are {', '.join(fields.names)}")
-        changed = {one.name: self._dynamics(one, seed) for one in fields if one.name in self.laws}
+            fault = f"no field {strange[0]!r:.60}" if strange else f"nothing of {', '.join(fields.names)}"
+            raise EnvironmentDataError(f"{self.where}: {fault}; the fields are {', '.join(fields.names)}")
+        changed = {field.name: self._dynamics(field, seed) for field in fields if field.name in self.laws}
         return fields.with_dynamics(**changed)
 
     def _dynamics(self, field: Field, seed: SeedSequence | int) -> Dynamics:

@@ -1,11 +1,10 @@
-"""What every estimator can do, and how one is found by its name.
+"""The interface of estimators, their common base class, and their registry.
 
 An estimator follows scikit-learn: ``__init__`` only stores parameters, which ``get_params`` and
-``set_params`` give and change by name, so that `sklearn.base.clone` works; ``fit`` checks them, forgets
-everything and learns, ``partial_fit`` learns more, both return the estimator, and what was learned is in
-attributes ending in ``_``. An estimator that works for any fields has the parameter ``fields``; others know
-the benchmark's only. It is registered under the entry point group ``wbf_mission.estimators``, by this package
-or by any other.
+``set_params`` read and change by name, so that `sklearn.base.clone` works; ``fit`` checks them, forgets
+everything and learns; ``partial_fit`` learns more; both return the estimator; learned attributes end in
+``_``. An estimator for any fields has the parameter ``fields``; others know only the benchmark's. It is
+registered under the entry point group ``wbf_mission.estimators``, by this or any other package.
 
 >>> "adaptive-disk" in estimator_names()
 True
@@ -35,16 +34,16 @@ ENTRY_POINT_GROUP = "wbf_mission.estimators"
 _HANDED_ON = ("fields", "random_state")
 
 LEARNING = "training the estimator"
-"""What progress is told of while an estimator learns beforehand."""
+"""Name of the work in the progress of `BaseEstimator.prepare`."""
 
 Progress = Callable[[str, float, float], None]
 Step = Callable[[float], None]
-"""Takes the part that is learned, 0..1; not called where nothing has to be learned."""
+"""Takes the learned part, 0..1; not called if nothing has to be learned."""
 RandomState = np.random.Generator | np.random.SeedSequence | int | None
 
 
 def no_step(_part: float) -> None:
-    """Tell nobody."""
+    """Ignore the progress."""
 
 
 @runtime_checkable
@@ -60,21 +59,21 @@ class Estimator(Protocol):
         ...
 
     def predict(self) -> InformationModel:
-        """Return what is believed now.
+        """Return the present estimate.
 
         The arrays may be the estimator's own, changed in place and therefore read-only for the caller: they
-        hold until the next ``fit`` or ``partial_fit``. Who needs them longer takes `InformationModel.copy`.
-        An estimator that knows what its observations touched says so in `InformationModel.changed`, so that
-        scores and views follow without looking at the whole farm.
+        hold until the next ``fit`` or ``partial_fit``, a `InformationModel.copy` for longer. An estimator may
+        report its changes in `InformationModel.changed`, so that scores and views need not look at the whole
+        farm.
         """
         ...
 
 
-_OUTSIDE = 1e-4
+_OUTSIDE = 1e-4  # beyond 0..1, for rounding
 
 
 def model_fault(estimator: object, model: object) -> str | None:
-    """Return what is wrong with what an estimator's ``predict`` returned, in one line; None if nothing is."""
+    """Return the first fault of what ``predict`` returned, in one line; None if there is none."""
     if not isinstance(model, InformationModel):
         what = _KINDS.get(type(model), f"a {type(model).__name__}")
         return f"predict returned {what}, not an InformationModel"
@@ -94,21 +93,21 @@ _KINDS = {type(None): "None", np.ndarray: "an array"}
 
 
 class BaseEstimator(ABC):
-    """The part that all our estimators share: the farm, checks of the observations, parameters by name.
+    """The common part of our estimators: the farm, checks of the observations, parameters by name.
 
-    A subclass stores its parameters in ``__init__``, and writes ``_start`` (take a new farm, check the
-    parameters), ``_learn`` (take checked observations, at least one) and ``_estimate``.
+    A subclass stores its parameters in ``__init__`` and has the methods ``_start`` (take a new farm, check
+    the parameters), ``_learn`` (take at least one checked observation) and ``_estimate``.
     """
 
     incremental: ClassVar[bool] = False
-    """Whether a model after some further observations takes little time on a farm of any size."""
+    """Whether learning and predicting a few further observations is fast on a farm of any size."""
     states_deviation: ClassVar[bool] = False
-    """Whether the model's uncertainty is the standard deviation of the true values. Reports of an estimator
-    without it count what was observed."""
+    """Whether the model's uncertainty is the standard deviation of the true values; otherwise reports count
+    what was observed."""
     knows_only_seen: ClassVar[bool] = False
-    """Whether it has no opinion of cells that were not observed: no map shows these."""
+    """Whether it estimates observed cells only: maps leave the others out."""
     unbounded: ClassVar[bool] = False
-    """Whether values may lie outside 0 to 1, as those that a Gaussian process extrapolates."""
+    """Whether values may lie outside 0 to 1, as extrapolations of a Gaussian process."""
 
     fields: FieldSet = PAPER_FIELDS
     grid_: FarmGrid
@@ -163,10 +162,9 @@ class BaseEstimator(ABC):
         return self
 
     def advance(self, day: int) -> Self:
-        """Estimate a later day from now on, of which nothing has been seen yet.
+        """Estimate a later day from now on, before anything of it is observed.
 
-        What was believed is carried forward as far as the estimator knows how; one that knows nothing of time
-        believes what it did before.
+        The estimate is carried forward if the estimator has a model of time; otherwise it stays.
 
         Parameters
         ----------
@@ -189,16 +187,16 @@ class BaseEstimator(ABC):
         self.latest_day_ = day if self.latest_day_ is None else max(day, self.latest_day_)
 
     def prepare(self, days: Sequence[int], progress: Progress | None = None) -> Self:  # noqa: ARG002
-        """Learn now what estimates of some days need before any observation; nothing for most estimators.
+        """Train beforehand for estimates of some days; most estimators need no training.
 
-        Without this call it is learned by the first `predict`.
+        Without this call, the first `predict` trains.
 
         Parameters
         ----------
         days : sequence of int
             The days that will be observed.
         progress : callable, optional
-            ``progress(what, done, total)``; not called if all was learned before and kept.
+            ``progress(what, done, total)``; not called if nothing has to be learned.
 
         Raises
         ------
@@ -209,7 +207,7 @@ class BaseEstimator(ABC):
         return self
 
     def predict(self) -> InformationModel:
-        """Return what is believed now, in arrays that hold until the next `fit` or `partial_fit`.
+        """Return the present estimate, in arrays that hold until the next `fit` or `partial_fit`.
 
         Raises
         ------
@@ -220,7 +218,7 @@ class BaseEstimator(ABC):
         return self._estimate()
 
     def memory_bytes(self, shape: tuple[int, int], n_observations: int) -> int:  # noqa: ARG002
-        """Tell how many bytes fit and predict take on a farm of this shape, the model included."""
+        """Return the bytes that fit and predict take on a farm of this shape, the model included."""
         width, height = shape
         return 2 * len(self.fields) * 4 * width * height
 
@@ -276,21 +274,21 @@ class BaseEstimator(ABC):
 
 
 def prepare_estimator(estimator: Estimator, days: Sequence[int], progress: Progress | None = None) -> None:
-    """Let an estimator that can do so learn beforehand what estimates of some days need."""
+    """Train an estimator for some days, if it has `BaseEstimator.prepare`."""
     prepare = getattr(estimator, "prepare", None)
     if prepare is not None:
         prepare(days, progress)
 
 
 def advance_estimator(estimator: Estimator, day: int) -> None:
-    """Let an estimator that knows of days estimate another one from now on, see `BaseEstimator.advance`."""
+    """Go on to another day with an estimator, if it has `BaseEstimator.advance`."""
     advance = getattr(estimator, "advance", None)
     if advance is not None:
         advance(day)
 
 
 def estimator_memory(estimator: Estimator, shape: tuple[int, int], n_observations: int) -> int:
-    """Tell the memory that an estimator takes, as it says itself or else that of its model, in bytes."""
+    """Return an estimator's memory in bytes: by its own method, or else that of its model."""
     own = getattr(estimator, "memory_bytes", None)
     width, height = shape
     return (
@@ -344,11 +342,11 @@ def make_estimator(
     Parameters
     ----------
     name : str or Estimator
-        One of `estimator_names`, or an estimator, which is given back as it is and takes no parameters here.
+        One of `estimator_names`, or an estimator, which is returned as it is and takes no parameters here.
     fields : FieldSet
-        What is observed. Handed to the estimator if it has a parameter of this name.
+        The observed fields; passed to the estimator if it has a parameter of this name.
     random_state : Generator, SeedSequence, int or None
-        Handed on as it is if the estimator has a parameter of this name, otherwise not needed.
+        Passed to the estimator if it has a parameter of this name.
     **params
         Further parameters of the estimator's ``__init__``.
 
@@ -412,22 +410,14 @@ def _registered() -> dict[str, EntryPoint]:
 
 
 SMALL_FARM_CELLS = 128 * 128
-"""On farms of more cells, what `epidemic` gains over `gp` is not worth its time and memory."""
+"""On larger farms the gain of `epidemic` over `gp` is not worth its time and memory."""
 
 
 def default_estimator(farm: Farm, fields: Sequence[str] = PAPER_FIELDS.names) -> str:
     """Return the name of the estimator of least loss that a farm can afford.
 
-    That is ``epidemic`` on farms of up to 128 x 128 cells and ``gp`` on larger ones, by the figures in
-    ``docs/decisions/0013-default-estimator.md``. Fields other than the paper's three are left to ``gp`` on
-    any farm: ``epidemic`` knows no others.
-
-    Parameters
-    ----------
-    farm : Farm
-        Where is flown.
-    fields : sequence of str, optional
-        The fields that are sensed.
+    That is ``epidemic`` for the paper's three fields on farms of up to 128 x 128 cells, and ``gp`` for other
+    fields and larger farms, by the figures in ``docs/decisions/0013-default-estimator.md``.
 
     Examples
     --------

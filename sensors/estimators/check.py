@@ -20,8 +20,7 @@ from geo.grid import FarmGrid
 from sensors.errors import EstimatorError, ObservationError
 from sensors.estimators.base import Estimator, estimator_fields, model_fault
 from sensors.observations import Observations
-from sensors.scoring.information import CLASSES, InformationModel
-from sensors.scoring.tiles import TILE_CELLS
+from sensors.scoring.information import CLASSES, TILE_CELLS, InformationModel
 
 SHAPE = (12, 9)
 WIDE_SHAPE = (150, 70)
@@ -125,7 +124,9 @@ class _Subject:
         self, a: InformationModel, b: InformationModel, text: str, tolerance: float = 0.0
     ) -> None:
         pairs = ((a.value, b.value), (a.uncertainty, b.uncertainty))
-        same = all(np.allclose(one, two, rtol=0, atol=tolerance, equal_nan=True) for one, two in pairs)
+        same = all(
+            np.allclose(first, second, rtol=0, atol=tolerance, equal_nan=True) for first, second in pairs
+        )
         self.require(same, text)
 
 
@@ -244,10 +245,10 @@ def _check_arrays(subject: _Subject) -> None:
     kept = model.copy()
     estimator.partial_fit(subject.observations([5], [5], [subject.readings(0.0, 0.0, 1.0)])).predict()
     # Arrays that the caller may write to are his own; the estimator's are read-only and change with it.
-    for one, other in ((model.value, kept.value), (model.uncertainty, kept.uncertainty)):
-        if one.flags.writeable:
+    for array, before in ((model.value, kept.value), (model.uncertainty, kept.uncertainty)):
+        if array.flags.writeable:
             text = "an array that can be written to must not change when the estimator learns more"
-            subject.require(np.array_equal(one, other), text)
+            subject.require(np.array_equal(array, before), text)
     estimator = subject.fresh().fit(subject.grid, subject.seen)
     spoilt = estimator.predict()
     for array in (spoilt.value, spoilt.uncertainty):

@@ -1,15 +1,14 @@
-"""What readings of an earlier day tell of a later one.
+"""Readings of earlier days, carried forward to a later one.
 
-A reading is carried forward as the conditional mean of the later value, and what the later value may differ
-from that is its variance: the prediction of a Kalman filter (Kalman 1960, "A new approach to linear filtering
-and prediction problems") whose transition is learned from simulated environments, drawn with seeds of their
-own. Of a disease the transition is that of its classes, so infected plants grow old and lost ones stay lost.
-Of a continuous field it is the regression of the later values on the earlier ones.
+A reading becomes the conditional mean of the later value, with the conditional variance: the prediction of a
+Kalman filter (Kalman 1960, "A new approach to linear filtering and prediction problems") whose transition is
+learned from simulated environments with seeds of their own. A disease's transition is that of its classes, so
+infected plants grow old and lost ones stay lost. A continuous field's is the regression of later on earlier
+values.
 
-A smooth field changes by whole stretches of land, as by rain: the change of a day is itself a smooth field,
-and readings of the earlier day are wrong together, not each for itself. A thousand of them tell no more of
-today than the change of a day leaves of them all. Written in functions whose weights w are standard normal
-before anything is seen, the weights of the later day are ``w' = r w + sqrt(1 - r^2) e``, with e standard
+A smooth field changes by whole stretches of land, as by rain: the change of a day is a smooth field, and the
+errors of an earlier day's readings are correlated, however many there are. In functions whose weights w are
+standard normal a priori, the weights of the later day are ``w' = r w + sqrt(1 - r^2) e``, with e standard
 normal and independent of w, and r the correlation of the days (a first-order autoregressive process;
 Hartikainen & Särkkä 2010, "Kalman filtering and smoothing solutions to temporal Gaussian process regression
 models").
@@ -17,7 +16,7 @@ models").
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
@@ -26,9 +25,8 @@ from numpy.typing import NDArray
 from geo.grid import FarmGrid
 from geo.linear_algebra import solve_positive
 from geo.seeds import stream
-from sensors.dynamics.continuous import ContinuousDynamics
+from sensors.dynamics.continuous import ContinuousDynamics, Measured
 from sensors.dynamics.epidemic import MAX_DAYS, EpidemicParameters, simulate_outbreak, value_table
-from sensors.dynamics.measured import Measured
 from sensors.fields import Field
 
 _LAND_CELLS = 64
@@ -36,14 +34,14 @@ _OUTBREAKS = 100
 _WEATHERS = 64
 _SOIL_CELLS = 24
 _DAYS_AT_ONCE = 16
-_LEAST_CORRELATION = 1e-3
+_LEAST_CORRELATION = 1e-3  # readings are divided by it
 _CLASSES = (0.0, 0.5, 1.0)
 _Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Transition:
-    """From readings of one day to what they tell of a later one.
+    """Mean and variance of a field's value on a later day, given a reading.
 
     >>> half = Transition(np.array([0.0, 1.0]), np.array([0.2, 0.6]), np.array([0.1, 0.1]), 0.4)
     >>> [part.tolist() for part in half(np.array([0.5]))]
@@ -51,9 +49,9 @@ class Transition:
     """
 
     readings: _Floats
-    """float64[k]: rising values of a reading; between them all is linear."""
+    """float64[k]: rising values of a reading; means and variances are linear between them."""
     means: _Floats
-    """The mean of the later value after such a reading."""
+    """The mean of the later value after each reading."""
     variances: _Floats
     spread: float
     """Variance of the later value without any reading."""
@@ -69,7 +67,7 @@ class Transition:
         return float(np.sqrt(np.clip(known, _LEAST_CORRELATION**2, 1.0)))
 
     def doubt(self, variances: _Floats) -> _Floats:
-        """Return which part of what is unknown without a reading is unknown still: 0..1."""
+        """Return variances as parts of the variance without a reading: 0..1."""
         return np.minimum(variances / self.spread, 1.0) if self.spread > 0.0 else np.zeros(len(variances))
 
 
@@ -81,7 +79,7 @@ def carried(
     day: int,
     seed: int = 0,
 ) -> tuple[_Floats, _Floats]:
-    """Return what readings of several days tell of a day, and the `Transition.doubt` about it."""
+    """Return readings of several days carried forward to a day, and their `Transition.doubt`."""
     value, doubt = np.asarray(values, np.float64).copy(), np.zeros(len(values))
     for earlier in np.unique(days[days < day]).tolist():
         of_day = days == earlier
@@ -92,7 +90,7 @@ def carried(
 
 
 def transition(field: Field, grid: FarmGrid, earlier: int, later: int, seed: int = 0) -> Transition:
-    """Return what readings of a field on an earlier day tell of a later one."""
+    """Return the transition of a field from an earlier day to a later one."""
     if field.kind == "disease":
         hosts = int(np.count_nonzero(field.hosts(grid)))
         return _of_classes(field.epidemic, grid.shape, hosts, earlier, later, seed, field.name)
@@ -106,17 +104,14 @@ def transition(field: Field, grid: FarmGrid, earlier: int, later: int, seed: int
 def _onsets(
     parameters: EpidemicParameters, shape: tuple[int, int], hosts: int, days: int, seed: int, name: str
 ) -> _Floats:
-    """Return how many plants of simulated outbreaks have which onset, read as an unsigned byte: float64[256].
+    """Return the number of plants of simulated outbreaks by their onset, read as unsigned byte: float64[256].
 
-    The onsets up to a day do not depend on how long an outbreak is watched, so one simulation serves many
-    days. Farms are simulated in windows full of hosts, with as many seeds a host as the farm has.
+    Onsets up to a day do not depend on the length of a simulation, so one serves many days. Windows full of
+    hosts stand for the farm, with its number of seeds a host.
     """
     land = np.ones((min(shape[0], _LAND_CELLS), min(shape[1], _LAND_CELLS)), np.bool_)
-    size = parameters.kernel_size
-    if size is None:
-        size = parameters.infection_rule(shape).kernel.size
     seeds = max(1, round(parameters.seed_count(shape) * land.size / max(hosts, 1)))
-    local = replace(parameters, seeds=seeds, kernel_size=size)
+    local = parameters.on_window(shape, seeds)
     counts = np.zeros(256)
     for number in range(_OUTBREAKS):
         rng = stream(seed, "carrying", name, str(number))
@@ -171,7 +166,7 @@ def continuous_transition(
     seed: int,
     name: str = "soil",
 ) -> Transition:
-    """Return what a continuous field of an earlier day tells of that of a later one; see `transition`."""
+    """Return the transition of a continuous field; see `transition`."""
     before, after = (_simulated(parameters, shape, day, seed, name) for day in (earlier, later))
     spread = float(after.var())
     if before.var() < 1e-12:
@@ -206,20 +201,19 @@ def pass_day(precision: _Floats, response: _Floats, correlation: float | _Floats
 
 
 class Crowding:
-    """How many readings each stretch of a farm has, and what a further one there counts for.
+    """The weights of crowded readings: the k-th of a day in a box, a quarter of a length wide, counts 1 / k.
 
-    What a process with one length does not say of a field, as that soaked soil takes no more rain, is the
-    same for readings near each other. So the k-th one of a day in a box a quarter of a length wide counts for
-    1 / k.
+    Readings near each other share the error of a process with one length, as that soaked soil takes no more
+    rain.
     """
 
     def __init__(self, shape: tuple[int, int], lengths: tuple[float, float]) -> None:
-        self._box = tuple(max(1.0, _ALIKE_LENGTHS * one) for one in lengths)
+        self._box = tuple(max(1.0, _ALIKE_LENGTHS * length) for length in lengths)
         self._rows = int(shape[1] / self._box[1]) + 1
         self._counts = np.zeros((int(shape[0] / self._box[0]) + 1) * self._rows, np.int64)
 
     def weights(self, x: NDArray[np.integer], y: NDArray[np.integer]) -> _Floats:
-        """Return what each of some further readings counts for, in their order, float64[n]."""
+        """Return the weights of further readings, in their order, float64[n]."""
         box = (x / self._box[0]).astype(np.int64) * self._rows + (y / self._box[1]).astype(np.int64)
         order = np.argsort(box, kind="stable")
         first = np.searchsorted(box[order], box[order], side="left")

@@ -21,19 +21,19 @@ if TYPE_CHECKING:
 class PointEstimator(BaseEstimator):
     """The last observation of each cell, with uncertainty 0; the default and uncertainty 1 elsewhere.
 
-    What was observed on an earlier day is carried forward as the field's own dynamics have it
-    (`sensors.estimators.days`), with the part of the variance that this leaves open as its uncertainty.
+    Readings of an earlier day are carried forward by the field's dynamics (`sensors.estimators.days`); their
+    uncertainty is the remaining part of the variance.
 
     Parameters
     ----------
     default_values : sequence of float, optional
         The value of each field in cells that were not observed; the fields' own by default.
     fields : FieldSet
-        What is observed.
+        The observed fields.
 
     Notes
     -----
-    Readings beyond 0..1, which noise makes, are taken as 0 and 1: no field has such values.
+    Readings beyond 0..1, which are noise, are clipped.
     """
 
     knows_only_seen = True

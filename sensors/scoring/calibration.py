@@ -1,7 +1,7 @@
-"""How far what an estimate states can be trusted, on the relevant cells that nobody looked at.
+"""Calibration of an estimate's probabilities and deviations, on the relevant cells that were not observed.
 
-Of a disease, from the probabilities that plants are sick (without such, from the normal distribution that
-value and deviation describe):
+Of a disease, from the probabilities that plants are sick (if there are none, from the normal distribution of
+value and deviation):
 
 - Brier score, the mean squared error of the probability (Brier 1950), and the mean negative log likelihood;
 - expected calibration error: of ten bins of the probability, how far in each the part of sick plants is from
@@ -46,7 +46,7 @@ def calibration(
     Parameters
     ----------
     model : InformationModel
-        What is believed.
+        The estimate.
     truth : float[n, W, H]
         The true values.
     unseen : bool[n, W, H]
@@ -61,8 +61,8 @@ def calibration(
     -------
     dict of str to float
         Of a disease NAME: ``NAME_brier``, ``NAME_log_loss``, ``NAME_ece``, ``NAME_sick_held``,
-        ``NAME_healthy_held``. Of others ``NAME_held`` and ``NAME_error`` (squared error by variance). What
-        cannot be told, as of a disease of which no plant is sick, is left out.
+        ``NAME_healthy_held``. Of others ``NAME_held`` and ``NAME_error`` (squared error by variance).
+        Undefined figures, as of a disease without sick plants, are left out.
 
     Raises
     ------
@@ -81,15 +81,15 @@ def calibration(
         right = truth[k][cells].astype(np.float64)
         if field.kind == "disease":
             sick = probability_of_sick(model, k, cells)
-            told = of_classes(sick, right < SICK_BELOW)
+            figures = of_classes(sick, right < SICK_BELOW)
         else:
-            told = of_normal(right, model.value[k][cells], model.uncertainty[k][cells])
-        found |= {f"{field.name}_{name}": value for name, value in told.items() if np.isfinite(value)}
+            figures = of_normal(right, model.value[k][cells], model.uncertainty[k][cells])
+        found |= {f"{field.name}_{name}": value for name, value in figures.items() if np.isfinite(value)}
     return found
 
 
 def probability_of_sick(model: InformationModel, k: int, cells: NDArray[np.bool_]) -> Floats:
-    """Return how likely some plants are sick: by the classes, or by the normal distribution."""
+    """Return the probabilities that plants are sick: from the classes, or from the normal distribution."""
     name = model.fields[k]
     if model.probabilities is not None and name in model.probabilities:
         healthy: Floats = model.probabilities[name][0][cells].astype(np.float64)
@@ -102,12 +102,12 @@ def probability_of_sick(model: InformationModel, k: int, cells: NDArray[np.bool_
 
 
 def of_classes(probability: NDArray[np.floating], sick: NDArray[np.bool_]) -> dict[str, float]:
-    """Measure probabilities of being sick, float[n], against what is: see this module's text.
+    """Measure probabilities of being sick, float[n], against the truth: see the module.
 
     Examples
     --------
-    >>> told = of_classes(np.array([0.9, 0.9, 0.1, 0.1]), np.array([True, True, False, False]))
-    >>> {name: round(value, 3) for name, value in told.items()}
+    >>> figures = of_classes(np.array([0.9, 0.9, 0.1, 0.1]), np.array([True, True, False, False]))
+    >>> {name: round(value, 3) for name, value in figures.items()}
     {'brier': 0.01, 'log_loss': 0.105, 'ece': 0.1, 'sick_held': 1.0, 'healthy_held': 0.0}
     """
     p, is_sick = probability.astype(np.float64), sick.astype(np.float64)
@@ -127,7 +127,7 @@ def of_classes(probability: NDArray[np.floating], sick: NDArray[np.bool_]) -> di
 def of_normal(
     truth: NDArray[np.floating], value: NDArray[np.floating], deviation: NDArray[np.floating]
 ) -> dict[str, float]:
-    """Measure means and standard deviations, float[n] each, against the truth: see this module's text.
+    """Measure means and standard deviations, float[n] each, against the truth: see the module.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""What errors are expected to cost: of a stated deviation, and of class probabilities with the best value."""
+"""Expected losses: of a standard deviation, and of class probabilities with the value of least loss."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ def loss_of_deviation(
     *,
     first: int = 0,
 ) -> NDArray[np.float32]:
-    """Return the expected loss of a mean that the truth lies around symmetrically.
+    """Return the expected loss of a mean about which the truth is distributed symmetrically.
 
     Half of the squared error is then above and half below::
 
         E[c] = (c_above + c_below) / 2 * s^2
 
-    `first` is which field of the weights the first of the array is; on a large farm new memory takes longer
-    than the sums, so `out` may be given.
+    `first` is the number, in the weights, of the array's first field. `out` may be given: on a large farm new
+    memory takes longer than the sums.
 
     Examples
     --------
@@ -72,7 +72,7 @@ def least_loss_value(
 def expected_loss(
     probabilities: NDArray[np.floating], value: NDArray[np.floating], too_healthy: float, too_sick: float
 ) -> NDArray[np.float64]:
-    """Return what the score is expected to charge for values: the mean over the three classes.
+    """Return the expected loss of values under the score: the mean over the three classes.
 
     Examples
     --------

@@ -1,4 +1,12 @@
-"""The information model: what is believed about every cell of the farm, and how firmly."""
+"""The information model: value and uncertainty of every cell of the farm.
+
+Estimators report changes, and the score keeps its sums, in square tiles: tile (i, j) holds the cells
+``[64 i, 64 (i + 1)) x [64 j, 64 (j + 1))``, cut off at the farm's border. A set of tiles is a boolean array
+with one entry per tile.
+
+>>> tile_shape((6000, 5000))
+(94, 79)
+"""
 
 from __future__ import annotations
 
@@ -10,19 +18,64 @@ from numpy.typing import NDArray
 
 from sensors.errors import EstimatorError
 from sensors.fields import PAPER_FIELDS, FieldSet
-from sensors.scoring.tiles import tile_shape
 
 CLASSES = ("healthy", "infected", "lost")
-"""What a plant may be, in the order of the class probabilities."""
+"""Classes of a plant, in the order of the class probabilities."""
 HELD = 0.9
-"""Which part of the sick plants that nobody looked at is among those that may be sick."""
+"""Share of the unobserved sick plants that `InformationModel.may_be_sick` is meant to hold."""
+_CERTAIN = 1e-6  # probabilities nearer than this to 1 are rounding errors of a certain plant
+
+TILE_CELLS = 64
+SQUARES, WORSE_SQUARES, ABSOLUTE, WORSE_ABSOLUTE = range(4)
+SUMS = 4
+"""Of a tile: squared and absolute errors, each of all cells and of those where the estimate is above."""
 
 
-_CERTAIN = 1e-6
+def tile_shape(shape: tuple[int, int]) -> tuple[int, int]:
+    """Return the number of tiles along x and y of a farm of this shape (in cells)."""
+    width, height = shape
+    return -(-width // TILE_CELLS), -(-height // TILE_CELLS)
+
+
+def tiles_of_boxes(
+    shape: tuple[int, int],
+    x0: NDArray[np.integer],
+    x1: NDArray[np.integer],
+    y0: NDArray[np.integer],
+    y1: NDArray[np.integer],
+) -> NDArray[np.bool_]:
+    """Find the tiles that any of the boxes ``[x0, x1) x [y0, y1)`` touches.
+
+    What lies outside the farm is cut off, empty boxes touch nothing.
+
+    Examples
+    --------
+    >>> box = [np.array([v]) for v in (60, 65, 0, 1)]
+    >>> tiles_of_boxes((200, 100), *box).astype(int).tolist()
+    [[1, 0], [1, 0], [0, 0], [0, 0]]
+    """
+    width, height = shape
+    x0, x1 = np.clip(x0, 0, width), np.clip(x1, 0, width)
+    y0, y1 = np.clip(y0, 0, height), np.clip(y1, 0, height)
+    some = (x0 < x1) & (y0 < y1)
+    if width <= TILE_CELLS and height <= TILE_CELLS:
+        # Small farms are updated after every observation: the sums below would cost more than the update.
+        return np.array([[bool(some.any())]])
+    left, low = x0[some] // TILE_CELLS, y0[some] // TILE_CELLS
+    right, high = (x1[some] - 1) // TILE_CELLS + 1, (y1[some] - 1) // TILE_CELLS + 1
+    columns, rows = tile_shape(shape)
+    # Corners of the boxes; two running sums turn them into the number of boxes over each tile.
+    count = np.zeros((columns + 1, rows + 1), np.int64)
+    np.add.at(count, (left, low), 1)
+    np.add.at(count, (right, high), 1)
+    np.add.at(count, (left, high), -1)
+    np.add.at(count, (right, low), -1)
+    touched: NDArray[np.bool_] = count.cumsum(axis=0).cumsum(axis=1)[:columns, :rows] > 0
+    return touched
 
 
 def least_sick(sick: NDArray[np.floating]) -> float:
-    """Return from which probability on plants may be sick, by `InformationModel.may_be_sick`.
+    """Return the least probability of plants that may be sick, by `InformationModel.may_be_sick`.
 
     Examples
     --------
@@ -38,7 +91,7 @@ def least_sick(sick: NDArray[np.floating]) -> float:
 
 
 class LazyProbabilities(Mapping[str, NDArray[np.float32]]):
-    """Class probabilities that are computed when they are asked for, and not kept: large farms have many."""
+    """Class probabilities that are computed at each access and not kept, for large farms."""
 
     __slots__ = ("_compute", "_diseases")
 
@@ -70,7 +123,7 @@ class InformationModel:
     uncertainty : float32[n, W, H]
         Zero where the value is known, growing with doubt; its scale is the estimator's own.
     changed : bool[tiles along x, tiles along y], optional
-        The tiles (`sensors.scoring.tiles`) outside of which no value and no uncertainty differs from the
+        The tiles (see the module) outside of which no value and no uncertainty differs from the
         model that the same estimator's `predict` returned before; None if everything may differ. With an
         axis of fields before these two, the same field by field.
     revision : int, optional
@@ -86,8 +139,7 @@ class InformationModel:
     loss_map : float32[n, W, H], or a callable that gives it, optional
         See `expected_loss`; a callable is asked at each access.
     correlation_length : tuple of float, optional
-        Of the process that the estimator takes each field for, cells: how far a reading tells of what is
-        around it. None if the estimator has none.
+        Correlation length of each field in the estimator's model, cells; None if it has none.
 
     Raises
     ------
@@ -136,11 +188,11 @@ class InformationModel:
 
     @property
     def expected_loss(self) -> NDArray[np.float32] | None:
-        """What the score is expected to charge for `value`, cell by cell; None if the estimator does not say.
+        """The expected loss of `value` in each cell, float32[n, W, H]; None if the estimator gives none.
 
-        float32[n, W, H]: squared errors times the costs of estimates that are too healthy or too sick,
-        without the weights of the fields, and in every cell, whether it is scored or not. The mean over a
-        field's mask is the field's loss that the estimator itself expects. It holds as long as `value` does.
+        It is the squared error times the costs of estimates that are too healthy or too sick, without the
+        weights of the fields, in scored and other cells. Its mean over a field's mask is the field's loss
+        that the estimator expects. It holds as long as `value` does.
 
         Raises
         ------
@@ -172,12 +224,11 @@ class InformationModel:
         return value
 
     def may_be_sick(self, disease: str, where: NDArray[np.bool_] | None = None) -> NDArray[np.bool_]:
-        """Return the plants that may be sick, bool[W, H]: as few as hold 90 % of the sick ones.
+        """Return the plants that may be sick, bool[W, H]: the fewest that hold 90 % of the sick plants.
 
-        Of the plants that are not known, those of the largest probabilities that are sick are taken until
-        these add up to 90 % of the sum over all. If the probabilities are right, so many of the sick plants
-        are among them: coverage of a class, not of all cells, of which nearly all are healthy. Plants that
-        are known to be sick belong to them, too.
+        Unknown plants are taken in falling order of their probability to be sick, until these add up to 90 %
+        of the sum over all. If the probabilities are right, 90 % of the sick plants are among them: coverage
+        of a class, not of all cells, of which nearly all are healthy. Plants known to be sick belong, too.
 
         Parameters
         ----------
@@ -200,13 +251,13 @@ class InformationModel:
         return found
 
     def changed_in(self, k: int) -> NDArray[np.bool_]:
-        """Return the tiles in which the field with this number may have changed."""
+        """Return the tiles in which field `k` may have changed."""
         if self.changed is None:
             return np.ones(tile_shape(self.shape), np.bool_)
         return self.changed if self.changed.ndim == 2 else self.changed[k]
 
     def copy(self) -> InformationModel:
-        """Return a model in arrays of its own, which stays as it is when the estimator learns more."""
+        """Return a model in arrays of its own, which further learning does not change."""
         probabilities = None
         if self.probabilities is not None:
             probabilities = {name: np.array(array) for name, array in self.probabilities.items()}
@@ -222,7 +273,7 @@ class InformationModel:
 
     @classmethod
     def unknown(cls, shape: tuple[int, int], fields: FieldSet) -> InformationModel:
-        """Know nothing: the fields' defaults, in arrays that take no memory."""
+        """Return the model without any knowledge: the fields' defaults, in arrays that take no memory."""
         full = (len(fields), *shape)
         value = np.broadcast_to(np.array(fields.defaults, np.float32)[:, None, None], full)
         return cls(value, np.broadcast_to(np.float32(1.0), full), fields=fields.names)
@@ -236,7 +287,7 @@ class InformationModel:
         uncertainty: float,
         fields: tuple[str, ...] = PAPER_FIELDS.names,
     ) -> InformationModel:
-        """Believe the same of every cell: `value` per field, one `uncertainty` for all."""
+        """Return a model of equal cells: a `value` for each field, and one `uncertainty`."""
         values = np.empty((len(fields), *shape), np.float32)
         values[:] = np.asarray(value, np.float32)[:, None, None]
         return cls(values, np.full_like(values, uncertainty), fields=fields)

@@ -1,4 +1,4 @@
-"""What the errors of an estimate cost the farmer: the Waterberry Farms paper's score, and plainer metrics.
+"""The score of an estimate: the costs of its errors by the Waterberry Farms paper, and plainer metrics.
 
 The paper's loss, with estimate I, truth E and relevance mask M of each field i, over c scored times::
 
@@ -18,15 +18,14 @@ from numpy.typing import NDArray
 from geo.linear_algebra import product
 from sensors.errors import EstimatorError
 from sensors.fields import PAPER_FIELDS, FieldSet
-from sensors.scoring.information import InformationModel
-from sensors.scoring.tiles import SUMS, TILE_CELLS, tile_shape
+from sensors.scoring.information import SUMS, TILE_CELLS, InformationModel, tile_shape
 
 _PerField = tuple[float, ...]
 
 
 @dataclass(frozen=True, slots=True)
 class ScoreWeights:
-    """What errors cost, per field.
+    """Costs of errors, per field.
 
     Parameters
     ----------
@@ -52,7 +51,7 @@ class ScoreWeights:
 
     @classmethod
     def of(cls, fields: FieldSet) -> ScoreWeights:
-        """Take the weights of a field set."""
+        """Return the weights of a field set."""
         return cls(
             tuple(field.weight for field in fields),
             tuple(field.cost_above for field in fields),
@@ -65,7 +64,7 @@ PAPER_WEIGHTS = ScoreWeights.of(PAPER_FIELDS)
 
 @dataclass(frozen=True, slots=True)
 class Score:
-    """The score of one estimate, and what it is made of; tuples are in the order of the fields.
+    """The score of one estimate and its parts; tuples are in the order of the fields.
 
     Parameters
     ----------
@@ -78,9 +77,9 @@ class Score:
     field_weighted_mae : tuple of float
         Mean asymmetric absolute error over each field's mask.
     authors_axis_max : float
-        What the authors' code computes in place of the paper's formula (a maximum along x, taken for a clip
-        at zero): it saturates, it can be positive for an estimate that is wrong everywhere, and it is here
-        only to place the paper's published figures. Never rank by it.
+        The figure of the authors' code, in place of the paper's formula (a maximum along x, meant as a clip
+        at zero). It saturates and can be positive for an estimate that is wrong everywhere; it serves only to
+        compare with the paper's published figures. Never rank by it.
     fields : tuple of str
         The names of the fields.
     """
@@ -142,10 +141,9 @@ def paper_loss(
 class RunningScore:
     """Scores the estimates of one run against the same truth; masks and counts are prepared once.
 
-    The sums over the cells are kept for each tile of the farm (`sensors.scoring.tiles`). An estimator's
-    model that says what changed since the one before is summed again only there, with the very result that
-    summing everything has: no error accumulates, because tiles are summed anew and added up, nothing is
-    subtracted.
+    The sums over the cells are kept for each tile of the farm (`sensors.scoring.information`). If a model
+    reports its changes since the one before, only these tiles are summed anew. The result is that of summing
+    everything, to the bit: nothing is subtracted, so no error accumulates.
 
     Parameters
     ----------
@@ -200,7 +198,7 @@ class RunningScore:
         self.advance(truth)
 
     def advance(self, truth: NDArray[np.floating]) -> None:
-        """Score the following estimates against another truth (the next day)."""
+        """Score further estimates against another truth (the next day)."""
         self._check_shape(truth, "truth")
         self._truth = truth
         self._summed = None
@@ -263,7 +261,7 @@ class RunningScore:
 
     @property
     def score(self) -> float:
-        """The paper's score of the run so far, -L."""
+        """The paper's score of the run until now, -L."""
         return -self.loss
 
     def _follows(self, estimate: NDArray[np.floating] | InformationModel) -> bool:

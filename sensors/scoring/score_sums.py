@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geo.compiled import compiled
-from sensors.scoring.tiles import ABSOLUTE, SQUARES, TILE_CELLS, WORSE_ABSOLUTE, WORSE_SQUARES
+from sensors.scoring.information import ABSOLUTE, SQUARES, TILE_CELLS, WORSE_ABSOLUTE, WORSE_SQUARES
 
 
 @compiled(inline="late", nogil=True, allocates=False)

@@ -137,7 +137,7 @@ LEFT_TO_THE_PROCESSOR = re.compile(
     r"linalg\.(norm|solve|inv|pinv|cholesky|lstsq|svd|qr|eig|eigh|det|slogdet|matrix_power|multi_dot)"
 )
 ALLOWED = {
-    "sensors/estimators/gp/sklearn_gp.py": "scikit-learn's own",
+    "wbf_mission/addons/authors/sklearn_gp.py": "scikit-learn's own",
     "wbf_mission/addons/boards/audit.py": "compared to a tolerance",
     "wbf_mission/addons/paper/cost.py": "values to measure the time with",
     "wbf_mission/addons/export/rerun.py": "drawn",

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from geo.grid import FarmGrid
-from sensors.estimators.disk.adaptive_disk import AdaptiveDiskEstimator
+from sensors.estimators.adaptive_disk import AdaptiveDiskEstimator
 from sensors.estimators.gp.cell_posterior import ExactPosterior
 from sensors.estimators.gp.local import LocalPosterior, WholePosterior
 from sensors.estimators.gp.rbf import RbfKernel

@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from geo import Crop, Farm, LocalFrame, Patch
-from sensors.dynamics.measured import Measured
+from sensors.dynamics.continuous import Measured
 from sensors.environment.generate import generate_environment
 from sensors.errors import EnvironmentDataError, FieldError
 from sensors.estimators.base import make_estimator

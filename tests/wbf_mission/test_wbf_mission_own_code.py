@@ -134,7 +134,7 @@ def test_files_that_code_names_and_modules_beside_it_count_with_it(tmp_path, cap
         if name is not None:
             (tmp_path / name).write_text(text)
         program = (
-            "from wbf_mission.own_code import own_choice; from wbf_mission.bench.meaning import own_digest;"
+            "from wbf_mission.own_code import own_choice; from wbf_mission.bench.digests import own_digest;"
             f"print(own_digest(own_choice({str(tmp_path / 'loads.py')!r} + ':Loads', 'policy').made))"
         )
         done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)

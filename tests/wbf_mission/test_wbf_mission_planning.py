@@ -24,7 +24,7 @@ from sim_vehicle.prediction.predict import PREDICTION_PAIRS, expected_flights
 from wbf_mission.cli import output
 from wbf_mission.cli.app import main
 from wbf_mission.planning import plan
-from wbf_mission.planning.budget import FlightTravelCost, LegFares
+from wbf_mission.planning.budget import FlightTravelCost, LegCosts
 from wbf_mission.planning.coverage import predicted_coverage
 from wbf_mission.scenario import Scenario, ScenarioError, scenario_with
 
@@ -298,7 +298,7 @@ def test_leaving_the_path_that_is_flown_has_its_price_where_the_autopilot_loses_
     spec = with_autopilot(get_vehicle("quad"), autopilot)
     predictor = OnwardPredictor(spec, LocalFrame(28.05, -82.15), (0.0, 0.0), altitude_m=10.0, speed_m_s=5.0)
     present = np.array([[80.0, 0.0], [80.0, 40.0]])
-    rough = LegFares(5.0, spec.acceleration_m_s2, (0.0, 0.0), 1.0)
+    rough = LegCosts(5.0, spec.acceleration_m_s2, (0.0, 0.0), 1.0)
     state = InFlight((40.0, 0.0), 10.0, (5.0, 0.0))
     travel_cost = FlightTravelCost(state, predictor, rough, "s", float, present, autopilot == "ardupilot")
     ahead, aside = np.array([[81.0, 0.0]]), np.array([[40.0, 40.0]])

@@ -8,7 +8,7 @@ from flight_logs import UTC_S, write_dataflash, write_picture, write_telemetry
 
 from geo import get_farm
 from mission.logs import LogError, read_track
-from sensors.dynamics.measured import Measured
+from sensors.dynamics.continuous import Measured
 from sensors.errors import ObservationError
 from sensors.fields import ALL_CROPS, PAPER_FIELDS, Field, FieldSet
 from wbf_mission.readings import is_cells, join, read_readings

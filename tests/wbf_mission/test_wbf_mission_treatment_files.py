@@ -18,7 +18,7 @@ from live_page import chromium
 from pyproj import Transformer
 
 from geo import Crop, Farm, LocalFrame, Patch, get_farm
-from sensors.dynamics.measured import Measured
+from sensors.dynamics.continuous import Measured
 from sensors.fields import ALL_CROPS, PAPER_FIELDS, Field, FieldSet
 from sensors.observations import Observations
 from sensors.scoring.information import InformationModel

@@ -8,7 +8,7 @@ from sensors.errors import EnvironmentDataError
 from sensors.fields import PAPER_FIELDS
 from wbf_mission import Scenario, fly
 from wbf_mission.addons.rl.task import SurveyTask
-from wbf_mission.bench.meaning import meaning_of
+from wbf_mission.bench.digests import meaning_of
 from wbf_mission.cli.app import main
 from wbf_mission.results.result import load_result
 from wbf_mission.run.resolve import make_environment, resolve

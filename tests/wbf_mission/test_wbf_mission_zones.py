@@ -11,7 +11,7 @@ from scipy.integrate import quad
 from scipy.stats import beta, norm
 
 from geo import get_farm
-from sensors.dynamics.measured import Measured
+from sensors.dynamics.continuous import Measured
 from sensors.dynamics.soil import SoilParameters
 from sensors.fields import ALL_CROPS, PAPER_FIELDS, Field, FieldSet
 from wbf_mission.maps.blocks import MapGrid

@@ -7,8 +7,8 @@ import warnings
 from pathlib import Path
 
 from geo.processes import interrupts_noted
-from wbf_mission.bench.asked import keep_asked
 from wbf_mission.bench.engine import fly_all
+from wbf_mission.bench.requests import keep_asked
 from wbf_mission.bench.rows import BenchRow, BenchStore
 from wbf_mission.bench.spec import BenchSpec
 from wbf_mission.bench.versions import build_of

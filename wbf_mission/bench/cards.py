@@ -10,7 +10,7 @@ import numpy as np
 
 from geo import Farm
 from sensors.field_files import load_field_set
-from wbf_mission.bench.meaning import meaning_of
+from wbf_mission.bench.digests import meaning_of
 from wbf_mission.bench.page import Table
 from wbf_mission.scenario import Scenario, about_scenario, load_scenario, scenario_ids
 
@@ -25,7 +25,7 @@ class Card(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     about : str
         A sentence; empty of a scenario file.
     meaning : str
-        The digest of all that it means (`wbf_mission.bench.meaning.meaning_of`).
+        The digest of all that it means (`wbf_mission.bench.digests.meaning_of`).
     farm : str
         Its size and crops.
     scored : str

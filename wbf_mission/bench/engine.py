@@ -23,7 +23,7 @@ from mission.errors import PlanningError
 from mission.outcome import Outcome
 from mission.planners.budget import parse_budget
 from sensors.scoring.calibration import calibration
-from wbf_mission.bench.meaning import is_own
+from wbf_mission.bench.digests import is_own
 from wbf_mission.bench.program import program, unlike
 from wbf_mission.bench.provenance import hardware, versions
 from wbf_mission.bench.rows import BenchRow

@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from wbf_mission.bench.asked import AskedFor
 from wbf_mission.bench.cards import known_cards
 from wbf_mission.bench.environments import Scored, scored
 from wbf_mission.bench.intervals import Interval, doubt_in_words, mean_intervals, score_text
 from wbf_mission.bench.page import Listing, Page, Picture, Section, Table
+from wbf_mission.bench.requests import AskedFor
 from wbf_mission.bench.rows import BenchRow, by_pair
 from wbf_mission.bench.standings import Ratio, Standing, by_fixed, standings_of
 from wbf_mission.bench.versions import apart, machines, what_was_run

@@ -13,7 +13,7 @@ from geo.imports import load_entry
 from geo.texts import parse_whole
 from mission.policies.policy import Policy, make_policy
 from sensors.field_files import load_field_set
-from wbf_mission.bench.meaning import digest, meaning_of, own_digest
+from wbf_mission.bench.digests import digest, meaning_of, own_digest
 from wbf_mission.bench.provenance import in_words
 from wbf_mission.planning import planner_of
 from wbf_mission.run.estimation import estimator_of

@@ -94,7 +94,7 @@ def list_command(
 def _meaning(scenario: Scenario) -> str | None:
     """Return the digest of a scenario's meaning; None where its kind of vehicle is not installed."""
     from sim_vehicle.errors import VehicleError
-    from wbf_mission.bench.meaning import meaning_of
+    from wbf_mission.bench.digests import meaning_of
 
     try:
         return meaning_of(scenario)
@@ -313,8 +313,8 @@ def report_command(
     ] = None,
 ) -> int:
     """Print what the results in a folder tell, also while they are made, or write it as a report."""
-    from wbf_mission.bench.asked import read_asked
     from wbf_mission.bench.report import report_page
+    from wbf_mission.bench.requests import read_asked
     from wbf_mission.bench.rows import read_rows
     from wbf_mission.results.storage import ResultError
 

@@ -1,4 +1,4 @@
-"""The change of a vehicle's battery between two sorties: the operator's word, and what the vehicle reads."""
+"""Battery change between two sorties: the operator's word, and the vehicle's reading."""
 
 from __future__ import annotations
 
@@ -15,19 +15,16 @@ from wbf_mission.planning import PlanResult
 __all__ = ["REAL_FULL", "BatteryWait", "needed_fraction", "risen_fraction"]
 
 REAL_FULL = 0.95
-"""What a battery that was just put in reads at least: it ages, and autopilots guess by its voltage."""
+"""Least reading of a fresh battery: batteries age, and autopilots estimate by voltage."""
 _LOOK_S = 0.5
-# A vehicle that says nothing of its battery for so long does not tell it.
+# A vehicle whose battery is not heard of in this time does not report it.
 _TELLS_S = 6.0
 _BACK = 0.5
-"""Without an operator's word, the battery is changed when so much of what was used is there again."""
+"""Without an operator, a battery counts as changed once this part of the used charge is back."""
 
 
 def needed_fraction(plan: PlanResult) -> float | None:
-    """Return what a battery has to read before a sortie; None for an endless one.
-
-    That is the most that the sortie takes, and the reserve.
-    """
+    """Return the battery fraction that a sortie needs, with the reserve; None for an endless battery."""
     battery = plan.vehicle.battery
     if battery is None:
         return None
@@ -35,7 +32,7 @@ def needed_fraction(plan: PlanResult) -> float | None:
 
 
 def risen_fraction(before: float | None, lowest: float | None) -> float | None:
-    """Return what a changed battery reads at least: half of what the last sortie took is there again.
+    """Return the least reading of a changed battery: half of the charge of the last sortie is back.
 
     None if the vehicle did not tell its readings before the last sortie, and the lowest of it.
 

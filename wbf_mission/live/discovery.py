@@ -1,4 +1,4 @@
-"""What the vehicles at the other ends of links mean for a run."""
+"""Vehicles behind links, and the scenario fitted to them."""
 
 from __future__ import annotations
 
@@ -96,12 +96,12 @@ def fitted_to(scenario: Scenario, *vehicles: Vehicle) -> Scenario:
 
 
 def _for_each(names: Sequence[str]) -> str:
-    """Return what a scenario says of each vehicle: one name where all are the same."""
+    """Return a scenario's names of all vehicles; a single name if they are equal."""
     return names[0] if len(set(names)) == 1 else ",".join(names)
 
 
 def typical_vehicle(vehicle: Vehicle) -> str:
-    """Return the name of a vehicle of the kind that was heard, for who does not say which it is.
+    """Return the typical vehicle of the kind that was heard, for a run that names none.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Where a mission goes on: at an item, or where a log or the vehicle itself tells that it broke off."""
+"""Place where a mission is resumed: at an item, or where a log or the vehicle shows its end."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ _ITEM = re.compile(r"(\d{1,5})(?:\+(\d+(?:\.\d*)?|\.\d+)\s*m)?")
 _LINK = re.compile(r"(udpin|udpout|udp|tcp|tcpin|serial):.+")
 _TLOG = "flight.tlog"
 _ENOUGH_S = 2.5
-"""So long a vehicle that flies is listened to: positions count once a later heartbeat confirms them."""
+"""Time of listening to a flying vehicle: positions count once a later heartbeat confirms them."""
 
 
 def resume_place(text: str, course: Course, *, wait_s: float = 10.0) -> Place:
-    """Return where a mission is gone on with.
+    """Return the place where a mission is resumed.
 
     Parameters
     ----------
@@ -91,7 +91,7 @@ def _of_log(path: Path, course: Course) -> MissionProgress:
 
 
 def _told(what: str, progress: MissionProgress) -> Place:
-    """Return the place that was come to; the errors name who tells it."""
+    """Return the place that was reached; errors name the source."""
     try:
         place = progress.place()
     except MissionError as error:

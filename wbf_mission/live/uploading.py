@@ -1,4 +1,4 @@
-"""A mission on its way to a vehicle behind a link: the vehicle is asked, the mission checked and sent."""
+"""Checked upload to a vehicle behind a link."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def upload_checked(
 ) -> tuple[TransferReport, Report]:
     """Ask a vehicle, check a mission for it, send it, read it back; return the transfer and the findings.
 
-    `around` tells for what the mission is checked, by what the vehicle told. The other parameters and errors
+    `around` makes the circumstances of the check from the vehicle's answers. The other parameters and errors
     are those of `mission.ground.link.upload`; PreflightError if the check finds errors and it is not forced.
     """
     snapshot = ask_vehicle(link, wait_s=wait_s, system_id=system_id, note=events.note)

@@ -31,20 +31,20 @@ PAPER_STEPS_PER_CELL = 0.4  # timesteps of a day for each of the owner's cells (
 Paths = Sequence[NDArray[np.float64]]
 
 _MOST_KNOWN = 2000
-# Of the battery's usable part, where paths are decided in flight.
+# Fraction of the usable battery kept back where paths are decided in flight: the last decision is priced from
+# rounded telemetry that is a moment old.
 _SPARED = 0.02
-# Of the limit: what costs less is within it whatever the reserve asks for.
+# Fraction of the limit: the reserve is learned from a path that costs at least this; cheaper ones fit anyway.
 _NEAR = 0.5
 
 
 @dataclass(slots=True)
 class ReserveCharge:
-    """What flights may take beyond their price, so that they come home with the battery's reserve.
+    """Charge for gusts and estimate errors, so that a flight lands with the battery's reserve.
 
-    The price is quick: that of an exact estimate, in a few gusts. One flight is predicted in full, with the
-    estimate's errors and more gusts, and its `Prediction.energy_bound_wh` over its price is what all others
-    are charged. What disturbs flights varies less over longer ones: the part of it that is spread grows with
-    the square root of what is flown.
+    A path's price assumes an exact estimate and few gusts. One flight is predicted in full, with the
+    estimate's errors and more gusts. The prices of all others are multiplied by its ratio of
+    `Prediction.energy_bound_wh` to price. The spread grows with the square root of the energy flown.
     """
 
     builder: MissionBuilder
@@ -53,7 +53,7 @@ class ReserveCharge:
     _spread: float = 0.0
 
     def learn(self, mission: Mission, price_wh: float) -> None:
-        """Predict a flight in full that was priced."""
+        """Predict a priced flight in full, and learn the charge from it."""
         full = self.builder.predict(mission)
         if not (full.energy_wh > 0.0 and 0.0 < price_wh < math.inf):
             return
@@ -63,7 +63,7 @@ class ReserveCharge:
         self._spread = (full.most_wh - full.energy_wh) / math.sqrt(full.energy_wh)
 
     def rest(self, price_wh: float) -> float:
-        """Return what a rest of a flight may take that was priced in the mean wind."""
+        """Return the charge for the rest of a flight, from its price in the mean wind."""
         mean_wh = self._onward * price_wh
         return mean_wh + self._spread * math.sqrt(mean_wh)
 
@@ -78,8 +78,7 @@ class FlightBudget:
     # vehicle cannot fly
     price: Callable[[Paths], list[float]]
     explain: Callable[[NDArray[np.float64]], str]  # Why the vehicle cannot fly a path; empty if it can
-    # From what a rest of a path takes in the mean wind to what is charged for it. It is given a path of the
-    # whole flight, too.
+    # Maps a path of the whole flight to the function from the cost of a rest in the mean wind to its charge
     onward: Callable[[NDArray[np.float64]], Callable[[float], float]]
 
     def cost(self, path_xy_m: NDArray[np.float64]) -> float:
@@ -103,9 +102,9 @@ def flight_budget(
     *,
     one_battery: bool = True,
 ) -> FlightBudget:
-    """Return a budget in "s" or "Wh" that is charged by predicted flights, and what the reserve asks for.
+    """Return a budget in "s" or "Wh" that charges predicted flights, and the `reserve`.
 
-    Beyond one battery a path is priced as if it were endless: its mission is flown in sorties.
+    A path beyond one battery is priced with an endless one: its mission is flown in sorties.
     """
 
     def mission_of(path_xy_m: NDArray[np.float64]) -> Mission:
@@ -136,11 +135,11 @@ def flight_budget(
 
     def price_of(prediction: Prediction) -> float:
         spent = prediction.duration_s if unit == "s" else prediction.energy_wh
-        # A flight that goes over the budget before it fails is told by what it has spent.
+        # A flight that exceeds the budget before it fails is priced by what it has spent.
         return spent if prediction.feasible or spent > limit else math.inf
 
     def charged(reserve: ReserveCharge, missions: list[Mission], prices: list[float]) -> list[float]:
-        """Return what flights are charged; the first of about the budget's size decides of how much."""
+        """Return the charges; the first flight of about the budget's size sets the reserve's factor."""
         near = [k for k, one in enumerate(prices) if _NEAR * limit <= one <= limit]
         if near and reserve.factor is None:
             best = max(near, key=lambda k: prices[k])
@@ -168,7 +167,7 @@ def flight_budget(
 
 
 def unlimited_budget(builder: MissionBuilder) -> FlightBudget:
-    """Return a budget in which no battery ends a flight: it only tells which of two paths takes longer."""
+    """Return a budget without a limit: paths are compared by their predicted time."""
 
     def price(paths_xy_m: Paths) -> list[float]:
         missions = [builder.mission(PlannedPath(path[1:], None, "candidate")) for path in paths_xy_m]
@@ -227,7 +226,7 @@ def make_budget(text: str | None, builder: MissionBuilder, *, steered: bool = Fa
 
 
 def _battery_in(unit: str, builder: MissionBuilder) -> float:
-    """Return about what a battery less its reserve lasts for, in "s" or "Wh"."""
+    """Return the endurance of a battery less its reserve, in "s" or "Wh", in steady flight."""
     battery = builder.vehicle.battery
     if battery is None or builder.vehicle.power is None:
         return math.inf
@@ -239,24 +238,24 @@ def _battery_in(unit: str, builder: MissionBuilder) -> float:
     )
 
 
-# Of the time to brake from cruise speed to rest: what a turn costs on average, braking and speeding up again.
+# Time of a turn, in braking times from cruise speed to rest: an average turn brakes, and speeds up again.
 _TURN_SHARE = 1.0
 _SLOWEST_M_S = 0.5
-# Items count degrees in 1e-7: a point comes back from its mission that much off.
+# Items round degrees to 1e-7: a point read back from its mission is off by up to this.
 _SAME_M = 0.05
 
 
 @dataclass(frozen=True, slots=True)
-class LegFares:
-    """Roughly what straight legs cost: their length by the speed over ground in the mean wind, and a turn."""
+class LegCosts:
+    """Approximate cost of straight legs: the time at the ground speed in the mean wind, and one turn."""
 
     speed_m_s: float  # Through the air
     acceleration_m_s2: float  # With which the vehicle brakes and speeds up
     wind_m_s: tuple[float, float]  # Mean wind, the velocity of the air along x and y of the farm frame
-    a_second: float  # What a second of flight costs, in the unit of the budget
+    a_second: float  # Cost of a second of flight, in the unit of the budget
 
     def legs(self, from_m: Points, to_m: Points) -> NDArray[np.float64]:
-        """Return what the legs cost, float64[n, m], from n points to m others."""
+        """Return the costs of the legs, float64[n, m], from n points to m others."""
         steps = np.asarray(to_m, np.float64)[None, :, :] - np.asarray(from_m, np.float64)[:, None, :]
         length_m = np.hypot(steps[..., 0], steps[..., 1])
         along = steps / np.maximum(length_m, 1e-9)[..., None]
@@ -275,12 +274,11 @@ class StartTravelCost:
 
     request: PlanningRequest
     builder: MissionBuilder
-    # Whether the paths are changed in flight: then a point that is named again is no stay
-    # (`VehicleAssignment.plan_of`)
+    # Whether paths are changed in flight: a repeated point is then no hover (`VehicleAssignment.plan_of`)
     steered: bool = False
 
     def rest(self, paths_m: Sequence[Points]) -> list[float]:
-        """Return what whole flights cost; one without points costs nothing."""
+        """Return the costs of whole flights; 0 for a path without points."""
         flown = [drop_coincident(path) if self.steered else path for path in paths_m if len(path)]
         costs = iter(self.request.costs(flown) if flown else ())
         return [next(costs) if len(path) else 0.0 for path in paths_m]
@@ -300,19 +298,19 @@ class FlightTravelCost:
 
     state: InFlight  # The vehicle, as its telemetry tells it
     predictor: OnwardPredictor
-    rough: LegFares | GeometricTravelCost
+    rough: LegCosts | GeometricTravelCost
     unit: str  # {"s", "Wh"}
-    # From what a rest takes in the mean wind to what is charged for it (`FlightBudget.onward`)
+    # Maps the cost of a rest in the mean wind to its charge (`FlightBudget.onward`)
     charged: Callable[[float], float]
     # float64[n, 2]: the path that is flown
     present_m: Points = field(default_factory=lambda: np.empty((0, 2)))
     # Whether the autopilot leaves its mission for a change, and begins anew where it could stop
     loses_speed: bool = False
-    # A policy asks for what it chose, and who checks its answer asks again.
+    # The policy and the check of its answer ask for the same rests.
     _known: dict[bytes, float] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     def rest(self, paths_m: Sequence[Points]) -> list[float]:
-        """Return what rests of the path take, the way home and the landing included."""
+        """Return the costs of rests of the path, with the way home and the landing."""
         keys = [np.asarray(path, np.float64).tobytes() for path in paths_m]
         new = {key: path for key, path in zip(keys, paths_m, strict=True) if key not in self._known}
         if new:
@@ -327,10 +325,10 @@ class FlightTravelCost:
         return self.rough.legs(from_m, to_m)
 
     def change(self, points_m: Points) -> float:
-        """Return what leaving the present path costs: how much more than their lengths take both first legs.
+        """Return the cost of leaving the present path, beyond the difference in length.
 
-        Both are flown by the vehicle's own motion from its present speed, the new one as the autopilot begins
-        it after a change.
+        Both first legs are predicted from the present speed, the new one as the autopilot begins it after a
+        change.
         """
         if not self.loses_speed or not len(points_m) or not len(self.present_m):
             return 0.0
@@ -352,7 +350,7 @@ def is_same_path(one_m: Points, other_m: Points) -> bool:
 
 
 def onward_predictor(builder: MissionBuilder) -> OnwardPredictor:
-    """Return what prices rests of a vehicle's paths."""
+    """Return the predictor that prices rests of a vehicle's paths."""
     vehicle = builder.priced_vehicle
     return OnwardPredictor(
         vehicle,
@@ -365,19 +363,19 @@ def onward_predictor(builder: MissionBuilder) -> OnwardPredictor:
     )
 
 
-def leg_travel_cost(request: PlanningRequest, builder: MissionBuilder) -> LegFares | GeometricTravelCost:
-    """Return what tells roughly what legs cost, in the unit of the request's budget."""
+def leg_travel_cost(request: PlanningRequest, builder: MissionBuilder) -> LegCosts | GeometricTravelCost:
+    """Return the approximate costs of legs, in the unit of the request's budget."""
     budget, vehicle = request.budget, builder.vehicle
     if isinstance(budget, LengthBudget | StepBudget):
         return GeometricTravelCost(budget, request.start_xy_m)
     a_second = 1.0 if budget.unit == "s" else _watt_hours_a_second(vehicle, builder.level.speed_m_s)
-    return leg_fares(builder, a_second)
+    return leg_costs(builder, a_second)
 
 
-def leg_fares(builder: MissionBuilder, a_second: float = 1.0) -> LegFares:
-    """Return roughly what straight legs cost a vehicle, whose flight costs so much a second."""
+def leg_costs(builder: MissionBuilder, a_second: float = 1.0) -> LegCosts:
+    """Return the approximate costs of straight legs of a vehicle, for a cost of `a_second` per second."""
     wind = wind_of(builder.weather, builder.level, gusts=False).mean_at(builder.level.altitude_m)
-    return LegFares(
+    return LegCosts(
         min(builder.level.speed_m_s, builder.vehicle.top_speed_m_s),
         builder.vehicle.acceleration_m_s2,
         builder.farm.frame.from_east_north(wind[0], wind[1]),
@@ -386,7 +384,7 @@ def leg_fares(builder: MissionBuilder, a_second: float = 1.0) -> LegFares:
 
 
 def _watt_hours_a_second(vehicle: VehicleSpec, speed_m_s: float) -> float:
-    """Return what steady flight takes."""
+    """Return the power of steady flight, in Wh/s."""
     if vehicle.battery is None or vehicle.power is None:
         return 0.0
     return vehicle.battery.capacity_wh / endurance_s(vehicle, speed_m_s)

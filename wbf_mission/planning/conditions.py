@@ -1,4 +1,4 @@
-"""The air that vehicles meet at the height of their flight, and how wrong they are about where they are."""
+"""Wind at the height of a flight, and the position errors of its vehicle."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _SLOWEST_M_S = 1.0
 
 @dataclass(frozen=True, slots=True)
 class FlightLevel:
-    """How high and how fast a planned flight is."""
+    """Height and speed of a planned flight."""
 
     altitude_m: float  # Above home
     speed_m_s: float  # Over ground in calm air
@@ -92,7 +92,7 @@ def wind_of(
 def noise_of(
     vehicle: VehicleOptions, seed: SeedSequence | int, names: tuple[str, ...] = ("navigation",)
 ) -> SensorNoise:
-    """Return how wrong a run's vehicle is about its position; `names` are those of its random stream."""
+    """Return the position errors of a run's vehicle; `names` are those of its random stream."""
     own = child_seed(seed, *names)
     return SensorNoise(vehicle.gps_noise_m, vehicle.baro_noise_m, own, vehicle.estimate_errors)
 
@@ -102,9 +102,9 @@ _STEPS_PER_M = 10
 
 
 def separation_margin_m(first_m: float, second_m: float) -> float:
-    """Return how much nearer to each other two vehicles may be than they believe.
+    """Return the margin for the errors of two vehicles about their distance.
 
-    Three standard deviations of what their errors, which are independent, differ by, up to the next 0.1 m.
+    Three standard deviations of the difference of their independent errors, rounded up to 0.1 m.
 
     Examples
     --------
@@ -115,15 +115,15 @@ def separation_margin_m(first_m: float, second_m: float) -> float:
 
 
 def ground_separation_margin_m(options: VehicleOptions) -> float:
-    """Return how much nearer to each other over ground two vehicles of a run may be than they believe.
+    """Return the horizontal `separation_margin_m` of two vehicles of a run.
 
-    The swings of an erring estimate are as large as those by gusts, for which there is room anyway.
+    Swings by estimate errors are no larger than those by gusts, for which the separation has room.
     """
     return separation_margin_m(options.gps_noise_m, options.gps_noise_m)
 
 
 def height_error_m(options: VehicleOptions, spec: VehicleSpec) -> float:
-    """Return the standard deviation of a vehicle's error about its height over where it took off."""
+    """Return the standard deviation of a vehicle's error about its height above its take-off."""
     errs = options.estimate_errors and estimate_errs(with_autopilot(spec, options.autopilot))
     # The barometer erred at take-off, too.
     return math.hypot(HEIGHT_M if errs else 0.0, math.sqrt(2.0) * options.baro_noise_m)

@@ -37,13 +37,13 @@ from wbf_mission.scenario import (
 from wbf_mission.scenario.parts import VehicleParts
 from wbf_mission.scenario.values import DISTANCE, LAYERS
 
-# Columns in which vehicles climb and land stand so much farther apart than the vehicles have to be.
+# Spacing of the columns in which vehicles climb and land, in multiples of the required separation.
 _ROW_FACTOR = 1.5
 
 
 @dataclass(frozen=True, slots=True)
 class SingleVehicle:
-    """The options of a run as far as they concern one of its vehicles."""
+    """The options of a run for one of its vehicles."""
 
     vehicle: VehicleOptions
     """With its name, and with the parameters of its layer."""
@@ -103,7 +103,7 @@ def vehicles_of(
 
 
 def _check_radio(range_m: float | None, farm: Farm, vehicles: Sequence[Vehicle]) -> None:
-    """Raise ScenarioError if a vehicle would start beyond the radio's range: it could not be told to."""
+    """Raise ScenarioError if a vehicle starts beyond the radio's range: no command would reach it."""
     for one in vehicles:
         away_m = math.dist(one.task.builder.home_m, farm.home_m)
         if range_m is not None and away_m >= range_m:
@@ -117,10 +117,9 @@ def _check_radio(range_m: float | None, farm: Farm, vehicles: Sequence[Vehicle])
 def single_vehicles(options: VehicleParts) -> tuple[SingleVehicle, ...]:
     """Return the options of each vehicle of a run, in the order of their system ids.
 
-    With layers, each that flies does so higher than the one before it, on its way home, too: the autopilot
-    returns at the height of the layer. Layers are as far apart as told, and farther by what the vehicles err
-    about their heights. A vehicle that stands farther behind crosses the columns in which those before it
-    climb and land above all that they do there; they never come to its own.
+    With layers, each flying vehicle flies and returns higher than the one before it. The distance of two
+    layers is the separation of the scenario plus a margin for the height errors of both vehicles. A vehicle
+    that stands farther behind crosses the columns of those before it above them; they never cross its own.
     """
     asked, mission, separation = options.vehicle, options.mission, options.vehicle.keeps
     vehicles = [

@@ -1,4 +1,4 @@
-"""From a scenario to its plans: the paths within the budgets, and what they will take."""
+"""Plans of a scenario: paths within the budgets, and their predictions."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def plan(scenario: Scenario, *, progress: Progress = silent) -> PlanResult:
     Parameters
     ----------
     progress : callable
-        Told how far the planner's search is: see `wbf_mission.progress.Progress`.
+        Progress of the planner's search: see `wbf_mission.progress.Progress`.
 
     Raises
     ------
@@ -53,8 +53,8 @@ def plan_fleet(
 ) -> tuple[PlanResult, ...]:
     """Plan for all vehicles of a scenario, in the order of their system ids; errors as of `plan`.
 
-    The `farm` is the scenario's, for who has it at hand. A policy answers with the paths by which it begins,
-    when nothing is known of the farm; in flight it goes by what the estimator believes.
+    `farm` is the scenario's, if it is loaded already. A policy gives its first paths, before anything is
+    known of the farm; in flight it follows the estimate.
     """
     (farm, fields), day = farm_of(scenario.farm, farm), scenario.farm.day
     if scenario.mission.file is not None:
@@ -88,7 +88,7 @@ def plan_fleet(
 
 
 def farm_of(options: FarmOptions, farm: Farm | None = None) -> tuple[Farm, FieldSet]:
-    """Return the farm, of which the crops of the fields are to be seen, and the fields."""
+    """Return the farm, limited to the crops of the fields, and the fields."""
     fields = load_field_set(options.fields)
     return (options.load() if farm is None else farm).scouting(fields.crops), fields
 
@@ -106,7 +106,7 @@ def planner_of(choice: Choice) -> Planner:
 
 
 def read_plan(file: str, builder: MissionBuilder, footprint: int, seed: int) -> PlanResult:
-    """Take a run's mission from a file; the farm only says where its waypoints lie."""
+    """Return the plan of a mission file; the farm only places its waypoints."""
     farm, mission = builder.farm, read_mission(file)
     path_m = positions_of(mission, farm)
     if not len(path_m):

@@ -14,7 +14,7 @@ from mission.model import GeoPoint
 from mission.planners.path import Points
 from mission.sorties import resumed_at
 from sim_vehicle.prediction.battery_swaps import TrialFlights
-from wbf_mission.planning.budget import leg_fares
+from wbf_mission.planning.budget import leg_costs
 from wbf_mission.planning.builder import MissionBuilder
 from wbf_mission.planning.conditions import wind_of
 
@@ -84,7 +84,7 @@ class SortieCosts:
         def at(metres: NDArray[np.float64]) -> Points:
             return np.column_stack([np.interp(metres, way_m, axis) for axis in track_m.T])
 
-        straight_s = leg_fares(builder).legs
+        straight_s = leg_costs(builder).legs
         stands = np.array([(home.latitude_deg, home.longitude_deg) for home in homes])
         homes_m = np.column_stack(frame.from_wgs84(*stands.T))
         from_m = np.column_stack(frame.from_wgs84(course.frame.latitude_deg, course.frame.longitude_deg))

@@ -1,4 +1,4 @@
-"""What a preflight check finds: how bad, where, how much, and what to do."""
+"""Findings of a preflight check: severity, place, measured number, and fix."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ class PreflightError(WbfMissionError, ValueError):
 
 
 class Concern(Enum):
-    """What a finding is about, which decides when it counts."""
+    """Concern of a finding, which decides when it counts."""
 
     PLAN = "plan"
     """The plan alone."""
     PARAMETERS = "parameters"
-    """What is set on the vehicle."""
+    """Settings of the vehicle."""
     STATE = "state"
     """The vehicle as it stands there: battery, position. It counts before a start."""
     READINESS = "readiness"
@@ -35,7 +35,7 @@ class Concern(Enum):
 
 
 class Against(StrEnum):
-    """How a measured number compares with the one beside it."""
+    """Comparison of a measured number with its limit."""
 
     LEAST = "at least"
     """It should not be less."""
@@ -50,7 +50,7 @@ _DIGITS = range(3, 8)
 
 @dataclass(frozen=True, slots=True)
 class Measure:
-    """A number that was measured, and what it is compared with; without a unit it is a number of things.
+    """A measured number and its limit; without a unit it is a count.
 
     Examples
     --------
@@ -113,7 +113,7 @@ _NOTHING_MEASURED = dict.fromkeys(("measured", "value", "unit", "limit", "agains
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """One thing that a check found."""
+    """One finding of a check."""
 
     severity: Severity
     code: str  # What was found, in words joined by hyphens; it never changes, so that scripts can rely on it
@@ -191,7 +191,7 @@ class Report:
 
     @property
     def counts(self) -> dict[str, int]:
-        """How many findings there are of each severity."""
+        """Number of findings of each severity."""
         return {f"{severity.value}s": len(self.of(severity)) for severity in Severity}
 
     def refusal(self, consequence: str) -> PreflightError | None:
@@ -220,11 +220,11 @@ class Report:
 
 @dataclass(frozen=True, slots=True)
 class Hit:
-    """An item, counted from 0, at which a check struck, and how bad it is there."""
+    """An item, counted from 0, with the value that a check measured there."""
 
     item: int
     value: float
-    measured: tuple[float, float] | None = None  # What was measured and its limit, where that is not `value`
+    measured: tuple[float, float] | None = None  # Measured number and limit, if not `value`
 
 
 def worst_of(hits: Iterable[Hit], *, largest: bool) -> tuple[Hit, int] | None:

@@ -1,4 +1,4 @@
-"""What the vehicle can do: speeds, turns, climbs, and the wind that it withstands."""
+"""The predicted flight: speeds, turns, climbs, wind, battery, and the images that it takes."""
 
 from __future__ import annotations
 
@@ -9,26 +9,39 @@ from itertools import pairwise
 import numpy as np
 import shapely
 
-from mission.errors import MissionFileError
-from mission.files.fence import geo_fence
-from mission.model import Command, MissionType
+from mission.ground.items import Shots, shots_ordered
+from mission.model import Command
 from sim_vehicle.autopilot import fixed_wing_procedures
-from sim_vehicle.pilot.fence import Fence
 from sim_vehicle.prediction.battery_swaps import batteries_needed
 from sim_vehicle.prediction.flight import Prediction
+from wbf_mission.planning.coverage import LEAST_OF_WHOLE, asks_whole, too_little_seen
 from wbf_mission.preflight.finding import Finding, Hit, Measure, Severity, worst_of
-from wbf_mission.preflight.plan_rules import Leg, legs_of, remarks_of
-from wbf_mission.preflight.rules import found, worst
-from wbf_mission.preflight.subject import FlownTrack, Subject
+from wbf_mission.preflight.path_rules import Leg, legs_of
+from wbf_mission.preflight.rules import (
+    ERROR,
+    LEFT,
+    NOTE,
+    WARNING,
+    Checks,
+    Rule,
+    at_least,
+    at_most,
+    found,
+    worst,
+)
+from wbf_mission.preflight.subject import Subject
+
+CHECKS = Checks[[Subject]]()
 
 _FOLLOW_STEP_M = 0.5
+
 _MOST_POINTS = 20_000
 
 
 def share_flown(subject: Subject, legs: Sequence[Leg], within_m: float) -> float | None:
-    """Return which part of the length of legs is passed at no more than a distance, over ground.
+    """Return the share of the legs' length, 0 to 1, within a horizontal distance of the flown path.
 
-    0 to 1, of the flight that follows them least; None without a predicted flight.
+    Of several flights the least; None without a predicted flight.
     """
     tracks = [track.points_m[:, :2] for track in subject.tracks if len(track.points_m) > 1]
     lengths_m = np.array([leg.length_m for leg in legs])
@@ -51,13 +64,24 @@ def share_flown(subject: Subject, legs: Sequence[Leg], within_m: float) -> float
 
 
 _GROUND_OR_AIR = (0.0, 1.0)
-_TURN_BACK = 2.0
-_ZERO_M = 0.01
-_MOST_OF_IT = 0.9
-_BESIDE_M = 5.0
-"""What lies so far beside the path is still in an image that is taken from ten metres and more."""
 
 
+@CHECKS.finds(
+    Rule(
+        "too-fast",
+        WARNING,
+        "faster than {vehicle} flies: it will take longer than the speed tells",
+        "give a speed that it reaches",
+        at_most("speed", "m/s"),
+    ),
+    Rule(
+        "too-slow",
+        WARNING,
+        "below the least airspeed of the fixed wing: the autopilot flies faster",
+        "give at least that",
+        at_least("airspeed", "m/s"),
+    ),
+)
 def check_speeds(subject: Subject) -> Iterator[Finding]:
     """Speeds that the vehicle does not reach, or at which it would stall."""
     vehicle = subject.vehicle
@@ -76,6 +100,20 @@ def check_speeds(subject: Subject) -> Iterator[Finding]:
         yield from worst(subject, "too-slow", [hit for hit in orders if hit.value < least], least)
 
 
+_ZERO_M = 0.01
+
+_MOST_OF_IT = 0.9
+
+
+@CHECKS.finds(
+    Rule(
+        "short-leg",
+        WARNING,
+        "legs in a row are shorter than the acceptance radius: they count as flown at once",
+        "give a smaller radius, or leave waypoints out",
+        at_least("length of the leg", "m"),
+    )
+)
 def check_short_legs(subject: Subject) -> Iterator[Finding]:
     """Several legs that lie within one acceptance radius, so that the vehicle leaves them out.
 
@@ -105,6 +143,20 @@ def _flies_to_the_end(subject: Subject) -> bool:
     return subject.vehicle.hovers and "param2" in lossy
 
 
+_TURN_BACK = 2.0
+
+_BESIDE_M = 5.0
+"""An image from 10 m and more still shows ground this far beside the path."""
+
+
+@CHECKS.finds(
+    Rule(
+        "tight-turn",
+        WARNING,
+        "the legs are too short for the turns of a fixed wing: much of the plan is not flown",
+        "lay rows at least {room_m:.0f} m apart; where the field is too small for that, fly a multirotor",
+    )
+)
 def check_turns(subject: Subject) -> Iterator[Finding]:
     """Corners for which the legs are too short, so that a fixed wing does not fly what is planned."""
     vehicle = subject.vehicle
@@ -137,6 +189,22 @@ def check_turns(subject: Subject) -> Iterator[Finding]:
     yield found(subject, "tight-turn", item=hit.item, count=count, measure=measure, room_m=room_m)
 
 
+def _turn_rad(one: Leg, following: Leg) -> float:
+    """Return by how much the direction changes, 0 to pi."""
+    first = math.atan2(one.end_m[1] - one.start_m[1], one.end_m[0] - one.start_m[0])
+    second = math.atan2(following.end_m[1] - following.start_m[1], following.end_m[0] - following.start_m[0])
+    return abs(math.remainder(second - first, math.tau))
+
+
+@CHECKS.finds(
+    Rule(
+        "steep-leg",
+        WARNING,
+        "the leg climbs or sinks faster than the vehicle does: {outcome}",
+        "make the leg longer, or fly slower",
+        at_most("climb or descent", "m/s"),
+    )
+)
 def check_climbs(subject: Subject) -> Iterator[Finding]:
     """Legs that climb or sink faster than the vehicle does at the speed of the leg."""
     vehicle, wing = subject.vehicle, subject.vehicle.circles
@@ -157,10 +225,29 @@ def check_climbs(subject: Subject) -> Iterator[Finding]:
 
 
 TOO_GUSTY = "too-gusty"
+
 _SHORT_GUSTS_S = 1.0
 """Inertia carries a vehicle through gusts that last less than this in a whole flight."""
 
 
+@CHECKS.finds(
+    Rule(
+        "too-windy",
+        ERROR,
+        "{vehicle} would be blown away",
+        "wait for less wind",
+        at_most("wind", "m/s"),
+        by_vehicle=True,
+    ),
+    Rule(
+        TOO_GUSTY,
+        WARNING,
+        "gusts are stronger than the {limit_m_s:.3g} m/s against which {vehicle} holds its"
+        " path: it is blown aside then, and no margin to obstacles or a fence covers that",
+        "wait for less wind, or stay farther away",
+        at_most("time in such gusts", "s"),
+    ),
+)
 def check_wind(subject: Subject) -> Iterator[Finding]:
     """A mean wind in which the vehicle would be blown away; gusts that it cannot hold its path against."""
     vehicle, wind = subject.vehicle, subject.wind
@@ -183,17 +270,28 @@ def check_wind(subject: Subject) -> Iterator[Finding]:
             )
 
 
-def _turn_rad(one: Leg, following: Leg) -> float:
-    """Return by how much the direction changes, 0 to pi."""
-    first = math.atan2(one.end_m[1] - one.start_m[1], one.end_m[0] - one.start_m[0])
-    second = math.atan2(following.end_m[1] - following.start_m[1], following.end_m[0] - following.start_m[0])
-    return abs(math.remainder(second - first, math.tau))
-
-
 _COMFORT = 0.1
-"""Less than this above the reserve deserves a look; who plans for the whole battery has nothing above it."""
+"""Battery fraction above the reserve below which a note is given."""
 
 
+@CHECKS.finds(
+    Rule(
+        "battery",
+        ERROR,
+        "{flight}; {reason}",
+        "fly a shorter mission, or in the sorties that 'wbf-mission plan' cuts it into",
+        LEFT,
+        by_vehicle=True,
+    ),
+    Rule(
+        "battery-close",
+        NOTE,
+        "{flight}; hardly more is left at the end than the reserve",
+        "begin with a full battery",
+        LEFT,
+    ),
+    Rule("flight", NOTE, "{flight}", measured=LEFT),
+)
 def check_battery(subject: Subject) -> Iterator[Finding]:
     """What is left of a full battery at the end, against its reserve; and what the flight takes."""
     prediction, battery = subject.prediction, subject.vehicle.battery
@@ -229,92 +327,66 @@ def check_battery(subject: Subject) -> Iterator[Finding]:
 
 
 def _batteries(subject: Subject, prediction: Prediction) -> str:
-    """Say how many batteries a mission needs that is longer than one, where any number is enough."""
+    """Return the number of batteries that a long mission needs, in words; empty if no number is enough."""
     count = batteries_needed(
         subject.mission, subject.vehicle, prediction, wind=subject.wind, frame=subject.frame
     )
     return f"; it needs {count} batteries, changed at home" if count is not None and count > 1 else ""
 
 
-_STEP_M, _MOST_STEPS = 1.0, 1000
+@CHECKS.finds(
+    Rule(
+        "camera-too-fast",
+        WARNING,
+        "the images follow each other faster than the camera takes them: some will be missing",
+        "fly slower, or leave more distance between images",
+        at_least("time between images", "s"),
+    ),
+    Rule(
+        "camera-left-on",
+        NOTE,
+        "the camera is not stopped before the end: it goes on taking images on the way home",
+    ),
+    Rule("no-camera", NOTE, "the mission never starts a camera"),
+)
+def check_camera(subject: Subject) -> Iterator[Finding]:
+    """Images that would have to follow each other faster than the camera takes them; one that is left on."""
+    speeds = {leg.item: leg.speed_m_s for leg in legs_of(subject)}
+    hits: list[Hit] = []
+    on: int | None = None
+    order, distance_m = 0, 0.0
+    for k, item in enumerate(subject.items):
+        if (ordered := shots_ordered(item)) is not None:
+            starts = not ordered.is_off
+            on, order = (k, k) if starts else (None, order)
+            distance_m, interval_s = ordered.distance_m, ordered.interval_ms / 1000.0
+            if 0.0 < interval_s < subject.given.image_interval_s:
+                hits.append(Hit(k, interval_s))
+        elif distance_m > 0.0 and speeds.get(k, 0.0) > 0.0:
+            interval_s = distance_m / speeds[k]
+            if interval_s < subject.given.image_interval_s:
+                hits.append(Hit(order, interval_s))
+    yield from worst(subject, "camera-too-fast", hits, subject.given.image_interval_s)
+    if on is not None:
+        yield found(subject, "camera-left-on", item=on)
+    if on is None and all(shots_ordered(item) in (None, Shots()) for item in subject.items):
+        yield found(subject, "no-camera")
 
 
-def check_fence(subject: Subject) -> Iterator[Finding]:
-    """Whether home, the rally points and the path that is flown stay within the fence, with the margin."""
-    if not subject.mission.fence:
-        return
-    try:
-        geo_fence(subject.mission.fence)
-    except MissionFileError as error:
-        told = any(
-            one.plan is MissionType.FENCE and one.severity is Severity.ERROR for one in remarks_of(subject)
-        )
-        if not told:
-            yield found(subject, "bad-fence", plan="fence", error=error)
-        return
-    fence = _fence_of(subject)
-    home_m = fence.margin_m(0.0, 0.0)
-    if home_m < 0.0:
-        yield found(subject, "home-outside-fence", plan="fence", measured=(home_m, 0.0))
-    for k, item in enumerate(subject.mission.rally):
-        margin_m = fence.margin_m(*subject.frame.from_wgs84(item.x, item.y))
-        if margin_m < 0.0:
-            yield found(subject, "rally-outside-fence", item=k, plan="rally", measured=(margin_m, 0.0))
-    near = [
-        Hit(int(item), float(margin))
-        for track in _paths(subject)
-        for item, margin in zip(track.items, fence.margins_m(*track.points_m[:, :2].T), strict=True)
-        if margin < subject.given.margin_m
-    ]
-    outside = [hit for hit in near if hit.value < 0.0]
-    if outside:
-        yield from worst(subject, "outside-fence", outside, 0.0)
-    else:
-        yield from worst(subject, "near-fence", near, subject.given.margin_m)
-
-
-def _fence_of(subject: Subject) -> Fence:
-    """Return the fence as the autopilot takes it: within one area or within all."""
-    from sim_vehicle.autopilot import autopilot_of_number
-
-    firmware = autopilot_of_number(subject.profile.autopilot).for_vehicle(subject.vehicle.kind)
-    return Fence.of(subject.mission.fence, subject.frame, any_inclusion=firmware.rules.any_inclusion)
-
-
-def check_obstacles(subject: Subject) -> Iterator[Finding]:
-    """Whether the path that is flown stays clear of the farm's obstacles, beside or above them."""
-    touched: list[Hit] = []
-    too_near: dict[float, list[Hit]] = {}
-    for obstacle in subject.obstacles:
-        margin_m = obstacle.margin(subject.given.margin_m)
-        top_m = math.inf if obstacle.height_m is None else obstacle.height_m
-        shapely.prepare(obstacle.polygon)
-        for track in _paths(subject):
-            legs = shapely.linestrings(np.stack((track.points_m[:-1, :2], track.points_m[1:, :2]), axis=1))
-            above = np.maximum(np.minimum(track.points_m[:-1, 2], track.points_m[1:, 2]) - top_m, 0.0)
-            near = np.flatnonzero(shapely.dwithin(legs, obstacle.polygon, margin_m) & (above <= margin_m))
-            # Beside it, over it, or both: the nearest corner of its top is as far as that.
-            away = np.hypot(shapely.distance(legs[near], obstacle.polygon), above[near])
-            for k, metres in zip(near, away, strict=True):
-                hits = touched if metres == 0.0 else too_near.setdefault(margin_m, [])
-                hits.append(Hit(int(track.items[k + 1]), float(metres)))
-    if touched:
-        yield from worst(subject, "obstacle", touched, subject.given.margin_m)
-        return
-    for margin_m, hits in too_near.items():
-        yield from worst(subject, "near-obstacle", hits, margin_m)
-
-
-def _paths(subject: Subject) -> list[FlownTrack]:
-    """Return the paths that are judged: as they are flown, else from position to position."""
-    if subject.tracks:
-        return [track for track in subject.tracks if len(track.points_m) > 1]
-    placed = [(k, position) for k, position in enumerate(subject.positions) if not np.isnan(position[0])]
-    if not placed:
-        return []
-    points = np.array([(0.0, 0.0, 0.0), *(position for _, position in placed)])
-    ends = np.array([k for k, _ in placed], dtype=np.int64)
-    lengths = np.hypot(*np.diff(points[:, :2], axis=0).T)
-    steps = np.clip(np.ceil(lengths / _STEP_M), 1, _MOST_STEPS).astype(np.int64)
-    path = [np.linspace(points[k], points[k + 1], n, endpoint=False) for k, n in enumerate(steps)]
-    return [FlownTrack(np.vstack((*path, points[-1:])), np.append(np.repeat(ends, steps), ends[-1]))]
+@CHECKS.finds(
+    Rule(
+        "unseen",
+        WARNING,
+        "the images show less of the farm's land than was asked for",
+        "is it a part of a survey, the right --farm and --camera? Otherwise plan it again",
+        at_least("coverage", "%"),
+    )
+)
+def check_coverage(subject: Subject) -> Iterator[Finding]:
+    """Images that show less of the farm than was asked for: nothing, or of the whole land a part."""
+    given = subject.given
+    coverage = subject.coverage if given.coverage is None or subject.prediction is None else given.coverage
+    whole = asks_whole(given.imaging, given.planner)
+    if coverage is not None and too_little_seen(coverage, whole=whole):
+        measured = (100.0 * coverage, 100.0 * LEAST_OF_WHOLE) if whole else None
+        yield found(subject, "unseen", measured=measured)

@@ -1,4 +1,4 @@
-"""Asking a vehicle (parameters one by one, messages that tell how it stands there), and what it answered."""
+"""Questions to a vehicle about its parameters and state, and its answers."""
 
 from __future__ import annotations
 
@@ -103,9 +103,9 @@ class VehicleSnapshot:
         return answer_to(meaning, self.questions, self.parameters)
 
     def as_set(self, options: VehicleOptions) -> VehicleOptions:
-        """Return a vehicle with its own parameters in place of those that a prediction would assume.
+        """Return the options with the vehicle's own parameters in place of assumed ones.
 
-        Those that its model of motion does not know, or not with such a value, are left out.
+        Parameters and values that its model of motion does not know are left out.
         """
         spec = flown_vehicle(options)
         firmware = firmware_of(spec)
@@ -134,14 +134,14 @@ STATE_MESSAGES = (
     int(m.MAVLINK_MSG_ID_GLOBAL_POSITION_INT),
     int(m.MAVLINK_MSG_ID_BATTERY_STATUS),
 )
-"""What every vehicle is asked for."""
+"""Requested from every vehicle."""
 _PLACE_MESSAGES = (int(m.MAVLINK_MSG_ID_GPS_RAW_INT), int(m.MAVLINK_MSG_ID_GLOBAL_POSITION_INT))
 ESTIMATES = (int(m.MAVLINK_MSG_ID_ESTIMATOR_STATUS), int(m.MAVLINK_MSG_ID_EKF_STATUS_REPORT))
-"""What tells of the estimator: on most autopilots, and on ArduPilot."""
+"""Status of the estimator: on most autopilots, and on ArduPilot."""
 
 
 def _changes(message: Message) -> dict[str, Any]:
-    """Return what a message tells of a vehicle, by the names of `VehicleSnapshot`."""
+    """Return the contents of a message, by the names of `VehicleSnapshot`."""
     if isinstance(message, m.MAVLink_autopilot_version_message):
         return {"version": FirmwareVersion.of(message.flight_sw_version)}
     if isinstance(message, m.MAVLink_sys_status_message):
@@ -300,14 +300,14 @@ class Inquiry:
         pace_s = _FIRST_RETRY_S if self._answer_s is None else max(_FIRST_RETRY_S, 1.5 * self._answer_s)
         self._due_s = now_s + (2.0 * pace_s if self._answer_s is None else pace_s)
         out: list[Message] = []
-        for one in self._open:
-            tries = self._tries[one] = self._tries.get(one, 0) + (self._answer_s is not None)
+        for key in self._open:
+            tries = self._tries[key] = self._tries.get(key, 0) + (self._answer_s is not None)
             if tries > _TRIES:
                 continue
-            if isinstance(one, str):
-                out.append(m.MAVLink_param_request_read_message(*self.vehicle, one.encode(), -1))
+            if isinstance(key, str):
+                out.append(m.MAVLink_param_request_read_message(*self.vehicle, key.encode(), -1))
             else:
-                out.append(self._command(int(m.MAV_CMD_REQUEST_MESSAGE), float(one)))
+                out.append(self._command(int(m.MAV_CMD_REQUEST_MESSAGE), float(key)))
         if self.waits_for_place:
             self._due_s = now_s + max(_PLACE_AGAIN_S, pace_s)
             # An earlier answer says nothing about now.
@@ -344,7 +344,7 @@ class Inquiry:
             self._measure_pace(now_s)
 
     def _measure_pace(self, now_s: float) -> None:
-        """Take the first answer as the measure of how slow the link is."""
+        """Set the pace of the link by the first answer."""
         if self._answer_s is None:
             self._answer_s = now_s - self._begun_s
             self._due_s = min(self._due_s, now_s + max(_FIRST_RETRY_S, 1.5 * self._answer_s))
@@ -354,7 +354,7 @@ class Inquiry:
         return profile_for(self._monitor.autopilot)
 
     def _settle(self, now_s: float) -> None:
-        """Be done once everything is answered or given up, and the vehicle had time to say why not."""
+        """End once everything is answered or given up, and the vehicle had time for its reasons."""
         if self.vehicle is None:
             return
         longest_s = _LONGEST_SILENCE_S if self._answer_s is None else _LONGEST_S
@@ -398,7 +398,7 @@ def ask_vehicle(
     note: Callable[[str], None] = _silent,
     placed: bool = False,
 ) -> VehicleSnapshot:
-    """Wait for the vehicle behind a link, and ask it for what a plan assumes; nothing is changed on it.
+    """Wait for the vehicle behind a link, and ask for the settings that plans assume; nothing is changed.
 
     `placed` as of `Inquiry`. LinkError without a link, NoVehicleError if nobody is heard, KeyboardInterrupt
     at Ctrl-C.

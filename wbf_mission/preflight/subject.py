@@ -1,4 +1,4 @@
-"""What a plan is checked for: vehicle, autopilot, air, surroundings; and its flight as it is predicted."""
+"""Subject of a preflight check: plan, vehicle, autopilot, air, surroundings, and the predicted flight."""
 
 from __future__ import annotations
 
@@ -113,7 +113,7 @@ _NO_OPERATION = int(m.MAV_CMD_SET_CAMERA_MODE)
 
 @dataclass(frozen=True, slots=True)
 class FlownTrack:
-    """A flight of the plan as it is predicted."""
+    """A predicted flight of the plan."""
 
     points_m: NDArray[np.float64]
     """East, north, up about home."""
@@ -123,7 +123,7 @@ class FlownTrack:
 
 @dataclass(frozen=True, slots=True)
 class Circumstances:
-    """Who flies a plan, where and in what air."""
+    """Vehicle, farm and air of a plan."""
 
     vehicle: VehicleOptions = field(default_factory=VehicleOptions)  # Of one vehicle
     weather: WeatherOptions = field(default_factory=WeatherOptions)
@@ -132,14 +132,14 @@ class Circumstances:
     margin_m: float = MissionOptions().margin_m
     max_altitude_m: float = MissionOptions().max_altitude_m  # The highest allowed, above home
     image_interval_s: float = MIN_INTERVAL_S  # The camera's shortest interval
-    assumed: bool = False  # Nobody said what vehicle it is: what depends on that is no error
-    snapshot: VehicleSnapshot | None = None  # What the vehicle told of itself
-    footprint: int = 1  # Cells of the farm on a side of what an image shows
-    imaging: Imaging | None = None  # What takes the images, if it is no leaf camera
-    # What planning has predicted of it, for this vehicle in this air; None: it is predicted
+    assumed: bool = False  # The vehicle was not given: findings that depend on it are no errors
+    snapshot: VehicleSnapshot | None = None  # The vehicle's answers
+    footprint: int = 1  # Side of an image, in cells of the farm
+    imaging: Imaging | None = None  # The camera, if it is not the leaf camera
+    # Planning's prediction, for this vehicle in this air; without one, the check predicts
     prediction: Prediction | None = None
-    planner: str | None = None  # Who planned it, with its parameters; None: nobody knows
-    # What it shows of the farm together with the plans that are flown beside it; None: it is flown alone
+    planner: str | None = None  # The planner with its parameters, if it is known
+    # Coverage of all plans that are flown together; None if this one is flown alone
     coverage: float | None = None
 
     @classmethod
@@ -193,12 +193,12 @@ class Subject:
 
     @property
     def parameters(self) -> Mapping[str, float]:
-        """What is known of the vehicle's parameters: those that it told."""
+        """The parameters that the vehicle answered."""
         return {} if self.given.snapshot is None else self.given.snapshot.parameters
 
     @property
     def obstacles(self) -> list[Obstacle]:
-        """What no flight may touch: the farm's obstacles in metres about home."""
+        """The farm's obstacles, in metres about home."""
         farm, frame = self.given.farm, self.frame
 
         def moved(points: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -210,9 +210,9 @@ class Subject:
 
 
 def subject_of(mission: Mission, given: Circumstances) -> Subject:
-    """Fly a plan in prediction, and gather what its checks need; errors as of `check_mission`.
+    """Predict the flights of a plan, and return them with the plan; errors as of `check_mission`.
 
-    A mission without a home has the farm's, or is where the vehicle stands.
+    A mission without a home gets the farm's, else the position of the vehicle.
     """
     if len(given.vehicle.fleet) > 1:
         msg = f"vehicle {given.vehicle.name}: a plan is one vehicle's; name one"
@@ -241,7 +241,7 @@ def subject_of(mission: Mission, given: Circumstances) -> Subject:
 
 
 def level_of_plan(mission: Mission, options: VehicleOptions) -> FlightLevel:
-    """Return how high and fast the plan is flown: its wind depends on that."""
+    """Return the height and speed of a plan, on which its wind depends."""
     level = flight_level(MissionOptions(), options)
     heights = [
         item.z
@@ -309,7 +309,7 @@ def _predicted(subject: Subject, mission: Mission) -> Subject:
 
 
 def _stop_of(flight: PredictedFlight) -> tuple[int, str] | None:
-    """Return at which item a flight ended before its end, and why; an empty battery is told as such."""
+    """Return the item at which a flight ended early, and the reason; None for an empty battery."""
     for event in flight.events or ():
         if isinstance(event, CannotFly):
             return max(event.seq, 0), event.reason

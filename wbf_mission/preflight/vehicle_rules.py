@@ -1,7 +1,4 @@
-"""The vehicle that was asked: how it stands there, and what is set on it against what the plan assumes.
-
-Each check takes the plan and the vehicle's answers.
-"""
+"""The vehicle behind a link: its state, and its settings against those that the plan assumes."""
 
 from __future__ import annotations
 
@@ -16,31 +13,212 @@ from mission.link.codec.dialect import mavlink as m
 from mission.model import Command, Frame
 from sim_vehicle.airframe.parameters import parameter_value
 from sim_vehicle.autopilot import firmware_of
-from wbf_mission.preflight.finding import Finding, Severity
-from wbf_mission.preflight.plan_rules import legs_of
-from wbf_mission.preflight.rules import found
+from wbf_mission.preflight.finding import Concern, Finding, Severity
+from wbf_mission.preflight.path_rules import legs_of
 from wbf_mission.preflight.subject import LANDINGS, PLACED, TAKEOFFS, Subject
 
 if TYPE_CHECKING:
     from wbf_mission.preflight.inquiry import VehicleSnapshot
+from functools import partial
 
-_NOTICEABLE = 0.05
+from wbf_mission.preflight.rules import (
+    ERROR,
+    LEFT,
+    NOTE,
+    WARNING,
+    Checks,
+    Rule,
+    at_least,
+    at_most,
+    found,
+    planned,
+)
+
+CHECKS = Checks[[Subject, "VehicleSnapshot"]]()
+
+_setting = partial(Rule, concern=Concern.PARAMETERS)
+_state = partial(Rule, concern=Concern.STATE)
+_readiness = partial(Rule, concern=Concern.READINESS)
+
+
+@CHECKS.finds(
+    _state("firmware", NOTE, "{firmware}"),
+    _state("firmware-unknown", NOTE, "the vehicle does not tell its firmware's version"),
+    _state("no-release", WARNING, "{firmware} is no release", "fly a release where it matters"),
+)
+def check_firmware(subject: Subject, snapshot: VehicleSnapshot) -> Iterator[Finding]:
+    """Which firmware it is, and whether it is a release."""
+    version = snapshot.version
+    if version is None:
+        yield found(subject, "firmware-unknown")
+        return
+    released = version.is_official or not any((version.major, version.minor))
+    firmware = f"{subject.profile.name} {version}"
+    yield found(subject, "firmware" if released else "no-release", firmware=firmware)
+
+
+_PREARM = int(m.MAV_SYS_STATUS_PREARM_CHECK)
+
+_SENSORS = {
+    int(m.MAV_SYS_STATUS_SENSOR_3D_GYRO): "gyroscope",
+    int(m.MAV_SYS_STATUS_SENSOR_3D_ACCEL): "accelerometer",
+    int(m.MAV_SYS_STATUS_SENSOR_3D_MAG): "compass",
+    int(m.MAV_SYS_STATUS_SENSOR_ABSOLUTE_PRESSURE): "barometer",
+    int(m.MAV_SYS_STATUS_SENSOR_GPS): "GPS",
+    int(m.MAV_SYS_STATUS_AHRS): "attitude estimate",
+    int(m.MAV_SYS_STATUS_SENSOR_BATTERY): "battery",
+}
+
+
+@CHECKS.finds(
+    _readiness(
+        "not-ready", ERROR, "the vehicle says that it cannot arm: {reasons}", "wait, or do what it says"
+    ),
+    _readiness("unhealthy", ERROR, "not healthy: {sensors}", "wait until it is, calibrate or repair it"),
+    _state("armed", WARNING, "the motors are running", "is it flying?"),
+)
+def check_readiness(subject: Subject, snapshot: VehicleSnapshot) -> Iterator[Finding]:
+    """Whether its own checks pass, and sensors that are not healthy."""
+    health = snapshot.sensors_health
+    if health is None:
+        return
+    present, enabled = snapshot.sensors_present or 0, snapshot.sensors_enabled or 0
+    if present & _PREARM and not health & _PREARM and not snapshot.armed:
+        reasons = ", ".join(snapshot.reasons) or "it does not tell why"
+        yield found(subject, "not-ready", reasons=reasons)
+    ill = [name for bit, name in _SENSORS.items() if present & enabled & bit and not health & bit]
+    if ill:
+        yield found(subject, "unhealthy", sensors=", ".join(ill))
+    if snapshot.armed:
+        yield found(subject, "armed")
+
+
+_FIX_3D = 3
+
+_FEW_SATELLITES = 8
+
+_POOR_HDOP = 2.0
+
+
+@CHECKS.finds(
+    _readiness(
+        "no-fix", ERROR, "no position from satellites", "wait under the open sky", at_least("fix type")
+    ),
+    _readiness("few-satellites", WARNING, "few satellites", "wait for more", at_least("satellites")),
+    _readiness(
+        "poor-fix", WARNING, "a poor dilution of precision", "wait for more satellites", at_most("HDOP")
+    ),
+)
+def check_gps(subject: Subject, snapshot: VehicleSnapshot) -> Iterator[Finding]:
+    """No fix, or a poor one."""
+    gps = snapshot.gps
+    if gps is None or subject.vehicle.is_ideal:
+        return
+    if gps.fix < _FIX_3D:
+        yield found(subject, "no-fix", measured=(gps.fix, _FIX_3D))
+    elif gps.satellites is not None and gps.satellites < _FEW_SATELLITES:
+        yield found(subject, "few-satellites", measured=(gps.satellites, _FEW_SATELLITES))
+    elif gps.hdop is not None and gps.hdop > _POOR_HDOP:
+        yield found(subject, "poor-fix", measured=(gps.hdop, _POOR_HDOP))
+
+
+_PARTS = {
+    int(m.ESTIMATOR_ATTITUDE): "attitude",
+    int(m.ESTIMATOR_VELOCITY_HORIZ): "velocity",
+    int(m.ESTIMATOR_POS_HORIZ_ABS): "position",
+}
+
+
+@CHECKS.finds(
+    _readiness("estimator", ERROR, "the estimator does not know: {parts}", "wait until it has settled")
+)
+def check_estimator(subject: Subject, snapshot: VehicleSnapshot) -> Iterator[Finding]:
+    """Parts of the state that the estimator does not know."""
+    flags = snapshot.estimator_flags
+    unknown = [name for bit, name in _PARTS.items() if flags is not None and not flags & bit]
+    if unknown:
+        yield found(subject, "estimator", parts=", ".join(unknown))
+
+
+@CHECKS.finds(
+    _state(
+        "battery-now",
+        ERROR,
+        "the battery holds {holds:.0%} now: less is left at the end than the reserve",
+        "charge or change it",
+        LEFT,
+        by_vehicle=True,
+    ),
+    _state("battery-unknown", NOTE, "the vehicle does not tell what its battery holds"),
+)
+def check_battery_now(subject: Subject, snapshot: VehicleSnapshot) -> Iterator[Finding]:
+    """The battery now against what the plan needs and the reserve."""
+    battery = subject.vehicle.battery
+    if battery is None or subject.prediction is None:
+        return
+    if snapshot.battery is None:
+        yield found(subject, "battery-unknown")
+        return
+    left = max(0.0, snapshot.battery - subject.prediction.energy_wh / battery.capacity_wh)
+    reserve = battery.reserve_fraction
+    if left < reserve:
+        yield found(subject, "battery-now", measured=(100.0 * left, 100.0 * reserve), holds=snapshot.battery)
+
+
+_FAR_M = 30.0
+
+_HEIGHT_M = 10.0
+
+
+@CHECKS.finds(
+    _state(
+        "away-from-home",
+        ERROR,
+        "the vehicle stands far from the home of the plan, and returns to where it starts",
+        "carry it there, or plan from where it stands",
+        at_most("distance from home", "m"),
+    ),
+    _state(
+        "other-ground-height",
+        WARNING,
+        "the ground here is at another height than the plan's, and heights count above the sea",
+        "give heights above home, or correct the home of the plan",
+        at_most("difference in height", "m"),
+    ),
+)
+def check_place(subject: Subject, snapshot: VehicleSnapshot) -> Iterator[Finding]:
+    """Distance and height of the vehicle from the home of the plan."""
+    home = subject.mission.home
+    position = None if snapshot.armed or _is_unsettled(snapshot) else snapshot.position
+    if position is None or home is None:
+        return
+    frame = LocalFrame(home.latitude_deg, home.longitude_deg)
+    x, y = frame.from_wgs84(position.latitude_deg, position.longitude_deg)
+    away_m = float((x * x + y * y) ** 0.5)
+    if away_m > FARTHEST_M:
+        yield found(subject, "away-from-home", measured=(away_m, FARTHEST_M))
+    elif away_m > _FAR_M:
+        yield found(subject, "away-from-home", measured=(away_m, _FAR_M), severity=Severity.WARNING)
+    above_sea = any(
+        item.command in PLACED and item.has_position and item.frame == Frame.GLOBAL for item in subject.items
+    )
+    higher_m = abs(position.altitude_m - home.altitude_m)
+    if above_sea and higher_m > _HEIGHT_M:
+        yield found(subject, "other-ground-height", measured=(higher_m, _HEIGHT_M))
+
+
+def _is_unsettled(snapshot: VehicleSnapshot) -> bool:
+    """Return whether the vehicle itself reports that it has no position yet."""
+    if snapshot.estimator_flags is None:
+        return snapshot.gps is not None and snapshot.gps.fix < _FIX_3D
+    return not snapshot.estimator_flags & m.ESTIMATOR_POS_HORIZ_ABS
+
+
+_NOTICEABLE = 0.05  # Relative difference of a speed from which on it is reported
+
 _NOTICEABLE_RADIUS_M = 0.5
+
 _NOTICEABLE_HEIGHT_M = 1.0
-_CEILING_BIT, _RADIUS_BIT = 1, 2  # FENCE_TYPE of ArduPilot
-_CONTINUES_BIT = 2  # FS_OPTIONS of ArduCopter: a mission goes on without a ground station
-
-
-def check_unread(subject: Subject, snapshot: VehicleSnapshot) -> Iterator[Finding]:
-    """Parameters that the vehicle does not have, or did not tell."""
-    missing = [
-        " or ".join(names)
-        for names in snapshot.questions.values()
-        if snapshot.parameters.keys().isdisjoint(names)
-    ]
-    if missing:
-        yield found(subject, "parameter-unread", names=", ".join(missing))
-
 
 # What plans assume unless a parameter decides it, and by which part and by how much more the
 # vehicle's may differ
@@ -52,7 +230,7 @@ _ASSUMED = {
 
 
 def _other(subject: Subject, snapshot: VehicleSnapshot, code: str) -> Iterator[Finding]:
-    """Yield that a parameter is another than the one that plans assume."""
+    """Yield a finding if a parameter differs from the one that plans assume."""
     meaning, attribute, part, more = _ASSUMED[code]
     if (told := snapshot.told(meaning)) is None:
         return
@@ -66,6 +244,29 @@ def _other(subject: Subject, snapshot: VehicleSnapshot, code: str) -> Iterator[F
         yield found(subject, code, measured=(value, assumed), name=name)
 
 
+@CHECKS.finds(
+    _setting(
+        "other-speed",
+        WARNING,
+        "{name}: plans assume another speed",
+        "set {name}, order the speed in the mission, or plan with --param",
+        planned("m/s"),
+    ),
+    _setting(
+        "speed-limit",
+        WARNING,
+        "{name} is lower than the speed of the plan: the flight takes longer than predicted",
+        "fly slower, or raise {name}",
+        at_most("speed of the plan", "m/s"),
+    ),
+    _setting(
+        "other-radius",
+        WARNING,
+        "{name}: plans assume another acceptance radius",
+        "set {name}, or plan with --param",
+        planned("m"),
+    ),
+)
 def check_motion_settings(subject: Subject, snapshot: VehicleSnapshot) -> Iterator[Finding]:
     """Speeds and acceptance radius other than those that plans assume."""
     items, legs = subject.items, legs_of(subject)
@@ -81,6 +282,18 @@ def check_motion_settings(subject: Subject, snapshot: VehicleSnapshot) -> Iterat
         yield from _other(subject, snapshot, "other-radius")
 
 
+@CHECKS.finds(
+    _setting(
+        "high-return",
+        WARNING,
+        "{name}: the return climbs higher than most rules allow",
+        "lower {name}",
+        at_most("height above home", "m"),
+    ),
+    _setting(
+        "other-return", NOTE, "{name}: plans assume another height of the return", measured=planned("m")
+    ),
+)
 def check_return_height(subject: Subject, snapshot: VehicleSnapshot) -> Iterator[Finding]:
     """A return that climbs too high, or to another height than predicted."""
     told = snapshot.told(Meaning.RETURN_HEIGHT)
@@ -93,28 +306,20 @@ def check_return_height(subject: Subject, snapshot: VehicleSnapshot) -> Iterator
         yield from _other(subject, snapshot, "other-return")
 
 
-def _zero(
-    subject: Subject, snapshot: VehicleSnapshot, meaning: Meaning, code: str, **words: Any
-) -> Iterator[Finding]:
-    """Yield that a parameter is 0."""
-    told = snapshot.told(meaning)
-    if told is not None and told[1] == 0.0:
-        yield found(subject, code, name=told[0], **words)
-
-
-def check_failsafes(subject: Subject, snapshot: VehicleSnapshot) -> Iterator[Finding]:
-    """What a low battery and a lost link do to the mission."""
-    yield from _zero(subject, snapshot, Meaning.LOW_BATTERY, "no-battery-failsafe")
-    link = snapshot.told(Meaning.LINK_LOST)
-    if link is None:
-        return
-    name, value = link
-    options = snapshot.told(Meaning.LINK_LOST_OPTIONS)
-    goes_on = options is not None and bool(int(options[1]) & _CONTINUES_BIT)
-    goes_on = goes_on or value in subject.profile.settings.link_goes_on
-    yield found(subject, "link-lost-flies-on" if goes_on else "link-lost-ends", name=name, value=value)
-
-
+@CHECKS.finds(
+    _setting(
+        "landing-rule",
+        ERROR,
+        "{name} is {value:g}: the vehicle refuses a mission without {missing} (a return is no landing)",
+        "{mend}",
+    ),
+    _setting(
+        "circles-at-home",
+        WARNING,
+        "{name} is 0: the return circles over home and does not land",
+        "end with a landing, or land by hand",
+    ),
+)
 def check_landing_rules(subject: Subject, snapshot: VehicleSnapshot) -> Iterator[Finding]:
     """Missions that the autopilot would not arm with: without the landing that it wants, or with one."""
     commands = {item.command for item in subject.items}
@@ -133,7 +338,7 @@ def check_landing_rules(subject: Subject, snapshot: VehicleSnapshot) -> Iterator
 
 
 def _told_by_dialect(subject: Subject, name: str, value: float) -> bool:
-    """Return whether the remarks on the autopilot's dialect tell what such a parameter asks for."""
+    """Return whether the remarks on the autopilot's dialect cover such a parameter."""
     return any(
         one.parameter == name and subject.vehicle_type in one.vehicle_types and value in one.refusing
         for one in subject.profile.dialect.conditions
@@ -148,6 +353,32 @@ def _missing(rule: float, *, takes_off: bool, lands: bool) -> list[str]:
     return [*missing, "a landing"] if wants_landing and not lands else missing
 
 
+_CEILING_BIT, _RADIUS_BIT = 1, 2  # FENCE_TYPE of ArduPilot
+
+
+@CHECKS.finds(
+    _setting("fence-off", WARNING, "{name} is 0: the fence of the plan does nothing", "set {name}"),
+    _setting(
+        "fence-tells-only",
+        WARNING,
+        "{name} is {value:g}: a broken fence is only told",
+        "set {name} to return or land",
+    ),
+    _setting(
+        "above-ceiling",
+        ERROR,
+        "{name}: the plan leaves the fence of the vehicle",
+        "change the plan, or raise {name}",
+        at_most("height above home", "m"),
+    ),
+    _setting(
+        "beyond-fence-radius",
+        ERROR,
+        "{name}: the plan leaves the fence of the vehicle",
+        "change the plan, or raise {name}",
+        at_most("distance from home", "m"),
+    ),
+)
 def check_fence_settings(subject: Subject, snapshot: VehicleSnapshot) -> Iterator[Finding]:
     """A fence that does nothing, and a ceiling or a radius that the plan breaks."""
     on, action = snapshot.told(Meaning.FENCE_ON), snapshot.told(Meaning.FENCE_ACTION)
@@ -185,6 +416,41 @@ def _farthest_m(subject: Subject) -> float:
     return max((math.hypot(*leg.end_m[:2]) for leg in legs_of(subject)), default=0.0)
 
 
+_CONTINUES_BIT = 2  # FS_OPTIONS of ArduCopter: a mission goes on without a ground station
+
+
+@CHECKS.finds(
+    _setting(
+        "no-battery-failsafe",
+        WARNING,
+        "{name} is 0: a low battery is only told",
+        "set {name} to return or land",
+    ),
+    _setting("link-lost-flies-on", NOTE, "{name} is {value:g}: without a link the mission is flown on"),
+    _setting("link-lost-ends", NOTE, "{name} is {value:g}: a link lost for long ends the mission"),
+)
+def check_failsafes(subject: Subject, snapshot: VehicleSnapshot) -> Iterator[Finding]:
+    """Effects of a low battery and of a lost link on the mission."""
+    yield from _zero(subject, snapshot, Meaning.LOW_BATTERY, "no-battery-failsafe")
+    link = snapshot.told(Meaning.LINK_LOST)
+    if link is None:
+        return
+    name, value = link
+    options = snapshot.told(Meaning.LINK_LOST_OPTIONS)
+    goes_on = options is not None and bool(int(options[1]) & _CONTINUES_BIT)
+    goes_on = goes_on or value in subject.profile.settings.link_goes_on
+    yield found(subject, "link-lost-flies-on" if goes_on else "link-lost-ends", name=name, value=value)
+
+
+def _zero(
+    subject: Subject, snapshot: VehicleSnapshot, meaning: Meaning, code: str, **words: Any
+) -> Iterator[Finding]:
+    """Yield a finding if a parameter is 0."""
+    told = snapshot.told(meaning)
+    if told is not None and told[1] == 0.0:
+        yield found(subject, code, name=told[0], **words)
+
+
 _CALIBRATED = {
     Meaning.ACCELEROMETER: (Severity.ERROR, "calibrate it"),
     Meaning.GYROSCOPE: (Severity.ERROR, "calibrate it"),
@@ -192,6 +458,7 @@ _CALIBRATED = {
 }
 
 
+@CHECKS.finds(_setting("not-calibrated", ERROR, "{name} is 0: there is no calibrated {sensor}", "{mend}"))
 def check_calibration(subject: Subject, snapshot: VehicleSnapshot) -> Iterator[Finding]:
     """Sensors that were never calibrated."""
     for meaning, (severity, mend) in _CALIBRATED.items():
@@ -200,113 +467,13 @@ def check_calibration(subject: Subject, snapshot: VehicleSnapshot) -> Iterator[F
         yield from _zero(subject, snapshot, meaning, "not-calibrated", **words)
 
 
-_FAR_M = 30.0
-_HEIGHT_M = 10.0
-_FIX_3D = 3
-_FEW_SATELLITES = 8
-_POOR_HDOP = 2.0
-_PREARM = int(m.MAV_SYS_STATUS_PREARM_CHECK)
-_SENSORS = {
-    int(m.MAV_SYS_STATUS_SENSOR_3D_GYRO): "gyroscope",
-    int(m.MAV_SYS_STATUS_SENSOR_3D_ACCEL): "accelerometer",
-    int(m.MAV_SYS_STATUS_SENSOR_3D_MAG): "compass",
-    int(m.MAV_SYS_STATUS_SENSOR_ABSOLUTE_PRESSURE): "barometer",
-    int(m.MAV_SYS_STATUS_SENSOR_GPS): "GPS",
-    int(m.MAV_SYS_STATUS_AHRS): "attitude estimate",
-    int(m.MAV_SYS_STATUS_SENSOR_BATTERY): "battery",
-}
-_PARTS = {
-    int(m.ESTIMATOR_ATTITUDE): "attitude",
-    int(m.ESTIMATOR_VELOCITY_HORIZ): "velocity",
-    int(m.ESTIMATOR_POS_HORIZ_ABS): "position",
-}
-
-
-def check_firmware(subject: Subject, snapshot: VehicleSnapshot) -> Iterator[Finding]:
-    """Which firmware it is, and whether it is a release."""
-    version = snapshot.version
-    if version is None:
-        yield found(subject, "firmware-unknown")
-        return
-    released = version.is_official or not any((version.major, version.minor))
-    firmware = f"{subject.profile.name} {version}"
-    yield found(subject, "firmware" if released else "no-release", firmware=firmware)
-
-
-def check_readiness(subject: Subject, snapshot: VehicleSnapshot) -> Iterator[Finding]:
-    """Whether its own checks pass, and sensors that are not healthy."""
-    health = snapshot.sensors_health
-    if health is None:
-        return
-    present, enabled = snapshot.sensors_present or 0, snapshot.sensors_enabled or 0
-    if present & _PREARM and not health & _PREARM and not snapshot.armed:
-        reasons = ", ".join(snapshot.reasons) or "it does not tell why"
-        yield found(subject, "not-ready", reasons=reasons)
-    ill = [name for bit, name in _SENSORS.items() if present & enabled & bit and not health & bit]
-    if ill:
-        yield found(subject, "unhealthy", sensors=", ".join(ill))
-    if snapshot.armed:
-        yield found(subject, "armed")
-
-
-def check_gps(subject: Subject, snapshot: VehicleSnapshot) -> Iterator[Finding]:
-    """No fix, or a poor one."""
-    gps = snapshot.gps
-    if gps is None or subject.vehicle.is_ideal:
-        return
-    if gps.fix < _FIX_3D:
-        yield found(subject, "no-fix", measured=(gps.fix, _FIX_3D))
-    elif gps.satellites is not None and gps.satellites < _FEW_SATELLITES:
-        yield found(subject, "few-satellites", measured=(gps.satellites, _FEW_SATELLITES))
-    elif gps.hdop is not None and gps.hdop > _POOR_HDOP:
-        yield found(subject, "poor-fix", measured=(gps.hdop, _POOR_HDOP))
-
-
-def check_estimator(subject: Subject, snapshot: VehicleSnapshot) -> Iterator[Finding]:
-    """Parts of the state that the estimator does not know."""
-    flags = snapshot.estimator_flags
-    unknown = [name for bit, name in _PARTS.items() if flags is not None and not flags & bit]
-    if unknown:
-        yield found(subject, "estimator", parts=", ".join(unknown))
-
-
-def check_battery_now(subject: Subject, snapshot: VehicleSnapshot) -> Iterator[Finding]:
-    """The battery now against what the plan needs and the reserve."""
-    battery = subject.vehicle.battery
-    if battery is None or subject.prediction is None:
-        return
-    if snapshot.battery is None:
-        yield found(subject, "battery-unknown")
-        return
-    left = max(0.0, snapshot.battery - subject.prediction.energy_wh / battery.capacity_wh)
-    reserve = battery.reserve_fraction
-    if left < reserve:
-        yield found(subject, "battery-now", measured=(100.0 * left, 100.0 * reserve), holds=snapshot.battery)
-
-
-def check_place(subject: Subject, snapshot: VehicleSnapshot) -> Iterator[Finding]:
-    """How far the vehicle stands from home of the plan, and how much higher or lower."""
-    home = subject.mission.home
-    position = None if snapshot.armed or _is_unsettled(snapshot) else snapshot.position
-    if position is None or home is None:
-        return
-    frame = LocalFrame(home.latitude_deg, home.longitude_deg)
-    x, y = frame.from_wgs84(position.latitude_deg, position.longitude_deg)
-    away_m = float((x * x + y * y) ** 0.5)
-    if away_m > FARTHEST_M:
-        yield found(subject, "away-from-home", measured=(away_m, FARTHEST_M))
-    elif away_m > _FAR_M:
-        yield found(subject, "away-from-home", measured=(away_m, _FAR_M), severity=Severity.WARNING)
-    above_sea = any(
-        item.command in PLACED and item.has_position and item.frame == Frame.GLOBAL for item in subject.items
-    )
-    higher_m = abs(position.altitude_m - home.altitude_m)
-    if above_sea and higher_m > _HEIGHT_M:
-        yield found(subject, "other-ground-height", measured=(higher_m, _HEIGHT_M))
-
-
-def _is_unsettled(snapshot: VehicleSnapshot) -> bool:
-    """Return whether the vehicle itself says that it does not know yet where it is."""
-    if snapshot.estimator_flags is None:
-        return snapshot.gps is not None and snapshot.gps.fix < _FIX_3D
-    return not snapshot.estimator_flags & m.ESTIMATOR_POS_HORIZ_ABS
+@CHECKS.finds(_setting("parameter-unread", NOTE, "could not be read: {names}"))
+def check_unread(subject: Subject, snapshot: VehicleSnapshot) -> Iterator[Finding]:
+    """Parameters that the vehicle does not have, or did not tell."""
+    missing = [
+        " or ".join(names)
+        for names in snapshot.questions.values()
+        if snapshot.parameters.keys().isdisjoint(names)
+    ]
+    if missing:
+        yield found(subject, "parameter-unread", names=", ".join(missing))

@@ -39,10 +39,10 @@ class Campaign:
     """All flights of a run.
 
     Every flight begins with full batteries and the whole budget, and draws anew: wind, errors of sensors, and
-    planners that draw. A flight that goes wrong does not end the run. A vehicle that is lost for good
-    (`Outcome.loses_vehicle`) does not fly again; when none is left, the days that remain are scored by what
-    is believed of them. A flight that the policy does not find worth making is not made, after the first one;
-    what is believed holds for as long.
+    planners that draw. A flight that goes wrong does not end the run. A lost vehicle
+    (`Outcome.loses_vehicle`) does not fly again; without any vehicle, the remaining days are scored by the
+    estimate. After the first flight, a flight to which the policy gives no path is skipped, and the estimate
+    stays as it is.
     """
 
     def __init__(
@@ -77,7 +77,7 @@ class Campaign:
     def plan(self, day: int, flight: int = 1) -> tuple[PlanResult, ...]:
         """Ask for the paths of the next flight, and return the plan of each vehicle.
 
-        WbfMissionError without a path within the budget, or if the first flight is not worth making.
+        WbfMissionError without a path within the budget, or if the policy gives no path for the first flight.
         """
         known = len(self.decisions)
         planned = plan_flight(self.run, day, flight, self.evidence, self.decisions, self._gone)
@@ -92,14 +92,14 @@ class Campaign:
         return planned.plans
 
     def _tell_estimate(self, time_s: float, model: InformationModel) -> None:
-        """Tell what is believed at a scored time; called in the thread of the estimate."""
+        """Send the estimate at a scored time as an event; called in the thread of the estimate."""
         assert self.evidence.estimate is not None
         history = self.evidence.estimate.history
         scored = Estimated(time_s, history.days[-1], history.observations[-1], model, history.entries[-1])
         self._events.tell(scored)
 
     def _in_sorties(self, planned: PlannedFlight, change_s: float) -> PlannedFlight:
-        """Return the first sortie of a mission that is longer than a battery; any other as it is."""
+        """Return the first sortie of a mission beyond one battery; other flights unchanged."""
         run = self.run
         if run.decider.steers or len(planned.sorties) != 1:
             return planned
@@ -170,11 +170,7 @@ class Campaign:
         memory: FlightMemory | None = None,
         changer: BatteryChanger | None = None,
     ) -> None:
-        """Fly all days.
-
-        `console` stands by, `memory` has flights that need not be flown again, `changer` sees to the
-        batteries of a real vehicle.
-        """
+        """Fly all days; `memory` has flights to reuse, `changer` changes the batteries of a real vehicle."""
         first = self.run.first_day
         if self._next is None:
             self.plan(first)
@@ -220,12 +216,12 @@ class Campaign:
                 self._log.close()
 
     def close(self) -> None:
-        """Let go of what the estimate holds."""
+        """Release the resources of the estimate."""
         if self.evidence.estimate is not None:
             self.evidence.estimate.close()
 
     def end_day(self) -> None:
-        """Sum up the day that is estimated, unless that was done."""
+        """Add the record of the present day, unless it is there already."""
         estimate = self.evidence.estimate
         assert estimate is not None
         if self.truth is None or (self.days and self.days[-1].day == estimate.day):
@@ -300,13 +296,13 @@ class Campaign:
         return goes_on
 
     def _change_after(self, flown: Flight) -> float:
-        """Return how long the battery is changed after a flight, where the mission goes on with another."""
+        """Return the seconds of the battery change after a flight; 0 if no sortie of the mission follows."""
         if self.cut is None or self.real is not None or flown.records[0].flight % len(self.cut.sorties) == 0:
             return 0.0
         return self.cut.change_s
 
     def _skip(self) -> None:
-        """Leave out a flight that is not worth making."""
+        """Skip a flight to which the policy gave no path."""
         assert self.evidence.estimate is not None
         self.evidence.estimate.hold(self._scored_a_flight, self.simulated_s)
         self.watch.lap("estimate and score")

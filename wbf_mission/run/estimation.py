@@ -1,4 +1,4 @@
-"""Which estimator a run gets, how often it is scored, and what memory that takes."""
+"""Estimator of a run, frequency of its scores, and memory of both."""
 
 from __future__ import annotations
 
@@ -44,13 +44,13 @@ def naming_estimator(scenario: Scenario, farm: Farm, fields: FieldSet) -> Scenar
 
 
 def estimator_of(choice: Choice, seed: int, fields: FieldSet) -> Estimator:
-    """Return the estimator of a choice for these fields, with a seed that does not tell the run's."""
+    """Return the estimator of a choice for these fields; the run's seed cannot be computed from its seed."""
     drawn = sealed_seed(drawing_seed(choice, "estimator", seed), "estimator")
     return make_estimator(choice.chosen, fields=fields, random_state=drawn, **choice.params)
 
 
 def score_points(farm: Farm, estimator: Estimator) -> int:
-    """Return at how many times a run on this farm is scored unless the scenario says so."""
+    """Return the default number of scores of a run on this farm."""
     if farm.width_cells * farm.height_cells <= LARGE_FARM_CELLS:
         return DEFAULT_SCORE_POINTS
     incremental = getattr(estimator, "incremental", False)
@@ -58,9 +58,9 @@ def score_points(farm: Farm, estimator: Estimator) -> int:
 
 
 def points_a_flight(points: int, flights: int) -> int:
-    """Return at how many times a flight is scored in a run of several, where a run of one has ``points``.
+    """Return the number of scores of each flight in a run of several; a run of one has ``points``.
 
-    As often for up to six flights, of more together as often as of six, each at five times at least.
+    Up to six flights have ``points`` each; more share the total of six, with at least five each.
 
     Examples
     --------
@@ -73,7 +73,7 @@ def points_a_flight(points: int, flights: int) -> int:
 def readings_a_score(
     points: int | None, farm: Farm, estimator: Estimator, flights: int, expected: float, *, ideal: bool
 ) -> int:
-    """Return after how many observations of a flight the estimate is scored."""
+    """Return the number of observations between two scores."""
     if points is None:
         if ideal and farm.owner_cells <= SMALL_FARM_CELLS:
             return 1
@@ -82,7 +82,7 @@ def readings_a_score(
 
 
 def require_run_memory(farm: Farm, estimator: Estimator, n_observations: int) -> None:
-    """Foresee the memory of a whole run."""
+    """Raise NotEnoughMemoryError if a whole run does not fit into memory."""
     shape = (farm.width_cells, farm.height_cells)
     estimate = estimator_memory(estimator, shape, n_observations)
     require_memory(

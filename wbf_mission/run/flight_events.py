@@ -1,4 +1,4 @@
-"""The events of a flight, as its ground stations hear of it."""
+"""Events of a flight, as its ground stations receive it."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from wbf_mission.events import EventStream, Planned, VehicleMoved, VehicleSaid
 from wbf_mission.run.sortie import Sortie
 
 _LEAST_S, _MOST_S = 0.1, 1.0
-"""States of a vehicle are told ten times a second of both clocks, at least once a second of the flight's."""
+"""Interval of a vehicle's states: 0.1 s of both clocks, at most 1 s of the flight's."""
 _LEAST_WALL_S = 0.06
-"""A step of a flight in real time may come a little early; the next one would be too late."""
+"""Shorter than 0.1 s: a step in real time may come a little early, and the next one would be too late."""
 
 
 class FlightEvents:
-    """Tells how the vehicles of a flight that begins at `offset_s` move, what they say and what they fly."""
+    """Sends states, texts and plans of the vehicles of a flight that begins at `offset_s`."""
 
     def __init__(self, events: EventStream, sorties: Sequence[Sortie], offset_s: float) -> None:
         self._events = events
@@ -30,7 +30,7 @@ class FlightEvents:
         self._missions: dict[int, Mission] = {}
 
     def tell(self, now_s: float) -> None:
-        """Tell what is new; called at each step, it returns at once when nothing is due."""
+        """Send new events; called at each step, returns at once when nothing is due."""
         if not self._wanted or now_s < self._next_s:
             return
         wall_s = time.monotonic()
@@ -40,7 +40,7 @@ class FlightEvents:
         self._tell(now_s, now_s - WHOLE_S)
 
     def finish(self, now_s: float) -> None:
-        """Tell what is left at the end."""
+        """Send the remaining events at the end."""
         if self._wanted:
             self._tell(now_s, math.inf)
 

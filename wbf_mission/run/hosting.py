@@ -1,4 +1,4 @@
-"""Where the flights of a run take place: a simulation of vehicles, cameras and ground stations, or links."""
+"""Host of a run's flights: a simulation of vehicles, cameras and ground stations, or links."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class FlightHost(Protocol):
         """How many MAVLink frames were sent."""
 
     def run(self, until: Callable[[float], bool] | None = None, limit_s: float = NEVER) -> StopReason:
-        """Let time pass until a condition holds or so many more seconds went by."""
+        """Let time pass until a condition holds, at most `limit_s` seconds."""
 
     def send(self, component: Component, messages: Iterable[Message]) -> None:
         """Send messages of a component now."""
@@ -71,10 +71,10 @@ class Hosting(Protocol):
 
     @property
     def orders(self) -> Orders | None:
-        """What who watches orders, where somebody may."""
+        """Orders of a watcher, where they are possible."""
 
     def arming_gate(self, system_id: int) -> ArmingGate | None:
-        """Return what has to hold before the motors of a vehicle start."""
+        """Return the conditions for starting the motors of a vehicle."""
 
     def open(
         self,
@@ -85,7 +85,7 @@ class Hosting(Protocol):
         seed: SeedSequence,
         gone: Collection[int],
     ) -> AbstractContextManager[FlightHost]:
-        """Return what runs the next flight.
+        """Return the host of the next flight.
 
         Parameters
         ----------
@@ -95,7 +95,7 @@ class Hosting(Protocol):
         offset_s : float
             When the flight begins, in seconds since the beginning of the run.
         seed : SeedSequence
-            Of what goes wrong.
+            Of faults.
         gone : collection of int
             System ids of the vehicles that do not fly any more.
         """
@@ -188,7 +188,7 @@ def _aboard(sortie: Sortie) -> tuple[SimVehicle, LeafCameraComponent]:
 def tap_of(
     writer: FrameSink | None, time_of: Callable[[float], float]
 ) -> Callable[[bytes, float], None] | None:
-    """Return what writes each frame with the time of day, told from the host's time."""
+    """Return a function that writes each frame with the time of day, computed from the host's time."""
     if writer is None:
         return None
     write = writer.write

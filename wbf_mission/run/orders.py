@@ -1,4 +1,4 @@
-"""What who watches a flight orders: taken in the watcher's thread, carried out in that of the flight."""
+"""Orders of a watcher to vehicles in flight: given in the watcher's thread, carried out in the flight's."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ START = "start"
 """Starts a mission: arms the vehicle, too, where its motors stand."""
 STARTS_MOTORS = frozenset({START, "arm", "takeoff"})
 ENDS_FLIGHT = frozenset({"return", "land"})
-"""For more than one vehicle these are confirmed, as is what starts motors."""
+"""Need confirmation for more than one vehicle; orders that start motors always need it."""
 IN_FLIGHT = ("hold", "resume", "return", "land", "set item")
 """The words that a page shows; a command's are the same with hyphens."""
 _MOST_WAITING = 100
@@ -70,19 +70,19 @@ class WatchersOrder:
 
 
 class Orders:
-    """Hands orders and answers on from who watches to who flies. Thread-safe.
+    """Queue of orders and answers from a watcher to the flight. Thread-safe.
 
-    Whose thread flies the vehicles says what may be ordered (`allow`), asks questions (`ask`), and takes what
-    came (`taken`, `answered`). What a watcher may not order now is refused to it at once.
+    The thread of the flight sets the possible orders (`allow`), asks questions (`ask`), and takes orders and
+    answers (`taken`, `answered`). An order that is not possible now is refused at once.
 
     Parameters
     ----------
     events : EventStream
-        Takes what may be ordered, and the questions.
+        Receives the possible orders, and the questions.
     note, warn : callable, optional
-        Take lines for the operator: what was ordered and what came of it; without, `events` does.
+        Receive lines for the operator about orders and their outcome; `events` by default.
     clock : callable, optional
-        Returns seconds: what waits longer than `LIFE_S` to be taken is not handed on.
+        Returns seconds; an order that waits longer than `LIFE_S` is dropped.
 
     Examples
     --------
@@ -112,7 +112,7 @@ class Orders:
         self._question = Asked("")
         self._answer: tuple[float, str] | None = None
 
-    # What who watches calls.
+    # Called by the watcher.
 
     def take(
         self,
@@ -173,10 +173,10 @@ class Orders:
             self._answer = self._clock() - age_s, text
         return ""
 
-    # What who flies calls.
+    # Called by the flight.
 
     def allow(self, orders: Collection[str], vehicles: Collection[int]) -> None:
-        """Say what may be ordered from now on, and of which vehicles."""
+        """Set the orders that are possible from now on, and their vehicles."""
         with self._lock:
             changed = self._orders != tuple(orders)
             self._orders, self._vehicles = tuple(orders), frozenset(vehicles)

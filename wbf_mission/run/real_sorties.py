@@ -1,4 +1,4 @@
-"""The sorties of a real vehicle: how far they came, and the change of its battery between them."""
+"""Sorties of a real vehicle: their progress, and the battery changes between them."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ from wbf_mission.run.record import FlightRecord
 __all__ = ["BatteryChanger", "RealSorties"]
 
 _MOST_IN_VAIN = 2
-"""So many sorties in a row may end before they come to anything new."""
+"""Sorties in a row without progress after which the run stops."""
 
 
 class BatteryChanger(Protocol):
-    """Sees to the battery of a real vehicle between two sorties."""
+    """Changes the battery of a real vehicle between two sorties."""
 
     def change_battery(self, vehicle: Vehicle, plan: PlanResult, *, last: FlightRecord, which: str) -> str:
         """Wait until the vehicle has the battery for a sortie; return why it has not, empty once it has.
@@ -38,11 +38,11 @@ class RealSorties:
     Attributes
     ----------
     cut : SortiePlan
-        Those that were flown, as far as they were, and those that are planned.
+        The flown sorties, up to where they ended, and the planned ones.
     stopped : str
-        Why no more are flown; empty if there are more, and at the end of the mission.
+        Why the mission was stopped; empty while it goes on, and at its end.
     changed_s : float
-        How long the last change of the battery took.
+        Duration of the last battery change.
     """
 
     def __init__(self, cut: SortiePlan, vehicle: Vehicle, footprint: int, changer: BatteryChanger) -> None:

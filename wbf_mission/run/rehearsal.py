@@ -1,7 +1,7 @@
-"""Compiles what estimates need in a process of its own, while a run plans and flies.
+"""Compiles the estimator's functions in another process, while a run plans and flies.
 
-numba compiles one function at a time in a process, and what else the process does waits meanwhile. On a
-machine's first run the estimator's functions take as long as all the rest.
+numba compiles one function at a time in a process, and the rest of the process waits. On a machine's first
+run the estimator's functions take as long as all the rest.
 """
 
 from __future__ import annotations
@@ -20,21 +20,21 @@ from wbf_mission.run.resolve import Run
 
 REHEARSED_ON = "miniberry-100"
 """A farm of a few tiles, whose estimates take less time than compiling."""
-# What else can estimate a large farm learns for each farm, or compiles nothing.
+# Other estimators for large farms learn anew for each farm, or compile nothing.
 _IN_TILES = ("gp", "adaptive-disk")
 
 
 @contextmanager
 def rehearsed(run: Run, rehearse: Callable[[str], None]) -> Iterator[Callable[[], None]]:
-    """Have the estimator's functions compiled beside a run, and give what waits until they are.
+    """Compile the estimator's functions beside a run; yields a function that waits for the end of it.
 
-    That is done for a farm larger than `REHEARSED_ON`, where they were not compiled on this machine yet.
-    Should the other process fail, this one compiles.
+    Only for a farm larger than `REHEARSED_ON`, and only once on a machine. If the other process fails, this
+    one compiles.
 
     Parameters
     ----------
     rehearse : callable
-        Goes through all that an estimator of this name compiles.
+        Runs everything that an estimator of this name compiles.
     """
     choice = run.asked.estimate.estimator
     name = choice.name if choice.made is None else ""
@@ -62,7 +62,7 @@ def _at_once() -> None:
 
 
 def _mark(run: Run, name: str) -> Path | None:
-    """Return the file that is there once an estimator's functions are compiled; None: it needs no process."""
+    """Return the file that marks an estimator's functions as compiled; None if no process is needed."""
     small = run.farm.width_cells * run.farm.height_cells <= get_farm(REHEARSED_ON).owner_cells
     if small or name not in _IN_TILES or os.environ.get("NUMBA_DISABLE_JIT"):
         return None
@@ -71,7 +71,7 @@ def _mark(run: Run, name: str) -> Path | None:
     folder = compiled_folder()
     with suppress(OSError):
         folder.mkdir(parents=True, exist_ok=True)
-    # What cannot be kept is compiled by every process for itself.
+    # Without a writable folder every process compiles for itself.
     if cpu_count() < 2 or not (folder.is_dir() and os.access(folder, os.W_OK)):
         return None
     made_of = [

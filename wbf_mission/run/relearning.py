@@ -1,4 +1,4 @@
-"""The estimates of a run made again: a fresh estimator learns the observations as they came."""
+"""Repeats the estimates of a run: a fresh estimator learns its observations in their order."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ if TYPE_CHECKING:
 
 
 def fresh_estimator(record: RunRecord, progress: Progress, estimator: Estimator | None = None) -> Estimator:
-    """Return an estimator that knows what it needs of the farm, and no observation.
+    """Return an estimator fitted to the farm, without observations.
 
-    It is the one that is given, else the run's as it was made, or a copy of the object that the run got.
+    It is the given one, else that of the run's scenario, or a copy of the object in the scenario.
     """
     if estimator is None:
         choice = record.scenario.estimate.estimator
@@ -40,10 +40,10 @@ def fresh_estimator(record: RunRecord, progress: Progress, estimator: Estimator 
 def estimates_again(
     record: RunRecord, estimator: Estimator, moments: Iterable[tuple[int, int, bool]]
 ) -> Iterator[InformationModel | None]:
-    """Yield what a fresh estimator believes at moments, in its own arrays.
+    """Yield the estimates of a fresh estimator at moments, in its own arrays.
 
-    A moment is a day, how many observations are known then, and whether the estimate is wanted. It is None
-    where it is not wanted, or is that of the moment before.
+    A moment is a day, the number of observations known then, and whether the estimate is wanted. None stands
+    for an estimate that is not wanted, or equal to that of the moment before.
     """
     day, seen, is_known = None, 0, False
     for of_day, known, is_wanted in moments:

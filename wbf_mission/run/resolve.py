@@ -1,4 +1,4 @@
-"""What the names in a scenario stand for, made and checked once, before anything is planned or flown."""
+"""Resolves a scenario into a run: makes and checks all parts that it names, before planning and flight."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class FlightError(WbfMissionError, RuntimeError):
 
 @dataclass(frozen=True, slots=True)
 class Decider:
-    """Who decides where the vehicles fly."""
+    """The planner, policy or mission file that decides the paths."""
 
     policy: Policy  # A `FixedPlan` for a planner, a `KeepPath` for a mission from a file
     name: str  # What messages call it: ``planner spiral``, ``policy greedy``
@@ -49,7 +49,7 @@ class Decider:
 
     @property
     def steers(self) -> bool:
-        """Whether it decides by what is believed of the farm; a planner and a mission file do not."""
+        """Whether it decides by the estimate; a planner and a mission file do not."""
         return not isinstance(self.policy, FixedPlan | KeepPath)
 
 
@@ -98,7 +98,7 @@ class Run:
         )
 
     def readings_a_score(self, expected: float) -> int:
-        """Return after how many observations of a flight the estimate is scored, of so many expected."""
+        """Return the number of observations between two scores, for a flight with `expected` of them."""
         ideal = all(one.task.builder.vehicle.is_ideal for one in self.vehicles)
         flights = len(self.numbers)
         return readings_a_score(self.points, self.farm, self.estimator, flights, expected, ideal=ideal)
@@ -208,7 +208,7 @@ def _require_hosts(farm: Farm, fields: FieldSet) -> None:
 
 
 def decider_of(options: MissionOptions, vehicles: int) -> Decider:
-    """Return who decides where so many vehicles fly: a mission file, a policy or a planner."""
+    """Return the decider of a mission for a number of vehicles: a mission file, a policy or a planner."""
     if options.file is not None:
         require_one_vehicle(options.file, vehicles)
         return Decider(KeepPath(), f"mission {options.file}", options.file)

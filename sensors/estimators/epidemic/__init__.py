@@ -1,1 +1,1 @@
-"""The estimator that knows how the diseases spread."""
+"""The estimator with a model of the spread of diseases."""

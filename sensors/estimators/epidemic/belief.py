@@ -1,4 +1,4 @@
-"""What is believed of one disease: class probabilities of every cell, kept up to date as readings come in."""
+"""The belief about one disease: class probabilities of every cell, updated as readings come in."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ from sensors.scoring.expected import (
 )
 
 EXACT = 1e-3
-"""A reading that differs less from the value of a class shows this class without doubt."""
+"""A reading nearer than this to the value of a class shows the class without doubt."""
 
 _UNREAD = -1
 
@@ -44,8 +44,7 @@ _UNREAD = -1
 class LastReadings:
     """The class and the day of the last reading of every cell.
 
-    Cells without the disease's crop are left out; `exact` tells whether all readings so far had the value of
-    a class.
+    Cells without the disease's crop are left out; `exact` is whether all readings had the value of a class.
 
     Examples
     --------
@@ -65,9 +64,9 @@ class LastReadings:
     def follow(
         self, cells: NDArray[np.integer], days: NDArray[np.integer], values: NDArray[np.float64]
     ) -> None:
-        """Take what is new among the readings; once one was not exact, nothing is followed any more.
+        """Take the new readings, until one is not exact.
 
-        Given are all readings so far, in the order in which they came; NaN where the disease was not sensed.
+        Arguments are all readings in their order, NaN where the disease was not sensed.
         """
         new = slice(self._followed, None)
         self._followed = len(values)
@@ -84,7 +83,7 @@ class LastReadings:
         self._days[flat] = days[new][sensed]
 
     def known(self) -> tuple[NDArray[np.int64], NDArray[np.int8], NDArray[np.int32]]:
-        """Return the cells that were read, ascending in C order, and class and day of the last reading."""
+        """Return the cells with readings, ascending in C order, and class and day of their last reading."""
         flat = np.flatnonzero(self._classes != _UNREAD)
         return flat, self._classes[flat], self._days[flat]
 
@@ -101,8 +100,8 @@ _Index = tuple[NDArray[np.intp], NDArray[np.intp]] | tuple[NDArray[np.bool_]]
 class DiseaseBelief:
     """Class probabilities of all cells on one day.
 
-    `value` and `uncertainty` are the estimate of least loss and the standard deviation of the truth, `whole`
-    whether every update looks at all cells, as on farms of at most `WHOLE_FARM_CELLS`.
+    `value` and `uncertainty` are the estimate of least loss and the standard deviation of the truth. `whole`
+    is whether every update is of all cells, as on farms of at most `WHOLE_FARM_CELLS`.
     """
 
     def __init__(
@@ -128,12 +127,12 @@ class DiseaseBelief:
         self._last = LastReadings(hosts)
         self.value = np.ones(hosts.shape, np.float32)
         self.uncertainty = np.zeros(hosts.shape, np.float32)
-        # Large farms pay for these two only when they are asked for.
+        # On large farms these two are computed on demand.
         self._probabilities = self._certain() if self.whole else None
         self._loss = np.zeros(hosts.shape, np.float32) if self.whole else None
 
     def wanted(self, days: Sequence[int]) -> list[tuple[TrainingTask, NDArray[np.bool_]]]:
-        """Return what has to be trained for estimates of some days, with the crop map."""
+        """Return the training tasks of some days, with the crop map."""
         if not self._host_count:
             return []
         return [(replace(self._task, day=day), self._hosts) for day in days]
@@ -141,13 +140,12 @@ class DiseaseBelief:
     def update(self, day: int, cells: NDArray[np.int32], days: NDArray[np.int32], values: Floats) -> None:
         """Bring value and uncertainty up to date.
 
-        Given are all readings so far, NaN where the disease was not sensed; the day is on or after all
-        others.
+        Arguments are all readings, NaN where the disease was not sensed; the day is not before any of them.
         """
         if not self._host_count:
             return
-        told = np.isfinite(values[self._seen :]) & self._hosts[tuple(cells[self._seen :].T)]
-        if day == self._day and not told.any():
+        sensed = np.isfinite(values[self._seen :]) & self._hosts[tuple(cells[self._seen :].T)]
+        if day == self._day and not sensed.any():
             self._seen = len(values)
             return
         x, y, probabilities = self._changed(day, cells, days, values)
@@ -158,7 +156,7 @@ class DiseaseBelief:
         self._seen = len(values)
 
     def _take(self, index: _Index, probabilities: Floats) -> None:
-        """Write what follows from class probabilities of some cells into the maps."""
+        """Write class probabilities of some cells, and the estimate that follows, into the maps."""
         too_healthy, too_sick = self._costs
         best = least_loss_value(probabilities, too_healthy / too_sick)
         self.value[index] = best
@@ -174,7 +172,7 @@ class DiseaseBelief:
         """Return the class probabilities of all cells, float32[3, W, H]; land without the crop is healthy.
 
         The arguments are those of the last `update`. On large farms this takes as long as an update with all
-        that was ever seen.
+        readings.
         """
         if self._probabilities is not None:
             return self._probabilities
@@ -186,7 +184,7 @@ class DiseaseBelief:
     def expected_loss(
         self, day: int, cells: NDArray[np.int32], days: NDArray[np.int32], values: Floats
     ) -> NDArray[np.float32]:
-        """Return what the score is expected to charge for `value`, float32[W, H]; nothing without the crop.
+        """Return the expected loss of `value`, float32[W, H]; 0 without the crop.
 
         The arguments are those of the last `update`. On large farms the array is made at the first call, and
         changed in place by updates from then on.
@@ -199,7 +197,7 @@ class DiseaseBelief:
         return self._loss
 
     def _certain(self) -> NDArray[np.float32]:
-        """Return probabilities by which every plant is healthy."""
+        """Return probabilities with every plant healthy."""
         out = np.zeros((len(CLASS_VALUES), *self._hosts.shape), np.float32)
         out[0] = 1.0
         return out
@@ -237,7 +235,7 @@ class DiseaseBelief:
     def _changed(
         self, day: int, cells: NDArray[np.int32], days: NDArray[np.int32], values: Floats
     ) -> tuple[NDArray[np.intp], NDArray[np.intp], Floats]:
-        """Return the cells whose probabilities may have changed, and these, float64[n, 3]."""
+        """Return the cells whose probabilities may have changed, and their probabilities, float64[n, 3]."""
         fresh = day != self._day
         if fresh:
             self._begin(day)
@@ -253,7 +251,7 @@ class DiseaseBelief:
             around = self._classifier.probabilities()
         else:
             if fresh or not exact:
-                # Readings of other days say something else today, or how noisy all are has been learned anew.
+                # A new day changes the evidence of older readings, and a new noise that of all.
                 both = np.union1d(x * shape[1] + y, flat)
                 x, y = (part.astype(np.intp) for part in np.divmod(both, shape[1]))
             around = self._far_field(x, y)
@@ -267,7 +265,7 @@ class DiseaseBelief:
         return x, y, probabilities
 
     def _far_field(self, x: NDArray[np.intp], y: NDArray[np.intp]) -> NDArray[np.float32]:
-        """Return the network's answer for cells of a large farm, part by part."""
+        """Return the network's probabilities of cells of a large farm, part by part."""
         out = np.empty((len(x), len(CLASS_VALUES)), np.float32)
         for start in range(0, len(x), _CHUNK_CELLS):
             part = slice(start, start + _CHUNK_CELLS)
@@ -281,8 +279,8 @@ class DiseaseBelief:
     ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
         """Enter the likeliest class of observed cells into the codes; return the cells that changed.
 
-        A plant that was healthy some days ago counts as healthy for its neighbours as long as no sick plant
-        was seen so near that the disease may have come from there since.
+        A plant that was healthy some days ago counts as unknown if the disease may have reached it since from
+        an observed sick plant.
         """
         codes = (np.argmax(likelihood * self._prior, axis=1) + 1).astype(np.uint8)
         x, y = (part.astype(np.intp) for part in np.divmod(flat, self._hosts.shape[1]))
@@ -306,10 +304,10 @@ class DiseaseBelief:
     def _evidence(
         self, day: int, cells: NDArray[np.int32], days: NDArray[np.int32], values: Floats
     ) -> tuple[NDArray[np.int64], Floats, NDArray[np.int32], bool]:
-        """Gather what the readings of a cell itself say of its class today.
+        """Return the likelihoods of the classes today by each cell's own readings.
 
         Returned are the observed cells as ascending flat indices, the likelihood of each class (the largest
-        is 1), the days since the latest reading of each, and whether readings are taken as the truth.
+        is 1), the days since each cell's latest reading, and whether readings are taken as the truth.
         """
         if self._misreading_rate == 0.0:
             self._last.follow(cells, days, values)
@@ -356,8 +354,8 @@ class DiseaseBelief:
     def _since_healthy(self, day: int) -> Floats:
         """Return the likelihood of each class of a plant that was healthy 0, 1, ... days ago, [days, 3].
 
-        It is the part of the plants of a class that fell ill since then. New infections of a day are taken as
-        proportional to the days since the first, as an outbreak of constant speed has them.
+        It is the part of the plants of a class that fell ill since then. The new infections of a day are
+        proportional to the days since the first, as in an outbreak of constant speed.
         """
         new = day - np.arange(day + 1.0)
         duration = self._task.parameters.duration_days

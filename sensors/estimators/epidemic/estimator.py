@@ -1,4 +1,4 @@
-"""An estimator that knows the score and the diseases, learned from simulated outbreaks."""
+"""The estimator of least expected score loss, learned from simulated outbreaks of the diseases."""
 
 from __future__ import annotations
 
@@ -42,15 +42,15 @@ if TYPE_CHECKING:
 
 _Values = NDArray[np.float32]
 Wanted: TypeAlias = tuple[TrainingTask, NDArray[np.bool_]]
-"""A task, and the crop map that it is for."""
+"""A task and its crop map."""
 
 _WORTH_A_PROCESS = 1000
 
 
 def learn_all(wanted: Sequence[Wanted], folder: str | os.PathLike[str] | None, step: Step) -> None:
-    """Have the networks of some tasks ready in memory and in their files; the same as one by one.
+    """Make the networks of some tasks available in memory and in their files.
 
-    `step` is called with the part that is done, 0..1, unless there are all networks already.
+    `step` is called with the finished part, 0..1, unless all networks exist already.
     """
     shared = [(shared_task(task, hosts), hosts) for task, hosts in wanted]
     if all(known_network(task, hosts, folder) is not None for task, hosts in shared):
@@ -71,9 +71,11 @@ def learn_all(wanted: Sequence[Wanted], folder: str | os.PathLike[str] | None, s
 
 
 def _learn_missing(open_tasks: Sequence[Wanted], folder: str | os.PathLike[str] | None, step: Step) -> None:
-    """Learn what there is not yet."""
+    """Train the missing networks: large ones in processes of their own, the others one by one."""
     done = 0
-    if len(open_tasks) > 1 and all(_is_long(task) for task, _ in open_tasks) and _may_have_children():
+    long = all(task.outbreaks * task.epochs >= _WORTH_A_PROCESS for task, _ in open_tasks)
+    may_have_children = (os.cpu_count() or 1) > 1 and not multiprocessing.current_process().daemon
+    if len(open_tasks) > 1 and long and may_have_children:
         for number, network in _in_processes(open_tasks):
             task, hosts = open_tasks[number]
             keep_network(network, task, hosts, folder)
@@ -90,21 +92,13 @@ def _learn_missing(open_tasks: Sequence[Wanted], folder: str | os.PathLike[str] 
         done += 1
 
 
-def _is_long(task: TrainingTask) -> bool:
-    return task.outbreaks * task.epochs >= _WORTH_A_PROCESS
-
-
-def _may_have_children() -> bool:
-    return (os.cpu_count() or 1) > 1 and not multiprocessing.current_process().daemon
-
-
 def _in_processes(tasks: Sequence[Wanted]) -> Iterator[tuple[int, Network]]:
-    """Yield the networks in their order, with their numbers; fewer if a process dies."""
+    """Yield the numbers of tasks and their networks, in their order; fewer if a process dies."""
     from concurrent.futures.process import BrokenProcessPool
 
     calls = CallsAhead(learn, tasks)
     try:
-        # One that was killed for its memory: the others' tasks are done here, one after the other.
+        # After a process was killed for its memory, the caller does the other tasks one by one.
         with contextlib.suppress(BrokenProcessPool):
             for number in range(len(tasks)):
                 yield number, calls.result(number)
@@ -119,7 +113,7 @@ _EXACT_SOIL = 0.015
 
 @dataclass(frozen=True, slots=True)
 class _Basis:
-    """What a model was made of: a fit, the day that is estimated, and how many observations are learned."""
+    """The state in which a model was made: fit, estimated day, and number of learned observations."""
 
     fit: object
     day: int
@@ -127,37 +121,35 @@ class _Basis:
 
 
 class EpidemicEstimator(BaseEstimator):
-    """The probabilities of healthy, infected and lost plants, and the estimate that costs least under them.
+    """The probabilities of healthy, infected and lost plants, and the value of least expected loss.
 
-    For each disease, a small network gives the probabilities of a cell's three classes from what was observed
-    within eight cells of it, where its crop ends, and how much of the field was seen. It was trained on
-    outbreaks that the epidemic's model made with other seeds (`sensors.estimators.epidemic.training`). The
-    value is the one with the least expected loss of the score, which punishes a missed disease: an expectile,
-    not the mean. The uncertainty is the standard deviation of the cell's true value. Land without the
-    disease's crop cannot carry it: 1, without doubt. The soil is a smooth random field with the model's
-    lengths (`sensors.estimators.epidemic.soil`).
+    For each disease, a small network computes the probabilities of a cell's three classes from the
+    observations and the crop within eight cells of it, and the observed part of the field. It is trained on
+    simulated outbreaks with other seeds (`sensors.estimators.epidemic.training`). The value has the least
+    expected loss of the score, which punishes a missed disease: an expectile, not the mean. The uncertainty
+    is the standard deviation of the cell's true value. Land without the disease's crop is 1, without doubt.
+    The soil is a smooth random field with the model's lengths (`sensors.estimators.epidemic.soil`).
 
-    What is estimated is the latest day that was observed. Plants seen on the days before are carried forward
-    through the disease: infected ones may be lost by now, and healthy ones may have fallen ill since.
+    The estimated day is the latest that was observed. Readings of earlier days are carried forward: infected
+    plants may be lost by now, and healthy ones may have fallen ill.
 
-    Training takes about half a minute for each disease, crop map and eight days; the result is kept in a
-    folder and used again.
+    Training takes about half a minute for each disease, crop map and eight days; networks are kept in a
+    folder.
 
     Parameters
     ----------
     fields : FieldSet
-        The benchmark's fields, with what is assumed about diseases and weather.
+        The benchmark's fields, with the assumed dynamics.
     day : int
         The day that is estimated before there is any observation.
     misreading_rate : float
-        Probability that a reading shows another class than the plant's. Noise on the readings is noticed
-        without it.
+        Probability that a reading shows another class than the plant's. Noise of readings is estimated.
     weights : ScoreWeights
-        What errors cost.
+        Costs of errors.
     outbreaks, epochs : int
-        Size of the training: simulated fields, and passes over what was drawn from them.
+        Size of the training: simulated fields, and passes over their samples.
     training_seed : int
-        Of the training; equal seeds give equal networks.
+        Seed of the training; equal seeds give equal networks.
     cache : path-like, optional
         Folder of the trained networks; by default ``wbf-mission/epidemic`` in XDG_CACHE_HOME or ~/.cache.
 
@@ -209,8 +201,8 @@ class EpidemicEstimator(BaseEstimator):
     def prepare(self, days: Sequence[int], progress: Progress | None = None) -> Self:
         """Train the networks of some days, or read them; see `BaseEstimator.prepare`.
 
-        On farms of at most 128 x 128 cells eight days (0 to 7, 8 to 15, ...) have them in common. Several are
-        trained in as many processes as the machine has cores.
+        On farms of at most 128 x 128 cells eight days (0 to 7, 8 to 15, ...) share a network. Several
+        networks are trained in as many processes as the machine has cores.
         """
         super().prepare(days)
 
@@ -218,7 +210,7 @@ class EpidemicEstimator(BaseEstimator):
             if progress is not None:
                 progress(LEARNING, part, 1)
 
-        learn_all([one for belief in self._beliefs for one in belief.wanted(days)], self.cache, step)
+        learn_all([task for belief in self._beliefs for task in belief.wanted(days)], self.cache, step)
         return self
 
     def _start(self, grid: FarmGrid) -> None:
@@ -265,16 +257,18 @@ class EpidemicEstimator(BaseEstimator):
             self._take_soil_readings(day, value[_SOIL])
         basis = self._basis
         names = tuple(field.name for field in self.fields.diseases)
-        # What is around a sick plant follows from its neighbours, not from a correlation.
+        # Probabilities around a sick plant follow from the network, not from a correlation.
         lengths = (*(0.0 for _ in names), self._soil.correlation_length)
         probabilities: Mapping[str, _Values]
         loss_map: _Values | Callable[[], _Values]
         if all(belief.whole for belief in self._beliefs):
-            # They are there already: arrays that stay as they are cost nothing.
+            # They exist already, in arrays that do not change.
             probabilities = {name: _read_only(self._class_probabilities(name, basis)) for name in names}
             loss_map = _read_only(self._expected_loss(uncertainty, basis))
         else:
-            probabilities = LazyProbabilities(names, lambda one: self._class_probabilities(one, basis))
+            probabilities = LazyProbabilities(
+                names, lambda disease: self._class_probabilities(disease, basis)
+            )
             loss_map = partial(self._expected_loss, uncertainty, basis)
         return InformationModel(
             *(value, uncertainty),
@@ -284,7 +278,7 @@ class EpidemicEstimator(BaseEstimator):
         )
 
     def _take_soil_readings(self, day: int, value: NDArray[np.float32]) -> None:
-        """Believe the readings of the soil themselves, of which the last of a cell counts."""
+        """Write the soil's readings of the day into the value; the last reading of a cell counts."""
         readings = self._values.array[:, _SOIL]
         taken = (self._days.array == day) & np.isfinite(readings)
         x, y = self._cells.array[taken].T
@@ -306,7 +300,7 @@ class EpidemicEstimator(BaseEstimator):
         return loss
 
     def _told(self, k: int) -> tuple[int, NDArray[np.int32], NDArray[np.int32], NDArray[np.float64]]:
-        """Return all that is known of one field: the day, and cells, days and values of the readings."""
+        """Return the estimated day, and cells, days and values of all readings of one field."""
         return self.day_, self._cells.array, self._days.array, self._values.array[:, k]
 
     @property

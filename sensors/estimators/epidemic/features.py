@@ -1,14 +1,13 @@
-"""What is known around a cell, in numbers: observed healthy, infected and lost plants at each distance.
+"""Features of cells: counts of observed healthy, infected and lost plants at each distance.
 
-A map of codes says what is known of every cell. The features of a cell are, for each ring of distances around
-it, how many cells have each code; the cell itself is left out. They do not change under rotation and
-reflection, and depend only on cells at most `REACH` away along each axis. A few numbers about the whole field
-follow.
+A map of codes has the observed class of every cell. The features of a cell are the counts of each code in
+each ring of distances around it, without the cell itself. They do not change under rotation and reflection,
+and depend only on cells at most `REACH` away along each axis. A few numbers about the whole field follow.
 
-The classes of cells that were not observed depend on each other: an outbreak is connected, and a farm has a
-known number of them. Further networks therefore see, besides these features, the probabilities that the
-network before gave to all cells (auto-context; Tu & Bai 2010, "Auto-context and its application to high-level
-vision tasks and 3D brain image segmentation").
+The classes of unobserved cells depend on each other: an outbreak is connected, and a farm has a known number
+of them. Further networks therefore see, besides these features, the probabilities of all cells by the network
+before (auto-context; Tu & Bai 2010, "Auto-context and its application to high-level vision tasks and 3D brain
+image segmentation").
 
 Sums over rings are compiled. Cells are given in C order: those that follow each other along y share their
 work, so that all cells of a crop cost little more than its rows.
@@ -25,7 +24,7 @@ from geo.compiled import compiled
 from geo.linear_algebra import log
 
 REACH = 8
-"""Rings lie within so many cells along each axis."""
+"""Largest distance of a cell in a ring along each axis, cells."""
 
 Cells = NDArray[np.intp]
 Floats32 = NDArray[np.float32]
@@ -33,15 +32,14 @@ Floats32 = NDArray[np.float32]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Rings:
-    """Which neighbours of a cell belong to which ring; the cell itself is in none.
+    """The rings of a cell's neighbours; the cell itself is in none.
 
     Parameters
     ----------
     number : intp[REACH + 1, REACH + 1]
-        The ring of a neighbour so many cells away along x and along y; -1 for the cell itself.
+        The ring of a neighbour by its distance along x and along y; -1 for the cell itself.
     scales : float32[rings]
-        What sums are multiplied by: one over the root of the ring's size, so that features have similar
-        variances.
+        Factor of the sums: one over the root of the ring's size, so that features have similar variances.
     """
 
     number: Cells
@@ -98,7 +96,7 @@ def _run_end(x: Cells, y: Cells, start: int) -> int:
 def _add(both: Floats32, number: Cells, out: Floats32) -> None:
     """Add the cells of two columns at one distance along x to the rings of a run of cells.
 
-    `both` begins `REACH` cells before the run, and ends so many after it.
+    `both` begins `REACH` cells before the run, and ends `REACH` cells after it.
     """
     count = out.shape[1]
     for away in range(REACH + 1):
@@ -159,7 +157,7 @@ _DAY_KNOTS = (0.0, 2.0, 4.0, 6.0, 7.0)
 N_OVERALL = _SEEN_NUMBERS + len(_DAY_KNOTS)
 _CHUNK_CELLS = 1 << 14
 _CLUSTER_LINK = 5
-# A box is marked that holds at most so many times the cells in reach, each counted as often as it is.
+# Largest box that is marked, in multiples of the cells in reach of all changed cells.
 _LOOSEST_BOX = 4
 
 N_LOCAL = len(RINGS.scales) * NO_HOST_CODE
@@ -189,13 +187,11 @@ def local_features(
 
 
 def overall_features(codes: NDArray[np.uint8], hosts: int, seeds: int, day: int) -> NDArray[np.float32]:
-    """Return numbers about the whole field: what was seen of it, and the day.
+    """Return numbers about the whole field, float32[8].
 
-    They are the part observed, outbreaks seen by those expected, the part seen sick, and the day as weights
-    of five knots that it lies between. Sick cells at most five cells apart along each axis count as one
-    outbreak.
-
-    The day counts from the first of those that the network was trained for.
+    They are the observed part, the ratio of observed to expected outbreaks, the part observed as sick, and
+    the day, counted from the network's first, as weights of five knots. Sick cells at most five cells apart
+    along each axis count as one outbreak.
     """
     counts = np.bincount(codes.ravel(), minlength=NO_HOST_CODE + 1)
     sick = int(counts[SEEN_INFECTED] + counts[SEEN_REMOVED])
@@ -214,15 +210,10 @@ def overall_features(codes: NDArray[np.uint8], hosts: int, seeds: int, day: int)
     return np.array([*numbers, *weights], np.float32)
 
 
-def set_overall(features: NDArray[np.float32], overall: NDArray[np.float32]) -> None:
-    """Write the numbers of `overall_features` into the last columns of rows of features."""
-    features[:, -N_OVERALL:] = overall
-
-
 def cells_in_reach(
     x: NDArray[np.intp], y: NDArray[np.intp], shape: tuple[int, int]
 ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Return the different cells of a farm whose features, or which themselves, some changed cells touch.
+    """Return the distinct cells of a farm within `REACH` of changed cells.
 
     Examples
     --------
@@ -271,12 +262,12 @@ def context_features(
     seeds: int,
     rows: Cells | None = None,
 ) -> Floats32:
-    """Return what is believed around some cells: plants expected to be infected and lost in each ring.
+    """Return the expected numbers of infected and lost plants in each ring around some cells, and more.
 
     The logarithms of the cell's own two probabilities follow, and of the whole field the part expected to be
-    infected, and the lost plants, expected and seen, for each seed of the disease.
+    infected, and the lost plants, expected and observed, for each seed of the disease.
 
-    `x` and `y` are all cells that can carry the disease, `rows` those that are asked for.
+    `x` and `y` are all cells that can carry the disease, `rows` selects those of the result.
     """
     expected = np.stack([codes == code for code in _SICK]).astype(np.float32)
     unknown = codes[x + REACH, y + REACH] == UNKNOWN

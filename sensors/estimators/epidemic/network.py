@@ -1,4 +1,4 @@
-"""A small neural network for class probabilities: trained and evaluated in numpy, kept as plain arrays."""
+"""A small neural network for class probabilities, trained and evaluated in numpy."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class Network:
     biases : tuple of float32[m]
         One vector a layer.
     further : tuple of Network
-        Networks that look again, with what the one before them found of the neighbours
+        Further networks, each with the probabilities of the one before as inputs
         (`sensors.estimators.epidemic.features`).
 
     Examples
@@ -73,14 +73,11 @@ class Network:
         return out
 
     def after_first(self, values: Floats32) -> Floats32:
-        """Return the probabilities that follow from the first layer's sums with its biases, [rows, classes].
-
-        The sums are changed in place.
-        """
+        """Return the probabilities from the first layer's sums with biases, which change: [rows, classes]."""
         return self._continue([values])[-1]
 
     def _forward(self, inputs: Floats32) -> list[Floats32]:
-        """Return what goes into each layer, and the probabilities last."""
+        """Return the input of each layer, and the probabilities last."""
         values = product(inputs, self.weights[0])
         values += self.biases[0]
         return [inputs, *self._continue([values])]
@@ -155,13 +152,12 @@ Cells = NDArray[np.intp]
 
 
 class FieldClassifier:
-    """The class probabilities of all cells that can carry the disease, after all further looks.
+    """The class probabilities of all cells that can carry the disease, after all further networks.
 
-    What the rings around a cell add to the first layers is kept, and found anew only for cells that an
-    observation touches. Numbers about the whole field add the same to every cell.
+    The contribution of a cell's rings to the first layers is kept, and computed anew only for cells that an
+    observation touches. Numbers about the whole field contribute the same to every cell.
 
-    The codes are not copied; the cells are in C order; the day counts from the first that the network was
-    trained for.
+    The codes are not copied; the cells are in C order; the day counts from the network's first.
     """
 
     def __init__(
@@ -174,17 +170,17 @@ class FieldClassifier:
         self.touch(np.arange(len(x)))
 
     def touch(self, rows: Cells) -> None:
-        """Look anew at the surroundings of some of the cells, because the codes changed there."""
+        """Compute the rings of some of the cells anew, where codes changed."""
         seen = np.zeros((len(rows), N_FEATURES), np.float32)
         local_features(self._codes, self._x[rows], self._y[rows], seen)
         for kept, stage in zip(self._local, self._stages, strict=True):
             kept[rows] = product(seen[:, :N_LOCAL], stage.weights[0][:N_LOCAL])
 
     def probabilities(self, overall: Floats32 | None = None, found: Floats32 | None = None) -> Floats32:
-        """Return what is believed of the cells without their own readings, float32[n, 3].
+        """Return the probabilities of the cells without their own readings, float32[n, 3].
 
-        `overall` are the numbers about the whole field if they are known, `found` what a network before the
-        first one believes, if this is a further one alone.
+        `overall` are the numbers about the whole field, if known; `found` the probabilities of the network
+        before, if this is a further network alone.
         """
         if overall is None:
             overall = overall_features(self._codes, len(self._x), self._seeds, self._day)

@@ -1,4 +1,4 @@
-"""Ways on which a drone may have seen a field: what the training observes its simulated outbreaks along."""
+"""Random paths of a drone over a field, along which the training observes simulated outbreaks."""
 
 from __future__ import annotations
 
@@ -93,13 +93,12 @@ _WIDTH = 4.5
 
 
 def chasing_path(begun: Cells, sick: NDArray[np.bool_], longest: int, rng: Generator) -> Cells:
-    """Go on from a path towards sick plants that were seen, and to cells of which nothing is known.
+    """Continue a path towards observed sick plants, and to unobserved cells.
 
-    Of some random straight legs that with the most worth a cell is chosen, and flown for a few cells. A cell
-    is worth more near sick plants that were seen, less near healthy ones, and nothing once it was seen.
+    The random straight leg with the most worth a cell is chosen, and flown for a few cells. A cell is worth
+    more near observed sick plants, less near healthy ones, and nothing once it is observed.
 
-    The generator decides what is tried, and how strongly sick plants attract; the truth is only looked at
-    where the path leads.
+    The generator draws the legs and the attraction of sick plants; the truth is read only along the path.
     """
     out = np.zeros((longest, 2), np.intp)
     count = min(len(begun), longest)
@@ -164,7 +163,7 @@ def _chase(
             if k < _CANDIDATES or n_found == 0:
                 to_x, to_y = int(u * width), int(v * height)
             else:
-                # Of the latest sick plants one, and a cell near it.
+                # A cell near one of the latest sick plants.
                 which = found[n_found - 1 - (k % min(n_found, _NEAR_SICK))]
                 to_x = min(max(which[0] + int((2 * u - 1) * (_NEAR + 1)), 0), width - 1)
                 to_y = min(max(which[1] + int((2 * v - 1) * (_NEAR + 1)), 0), height - 1)

@@ -1,20 +1,18 @@
-"""Soil humidity as a smooth random field: the showers of the model, seen as a Gaussian process.
+"""Soil humidity as a smooth random field: a Gaussian process with the moments of simulated showers.
 
 A shower is a sum of normal densities at random positions. Such a field has a squared exponential covariance
-whose length is the square root of two times the humps' standard deviation. Its mean in each place, its
-level's and its shape's variance on a day come from simulated weather: humps lie beyond two sides of the farm
-only, and near the others it is drier on average. The process is written in a few smooth functions of x and of
-y (Solin & Särkkä 2020, "Hilbert space methods for reduced-rank Gaussian process regression"), so that
-observations only add to the sums of a linear regression, and a farm of any size costs a product of narrow
-matrices.
+with a length of sqrt(2) standard deviations of a hump. The mean of each place, and the variances of level and
+shape on a day, come from simulated weather: humps lie beyond two sides of the farm only, so it is drier near
+the others. The process is written in a few smooth functions of x and of y (Solin & Särkkä 2020, "Hilbert
+space methods for reduced-rank Gaussian process regression"), so that observations add to the sums of a linear
+regression, and a farm of any size costs a product of narrow matrices.
 
-The humidity is cut at 1, and an edge like that is not smooth: two hundredths of the variance have about a
-third of the length, and what remains differs from the functions by a small variance more. Neighbouring cells
-differ alike, so many readings within the wave length of the finest function do not average it out: a reading
-counts as noisier where more cells lie within that length, by the root of their number, halfway between errors
-that are all the same and independent ones. Without that, exact readings along a path say more and more of
-every derivative, and the field far away follows from how it bends here. Shares and variance were chosen on
-simulated fields, where they made the posterior's deviations true.
+The humidity is cut at 1, and such an edge is not smooth: two hundredths of the variance have about a third of
+the length, and the rest differs from the functions by a small variance. That misfit is alike in neighbouring
+cells, so readings within the wave length of the finest function do not average it out: the noise of a reading
+grows with the root of the number of cells within that length, halfway between equal and independent errors.
+Otherwise exact readings along a path would determine every derivative, and by them the field far away. Shares
+and variance were chosen on simulated fields, where they made the posterior's deviations true.
 """
 
 from __future__ import annotations
@@ -58,15 +56,14 @@ _MEAN_NOISE = 1e-4
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SoilPrior:
-    """Humidity of a day before anything is seen, from simulated weather.
+    """The prior humidity of a day, from simulated weather.
 
     Parameters
     ----------
     mean : float64[w, h]
         The mean of each place, on few cells with the farm's proportions.
     level, shape : float
-        How much of the variance around it is that of the mean over the farm, and the mean variance within
-        the farm.
+        Variance of the mean over the farm, and mean variance within the farm.
     """
 
     mean: Floats
@@ -84,7 +81,7 @@ def soil_prior(parameters: SoilParameters, shape: tuple[int, int], day: int, see
 def _soil_priors(
     parameters: SoilParameters, shape: tuple[int, int], block: int, seed: int
 ) -> tuple[SoilPrior, ...]:
-    """Simulate some days after each other at once: all of them go through the same weather before."""
+    """Simulate a block of days at once: they share the weather before."""
     names = (str(number) for number in range(_SIMULATED_FIELDS))
     rngs = [stream(seed, "epidemic-estimator", "soil", name) for name in names]
     days = range(_SIMULATED_DAYS * block, _SIMULATED_DAYS * (block + 1))
@@ -99,7 +96,7 @@ def _soil_priors(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _WeightsPrior:
-    """The weights of the constant and of the functions before anything is seen: means and variances."""
+    """The prior means and variances of the weights of the constant and of the functions."""
 
     mean: Floats
     variance: Floats
@@ -108,16 +105,16 @@ class _WeightsPrior:
 class SoilField:
     """The posterior of the humidity of one farm.
 
-    Observations of earlier days count less, and are out of date together (`sensors.estimators.days`).
-    Those after the first day count for less where they are many (`Crowding`): a day's change is small against
-    what was unknown at first, and what the model does not say of it weighs more.
+    Observations of earlier days count less, with correlated errors (`sensors.estimators.days`). After the
+    first day crowded readings count less (`Crowding`): a day's change is small against the prior, and the
+    error of its model weighs more.
     """
 
     def __init__(self, shape: tuple[int, int], parameters: SoilParameters, seed: int) -> None:
         self._shape = shape
         self._parameters = parameters
         self._seed = seed
-        # On small farms further functions do not tell more, and every update is four times as expensive.
+        # On small farms further functions add no accuracy, and every update is four times as expensive.
         small = shape[0] * shape[1] <= _SMALL_FARM_CELLS
         self._functions_an_axis = _FUNCTIONS if small else _MORE_FUNCTIONS
         lengths = [np.sqrt(2.0) * parameters.spread * side for side in parameters.hump_sides(shape)]
@@ -146,13 +143,13 @@ class SoilField:
     def learn(
         self, x: NDArray[np.integer], y: NDArray[np.integer], days: NDArray[np.integer], values: Floats
     ) -> None:
-        """Take readings (finite) of cells; the work is done when the field is asked for."""
+        """Take finite readings of cells, for the next `fill`."""
         for day in np.unique(days).tolist():
             now = days == day
             self._waiting.setdefault(day, []).append((x[now], y[now], values[now]))
 
     def _take_in(self) -> None:
-        """Add what was learned to the sums and to the posterior: many readings at once cost little more."""
+        """Add the waiting readings to the sums and to the posterior: many at once cost little more."""
         learned = []
         self._give_way()
         for day, parts in sorted(self._waiting.items()):
@@ -183,7 +180,7 @@ class SoilField:
             self._posterior = None
 
     def _give_way(self) -> None:
-        """Take the readings of the first day anew if there are some of an earlier one now."""
+        """Take the readings of the first day anew if readings of an earlier day have arrived."""
         first, earliest = min(self._sums, default=None), min(self._waiting, default=None)
         if first is None or earliest is None or earliest >= first:
             return
@@ -197,7 +194,7 @@ class SoilField:
         return day <= min(self._sums, default=day)
 
     def _counted(self, day: int, x: Cells, y: Cells) -> Floats:
-        """Return what each of a day's further readings counts for."""
+        """Return the weights of a day's further readings."""
         if self._is_first(day):
             return np.ones(len(x))
         crowding = self._crowding.setdefault(day, Crowding(self._shape, self._lengths))
@@ -206,8 +203,7 @@ class SoilField:
     def fill(self, day: int, value: NDArray[np.float32], uncertainty: NDArray[np.float32]) -> float:
         """Write the posterior mean, within 0 .. 1, and standard deviation of a day into arrays [W, H].
 
-        The standard deviation of the noise that the readings show is returned: what one differs from the
-        smooth field by.
+        The standard deviation of the readings from the smooth field is returned.
         """
         self._take_in()
         prior = self._prior(day)
@@ -229,12 +225,9 @@ class SoilField:
         return float(np.sqrt(posterior.shown))
 
     def _prior(self, day: int) -> _WeightsPrior:
-        if day not in self._priors:
-            self._priors[day] = self._weights_prior(day)
-        return self._priors[day]
-
-    def _weights_prior(self, day: int) -> _WeightsPrior:
-        """Write the prior of a day in the functions."""
+        """Return the prior of a day, written in the functions."""
+        if day in self._priors:
+            return self._priors[day]
         prior = soil_prior(self._parameters, self._shape, day, self._seed)
         places = (
             (np.arange(few) + 0.5) * cells / few - 0.5
@@ -254,14 +247,15 @@ class SoilField:
         precision = np.diag(1.0 / variance) + product(functions.T, functions) / _MEAN_NOISE
         response = product(prior.mean.ravel() - mean[0], functions) / _MEAN_NOISE
         mean += solve_positive(precision, response)
-        return _WeightsPrior(mean, variance)
+        self._priors[day] = _WeightsPrior(mean, variance)
+        return self._priors[day]
 
     def _functions(self, x: NDArray[np.integer], y: NDArray[np.integer]) -> Floats:
         """Return the constant and the functions' products at cells, float64[n, 1 + functions^2]."""
         return _products(self._x.functions[x], self._y.functions[y])
 
     def _noise_from(self, day: int) -> int:
-        """Return from how many readings of a day its noise is estimated now; 0 if they are too few."""
+        """Return the number of readings of a day from which its noise is estimated; 0 if they are too few."""
         return self._sums[day].due.count if day in self._sums else 0
 
     def _solve(self, day: int) -> _Posterior:
@@ -304,13 +298,13 @@ class SoilField:
             if today.weight - fitted < 0.1 * today.weight:
                 break
             left = today.power - product(weights, 2.0 * today.response - product(weights, today.squares))
-            # MacKay's rule: the data that the functions did not use up tell the noise.
+            # MacKay's rule, by the degrees of freedom that the functions leave.
             noise = max(_LEAST_NOISE, float(left / (today.weight - fitted)))
         self._noises[key] = noise
         return noise
 
     def _precision(self, day: int, noise: float, today: _Totals | None) -> tuple[Floats, Floats]:
-        """Return the precision of a day's weights, and it times their mean, by this and the days before."""
+        """Return the precision of a day's weights, and its product with their mean, by all days until it."""
         precision, response = (part.copy() for part in self._before(day))
         if today is not None:
             precision += today.squares / noise
@@ -318,7 +312,7 @@ class SoilField:
         return precision, response
 
     def _before(self, day: int) -> tuple[Floats, Floats]:
-        """Return the precision of a day's weights, and it times their mean, before it is observed."""
+        """Return the precision of a day's weights, and its product with their mean, by the days before."""
         variances = self._prior(day).variance
         last = max((seen for seen in self._sums if seen < day), default=None)
         if last is None:
@@ -341,16 +335,15 @@ class SoilField:
         return known
 
     def _counts_before(self, day: int) -> tuple[tuple[int, int], ...]:
-        """Return the days before one with readings, and how many they have."""
+        """Return the days with readings before a day, and the numbers of their readings."""
         return tuple((seen, sums.now.count) for seen, sums in sorted(self._sums.items()) if seen < day)
 
 
 @dataclass(slots=True, eq=False)
 class _Posterior:
-    """Mean and covariance of the functions' weights on a day, for a noise that stays.
+    """Mean and covariance of the functions' weights on a day, for a fixed noise.
 
-    `noise` is the variance that the readings are taken with, `shown` the one that they show, from
-    `noise_from` of them.
+    `noise` is the variance that readings are taken with, `shown` its estimate from `noise_from` readings.
     """
 
     day: int
@@ -370,11 +363,11 @@ class _Posterior:
         return self.day != day or self.noise_from != noise_from
 
     def can_learn(self, day: int, count: int) -> bool:
-        """Return whether it can take so many further readings of a day, without being made anew."""
+        """Return whether it can take `count` further readings of a day, without being made anew."""
         return day == self.day and count <= _MOST_AT_ONCE
 
     def learn(self, functions: Floats, readings: Floats, counted: Floats) -> None:
-        """Take further readings of its day, each for a part of one."""
+        """Take further readings of its day; `counted` are their weights."""
         # Woodbury's identity.
         moved = product(self.covariance, functions.T)
         within = product(functions, moved)
@@ -397,7 +390,7 @@ class _Totals:
 
 
 class _Sums:
-    """The sums of the readings of a day: all of them, and those at the last count at which its noise was due.
+    """The sums of a day's readings: of all, and of those when the noise was last estimated.
 
     The noise is estimated from 30, 36, 43, 51, ... readings, whatever the parts in which they came.
     """
@@ -408,12 +401,12 @@ class _Sums:
 
     @property
     def until_due(self) -> int:
-        """How many readings may be added before the noise is due."""
+        """Number of readings until the noise is estimated anew."""
         following = max(_LEAST_FOR_NOISE, int(_NOISE_GROWTH * self.due.count))
         return following - self.now.count
 
     def add(self, functions: Floats, values: Floats, weights: Floats) -> None:
-        """Add at most `until_due` readings, each for a part of one."""
+        """Add at most `until_due` readings with weights."""
         due = len(values) == self.until_due
         counted = weights[:, None] * functions
         self.now.squares.__iadd__(product(counted.T, functions))

@@ -1,9 +1,8 @@
-"""Learning class probabilities from simulated outbreaks, and keeping what was learned.
+"""Training of networks for class probabilities on simulated outbreaks, and their files.
 
-Outbreaks of the disease's own model are drawn, observed along random paths that end at random times, and a
-small network learns the class of cells that were not observed from what is known around them. The seeds of
-these outbreaks are streams of their own: no environment that is flown is ever among them, except by a chance
-of 2^-128.
+Outbreaks of the disease's model are drawn and observed along random paths that end at random times. A small
+network learns the class of unobserved cells from the observations around them. The seeds of these outbreaks
+are streams of their own: no flown environment is among them, except by a chance of 2^-128.
 """
 
 from __future__ import annotations
@@ -39,15 +38,14 @@ from sensors.estimators.epidemic.features import (
     local_features,
     overall_features,
     padded_codes,
-    set_overall,
 )
 from sensors.estimators.epidemic.network import FieldClassifier, Network, train
 from sensors.estimators.epidemic.paths import chasing_path, random_path
 
 VERSION = 5
-"""Part of the names of files; it has to grow with every change of the training."""
+"""Part of the names of files; to be raised with every change of the training."""
 SUMS = 2
-"""Part of the names of files, too: it grows with a change of the arithmetic that leaves the draws alone."""
+"""Part of the names of files; to be raised with a change of the arithmetic that leaves the draws alone."""
 WHOLE_FARM_CELLS = 128 * 128
 """On farms with more cells the training sees windows; features of the whole field are not used."""
 LAYERS = (N_FEATURES, 64, 32, 3)
@@ -72,7 +70,7 @@ _in_memory: dict[str, Network] = {}
 
 @dataclass(frozen=True, slots=True)
 class TrainingTask:
-    """What a network is trained for; equal tasks give equal networks.
+    """The task of a network; equal tasks give equal networks.
 
     Parameters
     ----------
@@ -97,27 +95,22 @@ class TrainingTask:
 
     def key(self, hosts: NDArray[np.bool_]) -> str:
         """Return a name for the network of this task on this crop map."""
-        told = {**asdict(self), "version": VERSION, "layers": LAYERS, "shape": hosts.shape}
+        identity = {**asdict(self), "version": VERSION, "layers": LAYERS, "shape": hosts.shape}
         if self.parameters.seed_spread_cells is None:
-            # Added after the first networks, which keep their names, and so what they learn.
-            del told["parameters"]["seed_spread_cells"]
-        digest = hashlib.sha256(json.dumps(told, sort_keys=True).encode())
+            # Networks from before this parameter keep their names, which seed their training.
+            del identity["parameters"]["seed_spread_cells"]
+        digest = hashlib.sha256(json.dumps(identity, sort_keys=True).encode())
         digest.update(np.packbits(hosts).data)
         return digest.hexdigest()[:32]
 
 
 def first_day(day: int, hosts: NDArray[np.bool_]) -> int:
-    """Return the first of the days that share a network with a day: eight on farms that are seen as a whole.
+    """Return the first of the eight days that share a network with a day; on large farms the day itself.
 
     >>> first_day(6, np.ones((30, 30), bool)), first_day(6, np.ones((300, 300), bool))
     (0, 6)
     """
     return day - day % _DAYS_TOGETHER if hosts.size <= WHOLE_FARM_CELLS else day
-
-
-def cache_folder(folder: str | os.PathLike[str] | None) -> Path:
-    """Return the folder of trained networks: the given one, or one below XDG_CACHE_HOME or ~/.cache."""
-    return Path(folder) if folder is not None else user_cache_folder("epidemic")
 
 
 def network_for(
@@ -127,8 +120,8 @@ def network_for(
 ) -> Network:
     """Return the network of a task: from memory, from its file, or trained now and kept in both.
 
-    A file that cannot be read, or is not what its name claims, is replaced; a folder that cannot be written
-    to costs a training in every process, not an error.
+    A file that cannot be used is replaced. A folder that cannot be written to is no error, but costs a
+    training in every process.
     """
     task = shared_task(task, hosts)
     network = known_network(task, hosts, folder)
@@ -142,15 +135,16 @@ def network_for(
 
 
 def shared_task(task: TrainingTask, hosts: NDArray[np.bool_]) -> TrainingTask:
-    """Return the task of the network that knows the day of a task."""
+    """Return the task of the network that serves a task's day."""
     if not 0 <= task.day <= MAX_DAYS:
         raise EstimatorError(f"epidemic: day {task.day} is not in 0..{MAX_DAYS}, the days of an environment")
     return replace(task, day=first_day(task.day, hosts))
 
 
 def network_file(task: TrainingTask, hosts: NDArray[np.bool_], folder: str | os.PathLike[str] | None) -> Path:
-    """Return where the network of a shared task is kept."""
-    return cache_folder(folder) / f"{task.key(hosts)}-{SUMS}.npz"
+    """Return the file of a shared task's network, in the folder or the user's cache."""
+    parent = Path(folder) if folder is not None else user_cache_folder("epidemic")
+    return parent / f"{task.key(hosts)}-{SUMS}.npz"
 
 
 def known_network(
@@ -175,11 +169,11 @@ def keep_network(
 
 
 def save_network(network: Network, path: Path) -> None:
-    """Write a network, or leave it if the folder cannot be written to."""
+    """Write a network; a folder that cannot be written to is a warning."""
     layers: dict[str, NDArray[np.float32]] = {}
-    for number, one in enumerate((network, *network.further)):
-        layers |= {f"{_part(number)}weight{i}": weight for i, weight in enumerate(one.weights)}
-        layers |= {f"{_part(number)}bias{i}": bias for i, bias in enumerate(one.biases)}
+    for number, stage in enumerate((network, *network.further)):
+        layers |= {f"{_part(number)}weight{i}": weight for i, weight in enumerate(stage.weights)}
+        layers |= {f"{_part(number)}bias{i}": bias for i, bias in enumerate(stage.biases)}
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with atomic_write(path, "wb") as stream_:
@@ -205,7 +199,7 @@ def _part(number: int) -> str:
 
 
 def _read(file: Mapping[str, NDArray[np.float32]], number: int, layers: Sequence[int]) -> Network:
-    """Take one network from a file, or raise a ValueError or KeyError."""
+    """Read network `number` from a file; ValueError or KeyError if it cannot be used."""
     weights, biases = [], []
     for i, shape in enumerate(itertools.pairwise(layers)):
         weight, bias = file[f"{_part(number)}weight{i}"], file[f"{_part(number)}bias{i}"]
@@ -219,7 +213,7 @@ def _read(file: Mapping[str, NDArray[np.float32]], number: int, layers: Sequence
 
 
 def learn(task: TrainingTask, hosts: NDArray[np.bool_], step: Step = no_step) -> Network:
-    """Simulate, observe and train; `step` is called with the part that is done, 0..1."""
+    """Simulate, observe and train; `step` is called with the finished part, 0..1."""
     rng = stream(task.seed, "epidemic-estimator", task.key(hosts))
     whole = hosts.size <= WHOLE_FARM_CELLS
     steps = 2 + 2 * whole * _FURTHER
@@ -253,12 +247,12 @@ def classes_of(values: NDArray[np.floating]) -> NDArray[np.int8]:
 
 @dataclass(frozen=True, slots=True)
 class Look:
-    """What is known of a field at some time, and the cells to learn from: some that were not observed."""
+    """The observations of a field at some time, and unobserved cells to learn from."""
 
     codes: NDArray[np.uint8] | None
-    """uint8[W + 2 REACH, H + 2 REACH]: the map; it is kept only where it is looked at again."""
+    """uint8[W + 2 REACH, H + 2 REACH]: the map; kept for further networks only."""
     day: int
-    """Days since the first of the network's."""
+    """Days since the network's first."""
     overall: NDArray[np.float32]
     """float32[8]: the numbers about the whole field; zeros in windows."""
     chosen: NDArray[np.intp]
@@ -267,11 +261,11 @@ class Look:
     classes: NDArray[np.int8]
     """The truth."""
     weights: NDArray[np.float64]
-    """How much each counts, so that all looks together stand for all cells not observed at them."""
+    """Weights of the cells, so that all looks together stand for all of their unobserved cells."""
 
 
 def draw_looks(task: TrainingTask, hosts: NDArray[np.bool_], rng: Generator) -> list[Look]:
-    """Draw looks at the farm: on larger whole ones fewer with more cells each, as all cells are judged."""
+    """Draw looks at the farm; for further networks, which judge all cells, fewer with more cells each."""
     field = _Fields(task, hosts, rng)
     wanted = max(task.outbreaks, _SMALLEST_TRAINING)
     most = wanted
@@ -292,7 +286,7 @@ def draw_looks(task: TrainingTask, hosts: NDArray[np.bool_], rng: Generator) -> 
                 overall = np.zeros(N_OVERALL, np.float32)
                 if field.whole:
                     overall = overall_features(codes, field.hosts, field.seeds, day)
-                set_overall(features, overall)
+                features[:, -N_OVERALL:] = overall
                 classes = truth[chosen[:, 0], chosen[:, 1]]
                 kept = codes if field.whole else None
                 found.append(Look(kept, day, overall, chosen, features, classes, weight * counts))
@@ -302,7 +296,7 @@ def draw_looks(task: TrainingTask, hosts: NDArray[np.bool_], rng: Generator) -> 
 def _along_a_path(
     land: NDArray[np.bool_], truth: NDArray[np.int8], rng: Generator
 ) -> Iterator[NDArray[np.uint8]]:
-    """Yield what is known of a field (codes) at some times along a random path, which may chase plants."""
+    """Yield the codes of a field at some times along a random path, which may chase sick plants."""
     longest = max(1, int(_LONGEST_SHARE * land.size))
     cells = random_path(land.shape, longest, rng)
     if rng.random() < _CHASING_SHARE:
@@ -330,7 +324,7 @@ def samples_of(
 
 
 class _Refinement:
-    """What the last network learned believes of all cells of some looks, for the next one to learn from."""
+    """The probabilities of all cells of some looks by the last network, as inputs of the next one."""
 
     def __init__(self, looks: list[Look], hosts: NDArray[np.bool_], seeds: int) -> None:
         self._looks = looks
@@ -341,7 +335,7 @@ class _Refinement:
         self._found: list[NDArray[np.float32] | None] = [None] * len(looks)
 
     def refine(self, last: Network, features: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Let a network judge all looks, and return the samples with its beliefs in further columns."""
+        """Judge all looks with a network; return the samples with its probabilities in further columns."""
         out = np.empty((len(features), N_FEATURES + N_CONTEXT), np.float32)
         out[:, :N_FEATURES] = features
         start = 0
@@ -360,7 +354,7 @@ class _Refinement:
 def _choose(
     codes: NDArray[np.uint8], margin: int, most: int, rng: Generator
 ) -> tuple[NDArray[np.intp], NDArray[np.float64]]:
-    """Choose cells not observed, preferably near sick ones, and say for how many each stands."""
+    """Choose unobserved cells, preferably near sick ones; return them and the number each stands for."""
     from scipy import ndimage
 
     middle = inner(codes)[margin : codes.shape[0] - 2 * REACH - margin]
@@ -385,11 +379,7 @@ class _Fields:
         self.seeds = task.parameters.seed_count(hosts.shape)
         self._land = hosts
         self._rng = rng
-        size = task.parameters.kernel_size
-        if size is None:
-            size = task.parameters.infection_rule(hosts.shape).kernel.size
-        # Seeds and kernel follow from the farm's width, which a window does not have.
-        self._parameters = replace(task.parameters, seeds=self.seeds, kernel_size=size)
+        self._parameters = task.parameters.on_window(hosts.shape, self.seeds)
         self._last_day = min(task.day + _DAYS_TOGETHER - 1, MAX_DAYS) if self.whole else task.day
         days = range(task.day, self._last_day + 1)
         self.tables = [classes_of(value_table(self._parameters, day)) for day in days]
@@ -407,8 +397,8 @@ class _Fields:
         none = math.exp(-expected)
         if rng.random() >= _WITH_SEEDS_SHARE:
             return land, np.full(land.shape, NEVER, np.int8), REACH, none / (1.0 - _WITH_SEEDS_SHARE)
-        # Outbreaks are rare on a large farm: windows with at least one are drawn oftener and count less.
-        # Their number is that of the arrivals of a Poisson process that has its first arrival before time 1.
+        # Outbreaks are rare on a large farm: windows with outbreaks are drawn oftener and count less. Seeds
+        # arrive as in a Poisson process that has its first arrival before time 1.
         first = -math.log1p(-float(rng.random()) * (1.0 - none)) / max(expected, 1e-300)
         later = int(rng.poisson(expected * max(0.0, 1.0 - first)))
         weight = (1.0 - none) / _WITH_SEEDS_SHARE

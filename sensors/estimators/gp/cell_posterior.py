@@ -1,12 +1,12 @@
-"""Posteriors of a Gaussian process that are kept cell by cell, and grow observation by observation.
+"""Posteriors of a Gaussian process, kept cell by cell and updated observation by observation.
 
-Observations lie on cells, so the rows ``V = L^-1 K(observed, all cells)`` that belong to the growing Cholesky
-factor L are also all that is needed to grow it: the new row of L is the column of V at the new cell. Another
-observation costs O(observations x cells), and nothing is ever solved again.
+Observations lie on cells, so the rows ``V = L^-1 K(observed, all cells)`` of the growing Cholesky factor L
+suffice to extend it: the new row of L is the column of V at the new cell. A further observation costs
+O(observations x cells), and nothing is solved again.
 
-A row is the covariance of its observation with all cells, given those before it. Where the kernel is short
-against the farm, it is nothing far from the observation, so only a window of it is kept and used: another
-observation costs what lies within its reach, however large the farm and however long the flight.
+A row is the covariance of its observation with all cells, given the observations before it. With a kernel
+that is short against the farm it vanishes far from the observation, so only a window of it is kept: the cost
+of a further observation is that of the window, whatever the size of the farm and the length of the flight.
 """
 
 from __future__ import annotations
@@ -24,13 +24,11 @@ from sensors.estimators.gp.rbf import Cells, Floats, RbfKernel
 
 
 class CellPosterior(ABC):
-    """Mean and variance of each cell of a farm given the observations so far.
+    """Mean and variance of each cell of a farm, given the observations.
 
-    The prior mean is not fixed here: the posterior mean under a constant prior mean m is
-    ``m + response[0] - m * response[1]``.
-
-    `response`, float64[2, W * H], is what the observed values, and a constant of one, give under a zero prior
-    mean; `variance` that of the smooth part.
+    `response`, float64[2, W * H], is the posterior mean under a zero prior mean, of the observed values and
+    of observations that are all 1. So under a constant prior mean m the posterior mean is
+    ``m + response[0] - m * response[1]``. `variance` is that of the smooth part.
     """
 
     def __init__(self, shape: tuple[int, int], kernel: RbfKernel) -> None:
@@ -54,10 +52,10 @@ def merge_repeated(
 ) -> tuple[Cells, Cells, Floats, Floats]:
     """Merge observations of the same cell: their mean, with the noise variance divided by their number.
 
-    For a Gaussian process this is exact: k looks with independent noise tell the same as their mean.
+    For a Gaussian process this is exact: k readings with independent noise are equivalent to their mean.
 
-    An observation counts for `weights` of one, its noise is divided by that. Cells come back distinct, with
-    the mean value and the variance of its noise.
+    The noise of an observation is divided by its weight. Returned are distinct cells, with the mean value and
+    the variance of its noise.
 
     Examples
     --------
@@ -74,7 +72,7 @@ def merge_repeated(
 
 
 class ExactPosterior(CellPosterior):
-    """Mean and variance over all cells given the observations so far; see `CellPosterior`."""
+    """The posterior with a row of all cells for each observation."""
 
     def __init__(self, shape: tuple[int, int], kernel: RbfKernel) -> None:
         super().__init__(shape, kernel)
@@ -83,7 +81,7 @@ class ExactPosterior(CellPosterior):
 
     @staticmethod
     def bytes_needed(n_observations: int, shape: tuple[int, int]) -> int:
-        """Return the memory that so many observations of different cells take."""
+        """Return the memory of `n_observations` of different cells."""
         rows = -(-n_observations // _BLOCK_ROWS) * _BLOCK_ROWS
         return 8 * (rows + _RESULT_ROWS) * shape[0] * shape[1]
 
@@ -125,19 +123,18 @@ class ExactPosterior(CellPosterior):
 
 
 REACH_LENGTHS = 10.0
-"""Observations act through each other a little farther than the kernel does; what lies beyond this loses up
-to 4e-4 of the prior deviation of the mean, where tiles lose up to 2e-3. Looks that are repeated act as less
-noise: with nine at every cell it is 3e-3, and 4e-3 by tiles."""
+"""Observations act through each other a little farther than the kernel does. The window loses up to 4e-4 of
+the prior deviation of the mean, tiles up to 2e-3; with nine readings of every cell 3e-3 and 4e-3."""
 LEAST_NOISE = 0.1
-"""With noise below this part of the amplitude observations act through each other farther than the window."""
+"""With noise below this part of the amplitude, observations act through each other beyond the window."""
 MOST_CELLS = 250_000
 """Larger farms are solved tile by tile, which writes only what has changed."""
 GROWING = 2.5
-"""An array that grows has room for half as much again, and is copied to another when that is full."""
+"""Memory of an array that grows, by its rows: the array, and its copy with half as much room again."""
 
 
 class WindowedPosterior(CellPosterior):
-    """Mean and variance over all cells given the observations so far; see `CellPosterior`."""
+    """The posterior with a row of a window of cells for each observation."""
 
     def __init__(self, shape: tuple[int, int], kernel: RbfKernel) -> None:
         super().__init__(shape, kernel)
@@ -150,7 +147,7 @@ class WindowedPosterior(CellPosterior):
 
     @staticmethod
     def fits(n_observations: int, shape: tuple[int, int], kernel: RbfKernel, most_bytes: float) -> bool:
-        """Return whether so many observations can be taken as if exactly, in so much memory."""
+        """Return whether windows are accurate, and `n_observations` of them take at most `most_bytes`."""
         reach_x, reach_y = _reach(kernel)
         needed = 8.0 * n_observations * (2 * reach_x + 1) * (2 * reach_y + 1)
         noisy = kernel.noise >= LEAST_NOISE * kernel.amplitude
@@ -172,7 +169,7 @@ class WindowedPosterior(CellPosterior):
 
 
 def _reach(kernel: RbfKernel) -> tuple[int, int]:
-    """Return how many cells a window reaches from its middle."""
+    """Return the cells from the middle of a window to its sides, along x and y."""
     return math.ceil(REACH_LENGTHS * kernel.length_x), math.ceil(REACH_LENGTHS * kernel.length_y)
 
 
@@ -195,12 +192,12 @@ def take_observations(
     Parameters
     ----------
     rows : float64[n, 2 rx + 1, 2 ry + 1]
-        Of each observation so far its row of V (`sensors.estimators.gp.cell_posterior`) in a window around
-        it, with room for the new ones. Changed.
+        The row of V (see the module) of each observation, in a window around it, with room for the new ones.
+        Changed.
     centres : int32[n, 2]
         Their cells. Changed.
     used : int
-        How many there are so far.
+        Number of observations before the new ones.
     x, y, values, noise
         The new ones, and the variances of their noise.
     along_x, along_y : float64[rx + 1], float64[ry + 1]

@@ -1,15 +1,14 @@
-"""From the mean that a Gaussian process has of a disease to the probabilities of a plant's three classes.
+"""Probabilities of a plant's three classes, from a Gaussian process's mean of a disease.
 
-A normal distribution around "nearly surely healthy" says nothing of the plants that are sick. What the mean
-does tell is how much oftener than elsewhere a plant is sick. With i the mean of the illness (one less the
-value), i0 that of the prior and p0 the part of all plants that is sick, the odds of a plant to be sick are
+The normal distribution of the process does not give the probability that a plant is sick; but that rises with
+the mean. With i the mean of the illness (one less the value), i0 that of the prior and p0 the part of all
+plants that is sick, the odds of a plant to be sick are
 
     p / (1 - p) = p0 / (1 - p0) ((max(i, 0) / i0 + c) / (1 + c))^slope
 
-which is p0 where nothing is known, and rises with the mean: logistic calibration (Platt 1999, "Probabilistic
-outputs for support vector machines") of its logarithm, with one parameter. That is learned, for each farm and
-day, from simulated outbreaks that are observed along random paths. Of the sick plants the part `lost` is
-lost: it follows from i0 and p0.
+which is p0 where nothing is known: logistic calibration (Platt 1999, "Probabilistic outputs for support
+vector machines") of the mean's logarithm. The slope is learned, for each farm and day, from simulated
+outbreaks that are observed along random paths. The part `lost` of the sick plants follows from i0 and p0.
 """
 
 from __future__ import annotations
@@ -28,7 +27,7 @@ from sensors.estimators.gp.rbf import Cells, Floats, RbfKernel
 Values = NDArray[np.float32]
 
 _FLOOR = 0.1
-"""c: what a mean of no illness at all counts as, in parts of the prior's."""
+"""c: the illness that a mean of 0 counts as, in parts of the prior's."""
 _MOST_SLOPE = 8.0
 _WINDOW = 32
 _LONGEST_SHARE = 0.45
@@ -39,7 +38,7 @@ _COLUMNS_AT_ONCE = 64
 
 @dataclass(frozen=True, slots=True)
 class ClassLink:
-    """What the module's formula has of one disease, farm and day.
+    """The parameters of the module's formula for one disease, farm and day.
 
     Parameters
     ----------
@@ -48,7 +47,7 @@ class ClassLink:
     sick : float
         Part of the plants that is sick, p0.
     slope : float
-        How fast the odds rise with the mean.
+        Exponent of the mean.
     """
 
     illness: float
@@ -90,10 +89,10 @@ def _log_excess(illness: NDArray[np.floating], prior: float) -> Values:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ClassMap:
-    """One disease on one farm: what follows from the process's means, by the link and the costs of errors.
+    """The estimate of one disease on one farm, from the process's means by the link and the costs of errors.
 
-    Value, deviation and expected loss of a plant that nobody looked at depend on one number, how likely it is
-    sick, and each of them tells that number again. Land without the crop is healthy without doubt.
+    Value, deviation and expected loss of an unobserved plant are invertible functions of the probability that
+    it is sick. Land without the crop is healthy without doubt.
 
     Parameters
     ----------
@@ -118,10 +117,9 @@ class ClassMap:
         rows: slice = slice(None),
         where: NDArray[np.bool_] | None = None,
     ) -> None:
-        """Replace the process's means and deviations, in place, by the value of least loss and its deviation.
+        """Replace the process's means and deviations by values of least loss and their deviations, in place.
 
-        `value` and `uncertainty` are of the whole farm; changed are columns and rows of it, there only the
-        cells `where`.
+        `value` and `uncertainty` are of the whole farm; in `columns` and `rows` the cells `where` change.
         """
         sick = self.link.sick_of_mean(value[columns, rows])
         sick *= self.hosts[columns, rows]
@@ -130,9 +128,9 @@ class ClassMap:
         np.copyto(uncertainty[columns, rows], self._deviation(sick), where=chosen)
 
     def probabilities(self, value: Values, uncertainty: Values) -> Values:
-        """Return the probabilities of healthy, infected and lost, float32[3, W, H], from what was decided.
+        """Return the probabilities of healthy, infected and lost, float32[3, W, H], from decided values.
 
-        Plants without uncertainty are what they were read as.
+        Plants without uncertainty have the class of their reading.
         """
         out = np.empty((3, *value.shape), np.float32)
         for start in range(0, len(value), _COLUMNS_AT_ONCE):
@@ -149,7 +147,7 @@ class ClassMap:
         return out
 
     def expected_loss(self, value: Values, uncertainty: Values, out: Values) -> None:
-        """Write what the score is expected to charge for what was decided, float32[W, H], into `out`.
+        """Write the expected loss of decided values, float32[W, H], into `out`.
 
         With the value that balances both sides (`sensors.scoring.expected.least_loss_value`), the sum over
         the classes is ``b S (1 - v) - a I (v - 1/2) / 2`` above one half and ``b (S (1 - v) + I (1/2 - v) /
@@ -176,7 +174,7 @@ class ClassMap:
         return value
 
     def _sick(self, value: Values) -> Values:
-        """Return how likely plants are sick whose values of least expected loss these are."""
+        """Return the probabilities to be sick from the values of least expected loss: `_value` inverted."""
         a, lost = np.float32(self.too_healthy / self.too_sick), np.float32(self.link.lost)
         one, half = np.float32(1.0), np.float32(0.5)
         is_upper = value >= half

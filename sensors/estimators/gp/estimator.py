@@ -23,9 +23,8 @@ from sensors.estimators.gp.field import FieldProcess
 from sensors.estimators.gp.rbf import RbfKernel, fit_kernel
 from sensors.fields import PAPER_FIELDS, Field, FieldSet
 from sensors.scoring.expected import loss_of_deviation
-from sensors.scoring.information import InformationModel, LazyProbabilities
+from sensors.scoring.information import TILE_CELLS, InformationModel, LazyProbabilities, tile_shape
 from sensors.scoring.score import ScoreWeights
-from sensors.scoring.tiles import TILE_CELLS, tile_shape
 
 if TYPE_CHECKING:
     from geo.grid import FarmGrid
@@ -77,9 +76,9 @@ class GaussianProcessEstimator(BaseEstimator):
     Parameters
     ----------
     prior_mean : sequence of (float or None), optional
-        The value of each field far from all observations; None in it is the mean of its observations so far.
-        By default what was learned from the model, or else healthy, healthy, and the running mean for soil;
-        ``(0, 0, 0)`` is the paper's. Given values are kept.
+        The value of each field far from all observations; None in it is the running mean of the observations.
+        By default that of the model, or else healthy, healthy, and the running mean for soil; ``(0, 0, 0)``
+        is the paper's. Given values are kept.
     kernel : RbfKernel
         The kernel until one is learned.
     optimise : bool
@@ -98,11 +97,11 @@ class GaussianProcessEstimator(BaseEstimator):
         What the rows of the exact posterior, or those of windows, may take, in MiB. Windows grow, and take up
         to 2.5 times that for the moment in which they do.
     learn_from : {"model", "observations"}
-        What mean and kernel are learned from. A kernel fitted to one flight, which rarely meets a sick plant,
-        is too sure of what the flight has not seen (``docs/decisions/0009-gaussian-process-at-scale.md``);
-        take it where nothing is known of the diseases and the weather.
+        The source of mean and kernel. A kernel fitted to one flight, which rarely meets a sick plant, is too
+        certain of unobserved cells (``docs/decisions/0009-gaussian-process-at-scale.md``); take it where
+        nothing is known of the diseases and the weather.
     fields : FieldSet
-        What is observed, and what is assumed about diseases and weather; the benchmark's by default.
+        The observed fields, with the assumed dynamics; the benchmark's by default.
     day : int
         The day that is assumed before there is any observation.
     training_seed : int
@@ -164,7 +163,7 @@ class GaussianProcessEstimator(BaseEstimator):
         self.states = states
 
     def memory_bytes(self, shape: tuple[int, int], n_observations: int) -> int:
-        """Return the memory that the estimator takes on a farm with so many observations, in bytes."""
+        """Return the memory in bytes; see `BaseEstimator.memory_bytes`."""
         cells = shape[0] * shape[1]
         models = 2 * len(self.fields) * 4 * cells
         exact = len(self.fields) * ExactPosterior.bytes_needed(n_observations, shape)
@@ -267,12 +266,12 @@ class GaussianProcessEstimator(BaseEstimator):
         classes = {
             name: process.classes for name, process in zip(self.fields.names, self._fields, strict=True)
         }
-        diseases = tuple(name for name, one in classes.items() if one is not None)
+        diseases = tuple(name for name, class_map in classes.items() if class_map is not None)
 
         def probabilities(disease: str) -> _Values:
-            k, one = self.fields.index(disease), classes[disease]
-            assert one is not None
-            return one.probabilities(value[k], uncertainty[k])
+            k, class_map = self.fields.index(disease), classes[disease]
+            assert class_map is not None
+            return class_map.probabilities(value[k], uncertainty[k])
 
         return InformationModel(
             value,
@@ -282,24 +281,26 @@ class GaussianProcessEstimator(BaseEstimator):
             self.fields.names,
             probabilities=LazyProbabilities(diseases, probabilities) if diseases else None,
             loss_map=partial(self._loss_of, tuple(classes.values()), value, uncertainty, in_place=in_place),
-            correlation_length=tuple(math.sqrt(one.length_x * one.length_y) for one in self.kernels_),
+            correlation_length=tuple(
+                math.sqrt(kernel.length_x * kernel.length_y) for kernel in self.kernels_
+            ),
         )
 
     def _loss_of(
         self, classes: tuple[ClassMap | None, ...], value: _Values, uncertainty: _Values, *, in_place: bool
     ) -> _Values:
-        """Return the expected loss; of models in place in an array that is made once and follows them."""
+        """Return the expected loss; models in place share an array, of which stale strips are computed."""
         if in_place and self._losses is not None:
             losses, stale = self._losses, self._stale
         else:
             losses, stale = np.empty_like(value), np.ones_like(self._stale)
         for k, strip in zip(*np.nonzero(stale.any(axis=2)), strict=True):
             part = slice(k, k + 1), slice(strip * TILE_CELLS, (strip + 1) * TILE_CELLS)
-            one = classes[k]
-            if one is None:
+            class_map = classes[k]
+            if class_map is None:
                 loss_of_deviation(uncertainty[part], ScoreWeights.of(self.fields), losses[part], first=int(k))
             else:
-                one.expected_loss(value[part][0], uncertainty[part][0], losses[part][0])
+                class_map.expected_loss(value[part][0], uncertainty[part][0], losses[part][0])
         if in_place:
             self._losses = losses
             self._stale[:] = False
@@ -330,7 +331,7 @@ class GaussianProcessEstimator(BaseEstimator):
         self._learned_day = day
 
     def _classes_of(self, field: Field, link: ClassLink | None) -> ClassMap | None:
-        """Return what turns means of a field into classes, if it can and is to have some."""
+        """Return the class map of a disease; None for other fields, or if `states` or the costs forbid it."""
         costs = field.cost_above, field.cost_below
         if link is None or self.states != "classes" or min(costs) <= 0.0:
             return None
@@ -339,7 +340,7 @@ class GaussianProcessEstimator(BaseEstimator):
     def _carry(
         self, field: Field, process: FieldProcess, day: int, earlier: int, values: _Floats
     ) -> tuple[_Floats, _Floats]:
-        """Return what readings of an earlier day tell of a day, and its variance."""
+        """Return the mean and variance of readings of an earlier day, carried forward to a day."""
         if self.learn_from == "observations":
             return values, np.full(len(values), process.change_a_day * (day - earlier))
         return transition(field, self.grid_, earlier, day, self.training_seed)(values)
@@ -362,7 +363,7 @@ class GaussianProcessEstimator(BaseEstimator):
 
     @property
     def _window_bytes(self) -> float:
-        """How much memory each field may take for windows of cells."""
+        """Memory of each field for windows of cells."""
         return self.memory_limit_mb * 2**20 / len(self.fields) if self.method == "auto" else 0.0
 
     def _needs_local(self) -> bool:

@@ -16,7 +16,7 @@ from sensors.estimators.append_buffer import GrowingArray
 from sensors.estimators.days import Crowding
 from sensors.estimators.gp.cell_posterior import CellPosterior, ExactPosterior, WindowedPosterior
 from sensors.estimators.gp.rbf import Cells, Floats, RbfKernel
-from sensors.scoring.tiles import TILE_CELLS, tile_shape
+from sensors.scoring.information import TILE_CELLS, tile_shape
 
 if TYPE_CHECKING:
     from sensors.estimators.gp.classes import ClassMap
@@ -25,19 +25,19 @@ if TYPE_CHECKING:
 MOST_FUNCTIONS = 1024
 """With more functions over the whole farm than this, the posterior is computed tile by tile."""
 MOST_OBSERVATIONS = 1_000_000
-"""For how many observations the functions over the whole farm are chosen."""
+"""Number of observations for which the functions over the whole farm are chosen."""
 _FIRST_FIT = 16
 _FIT_POINTS = 512
 _FIT_RUNS = 8
 _LARGE_CELLS = 128
 _EXACT = 1e-3
-"""A reading that differs less from the value of a class shows this class without doubt."""
+"""A reading nearer than this to the value of a class shows the class without doubt."""
 
 KernelFit = Callable[[Cells, Cells, Floats], RbfKernel]
 Carry = Callable[[int, Floats], tuple[Floats, Floats]]
-"""Takes an earlier day and readings of it; gives what they tell of the present day, and its variance."""
+"""Carries readings of an earlier day forward to the present day: returns mean and variance."""
 Correlate = Callable[[int, int], float]
-"""Takes two days; gives the correlation of a smooth field on them."""
+"""The correlation of a smooth field on two days."""
 
 
 class _Way(Enum):
@@ -49,12 +49,12 @@ class _Way(Enum):
 class FieldProcess:
     """The observations of one field, its mean, its kernel and its posterior.
 
-    A mean of None is that of the observations so far, `mean_before` without any. A field is patchy if what a
-    kernel does not say of it is the same for readings near each other, as that soaked soil takes no more
-    rain: on large farms they count for less then (`Crowding`).
+    A mean of None is that of the observations, or `mean_before` without any. In a patchy field, readings near
+    each other share the error of the kernel, as soaked soil takes no more rain; on large farms they count for
+    less (`Crowding`).
 
-    With `classes`, those of a disease, value and uncertainty are what follows from the process's means by
-    them; and as long as all readings are those of a class, plants that were read today are what they showed.
+    With `classes`, those of a disease, value and uncertainty follow from the process's means by them. As long
+    as all readings are exactly those of a class, plants that were read today have the class of the reading.
     """
 
     def __init__(
@@ -101,10 +101,10 @@ class FieldProcess:
         self._exact = self._exact and bool((np.abs(values - _nearest_class(values)) <= _EXACT).all())
 
     def carry_to(self, day: int, carry: Carry, correlate: Correlate | None = None) -> None:
-        """Estimate this day: readings of earlier ones count by what they tell of it.
+        """Estimate this day, with readings of earlier days carried forward.
 
-        With `correlate` the field changes smoothly in space, so readings of a day are out of date together
-        (`sensors.estimators.days`); without it, each for itself.
+        With `correlate`, errors of carried readings of a day are correlated (`sensors.estimators.days`);
+        otherwise they are independent.
         """
         self._day, self._carry, self._correlate = day, carry, correlate
 
@@ -120,7 +120,7 @@ class FieldProcess:
         self.kernel = self._first_kernel if np.ptp(residuals) == 0 else fit_kernel(x, y, residuals)
 
     def prior_mean(self, count: int) -> float:
-        """Return the prior mean after so many observations."""
+        """Return the prior mean after `count` observations."""
         if self.mean is not None:
             return self.mean
         return float(self._values.array[:count].mean()) if count else self._mean_before
@@ -152,7 +152,7 @@ class FieldProcess:
             posterior.solve()
 
     def _way(self, exact: bool, window_bytes: float) -> _Way:
-        """Return how the posterior of all readings is to be computed."""
+        """Choose the way of computing the posterior of all readings."""
         if exact:
             return _Way.EXACT
         days = self._days.array
@@ -163,9 +163,9 @@ class FieldProcess:
         return _Way.TILED
 
     def _update_smooth(self) -> bool:
-        """Bring the posterior of a field that changed smoothly since earlier readings up to date.
+        """Update the posterior of a field that changed smoothly since readings of earlier days.
 
-        False if nothing was done: there are no such readings, or the kernel is too short for it.
+        False if there are no such readings, or the kernel is too short for it.
         """
         days = self._days.array
         if self._correlate is None or self._day is None or not (days < self._day).any():
@@ -198,7 +198,7 @@ class FieldProcess:
         return True
 
     def _counted(self, posterior: object, x: Cells, y: Cells) -> Floats | None:
-        """Return what each of today's further readings counts for: less where many are, if they crowd."""
+        """Return the weights of today's further readings, if they crowd."""
         if not self._crowds or isinstance(posterior, CellPosterior):
             return None
         from sensors.estimators.gp.local import WholePosterior
@@ -209,7 +209,7 @@ class FieldProcess:
         return Crowding(self._shape, (self.kernel.length_x, self.kernel.length_y))
 
     def _as_of_today(self, day: int, values: Floats) -> Floats:
-        """Return readings of an earlier day in today's units: as far from the mean as they were."""
+        """Return readings of an earlier day, scaled to today's deviations from the mean."""
         assert self._carry is not None
         assert self._correlate is not None
         assert self._day is not None
@@ -218,10 +218,7 @@ class FieldProcess:
         return mean + (expected - mean) / self._correlate(day, self._day)
 
     def _newly_superseded(self) -> NDArray[np.intp]:
-        """Find the readings whose cells were read again on a later day: they tell nothing more.
-
-        Returned are those that were not known to be before.
-        """
+        """Return the readings that are newly superseded by a later day's reading of the same cell."""
         known, count = self._superseded, len(self)
         if len(known) == count:
             return np.empty(0, np.intp)
@@ -244,7 +241,7 @@ class FieldProcess:
 
     @property
     def change_a_day(self) -> float:
-        """Mean square of what cells that were read on two days changed by, a day; 0 if there are none."""
+        """Mean squared change a day of cells that were read on two days; 0 if there are none."""
         return self._changed / self._days_of_change if self._days_of_change else 0.0
 
     def _take(
@@ -253,7 +250,7 @@ class FieldProcess:
         which: NDArray[np.intp],
         sign: float,
     ) -> None:
-        """Let a posterior take some readings, or take them away again."""
+        """Add readings to a posterior, or remove them with `sign` -1."""
         if not len(which):
             return
         x, y = self._cells.array[which].T
@@ -327,7 +324,7 @@ class FieldProcess:
         return changed
 
     def _show_readings(self, value: NDArray[np.float32], uncertainty: NDArray[np.float32]) -> None:
-        """Write the plants that were read today, the last time each, as they are if that is certain."""
+        """Write the last readings of today as known values, if readings are exact."""
         assert self.classes is not None
         if not self._exact or self._day is None:
             return

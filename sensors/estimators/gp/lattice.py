@@ -1,4 +1,4 @@
-"""Nodes over a farm, at which the posterior of a Gaussian process is known, and the cells written from them.
+"""A lattice of nodes with the posterior of a Gaussian process, and the interpolation of cells from it.
 
 Nodes are a quarter of a length scale apart, or on every cell where that is less than two cells along both
 axes. Between nodes, mean and variance are interpolated by polynomials of degree five through six nodes along
@@ -8,16 +8,17 @@ each axis; what that loses of a field with unit variance is 2e-5 of the mean and
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Callable, Iterator, Sequence
-from typing import Any
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from geo.compiled import compiled
 from sensors.estimators.gp.rbf import RbfKernel
-from sensors.estimators.gp.threads import in_parallel
-from sensors.scoring.tiles import tile_shape, tiles_of_boxes
+from sensors.scoring.information import tile_shape, tiles_of_boxes
 
 POINTS = 6
 MARGIN = POINTS // 2
@@ -120,10 +121,27 @@ def write_cells(
 NODES_PER_LENGTH = 4
 _COLUMNS_AT_ONCE = 256
 _STRIP_COLUMNS = 32
+_PARTS_PER_CORE = 8  # so that a core that is done early takes over
 
 Box = tuple[int, int, int, int]
-Part = tuple[slice, slice, NDArray[np.bool_] | None]
+Strip = tuple[slice, slice, NDArray[np.bool_] | None]
 Then = Callable[[slice, slice, NDArray[np.bool_] | None], None]
+
+
+Item = TypeVar("Item")
+
+
+def in_parallel(work: Callable[[Sequence[Item]], None], items: Sequence[Item]) -> None:
+    """Call `work` with parts of the items, on all cores; it has to release the interpreter's lock."""
+    cores = os.cpu_count() or 1
+    if len(items) < 2 or cores == 1:
+        work(items)
+        return
+    size = max(1, len(items) // (_PARTS_PER_CORE * cores))
+    parts = [items[start : start + size] for start in range(0, len(items), size)]
+    with ThreadPoolExecutor(cores) as pool:
+        for done in [pool.submit(work, part) for part in parts]:
+            done.result()
 
 
 class LatticeAxis:
@@ -169,7 +187,7 @@ class LatticeAxis:
 
 
 class NodeLattice:
-    """The posterior at nodes, in tiles of them, and what of it the cells do not show yet.
+    """The posterior at nodes, in tiles, and the tiles that are not written to the cells yet.
 
     `posterior`, float32[3, nodes along x, nodes along y], has the posterior mean under a zero prior mean, the
     same for observations that are all one, and how much the variance of the smooth part is less than the
@@ -207,9 +225,9 @@ class NodeLattice:
     ) -> NDArray[np.bool_]:
         """Write value and standard deviation (noise included) of the cells.
 
-        With `whole` everything is written, not only what changed since the last time. The tiles of the farm
-        that were written to are returned. `then` is called with columns, rows and which cells of these were
-        written (None: all), each cell once, when all are.
+        With `whole` everything is written, otherwise the changes since the last time. The written tiles of
+        the farm are returned. After that, `then` is called with columns, rows and a mask of the written cells
+        in them (None: all), once for each cell.
         """
         kernel = self.kernel
         limits = (0.0, 1.0) if clip else (-math.inf, math.inf)
@@ -231,7 +249,7 @@ class NodeLattice:
         in_parallel(work, boxes)
         if then is not None:
 
-            def finish(parts: Sequence[Part]) -> None:
+            def finish(parts: Sequence[Strip]) -> None:
                 for part in parts:
                     then(*part)
 
@@ -240,7 +258,7 @@ class NodeLattice:
             return np.ones(tile_shape(self.shape), np.bool_)
         return tiles_of_boxes(self.shape, *np.array(boxes, np.int64).reshape(-1, 4).T)
 
-    def _strips(self) -> Iterator[Part]:
+    def _strips(self) -> Iterator[Strip]:
         for start in range(0, self.shape[0], _STRIP_COLUMNS):
             yield slice(start, min(start + _STRIP_COLUMNS, self.shape[0])), slice(None), None
 
@@ -256,7 +274,7 @@ class NodeLattice:
                     yield start, min(start + _COLUMNS_AT_ONCE, x1), y0, y1
 
 
-def _apart(boxes: Sequence[Box]) -> Iterator[Part]:
+def _apart(boxes: Sequence[Box]) -> Iterator[Strip]:
     """Yield the cells of boxes, which may overlap, in strips that do not."""
     strips: dict[int, list[Box]] = {}
     for box in boxes:

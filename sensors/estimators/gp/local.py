@@ -4,7 +4,7 @@
 one by one, each from the observations in it and within seven lengths around it. `WholePosterior` is for
 kernels that are long against it: the process is written in sine functions over the whole farm, and
 observations add to sums. Neither thins or averages observations, and repeated ones of a cell are taken
-together, which is exact; an observation may be told to count for less (`weights`).
+together, which is exact; an observation may count for less (`weights`).
 """
 
 from __future__ import annotations
@@ -18,9 +18,8 @@ from numpy.typing import NDArray
 from geo.linear_algebra import cholesky, exp, product, solve_lower
 from sensors.estimators.days import pass_day
 from sensors.estimators.gp import tile as gp_tile
-from sensors.estimators.gp.lattice import NodeLattice
+from sensors.estimators.gp.lattice import NodeLattice, in_parallel
 from sensors.estimators.gp.rbf import Cells, Floats, RbfKernel
-from sensors.estimators.gp.threads import in_parallel
 
 TILE_LENGTHS = 8.0
 REACH_LENGTHS = 7.0
@@ -28,7 +27,7 @@ FAR_REACH_LENGTHS = 10.0
 LITTLE_NOISE = 0.1
 """With noise below this part of the amplitude observations act through each other, and count from farther."""
 LEAST_NOISE = 0.003
-"""With noise below this part of the amplitude, tiles cannot tell the posterior of the whole farm."""
+"""With noise below this part of the amplitude, tiles do not approximate the posterior of the whole farm."""
 TOUCH_LENGTHS = 5.0
 _LEAST_TILE_CELLS = 16
 _OUTSIDE_LENGTHS = 2.5
@@ -42,8 +41,8 @@ _Sums = NDArray[np.floating]
 class Spectrum:
     """Sine functions on a box, and their prior variances (Solin & Särkkä 2020, eq. 21 and 56).
 
-    Those functions are left out whose variance is too small for observations of the given density to matter:
-    so small that all of them together know it to less than a thousandth.
+    Functions are left out whose variance is so small that observations of the given density reduce it by less
+    than a thousandth.
 
     `density` is the largest number of observations a cell. `roots` are the roots of the variances of the
     functions along each axis, `terms` which products of them are used.
@@ -77,7 +76,7 @@ class Spectrum:
 
     @classmethod
     def fewest_functions(cls, kernel: RbfKernel, sides: tuple[float, float], density: float = 1.0) -> float:
-        """Return a number that the functions certainly reach, without counting them."""
+        """Return a lower bound of the number of functions, without counting them."""
         highest = cls._highest(kernel, density)
         along_x, along_y = (
             highest * side / (math.pi * length)
@@ -127,7 +126,7 @@ class LocalPosterior:
             self._waiting[i0 : i1 + 1, j0 : j1 + 1] = True
 
     def solve(self) -> None:
-        """Bring the tiles up to date that observations reach since the last time."""
+        """Solve the tiles that new observations reach."""
         x, y = self.lattice.x, self.lattice.y
         kernel = self.kernel
         parameters = kernel.length_x, kernel.length_y, kernel.noise, kernel.amplitude
@@ -180,7 +179,7 @@ class WholePosterior:
     def spectrum_of_farm(
         shape: tuple[int, int], kernel: RbfKernel, observations: int, most_functions: float = math.inf
     ) -> Spectrum | None:
-        """Return the functions for a farm with so many observations at most; None if they are too many."""
+        """Return the functions for a farm and a number of observations; None if there are too many."""
         sides = [
             side + 2.0 * _OUTSIDE_LENGTHS * length
             for side, length in zip(shape, (kernel.length_x, kernel.length_y), strict=True)

@@ -1,10 +1,10 @@
-"""What a Gaussian process may know before the flight: means and kernels, from simulated environments.
+"""Priors of the Gaussian process: means and kernels, learned from simulated environments.
 
-Environments are drawn with seeds of their own, and their first two moments taken: the mean, and the
-covariance of cells at each distance. The kernel is the one whose process is nearest to these moments: with
-the covariance S of some cells and the kernel's K, it has the least ``log det K + trace(K^-1 S)``, which is
-the expected log likelihood of an environment, and the Kullback-Leibler divergence but for a constant. What a
-mean says of a plant's three classes is learned from environments, too (`sensors.estimators.gp.classes`).
+Environments are drawn with seeds of their own. Their moments are the mean, and the covariance of cells at
+each distance. The kernel is the nearest to these moments: with the covariance S of some cells and the
+kernel's K, it has the least ``log det K + trace(K^-1 S)``, the Kullback-Leibler divergence but for a
+constant. The link from means to a disease's classes is learned from environments, too
+(`sensors.estimators.gp.classes`).
 """
 
 from __future__ import annotations
@@ -22,20 +22,26 @@ from numpy.typing import NDArray
 
 from geo.atomic import atomic_write
 from geo.grid import FarmGrid
-from geo.linear_algebra import cholesky, exp, inverse_of_factor, log, product
+from geo.linear_algebra import exp, inverse_of_factor, log, product
 from geo.seeds import stream
 from geo.user_cache import warn_of_cache
-from sensors.dynamics.continuous import ContinuousDynamics
+from sensors.dynamics.continuous import ContinuousDynamics, Measured
 from sensors.dynamics.epidemic import MAX_DAYS, EpidemicParameters, simulate_outbreak, value_table
-from sensors.dynamics.measured import Measured
 from sensors.errors import EstimatorError
 from sensors.estimators.base import Step, no_step
 from sensors.estimators.gp.classes import ClassLink, link_slope, window_of
-from sensors.estimators.gp.rbf import Floats, RbfKernel, kernel_gradient, least_in_box
+from sensors.estimators.gp.rbf import (
+    SINGULAR_COST,
+    Floats,
+    RbfKernel,
+    factor_covariance,
+    kernel_gradient,
+    least_in_box,
+)
 from sensors.fields import Field, FieldSet
 
 VERSION = 3
-"""Part of the names of files; it has to grow with every change of what is learned."""
+"""Part of the names of files; to be raised with every change of the learned priors."""
 _WINDOW = 1000
 _SIMULATED_CELLS = 8_000_000
 _MOST_SIMULATIONS = 400
@@ -55,10 +61,7 @@ _in_memory: dict[str, tuple[FieldPrior, ...]] = {}
 
 @dataclass(frozen=True, slots=True)
 class FieldPrior:
-    """What is believed of one field before anything is seen: its mean and its kernel.
-
-    Of a disease also what a mean says of the classes of a plant; None if no plant was ever sick.
-    """
+    """The prior of one field: mean and kernel, and of a disease the link to classes, if plants were sick."""
 
     mean: float
     kernel: RbfKernel
@@ -75,7 +78,7 @@ def learn_priors(
     """
     if not 0 <= day <= MAX_DAYS:
         raise EstimatorError(f"gp: day {day} is not in 0..{MAX_DAYS}, the days of an environment")
-    told = {
+    contents = {
         "version": VERSION,
         "fields": [
             (field.name, field.dynamics.kind, field.crops, asdict(field.dynamics)) for field in fields
@@ -85,7 +88,7 @@ def learn_priors(
         "seed": seed,
         **({} if all(field.is_simulated for field in fields) else {"cell_size_m": grid.cell_size_m}),
     }
-    digest = hashlib.sha256(json.dumps(told, sort_keys=True, default=str).encode())
+    digest = hashlib.sha256(json.dumps(contents, sort_keys=True, default=str).encode())
     digest.update(grid.further_crops.encode())
     digest.update(np.ascontiguousarray(grid.crop).data)
     key = digest.hexdigest()[:32]
@@ -113,7 +116,7 @@ def _learn(field: Field, grid: FarmGrid, day: int, seed: int) -> FieldPrior:
 
 
 def measured_prior(parameters: Measured, default: float, cell_size_m: float) -> FieldPrior:
-    """Return what is assumed of a field that nobody has a model of.
+    """Return the prior of a field without a model.
 
     >>> measured_prior(Measured(correlation_length_m=10.0, spread=0.5, noise=0.1), 0.5, 2.0).kernel
     RbfKernel(length_x=5.0, length_y=5.0, noise=0.010000000000000002, amplitude=0.25)
@@ -127,21 +130,17 @@ def disease_prior(
 ) -> FieldPrior:
     """Return the prior of a disease on its hosts.
 
-    Farms of more than a million cells are simulated in windows full of hosts, with as many seeds a host as
-    the farm has.
+    Windows full of hosts stand for farms of more than a million cells, with the farm's seeds a host.
     """
     count = int(np.count_nonzero(hosts))
     if not count:
         return FieldPrior(1.0, RbfKernel(2.0, 2.0, _LEAST_VARIANCE, _LEAST_VARIANCE))
-    size, seeds = parameters.kernel_size, parameters.seed_count(hosts.shape)
-    if size is None:
-        size = parameters.infection_rule(hosts.shape).kernel.size
+    seeds = parameters.seed_count(hosts.shape)
     land = hosts
     if hosts.size > _WINDOW**2:
         land = np.ones((_WINDOW, _WINDOW), np.bool_)
         seeds = max(1, round(seeds * land.size / count))
-    # Seeds and kernel follow from the farm's width, which a window does not have.
-    parameters = replace(parameters, seeds=seeds, kernel_size=size)
+    parameters = parameters.on_window(hosts.shape, seeds)
     values = np.asarray(value_table(parameters, day), np.float64)
     number = min(_MOST_SIMULATIONS, max(_FEWEST_SIMULATIONS, _SIMULATED_CELLS // land.size))
     total, sick, products = 0.0, 0, np.zeros((_LAGS, _LAGS))
@@ -171,10 +170,10 @@ def disease_prior(
 def _outbreaks(
     land: NDArray[np.bool_], parameters: EpidemicParameters, values: Floats, day: int, seed: int, name: str
 ) -> Iterator[tuple[Floats, NDArray[np.bool_], float, np.random.Generator]]:
-    """Yield what `link_slope` learns from: windows of simulated farms.
+    """Yield windows of simulated farms, for `link_slope`.
 
-    Few windows of a farm of more than 128 x 128 cells have an outbreak. Of such farms a piece is drawn that
-    has one, with the probability of that, by seeds that arrive as in a Poisson process.
+    Few windows of a farm of more than 128 x 128 cells have an outbreak. Of such farms a piece with an
+    outbreak is drawn, by seeds that arrive as in a Poisson process, with the probability of an outbreak.
     """
     whole = land.size <= _WHOLE_CELLS
     piece = land if whole else np.ones((_PIECE_CELLS, _PIECE_CELLS), np.bool_)
@@ -251,13 +250,9 @@ def _nearest_kernel(
 
 def _divergence(theta: Floats, dx2: Floats, dy2: Floats, moments: Floats) -> tuple[float, Floats]:
     """Half of ``log det K + trace(K^-1 S)``, and its gradient ``trace((K^-1 - K^-1 S K^-1) dK) / 2``."""
-    length_x, length_y, noise, amplitude = exp(theta)
-    smooth = amplitude * exp(-0.5 * (dx2 / length_x**2 + dy2 / length_y**2))
-    covariance = smooth + noise * np.eye(len(moments))
-    try:
-        factor = cholesky(covariance)
-    except np.linalg.LinAlgError:
-        return 1e25, np.zeros(len(theta))
+    smooth, factor = factor_covariance(theta, dx2, dy2)
+    if factor is None:
+        return SINGULAR_COST, np.zeros(len(theta))
     inverse = inverse_of_factor(factor)
     explained = product(inverse, moments)
     cost = float(log(factor.diagonal()).sum() + 0.5 * np.trace(explained))
@@ -266,11 +261,11 @@ def _divergence(theta: Floats, dx2: Floats, dy2: Floats, moments: Floats) -> tup
 
 
 def _save(priors: tuple[FieldPrior, ...], path: Path, fields: FieldSet) -> None:
-    told = {name: asdict(prior) for name, prior in zip(fields.names, priors, strict=True)}
+    contents = {name: asdict(prior) for name, prior in zip(fields.names, priors, strict=True)}
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with atomic_write(path) as file:
-            json.dump(told, file, indent=1)
+            json.dump(contents, file, indent=1)
     except OSError as error:
         warn_of_cache(path.parent, error)
 
@@ -278,15 +273,15 @@ def _save(priors: tuple[FieldPrior, ...], path: Path, fields: FieldSet) -> None:
 def _load(path: Path, fields: FieldSet) -> tuple[FieldPrior, ...] | None:
     """Read priors; None if there is no file that can be used."""
     try:
-        told = json.loads(path.read_text(encoding="utf-8"))
-        priors = tuple(_prior_of(told[name]) for name in fields.names)
+        contents = json.loads(path.read_text(encoding="utf-8"))
+        priors = tuple(_prior_of(contents[name]) for name in fields.names)
     except (OSError, ValueError, TypeError, KeyError):
         return None
     return priors if all(math.isfinite(prior.mean) for prior in priors) else None
 
 
-def _prior_of(told: dict[str, Any]) -> FieldPrior:
-    link = None if told["link"] is None else ClassLink(**told["link"])
+def _prior_of(contents: dict[str, Any]) -> FieldPrior:
+    link = None if contents["link"] is None else ClassLink(**contents["link"])
     if link is not None and not (0.0 < link.illness <= link.sick < 1.0 and 0.0 <= link.slope < math.inf):
         raise ValueError(f"{link} is no link")
-    return FieldPrior(float(told["mean"]), RbfKernel(**told["kernel"]), link)
+    return FieldPrior(float(contents["mean"]), RbfKernel(**contents["kernel"]), link)

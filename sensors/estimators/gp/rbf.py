@@ -15,6 +15,7 @@ from sensors.errors import EstimatorError
 Floats = NDArray[np.float64]
 Cells = NDArray[np.int32]
 
+SINGULAR_COST = 1e25  # finite, so that the search turns back
 _CONVERGED: Any = {"ftol": 1e-10, "xtol": 1e-8, "gtol": 1e-7, "maxfun": 2000}
 
 
@@ -49,11 +50,6 @@ class RbfKernel:
             value = getattr(self, name)
             if not 0 < value < float("inf"):
                 raise EstimatorError(f"kernel: {name} is {value}, expected a positive number")
-
-    @property
-    def reach(self) -> int:
-        """The distance in cells beyond which an observation counts less than 3.4e-4 of its weight."""
-        return int(np.ceil(4 * max(self.length_x, self.length_y)))
 
     def along_x(self, a: NDArray[Any], b: NDArray[Any]) -> Floats:
         """The x factor of the kernel between columns a[n] and b[m], float64[n, m]."""
@@ -119,20 +115,27 @@ def least_in_box(
 
 def _cost(theta: Floats, dx2: Floats, dy2: Floats, residuals: Floats) -> tuple[float, Floats]:
     """The negative log marginal likelihood and its gradient (Rasmussen & Williams 2006, eq. 5.8 and 5.9)."""
-    length_x, length_y, noise, amplitude = exp(theta)
-    smooth = amplitude * exp(-0.5 * (dx2 / length_x**2 + dy2 / length_y**2))
-    covariance = smooth.copy()
-    covariance.flat[:: len(residuals) + 1] += noise
-    try:
-        factor = cholesky(covariance)
-    except np.linalg.LinAlgError:
-        return 1e25, np.zeros(len(theta))
+    smooth, factor = factor_covariance(theta, dx2, dy2)
+    if factor is None:
+        return SINGULAR_COST, np.zeros(len(theta))
     inverse = inverse_of_factor(factor)
     weights = product(residuals, inverse)
     cost = 0.5 * product(residuals, weights) + log(factor.diagonal()).sum()
     # The derivative by K is -(w w' - K^-1) / 2.
     inner = np.outer(weights, weights) - inverse
     return float(cost), -0.5 * kernel_gradient(theta, smooth, inner, dx2, dy2)
+
+
+def factor_covariance(theta: Floats, dx2: Floats, dy2: Floats) -> tuple[Floats, Floats | None]:
+    """Return the smooth part of the covariance, and the Cholesky factor with noise; None if singular."""
+    length_x, length_y, noise, amplitude = exp(theta)
+    smooth = amplitude * exp(-0.5 * (dx2 / length_x**2 + dy2 / length_y**2))
+    covariance = smooth.copy()
+    covariance.flat[:: len(covariance) + 1] += noise
+    try:
+        return smooth, cholesky(covariance)
+    except np.linalg.LinAlgError:
+        return smooth, None
 
 
 def kernel_gradient(theta: Floats, smooth: Floats, inner: Floats, dx2: Floats, dy2: Floats) -> Floats:

@@ -44,7 +44,7 @@ def add_to_cells(
     sums : float64[n, 2]
         Weight and sum of the weighted values, with room for the cells that are new. Changed.
     used : int
-        Number of observed cells so far.
+        Number of observed cells before.
     weights : float64[k]
         The part of an observation that each counts for; negative takes one away again.
     """

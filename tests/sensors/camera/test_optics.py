@@ -16,13 +16,8 @@ from sensors.errors import CameraError
 P1 = get_camera("DJI-P1-35")
 
 
-def test_the_published_ground_sampling_distance_of_the_p1() -> None:
-    """DJI tells that of its 35 mm lens as the height over 80, in cm."""
-    assert 100.0 * P1.gsd_m(80.0) == pytest.approx(80.0 / 80.0, rel=0.01)
-
-
-def test_the_published_ground_sampling_distance_of_the_rededge_p() -> None:
-    """MicaSense tells 7.7 cm at 120 m for the multispectral bands."""
+def test_published_ground_sampling_distances() -> None:
+    assert 100.0 * P1.gsd_m(80.0) == pytest.approx(80.0 / 80.0, rel=0.01)  # DJI: metres over 80, in cm
     assert 100.0 * get_camera("micasense-rededge-p").gsd_m(120.0) == pytest.approx(7.7, rel=0.03)
 
 

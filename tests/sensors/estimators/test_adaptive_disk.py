@@ -11,12 +11,10 @@ from hypothesis import strategies as st
 
 from geo.grid import FarmGrid
 from sensors.errors import EstimatorError
-from sensors.estimators.disk.adaptive_disk import AdaptiveDiskEstimator
-from sensors.estimators.disk.authors import AuthorsAdaptiveDiskEstimator, misplaced_disk
-from sensors.estimators.disk.disks import adaptive_radius, centred_disk
-from sensors.fields import PAPER_FIELDS
+from sensors.estimators.adaptive_disk import AdaptiveDiskEstimator
+from sensors.estimators.disks import adaptive_radius, centred_disk
 from sensors.observations import Observations
-from sensors.scoring.tiles import TILE_CELLS, tile_shape
+from sensors.scoring.information import TILE_CELLS, tile_shape
 
 GOLDEN = Path(__file__).parents[2] / "data" / "golden"
 
@@ -76,37 +74,12 @@ def test_it_is_its_definition_whatever_the_pieces(case, radius):
     np.testing.assert_array_equal(model.uncertainty, uncertainty)
 
 
-@pytest.mark.parametrize("name", ["lawnmower", "spiral"])
-def test_authors_ad_is_the_published_estimate(name):
-    with np.load(GOLDEN / f"Miniberry-30_{name}_AD.npz") as data:
-        run = dict(data)
-    x, y, _ = run["positions"].T
-    seen = observations(x, y, run["observations"])
-    at_once = AuthorsAdaptiveDiskEstimator().fit(grid_of(31, 31), seen).predict()
-    stepwise = AuthorsAdaptiveDiskEstimator().fit(grid_of(31, 31))
-    for i in range(len(seen)):
-        stepwise.partial_fit(seen[i : i + 1]).predict()
-    for model in (at_once, stepwise.predict()):
-        for k, field in enumerate(PAPER_FIELDS.names):
-            np.testing.assert_array_equal(model.value[k], run[f"est_{field}"].astype(np.float32))
-            np.testing.assert_array_equal(model.uncertainty[k], run[f"unc_{field}"])
-
-
 @given(st.integers(0, 40))
 def test_the_disk_is_round_and_centred(radius):
     disk = centred_disk(radius)
     i, j = np.indices((2 * radius + 1,) * 2) - radius
     assert disk.first == -radius
     assert np.array_equal((disk.low[:, None] <= j) & (j < disk.high[:, None]), i**2 + j**2 <= radius**2)
-
-
-@given(st.integers(1, 40))
-def test_the_authors_disk_lies_aside_and_lacks_a_row_and_a_column(radius):
-    disk = misplaced_disk(radius)
-    i, j = np.indices((2 * radius,) * 2) - radius
-    covered = (disk.low[:, None] - radius <= j) & (j < disk.high[:, None] - radius)
-    assert disk.first == 0
-    assert np.array_equal(covered, i**2 + j**2 <= radius**2)
 
 
 @given(st.integers(1, 10**6), st.integers(1, 6000), st.integers(1, 6000))

@@ -6,6 +6,7 @@ from importlib.metadata import EntryPoint, EntryPoints
 import numpy as np
 import pytest
 
+from geo.farms import get_farm
 from geo.grid import FarmGrid
 from sensors.errors import EstimatorError, ObservationError
 from sensors.estimators import Estimator, check_estimator, estimator_names, make_estimator
@@ -14,8 +15,7 @@ from sensors.estimators.append_buffer import GrowingArray
 from sensors.estimators.point import PointEstimator
 from sensors.fields import PAPER_FIELDS, FieldSet
 from sensors.observations import Observations
-from sensors.scoring.information import InformationModel
-from sensors.scoring.tiles import tile_shape
+from sensors.scoring.information import InformationModel, tile_shape
 
 OURS = ("adaptive-disk", "authors-ad", "gp", "gp-sklearn", "point")
 GRID = FarmGrid((6, 5), 0.3048, np.ones((6, 5), np.int8), np.ones((6, 5), bool))
@@ -264,3 +264,9 @@ def test_an_estimator_that_is_an_object_is_given_back():
 def test_estimators_of_any_fields_keep_their_promises_with_four(name):
     four = FieldSet((*PAPER_FIELDS, replace(PAPER_FIELDS["soil"], name="nitrogen", default=0.25)))
     check_estimator(make_estimator(name, fields=four))
+
+
+def test_the_default_is_epidemic_for_the_papers_fields_on_farms_up_to_128_by_128_cells():
+    names = "miniberry-10", "miniberry-100", "waterberry"
+    assert [registry.default_estimator(get_farm(name)) for name in names] == ["epidemic", "epidemic", "gp"]
+    assert registry.default_estimator(get_farm("miniberry-30"), ("tylcv", "soil")) == "gp"

@@ -387,12 +387,15 @@ def test_without_a_folder_to_write_to_it_still_learns(tmp_path, monkeypatch):
 
 
 def test_the_folder_follows_the_standard(tmp_path, monkeypatch):
+    def folder(given):
+        return training.network_file(TrainingTask(TYLCV, 6), np.ones((3, 3), bool), given).parent
+
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    assert training.cache_folder(None) == tmp_path / "wbf-mission" / "epidemic"
+    assert folder(None) == tmp_path / "wbf-mission" / "epidemic"
     monkeypatch.setenv("XDG_CACHE_HOME", "relative")
     monkeypatch.setenv("HOME", str(tmp_path / "home"))
-    assert training.cache_folder(None) == tmp_path / "home" / ".cache" / "wbf-mission" / "epidemic"
-    assert training.cache_folder("given").name == "given"
+    assert folder(None) == tmp_path / "home" / ".cache" / "wbf-mission" / "epidemic"
+    assert folder("given").name == "given"
 
 
 def test_lessons_differ_in_their_names():

@@ -1,13 +1,10 @@
 """The Gaussian processes: against scikit-learn and against each other."""
 
-import warnings
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import approx_fprime
-from sklearn.exceptions import ConvergenceWarning
 from sklearn.gaussian_process import GaussianProcessRegressor
 from sklearn.gaussian_process.kernels import RBF, ConstantKernel, WhiteKernel
 
@@ -16,7 +13,6 @@ from sensors.errors import EstimatorError
 from sensors.estimators.gp.cell_posterior import ExactPosterior, merge_repeated
 from sensors.estimators.gp.estimator import ZERO_MEAN, GaussianProcessEstimator
 from sensors.estimators.gp.rbf import RbfKernel, _cost, fit_kernel
-from sensors.estimators.gp.sklearn_gp import SklearnGaussianProcessEstimator
 from sensors.observations import Observations
 
 KERNEL = RbfKernel(length_x=3.0, length_y=5.0, noise=0.05, amplitude=1.3)
@@ -246,42 +242,6 @@ def test_impossible_parameters_are_named(params, name):
 def test_impossible_kernels_are_named(value):
     with pytest.raises(EstimatorError, match="noise is"):
         RbfKernel(noise=value)
-
-
-def test_scikit_learn_variant_is_the_papers_regressor():
-    shape = (9, 8)
-    seen = random_observations(12, shape, seed=3)
-    model = SklearnGaussianProcessEstimator(n_restarts=2, random_state=4).fit(grid_of(*shape), seen).predict()
-    seed = int(np.random.default_rng(4).integers(2**31))
-    kernel = RBF([2, 2], (1, 10)) + WhiteKernel(0.5, (1e-5, 1e5))
-    regressor = GaussianProcessRegressor(kernel, alpha=1e-10, n_restarts_optimizer=2, random_state=seed)
-    with warnings.catch_warnings(action="ignore", category=ConvergenceWarning):
-        regressor.fit(np.stack([seen.x, seen.y], axis=1), seen.values[:, 0].astype(float))
-    mean, std = regressor.predict(np.argwhere(np.ones(shape)), return_std=True)
-    np.testing.assert_allclose(model.value[0], mean.reshape(shape), atol=1e-6)
-    np.testing.assert_allclose(model.uncertainty[0], std.reshape(shape), atol=1e-6)
-
-
-def test_both_processes_agree_when_they_have_the_same_kernel():
-    shape = (14, 12)
-    seen = random_observations(16, shape, seed=5)
-    slow = SklearnGaussianProcessEstimator(n_restarts=3, random_state=1).fit(grid_of(*shape), seen).predict()
-    paper = GaussianProcessEstimator(
-        ZERO_MEAN, clip=False, amplitude_bounds=(1.0, 1.0), learn_from="observations"
-    )
-    fast = paper.fit(grid_of(*shape), seen).predict()
-    np.testing.assert_allclose(fast.value[0], slow.value[0], atol=2e-3)
-    np.testing.assert_allclose(fast.uncertainty[0], slow.uncertainty[0], atol=2e-3)
-
-
-def test_scikit_learn_variant_refuses_what_it_cannot_finish():
-    many = random_observations(60, (20, 20))
-    with pytest.raises(EstimatorError, match="use the estimator 'gp' or 'adaptive-disk'"):
-        SklearnGaussianProcessEstimator(max_points=50).fit(grid_of(20, 20), many).predict()
-    with pytest.raises(EstimatorError, match="60 observations on 20 x 20 cells"):
-        SklearnGaussianProcessEstimator(max_entries=1000).fit(grid_of(20, 20), many).predict()
-    with pytest.raises(EstimatorError, match="n_restarts cannot be -1"):
-        SklearnGaussianProcessEstimator(n_restarts=-1).fit(grid_of(20, 20))
 
 
 @pytest.mark.parametrize("method", ["exact", "local"])

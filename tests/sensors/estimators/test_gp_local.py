@@ -16,14 +16,13 @@ from sensors.estimators.gp import prior
 from sensors.estimators.gp.cell_posterior import LEAST_NOISE as WINDOWED_NOISE
 from sensors.estimators.gp.cell_posterior import ExactPosterior, WindowedPosterior
 from sensors.estimators.gp.estimator import GaussianProcessEstimator
-from sensors.estimators.gp.lattice import POINTS, lagrange_weights
+from sensors.estimators.gp.lattice import POINTS, in_parallel, lagrange_weights
 from sensors.estimators.gp.local import LEAST_NOISE, LocalPosterior, Spectrum, WholePosterior
 from sensors.estimators.gp.rbf import RbfKernel
-from sensors.estimators.gp.threads import in_parallel
 from sensors.fields import PAPER_FIELDS
 from sensors.observations import Observations
+from sensors.scoring.information import TILE_CELLS
 from sensors.scoring.score import RunningScore
-from sensors.scoring.tiles import TILE_CELLS
 
 SICK = RbfKernel(2.3, 3.1, 0.003, 0.009)
 SMOOTH = RbfKernel(17.0, 13.0, 2e-4, 0.05)

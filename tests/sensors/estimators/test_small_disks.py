@@ -5,12 +5,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sensors.estimators.disk.authors import misplaced_disk
-from sensors.estimators.disk.disks import Strokes, centred_disk, paint_small
-from sensors.estimators.disk.painting import paint
+from sensors.estimators.disks import Strokes, centred_disk, paint_small
+from sensors.estimators.painting import paint
+from sensors.scoring.information import SUMS
 from sensors.scoring.score import sum_tile, tile_extremes
 from sensors.scoring.score_sums import find_extremes, sum_errors
-from sensors.scoring.tiles import SUMS
+from wbf_mission.addons.authors.adaptive_disk import misplaced_disk
 
 pytestmark = pytest.mark.kernel
 

@@ -1,10 +1,18 @@
-"""The information model's form."""
+"""The information model's form, and its tiles."""
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from sensors.errors import EstimatorError
-from sensors.scoring.information import InformationModel, LazyProbabilities
+from sensors.scoring.information import (
+    TILE_CELLS,
+    InformationModel,
+    LazyProbabilities,
+    tile_shape,
+    tiles_of_boxes,
+)
 
 
 def test_uniform_model():
@@ -13,12 +21,10 @@ def test_uniform_model():
     assert model.of("ccr").tolist() == [[0.5] * 3] * 2
     assert model.value.dtype == model.uncertainty.dtype == np.float32
     assert (model.uncertainty == 0.25).all()
-
-
-def test_of_is_a_view_of_the_field():
-    model = InformationModel.uniform((2, 3), value=(1.0, 1.0, 0.0), uncertainty=1.0)
-    model.of("soil")[0, 0] = 0.75
+    model.of("soil")[0, 0] = 0.75  # a view
     assert model.value[2, 0, 0] == 0.75
+    with pytest.raises(EstimatorError, match=r"no field 'rain', expected one of tylcv, ccr, soil"):
+        model.of("rain")
 
 
 @pytest.mark.parametrize(
@@ -33,12 +39,6 @@ def test_of_is_a_view_of_the_field():
 def test_wrong_arrays_are_refused(value, uncertainty, message):
     with pytest.raises(EstimatorError, match=message):
         InformationModel(value, uncertainty)
-
-
-def test_unknown_field_is_named():
-    model = InformationModel.uniform((2, 3), value=(1.0, 1.0, 0.0), uncertainty=1.0)
-    with pytest.raises(EstimatorError, match=r"no field 'rain', expected one of tylcv, ccr, soil"):
-        model.of("rain")
 
 
 def test_changed_tiles_have_the_farms_tiles():
@@ -91,3 +91,24 @@ def test_the_expected_loss_is_made_when_asked_for_and_copied():
         InformationModel(zeros, zeros, loss_map=zeros[..., 1:])
     with pytest.raises(EstimatorError, match=wrong):
         _ = InformationModel(zeros, zeros, loss_map=lambda: zeros[..., 1:]).expected_loss
+
+
+shapes = st.tuples(st.integers(1, 300), st.integers(1, 300))
+boxes = st.lists(st.tuples(*[st.integers(-100, 400)] * 4), max_size=6)
+
+
+def painted(shape, corners):
+    cells = np.zeros(shape, bool)
+    for x0, x1, y0, y1 in corners:
+        cells[max(x0, 0) : max(x1, 0), max(y0, 0) : max(y1, 0)] = True
+    return cells
+
+
+@given(shapes, boxes)
+def test_the_tiles_are_those_that_hold_a_cell_of_a_box(shape, corners):
+    cells = painted(shape, corners)
+    tiles = tiles_of_boxes(shape, *np.array(corners, int).reshape(-1, 4).T)
+    expected = np.zeros(tile_shape(shape), bool)
+    for x, y in np.argwhere(cells):
+        expected[x // TILE_CELLS, y // TILE_CELLS] = True
+    np.testing.assert_array_equal(tiles, expected)

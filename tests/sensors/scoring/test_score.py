@@ -10,12 +10,12 @@ from hypothesis.extra.numpy import arrays
 
 from geo.grid import FarmGrid
 from sensors.errors import EstimatorError
-from sensors.estimators.disk.adaptive_disk import AdaptiveDiskEstimator
-from sensors.estimators.disk.authors import AuthorsAdaptiveDiskEstimator
+from sensors.estimators.adaptive_disk import AdaptiveDiskEstimator
 from sensors.fields import PAPER_FIELDS
 from sensors.observations import Observations
 from sensors.scoring.information import InformationModel
 from sensors.scoring.score import PAPER_WEIGHTS, RunningScore, ScoreWeights, paper_loss
+from wbf_mission.addons.authors.adaptive_disk import AuthorsAdaptiveDiskEstimator
 
 GOLDEN = Path(__file__).parents[2] / "data" / "golden"
 RUNS = ("Miniberry-30_lawnmower_AD", "Miniberry-30_spiral_AD")

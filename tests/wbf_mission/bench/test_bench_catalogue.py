@@ -4,7 +4,7 @@ from importlib.resources import files
 
 import pytest
 
-from wbf_mission.bench.meaning import meaning_of
+from wbf_mission.bench.digests import meaning_of
 from wbf_mission.scenario import (
     Scenario,
     ScenarioError,

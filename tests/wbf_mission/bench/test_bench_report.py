@@ -7,9 +7,9 @@ import pytest
 from bench_rows import made_row
 from PIL import Image
 
-from wbf_mission.bench.asked import Asked, AskedFor
 from wbf_mission.bench.cards import Card
 from wbf_mission.bench.report import report_page, score_over_time, standing_table
+from wbf_mission.bench.requests import Asked, AskedFor
 from wbf_mission.bench.standings import standings
 
 

@@ -86,7 +86,7 @@ class Mine(PointEstimator):
 
 def test_a_notebooks_digest_is_that_of_another_process():
     text = (
-        "from wbf_mission.bench.meaning import own_digest\n"
+        "from wbf_mission.bench.digests import own_digest\n"
         "class Mine:\n    def decide(self, s):\n        return s in {'a', 'b', 'c', 'd'}, lambda: s\n"
         "print(own_digest(Mine()))\n"
     )

@@ -4,7 +4,7 @@ import ast
 import re
 from pathlib import Path
 
-import wbf_mission.preflight
+import wbf_mission.preflight.run
 from wbf_mission.preflight.rules import RULES
 
 ROOT = Path(__file__).parents[3]
@@ -65,6 +65,6 @@ def test_the_page_has_the_severity_of_each_rule():
     for codes, severities in rows_on_the_page():
         each = severities if len(severities) == len(codes) > 1 else [severities] * len(codes)
         told.update(zip(codes, each, strict=True))
-    for rules in RULES.values():
-        for code, rule in rules.items():
-            assert rule.severity.value in told[code], code
+    assert len(RULES) > 60
+    for code, rule in RULES.items():
+        assert rule.severity.value in told[code], code

@@ -1,1 +1,1 @@
-"""Policies after the papers and the code of the benchmark's authors."""
+"""Policies and estimators after the papers and the code of the benchmark's authors."""

@@ -317,7 +317,7 @@ def held_by(files: Iterable[Path], kind: str, label: str, digest: str) -> Choice
 
     ResultError if none does, with the file that holds another of its name.
     """
-    from wbf_mission.bench.meaning import own_digest
+    from wbf_mission.bench.digests import own_digest
     from wbf_mission.own_code import own_choice
 
     why = "no file of its code has it"

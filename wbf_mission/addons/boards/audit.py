@@ -16,8 +16,8 @@ from geo.texts import one_line
 from sensors.field_files import load_field_set
 from sensors.fields import FieldSet
 from wbf_mission.addons.boards.limits import Limits, impossible
-from wbf_mission.bench.asked import read_asked
-from wbf_mission.bench.meaning import meaning_of
+from wbf_mission.bench.digests import meaning_of
+from wbf_mission.bench.requests import read_asked
 from wbf_mission.bench.rows import BenchRow, by_pair, by_scenario
 from wbf_mission.bench.spec import require_mover, run_keys, seed_ranges, seeds_of
 from wbf_mission.results.storage import ResultError

@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 
 from geo.linear_algebra import product
 from geo.seeds import stream
-from sensors.estimators.disk.disks import adaptive_radius, half_widths
+from sensors.estimators.disks import adaptive_radius, half_widths
+from sensors.scoring.information import TILE_CELLS, tile_shape
 from sensors.scoring.score import ScoreWeights
 from sensors.scoring.score_sums import resume_errors
-from sensors.scoring.tiles import TILE_CELLS, tile_shape
 from wbf_mission.addons.rl.batch_kernel import SCORES_A_STEP, Rules, Runs, advance
 from wbf_mission.addons.rl.drawing import Scene
 from wbf_mission.addons.rl.episode import rewards_of

@@ -1,6 +1,6 @@
 """The compiled step of many runs with adaptive disks.
 
-The same as the parts of a flight to the last bit: `sensors.estimators.disk.adaptive_disk` paints the newest
+The same as the parts of a flight to the last bit: `sensors.estimators.adaptive_disk` paints the newest
 disk that covers a cell, `sensors.scoring.score_sums` adds the errors. Here only the cells of a new disk are
 painted while the radius stays, and the sums of a tile go on from its first column that has changed.
 """
@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geo.compiled import compiled
+from sensors.scoring.information import TILE_CELLS
 from sensors.scoring.score_sums import resume_errors
-from sensors.scoring.tiles import TILE_CELLS
 
 SCORES_A_STEP = 2
 """The first move of a flight brings two images."""

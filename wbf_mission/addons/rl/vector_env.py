@@ -13,7 +13,7 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from sensors.estimators import Estimator
-from sensors.estimators.disk.adaptive_disk import AdaptiveDiskEstimator
+from sensors.estimators.adaptive_disk import AdaptiveDiskEstimator
 from wbf_mission.addons.rl.batch import Batch
 from wbf_mission.addons.rl.catalogue import why_not_batched, why_not_single
 from wbf_mission.addons.rl.env import Observation, run_seed

@@ -16,7 +16,7 @@ from geo import Farm
 from geo.farms import get_farm
 from geo.grid import NOT_GROWN
 from sensors.fields import ALL_CROPS
-from sensors.scoring.tiles import TILE_CELLS
+from sensors.scoring.information import TILE_CELLS
 from wbf_mission.addons.web.schema import Raster, Tile
 
 Floats = NDArray[np.float32]
@@ -121,8 +121,8 @@ class Layers:
         """Return a drawing of a layer's new values.
 
         `pixels` gives those of a window, NaN where there is nothing. Outside of the tiles `changed`,
-        bool[tiles along x, y] (`sensors.scoring.tiles`), all is as before. 254 stands for `scale`, by default
-        for a round number above all means.
+        bool[tiles along x, y] (`sensors.scoring.information`), all is as before. 254 stands for `scale`, by
+        default for a round number above all means.
         """
         layer = self._layers.get(name) or _Layer(self.shape, scale)
         windows = list(self._windows(changed if name in self._layers else None))

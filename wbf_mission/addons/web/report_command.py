@@ -77,8 +77,8 @@ def report_command(
 def _bench(folder: Path, path: Path) -> dict[str, Any]:
     """Write the page of a benchmark; return what is told of it."""
     from wbf_mission.addons.web.bench_page import write_bench_page
-    from wbf_mission.bench.asked import read_asked
     from wbf_mission.bench.report import report_page
+    from wbf_mission.bench.requests import read_asked
     from wbf_mission.bench.rows import read_rows
 
     rows = read_rows(folder)

@@ -17,8 +17,8 @@ from wbf_mission.addons.boards.apart import PolicyApart
 from wbf_mission.addons.boards.fresh import fly_fresh
 from wbf_mission.addons.boards.submission import read_pack, unpack_code
 from wbf_mission.addons.boards.verification import OTHER_CODE
+from wbf_mission.bench.digests import own_digest
 from wbf_mission.bench.intervals import Interval
-from wbf_mission.bench.meaning import own_digest
 from wbf_mission.bench.replay import differences
 from wbf_mission.bench.rows import read_rows
 from wbf_mission.cli.app import main

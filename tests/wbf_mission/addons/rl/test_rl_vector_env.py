@@ -10,7 +10,7 @@ from gymnasium.vector import AutoresetMode, SyncVectorEnv
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sensors.estimators.disk.adaptive_disk import AdaptiveDiskEstimator
+from sensors.estimators.adaptive_disk import AdaptiveDiskEstimator
 from sensors.observations import Observations
 from sensors.scoring.score import RunningScore
 from wbf_mission.addons.rl import SurveyEnv, SurveyVectorEnv, TrainingError

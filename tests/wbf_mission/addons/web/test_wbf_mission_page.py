@@ -31,7 +31,7 @@ from geo.farms import get_farm
 from geo.frame import LocalFrame
 from mission.model import Mission, MissionItem
 from mission.policies.decision import Alternative
-from sensors.dynamics.measured import Measured
+from sensors.dynamics.continuous import Measured
 from sensors.fields import PAPER_FIELDS, Field, FieldSet
 from sensors.observations import Observations
 from sensors.scoring.information import InformationModel

@@ -25,9 +25,8 @@ from mission.model import Mission, MissionItem
 from mission.policies.decision import AcquisitionMap, Alternative
 from sensors.fields import PAPER_FIELDS
 from sensors.observations import Observations
-from sensors.scoring.information import InformationModel
+from sensors.scoring.information import InformationModel, tile_shape
 from sensors.scoring.score import Score
-from sensors.scoring.tiles import tile_shape
 from wbf_mission.addons.web import view
 from wbf_mission.addons.web.view import View
 from wbf_mission.events import (

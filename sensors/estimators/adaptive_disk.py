@@ -12,10 +12,9 @@ from sensors.errors import EstimatorError
 from sensors.estimators.append_buffer import GrowingArray
 from sensors.estimators.base import BaseEstimator, check_default_values
 from sensors.estimators.days import carried
-from sensors.estimators.disk.disks import Disk, DiskMap, Strokes, centred_disk, paint_small
+from sensors.estimators.disks import Disk, DiskMap, Strokes, centred_disk, paint_small
 from sensors.fields import PAPER_FIELDS, FieldSet
-from sensors.scoring.information import InformationModel
-from sensors.scoring.tiles import tile_shape
+from sensors.scoring.information import InformationModel, tile_shape
 
 if TYPE_CHECKING:
     from geo.grid import FarmGrid
@@ -29,7 +28,7 @@ def _painter(tiles: tuple[int, ...]) -> Callable[..., None]:
     """Choose what paints: loading compiled code takes longer than all disks of a farm of one tile."""
     if tiles == (1, 1):
         return paint_small
-    from sensors.estimators.disk.painting import paint
+    from sensors.estimators.painting import paint
 
     return paint
 
@@ -38,15 +37,15 @@ class AdaptiveDiskEstimator(BaseEstimator):
     """The paper's adaptive disk: the value of the latest observation whose disk covers the cell.
 
     The radius shrinks as observations come in, so that all disks together always have about twice the farm's
-    area (`sensors.estimators.disk.disks.adaptive_radius`); a field's disks are those of the observations that
+    area (`sensors.estimators.disks.adaptive_radius`); a field's disks are those of the observations that
     sensed it. The uncertainty is 0 in a disk and 1 elsewhere.
 
-    The model is kept and changed in place: further observations write only the cells of their own disks while
-    the radius stays, and those that disks cover or covered when it shrinks. Readings beyond 0..1, which noise
-    makes, are taken as 0 and 1: no field has such values.
+    The model is changed in place: while the radius stays, further observations write only the cells of their
+    own disks; when it shrinks, the cells that disks cover or covered. Readings beyond 0..1, which are noise,
+    are clipped.
 
-    What was observed on an earlier day is carried forward as the field's own dynamics have it
-    (`sensors.estimators.days`). Its uncertainty is the part of the variance that this leaves open.
+    Readings of an earlier day are carried forward by the field's dynamics (`sensors.estimators.days`); their
+    uncertainty is the remaining part of the variance.
 
     Parameters
     ----------
@@ -55,7 +54,7 @@ class AdaptiveDiskEstimator(BaseEstimator):
     radius : int, optional
         A fixed radius in cells in place of the adaptive one.
     fields : FieldSet
-        What is observed.
+        The observed fields.
 
     Attributes
     ----------
@@ -136,7 +135,7 @@ class AdaptiveDiskEstimator(BaseEstimator):
             self._days[k].append(observations.day[sensed[:, k]])
 
     def _carry_forward(self, day: int) -> None:
-        """Carry what was read on earlier days to this one."""
+        """Carry the readings of earlier days forward to this one."""
         self._carried_to = day
         for k, field in enumerate(self.fields):
             values, days = self.values_[k].array, self._days[k].array
@@ -149,7 +148,7 @@ class AdaptiveDiskEstimator(BaseEstimator):
             self.maps_[k].repaint()
 
     def _readings(self, k: int, start: int) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """Return values of a field's disks and their uncertainty, from one disk on."""
+        """Return values and uncertainty of a field's disks, from disk `start` on."""
         value, doubt = self._carried[k]
         fresh = self.values_[k].array[max(start, len(value)) :]
         known = np.concatenate([value[start:], fresh])

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geo.compiled import compiled
-from sensors.estimators.disk.disks import Strokes
-from sensors.scoring.tiles import TILE_CELLS
+from sensors.estimators.disks import Strokes
+from sensors.scoring.information import TILE_CELLS
 
 _ALL = np.uint64(0xFFFFFFFFFFFFFFFF)
 _ONE = np.uint64(1)

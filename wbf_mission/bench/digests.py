@@ -1,7 +1,7 @@
-"""What decides a run beside the behaviour of the program, as digests: scenarios, and code of users' own.
+"""Digests of scenarios, and of planners, policies and estimators of a user's own.
 
-Of a user's object code and state count: its classes and functions with all of the user's own that these name,
-the files that hold them, and whatever it stores. What a notebook defines counts by its compiled code.
+The digest of a user's object covers its state, its classes and functions, the user's code that these name,
+and the files of all this. Code of a notebook is compared as compiled.
 """
 
 from __future__ import annotations

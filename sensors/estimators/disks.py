@@ -1,7 +1,4 @@
-"""Disks that observations stand for: their size, their form, which still have to be painted, and small farms.
-
-The disks' total area is about twice the farm's whatever their number.
-"""
+"""Disks of observations: their radius and form, the list of those to paint, and painting on small farms."""
 
 from __future__ import annotations
 
@@ -14,12 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sensors.estimators.append_buffer import GrowingArray
-from sensors.scoring.tiles import tile_shape, tiles_of_boxes
+from sensors.scoring.information import tile_shape, tiles_of_boxes
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Disk:
-    """The cells that one observation stands for, relative to the observed cell.
+    """The cells of an observation's disk, relative to the observed cell.
 
     Row i holds the cells ``x + first + i`` by ``[y + low[i], y + high[i])``.
     """
@@ -68,11 +65,11 @@ def centred_disk(radius: int) -> Disk:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Painting:
-    """What has to be painted so that a map is up to date."""
+    """Disks to paint so that a map is up to date."""
 
     tiles: NDArray[np.bool_]
     reset: bool
-    """Whether the older disks are gone, so that what no disk of these reaches has nothing."""
+    """Whether older disks are gone, so that cells outside of these disks are reset."""
     start: int
     """The first observation to paint; the ones before are there already."""
     x: NDArray[np.int32]
@@ -82,7 +79,7 @@ class Painting:
 
 
 class DiskMap:
-    """The disks of a growing number of observations, and which of them are not on the map yet.
+    """The disks of a growing number of observations, and those that are not painted yet.
 
     The radius is fixed, or `adaptive_radius` if None.
     """
@@ -97,11 +94,11 @@ class DiskMap:
         self._covered = np.zeros(tile_shape(shape), np.bool_)
 
     def append(self, x: NDArray[np.int32], y: NDArray[np.int32]) -> None:
-        """Take further observations; they are painted when the map is next asked for."""
+        """Add observations, to be painted at the next `outstanding`."""
         self._cells.append(np.stack([x, y], axis=1))
 
     def copy(self) -> DiskMap:
-        """Return a map of the same observations, painted as far as this one, that grows on its own."""
+        """Return an independent copy."""
         other = DiskMap(self.shape, self._stamp, self._fixed_radius)
         other._cells.append(self._cells.array)
         other._radius, other._painted = self._radius, self._painted
@@ -113,10 +110,10 @@ class DiskMap:
         self._radius = 0
 
     def outstanding(self) -> Painting:
-        """Take the disks that are to be painted since the last call; they count as painted then.
+        """Return the disks to paint since the last call, which then count as painted.
 
-        When the radius has become another, these are all disks, otherwise only the further ones; in both
-        cases only in the tiles that disks reach, or reached before.
+        After a change of the radius these are all disks, otherwise the further ones; in both cases in the
+        tiles that disks reach or reached before.
         """
         n = len(self._cells)
         radius = 0 if n == 0 else self._fixed_radius or adaptive_radius(n, self.shape)
@@ -159,7 +156,7 @@ def paint_small(
     uncertainty: NDArray[np.float32],
     changed: NDArray[np.bool_],
 ) -> None:
-    """Paint into the only tile of a small farm, as `sensors.estimators.disk.painting.paint` does.
+    """Paint into the only tile of a small farm, as `sensors.estimators.painting.paint` does.
 
     Loading compiled code takes longer than that.
     """

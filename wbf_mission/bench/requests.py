@@ -1,4 +1,4 @@
-"""What a folder of rows was asked for, in ``asked.json``: specifications, commands, cards of scenarios."""
+"""Requests of a folder of rows, in ``asked.json``: specifications, commands, cards of scenarios."""
 
 from __future__ import annotations
 
@@ -20,16 +20,16 @@ ASKED = "asked.json"
 
 
 class Asked(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """A specification that was asked for.
+    """A request: one specification.
 
     Attributes
     ----------
     when : str
-        The first time, UTC (ISO 8601).
+        Time of the first such request, UTC (ISO 8601).
     command : str
-        The command line; empty if it was asked from Python.
+        The command line; empty for a request from Python.
     specification : str
-        TOML that ``bench run`` takes; what was given as an object stands in a comment.
+        TOML that ``bench run`` takes; objects given from Python are named in a comment.
     """
 
     when: str
@@ -38,14 +38,14 @@ class Asked(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class AskedFor(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """All that a folder was asked for, in the order of time, and the cards of its scenarios."""
+    """All requests of a folder, in the order of time, and the cards of its scenarios."""
 
     asked: list[Asked] = []
     cards: list[Card] = []
 
 
 def read_asked(folder: Path) -> AskedFor:
-    """Return what a folder was asked for; nothing of an old one, which did not keep it.
+    """Return the requests of a folder; none for an old folder without the file.
 
     ResultError if the file is damaged.
     """
@@ -65,7 +65,7 @@ def read_asked(folder: Path) -> AskedFor:
 
 
 def keep_asked(folder: Path, spec: BenchSpec, command: str) -> None:
-    """Add what is asked for to the file of a folder, unless it was asked for before."""
+    """Add a request to the file of a folder, unless it is there already."""
     found = read_asked(folder)
     now = datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
     asked = Asked(now, command, specification_text(spec))

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from sensors.estimators.disk.adaptive_disk import AdaptiveDiskEstimator
-from sensors.estimators.disk.disks import Disk, half_widths
+from sensors.estimators.adaptive_disk import AdaptiveDiskEstimator
+from sensors.estimators.disks import Disk, half_widths
 
 
 def misplaced_disk(radius: int) -> Disk:

@@ -1,0 +1,101 @@
+"""The authors' estimators: against published estimates, scikit-learn, and the estimators of the core."""
+
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from sklearn.exceptions import ConvergenceWarning
+from sklearn.gaussian_process import GaussianProcessRegressor
+from sklearn.gaussian_process.kernels import RBF, WhiteKernel
+
+from geo.grid import FarmGrid
+from sensors.errors import EstimatorError
+from sensors.estimators.gp.estimator import ZERO_MEAN, GaussianProcessEstimator
+from sensors.fields import PAPER_FIELDS
+from sensors.observations import Observations
+from wbf_mission.addons.authors.adaptive_disk import AuthorsAdaptiveDiskEstimator, misplaced_disk
+from wbf_mission.addons.authors.sklearn_gp import SklearnGaussianProcessEstimator
+
+GOLDEN = Path(__file__).parents[3] / "data" / "golden"
+
+
+def grid_of(width, height):
+    return FarmGrid(
+        (width, height), 0.3048, np.ones((width, height), np.int8), np.ones((width, height), bool)
+    )
+
+
+def observations(x, y, values):
+    n = len(x)
+    return Observations(np.asarray(x), np.asarray(y), np.arange(n), np.full(n, 6), np.reshape(values, (n, 3)))
+
+
+def random_observations(n, shape, seed=0):
+    rng = np.random.default_rng(seed)
+    x, y = rng.integers(0, shape[0], n), rng.integers(0, shape[1], n)
+    smooth = 0.5 + 0.4 * np.sin(x / 4) * np.cos(y / 6)
+    return observations(x, y, np.stack([smooth, rng.choice([0, 0.5, 1], n), rng.random(n)], axis=1))
+
+
+@pytest.mark.parametrize("name", ["lawnmower", "spiral"])
+def test_authors_ad_is_the_published_estimate(name):
+    with np.load(GOLDEN / f"Miniberry-30_{name}_AD.npz") as data:
+        run = dict(data)
+    x, y, _ = run["positions"].T
+    seen = observations(x, y, run["observations"])
+    at_once = AuthorsAdaptiveDiskEstimator().fit(grid_of(31, 31), seen).predict()
+    stepwise = AuthorsAdaptiveDiskEstimator().fit(grid_of(31, 31))
+    for i in range(len(seen)):
+        stepwise.partial_fit(seen[i : i + 1]).predict()
+    for model in (at_once, stepwise.predict()):
+        for k, field in enumerate(PAPER_FIELDS.names):
+            np.testing.assert_array_equal(model.value[k], run[f"est_{field}"].astype(np.float32))
+            np.testing.assert_array_equal(model.uncertainty[k], run[f"unc_{field}"])
+
+
+@given(st.integers(1, 40))
+def test_the_authors_disk_lies_aside_and_lacks_a_row_and_a_column(radius):
+    disk = misplaced_disk(radius)
+    i, j = np.indices((2 * radius,) * 2) - radius
+    covered = (disk.low[:, None] - radius <= j) & (j < disk.high[:, None] - radius)
+    assert disk.first == 0
+    assert np.array_equal(covered, i**2 + j**2 <= radius**2)
+
+
+def test_scikit_learn_variant_is_the_papers_regressor():
+    shape = (9, 8)
+    seen = random_observations(12, shape, seed=3)
+    model = SklearnGaussianProcessEstimator(n_restarts=2, random_state=4).fit(grid_of(*shape), seen).predict()
+    seed = int(np.random.default_rng(4).integers(2**31))
+    kernel = RBF([2, 2], (1, 10)) + WhiteKernel(0.5, (1e-5, 1e5))
+    regressor = GaussianProcessRegressor(kernel, alpha=1e-10, n_restarts_optimizer=2, random_state=seed)
+    with warnings.catch_warnings(action="ignore", category=ConvergenceWarning):
+        regressor.fit(np.stack([seen.x, seen.y], axis=1), seen.values[:, 0].astype(float))
+    mean, std = regressor.predict(np.argwhere(np.ones(shape)), return_std=True)
+    np.testing.assert_allclose(model.value[0], mean.reshape(shape), atol=1e-6)
+    np.testing.assert_allclose(model.uncertainty[0], std.reshape(shape), atol=1e-6)
+
+
+def test_both_processes_agree_when_they_have_the_same_kernel():
+    shape = (14, 12)
+    seen = random_observations(16, shape, seed=5)
+    slow = SklearnGaussianProcessEstimator(n_restarts=3, random_state=1).fit(grid_of(*shape), seen).predict()
+    paper = GaussianProcessEstimator(
+        ZERO_MEAN, clip=False, amplitude_bounds=(1.0, 1.0), learn_from="observations"
+    )
+    fast = paper.fit(grid_of(*shape), seen).predict()
+    np.testing.assert_allclose(fast.value[0], slow.value[0], atol=2e-3)
+    np.testing.assert_allclose(fast.uncertainty[0], slow.uncertainty[0], atol=2e-3)
+
+
+def test_scikit_learn_variant_refuses_what_it_cannot_finish():
+    many = random_observations(60, (20, 20))
+    with pytest.raises(EstimatorError, match="use the estimator 'gp' or 'adaptive-disk'"):
+        SklearnGaussianProcessEstimator(max_points=50).fit(grid_of(20, 20), many).predict()
+    with pytest.raises(EstimatorError, match="60 observations on 20 x 20 cells"):
+        SklearnGaussianProcessEstimator(max_entries=1000).fit(grid_of(20, 20), many).predict()
+    with pytest.raises(EstimatorError, match="n_restarts cannot be -1"):
+        SklearnGaussianProcessEstimator(n_restarts=-1).fit(grid_of(20, 20))

@@ -155,6 +155,7 @@ def spent_wh(planned, before, now, *, limit_wh, flown_s=60.0):
     )
     task = SimpleNamespace(request=SimpleNamespace(budget=SimpleNamespace(limit=limit_wh, unit="Wh")))
     sortie = SimpleNamespace(ground=ground, task=task, plan=taking(planned, 0.5))
+    sortie._mean_wh_s = sortie.plan.prediction.energy_wh / sortie.plan.prediction.duration_s
     sortie._drawn_wh = lambda seconds: Sortie._drawn_wh(sortie, seconds)
     return Sortie._spent(sortie, flown_s)
 

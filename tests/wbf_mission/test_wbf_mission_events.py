@@ -22,15 +22,3 @@ def test_a_listener_hears_only_the_kinds_that_it_wants() -> None:
     assert stream.wants(Progressed) and not stream.wants(VehicleMoved)
     stream.listen(told.append)
     assert stream.wants(VehicleMoved)
-
-
-def test_a_callback_for_progress_listens_beside_those_of_another_stream() -> None:
-    base, heard, told = EventStream(), [], []
-    base.listen(heard.append)
-    stream = EventStream.of_progress(lambda *how_far: told.append(how_far), base)
-    stream.tell(Noted("one"))
-    stream.progress("planning", 0.0, 1.0)
-    assert heard == [Noted("one"), Progressed("planning", 0.0, 1.0)]
-    assert told == [("planning", 0.0, 1.0)]
-    base.progress("flying", 0.0, 1.0)
-    assert len(told) == 1

@@ -76,7 +76,8 @@ def test_exclusions_and_several_inclusions():
 def test_a_margin_is_never_too_large(here, there):
     fence = Fence.of(polygon(SQUARE) + circle(150, 25, 60) + circle(60, 30, 15, inclusion=False), FRAME)
     margin = fence.margin_m(*here)
-    if math.dist(here, there) < margin:
+    # To places a hair apart both margins can round to the same.
+    if math.dist(here, there) < margin - 1e-9:
         assert fence.margin_m(*there) > 0.0
 
 

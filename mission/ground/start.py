@@ -129,7 +129,7 @@ class MissionStart:
         return []
 
     def _pass_gate(self, gate: ArmingGate, now_s: float) -> list[Message]:
-        """Go on when the vehicle can arm and the operator agrees, or end it."""
+        """Start the flight once the vehicle can arm and the operator agrees; otherwise end the start-up."""
         if gate.stage is Stage.REFUSED:
             self.failure = Outcome.NOT_STARTED, "the operator did not let it start"
         elif gate.stage is Stage.CHECKING and now_s >= self._ready_s:

@@ -129,7 +129,7 @@ def reallocate(
     shares: Mapping[int, Share],
     planner: Planner,
 ) -> dict[int, tuple[Points, Share]]:
-    """Return new rests of the takers' paths, with the unseen land of the lost vehicles.
+    """Return the remaining path of each taker, extended by its part of the lost vehicles' unseen land.
 
     The land is divided among the takers by the spare rests of their budgets. A taker flies its path to the
     end and then rows over its piece; with too little budget for these it plans all its unseen land anew, with

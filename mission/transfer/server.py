@@ -230,7 +230,7 @@ class MissionServer(ServerInputs):
         return Output((), self._step(_I.ABORT, None, self._session.partner, now_s).events)
 
     def next_deadline(self) -> float | None:
-        """When `poll` has something to do, None if no transfer runs."""
+        """Time of the next `poll`; None if no transfer runs."""
         session = self._session
         if session.state is IDLE:
             return None

@@ -1,4 +1,4 @@
-"""Time and energy of the rest of a mission from a vehicle in flight: many paths at once, no telemetry."""
+"""Time and energy of the remaining mission of a vehicle in flight, for many paths in one batch."""
 
 from __future__ import annotations
 

@@ -53,7 +53,7 @@ def came() -> bool:
 
 
 def forget() -> None:
-    """Forget the signals that came: what they were meant for is settled, and the command goes on."""
+    """Clear the received signals once they are handled, so that the command goes on."""
     _received.clear()
 
 

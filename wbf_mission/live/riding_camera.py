@@ -74,7 +74,7 @@ class MissionShots:
 
 @dataclass(frozen=True, slots=True)
 class Seen:
-    """Where a vehicle told its item, and how far it was seen to fly between that and a silence."""
+    """Place of the last report of the mission item, and the distance seen from there to the silence."""
 
     place: _Place
     metres: float = 0.0

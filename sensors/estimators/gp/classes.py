@@ -117,7 +117,7 @@ class ClassMap:
         rows: slice = slice(None),
         where: NDArray[np.bool_] | None = None,
     ) -> None:
-        """Replace the process's means and deviations by values of least loss and their deviations, in place.
+        """Replace, in place, posterior means and deviations by the values of least loss and their deviations.
 
         `value` and `uncertainty` are of the whole farm; in `columns` and `rows` the cells `where` change.
         """

@@ -214,7 +214,7 @@ def mavlink_profile(mav_type: int) -> MavlinkProfile:
                 int(m.MAV_CMD_DO_CANCEL_MAG_CAL),
             }
         ),
-        # Those of modules that do not run by default: Commander leaves the answer to them.
+        # Commands without an answer: Commander leaves it to modules that PX4 does not start by default.
         silent=frozenset(map(int, (m.MAV_CMD_INJECT_FAILURE, m.MAV_CMD_DO_GRIPPER, m.MAV_CMD_DO_WINCH))),
         takeoff_above_sea=True,
         home_above_sea=True,

@@ -342,7 +342,7 @@ class AsideChange(ChangeSession):
         return self._order(int(m.MAV_CMD_DO_SET_MISSION_CURRENT), now_s, float(seq), 0.0)
 
     def _item_to_choose(self) -> int:
-        """Return the item to resume at: mostly the one after the target, which is reached outside the mission.
+        """Return the item to resume at: mostly the one after the target, reached outside the mission.
 
         A resumed mission begins its leg at the stopping point of the vehicle. Near the target that is the
         target, and a leg to the target itself would be a stop. This is accepted if the target is a stop, or

@@ -449,7 +449,7 @@ class _Axis:
         )
 
     def at(self, places: NDArray[np.integer] | Floats) -> Floats:
-        """Return the sine basis at indices of cells (fractions lie between their centres), float64[n, functions]."""
+        """Return the sine basis at indices of cells, whole ones in their middle, float64[n, functions]."""
         position = places + 0.5 - self._half
         values: Floats = sin(self._frequency * (position[:, None] + self._reach)) / np.sqrt(self._reach)
         return values

@@ -66,6 +66,43 @@ def test_a_file_that_is_gone_empty_or_cut_short_is_named(saved: Path, tmp_path: 
     load_result(file.parent)
 
 
+@pytest.mark.parametrize(
+    ("part", "key", "value"),
+    [
+        ("prediction", "unknown", 1),
+        ("prediction", "track_m", [["1", "2", "3"]]),
+        ("prediction", "track_m", [1.0, 2.0, 3.0]),
+        ("prediction", "items", [1.5]),
+        ("prediction", "items", [True]),
+        ("plan", "path_m", [1.0, 2.0]),
+        ("plan", "path_m", [[1.0, 2.0], [3.0]]),
+        ("decision", "unknown", 1),
+        ("change", "path_m", [["1", "2"]]),
+        ("change", "path_m", [1.0, 2.0]),
+        ("alternative", "points_m", [{}]),
+    ],
+)
+def test_a_record_with_other_fields_or_values_is_refused(
+    saved: Path, tmp_path: Path, part: str, key: str, value: Any
+) -> None:
+    shutil.copytree(saved, tmp_path / "run")
+    file = tmp_path / "run" / "result.json"
+    record = json.loads(file.read_text())
+    change = {"system_id": 1, "position_m": [0.0, 0.0], "path_m": [[1.0, 2.0]], "cost": 1.0}
+    alternative = {"system_id": 1, "points_m": [[1.0, 2.0]], "value": 1.0, "cost": 1.0}
+    decision = {"day": 6, "flight": 1, "time_s": 0.0, "event": "start", "observations": 0}
+    decision |= {"changes": [change], "alternatives": [alternative]}
+    record["decisions"] = [decision]
+    file.write_text(json.dumps(record))
+    (loaded,) = load_result(file.parent).decisions
+    assert loaded.changes[0].path_m.tolist() == loaded.alternatives[0].points_m.tolist() == [[1.0, 2.0]]
+    flight = record["flights"][0]
+    parts = {"decision": decision, "change": change, "alternative": alternative}
+    (parts | {name: flight[name] for name in ("plan", "prediction")})[part][key] = value
+    file.write_text(json.dumps(record))
+    assert key in refusal(file.parent)
+
+
 def test_what_only_people_and_other_programs_read_may_go(saved: Path, tmp_path: Path) -> None:
     shutil.copytree(saved, tmp_path / "run")
     for name in ("summary.json", "plan.plan"):

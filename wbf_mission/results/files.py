@@ -18,6 +18,7 @@ from geo import Farm, farm_names, load_farm, save_farm
 from geo.atomic import atomic_write
 from mission.files import read_mission, write_mission
 from mission.ground.tracks import Track
+from mission.policies.decision import Alternative
 from sensors.estimation import ScoreHistory
 from sensors.field_files import field_from_table, field_to_table
 from sensors.fields import FieldSet
@@ -28,7 +29,7 @@ from sim_vehicle.airframe.spec import VehicleSpec
 from sim_vehicle.prediction.flight import Prediction
 from wbf_mission.planning import PlanResult, flown_vehicle
 from wbf_mission.planning.fleet import single_vehicles
-from wbf_mission.replanning.record import DecisionRecord, decision_table
+from wbf_mission.replanning.record import DecisionRecord, PathChange, decision_table
 from wbf_mission.results.storage import (
     SUFFIX,
     ResultError,
@@ -48,24 +49,33 @@ _TRACK = ("time_s", "latitude_deg", "longitude_deg", "relative_altitude_m", "x_m
 
 
 def _entry_of(record: type[Any], **other: Any) -> type[Any]:
-    """Return a struct of the fields of a record; `other` gives types of some and of more, None leaves out."""
+    """Return a strict struct of the fields of a record.
+
+    `other`: types of arrays as the file has them, of records within, and of fields of the file alone; None
+    leaves a field out.
+    """
     kinds = get_type_hints(record) | other
     fields: list[Any] = []
-    for one in dataclasses.fields(record):
-        default = msgspec.NODEFAULT if one.default is dataclasses.MISSING else one.default
-        if one.default_factory is not dataclasses.MISSING:
-            default = msgspec.field(default_factory=one.default_factory)
-        if kinds[one.name] is not None:
-            fields.append((one.name, kinds.pop(one.name), default))
+    for field in dataclasses.fields(record):
+        default = msgspec.NODEFAULT if field.default is dataclasses.MISSING else field.default
+        if field.default_factory is not dataclasses.MISSING:
+            default = msgspec.field(default_factory=field.default_factory)
+        if kinds[field.name] is not None:
+            fields.append((field.name, kinds.pop(field.name), default))
     fields += [(name, kind) for name, kind in kinds.items() if name in other and kind is not None]
     return msgspec.defstruct(f"{record.__name__}Entry", fields, kw_only=True, forbid_unknown_fields=True)
 
 
+_POINTS = list[tuple[float, float]]
 _APART = dict.fromkeys(("farm", "vehicle", "seed", "mission", "imaging"))
-PlanEntry = _entry_of(PlanResult, **_APART, prediction=None)
-"""The parts of a plan that have no file of their own."""
-FlightEntry = _entry_of(FlightRecord, plan=PlanEntry, track=None, true_track=None, prediction=Prediction)
-"""A flight without its mission and tracks."""
+_Plan = _entry_of(PlanResult, path_m=_POINTS, prediction=None, **_APART)
+_Prediction = _entry_of(Prediction, track_m=list[tuple[float, float, float]], items=list[int])
+_Flight = _entry_of(FlightRecord, plan=_Plan, track=None, true_track=None, prediction=_Prediction)
+_Decision = _entry_of(
+    DecisionRecord,
+    changes=list[_entry_of(PathChange, path_m=_POINTS)],  # type: ignore[misc]
+    alternatives=tuple[_entry_of(Alternative, points_m=_POINTS), ...],  # type: ignore[misc]
+)
 
 
 def plan_name(number: int, flight: Any) -> str:
@@ -103,18 +113,18 @@ def read_flights(
     flights = []
     for number, one in enumerate(entries):
         key = (one.day, one.flight, one.system_id)
-        told = msgspec.structs.asdict(one)
-        predicted = told.pop("prediction")
+        predicted = _record_of(Prediction, one.prediction)
         plan = PlanResult(
             farm=farm,
             vehicle=vehicles[one.system_id - 1],
             mission=read_mission(folder / f"{plan_name(number, one)}.json"),
             prediction=replace(predicted, track_m=predicted.track_m.reshape(-1, 3)),
             seed=seed,
-            **(msgspec.structs.asdict(one.plan) | {"path_m": one.plan.path_m.reshape(-1, 2)}),
+            **(msgspec.structs.asdict(one.plan) | {"path_m": np.reshape(one.plan.path_m, (-1, 2))}),
         )
         read = {"plan": plan, "track": tracks.get(key, nowhere), "true_track": true_tracks.get(key)}
-        flights.append(FlightRecord(**(told | read)))
+        held = {name: kept for name, kept in msgspec.structs.asdict(one).items() if name != "prediction"}
+        flights.append(FlightRecord(**(held | read)))
     return tuple(flights)
 
 
@@ -162,19 +172,19 @@ def _read_tracks(path: Path) -> dict[tuple[int, int, int], Track]:
     return found
 
 
-def _told(kind: type[Any], record: object, **more: Any) -> Any:
-    """Return a struct with the values that a record has under the same names, and with more."""
-    return kind(
-        **{name: getattr(record, name) for name in kind.__struct_fields__ if name not in more}, **more
-    )
+def _entry(kind: type[Any], record: object, **other: Any) -> Any:
+    """Return the entry of a record; `other` are the fields that the record has otherwise, or not at all."""
+    names = [name for name in kind.__struct_fields__ if name not in other]
+    return kind(**{name: getattr(record, name) for name in names}, **other)
 
 
-def _entry(flight: FlightRecord) -> Any:
-    plan = flight.plan
-    return _told(FlightEntry, flight, plan=_told(PlanEntry, plan), prediction=plan.prediction)
+def _record_of(kind: type[T], entry: Any) -> T:
+    """Return the record of an entry."""
+    return msgspec.convert(entry, kind, from_attributes=True, dec_hook=_array)
 
 
 R = TypeVar("R", bound=RunRecord)
+T = TypeVar("T")
 
 FORMAT = 4
 MAX_JSON_BYTES = 64 * 2**20
@@ -201,8 +211,8 @@ class _Record(msgspec.Struct, forbid_unknown_fields=True):
 
     format: int
     scenario: dict[str, Any]
-    flights: list[FlightEntry]  # type: ignore[valid-type]
-    decisions: list[DecisionRecord]
+    flights: list[_Flight]  # type: ignore[valid-type]
+    decisions: list[_Decision]  # type: ignore[valid-type]
     days: list[_Day]  # type: ignore[valid-type]
     simulated_s: float
     frames: int
@@ -370,7 +380,7 @@ def read_result(folder: Path, kind: type[R]) -> R:
         fields=fields,
         maps=read_maps(folder / "maps.npz", "estimate", farm, fields),
         true_maps=read_maps(folder / "maps.npz", "truth", farm, fields),
-        decisions=record.decisions,
+        decisions=[_record_of(DecisionRecord, one) for one in record.decisions],
         days=_read_days(record.days, folder, fields.names, farm),
     )
 
@@ -393,9 +403,12 @@ def _record(result: RunRecord, files: tuple[str, ...]) -> _Record:
     return _Record(
         format=FORMAT,
         scenario=result.scenario.to_dict(),
-        flights=[_entry(one) for one in result.flights],
+        flights=[
+            _entry(_Flight, flight, plan=_entry(_Plan, flight.plan), prediction=flight.plan.prediction)
+            for flight in result.flights
+        ],
         decisions=result.decisions,
-        days=[_told(_Day, one) for one in result.days],
+        days=[_entry(_Day, day) for day in result.days],
         **{name: getattr(result, name) for name in _PLAIN},
         fields=tuple(field_to_table(field) for field in result.fields),
         files=files,
@@ -439,7 +452,7 @@ def _read_record(path: Path) -> _Record:
         msg = f"{path}: larger than {MAX_JSON_BYTES // 2**20} MiB; no result is"
         raise ResultError(msg)
     try:
-        record = msgspec.json.decode(data, type=_Record, dec_hook=_array)
+        record = msgspec.json.decode(data, type=_Record)
     except (ValueError, RecursionError) as error:
         msg = f"{path}: is not the record of a result ({error})"
         raise ResultError(msg) from None

@@ -282,5 +282,9 @@ class EventStream:
         self.tell(Progressed(what, done, total))
 
     def note(self, text: str) -> None:
-        """Tell a line for the operator."""
+        """Hand on a line for the operator."""
         self.tell(Noted(text))
+
+    def warn(self, text: str) -> None:
+        """Hand on a warning for the operator."""
+        self.tell(Noted(text, warns=True))

@@ -188,7 +188,7 @@ def fly(
     run = resolve(scenario, faults=by.faults, fitted=by.fitted, weights=weights, events=stream)
     run = replace(run, vehicles=by.numbered(run.vehicles))
     if stream.wants(RunBegun):
-        stream.tell(_begun(run, simulated=by.console is None))
+        stream.tell(_begun(run, simulated=isinstance(by, Simulated)))
     changes_s = None if by.force else by.change_s
     with (
         rehearsed(run, rehearse) as ready,

@@ -10,7 +10,7 @@ from geo.farms import get_farm
 from sensors.fields import PAPER_FIELDS
 from wbf_mission.addons.web.server import LiveServer
 from wbf_mission.addons.web.view import View
-from wbf_mission.events import EventStream, RunBegun, VehicleInfo, VehicleMoved
+from wbf_mission.events import EventStream, Noted, RunBegun, VehicleInfo, VehicleMoved
 from wbf_mission.run.orders import Orders
 
 
@@ -23,7 +23,8 @@ def say(*words: object) -> None:
 def main() -> None:
     """Fly two vehicles in circles until the input ends."""
     stream, view = EventStream(), View()
-    orders = Orders(stream, lambda text: None, lambda text: say("warned:", text))
+    orders = Orders(stream)
+    stream.listen(lambda event: say("warned:", event.text) if event.warns else None, Noted)
     stream.listen(view.take)
     vehicles = tuple(VehicleInfo(number, f"drone-{number}", "copter") for number in (1, 2))
     stream.tell(RunBegun("a flight", get_farm("miniberry-10"), PAPER_FIELDS, vehicles, simulated=False))

@@ -3,7 +3,7 @@
 import pytest
 
 from mission.link.codec.dialect import mavlink as m
-from wbf_mission.events import EventStream
+from wbf_mission.events import EventStream, Noted
 from wbf_mission.live.control_station import ControlStation
 from wbf_mission.run.orders import LIFE_S, Orders
 
@@ -13,7 +13,9 @@ class Watched:
 
     def __init__(self):
         self.wall_s, self.warned, self.sent = 1e5, [], []
-        self.orders = Orders(EventStream(), warn=self.warned.append, clock=lambda: self.wall_s)
+        stream = EventStream()
+        stream.listen(lambda event: self.warned.append(event.text) if event.warns else None, Noted)
+        self.orders = Orders(stream, clock=lambda: self.wall_s)
         self.station = ControlStation(self.orders, clock=lambda: self.wall_s)
         self.says(
             m.MAVLink_heartbeat_message(m.MAV_TYPE_QUADROTOR, m.MAV_AUTOPILOT_ARDUPILOTMEGA, 1, 0, 4, 3)

@@ -69,7 +69,7 @@ class Page:
 
     def __init__(self, *steps):
         self.output = Output()
-        self.orders = Orders(self.output.events, self.output.note, self.output.warn)
+        self.orders = Orders(self.output.events)
         self.asked, self._steps = [], list(steps)
         for kind in (Orderable, VehicleMoved, Asked):
             self.output.events.listen(self._look, kind)

@@ -98,7 +98,9 @@ def test_an_answer_to_the_question_before_does_not_answer_the_next_one():
 @example(ages=[(LIFE_S, 0.0)])
 def test_what_is_older_than_two_seconds_is_not_carried_out_whereever_it_got_old(ages):
     now_s, warned = [1e6], []
-    orders = Orders(EventStream(), warn=warned.append, clock=lambda: now_s[0])
+    stream = EventStream()
+    stream.listen(lambda event: warned.append(event.text) if event.warns else None, Noted)
+    orders = Orders(stream, clock=lambda: now_s[0])
     orders.allow(("hold",), {1})
     orders.ask("?", ("yes",))
     for on_the_way_s, waiting_s in ages:

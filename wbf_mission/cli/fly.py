@@ -301,7 +301,9 @@ def fly_command(
                 )
             started_s = process_age_s()
             stack.enter_context(output.progress())
-            simulated = Simulated([*in_file, *(fault or ())], None, speed, None, orders, change_time, force)
+            simulated = Simulated(
+                [*in_file, *(fault or ())], pace=speed, orders=orders, change_s=change_time, force=force
+            )
             by = replace(live or simulated, tlog=folder.tlog if folder else None)
             result = fly(chosen, by=by, events=events, use_cache=cache)
             flown_s = process_age_s()

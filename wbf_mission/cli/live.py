@@ -81,7 +81,7 @@ class LivePage:
             return None
         from wbf_mission.run.orders import Orders
 
-        return Orders(output.events, output.note, output.warn)
+        return Orders(output.events)
 
     @contextmanager
     def serve(self, output: Output, events: EventStream, orders: Orders | None = None) -> Iterator[None]:

@@ -67,8 +67,7 @@ class Output:
 
     def note(self, text: str, *, tells: bool = True) -> None:
         """Say something that a script does not need; `tells` not where an event tells it already."""
-        event = Noted(text)
-        (self.events.tell if tells else self._show)(event)
+        (self.events.tell if tells else self._show)(Noted(text))
 
     def notes(self, notes: Iterable[str], of: str = "") -> None:
         """Say how an input was understood, a line each; `of` names it."""
@@ -77,7 +76,7 @@ class Output:
 
     def warn(self, text: str) -> None:
         """Say something that went wrong but does not end the command."""
-        self.events.tell(Noted(text, warns=True))
+        self.events.warn(text)
 
     def _show(self, event: Noted) -> None:
         if event.warns:

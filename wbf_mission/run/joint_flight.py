@@ -18,7 +18,7 @@ from mission.outcome import Outcome, Phase
 from mission.policies.observation import Event, Status
 from sensors.estimation import Evidence
 from sim_vehicle.host.simulation import StopReason
-from wbf_mission.events import Decided, EventStream, Noted, Seen
+from wbf_mission.events import Decided, EventStream, Seen
 from wbf_mission.progress import Stopwatch
 from wbf_mission.replanning.loop import Answered, DecisionLoop
 from wbf_mission.run.flight_events import FlightEvents
@@ -328,7 +328,7 @@ class JointFlight:
         if self._thinking is not None and system_id not in self._not_sent:
             self._not_sent[system_id] = why
             at = f"vehicle {system_id}: " if len(self.sorties) > 1 else ""
-            self._events.tell(Noted(f"{at}the policy's answer is not sent: {why}", warns=True))
+            self._events.warn(f"{at}the policy's answer is not sent: {why}")
 
     def _carry_out_answer(self, answered: Answered) -> None:
         record = self._decisions.carry_out(answered, self.sorties, self.now_s, self._not_sent)
@@ -347,7 +347,7 @@ class JointFlight:
             if wait([thinking], LAST_ANSWER_S).not_done:
                 # Its thread ends with the program. Nobody takes its answer.
                 text = f"the policy has not answered within {LAST_ANSWER_S:g} s of the end: it is left behind"
-                self._events.tell(Noted(text, warns=True))
+                self._events.warn(text)
             elif (error := thinking.exception()) is not None:
                 raise error
         self.learn()

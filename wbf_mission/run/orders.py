@@ -12,7 +12,7 @@ from functools import partial
 from geo.texts import one_line
 from mission.ground.command import OperatorCommand, OrderError
 from mission.ground.standstill import LIFE_S
-from wbf_mission.events import Asked, EventStream, Noted, Orderable
+from wbf_mission.events import Asked, EventStream, Orderable
 
 __all__ = ["IN_FLIGHT", "LIFE_S", "START", "Orders", "WatchersOrder", "steady_s", "too_late"]
 
@@ -78,9 +78,7 @@ class Orders:
     Parameters
     ----------
     events : EventStream
-        Receives the possible orders, and the questions.
-    note, warn : callable, optional
-        Receive lines for the operator about orders and their outcome; `events` by default.
+        Receives the possible orders, the questions, and lines about orders and their outcome.
     clock : callable, optional
         Returns seconds; an order that waits longer than `LIFE_S` is dropped.
 
@@ -97,13 +95,10 @@ class Orders:
     def __init__(
         self,
         events: EventStream,
-        note: Callable[[str], None] | None = None,
-        warn: Callable[[str], None] | None = None,
         clock: Callable[[], float] = steady_s,
     ) -> None:
         self._events, self._clock = events, clock
-        self.note = note or (lambda text: events.tell(Noted(text)))
-        self.warn = warn or (lambda text: events.tell(Noted(text, warns=True)))
+        self.note, self.warn = events.note, events.warn
         self._lock = threading.Lock()
         self._orders: tuple[str, ...] = ()
         self._vehicles: frozenset[int] = frozenset()

@@ -11,7 +11,7 @@ from mission.logs import LogError, read_track
 from sensors.dynamics.continuous import Measured
 from sensors.errors import ObservationError
 from sensors.fields import ALL_CROPS, PAPER_FIELDS, Field, FieldSet
-from wbf_mission.readings import is_cells, join, read_readings
+from wbf_mission.addons.treatment.readings import is_cells, join, read_readings
 
 FARM = get_farm("miniberry-30")
 NAMES = PAPER_FIELDS.names

@@ -8,14 +8,14 @@ from pathlib import Path
 from threadpoolctl import threadpool_limits
 
 from geo import Farm
-from mission.logs import LogError, read_track
-from mission.logs.telemetry import observations_in
 from sensors.errors import ObservationError
 from sensors.estimation import attribute_errors_to, believed, prepare_days
 from sensors.estimators import Estimator
 from sensors.fields import FieldSet
 from sensors.observations import Observations
 from sensors.scoring.information import InformationModel
+from wbf_mission.addons.treatment.logs import LogError, read_track
+from wbf_mission.addons.treatment.logs.telemetry import observations_in
 from wbf_mission.addons.treatment.readings import is_cells, join, read_readings
 from wbf_mission.addons.treatment.treatment_map import TreatmentMap
 from wbf_mission.addons.treatment.zones import costs_of
@@ -46,7 +46,7 @@ def treatment_of_log(
     scenario : Scenario
         Its farm, fields, day, footprint, estimator and seed.
     log : Path, optional
-        As `mission.logs.read_track` takes it; without one the readings have to say where they were made.
+        As `wbf_mission.addons.treatment.logs.read_track` takes it. Without a log the readings need positions.
     observations : Path, optional
         A table of readings (`wbf_mission.addons.treatment.readings`), or a file of
         `sensors.observations.Observations`. A .tlog of a flight with a leaf camera has them itself.

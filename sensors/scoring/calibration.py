@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from geo.linear_algebra import log
 from sensors.errors import EstimatorError
 from sensors.fields import FieldSet
-from sensors.scoring.information import InformationModel, least_sick
+from sensors.scoring.information import InformationModel, column_strips, least_sick
 
 SICK_BELOW = 0.75
 """A value below this is nearer to infected or lost than to healthy."""
@@ -92,8 +92,13 @@ def probability_of_sick(model: InformationModel, k: int, cells: NDArray[np.bool_
     """Return the probabilities that plants are sick: from the classes, or from the normal distribution."""
     name = model.fields[k]
     if model.probabilities is not None and name in model.probabilities:
-        healthy: Floats = model.probabilities[name][0][cells].astype(np.float64)
-        return 1.0 - healthy
+        healthy = np.concatenate(
+            [
+                model.probabilities_in(name, columns)[0][cells[columns]]
+                for columns in column_strips(len(cells))
+            ]
+        )
+        return 1.0 - healthy.astype(np.float64)
     from scipy.special import ndtr
 
     away = (SICK_BELOW - model.value[k][cells]) / np.maximum(model.uncertainty[k][cells], _LEAST)

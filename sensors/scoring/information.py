@@ -31,6 +31,22 @@ SUMS = 4
 """Of a tile: squared and absolute errors, each of all cells and of those where the estimate is above."""
 
 
+_STRIP_COLUMNS = 500
+
+
+def column_strips(width: int, step: int = 1) -> Iterator[slice]:
+    """Yield the columns of a farm in strips, each of a multiple of `step` columns but the last.
+
+    Examples
+    --------
+    >>> list(column_strips(1200, 25))
+    [slice(0, 500, None), slice(500, 1000, None), slice(1000, 1200, None)]
+    """
+    columns = step * max(1, _STRIP_COLUMNS // step)
+    for first in range(0, width, columns):
+        yield slice(first, min(first + columns, width))
+
+
 def tile_shape(shape: tuple[int, int]) -> tuple[int, int]:
     """Return the number of tiles along x and y of a farm of this shape (in cells)."""
     width, height = shape
@@ -91,19 +107,32 @@ def least_sick(sick: NDArray[np.floating]) -> float:
 
 
 class LazyProbabilities(Mapping[str, NDArray[np.float32]]):
-    """Class probabilities that are computed at each access and not kept, for large farms."""
+    """Class probabilities that are computed at each access and not kept, for large farms.
+
+    `compute` takes a disease and the columns of the farm, and returns float32[3, columns, H].
+    """
 
     __slots__ = ("_compute", "_diseases")
 
-    def __init__(self, diseases: tuple[str, ...], compute: Callable[[str], NDArray[np.float32]]) -> None:
+    def __init__(
+        self, diseases: tuple[str, ...], compute: Callable[[str, slice], NDArray[np.float32]]
+    ) -> None:
         self._diseases = diseases
         self._compute = compute
 
     def __getitem__(self, disease: str) -> NDArray[np.float32]:
         """Compute the probabilities of a disease."""
+        return self.columns(disease, slice(None))
+
+    def columns(self, disease: str, columns: slice) -> NDArray[np.float32]:
+        """Compute the probabilities of a disease in some columns of the farm, float32[3, columns, H]."""
         if disease not in self._diseases:
             raise KeyError(disease)
-        return self._compute(disease)
+        return self._compute(disease, columns)
+
+    def __contains__(self, disease: object) -> bool:
+        # That of Mapping would compute the probabilities.
+        return disease in self._diseases
 
     def __iter__(self) -> Iterator[str]:
         return iter(self._diseases)
@@ -223,6 +252,23 @@ class InformationModel:
         value: NDArray[np.float32] = self.value[self.fields.index(field)]
         return value
 
+    def probabilities_in(self, disease: str, columns: slice) -> NDArray[np.float32]:
+        """Return the class probabilities of a disease in some columns of the farm, float32[3, columns, H].
+
+        Lazy probabilities are computed in these columns alone.
+
+        Raises
+        ------
+        EstimatorError
+            If there are no probabilities of the disease.
+        """
+        known = self.probabilities
+        if known is None or disease not in known:
+            raise EstimatorError(f"information model: there are no class probabilities of {disease!r}")
+        if isinstance(known, LazyProbabilities):
+            return known.columns(disease, columns)
+        return known[disease][:, columns]
+
     def may_be_sick(self, disease: str, where: NDArray[np.bool_] | None = None) -> NDArray[np.bool_]:
         """Return the plants that may be sick, bool[W, H]: the fewest that hold 90 % of the sick plants.
 
@@ -242,9 +288,7 @@ class InformationModel:
         EstimatorError
             If there are no probabilities of it.
         """
-        if self.probabilities is None or disease not in self.probabilities:
-            raise EstimatorError(f"information model: there are no class probabilities of {disease!r}")
-        sick = 1.0 - self.probabilities[disease][0]
+        sick = 1.0 - self.probabilities_in(disease, slice(None))[0]
         if where is not None:
             sick *= where
         found: NDArray[np.bool_] = sick >= least_sick(sick)

@@ -267,7 +267,7 @@ class EpidemicEstimator(BaseEstimator):
             loss_map = _read_only(self._expected_loss(uncertainty, basis))
         else:
             probabilities = LazyProbabilities(
-                names, lambda disease: self._class_probabilities(disease, basis)
+                names, lambda disease, columns: self._class_probabilities(disease, basis)[:, columns]
             )
             loss_map = partial(self._expected_loss, uncertainty, basis)
         return InformationModel(

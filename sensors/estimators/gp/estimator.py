@@ -268,10 +268,10 @@ class GaussianProcessEstimator(BaseEstimator):
         }
         diseases = tuple(name for name, class_map in classes.items() if class_map is not None)
 
-        def probabilities(disease: str) -> _Values:
+        def probabilities(disease: str, columns: slice) -> _Values:
             k, class_map = self.fields.index(disease), classes[disease]
             assert class_map is not None
-            return class_map.probabilities(value[k], uncertainty[k])
+            return class_map.probabilities(value[k, columns], uncertainty[k, columns])
 
         return InformationModel(
             value,

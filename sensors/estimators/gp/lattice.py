@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geo.compiled import compiled
+from sensors.estimators.append_buffer import GrowingArray
 from sensors.estimators.gp.rbf import RbfKernel
 from sensors.scoring.information import tile_shape, tiles_of_boxes
 
@@ -104,18 +105,33 @@ def write_from_nodes(
 
 @compiled(nogil=True)
 def write_cells(
-    posterior: Values, box: Any, prior: Any, limits: Any, value: Values, uncertainty: Values
+    posterior: Values,
+    tiles: NDArray[np.int64],
+    prior: Any,
+    limits: Any,
+    value: Values,
+    uncertainty: Values,
 ) -> None:
-    """Write value and uncertainty in a box of cells that are nodes themselves; see `write_from_nodes`."""
-    x0, x1, y0, y1 = box
+    """Write value and uncertainty of tiles whose nodes are the cells themselves; see `write_from_nodes`.
+
+    Parameters
+    ----------
+    posterior : float32[slots, 3, w, h]
+        Of each slot, from the first node of its tile.
+    tiles : int64[n, 5]
+        Slot, and first and last-plus-one cell along x, and along y.
+    """
     mean, amplitude, noise = np.float32(prior[0]), np.float32(prior[1]), np.float32(prior[2])
     low, high = np.float32(limits[0]), np.float32(limits[1])
-    for x in range(x0, x1):
-        for y in range(y0, y1):
-            shifted = mean + posterior[0, x, y] - mean * posterior[1, x, y]
-            value[x, y] = min(high, max(low, shifted))
-            left = max(np.float32(0.0), amplitude - posterior[2, x, y])
-            uncertainty[x, y] = np.sqrt(left + noise)
+    for k in range(len(tiles)):
+        slot, x0, x1, y0, y1 = tiles[k]
+        for x in range(x0, x1):
+            for y in range(y0, y1):
+                i, j = x - x0, y - y0
+                shifted = mean + posterior[slot, 0, i, j] - mean * posterior[slot, 1, i, j]
+                value[x, y] = min(high, max(low, shifted))
+                left = max(np.float32(0.0), amplitude - posterior[slot, 2, i, j])
+                uncertainty[x, y] = np.sqrt(left + noise)
 
 
 NODES_PER_LENGTH = 4
@@ -189,9 +205,10 @@ class LatticeAxis:
 class NodeLattice:
     """The posterior at nodes, in tiles, and the tiles that are not written to the cells yet.
 
-    `posterior`, float32[3, nodes along x, nodes along y], has the posterior mean under a zero prior mean, the
-    same for observations that are all one, and how much the variance of the smooth part is less than the
-    prior's. Whoever changes it calls `changed`.
+    The posterior at a node has three parts: the mean under a zero prior mean, the mean for observations that
+    are all one, and the reduction of the variance of the smooth part. `posterior`, float32[slots, 3, w, h],
+    has one slot with all nodes where cells are interpolated between nodes, and a slot for each tile that was
+    solved where each node is a cell. Whoever changes the posterior calls `changed`.
     """
 
     def __init__(self, shape: tuple[int, int], kernel: RbfKernel, tile_cells: tuple[float, float]) -> None:
@@ -203,10 +220,31 @@ class NodeLattice:
             LatticeAxis(cells, step, single=self._single, tile_cells=tile)
             for cells, step, tile in zip(shape, steps, tile_cells, strict=True)
         )
-        # Zeros: memory that nothing was written to is not taken.
-        self.posterior = np.zeros((3, self.x.nodes, self.y.nodes), np.float32)
         self._touched = np.zeros((self.x.tiles, self.y.tiles), np.bool_)
         self._unwritten = self._touched.copy()
+        self._slots = np.zeros(self._touched.shape, np.int64)
+        if self._single:
+            widest, highest = (int(np.diff(axis.edges).max()) for axis in (self.x, self.y))
+            self._tiles = GrowingArray((3, widest, highest), np.float32)
+        else:
+            self._tiles = GrowingArray((3, self.x.nodes, self.y.nodes), np.float32)
+            self._tiles.append(np.zeros((1, 3, self.x.nodes, self.y.nodes), np.float32))
+
+    @property
+    def posterior(self) -> Values:
+        """The posterior of the slots, see the class; an array that `places_of` may replace."""
+        return self._tiles.array
+
+    def places_of(self, tiles: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Return the slot of each tile, and its first node along x and y, int64[n, 3], for int64[n, 2]."""
+        i, j = tiles.T
+        if not self._single:
+            return np.zeros((len(tiles), 3), np.int64)
+        new = ~self._touched[i, j]
+        self._slots[i[new], j[new]] = len(self._tiles) + np.arange(np.count_nonzero(new))
+        self._touched[i, j] = True
+        self._tiles.append(np.zeros((np.count_nonzero(new), *self._tiles.array.shape[1:]), np.float32))
+        return np.column_stack([self._slots[i, j], self.x.edges[i], self.y.edges[j]])
 
     def changed(self, tiles: NDArray[np.bool_]) -> None:
         """Note that the posterior changed in these tiles of nodes."""
@@ -235,18 +273,27 @@ class NodeLattice:
         if whole:
             value[:] = min(max(mean, limits[0]), limits[1])
             uncertainty[:] = math.sqrt(kernel.amplitude + kernel.noise)
+        tiles = np.argwhere(self._touched if whole else self._unwritten)
         boxes = list(self._boxes(self._touched if whole else self._unwritten))
         self._unwritten[:] = False
+        posterior = self.posterior
 
         def work(part: Sequence[Box]) -> None:
+            weights = self.x.weights, self.y.weights
             for box in part:
-                if self._single:
-                    write_cells(self.posterior, box, prior, limits, value, uncertainty)
-                else:
-                    weights = self.x.weights, self.y.weights
-                    write_from_nodes(self.posterior, *weights, box, prior, limits, value, uncertainty)
+                write_from_nodes(posterior[0], *weights, box, prior, limits, value, uncertainty)
 
-        in_parallel(work, boxes)
+        def work_of_cells(numbers: Sequence[int]) -> None:
+            part = cells[numbers[0] : numbers[-1] + 1] if numbers else cells
+            write_cells(posterior, part, prior, limits, value, uncertainty)
+
+        if self._single:
+            i, j = tiles.T
+            ends = [self.x.edges[i], self.x.edges[i + 1], self.y.edges[j], self.y.edges[j + 1]]
+            cells = np.column_stack([self._slots[i, j], *ends])
+            in_parallel(work_of_cells, range(len(cells)))
+        else:
+            in_parallel(work, boxes)
         if then is not None:
 
             def finish(parts: Sequence[Strip]) -> None:

@@ -132,9 +132,15 @@ class LocalPosterior:
         parameters = kernel.length_x, kernel.length_y, kernel.noise, kernel.amplitude
         spectrum = self._spectrum
 
-        def work(tiles: Sequence[NDArray[np.int64]]) -> None:
+        tiles = np.argwhere(self._waiting)
+        places = self.lattice.places_of(tiles)
+        posterior = self.lattice.posterior
+
+        def work(numbers: Sequence[int]) -> None:
+            part = slice(numbers[0], numbers[-1] + 1)
             gp_tile.solve_tiles(
-                np.asarray(tiles),
+                tiles[part],
+                places[part],
                 x.edges,
                 y.edges,
                 (x.first, y.first, x.step, y.step),
@@ -145,11 +151,11 @@ class LocalPosterior:
                 parameters,
                 (*spectrum.roots, *spectrum.sides),
                 spectrum.terms,
-                self.lattice.posterior,
+                posterior,
             )
 
-        if self._waiting.any():
-            in_parallel(work, list(np.argwhere(self._waiting)))
+        if len(tiles):
+            in_parallel(work, range(len(tiles)))
         self.lattice.changed(self._waiting)
         self._waiting[:] = False
 
@@ -225,7 +231,8 @@ class WholePosterior:
         along_x, along_y = (
             self._sines(axis.places, k) for k, axis in enumerate((self.lattice.x, self.lattice.y))
         )
-        posterior = self.lattice.posterior
+        self.lattice.places_of(np.zeros((1, 2), np.int64))
+        posterior = self.lattice.posterior[0]
 
         def work(columns: Sequence[int]) -> None:
             part = slice(columns[0], columns[-1] + 1)

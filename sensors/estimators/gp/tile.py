@@ -202,6 +202,7 @@ def _precision(
 @compiled(nogil=True)
 def solve_tiles(
     tiles: Places,
+    places: Places,
     edges_x: Places,
     edges_y: Places,
     lattice: Any,
@@ -220,6 +221,8 @@ def solve_tiles(
     ----------
     tiles : int64[n, 2]
         Their columns and rows.
+    places : int64[n, 3]
+        Slot of each tile in the posterior, and the node along x and y at which the slot begins.
     edges_x, edges_y : int64
         The first node of each column and row of tiles, and the end of the last one.
     lattice : tuple of four ints
@@ -238,7 +241,7 @@ def solve_tiles(
     terms : int64[m, 2]
         Which products of sine functions are used; they are where there are more observed cells than
         functions.
-    posterior : float32[3, nodes along x, nodes along y]
+    posterior : float32[slots, 3, w, h]
         See `fill_nodes`; the third part is the reduction of the variance. Changed.
     """
     first_x, first_y, step_x, step_y = lattice
@@ -292,7 +295,8 @@ def solve_tiles(
         if not factor[0, 0] > 0.0:
             raise np.linalg.LinAlgError("the covariance of the observations is singular")
         substitute_forward(factor, weights, 2)
-        part = posterior[:, i0:i1, j0:j1]
+        slot, a, b = places[k]
+        part = posterior[slot, :, i0 - a : i1 - a, j0 - b : j1 - b]
         fill_nodes(factor, weights, along_x, along_y, products, part)
         if n > m:
             for p in range(len(node_x)):

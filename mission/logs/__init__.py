@@ -1,4 +1,4 @@
-"""Tracks and images of flights, from logs of autopilots or geotagged pictures."""
+"""Tracks and images of flights, read from autopilot logs or geotagged pictures."""
 
 from mission.logs.reading import read_track
 from mission.logs.track import LogError, LogImages, LogTrack

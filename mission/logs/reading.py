@@ -1,4 +1,4 @@
-"""The reader of a log, chosen by its content."""
+"""Reader of logs of all supported kinds; the content of a log decides its kind."""
 
 from __future__ import annotations
 
@@ -14,19 +14,19 @@ _TIME_BYTES = 8
 
 
 def read_track(path: Path | str) -> LogTrack:
-    """Read a telemetry log (.tlog), a log of ArduPilot (.bin) or PX4 (.ulg), or a folder of pictures.
+    """Read a telemetry log (.tlog), an ArduPilot (.bin) or PX4 (.ulg) log, or a folder of pictures.
 
     A truncated log is read up to its end.
 
     Raises
     ------
     LogError
-        If it is none of these, is larger than 1 GiB, cannot be read, or holds no position.
+        If the log is of another kind, is larger than 1 GiB, cannot be read, or holds no position.
     """
     path = Path(path)
     track = _reader(path)(path)
     if not len(track.latitude_deg) and not len(track.images.index):
-        raise LogError(f"{path}: the {track.kind} tells no position; is it the log of a flight?")
+        raise LogError(f"{path}: the {track.kind} has no position; is it the log of a flight?")
     return track
 
 

@@ -1,4 +1,4 @@
-"""Telemetry logs (.tlog), with the observations of the leaf camera (`sensors.camera.wire`)."""
+"""Telemetry logs (.tlog), including observations of the leaf camera (`sensors.camera.wire`)."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ from sensors.observations import Observations
 
 _E7 = 1e7
 _NOWHERE = float("nan")
-_SAME_S = 1e-3  # times of a log are whole microseconds
+_SAME_S = 1e-3  # tolerance of equal times: log times are rounded to microseconds
 
 
 def read_telemetry(path: Path) -> LogTrack:
-    """Read a .tlog: GLOBAL_POSITION_INT and the images of the vehicle with the most positions."""
+    """Read a .tlog: positions (GLOBAL_POSITION_INT) and images of the vehicle with the most positions."""
     fixes: dict[int, list[tuple[float, ...]]] = {}
     images: dict[int, dict[int, tuple[float, ...]]] = {}
     messages = 0
@@ -60,7 +60,7 @@ def read_telemetry(path: Path) -> LogTrack:
 
 
 def _image(message: Message, time_s: float) -> tuple[float, ...] | None:
-    """Return index, both times and position of an image, by its capture, feedback or trigger; else None."""
+    """Return index, boot time, UTC and position of the image that a message reports, or None."""
     if is_a(message, m.MAVLink_camera_image_captured_message):
         if message.capture_result != 1:
             return None
@@ -75,7 +75,7 @@ def _image(message: Message, time_s: float) -> tuple[float, ...] | None:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StateLog:
-    """States of a vehicle by its telemetry over some time.
+    """States of a vehicle over time, from its telemetry.
 
     Parameters
     ----------
@@ -89,7 +89,7 @@ class StateLog:
     states: list[tuple[VehicleState, str]]
 
     def at(self, time_s: NDArray[np.float64]) -> list[tuple[VehicleState, str] | None]:
-        """Return state and mode at times; None without telemetry shortly before."""
+        """Return state and mode at each time; None if the last telemetry is older than `LONGEST_GAP_S`."""
         last = np.searchsorted(self.time_s, time_s + _SAME_S, side="right") - 1
         is_known = (last >= 0) & (time_s - self.time_s[np.maximum(last, 0)] <= LONGEST_GAP_S)
         return [
@@ -99,10 +99,10 @@ class StateLog:
 
 
 def states_in(path: Path, begins_s: Sequence[float]) -> dict[tuple[int, int], StateLog]:
-    """Return the states of the vehicles of a .tlog, by system id and part.
+    """Return the states of the vehicles in a .tlog, keyed by system id and part of the log.
 
-    Part k begins at `begins_s[k]`, in seconds since the log began. Telemetry before a part does not count in
-    it.
+    Part k begins `begins_s[k]` seconds after the start of the log. The states of a part depend only on the
+    telemetry within the part.
 
     Raises
     ------
@@ -123,7 +123,7 @@ def states_in(path: Path, begins_s: Sequence[float]) -> dict[tuple[int, int], St
             monitor.receive(message, time_s)
             rows = found.setdefault(key, [])
             state, mode = monitor.state, monitor.mode
-            # Arming, disarming and changes of the mode count between positions, too: one may come last.
+            # Arming, disarming and mode changes are recorded at once: no position may follow.
             changes = bool(rows) and (rows[-1][1].armed, rows[-1][2]) != (state.armed, mode)
             if changes or is_a(message, m.MAVLink_global_position_int_message):
                 rows.append((time_s, state, mode))
@@ -139,7 +139,7 @@ def states_in(path: Path, begins_s: Sequence[float]) -> dict[tuple[int, int], St
 def observations_in(
     path: Path, farm: Farm, day: int, fields: tuple[str, ...]
 ) -> tuple[Observations, tuple[str, ...]]:
-    """Return the observations of leaf cameras in a .tlog, and notes on them.
+    """Return the observations of leaf cameras in a .tlog, and notes on lost images.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""PX4's logs (.ulg), by pyulog."""
+"""PX4 logs (.ulg), read by pyulog."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ _LEAST_UTC_US = 1e15
 def read_ulog(path: Path) -> LogTrack:
     """Read a PX4 .ulg: `vehicle_global_position`, and `camera_capture` or `camera_trigger` for the images.
 
-    Without the first the positions are those of the satellite receiver with a 3D fix. UTC is the receiver's
-    (`time_utc_usec`), carried over to all times since boot.
+    Without `vehicle_global_position` the positions are those of the satellite receiver with a 3D fix. UTC is
+    the time since boot plus the median offset of the receiver's `time_utc_usec`.
     """
     ULog = load_extra("pyulog.core", "gis", f"{path}: logs of PX4 need", LogError).ULog
     with parsing(path, "PX4 log"):
@@ -51,7 +51,7 @@ def _rows(data: Any, offset_s: float) -> Floats:
 
 
 def _receiver(topics: dict[str, Any]) -> Any:
-    """Return the positions of a satellite receiver with a 3D fix; None without any."""
+    """Return the positions of a satellite receiver with a 3D fix; None without such a receiver."""
     for name in _GPS:
         data = topics.get(name, {})
         if "latitude_deg" in data:  # PX4 1.14 and later
@@ -94,9 +94,9 @@ def _utc_offset_s(topics: dict[str, Any]) -> float:
 
 
 def _count_fields(topic: str, declared: dict[str, Any], depth: int) -> int:
-    """Return the count of numbers in a message of a topic; LogError for endlessly nested types.
+    """Return the number of values in a message of `topic`; LogError if its types are nested too deeply.
 
-    The library would expand them all.
+    pyulog expands all nested types, so the check precedes the parsing of the data.
     """
     if depth == 0:
         raise LogError(f"message {topic[:40]!r} is nested too deeply in it")

@@ -133,7 +133,7 @@ def test_a_global_position_goes_before_px4s_receiver(tmp_path):
     path = write_ulog(tmp_path / "x", [(one[0], one[1] + 1e-3, one[2]) for one in FIXES], receiver="1.14")
     assert read_track(path).notes == ()
     nowhere = write_ulog(tmp_path / "y", [(one[0], NAN, NAN) for one in FIXES], receiver="clock")
-    with pytest.raises(LogError, match="the PX4 log tells no position"):
+    with pytest.raises(LogError, match="the PX4 log has no position"):
         read_track(nowhere)
 
 
@@ -216,9 +216,9 @@ def test_pictures_tell_places_and_utc(tmp_path):
         (lambda p: None, "cannot be read: no such file"),
         (lambda p: p.mkdir(), "holds no pictures"),
         (lambda p: p.write_bytes(b"ULog\x01\x12\x35\x01"), "is no PX4 log that can be read"),
-        (lambda p: p.write_bytes(b"ULog\x01\x12\x35\x01" + bytes(90)), "the PX4 log tells no position"),
+        (lambda p: p.write_bytes(b"ULog\x01\x12\x35\x01" + bytes(90)), "the PX4 log has no position"),
         (lambda p: write_telemetry(p, []), "is no log that is known"),
-        (lambda p: write_dataflash(p, []), "the ArduPilot log tells no position"),
+        (lambda p: write_dataflash(p, []), "the ArduPilot log has no position"),
         (lambda p: p.write_bytes(bytes(8) + b"\xfd" + bytes(50)), "holds no MAVLink message"),
     ],
 )

@@ -45,8 +45,8 @@ def turns_camera(item: MissionItem) -> bool | None:
 class Place:
     """A place on a leg of a mission.
 
-    Fraction 0 is the end of the previous leg, after all commands between the two legs. The end of a leg is
-    written as the beginning of the next leg.
+    Fraction 0 is the end of the previous leg, after all commands between the two legs. A place at the end of
+    a leg has the number of the next leg and fraction 0.
     """
 
     item: int
@@ -277,7 +277,7 @@ class Course:
     def _projected(
         self, items: ArrayLike, east_m: ArrayLike, north_m: ArrayLike
     ) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
-        """Return the leg index of each position, the flown fraction of the leg, and the distance from it."""
+        """Return leg index, flown fraction of the leg and distance from the leg of each position."""
         numbers = np.searchsorted(self._flown_items, np.asarray(items))
         ended = numbers >= len(self.legs)
         numbers = np.minimum(numbers, len(self.legs) - 1)

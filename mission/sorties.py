@@ -138,8 +138,8 @@ def part_of(
 def resumed_at(course: Course, begin: Place, overlap_m: float) -> Place | None:
     """Return the first place of the part that begins at `begin`; None if no leg with images remains.
 
-    The first place is `overlap_m` before `begin`. If the leg of `begin` has no images, it is the start of the
-    next leg with images.
+    The first place is `overlap_m` before `begin`. If the leg of `begin` has no images, the first place is the
+    start of the next leg with images.
     """
     following = course.after(begin)
     if following is None or following != begin:

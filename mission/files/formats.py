@@ -113,7 +113,7 @@ def ending(path: str | os.PathLike[str]) -> str:
 
 
 def _found(path: str | os.PathLike[str], *, writing: bool) -> MissionFormat:
-    """Return the format of a file name; MissionFileError if the format cannot be read, or written."""
+    """Return the format of a file name; MissionFileError if reading (`writing`: writing) is unsupported."""
     suffix = ending(path)
     found = _known().get(suffix)
     if found is None or (found.dumps if writing else found.loads) is None:

@@ -159,7 +159,7 @@ def _registered(name: str) -> VehicleKind:
 
 
 def kind_of_type(mav_type: int) -> str:
-    """Return the kind with a MAV_TYPE, installed or not; "multirotor" for a type of no kind."""
+    """Return the name of the kind with this MAV_TYPE, installed or not; "multirotor" if there is none."""
     installed = (name for name in kind_names() if mav_type in get_kind(name).mav_types)
     added = (name for name, (_, added_type) in _ADDED.items() if mav_type == added_type)
     return next(chain(installed, added), "multirotor")

@@ -56,9 +56,9 @@ class Exposure(NamedTuple):
 class CameraTrigger:
     """Distance, interval and external triggers along a track of position reports.
 
-    Either a distance or an interval is active, the last that was set. Distances are horizontal lengths along
-    the path. A gap in the telemetry (more than 1.5 s, or a jump faster than 150 m/s) has no exposures,
-    because the position is unknown; the distance restarts after the gap. Late or repeated reports are
+    A new distance or interval trigger replaces the active one. Distances are horizontal lengths along the
+    path. In a gap of the telemetry (more than 1.5 s, or a jump faster than 150 m/s) there are no exposures,
+    because the position is unknown. The distance restarts after the gap. Late or repeated reports are
     ignored. A clock that jumps back is a reboot of the autopilot and stops the trigger.
     """
 

@@ -18,7 +18,8 @@ has this slope near hover.
 Other kinds of vehicles have their own formulas (`FurtherPowerSpec`).
 
 The battery loses ``I^2 R`` in its internal resistance, so the power from the cells is ``P (1 + R P / U^2)``
-with the nominal voltage U. All functions here return the power from the cells, and energies are sums of it.
+with the nominal voltage U. All functions of this module return the power from the cells; energies are
+integrals of this power.
 
 The functions are plain Python. `sim_vehicle.motion.stepping` compiles the formula of rotorcraft.
 """

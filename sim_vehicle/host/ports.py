@@ -33,7 +33,7 @@ _AT_ONCE_FILES = 6
 
 @dataclass(frozen=True, slots=True)
 class ServerUrl:
-    """An address of the server (`open_port`), with the vehicles and the link name behind it.
+    """Address of a server port (`open_port`), with the vehicles and the link name at this address.
 
     `systems` are the system ids of the vehicles at this address, like a port of one autopilot. An empty set
     is all vehicles, like behind a router.

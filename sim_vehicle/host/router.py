@@ -145,7 +145,7 @@ class RadioRange:
             self._vehicles[vehicle.system_id] = vehicle, home_m
 
     def distance_m(self, system_id: int) -> float:
-        """Return the slant range from the ground station to a vehicle (m); 0 for a system that is no vehicle."""
+        """Return the distance from the ground station to a vehicle (m); 0 for other systems."""
         if system_id not in self._vehicles:
             return 0.0
         vehicle, home_m = self._vehicles[system_id]

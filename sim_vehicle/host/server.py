@@ -256,7 +256,8 @@ class Server(Closing):
             if self.speed == NEVER:
                 return
             if time.monotonic() - began_s > _BURST_S:
-                # The simulation is behind the wall clock: poll the sockets, and move the origin to limit the lag.
+                # The simulation is behind the wall clock: poll the sockets, and move the origin to limit the
+                # lag.
                 lag_s = clock_s - self.now_s - _LARGEST_LAG_S * self.speed
                 self._origin_s -= max(0.0, lag_s)
                 return
@@ -318,7 +319,7 @@ class Server(Closing):
         self._routes.clear()
 
     def _send(self, local: _Local, messages: Iterable[Message], link: str | None = None) -> None:
-        """Send messages, with `link` on this link only; messages for a named link are not logged."""
+        """Send messages, with `link` only on this link; messages for a named link are not logged."""
         writer = local.writers[link] if link else local.writer
         for message in messages:
             frame = writer.encode(message)

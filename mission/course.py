@@ -206,7 +206,7 @@ class Course:
         return [leg.item for leg in self.legs]
 
     def leg_of(self, place: Place) -> int:
-        """Return the index of the leg that holds a place; the number of legs after the last leg."""
+        """Return the index of the leg of a place; the number of legs if the place is past the last leg."""
         return bisect.bisect_left(self._flown_items, place.item)
 
     def metres(self, place: Place) -> float:

@@ -214,7 +214,7 @@ class MissionItem:
         acceptance_radius_m: float = 0.0,
         yaw_deg: float | None = None,
     ) -> MissionItem:
-        """Return a NAV_WAYPOINT with its altitude above home; `yaw_deg` None lets the vehicle choose."""
+        """Return a NAV_WAYPOINT at an altitude above home; None as `yaw_deg` is the default heading."""
         return cls(
             Command.NAV_WAYPOINT,
             Frame.GLOBAL_RELATIVE_ALT,

@@ -38,7 +38,7 @@ def in_words(outcome: Outcome | str, reason: str = "") -> str:
 class Outcome(Enum):
     """Outcome of a flight.
 
-    A vehicle reports `COMPLETED` to `FLIGHT_ABORTED`; only a ground station reports the other outcomes.
+    Vehicles have the outcomes `COMPLETED` to `FLIGHT_ABORTED`; a ground station has all outcomes.
     """
 
     RUNNING = "running"

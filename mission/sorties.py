@@ -39,7 +39,8 @@ _SETTINGS: dict[int, str] = {
 }
 # Servos and relays: each output number (param1) is a separate setting.
 _BY_NUMBER = frozenset({183, 181})
-# Repeated at the first position of the part. After the take-off the camera would record the approach.
+# Settings that are repeated at the first position of the part, so that the camera does not record the
+# approach.
 _AT_THE_PLACE = frozenset({"images", "video", "yaw"})
 _STOPS = {
     int(Command.DO_SET_CAM_TRIGG_DIST): int(Command.DO_SET_CAM_TRIGG_DIST),
@@ -217,7 +218,7 @@ def _is_for_next(item: MissionItem) -> bool:
 
 
 def _reachable(course: Course, first: Place, end: Place | None) -> Place | None:
-    """Return the last place of a part that ends at `end`; None for the end of the mission."""
+    """Return the last place that can be flown of a part to `end`; None for the end of the mission."""
     # A curved leg cannot be cut and is flown whole. Trailing legs without images are left out.
     if end is None or (number := course.leg_of(end)) >= len(course.legs):
         return None

@@ -56,7 +56,7 @@ class SaysGoodbye(Protocol):
     """A component that sends messages when its host stops."""
 
     def goodbye(self) -> list[mavlink.MAVLink_message]:
-        """Return the last messages to send."""
+        """Return the messages to send before the host stops."""
         ...
 
 
@@ -71,7 +71,7 @@ class KeepsLog(Protocol):
 
 @runtime_checkable
 class Serves(Protocol):
-    """A component that exchanges messages with one vehicle only, of another system id."""
+    """A component with another system id than the only vehicle that it exchanges messages with."""
 
     @property
     def vehicle_system_id(self) -> int:
@@ -100,7 +100,7 @@ class Streams(Protocol):
     """Name of the link from which the next message comes; empty for a link without a name."""
 
     def open_links(self, names: frozenset[str]) -> None:
-        """Add links to stream on; from then `streamed` returns the telemetry in place of `poll`."""
+        """Add links for streaming; afterwards `streamed` returns the telemetry in place of `poll`."""
         ...
 
     def streamed(self) -> list[tuple[str, list[mavlink.MAVLink_message]]]:

@@ -155,8 +155,8 @@ def wrong_kind(data: bytes, expected: str) -> MissionFileError:
 def decode_json(data: bytes, decoder: msgspec.json.Decoder[T], path: str = "", line: int = 1) -> T:
     """Decode strict JSON (no NaN, Infinity or comments).
 
-    `path` and `line` locate `data` within its file, for errors. MissionFileError names the line of a syntax
-    error, or the path of a value of the wrong type.
+    `path` or `line` is the location of `data` in its file, for error messages. MissionFileError names the
+    line of a syntax error, or the path of a value of the wrong type.
     """
     data = data.removeprefix(BOM)
     try:
@@ -233,8 +233,8 @@ def resolve_jumps(
 ) -> tuple[MissionItem, ...]:
     """Return the items with jump targets as indices.
 
-    `numbers` are the items' numbers in the file, called `numbering` in errors. Each item is paired with its
-    location in the file.
+    `numbers` are the item numbers in the file; `numbering` is their name in error messages. Each item is
+    paired with its location in the file.
     """
     index_of, counts = {number: index for index, number in enumerate(numbers)}, Counter(numbers)
     resolved = []
@@ -271,7 +271,7 @@ class WithNotes:
 
 
 def home_for_file(mission: Mission) -> GeoPoint:
-    """Return the home for a format that requires a home.
+    """Return the home position to write in a format that requires a home.
 
     An unknown home is written as the mission's first position at 0 m. Without any position it is written as
     0, 0, 0, which readers take for unknown.
@@ -300,7 +300,7 @@ def home_from_file(
 
 
 def file_parameters(item: MissionItem, firmware: Firmware) -> Parameters:
-    """Return parameters 1 to 4 for a file. A default is None, or 0 for ArduPilot, which refuses NaN."""
+    """Return parameters 1 to 4 for a file. Unset is None, or 0 for ArduPilot, which refuses NaN."""
     default = 0.0 if firmware == Firmware.ARDUPILOT else None
     first, second, third, fourth = (
         default if value is None else float(value)

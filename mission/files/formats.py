@@ -72,7 +72,7 @@ _OLD = ".mission"
 
 
 def _refuse(data: bytes) -> Mission:
-    """Raise an error with the kind of a .mission file (QGroundControl 3)."""
+    """Raise MissionFileError for a .mission file (QGroundControl 3), which cannot be read."""
     raise wrong_kind(data, "a mission of a kind that is read")
 
 
@@ -200,8 +200,8 @@ def losses(
 ) -> list[Loss]:
     """Return the parts of a mission that a file of this name would not keep.
 
-    If the format can be read back, these are the differences to the mission read back. They include plans
-    that the file cannot hold (`fitted`).
+    For a format that can be read, the losses are the differences between the mission and the mission read
+    back, including plans that the file cannot hold (`fitted`).
 
     Raises
     ------

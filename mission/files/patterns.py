@@ -1,6 +1,7 @@
 """Landing patterns and structure scans: complex items of QGroundControl plans that store no commands.
 
-QGroundControl generates the commands of these items when it loads a plan. This module uses the same keys.
+QGroundControl generates the commands of these items when it loads a plan. This module generates the
+same commands from the same keys.
 Sources: QGroundControl, src/MissionManager: LandingComplexItem, FixedWingLandingComplexItem (versions 1 and
 2), VTOLLandingComplexItem, StructureScanComplexItem (version 3), QGCMapPolygon::offset, CameraSection.
 """

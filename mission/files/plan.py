@@ -46,7 +46,7 @@ class _Simple(msgspec.Struct, tag_field="type", tag="SimpleItem"):
     command: Annotated[int, Meta(ge=0, le=65535)]
     frame: Annotated[int, Meta(ge=0, le=255)]
     params: Annotated[list[_Number], Meta(min_length=4, max_length=7)]
-    # QGroundControl up to 3.3 wrote the position in this key, and only four entries in `params`.
+    # QGroundControl up to 3.3 wrote the position in `coordinate`, and only four entries in `params`.
     coordinate: tuple[_Number, _Number, _Number] | None = None
     autocontinue: bool = msgspec.field(default=True, name="autoContinue")
     jump_id: int | None = msgspec.field(default=None, name="doJumpId")
@@ -107,8 +107,8 @@ def loads(data: bytes) -> Mission:
     standard frames. A survey becomes its stored commands. A landing pattern or structure scan becomes the
     commands that QGroundControl generates. Jump targets become indices of the items.
 
-    MissionFileError names the item and the field that is damaged, invalid or of another version, or a complex
-    item without known commands.
+    MissionFileError names the item and the field that is damaged, invalid or of another version. A complex
+    item without known commands is an error, too.
     """
     check_json(data, PLAN_KIND)
     plan = decode_json(data, _PLAN)
@@ -257,7 +257,7 @@ def _simple(index: int, item: MissionItem, firmware: Firmware) -> dict[str, Any]
         "type": "SimpleItem",
     }
     if item.has_position:
-        # QGroundControl refuses an item with only one or two of these three keys.
+        # QGroundControl refuses an item with only one or two of the altitude keys.
         simple |= {
             "AMSLAltAboveTerrain": None,
             "Altitude": float(item.z),

@@ -3,7 +3,8 @@
 The first point of a fence (``.fen``, MAVProxy's ``fence.txt``) is the return point. The other points are
 corners, and the first corner is repeated at the end. A line of a rally file (``.ral``, ``rally.txt``) is
 ``RALLY``, latitude, longitude, altitude above home, break altitude, landing direction, flags. A MAVLink item
-cannot hold the last three. Sources: pymavlink, mavwp.py; ArduPilot/MissionPlanner, FlightPlanner.cs.
+has no room for break altitude, landing direction and flags. Sources: pymavlink, mavwp.py;
+ArduPilot/MissionPlanner, FlightPlanner.cs.
 """
 
 from __future__ import annotations

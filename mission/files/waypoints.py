@@ -52,7 +52,7 @@ _COLUMNS = (
     *("seq", "current", "frame", "command", "param1", "param2", "param3", "param4"),
     *("x (latitude)", "y (longitude)", "z (altitude)", "autocontinue"),
 )
-# MAV_CMD by action number. QGroundControl used action numbers before MAV_CMD existed (pymavlink, mavwp.py).
+# MAV_CMD by action number of WPL 100, which is older than MAV_CMD (pymavlink, mavwp.py).
 _ACTIONS_100 = {2: 22, 3: 20, 4: 21, 24: 22, 26: 21, 25: 16, 27: 17}
 
 
@@ -80,9 +80,9 @@ class _Row:
 def loads(data: bytes) -> Mission | WithNotes:
     """Read a mission, a fence or rally points from the content of a file.
 
-    Accepted are also comments (``#``), any white space between columns, CRLF, headers of versions 100 and
-    120, a missing home row, gaps in seq, a home row with command 0, commands without a position in frame 0 or
-    3, and files of `mission.files.points`. Jump targets become indices of the mission's items.
+    The reader also accepts comments (``#``), any white space between columns, CRLF, headers of versions 100
+    and 120, a missing home row, gaps in seq, a home row with command 0, commands without a position in frame
+    0 or 3, and files of `mission.files.points`. Jump targets become indices of the mission's items.
 
     The first row is home if its seq is 0 and it is a waypoint in frame 0 or has command 0. Version 120,
     written by old QGroundControl, has no home. Other programs write version 120 with home as the only row in
@@ -246,7 +246,7 @@ def _home_item(home: GeoPoint) -> MissionItem:
 
 
 def _line(seq: int, item: MissionItem, firmware: Firmware) -> str:
-    # .NET Framework reads no other spelling of NaN; Qt, Python, C and .NET read this spelling, too.
+    # NaN in this spelling can be read by Qt, Python, C and .NET. .NET Framework reads no other spelling.
     numbers = (*file_parameters(item, firmware), item.x, item.y, item.z)
     texts = ("NaN" if number is None else _decimal(number) for number in numbers)
     head = f"{seq}\t{int(seq == 0)}\t{item.frame}\t{item.command}\t"

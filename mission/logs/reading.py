@@ -1,4 +1,4 @@
-"""Reader of logs of all supported kinds; the content of a log decides its kind."""
+"""Reader of all supported kinds of logs, detected from the content."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """Vehicle files: TOML with the fields of `VehicleSpec`, and a table for each part of the vehicle.
 
-The built-in vehicles are vehicle files, too (``sim_vehicle/airframe/vehicles``).
+Built-in vehicles are vehicle files in ``sim_vehicle/airframe/vehicles``.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 __all__ = ["forget_vehicles", "get_vehicle", "load_vehicle", "vehicle_names"]
 
 _DEFAULT = "quad"
-# Fields that a file cannot set: the name is the file's name, and a scenario sets the others.
+# Fields that a vehicle file cannot set. The name is the file name; a scenario sets the other fields.
 _NOT_IN_FILES = ("name", "autopilot", "parameters", "return_margin_m", "autopilot_parameters")
 _PARAMETER = re.compile(r"[A-Z][A-Z0-9_]{0,15}")
 

@@ -4,8 +4,9 @@ In all recorded flights of PX4 (v1.17, SIH) the estimated height jumps up and do
 during the first two minutes after arming. Later the height only drifts. The estimated velocity has an error
 throughout the flight: the accelerometers and gyroscopes of SIH are noisy, and the estimator follows the
 receiver slowly, like a Kalman filter of positions (damping 0.7). The vehicle holds a wrong velocity until the
-position error shows it. In addition the vehicle is pushed. Tilt errors move the vehicle and not the
-estimate, and corrections move the estimate and not the vehicle.
+position controller corrects the resulting position error. A part of the velocity error, the push, also
+accelerates the vehicle: tilt errors move the vehicle and not the estimate, and corrections move the estimate
+and not the vehicle.
 
 The numbers are measured on eight flights of quadrotors, a rover and an aeroplane. Velocity errors are the
 difference between the estimated velocity and the rate of the estimated position, on the six flights of

@@ -135,7 +135,7 @@ def kind_names() -> tuple[str, ...]:
 
 
 def get_kind(name: str) -> VehicleKind:
-    """Return the kind of vehicle with this name.
+    """Return the kind of vehicles with a name.
 
     Raises
     ------
@@ -166,7 +166,7 @@ def kind_of_type(mav_type: int) -> str:
 
 
 def not_installed() -> str:
-    """Return the end of an error about an unknown kind or vehicle: a list of missing add-ons, or nothing."""
+    """Return a list of missing add-ons, to append to an error about an unknown kind or vehicle."""
     missing = [
         f"{kind} (wbf_mission.addons.{addon})"
         for kind, (addon, _) in _ADDED.items()

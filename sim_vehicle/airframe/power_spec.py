@@ -23,7 +23,7 @@ COEFFICIENTS = 9
 MASS, DRAG, INDUCED_FLOW, INDUCED_FACTOR, PROFILE, TIP_SPEED, CONSTANT_POWER, PER_EFFICIENCY, BATTERY_LOSS = (
     range(COEFFICIENTS)
 )
-# Kinds that are no rotorcraft hold `FurtherPowerSpec.own_drag` at this index.
+# Index of `FurtherPowerSpec.own_drag` for kinds other than rotorcraft.
 OWN_DRAG = INDUCED_FLOW
 
 

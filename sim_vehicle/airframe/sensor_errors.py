@@ -12,8 +12,8 @@ measures heights from the reading at power-up. The estimate follows the sensors 
 The autopilot flies by the estimate: the estimated position is as planned, and the true position is off by
 the error (docs/decisions/0011).
 
-Errors are drawn on a fixed grid of 0.1 s from one random stream per sensor. They depend neither on the time
-step of the simulation nor on the other sensor.
+Errors are drawn on a fixed grid of 0.1 s from one random stream per sensor. Errors of a sensor
+depend neither on the time step of the simulation nor on the other sensor.
 """
 
 from __future__ import annotations

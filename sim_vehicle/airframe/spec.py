@@ -47,7 +47,7 @@ class PublishedEndurance:
     """Airspeed of the flight; 0 for hover."""
     used_fraction: float = 1.0
     """Fraction of the battery that the flight uses."""
-    # Conditions of the flight as published, and the publication.
+    # Published conditions of the flight, and the source.
     condition: str = ""
     source: str = ""
 
@@ -204,6 +204,6 @@ class VehicleSpec:
     def fastest_m_s(self) -> float:
         """Highest speed in still air, limited by mission commands and by the airframe.
 
-        In wind the vehicle can fly at airspeeds up to `airspeed_limit_m_s`, also above this speed.
+        The airspeed in wind is limited by `airspeed_limit_m_s` only and can be higher.
         """
         return self.top_speed_m_s if self.is_ideal else min(self.top_speed_m_s, self.airspeed_limit_m_s)

@@ -135,7 +135,7 @@ class Autopilot:
 
 
 def get_autopilot(name: str = DEFAULT_AUTOPILOT) -> Autopilot:
-    """Return the autopilot with this name, in upper or lower case.
+    """Return the autopilot with a name; upper and lower case are equal.
 
     Raises
     ------
@@ -209,7 +209,7 @@ def firmware_of(spec: VehicleSpec) -> Firmware | None:
 
 
 def _moves_itself(kind: VehicleKind, autopilot: str) -> bool:
-    """Return whether the procedures of a kind move its vehicles under an autopilot."""
+    """Return whether vehicles of a kind move by the procedures of the kind under an autopilot."""
     if not (kind.procedures and kind.shown_as):
         return False
     return get_autopilot(autopilot).firmware(kind.name) is None
@@ -245,7 +245,7 @@ def estimate_errs(spec: VehicleSpec) -> bool:
 def with_return_margin(spec: VehicleSpec) -> VehicleSpec:
     """Return a vehicle with the return margin for predictions under estimate errors.
 
-    PX4 returns at ``RTL_RETURN_ALT`` from beyond ``RTL_MIN_DIST``, and lower from a shorter distance. A
+    PX4 returns at ``RTL_RETURN_ALT`` from beyond ``RTL_MIN_DIST``, and lower from nearer places. A
     vehicle that drifts beyond this distance climbs and descends 20 m more, so predictions take the higher
     altitude within the margin. ArduCopter's return altitude (``RTL_CONE_SLOPE``, ``RTL_CLIMB_MIN``) is a
     continuous function of the distance, and its estimate is exact.
@@ -322,7 +322,7 @@ def _card_parameters(spec: VehicleSpec) -> dict[str, ParameterSpec]:
 
 
 def adapt_vehicle(spec: VehicleSpec, autopilot: Autopilot) -> VehicleSpec:
-    """Return a vehicle with the motion for peers that see ``autopilot``.
+    """Return the vehicle to simulate if peers see ``autopilot``.
 
     A kind with its own procedures, such as a multirotor, is unchanged, because its motion may be generic or
     that of another autopilot.

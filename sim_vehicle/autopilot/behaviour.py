@@ -59,7 +59,7 @@ class FailsafeRules:
     Texts are for the operator. In ``fence_text`` and ``stream_lost`` a ``{}`` is the reason or the action.
     """
 
-    # Actions by the value of the parameter of the failsafe.
+    # Actions of each failsafe by the value of its parameter.
     fence_actions: Mapping[int, Action]
     link_actions: Mapping[int, Action]
     battery_actions: Sequence[Mapping[int, Action]]
@@ -129,7 +129,7 @@ class FailsafeRules:
 
 
 def actions_by_value(**actions: str) -> Mapping[int, Action]:
-    """Return actions by parameter value, from keywords: name of an `Action`, and its values as text.
+    """Return actions by parameter value; each keyword is the name of an `Action` with its values as text.
 
     Examples
     --------

@@ -95,7 +95,7 @@ class RefusalTexts:
 
 @dataclass(frozen=True, slots=True)
 class MavlinkProfile:
-    """MAVLink interface of a firmware."""
+    """Identity, modes, message rates and peculiarities of a firmware on MAVLink."""
 
     identity: Identity
     modes: ModeTable

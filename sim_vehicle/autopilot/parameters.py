@@ -164,7 +164,7 @@ class RuntimeParameters:
         )
 
     def applied_to(self, spec: VehicleSpec) -> VehicleSpec:
-        """Return the vehicle with these values applied."""
+        """Return a vehicle specification with the present values."""
         return replace(spec, **{name: getattr(self, name) for name in _OF_VEHICLE})
 
 

@@ -88,8 +88,8 @@ class FlightProcedures(ABC):
     ) -> list[Leg]:
         """Return the legs to the return point and down to the ground.
 
-        ``return_point`` is the position (home or another), with the minimum height of the return; the return
-        altitude applies if it is higher.
+        ``return_point`` is the position (home or another), with the minimum height of the return. A higher
+        return altitude has precedence.
         """
 
 

@@ -172,7 +172,7 @@ class StickRules:
 
 
 def bits(**modes: int) -> Mapping[Mode, int]:
-    """Return bits by mode, from keywords with names of modes.
+    """Return bits by mode; each keyword is the name of a mode with its bit.
 
     Examples
     --------

@@ -265,7 +265,7 @@ class CameraComponent:
         return self._by_interval(p[0] / 1000.0, 0)
 
     def _mine(self, camera_id: float) -> bool:
-        """Return whether a camera id is that of this camera; 0 is all cameras, 1 to 6 are the autopilot's."""
+        """Return whether a camera id addresses this camera; 1 to 6 are the autopilot's own cameras."""
         return camera_id < 7.0 or camera_id == self.component_id
 
     def _shoot_by_distance(self, message: CommandMessage, p: Parameters) -> _Obeyed:
@@ -420,7 +420,7 @@ class LeafCameraComponent(CameraComponent):
         return messages
 
     def _cell_under(self, exposure: Exposure) -> tuple[int, int]:
-        """Return the cell in the camera's line of sight on flat ground; for the sky a cell off the farm."""
+        """Return the cell in the camera's line of sight, on flat ground; a cell off the farm for the sky."""
         farm = self._farm
         x_m, y_m = farm.frame.from_wgs84(exposure.latitude_e7 / _E7, exposure.longitude_e7 / _E7)
         if self._position_error is not None:
@@ -450,7 +450,7 @@ def _is_repeated(message: CommandMessage) -> bool:
 
 
 def _microseconds(seconds: float) -> int:
-    """Return a time in microseconds; -1, the interval of no trigger, if the time is not finite."""
+    """Return a time in microseconds; -1, which is no interval, if the time is not finite."""
     return round(seconds * 1e6) if math.isfinite(seconds) else -1
 
 

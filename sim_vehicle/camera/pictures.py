@@ -26,7 +26,7 @@ _CHECK_S = 0.05  # interval of checks for readings
 
 
 class PictureCamera(CameraComponent, Generic[P]):
-    """A camera that takes pictures and reads fields from them with user functions.
+    """A camera with user functions that take pictures and read fields from the pictures.
 
     Triggers are those of `CameraComponent`. Pictures are taken at once and classified in sequence by a
     thread, so that a slow classifier delays neither the next picture nor the link. A picture that cannot be

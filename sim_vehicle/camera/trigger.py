@@ -1,8 +1,9 @@
 """Times and positions of exposures, computed from position telemetry.
 
 Between two positions at 10 Hz the path is taken as straight. At multirotor accelerations the chord is within
-5 mm of the path, and MAVLink rounds positions to 11 mm. Slow radios send 1 to 4 Hz; there the path is the
-cubic Hermite curve that matches positions and velocities at both ends, divided into chords of at most 0.1 s.
+5 mm of the path, and MAVLink rounds positions to 11 mm. Between sparser
+positions (slow radios send 1 to 4 Hz) the path is the cubic Hermite curve of positions and velocities at both
+ends, divided into chords of at most 0.1 s.
 """
 
 from __future__ import annotations
@@ -59,7 +60,7 @@ class CameraTrigger:
     A new distance or interval trigger replaces the active one. Distances are horizontal lengths along the
     path. In a gap of the telemetry (more than 1.5 s, or a jump faster than 150 m/s) there are no exposures,
     because the position is unknown. The distance restarts after the gap. Late or repeated reports are
-    ignored. A clock that jumps back is a reboot of the autopilot and stops the trigger.
+    ignored. A clock that jumps back stops the trigger, because the autopilot has rebooted.
     """
 
     __slots__ = (

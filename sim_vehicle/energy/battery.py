@@ -1,8 +1,8 @@
 """Battery model with the readings of a battery monitor.
 
 The model is a Thevenin equivalent circuit with one time constant. An open-circuit voltage depends on the
-remaining energy. A resistance is in series with an RC element; the voltage of the RC element builds up under
-load and recovers at rest. Bauersfeld and Scaramuzza, "Range, endurance, and optimal speed estimates for
+remaining energy. A series resistance is followed by an RC element with a voltage that builds up under load
+and recovers at rest. Bauersfeld and Scaramuzza, "Range, endurance, and optimal speed estimates for
 multicopters", IEEE Robot. Autom. Lett. 7(2), 2022, use the same model for drone batteries. Values and sources
 are in docs/energy.md.
 """
@@ -108,7 +108,7 @@ class BatteryMeter:
         left_ah = self._charge_ah[upper - 1] + battery.capacity_wh * _charge(fraction - low, low_v, open_v)
         elapsed = time_s - self._time_s
         if elapsed > 0.0:
-            # The mean of the two readings stands for the load between them.
+            # The load between two readings is approximated by the mean of both.
             mean_w = 0.5 * (self._power_w + power_w)
             kept = math.exp(-elapsed / battery.relaxation_s)
             target_v = battery.polarization_ohm * mean_w / open_v

@@ -1,7 +1,7 @@
 """Electric power of a flight state, and endurance and range in steady motion.
 
 **Rotorcraft** (`multirotor_power`). Momentum and blade-element theory (Leishman, *Principles of Helicopter
-Aerodynamics*, 2nd ed., 2006, ch. 2 and 5) for a tilted disc. Its thrust T carries the weight, overcomes the
+Aerodynamics*, 2nd ed., 2006, ch. 2 and 5) for a tilted disc. The thrust T carries the weight, overcomes the
 drag and gives the acceleration::
 
     P = (T (k v + Vn) + P0 (T/W)^1.5 (1 + 3 Vt^2 / Utip^2)) / efficiency + avionics
@@ -10,10 +10,10 @@ drag and gives the acceleration::
 Vn and Vt are the airspeeds normal to the disc and within it. T Vn is the power of drag, climb and
 acceleration. For level flight with T = W the formula is the closed form of Zeng, Xu and Zhang, "Energy
 minimization for wireless communication with rotary-wing UAV", IEEE Trans. Wireless Commun. 18(4), 2019, eq.
-(12). The exponent 1.5 of the profile power holds for rotors of fixed pitch, which increase thrust by speed.
-Momentum theory does not hold for a disc that sinks into its own wake (Vn < 0). Of the power that descent and
-braking return, the fraction `REGAINED` counts; Leishman's measured curve for the vortex ring state (eq. 2.96)
-has this slope near hover.
+(12). The exponent 1.5 of the profile power holds for rotors of fixed pitch, which turn faster for more
+thrust. Momentum theory does not hold for a disc that sinks into its own wake (Vn < 0). Of the power that
+descent and braking return, the fraction `REGAINED` counts; Leishman's measured curve for the vortex ring
+state (eq. 2.96) has this slope near hover.
 
 Other kinds of vehicles have their own formulas (`FurtherPowerSpec`).
 

@@ -310,7 +310,7 @@ def load_faults(path: Path | str) -> tuple[Fault, ...]:
 
 
 def faults_of(table: Mapping[str, Any], where: str) -> tuple[Fault, ...]:
-    """Return the faults of a decoded TOML file; ``where`` is its name for messages."""
+    """Return the faults of a decoded TOML file; ``where`` is the file name for messages."""
     entries = table.get("fault", [])
     if not isinstance(entries, list) or not all(isinstance(entry, Mapping) for entry in entries):
         raise FaultError(f"{where}: faults are written as [[fault]] tables")

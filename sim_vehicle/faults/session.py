@@ -1,7 +1,7 @@
 """Injection of faults into links, components and vehicles.
 
-A host makes one `FaultSession` per run. All random numbers come from named streams of its seed, so the same
-faults, seed and inputs give the same bytes.
+A host makes one `FaultSession` per run. All random numbers come from named streams of the seed, so the
+same faults, seed and inputs give the same bytes.
 """
 
 from __future__ import annotations
@@ -312,7 +312,7 @@ class FaultyComponent:
                 break_vehicle(self.inner, fault.kind, still, fault.number)
 
     def _take(self, fault: Fault, now_s: float) -> bool:
-        """Return whether an active fault occurs, and count the occurrence."""
+        """Return whether a fault is active and has occurrences left; count the occurrence."""
         if self._left[fault] <= 0 or not self._session.is_active(fault, self.system_id, now_s):
             return False
         self._left[fault] -= 1
@@ -376,7 +376,7 @@ class FaultyComponent:
         return message
 
     def _watch(self, message: Message, now_s: float) -> None:
-        """Fire the triggers that a message of the component shows."""
+        """Fire the triggers that a message of the component reports."""
         fire, system = self._session.fire, self.system_id
         if is_a(message, m.MAVLink_heartbeat_message) and self.component_id == _AUTOPILOT:
             armed = bool(message.base_mode & m.MAV_MODE_FLAG_SAFETY_ARMED)

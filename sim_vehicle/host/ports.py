@@ -35,8 +35,8 @@ _AT_ONCE_FILES = 6
 class ServerUrl:
     """Address of a server port (`open_port`), with the vehicles and the link name at this address.
 
-    `systems` are the system ids of the vehicles at this address, like a port of one autopilot. An empty set
-    is all vehicles, like behind a router.
+    `systems` are the system ids of the vehicles at this address, for example of one autopilot. An empty
+    set means all vehicles.
     """
 
     url: str
@@ -275,7 +275,7 @@ def open_port(url: str, *, at_once: bool = False) -> ServerPort:
 
 
 def _address_of(address: LinkAddress) -> str:
-    """Return the IPv4 address of a host, by which answers of the host are recognized."""
+    """Return the IPv4 address of a host, which identifies the answers of the host."""
     try:
         return str(socket.getaddrinfo(address.host, address.port, socket.AF_INET, socket.SOCK_DGRAM)[0][4][0])
     except (OSError, UnicodeError) as error:

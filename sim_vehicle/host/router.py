@@ -118,7 +118,7 @@ class RoutingTable(Generic[Port]):
 
 
 class Located(Protocol):
-    """A vehicle with a true position."""
+    """A vehicle with its home and its true position."""
 
     system_id: int
 

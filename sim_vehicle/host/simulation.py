@@ -104,7 +104,7 @@ class VirtualLink:
         return None
 
 
-# The longest mission has 65535 items. An upload and a download of it can take place at one instant.
+# An upload and a download of the longest mission (65535 items) can take place at one instant.
 _STEPS_AT_ONE_INSTANT = 300_000
 
 

@@ -15,8 +15,8 @@ A vehicle that flies through a frozen field at the airspeed V meets the wave num
 W V / 2 pi. With T = L/V the forming filters are sqrt(2T) / (1 + Ts) for u and
 sqrt(T) (1 + sqrt(3) Ts) / (1 + Ts)^2 for v and w. The filters are discretised exactly. The filter for v and w
 is a Gauss-Markov process x1 and its first-order lag x2, combined as
-``(sqrt(3) x1 + (1 - sqrt(3)) x2) / sqrt(2)``. Each step uses the transition matrix and the Cholesky factor of
-the noise covariance of the step. The initial state is stationary.
+``(sqrt(3) x1 + (1 - sqrt(3)) x2) / sqrt(2)``. Each time step applies the transition matrix and the Cholesky
+factor of the noise covariance. The initial state is stationary.
 """
 
 from __future__ import annotations

@@ -145,7 +145,7 @@ class Wind:
         shear: WindShear | None = None,
         turbulence: Turbulence | None = None,
     ) -> Wind:
-        """Return the wind of a weather report: speed, and the compass direction that it comes from."""
+        """Return a wind from a weather report: speed, and the compass direction from which the wind blows."""
         angle = math.radians(from_deg)
         east, north = -speed_m_s * math.sin(angle), -speed_m_s * math.cos(angle)
         return cls(east, north, gust_m_s, correlation_s, seed, height_m, shear, turbulence)

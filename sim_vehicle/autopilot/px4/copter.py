@@ -83,7 +83,7 @@ class Px4MultirotorProcedures(FlightProcedures):
             "takeoff_speed": min(number["takeoff_speed"], number["max_up"]),
             "land_speed": min(number["land_speed"], number["max_down"]),
             "land_alt1": max(number["land_alt1"], number["land_alt2"]),
-            # The three stages of the land detector take LNDMC_TRIG_TIME each with a distance sensor.
+            # The land detector has three stages; with a distance sensor each stage takes LNDMC_TRIG_TIME.
             "land_time": 3.0 * number["land_time"],
             "drag": drag_of(spec),
             "attitude": 1.0 / (_SIH_ATTITUDE_S if response is None else response),

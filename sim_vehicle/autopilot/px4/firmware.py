@@ -80,7 +80,7 @@ _STREAMS = """
     VIBRATION                          0.1  0.5   0
     WIND_COV                           0.5   10   0
 """
-# Streams that are not scaled with the data rate of a link: constant rates, or the rate of the receiver.
+# Streams that do not scale with the data rate of a link. GPS_RAW_INT has the rate of the receiver.
 _UNSCALED = frozenset(
     {m.MAVLINK_MSG_ID_HEARTBEAT, m.MAVLINK_MSG_ID_MISSION_CURRENT, m.MAVLINK_MSG_ID_GPS_RAW_INT}
 )
@@ -214,7 +214,7 @@ def mavlink_profile(mav_type: int) -> MavlinkProfile:
                 int(m.MAV_CMD_DO_CANCEL_MAG_CAL),
             }
         ),
-        # Commander leaves the answer to modules that PX4 does not start by default.
+        # Commander leaves these commands to modules that PX4 does not start by default.
         silent=frozenset(map(int, (m.MAV_CMD_INJECT_FAILURE, m.MAV_CMD_DO_GRIPPER, m.MAV_CMD_DO_WINCH))),
         takeoff_above_sea=True,
         home_above_sea=True,

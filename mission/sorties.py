@@ -129,7 +129,7 @@ def part_of(
         last = _settings([*head, *body])
         body += [MissionItem(_STOPS[item.command]) for item in last.values() if _is_on(item)]
         if way is not None and here is not None:
-            body += _led(
+            body += _detour(
                 way, course.position(end)[:2], (here.latitude_deg, here.longitude_deg), items[cut.item]
             )
         tail = tail or [MissionItem(Command.NAV_RETURN_TO_LAUNCH)]
@@ -181,7 +181,7 @@ def _approach(
     resume = _waypoint(template, place)
     made = [item for name, item in held.items() if name not in _AT_THE_PLACE]
     if way is not None and home is not None:
-        made += _led(way, (home.latitude_deg, home.longitude_deg), place[:2], resume)
+        made += _detour(way, (home.latitude_deg, home.longitude_deg), place[:2], resume)
     made.append(replace(resume, param1=hold_s))
     made += [item for name, item in held.items() if name == "yaw" or (name in _AT_THE_PLACE and _is_on(item))]
     return made
@@ -246,7 +246,7 @@ def _waypoint(like: MissionItem, place: tuple[float, float, float]) -> MissionIt
     return MissionItem(_WAYPOINT, frame, 0.0, radius_m, 0.0, yaw, latitude, longitude, altitude)
 
 
-def _led(
+def _detour(
     way: Way, begin: tuple[float, float], end: tuple[float, float], like: MissionItem
 ) -> list[MissionItem]:
     """Return the waypoints of a path round obstacles, at the altitude of `like`."""

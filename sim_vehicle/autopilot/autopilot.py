@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 # Return-altitude margin, in standard deviations of lateral drift.
 _RETURN_DEVIATIONS = 3.0
-_Brought = TypeVar("_Brought")
+_T = TypeVar("_T")
 _NOT_INSTALLED = f"no package gives any in the entry points {AUTOPILOT_GROUP}: install wbf-mission again"
 
 
@@ -130,8 +130,8 @@ class Autopilot:
 
     def firmware(self, kind: str) -> Firmware | None:
         """Return the firmware for a kind of vehicle, the autopilot's or the kind's own; None without one."""
-        brought = "" if kind in self.firmwares else get_kind(kind).firmwares.get(self.name, "")
-        return _brought(brought, kind, Firmware) if brought else self.firmwares.get(kind)
+        target = "" if kind in self.firmwares else get_kind(kind).firmwares.get(self.name, "")
+        return _load_object(target, kind, Firmware) if target else self.firmwares.get(kind)
 
 
 def get_autopilot(name: str = DEFAULT_AUTOPILOT) -> Autopilot:
@@ -192,7 +192,7 @@ def forget_autopilots() -> None:
     """Clear the caches of autopilots, after a package was installed at run time."""
     autopilot_names.cache_clear()
     _load.cache_clear()
-    _brought.cache_clear()
+    _load_object.cache_clear()
 
 
 def firmware_of(spec: VehicleSpec) -> Firmware | None:
@@ -220,12 +220,12 @@ def flight_procedures(spec: VehicleSpec) -> FlightProcedures:
     firmware = firmware_of(spec)
     if firmware is not None:
         return firmware.procedures
-    own: FlightProcedures = _brought(spec.vehicle_kind.procedures, spec.kind, FlightProcedures)
+    own: FlightProcedures = _load_object(spec.vehicle_kind.procedures, spec.kind, FlightProcedures)
     return own
 
 
 @cache
-def _brought(target: str, kind: str, wanted: type[_Brought]) -> _Brought:
+def _load_object(target: str, kind: str, wanted: type[_T]) -> _T:
     """Load the object that a kind of vehicle names as ``module:NAME``."""
     try:
         found = resolve_name(target)

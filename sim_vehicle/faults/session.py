@@ -91,8 +91,8 @@ class FaultSession:
         """
         origin_s = 0.0
         if fault.trigger != "start":
-            who = system if fault.vehicle is None else fault.vehicle
-            origin_s = self._fired.get((who, fault.trigger), NEVER)
+            vehicle = system if fault.vehicle is None else fault.vehicle
+            origin_s = self._fired.get((vehicle, fault.trigger), NEVER)
         begin_s = origin_s + fault.start_s
         return begin_s, begin_s + fault.duration_s
 
@@ -111,7 +111,7 @@ class FaultSession:
         wrapped: list[Component] = []
         triggered = any(fault.trigger != "start" for fault in self.faults)
         for component in components:
-            faults = [fault for fault in self.faults if _concerns(fault, component, systems)]
+            faults = [fault for fault in self.faults if _affects(fault, component, systems)]
             watched = triggered and component.component_id == _AUTOPILOT
             wrapped.append(FaultyComponent(component, faults, self) if faults or watched else component)
         return wrapped
@@ -122,7 +122,7 @@ class FaultSession:
         `number` is the number of the host's link, from 1. `client` is the number of a client of the link.
         Each client has its own random streams.
         """
-        faults = [f for f in self.faults if f.group == "link" and _names(f.link, name, number)]
+        faults = [f for f in self.faults if f.group == "link" and _matches(f.link, name, number)]
         return FaultyLink(faults, self, self._seed, f"{number}.{client}") if faults or always else None
 
 
@@ -134,7 +134,7 @@ def check_vehicles(faults: Iterable[Fault], systems: Collection[int]) -> None:
             raise FaultError(f"fault {fault}: there is no vehicle {fault.vehicle}; the systems are {there}")
 
 
-def _names(wanted: str | None, name: str, number: int) -> bool:
+def _matches(wanted: str | None, name: str, number: int) -> bool:
     """Return whether a fault's ``link`` matches: a number below 1000, else a part of the link's name."""
     if wanted is None:
         return True
@@ -143,7 +143,7 @@ def _names(wanted: str | None, name: str, number: int) -> bool:
     return wanted in name
 
 
-def _concerns(fault: Fault, component: Component, systems: set[int]) -> bool:
+def _affects(fault: Fault, component: Component, systems: set[int]) -> bool:
     if component.system_id not in systems or fault.vehicle not in (None, component.system_id):
         return False
     if fault.kind == "silence":
@@ -251,24 +251,24 @@ class FaultyComponent:
 
     def receive(self, message: Message, now_s: float) -> list[Message]:
         """Forward the message to the component unless a fault drops it."""
-        self._turn(now_s)
+        self._update(now_s)
         trigger = _REQUESTED.get(type(message).id)
         if trigger is not None:
             self._session.fire(self.system_id, trigger, now_s)
-        if self._silent(now_s) or self._swallows(message, now_s):
+        if self._silent(now_s) or self._drops(message, now_s):
             return []
         if (refusal := self._refusal(message, now_s)) is not None:
             return [refusal]
         if self._streams is not None:
             self._streams.link = self.link
-        return self._spoil(self.inner.receive(message, now_s), now_s)
+        return self._apply_faults(self.inner.receive(message, now_s), now_s)
 
     def poll(self, now_s: float) -> list[Message]:
         """Poll the component unless it is silent."""
-        self._turn(now_s)
+        self._update(now_s)
         if self._silent(now_s) or self.inner.next_deadline() > now_s:
             return []
-        return self._spoil(self.inner.poll(now_s), now_s)
+        return self._apply_faults(self.inner.poll(now_s), now_s)
 
     def open_links(self, names: frozenset[str]) -> None:
         """Forward `open_links` to a component with streams."""
@@ -279,7 +279,9 @@ class FaultyComponent:
         """Return the component's telemetry on each link; nothing while the component is silent."""
         if self._streams is None or self._silent(self._now_s):
             return []
-        return [(link, self._spoil(messages, self._now_s)) for link, messages in self._streams.streamed()]
+        return [
+            (link, self._apply_faults(messages, self._now_s)) for link, messages in self._streams.streamed()
+        ]
 
     def next_deadline(self) -> float:
         """Return the component's deadline, or the start or end of a fault if that is earlier."""
@@ -296,12 +298,12 @@ class FaultyComponent:
         """Return the component's last messages, less the messages that faults drop."""
         if not isinstance(self.inner, SaysGoodbye) or self._silent(self._now_s):
             return []
-        return self._spoil(self.inner.goodbye(), self._now_s)
+        return self._apply_faults(self.inner.goodbye(), self._now_s)
 
     def _silent(self, now_s: float) -> bool:
         return any(self._session.is_active(fault, self.system_id, now_s) for fault in self._silences)
 
-    def _turn(self, now_s: float) -> None:
+    def _update(self, now_s: float) -> None:
         """Start and end vehicle faults that are due."""
         self._now_s = now_s
         for fault, broken in self._broken.items():
@@ -311,18 +313,18 @@ class FaultyComponent:
                 still = any(on for other, on in self._broken.items() if other.kind == fault.kind)
                 break_vehicle(self.inner, fault.kind, still, fault.number)
 
-    def _take(self, fault: Fault, now_s: float) -> bool:
+    def _occurs(self, fault: Fault, now_s: float) -> bool:
         """Return whether a fault is active and has occurrences left; count the occurrence."""
         if self._left[fault] <= 0 or not self._session.is_active(fault, self.system_id, now_s):
             return False
         self._left[fault] -= 1
         return True
 
-    def _swallows(self, message: Message, now_s: float) -> bool:
+    def _drops(self, message: Message, now_s: float) -> bool:
         """Return whether a fault drops a message to the component."""
         for fault in self._messages:
-            fits = _SWALLOWED.get(fault.kind)
-            if fits is not None and fits(message, fault) and self._take(fault, now_s):
+            fits = _DROPPED.get(fault.kind)
+            if fits is not None and fits(message, fault) and self._occurs(fault, now_s):
                 return True
         return False
 
@@ -333,29 +335,29 @@ class FaultyComponent:
             return None
         for fault in self._messages:
             fits = fault.kind == "refuse" and message.command == fault.number
-            if fits and self._take(fault, now_s):
+            if fits and self._occurs(fault, now_s):
                 denied = int(m.MAV_RESULT_DENIED)
                 source = message.get_srcSystem(), message.get_srcComponent()
                 return m.MAVLink_command_ack_message(message.command, denied, 0, 0, *source)
         return None
 
-    def _spoil(self, messages: list[Message], now_s: float) -> list[Message]:
+    def _apply_faults(self, messages: list[Message], now_s: float) -> list[Message]:
         """Return the component's messages with faults applied."""
         if not messages:
             return messages
         sent: list[Message] = []
         for message in messages:
-            self._watch(message, now_s)
-            spoiled: Message | None = message
+            self._fire_triggers(message, now_s)
+            changed: Message | None = message
             for fault in self._messages:
-                fits, change = _SPOILED.get(fault.kind, _NOTHING)
-                if fits(message, fault) and self._take(fault, now_s):
-                    spoiled = change(message, fault)
+                fits, change = _CHANGED.get(fault.kind, _UNCHANGED)
+                if fits(message, fault) and self._occurs(fault, now_s):
+                    changed = change(message, fault)
                     break
-            if spoiled is not None and self._stuck:
-                spoiled = self._fail_image(spoiled)
-            if spoiled is not None:
-                sent.append(spoiled)
+            if changed is not None and self._stuck:
+                changed = self._fail_image(changed)
+            if changed is not None:
+                sent.append(changed)
         return sent
 
     def _fail_image(self, message: Message) -> Message | None:
@@ -375,7 +377,7 @@ class FaultyComponent:
             message.capture_result = 0
         return message
 
-    def _watch(self, message: Message, now_s: float) -> None:
+    def _fire_triggers(self, message: Message, now_s: float) -> None:
         """Fire the triggers that a message of the component reports."""
         fire, system = self._session.fire, self.system_id
         if is_a(message, m.MAVLink_heartbeat_message) and self.component_id == _AUTOPILOT:
@@ -404,12 +406,12 @@ class FaultyComponent:
                 self._stopped_s = NEVER
 
 
-def _concerns_item(message: Message, fault: Fault) -> bool:
+def _is_item_or_request(message: Message, fault: Fault) -> bool:
     """Return whether a message is the fault's mission item or the request for this item."""
     return (wire.is_request(message) or wire.is_item(message)) and message.seq == fault.number
 
 
-def _concerns_request(message: Message, fault: Fault) -> bool:
+def _is_request_of_item(message: Message, fault: Fault) -> bool:
     return wire.is_request(message) and message.seq == fault.number
 
 
@@ -417,7 +419,7 @@ def _accepts(message: Message, _fault: Fault) -> bool:
     return is_a(message, m.MAVLink_mission_ack_message) and message.type == m.MAV_MISSION_ACCEPTED
 
 
-def _gone(_message: Message, _fault: Fault) -> None:
+def _drop(_message: Message, _fault: Fault) -> None:
     return None
 
 
@@ -428,33 +430,33 @@ def _acknowledge(result: int) -> Callable[[wire.MissionMessage, Fault], Message]
 
 
 def _next_item(message: wire.ItemMessage | wire.RequestMessage, _fault: Fault) -> Message:
-    spoiled = copy(message)
-    spoiled.seq += 1
-    return spoiled
+    changed = copy(message)
+    changed.seq += 1
+    return changed
 
 
 def _other_result(message: wire.AckMessage, fault: Fault) -> Message:
-    spoiled = copy(message)
-    spoiled.type = int(fault.number)
-    return spoiled
+    changed = copy(message)
+    changed.type = int(fault.number)
+    return changed
 
 
 _Fits: TypeAlias = Callable[[Message, Fault], bool]
-_SWALLOWED: dict[str, _Fits] = {
+_DROPPED: dict[str, _Fits] = {
     "drop": lambda message, fault: type(message).id == fault.number and fault.direction != "down",
     "no-list": lambda message, _: type(message).id == m.MAVLINK_MSG_ID_MISSION_REQUEST_LIST,
     "no-count": lambda message, _: type(message).id == m.MAVLINK_MSG_ID_MISSION_COUNT,
-    "no-request": _concerns_request,
+    "no-request": _is_request_of_item,
 }
 """For each kind of fault, the test for messages to the component that the fault drops."""
-_SPOILED: dict[str, tuple[_Fits, Callable[[Any, Fault], Message | None]]] = {
-    "drop": (lambda message, fault: type(message).id == fault.number and fault.direction != "up", _gone),
-    "no-request": (_concerns_item, _gone),
-    "no-final-ack": (_accepts, _gone),
-    "wrong-sequence": (_concerns_item, _next_item),
-    "error-ack": (_concerns_item, _acknowledge(int(m.MAV_MISSION_ERROR))),
-    "early-final-ack": (_concerns_request, _acknowledge(int(m.MAV_MISSION_ACCEPTED))),
+_CHANGED: dict[str, tuple[_Fits, Callable[[Any, Fault], Message | None]]] = {
+    "drop": (lambda message, fault: type(message).id == fault.number and fault.direction != "up", _drop),
+    "no-request": (_is_item_or_request, _drop),
+    "no-final-ack": (_accepts, _drop),
+    "wrong-sequence": (_is_item_or_request, _next_item),
+    "error-ack": (_is_item_or_request, _acknowledge(int(m.MAV_MISSION_ERROR))),
+    "early-final-ack": (_is_request_of_item, _acknowledge(int(m.MAV_MISSION_ACCEPTED))),
     "final-ack-error": (_accepts, _other_result),
 }
 """For each kind of fault, the test for messages from the component, and their replacement."""
-_NOTHING: tuple[_Fits, Callable[[Any, Fault], Message | None]] = (lambda _message, _fault: False, _gone)
+_UNCHANGED: tuple[_Fits, Callable[[Any, Fault], Message | None]] = (lambda _message, _fault: False, _drop)

@@ -39,8 +39,7 @@ _SETTINGS: dict[int, str] = {
 }
 # Servos and relays: each output number (param1) is a separate setting.
 _BY_NUMBER = frozenset({183, 181})
-# Settings that are repeated at the first position of the part, so that the camera does not record the
-# approach.
+# Settings repeated at the first position of the part, so that the approach is not recorded.
 _AT_THE_PLACE = frozenset({"images", "video", "yaw"})
 _STOPS = {
     int(Command.DO_SET_CAM_TRIGG_DIST): int(Command.DO_SET_CAM_TRIGG_DIST),

@@ -123,8 +123,7 @@ def states_in(path: Path, begins_s: Sequence[float]) -> dict[tuple[int, int], St
             monitor.receive(message, time_s)
             rows = found.setdefault(key, [])
             state, mode = monitor.state, monitor.mode
-            # Arming, disarming and mode changes are recorded at once, because the log may end before a
-            # position.
+            # Arming and mode changes are recorded at once, because the log may end before a position.
             changes = bool(rows) and (rows[-1][1].armed, rows[-1][2]) != (state.armed, mode)
             if changes or is_a(message, m.MAVLink_global_position_int_message):
                 rows.append((time_s, state, mode))

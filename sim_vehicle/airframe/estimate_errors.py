@@ -98,7 +98,7 @@ class EstimateErrors:
     def first(self, count: int) -> NDArray[np.float64]:
         """Return the errors (estimate less truth) at every `GRID_S` from the first take-off.
 
-        All processes start at 0.
+        All error processes start at 0.
 
         Returns
         -------

@@ -16,9 +16,10 @@ if TYPE_CHECKING:
 AIR_DENSITY_KG_M3 = 1.225
 GRAVITY_M_S2 = 9.80665
 
-# Indices of the constants of a power model in an array. Every model has the mass (kg), the constant power
-# (W), 1 / efficiency and the loss in the battery (1/W). DRAG is drag over V^2, for rotorcraft rho f / 2. The
-# other constants of rotorcraft are 1 / (2 rho A), k, P0 / W^1.5 and 3 / Utip^2.
+# Indices of the constants of a power model in an array.
+# Every model has the mass (kg), the constant power (W), 1 / efficiency and the loss in the battery (1/W).
+# DRAG is drag over V^2, for rotorcraft rho f / 2.
+# Rotorcraft have also the constants 1 / (2 rho A), k, P0 / W^1.5 and 3 / Utip^2.
 COEFFICIENTS = 9
 MASS, DRAG, INDUCED_FLOW, INDUCED_FACTOR, PROFILE, TIP_SPEED, CONSTANT_POWER, PER_EFFICIENCY, BATTERY_LOSS = (
     range(COEFFICIENTS)
@@ -148,7 +149,7 @@ class FurtherPowerSpec(_PowerSpec, ABC):
     @property
     @abstractmethod
     def own_drag(self) -> float:
-        """Constant of the other drag: induced drag times V^2, or rolling drag."""
+        """Constant of induced drag (times V^2, fixed wing) or of rolling drag (ground vehicle)."""
 
     @abstractmethod
     def steady_w(

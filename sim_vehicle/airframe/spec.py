@@ -90,8 +90,8 @@ class VehicleSpec:
     climb_speed_m_s: float = 4.0
     descent_speed_m_s: float = 3.0
     landing_speed_m_s: float = 0.7
-    # Limits of the horizontal acceleration and jerk vectors. Along the path 80 % of each is used; the rest is
-    # reserved for corners (docs/vehicle-model.md).
+    # Limits of the horizontal acceleration and jerk vectors.
+    # Motion along the path uses 80 % of both limits, and corners use the rest (docs/vehicle-model.md).
     acceleration_m_s2: float = 3.75
     jerk_m_s3: float = 5.0
     # Limits of the vertical acceleration and jerk.

@@ -245,7 +245,7 @@ def estimate_errs(spec: VehicleSpec) -> bool:
 def with_return_margin(spec: VehicleSpec) -> VehicleSpec:
     """Return a vehicle with the return margin for predictions under estimate errors.
 
-    PX4 returns at ``RTL_RETURN_ALT`` from beyond ``RTL_MIN_DIST``, and lower from nearer places. A
+    PX4 returns at ``RTL_RETURN_ALT`` if the distance from home exceeds ``RTL_MIN_DIST``, otherwise lower. A
     vehicle that drifts beyond this distance climbs and descends 20 m more, so predictions take the higher
     altitude within the margin. ArduCopter's return altitude (``RTL_CONE_SLOPE``, ``RTL_CLIMB_MIN``) is a
     continuous function of the distance, and its estimate is exact.

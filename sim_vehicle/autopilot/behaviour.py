@@ -56,7 +56,8 @@ class Action(Enum):
 class FailsafeRules:
     """Failsafes of a firmware.
 
-    Texts are for the operator. In ``fence_text`` and ``stream_lost`` a ``{}`` is the reason or the action.
+    Texts are sent to the operator as notices. In ``fence_text`` and ``stream_lost`` a ``{}`` is the reason or
+    the action.
     """
 
     # Actions of each failsafe by the value of its parameter.

@@ -93,8 +93,7 @@ class WingSticks:
 
     bank: Setting
     """Maximum bank angle (rad)."""
-    # Setpoints at the ends of the pitch stick: pitch angles (rad) or vertical speeds (m/s); the sign is
-    # ignored.
+    # Pitch angles (rad) or vertical speeds (m/s) at the ends of the pitch stick; signs are ignored.
     up: Setting
     down: Setting
     by_rate: bool = False

@@ -20,8 +20,7 @@ if TYPE_CHECKING:
 __all__ = ["WH_J", "BatteryMeter", "BatteryState", "remaining_fraction"]
 
 WH_J = 3600.0
-# Discharge curve of a lithium-polymer cell: open-circuit voltage, scaled to 0 (empty) to 1 (full), over the
-# remaining fraction of the energy.
+# Discharge curve of a lithium-polymer cell: remaining energy, and open-circuit voltage scaled to 0..1.
 _FRACTION = (0.0, 0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
 _HEIGHT = (0.0, 0.301, 0.452, 0.495, 0.538, 0.559, 0.613, 0.645, 0.731, 0.806, 0.903, 1.0)
 # Time constant (s) of the mean power that gives the remaining time.

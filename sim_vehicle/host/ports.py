@@ -287,7 +287,7 @@ def _allow_files(number: int) -> None:
     """Raise the limit of open files if it is too low; a large fleet has 1000 links."""
     try:
         import resource
-    except ImportError:  # Windows has no such module.
+    except ImportError:  # Windows has no module `resource`.
         return
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     wanted = number if hard == resource.RLIM_INFINITY else min(number, hard)

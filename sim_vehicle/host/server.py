@@ -256,7 +256,7 @@ class Server(Closing):
             if self.speed == NEVER:
                 return
             if time.monotonic() - began_s > _BURST_S:
-                # The simulation is behind the wall clock: poll the sockets, and move the origin to limit the
+                # Behind the wall clock the simulation polls the sockets, and time is stretched to limit the
                 # lag.
                 lag_s = clock_s - self.now_s - _LARGEST_LAG_S * self.speed
                 self._origin_s -= max(0.0, lag_s)

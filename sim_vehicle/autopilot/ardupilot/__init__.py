@@ -26,8 +26,8 @@ def _simulator_urls(index: int) -> tuple[str, ...]:
     return (f"tcpin:127.0.0.1:{5760 + 10 * index}",)
 
 
-# StorageManager.cpp: copters have 690 bytes for rally points of 15 bytes. Other vehicles have 9842 bytes for
-# missions (655 items with home), 672 bytes for the fence and 750 bytes for rally points.
+# Copters have 690 bytes of storage for rally points of 15 bytes (StorageManager.cpp). Other vehicles have
+# 9842 bytes for missions (655 items with home), 672 for the fence and 750 for rally points.
 _COPTER_PROFILE = replace(PROFILE, capacity=(649, 70, 46))
 ROOMY_PROFILE = replace(PROFILE, capacity=(654, 84, 50))
 ARDUPILOT = Autopilot(

@@ -30,10 +30,10 @@ _SPOOL_DOWN_S = 0.35
 _ATTITUDE_S = 0.05
 # On the ground the throttle decreases for 1 s. Then the land detector needs another second.
 _LAND_DETECTOR_S = 2.0
-# Airframe of ArduPilot's simulator (`SIM_Frame.h`, default model): 3 kg, 0.18 m2 of rotor discs, and a drag
-# at 15.08 m/s that balances a tilt of 45 degrees. A part of the drag is the linear momentum drag of the
-# rotors. The coefficient of momentum drag is fitted to the acceleration of recorded flights at 5 to 10 m/s
-# (the simulator's own value is 0.2).
+# Airframe of ArduPilot's simulator (`SIM_Frame.h`, default model): 3 kg, 0.18 m2 of rotor discs.
+# The drag of this airframe balances a tilt of 45 degrees at 15.08 m/s.
+# The linear momentum drag of the rotors is a part of the drag.
+# Its coefficient is fitted to recorded flights at 5 to 10 m/s; the simulator's own value is 0.2.
 _MASS_KG, _DISC_M2, _MOMENTUM = 3.0, 0.18, 0.34
 _REFERENCE_M_S, _REFERENCE_RAD = 15.08, math.radians(45.0)
 _AIR_KG_M3, _REFERENCE_AIR_KG_M3 = 1.225, 1.157

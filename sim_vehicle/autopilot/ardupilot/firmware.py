@@ -37,8 +37,8 @@ if TYPE_CHECKING:
 
     from sim_vehicle.airframe.spec import VehicleSpec
 
-# ArduCopter 4.7 reports 64495, with terrain and compass calibration, which are not simulated. It sets no bit
-# for the encoding of parameters (cast).
+# ArduCopter 4.7 reports 64495, with terrain and compass calibration, which are not simulated.
+# ArduCopter sets no capability bit for the encoding of parameters (cast).
 _CAPABILITIES = COMMON_CAPABILITIES | int(
     m.MAV_PROTOCOL_CAPABILITY_SET_POSITION_TARGET_LOCAL_NED
     | m.MAV_PROTOCOL_CAPABILITY_SET_POSITION_TARGET_GLOBAL_INT
@@ -331,8 +331,7 @@ COPTER_RULES = FailsafeRules(
     link_lost="GCS Failsafe",
     link_regained="GCS Failsafe Cleared",
     stream_lost="Guided timeout: {}",
-    # By default ArduCopter only warns. The simulated vehicle returns at a low and lands at a critical
-    # battery.
+    # ArduCopter's default actions are warnings; the simulated vehicle returns (low) and lands (critical).
     defaults=FailsafeDefaults(
         fence_enable=0,
         fence_action=1,

@@ -39,8 +39,7 @@ PX4 = Autopilot(
             procedures=PX4_MULTIROTOR,
             takes_off=True,
             behaviour=MISSION,
-            # Default of NAV_ACC_RAD. A smaller radius fails, because the height error of 0.55 m counts in the
-            # radius.
+            # Default of NAV_ACC_RAD; PX4 misses a smaller radius, because its height error is 0.55 m.
             cornering=Cornering(2.0, overshoots=True),
             reference=partial(reference_parameters, "px4"),
             sticks=COPTER_STICKS,

@@ -48,8 +48,7 @@ _LAST_API_INSTANCE = 9
 _PAYLOAD_BYTES_S = 4000.0
 _LEAST_SHARE = 0.05
 _OVERHEAD = 12
-# Rates (Hz) on the ground link (mode normal, raised by the start script), in mode onboard, and in mode
-# gimbal; 0 is no stream.
+# Rates (Hz) on the ground link (mode normal, raised by the start script), in modes onboard and gimbal.
 _STREAMS = """
     ALTITUDE                             1   10   0
     ATTITUDE                            50  100   0
@@ -296,7 +295,8 @@ _BOTH_OR_NEITHER = (4, 5)
 def px4_takeoff_and_landing(items: Sequence[MissionItem], parameters: RuntimeParameters) -> str | None:
     """Return a refusal by MIS_TKO_LAND_REQ, or None.
 
-    Values: 1 needs a take-off, 2 a landing, 3 both, 4 and 5 both or neither. A return is no landing.
+    Values: 1 needs a take-off, 2 a landing, 3 both, 4 and 5 both or neither. A return item does not count as
+    a landing.
     """
     rule = parameters.mission_requirement
     commands = {int(item.command) for item in items}

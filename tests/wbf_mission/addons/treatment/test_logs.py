@@ -9,8 +9,9 @@ from flight_logs import UTC_S, write_dataflash, write_picture, write_telemetry, 
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mission.logs import LogError, read_track, reading
-from mission.logs.track import LONGEST_GAP_S
+from wbf_mission.addons.treatment import logs
+from wbf_mission.addons.treatment.logs import LogError, read_track
+from wbf_mission.addons.treatment.logs.track import LONGEST_GAP_S
 
 NAN = math.nan
 FIXES = [(10.0 + k, -28.05 + 1e-5 * k, 151.5 + 2e-5 * k) for k in range(21)]
@@ -295,12 +296,12 @@ def test_pictures_are_not_decoded(tmp_path):
 
 
 def test_a_log_beyond_the_limit_is_refused_before_it_is_read(write, monkeypatch):
-    assert reading.MAX_LOG_BYTES == 2**30
+    assert logs.MAX_LOG_BYTES == 2**30
     path = write(FIXES)
     size = path.stat().st_size
-    monkeypatch.setattr(reading, "MAX_LOG_BYTES", size)
+    monkeypatch.setattr(logs, "MAX_LOG_BYTES", size)
     assert len(read_track(path).latitude_deg) == len(FIXES)
-    monkeypatch.setattr(reading, "MAX_LOG_BYTES", size - 1)
+    monkeypatch.setattr(logs, "MAX_LOG_BYTES", size - 1)
     with pytest.raises(LogError, match=r"flight\.log: cannot be read: it is larger than [0-9.e-]+ MiB"):
         read_track(path)
 

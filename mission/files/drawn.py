@@ -101,7 +101,7 @@ class Drawing:
                 " farm (wbf-mission plan --farm FILE)"
             )
             raise MissionFileError(msg)
-        raise MissionFileError("there is no path in it; draw a line, or give a mission")
+        raise MissionFileError("the file has no path; draw a line, or give a mission")
 
 
 def _above(mission: Mission) -> str:

@@ -212,13 +212,13 @@ def test_pictures_tell_places_and_utc(tmp_path):
 @pytest.mark.parametrize(
     ("make", "told"),
     [
-        (lambda p: p.write_bytes(b"hello, this is text"), "is no log that is known; give a .tlog"),
-        (lambda p: p.write_bytes(b""), "is no log that is known"),
+        (lambda p: p.write_bytes(b"hello, this is text"), "is no known kind of log; give a .tlog"),
+        (lambda p: p.write_bytes(b""), "is no known kind of log"),
         (lambda p: None, "cannot be read: no such file"),
         (lambda p: p.mkdir(), "holds no pictures"),
         (lambda p: p.write_bytes(b"ULog\x01\x12\x35\x01"), "is no PX4 log that can be read"),
         (lambda p: p.write_bytes(b"ULog\x01\x12\x35\x01" + bytes(90)), "the PX4 log has no position"),
-        (lambda p: write_telemetry(p, []), "is no log that is known"),
+        (lambda p: write_telemetry(p, []), "is no known kind of log"),
         (lambda p: write_dataflash(p, []), "the ArduPilot log has no position"),
         (lambda p: p.write_bytes(bytes(8) + b"\xfd" + bytes(50)), "holds no MAVLink message"),
     ],

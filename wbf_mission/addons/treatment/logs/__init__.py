@@ -63,4 +63,4 @@ def _reader(path: Path) -> Callable[[Path], LogTrack]:
 
         return read_telemetry
     kinds = "a .tlog, an ArduPilot .bin, a PX4 .ulg, or a folder of pictures"
-    raise LogError(f"{path}: is no log that is known; give {kinds}")
+    raise LogError(f"{path}: is no known kind of log; give {kinds}")

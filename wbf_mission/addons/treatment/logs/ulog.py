@@ -48,7 +48,7 @@ def read_ulog(path: Path) -> LogTrack:
             notes.append(f"the log has no {_POSITION}: the positions are the receiver's own (GPS)")
         images = LogImages.of(_images(topics, offset_s))
     if log.file_corruption:
-        notes.append("the log is damaged or breaks off: it is read as far as it makes sense")
+        notes.append("the log is damaged or truncated: only its valid part is read")
     return LogTrack.of("PX4 log", rows, images, tuple(notes))
 
 

@@ -127,7 +127,7 @@ def check_place(latitude_deg: float, longitude_deg: float, altitude_m: float, wh
 
 @dataclass(frozen=True, slots=True)
 class MissionItem:
-    """One MAVLink mission item.
+    """A MAVLink mission item.
 
     Parameters
     ----------

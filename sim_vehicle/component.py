@@ -94,7 +94,7 @@ class SaysMuch(Protocol):
 
 @runtime_checkable
 class Streams(Protocol):
-    """A component whose telemetry differs between links."""
+    """A component with different telemetry on different links."""
 
     link: str
     """Name of the link from which the next message comes; empty for a link without a name."""

@@ -45,7 +45,7 @@ _TEXT_KINDS = {
     rb"rally\s.*": RALLY_KIND,
     rb"[-+]?\d[\d.,e+-]*\s+[-+]?\d[\d.,e+-]*": FENCE_KIND,
 }
-"""Kinds of text files, by a pattern of the first line after comments in lower case."""
+"""Kinds of text files, by a pattern of the first non-comment line in lower case."""
 _XML_KINDS = {b"kml": KML_KIND, b"gpx": GPX_KIND, b"html": "an HTML page"}
 _XML_PROLOGUE = 100_000
 BOM = b"\xef\xbb\xbf"

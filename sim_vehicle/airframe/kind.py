@@ -124,7 +124,7 @@ BUILT_IN = {
 
 @cache
 def kind_names() -> tuple[str, ...]:
-    """Return the names of all kinds: the kinds of the core, then those of packages, sorted.
+    """Return the names of all kinds: the kinds of the core, then the kinds of packages, sorted.
 
     Examples
     --------

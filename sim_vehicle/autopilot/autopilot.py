@@ -68,8 +68,8 @@ class Firmware:
     """Function from a vehicle to its lateral drift by estimate errors: standard deviation per horizontal axis
     (`sim_vehicle.airframe.estimate_errors`). None if the estimate is exact."""
     return_height: tuple[str, float] | None = None
-    """Parameter of the minimum return altitude above home, and its unit in metres. It is set for vehicles
-    that fly in altitude layers. None if the return altitude is not changed."""
+    """Parameter of the minimum return altitude above home, and its unit in metres. A fleet in altitude layers
+    sets this parameter per vehicle. None if the return altitude is not changed."""
     reference: Callable[[], Sequence[MavParameter]] = tuple
     """Function that returns all parameters of the real firmware; unsupported ones are only stored."""
 

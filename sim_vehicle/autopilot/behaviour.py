@@ -36,7 +36,7 @@ class IdleDisarm:
     """Notices at disarming."""
     first_flight: bool = False
     """Whether the rule applies only before the first take-off after arming (PX4 has another delay after a
-    landing). Otherwise it applies whenever the vehicle is on the ground with the throttle stick down or
+    landing). Otherwise the rule applies whenever the vehicle is on the ground with the throttle stick down or
     without sticks (ArduCopter). After an automatic landing the vehicle disarms without this delay."""
 
 
@@ -170,7 +170,7 @@ class MissionBehaviour:
     """Whether MISSION_CLEAR_ALL is accepted in a flown mission, and ends the mission (PX4)."""
     stays_after_last: bool = False
     """Whether the vehicle stays in the mission mode after the last item, until MISSION_START (ArduPilot).
-    Otherwise it enters the hold mode."""
+    Otherwise the vehicle enters the hold mode."""
     return_lag_s: float | None = None
     """Time until a return as last item ends the mission and enters the return mode (PX4). None if the return
     is flown as an item in the mission mode."""
@@ -188,7 +188,8 @@ class MissionBehaviour:
     passed (PX4)."""
     pauses_shots: bool = True
     """Whether a camera series pauses outside the mission mode and continues at the next position reached in
-    the mission mode (PX4). Otherwise it continues in any mode until the vehicle disarms (ArduPilot)."""
+    the mission mode (PX4). Otherwise the series continues in any mode until the vehicle disarms
+    (ArduPilot)."""
     tells_shots: bool = False
     """Whether CAMERA_FEEDBACK reports the shots commanded by the autopilot (ArduPilot)."""
     changed_texts: tuple[str, ...] = ()
@@ -214,7 +215,7 @@ class MissionBehaviour:
     """Time after a change during which MISSION_CURRENT has no item, 65535 (PX4)."""
     stopped_state: bool = False
     """Whether MISSION_CURRENT outside the mission mode has the state "not started" (2) and the mode "unknown"
-    (0), like ArduPilot. Otherwise they are "paused" (4) and "suspended" (2)."""
+    (0), like ArduPilot. Otherwise state and mode are "paused" (4) and "suspended" (2)."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,9 +11,9 @@ Vn and Vt are the airspeeds normal to the disc and within it. T Vn is the power 
 acceleration. For level flight with T = W the formula is the closed form of Zeng, Xu and Zhang, "Energy
 minimization for wireless communication with rotary-wing UAV", IEEE Trans. Wireless Commun. 18(4), 2019, eq.
 (12). The exponent 1.5 of the profile power holds for rotors of fixed pitch, which turn faster for more
-thrust. Momentum theory does not hold for a disc that sinks into its own wake (Vn < 0). Of the power that
-descent and braking return, the fraction `REGAINED` counts; Leishman's measured curve for the vortex ring
-state (eq. 2.96) has this slope near hover.
+thrust. Momentum theory does not hold for a disc that sinks into its own wake (Vn < 0). Descent and
+braking recover the fraction `REGAINED` of this power, the slope near hover of Leishman's measured curve for
+the vortex ring state (eq. 2.96).
 
 Other kinds of vehicles have their own formulas (`FurtherPowerSpec`).
 

@@ -171,7 +171,7 @@ class StickRules:
 
 
 def bits(**modes: int) -> Mapping[Mode, int]:
-    """Return bits by mode; each keyword is the name of a mode with its bit.
+    """Return a mapping from modes to bits; keywords are names of modes.
 
     Examples
     --------

@@ -24,7 +24,7 @@ SITL_FULL_M = 60.0
 LOWEST_M, HIGHEST_M = 3.0 * FOOT_M, 1000.0 * FOOT_M
 """Range of heights of the mean wind profile in MIL-F-8785C; beyond it the wind is that of the nearer end."""
 # Columns of a forming filter: decay per step, contribution of the first state to the second state.
-# The last three are the lower triangle of the Cholesky factor of the noise covariance.
+# NOISE_* are the lower triangle of the Cholesky factor of the noise covariance.
 (
     DECAY,
     LEAK,

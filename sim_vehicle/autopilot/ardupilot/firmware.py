@@ -108,7 +108,7 @@ COPTER_MAVLINK = MavlinkProfile(
         # STABILIZE, ACRO, ALT_HOLD.
         flips_from=frozenset({0, 1, 2}),
         unready={15: ("AUTOTUNE", ""), 22: ("FLOWHOLD", ""), 23: ("FOLLOW", "Set FOLL_ENABLE = 1")},
-        # AUTO, RTL, CIRCLE, LAND, BRAKE, SMART_RTL, AUTO RTL (``Mode::allows_arming``, observed in SITL).
+        # AUTO, RTL, CIRCLE, LAND, BRAKE, SMART_RTL, AUTO RTL do not arm (``Mode::allows_arming``, SITL).
         not_armable=frozenset({3, 6, 7, 9, 17, 21, 27}),
         arms_in_mission=Setting("AUTO_OPTIONS", 0.0),
         armed_texts={18: "waiting for throw"},

@@ -129,7 +129,7 @@ class LogTrack:
         return found[0], found[1]
 
     def of_images(self) -> tuple[Floats, Floats]:
-        """Return latitude and longitude of the images, by the camera, else by the track, else NaN."""
+        """Return latitude and longitude of the images; the track supplies positions missing from images."""
         images = self.images
         latitude, longitude = images.latitude_deg.copy(), images.longitude_deg.copy()
         lacks = ~is_position(latitude, longitude)

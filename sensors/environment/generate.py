@@ -164,7 +164,11 @@ def check_memory(task: Task, *, on_disk: bool, threads: int | None = None) -> No
 def _thread_count(cells: int, threads: int | None) -> int:
     if cells < _THREADS_FROM_CELLS:
         return 1
-    return max(1, len(os.sched_getaffinity(0)) if threads is None else threads)
+    if threads is None:
+        from joblib import cpu_count
+
+        return int(cpu_count())
+    return max(1, threads)
 
 
 def generate_environment(

@@ -8,6 +8,7 @@ import shutil
 from collections.abc import Iterator
 from pathlib import Path
 
+from geo.locks import lock_held
 from sensors.environment.environment import Environment
 from sensors.environment.store import HEADER, EnvironmentStore, Header, open_store, read_header
 from sensors.errors import EnvironmentDataError
@@ -78,7 +79,8 @@ def unfinished_store(
         _check_target(target)
         target.parent.mkdir(parents=True, exist_ok=True)
         partial = target.with_name(f".{target.name}.partial")
-        with _locked(partial):
+        with _locked(target):
+            partial.mkdir(exist_ok=True)
             store = EnvironmentStore(partial, header, writable=True)
             if not (resume and _is_started(store)):
                 for entry in partial.iterdir():
@@ -114,24 +116,14 @@ def _looks_like_ours(target: Path) -> bool:
 
 
 @contextlib.contextmanager
-def _locked(folder: Path) -> Iterator[None]:
-    import fcntl
-
-    while True:
-        folder.mkdir(exist_ok=True)
-        lock = os.open(folder, os.O_RDONLY)
+def _locked(target: Path) -> Iterator[None]:
+    with contextlib.ExitStack() as stack:
         try:
-            try:
-                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except BlockingIOError as error:
-                msg = f"{folder}: another process is writing this environment; wait for it"
-                raise EnvironmentDataError(msg) from error
-            # Whoever had the lock may have moved the folder to its place in the meantime.
-            if folder.exists() and folder.stat().st_ino == os.fstat(lock).st_ino:
-                yield
-                return
-        finally:
-            os.close(lock)
+            stack.enter_context(lock_held(target.with_name(f".{target.name}.lock")))
+        except BlockingIOError as error:
+            msg = f"{target}: another process is writing this environment; wait for it"
+            raise EnvironmentDataError(msg) from error
+        yield
 
 
 def _is_started(store: EnvironmentStore) -> bool:

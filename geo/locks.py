@@ -1,0 +1,87 @@
+"""Locks between processes, held on files."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import os
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+_UNSUPPORTED = (errno.ENOLCK, errno.ENOTSUP, errno.ENOSYS)
+"""Error numbers of disks without locks, such as some network disks."""
+
+
+def lock_file(descriptor: int, *, wait: bool) -> bool:
+    """Lock an open file; return False if another process holds the lock and `wait` is false.
+
+    On a disk without locks the result is always True: several processes may hold the lock there.
+    """
+    from filelock import lock_descriptor
+
+    try:
+        return lock_descriptor(descriptor, blocking=wait)
+    except OSError as error:
+        if error.errno not in _UNSUPPORTED:
+            raise
+        return True
+
+
+def unlock_file(descriptor: int) -> None:
+    """Unlock an open file, also for processes forked since it was locked."""
+    from filelock import unlock_descriptor
+
+    with contextlib.suppress(OSError):  # a disk without locks
+        unlock_descriptor(descriptor)
+
+
+@contextlib.contextmanager
+def lock_held(path: Path) -> Iterator[None]:
+    """Hold the lock file `path`, which is removed at the end of the block.
+
+    The lock ends with the process, however that ends. BlockingIOError if another process holds the lock.
+    """
+    descriptor = _locked_descriptor(path)
+    try:
+        yield
+    finally:
+        if sys.platform == "win32":  # Windows does not remove open files
+            os.close(descriptor)
+            with contextlib.suppress(PermissionError):
+                path.unlink(missing_ok=True)
+        else:
+            path.unlink(missing_ok=True)
+            os.close(descriptor)
+
+
+def _locked_descriptor(path: Path) -> int:
+    while True:
+        descriptor = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
+        try:
+            if not lock_file(descriptor, wait=False):
+                raise BlockingIOError(errno.EWOULDBLOCK, "another process holds the lock", str(path))
+            # The last holder may have removed the file after it was opened here; then a new one is locked.
+            with contextlib.suppress(FileNotFoundError):
+                if path.stat().st_ino == os.fstat(descriptor).st_ino:
+                    return descriptor
+        except BaseException:
+            os.close(descriptor)
+            raise
+        os.close(descriptor)
+
+
+@contextlib.contextmanager
+def made_by_one(path: Path) -> Iterator[None]:
+    """Let one process make the file `path`; other processes wait for the lock, then find the file.
+
+    The lock is on a file beside `path`. Where that file cannot be written, no process waits.
+    """
+    with contextlib.ExitStack() as stack:
+        with contextlib.suppress(OSError):
+            path.parent.mkdir(parents=True, exist_ok=True)
+            lock = stack.enter_context(path.with_name(f"{path.name}.lock").open("ab"))
+            lock_file(lock.fileno(), wait=True)
+            # A process forked by another thread keeps the file open: closing it here would not unlock it.
+            stack.callback(unlock_file, lock.fileno())
+        yield

@@ -66,9 +66,9 @@ def to_disk(path: Path) -> None:
 def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
     """Yield a temporary path with the same suffix, for writers that open files by name.
 
-    The block has to create the file. If `path` is a symbolic link, the file that it points to is replaced.
-    The permissions of an older file are kept. A target other than a regular file (a pipe, ``/dev/stdout``) is
-    yielded itself.
+    The ``with`` block has to create the file. If `path` is a symbolic link, the file that it points to is
+    replaced. The permissions of an older file are kept. A target other than a regular file (a pipe,
+    ``/dev/stdout``) is yielded itself.
     """
     target = Path(path).resolve()
     if target.is_dir():
@@ -121,7 +121,7 @@ def atomic_write(
                 yield text
 
 
-_LONGEST_NAME = 240  # Leaves room for the hidden folders' names: file systems allow 255 bytes
+_LONGEST_NAME = 240  # File systems allow 255 bytes; suffixes of the hidden folders are added
 
 
 class FolderError(WbfMissionError, ValueError):
@@ -287,7 +287,7 @@ class AtomicFolder:
 
 def _remove_empty(folders: list[Path]) -> None:
     for folder in folders:
-        with contextlib.suppress(OSError):  # The folder is not empty
+        with contextlib.suppress(OSError):  # The folder has other files
             folder.rmdir()
 
 

@@ -7,7 +7,7 @@ from typing import Self
 
 
 class Closing(ABC):
-    """An object that a ``with`` statement closes at its end."""
+    """Context manager that calls `close` at the end of the ``with`` block."""
 
     @abstractmethod
     def close(self) -> None:

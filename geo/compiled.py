@@ -27,7 +27,7 @@ _IMPORT = re.compile(
     r"^(?:from[ ]+([\w.]+)[ ]+import[ ]+(\([^)]*\)|[^\n]*)|import[ ]+([\w.]+))", re.MULTILINE
 )
 
-_VERSIONS_KEPT = 8  # Per module, so that switching between branches does not recompile
+_VERSIONS_KEPT = 8  # Cached versions per module, so that changing between branches does not recompile
 
 _listeners: list[Callable[[str], None]] = []
 _refused: list[OSError] = []
@@ -105,8 +105,8 @@ def compiled(
 def _one_process_at_a_time(dispatcher: Any) -> None:
     """Let one process compile a function; other processes wait, then read the machine code from the cache.
 
-    Calls form no cycle, so there is no deadlock between processes. numba's own lock, taken first, orders the
-    threads of a process.
+    Calls between functions form no cycle, so processes cannot deadlock. numba's own lock, taken first,
+    excludes other threads of this process.
     """
     own_lock = import_module("numba.core.compiler_lock").global_compiler_lock
     compile_it = dispatcher.compile
@@ -114,7 +114,7 @@ def _one_process_at_a_time(dispatcher: Any) -> None:
 
     def compile_alone(signature: Any) -> Any:
         with own_lock:
-            if running:  # The function calls itself with other types
+            if running:  # A recursive call with other types
                 return compile_it(signature)
             running.append(signature)
             try:

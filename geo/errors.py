@@ -60,7 +60,7 @@ def users_line(error: BaseException) -> str | None:
 
 
 def told_error(error: BaseException) -> str:
-    """Return an error as one line: class, text, and the line of user code that raised it, if any."""
+    """Return an error as one line: class, text and, if user code raised the error, its line."""
     line = users_line(error)
     text = one_line(str(error))
     return type(error).__name__ + (f": {text}" if text else "") + (f" ({line})" if line else "")

@@ -25,8 +25,8 @@ Land: TypeAlias = shapely.Polygon | shapely.MultiPolygon
 MAX_CELLS = 200_000_000
 """Largest number of cells accepted: six times Waterberry. A map of this size takes 0.4 GB."""
 _NOT_SEEN = "not to be seen, as none of the fields is of that crop; name a field of it to have it flown"
-_SNAP_M = 1e-6  # Joins borders that differ by rounding only
-_ARC_SEGMENTS = 16  # Per quarter circle: within a thousandth of the radius
+_SNAP_M = 1e-6  # Grid step that joins borders with different rounding errors
+_ARC_SEGMENTS = 16  # Segments per quarter circle; the error is a thousandth of the radius
 _EDGE_CELLS = 1e-9  # Exceeds the rounding error of multiples of the cell size
 
 
@@ -65,11 +65,11 @@ class Obstacle:
     name: str = ""
 
     def margin(self, default_m: float) -> float:
-        """Return the distance that flights keep (m): `margin_m`, or the default if that is None."""
+        """Return the distance that flights keep from the obstacle (m): `margin_m`, or the default if None."""
         return default_m if self.margin_m is None else self.margin_m
 
     def widened(self, margin_m: float, more_m: float = 0.0) -> shapely.Polygon:
-        """Return the outline widened by `more_m` plus the obstacle's margin, or `margin_m` if it has none."""
+        """Return the outline, buffered by `more_m` plus the obstacle's margin (default: `margin_m`)."""
         return shapely.buffer(self.polygon, self.margin(margin_m) + more_m, quad_segs=_ARC_SEGMENTS)
 
     def bars(self, altitude_m: float, margin_m: float) -> bool:
@@ -159,7 +159,7 @@ class Farm:
 
     @cached_property
     def crops(self) -> tuple[str, ...]:
-        """Crop names, indexed by the values of `FarmGrid.crop`: the benchmark's, then those of this farm."""
+        """Crop names by crop index of the grid: first those of the benchmark, then further crops."""
         return tuple(dict.fromkeys((*map(str, Crop), *(str(patch.crop) for patch in self.patches))))
 
     @cached_property
@@ -169,7 +169,7 @@ class Farm:
         return tuple(crop for crop in own if crop not in NOT_GROWN)
 
     def scouting(self, crops: Iterable[str]) -> Farm:
-        """Return the farm with only these crops scouted; all crops if the owner grows none of these."""
+        """Return a farm on which only these crops are scouted; all crops if the owner grows none of these."""
         wanted = set(crops)
         scouted = tuple(crop for crop in self.grown if crop in wanted)
         if len(scouted) in (0, len(self.grown)):
@@ -188,7 +188,7 @@ class Farm:
         return self.without_obstacles(self.crop_area(*(self.scouted or self.grown)))
 
     def without_obstacles(self, area: Land) -> Land:
-        """Return an area without the outlines of all obstacles, which may have any height, metres."""
+        """Return an area (metres) minus the outlines of all obstacles, regardless of their heights."""
         if not self.obstacles:
             return area
         return shapely.difference(area, shapely.union_all([obstacle.polygon for obstacle in self.obstacles]))

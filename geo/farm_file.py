@@ -36,15 +36,15 @@ from geo.texts import one_line
 from geo.units import FOOT_M
 
 _MAX_RALLY = 100
-_MAX_RASTER_STEPS = 20_000_000  # Crossings of edges and cell columns; painting more takes minutes
+_MAX_RASTER_STEPS = 20_000_000  # Crossings of polygon edges and cell columns; more take minutes to paint
 _MAX_SPAN_M = 20_000.0  # Features farther apart belong to several farms, or have wrong coordinates
-_SENSIBLE_CELLS = 4_000_000  # Beyond, cells are larger than a foot, unless the file gives the size
+_SENSIBLE_CELLS = 4_000_000  # Larger farms get larger cells, unless the file gives the cell size
 _ROUND_CELLS_M = (FOOT_M, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0)
 _MIN_CELL_M = 0.01
 _MAX_CELL_M = 1000.0
-_COUNT_SLACK = 1e-6  # In cells: a border that crosses the edge by less needs no further cell
+_COUNT_SLACK = 1e-6  # Cells by which a border may exceed the grid's edge, for rounding errors
 _ORIGIN_SLACK_M = 1e-3  # PROJ snaps positions within 1e-10 earth radii to the origin
-_THIN_M = 1e-3  # Largest area over perimeter of a sliver
+_THIN_M = 1e-3  # Ratio of area to perimeter up to which a polygon has no area
 
 
 def load_farm(
@@ -208,7 +208,7 @@ def _contents(document: Document, *, repair: bool) -> tuple[list[Feature], list[
 
 
 def _completed(features: list[Feature], crop: str | None, notes: list[str]) -> list[Feature]:
-    """Fill in a crop and an owner where no patch has one; FarmError if only some patches have one."""
+    """Return features with default crops and owners if no patch has any; FarmError if only some have one."""
     patches = [feature for feature in features if not feature.obstacle]
     given = {"crop": crop, "owner": None}
     for key, default in (("crop", DEFAULT_CROP), ("owner", DEFAULT_OWNER)):
@@ -275,10 +275,10 @@ def _rally(document: Document, places: list[Place], frame: LocalFrame) -> list[t
 def _near(
     features: list[Feature], home: tuple[float, float] | None, notes: list[str], *, repair: bool
 ) -> list[Feature]:
-    """Return the features if all are near `home`, or near the first feature if that is None; else FarmError.
+    """Return the features if all are near `home` (default: near the first feature); else raise FarmError.
 
-    `repair`: swapped latitudes and longitudes are exchanged. Without a home, the reference is then the
-    feature nearest to the median of all.
+    `repair`: swapped latitudes and longitudes are exchanged; without a home, features then must be near the
+    feature closest to the median of all.
     """
     anchor, is_sure = ('the farm\'s "home"', True) if home is not None else ("the first feature", False)
     longitude_deg, latitude_deg = features[0].rings[0][0] if home is None else home

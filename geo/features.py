@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 # Limits against hostile files; a usual farm has tens of features and thousands of vertices.
 MAX_FEATURES = 10_000
 MAX_VERTICES = 100_000
-MAX_LATITUDE_DEG = 75.0  # No crop grows nearer to the poles
+MAX_LATITUDE_DEG = 75.0  # Crops do not grow at higher latitudes
 DEFAULT_CROP = "crop"
 DEFAULT_OWNER = "owner"
 
@@ -27,9 +27,9 @@ DEFAULT_OWNER = "owner"
 class Entry:
     """An unchecked feature of a file."""
 
-    number: int  # In its layer, from 1
+    number: int  # Number within the layer, from 1
     properties: dict[str, Any]
-    geometry: object  # GeoJSON geometry; None if the file has none
+    geometry: object  # GeoJSON geometry; None if the feature has none
     crs: Coordinates | None = None  # None for WGS 84
     layer: str = ""  # Prefix of messages that names the layer
     useless: str = ""  # Reason to leave the feature out, found by the file's reader
@@ -56,7 +56,7 @@ class Feature:
 
     where: str
     name: str
-    crop: str | None  # None if the file gives none
+    crop: str | None  # None if the file gives no crop
     owner: str | None
     obstacle: bool
     height_m: float | None
@@ -66,7 +66,7 @@ class Feature:
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """A point: "home" or "rally"."""
+    """A home or rally point; `kind` is "home" or "rally"."""
 
     where: str
     kind: str
@@ -83,7 +83,7 @@ GEOMETRIES = (*_NO_AREA, *_AREAS, "GeometryCollection")
 
 
 def read_entry(entry: Entry, notes: list[str], *, repair: bool) -> list[Feature] | Place | str:
-    """Return the polygons or the place of a feature, or the reason to leave the feature out.
+    """Return the polygons or the point of an entry, or the reason to leave the entry out.
 
     FarmError, with the feature's name, if the feature cannot be read. `repair`: swapped latitudes and
     longitudes are exchanged. Rings may still be open (`geo.repair.closed` closes them).
@@ -197,7 +197,7 @@ def _ring(ring: object, where: str, crs: Coordinates | None) -> NDArray[np.float
 
 
 def _only_swapped(rings: list[NDArray[np.float64]]) -> bool:
-    """Return whether positions are possible only as latitude, longitude."""
+    """Return whether positions are valid only if read as latitude, longitude."""
     first, second = np.abs(np.concatenate(rings)).T
     return bool((second > MAX_LATITUDE_DEG).any() and (first <= MAX_LATITUDE_DEG).all())
 

@@ -109,7 +109,7 @@ class LocalFrame:
         return self.from_east_north(east_m, north_m)
 
     def from_east_north(self, east: Values, north: Values) -> tuple[Values, Values]:
-        """Return the x and y components of directions or velocities at the origin (scalars or arrays).
+        """Convert east and north components at the origin to x and y of the frame (scalars or arrays).
 
         Examples
         --------
@@ -118,7 +118,7 @@ class LocalFrame:
         (4.0, -3.0)
         """
         if self._sin:
-            # Non-finite numbers are allowed and stay non-finite.
+            # Non-finite components are allowed; numpy would warn about them.
             with np.errstate(invalid="ignore"):
                 return east * self._cos + north * self._sin, north * self._cos - east * self._sin
         return east, north
@@ -177,7 +177,7 @@ class Coordinates:
         return positions
 
     def accuracy_note(self) -> str:
-        """Return a note on the last conversion's accuracy; empty if it is as good as borders are known."""
+        """Return a note on the accuracy of the last conversion; empty if it is within 1.5 m."""
         if self._accuracy_m <= _BORDER_ACCURACY_M:
             return ""
         return f"{self.name} is converted to WGS 84 to within {self._accuracy_m:g} m"

@@ -23,7 +23,7 @@ from geo.features import GEOMETRIES, MAX_FEATURES, Document, Entry, shortened
 from geo.frame import EXAMPLE_CRS, Coordinates, coordinates_of
 from geo.reading import UnreadableError, json_texts, not_json, read_text
 
-MAX_FILE_BYTES = 32 * 2**20  # Room for MAX_VERTICES with their properties
+MAX_FILE_BYTES = 32 * 2**20  # Enough for MAX_VERTICES vertices with properties
 
 
 def read_geojson(path: Path, crs: str | None = None) -> Document:
@@ -167,7 +167,7 @@ def farm_document(farm: Farm) -> dict[str, Any]:
 
 
 class _DegreesOf:
-    """Conversion of a farm's points to longitude and latitude; points of the farm's file are kept to the bit.
+    """Conversion of a farm's points to degrees, which returns points of the farm's file unchanged.
 
     A projection and its inverse move a point by a nanometre, which can change the result of a comparison in a
     planner.

@@ -143,8 +143,8 @@ def rasterise(
     return FarmGrid(shape, cell_size_m, crop_map, owned_map, crops)
 
 
-_TIE_CELLS = 1e-9  # Distance within which a centre is on an edge; rounding errors stay below 1e-11
-_CROSSINGS_AT_ONCE = 2_000_000  # About 200 MB of arrays
+_TIE_CELLS = 1e-9  # Tolerance for a cell's centre on an edge; rounding errors are below 1e-11
+_CROSSINGS_AT_ONCE = 2_000_000  # Crossings per batch, with about 200 MB of arrays
 
 Runs = tuple["NDArray[np.int64]", "NDArray[np.int64]", "NDArray[np.int64]"]
 
@@ -166,7 +166,7 @@ def _cell_runs(edges: NDArray[np.float64], width: int, height: int) -> Iterator[
     """
     flip = edges[:, 0] > edges[:, 2]
     edges = np.where(flip[:, None], edges[:, [2, 3, 0, 1]], edges)
-    # First and last column with a centre line that meets the closed edge.
+    # Columns with a centre line that the edge, ends included, meets.
     first = np.clip(np.ceil(edges[:, 0] - 0.5 - _TIE_CELLS), 0, width).astype(np.int64)
     stop = np.clip(np.floor(edges[:, 2] - 0.5 + _TIE_CELLS) + 1, first, width).astype(np.int64)
     yield from _runs_between(edges, first, stop, 0, width, height)

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 _MAX_PIXELS = 50_000_000  # 0.4 GB of float64
 _HIGHEST_M = 9000.0  # Higher than all mountains: larger numbers mark missing heights
-_MARGIN_PX = 2  # For interpolation at the edge, and for borders that are curved in the raster's system
+_MARGIN_PX = 2  # Extra pixels for interpolation, and for borders that are curved in the raster's system
 _FOOT = {"foot": 0.3048, "feet": 0.3048, "ft": 0.3048, "us survey foot": 1200.0 / 3937.0}
 
 

@@ -59,7 +59,7 @@ def entry_points(group: str) -> metadata.EntryPoints:
 
 
 def load_extra(module: str, extra: str, what: str, error: type[Exception]) -> Any:
-    """Import an optional library; raise `error`, beginning with `what` ("maps need"), if it is missing.
+    """Import an optional library; raise `error` if it is missing. `what` begins the text ("maps need").
 
     Examples
     --------
@@ -76,7 +76,7 @@ def load_extra(module: str, extra: str, what: str, error: type[Exception]) -> An
 
 
 def load_entry(entry: metadata.EntryPoint, what: str, error: type[Exception]) -> Any:
-    """Return the object of an entry point; raise `error`, beginning with `what`, if the import fails."""
+    """Return the object of an entry point; raise `error` if the import fails. `what` begins the text."""
     try:
         return entry.load()
     except Exception as problem:  # The imported code may raise anything

@@ -2,7 +2,7 @@
 
 OpenBLAS and numpy choose code by the processor, and their orders of summation and rounding differ. Here terms
 are added in the order of the index, and elementary functions are those of the C library. Processing in blocks
-for the cache does not change the results: the product of some rows equals these rows of the whole product.
+for the cache does not change the results: a product of selected rows equals these rows of the full product.
 Code with recorded results uses these functions.
 """
 
@@ -20,9 +20,9 @@ Floats = NDArray[Any]
 _Values = TypeVar("_Values", bound=NDArray[Any])
 
 # Small products and arrays run in numpy or Python, as importing the compiled code takes a second.
-_SHALLOW = 4  # Terms of a sum, up to which numpy is used
-_LIGHT = 100_000  # Multiplications, up to which the compiled code is not loaded
-_FEW = 64  # Arguments of an elementary function, up to which Python is used
+_SHALLOW = 4  # Largest number of terms per sum for numpy
+_LIGHT = 100_000  # Largest number of multiplications for which compiled code is not loaded
+_FEW = 64  # Largest number of arguments for elementary functions in Python
 
 
 def _kernels() -> Any:
@@ -73,13 +73,13 @@ def cholesky(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def solve_lower(factor: NDArray[np.float64], right: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Solve ``factor x = right`` in place: lower triangular `factor`, `right` float64[n, k] in C order."""
+    """Solve ``factor x = right`` in place; `factor` is lower triangular, `right` float64[n, k] in C order."""
     _kernels().substitute_forward(factor, right, right.shape[1])
     return right
 
 
 def solve_positive(matrix: NDArray[np.float64], right: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Solve ``matrix x = right``, a vector or matrix, for a symmetric matrix.
+    """Solve ``matrix x = right`` for a symmetric `matrix`; `right` is a vector or matrix.
 
     Raises
     ------

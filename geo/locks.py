@@ -16,7 +16,7 @@ _UNSUPPORTED = (errno.ENOLCK, errno.ENOTSUP, errno.ENOSYS)
 def lock_file(descriptor: int, *, wait: bool) -> bool:
     """Lock an open file; return False if another process holds the lock and `wait` is false.
 
-    On a disk without locks the result is always True: several processes may hold the lock there.
+    On a disk without locks the result is always True, also for several processes at a time.
     """
     from filelock import lock_descriptor
 
@@ -40,7 +40,7 @@ def unlock_file(descriptor: int) -> None:
 def lock_held(path: Path) -> Iterator[None]:
     """Hold the lock file `path`, which is removed at the end of the block.
 
-    The lock ends with the process, however that ends. BlockingIOError if another process holds the lock.
+    The system releases the lock when the process ends. BlockingIOError if another process holds the lock.
     """
     descriptor = _locked_descriptor(path)
     try:
@@ -61,7 +61,7 @@ def _locked_descriptor(path: Path) -> int:
         try:
             if not lock_file(descriptor, wait=False):
                 raise BlockingIOError(errno.EWOULDBLOCK, "another process holds the lock", str(path))
-            # The last holder may have removed the file after it was opened here; then a new one is locked.
+            # Another process may have removed the file after it was opened here; then a new file is locked.
             with contextlib.suppress(FileNotFoundError):
                 if path.stat().st_ino == os.fstat(descriptor).st_ino:
                     return descriptor
@@ -75,7 +75,7 @@ def _locked_descriptor(path: Path) -> int:
 def made_by_one(path: Path) -> Iterator[None]:
     """Let one process make the file `path`; other processes wait for the lock, then find the file.
 
-    The lock is on a file beside `path`. Where that file cannot be written, no process waits.
+    The lock is on a file beside `path`. If the lock file cannot be written, processes do not wait.
     """
     with contextlib.ExitStack() as stack:
         with contextlib.suppress(OSError):

@@ -41,7 +41,8 @@ def available_memory(root: Path = Path("/")) -> AvailableMemory | None:
 def memory_bounded(more: int) -> Iterator[None]:
     """Limit further allocations of this process to `more` bytes; a larger one raises MemoryError.
 
-    For untrusted files, which may declare any size. Only Linux and FreeBSD have this limit.
+    The limit is meant for reading untrusted files, which may declare any size. Systems other than Linux and
+    FreeBSD have no such limit.
     """
     taken = _address_space_taken()
     if taken is None:

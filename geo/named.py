@@ -78,9 +78,9 @@ def format_named(name: str, parameters: Mapping[str, object]) -> str:
 
 
 def split_named(text: str) -> list[str]:
-    """Split a comma-separated list of names with parameters, which contain commas too.
+    """Split a comma-separated list of names with parameters; commas within parameters do not split.
 
-    ParameterError if a quotation mark or bracket has no partner.
+    ParameterError if a quotation mark or bracket is not closed.
 
     Examples
     --------
@@ -98,7 +98,7 @@ def split_named(text: str) -> list[str]:
 
 
 def check_parameters(owner: str, given: Iterable[str], known: Collection[str]) -> None:
-    """Raise ParameterError for names in `given` outside `known`; `owner` is such as ``planner spiral``."""
+    """Raise ParameterError for unknown names in `given`; `owner` names their object (``planner spiral``)."""
     unknown = sorted(set(given).difference(known))
     if unknown:
         which = f"parameter {unknown[0]!r}" if len(unknown) == 1 else f"parameters {', '.join(unknown)}"

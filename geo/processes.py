@@ -24,7 +24,8 @@ _T = TypeVar("_T")
 
 # Windows has no SIGHUP.
 INTERRUPTS = (signal.SIGINT, signal.SIGTERM, *([signal.SIGHUP] if hasattr(signal, "SIGHUP") else ()))
-_REPEATED_S = 1.0  # `timeout` sends both signals within less; a user needs longer for a second Ctrl-C
+# GNU `timeout` sends its two signals within a second; a user takes longer for a second Ctrl-C.
+_REPEATED_S = 1.0
 _POLL_S = 0.01
 _HAND_OVER_S = 5.0  # loky passes a call to a process within milliseconds
 _PARENT_POLL_S = 2.0
@@ -37,7 +38,7 @@ class Repeats:
         self._counted_s = -math.inf
 
     def is_repeat(self) -> bool:
-        """Return whether the present signal arrived within a second of the last signal that was no repeat."""
+        """Return whether this signal follows the last signal that was no repeat within a second."""
         now_s = time.monotonic()
         if now_s < self._counted_s + _REPEATED_S:
             return True
@@ -100,7 +101,7 @@ def interrupts_noted(
         yield answer
     finally:
         for number, handler in before.items():
-            # The second signal may have installed the system's handler.
+            # The handler of a second signal may have restored the system's default handler.
             if signal.getsignal(number) is note:
                 signal.signal(number, handler)
     answer()
@@ -146,7 +147,7 @@ class Processes:
         self._open: set[Future[Any]] = set()
 
     def submit(self, function: Callable[..., _T], *arguments: Any) -> Future[_T]:
-        """Submit a call, pickled by cloudpickle; BrokenProcessPool if a worker was killed before."""
+        """Submit a call, pickled by cloudpickle; BrokenProcessPool if a worker has been killed."""
         with interrupts_held():
             future: Future[_T] = self._pool.submit(function, *arguments)
             self._open.add(future)
@@ -166,7 +167,7 @@ class Processes:
 class CallsAhead(Generic[_T]):
     """Calls that run ahead in worker processes, by default one per core, before their results are needed.
 
-    The constructor raises a KeyboardInterrupt that arrives while the processes start, after ending them.
+    If Ctrl-C arrives while the processes start, the constructor ends them and raises KeyboardInterrupt.
     """
 
     def __init__(

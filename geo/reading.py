@@ -47,7 +47,7 @@ def read_file(path: Path, max_bytes: int) -> bytes:
         raise UnreadableError((error.strerror or str(error)).lower()) from error
     except UnreadableError:
         raise
-    except ValueError as error:  # a NUL in the name
+    except ValueError as error:  # The name contains a NUL character
         raise UnreadableError("there is a NUL character in its name") from error
     if len(data) > max_bytes:
         raise UnreadableError(f"it is larger than {max_bytes / 2**20:g} MiB")
@@ -254,7 +254,7 @@ def not_json(error: msgspec.DecodeError | ValueError, data: bytes, line: int = 1
     at = int(found[1])
     message = str(error).removeprefix("JSON is malformed: ").removesuffix(found[0]).strip()
     if message == "trailing characters" or data[at - 1 : at] == b"-":
-        at -= 1  # msgspec gives the next byte here
+        at -= 1  # msgspec gives the position of the following byte
     line, column = data.count(b"\n", 0, at) + line, at - data.rfind(b"\n", 0, at)
     number = _NO_NUMBER.match(data, at)
     if number is not None:

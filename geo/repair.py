@@ -26,10 +26,10 @@ from geo.frame import LocalFrame
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-_MAX_CHANGE = 0.01  # Share of the area, below the error of field measurements
+_MAX_CHANGE = 0.01  # Share of the area; fields are not measured more accurately
 _MAX_GAP = 2.0  # Largest ratio of the closing side to the longest side
-_SLIVER = 0.001  # Share of the land, above the slivers that crossing sides leave
-_GRID_M = 1e-3  # Coarser than the rounding of degrees in files
+_SLIVER = 0.001  # Share of the land; crossing sides leave smaller slivers
+_GRID_M = 1e-3  # Grid step of repaired corners, coarser than the rounding of degrees in files
 
 
 def closed(feature: Feature, notes: list[str]) -> Feature:

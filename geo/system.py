@@ -1,4 +1,4 @@
-"""What each operating system does in its own way: clocks, and the limit of open files."""
+"""Functions that differ between operating systems: clocks and the limit of open files."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ _IMPORTED_S = time.perf_counter()
 
 
 def steady_s() -> float:
-    """Return a clock (s) that nobody sets and that also runs while the machine sleeps."""
+    """Return the time of a clock (s) that is never set and that also runs while the machine sleeps."""
     if sys.platform == "linux" and hasattr(time, "CLOCK_BOOTTIME"):
         return time.clock_gettime(time.CLOCK_BOOTTIME)
-    if sys.platform == "darwin":  # its time.monotonic stands still during sleep
+    if sys.platform == "darwin":  # On macOS time.monotonic stops during sleep
         return time.clock_gettime(time.CLOCK_MONOTONIC)
     return time.monotonic()
 
@@ -23,16 +23,16 @@ def steady_s() -> float:
 def process_age_s() -> float:
     """Return the time since the start of this process (s), to a hundredth of a second.
 
-    Where the system hides the start, it is the time since this module was imported.
+    If the start time is unknown, the time since the import of this module is returned.
     """
     import psutil
 
     try:
         if sys.platform != "linux":
             return time.time() - float(psutil.Process().create_time())
-        # psutil adds the time of the boot, which Linux gives in whole seconds.
+        # psutil's start time on Linux is exact to a second only, as it adds the boot time from /proc/stat.
         status = Path("/proc/self/stat").read_text(encoding="ascii", errors="replace")
-        # Field 22, counted after the name, which may hold blanks.
+        # Field 22 is the start time; fields are counted after the name, which may contain spaces.
         started_s = int(status.rpartition(")")[2].split()[19]) / os.sysconf("SC_CLK_TCK")
         return time.clock_gettime(time.CLOCK_BOOTTIME) - started_s
     except (OSError, ValueError, IndexError, AttributeError, psutil.Error):
@@ -40,7 +40,7 @@ def process_age_s() -> float:
 
 
 def allow_open_files(number: int) -> None:
-    """Raise this process's limit of open files to `number` where it is lower and the system lets it."""
+    """Raise the limit of open files of this process to `number`, as far as the system allows."""
     if sys.platform == "win32":
         return
     with contextlib.suppress(ImportError, OSError, ValueError):

@@ -11,7 +11,7 @@ _warned_of: set[Path] = set()
 
 
 class CacheWarning(UserWarning):
-    """Warning that a cache cannot be written, so that every run makes its content again."""
+    """Warning that a cache cannot be written, so that every run has to make its content again."""
 
 
 def user_cache_folder(name: str) -> Path:

@@ -271,7 +271,7 @@ def _read_layer(
 
 
 def _border(line: Any) -> tuple[Any, str, str]:
-    """Return a line as a polygon, a note on the gap between its ends, and the reason if it stays a line."""
+    """Return the polygon of a closed line, a note on the gap, and the reason if the line is not closed."""
     xy = np.concatenate([shapely.get_coordinates(part) for part in shapely.get_parts(line)])
     east_m, north_m = LocalFrame(xy[0, 1], xy[0, 0]).from_wgs84(float(xy[-1, 1]), float(xy[-1, 0]))
     gap_m = float(np.hypot(east_m, north_m))
@@ -331,7 +331,7 @@ def _coordinates(
 
 
 def read_poly(path: Path) -> Document:
-    """Return the polygons of Mission Planner's ``.poly``; FarmError if it cannot be read.
+    """Return the polygons of a ``.poly`` file of Mission Planner; FarmError if it cannot be read.
 
     Each line has the latitude and longitude of a corner; the last corner repeats the first; ``#`` begins a
     comment. Files of regions have lines ``Name:...`` and ``Color:...`` above each polygon. Source:

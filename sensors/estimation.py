@@ -26,7 +26,7 @@ from sensors.scoring.score import RunningScore, Score
 
 @dataclass(slots=True)
 class ScoreHistory:
-    """Scores of a run: one entry for each scored time, with the seconds since the run began and the day."""
+    """Scores of a run; each scored time has an entry in every list. Times are seconds since the run began."""
 
     times_s: list[float] = field(default_factory=list)
     observations: list[int] = field(default_factory=list)
@@ -118,12 +118,12 @@ class RunEstimate:
                     self._hand_over(offset_s + float(self._held[-1].time_s[-1]))
 
     def current(self) -> InformationModel:
-        """Wait until all observations are learned; return the estimate, not copied."""
+        """Wait until all observations are learned, and return the estimate without copying its arrays."""
         self._catch_up()
         return self._believed()
 
     def snapshot(self) -> Future[InformationModel]:
-        """Return a future of a copy of the estimate after all observations added before; do not wait.
+        """Return a future for a copy of the estimate after all observations added before this call.
 
         The copy is made in the estimate's thread, so a waiting thread shares no arrays with the estimator.
         """
@@ -149,7 +149,7 @@ class RunEstimate:
         self._evaluate(time_s)
 
     def end_flight(self, time_s: float) -> None:
-        """Wait until all observations are learned; score the estimate if observations were added since."""
+        """Wait until all observations are learned, and score the estimate unless it is scored already."""
         self._catch_up()
         history = self.history
         if self._seen and (history.observations[-1:], history.days[-1:]) != ([self._seen], [self.day]):
@@ -251,7 +251,7 @@ class Evidence:
         return self._count
 
     def add(self, *parts: Observations, offset_s: float) -> None:
-        """Add observations; `offset_s` is the time of the run from which their times count."""
+        """Add observations with times relative to `offset_s` seconds after the beginning of the run."""
         filled = [part for part in parts if len(part)]
         if not filled:
             return
@@ -278,7 +278,7 @@ class Evidence:
         return InformationModel.unknown(self.farm.grid().shape, self.fields)
 
     def snapshot(self) -> Callable[[], InformationModel]:
-        """Return a function that gives the estimate as of this call, in any thread and at any later time."""
+        """Return a function that returns the present estimate, callable later and in any thread."""
         return self.model if self.estimate is None else self.estimate.snapshot().result
 
 

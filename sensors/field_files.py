@@ -213,7 +213,7 @@ def _registered_dynamics(kind: str) -> type[Dynamics]:
 
 
 def _load(group: str, name: str, what: str) -> tuple[Any, str]:
-    """Return a registered object and its description for errors, which is empty if none is registered."""
+    """Return a registered object and its description for errors; (None, "") if no object has this name."""
     points = [point for point in entry_points(group=group) if point.name == name]
     if not points:
         return None, ""

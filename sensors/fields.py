@@ -153,14 +153,14 @@ class Field:
 
     @property
     def epidemic(self) -> EpidemicParameters:
-        """The parameters of a disease; FieldError for other fields."""
+        """The epidemic parameters of a disease; FieldError for continuous fields."""
         if not isinstance(self.dynamics, EpidemicParameters):
             raise self._error("is no disease")
         return self.dynamics
 
     @property
     def continuous(self) -> ContinuousDynamics:
-        """The dynamics of a continuous field; FieldError if it is a disease."""
+        """The dynamics of a continuous field; FieldError for diseases."""
         if not isinstance(self.dynamics, ContinuousDynamics):
             raise self._error("is a disease, not a continuous field")
         return self.dynamics
@@ -262,7 +262,7 @@ class FieldSet:
 
     @property
     def continuous(self) -> tuple[Field, ...]:
-        """The fields that are not diseases."""
+        """The continuous fields."""
         return tuple(field for field in self.fields if field.kind == "continuous")
 
     def require_simulated(self) -> None:
@@ -282,7 +282,7 @@ class FieldSet:
         return masks
 
     def with_dynamics(self, **dynamics: Dynamics) -> FieldSet:
-        """Return the fields with other dynamics for those named as keywords.
+        """Return the fields with new dynamics for the fields that are given as keywords.
 
         Examples
         --------

@@ -105,7 +105,7 @@ class Observations:
 
     @classmethod
     def empty(cls, fields: tuple[str, ...] = PAPER_FIELDS.names) -> Observations:
-        """Return observations of length 0."""
+        """Return an empty set of observations."""
         nothing = np.empty(0, np.int32)
         values = np.empty((0, len(fields)), np.float32)
         return cls(nothing, nothing, np.empty(0), nothing, values, fields)

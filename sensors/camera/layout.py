@@ -105,7 +105,7 @@ class LeafLayout:
         return parts
 
     def unpack(self, data: Sequence[float]) -> Readings | None:
-        """Parse the data of a message; None if invalid."""
+        """Return the readings in the data of a message; None if the data are invalid."""
         side, first = data[1], data[2]
         if not (1.0 <= side <= MAX_FOOTPRINT_CELLS and side % 1.0 == 0.0 and 0.0 <= first < side * side):
             return None
@@ -118,7 +118,7 @@ class LeafLayout:
         return Readings(n, start, cells, values)
 
     def fits(self, data: Sequence[float]) -> bool:
-        """Return whether the header of a message is that of these fields."""
+        """Return whether the header in the data of a message is that of these fields."""
         return tuple(data[3 : 3 + len(self.header)]) == self.header
 
     def announcement(self) -> list[list[float]]:
@@ -134,7 +134,7 @@ class LeafLayout:
 
 
 class Announcement:
-    """Assembly of an announcement from its parts, in any order.
+    """Assembly of the field names from the parts of an announcement, in any order.
 
     Examples
     --------
@@ -151,7 +151,7 @@ class Announcement:
         self.fields: tuple[str, ...] | None = None
 
     def add(self, number: int, data: Sequence[float]) -> bool:
-        """Add the data of a message; return False if invalid."""
+        """Add the data of a message; return False if the data are invalid."""
         header = tuple(data[:_NAMES_HEADER])
         version, check, length = header
         start = number * _NAMES_FLOATS

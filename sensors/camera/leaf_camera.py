@@ -24,9 +24,9 @@ NOWHERE_M = 1e7
 MOST_READINGS = 1 << 24
 """Limit of reading numbers: readings are 32-bit floats, which hold all whole numbers up to here."""
 _FARTHEST_M = 10_000.0
-# Rounding error of "straight down" in single precision; 0.01 degrees are more.
+# Largest rounding error of a vertical axis in single precision (rad), less than 0.01 degrees.
 _STRAIGHT = 5e-5
-_UNIT = 0.01  # Largest deviation from 1 of a rotation's squared norm, rounding errors included
+_UNIT = 0.01  # Tolerance for the squared norm of a quaternion that is a rotation
 
 
 class Sampled(Protocol):
@@ -275,7 +275,7 @@ class ImageList:
 
     @property
     def is_exact(self) -> bool:
-        """Whether all reading numbers are exact in 32-bit floats."""
+        """Whether the numbers of all readings are exact in 32-bit floats."""
         return len(self) * self.cells <= MOST_READINGS
 
     def add(self, ix: Sequence[int], iy: Sequence[int], camera: int) -> None:

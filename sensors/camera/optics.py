@@ -164,7 +164,7 @@ class Imaging:
 
     @property
     def sure_along_m(self) -> float:
-        """`along_m` less an image distance at each end, the largest offset of the last image of a row (m)."""
+        """`along_m` minus `image_distance_m` at each end, by which the last image of a row may be off (m)."""
         return max(self.along_m - 2.0 * self.image_distance_m, 0.0)
 
     @property

@@ -51,7 +51,7 @@ class AssemblerStatistics:
     images: int = 0  # Complete images
     observations: int = 0  # Cells with at least one reading
     duplicates: int = 0  # Repeated messages
-    lost: int = 0  # Images that are missing now, by gaps in the image index
+    lost: int = 0  # Images that are missing at present, by gaps in the image index
     unpaired: int = 0  # Incomplete images that were discarded
     failed: int = 0  # Images that the camera reported as failed
     malformed: int = 0  # Messages with invalid content
@@ -149,7 +149,7 @@ class ObservationAssembler:
             self.statistics.malformed += 1
 
     def mismatch(self) -> str | None:
-        """Return a line about a camera that senses other fields than expected; None if the fields agree."""
+        """Return a message if the camera senses other fields than expected; else None."""
         if not self.statistics.other_fields:
             return None
         sensed = self._announcement.fields
@@ -267,7 +267,7 @@ class ObservationAssembler:
         self._moved_us = 1e6 * seconds
 
     def expect(self, count: int) -> None:
-        """Record images as missing that have not arrived, from the camera's count of all images."""
+        """Record the images that have not arrived as missing; `count` is the camera's own count of images."""
         if self._highest + 1 < count < _MOST_IMAGES:
             self._miss(self._highest + 1, count)
             self._highest = count - 1
@@ -284,7 +284,7 @@ class ObservationAssembler:
         return len(self._single) + sum(image.footprint_cells**2 for image in self._wide)
 
     def take(self) -> Observations:
-        """Return the observations completed since the last call, in order of time, and forget them."""
+        """Return the observations completed since the last call, in order of time."""
         single, wide = self._single, self._wide
         self._single, self._wide = [], []
         if not single and not wide:

@@ -113,7 +113,7 @@ class _DailyCourse:
         self,
         day: int,
         out: _Level,
-        earlier: tuple[int, _Level] | None = None,  # noqa: ARG002 (the generator continues only from the day before)
+        earlier: tuple[int, _Level] | None = None,  # noqa: ARG002 (days are generated in order)
         on_piece: Callable[[], None] = lambda: None,
     ) -> None:
         level = None
@@ -174,7 +174,8 @@ class Measured(ContinuousDynamics):
         )
 
 
-_TRUNCATED_AT = 4.0  # Standard deviations at which the Gaussian is cut; 1e-4 of its weight is beyond
+# Standard deviations at which the smoothing Gaussian is cut: less than 1e-4 of its weight is beyond.
+_TRUNCATED_AT = 4.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -233,7 +234,7 @@ class SmoothParameters(ContinuousDynamics):
         for axis, width in enumerate(widths):
             smoothed = correlate1d(smoothed, _weights(width), axis, mode="constant")
         inner = smoothed[tuple(slice(m, m + n) for m, n in zip(margins, shape, strict=True))]
-        # Variance of the smoothed noise, from a variance of 1.
+        # Variance of the smoothed noise; that of the white noise is 1.
         left = math.prod(float(np.square(_weights(width)).sum()) for width in widths)
         field = np.clip(self.mean + self.spread / math.sqrt(left) * inner, 0.0, 1.0)
         while True:

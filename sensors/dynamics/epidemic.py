@@ -180,7 +180,7 @@ CCR = EpidemicParameters(likelihood=0.15, duration_days=10)
 
 
 def age(status: NDArray[np.int8]) -> NDArray[np.int8]:
-    """Return the status a day later, without new infections.
+    """Return the status of all cells a day later, without new infections.
 
     Examples
     --------
@@ -230,9 +230,8 @@ def draw_seeds(
 ) -> NDArray[np.intp]:
     """Draw the infected cells of day 0, as ascending flat indices in C order.
 
-    Each seed is uniform over the susceptible cells. With `spread_cells` only the first seed is; the others
-    are normally distributed about the first seed, over the susceptible cells. Several seeds may be on the
-    same cell.
+    Seeds are uniform over the susceptible cells. `spread_cells`: only the first seed is uniform, and the
+    others are normally distributed about the first seed. Several seeds may be on the same cell.
     """
     if spread_cells is not None:
         return _draw_cluster(susceptible, count, rng, spread_cells)
@@ -275,7 +274,7 @@ def simulate_outbreak(
 ) -> NDArray[np.int8]:
     """Simulate an outbreak for `days` days, and return the onset of each cell, int8[W, H].
 
-    The onset is the day of infection, 0 for the seeds, or `NEVER` or `NO_HOST`. The result equals that of a
+    The onset is the day of infection (0 for seeds), `NEVER` or `NO_HOST`. The result equals that of a
     repeated `step`, at a cost proportional to the number of infected cells. The generator draws the seeds,
     then on each day a uniform number for each cell that may become infected, in C order.
     """
@@ -300,7 +299,7 @@ def simulate_outbreak(
 
 
 def status_table(parameters: EpidemicParameters, day: int) -> NDArray[np.int8]:
-    """Return a table of the status on a day by onset, int8[256], indexed by the onset as an unsigned byte.
+    """Return a table from onset to status on a day, int8[256], indexed by the onset as an unsigned byte.
 
     Examples
     --------
@@ -318,7 +317,7 @@ def status_table(parameters: EpidemicParameters, day: int) -> NDArray[np.int8]:
 
 
 def value_table(parameters: EpidemicParameters, day: int) -> NDArray[np.float32]:
-    """Return a table of the value on a day by onset, float32[256], indexed as `status_table`.
+    """Return a table from onset to value on a day, float32[256], indexed as `status_table`.
 
     Values are S 1.0, I 0.5, R 0.0 and V 1.0; cells with status V are not scored.
     """
@@ -327,7 +326,7 @@ def value_table(parameters: EpidemicParameters, day: int) -> NDArray[np.float32]
 
 _OUTBREAKS = 100
 _SIDE_CELLS = 64
-_SHARED_DAYS = 4  # Days that share a simulation, so that a campaign does not simulate for each day
+_SHARED_DAYS = 4  # Consecutive days that use the same simulation, to save time in campaigns
 
 
 @dataclass(frozen=True, slots=True)

@@ -158,7 +158,7 @@ class InfectionFront:
         return cells
 
     def infect(self, cells: Cells) -> None:
-        """Infect cells, without repetitions, and add their neighbours to the front."""
+        """Infect the given different cells, and add their neighbours to the front."""
         centres = self._pad(cells)
         self._susceptible[centres] = False
         joining = [self._front]
@@ -173,7 +173,7 @@ class InfectionFront:
         self._front = np.concatenate(joining)
 
     def remove(self, cells: Cells) -> None:
-        """Remove infected cells, which no longer infect their neighbours."""
+        """Mark infected cells as removed, so that they no longer infect their neighbours."""
         centres = self._pad(cells)
         near, total = np.empty_like(centres), np.empty(centres.size, np.int64)
         for weight, step in self._steps:
@@ -190,7 +190,7 @@ class InfectionFront:
         front = np.sort(self._front[self._susceptible[self._front]])
         total = self._total.take(front)
         kept = total > 0
-        # A cell is listed twice if it lost all infected neighbours since the last call, then got new ones.
+        # Cells that lost all infected neighbours and then got new ones are listed twice.
         kept[1:] &= front[1:] != front[:-1]
         self._front = front[kept]
         return self._unpad(self._front), total[kept]

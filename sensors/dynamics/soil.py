@@ -94,7 +94,7 @@ class SoilParameters(ContinuousDynamics):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Shower:
-    """The rain of one day."""
+    """The rain of a day."""
 
     mean_rain: float
     """Humidity added by the shower: the mean over the farm before clipping at 1."""

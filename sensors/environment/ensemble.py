@@ -42,7 +42,7 @@ Progress = Callable[[float, float], None]
 
 # Memory of a process for the interpreter and libraries, besides the environment.
 _PROCESS_BYTES = 150_000_000
-# Lossless compression halves the size of a continuous field.
+# Bytes per cell of a continuous field (float32) after lossless compression.
 _BYTES_A_CELL = 2.2
 
 
@@ -101,7 +101,7 @@ def member_seed(seed: SeedSequence | int, member: int) -> SeedSequence:
 
 @dataclass(frozen=True, slots=True)
 class _Plan:
-    """Parameters shared by all members; sent to each process."""
+    """Parameters that are common to all members, sent to each worker process."""
 
     grid: FarmGrid
     folder: Path

@@ -213,7 +213,8 @@ class Environment:
             field = values[index]
             field.fill(1.0)
             onset = read(layer)
-            # Few cells are ever infected: setting only these is several times faster than a look-up for all.
+            # Few cells are ever infected: setting only these is several times faster than a table for all
+            # cells.
             if onset.flags.c_contiguous and field.flags.c_contiguous:
                 once_infected = np.flatnonzero(onset >= 0)
                 field.reshape(-1)[once_infected] = table[onset.reshape(-1)[once_infected]]
@@ -252,7 +253,7 @@ class Environment:
         return samples
 
     def _sample_few(self, day: int, cells: list[tuple[int, int]]) -> NDArray[np.float32]:
-        """Return E at a few cells on the farm, float32[k, n]; a cell takes a fifth of the time of arrays."""
+        """Return E at a few cells on the farm, float32[k, n]; for one cell five times as fast as with arrays."""
         samples = np.empty((len(cells), len(self.fields)), np.float32)
         diseases, layers = self._diseases[day], self._layers[day]
         for k, (x, y) in enumerate(cells):
@@ -264,7 +265,7 @@ class Environment:
 
 
 def _few_cells(ix: ArrayLike, iy: ArrayLike, shape: tuple[int, int]) -> list[tuple[int, int]]:
-    """Return the cells of two short integer arrays as a list; empty if they are of another form."""
+    """Return the cells of two integer arrays as a list; empty if the arrays are long or of another form."""
     if not (isinstance(ix, np.ndarray) and isinstance(iy, np.ndarray)) or ix.ndim != 1 or ix.size > _FEW:
         return []
     if ix.shape != iy.shape or ix.dtype.kind not in "iu" or iy.dtype.kind not in "iu":

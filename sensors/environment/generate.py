@@ -38,7 +38,7 @@ _OUTBREAKS_AT_ONCE = 2
 
 
 class StoppedError(Exception):
-    """Ends a thread after the generation was stopped."""
+    """Raised in a thread of a stopped generation, to end the thread."""
 
 
 class _Steps:
@@ -141,9 +141,9 @@ def memory_needed(
     cells = shape[0] * shape[1]
     diseases, continuous = len(fields.diseases), len(fields.continuous)
     at_once = min(diseases, _OUTBREAKS_AT_ONCE if _thread_count(cells, threads) > 1 else 1)
-    # Two alternating days, and a day's compressed chunks, separate and joined.
+    # Memory for two alternating days, and for a day's compressed chunks before and after joining.
     levels = cells * (2 * 4 + 2 * 4) * min(continuous, 1) if on_disk else cells * 4 * days * continuous
-    # For a disease: onsets, host mask, front, and lists of the cells near infected cells.
+    # Memory for a disease: onsets, host mask, front, and lists of the cells near infected cells.
     outbreaks = cells * (diseases + at_once * (1 + FRONT_BYTES_A_CELL + 4))
     return {"continuous fields": levels, "diseases": outbreaks}
 
@@ -251,7 +251,7 @@ def generate_environment(
 
 
 class _Work:
-    """Courses and threads of a task; the ``with`` block ends after the threads."""
+    """Courses of the fields and threads of a task; leaving the ``with`` block waits for the threads."""
 
     def __init__(self, task: Task, progress: Progress | None, threads: int | None) -> None:
         self._task = task

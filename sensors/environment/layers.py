@@ -1,7 +1,7 @@
 """Layers: arrays over a farm, in memory or in compressed chunks on disk.
 
-Chunks that are decoded for single cells are cached, least recently used ones being removed first. So a camera
-decodes each chunk along its path once.
+Chunks decoded for single cells are kept in a least-recently-used cache, so that a camera decodes each chunk
+along its path only once.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ class Layer(Protocol[S_co]):
 
 
 class ArrayLayer(Generic[T]):
-    """A layer in memory or memory-mapped."""
+    """A layer in memory, or memory-mapped from a file."""
 
     __slots__ = ("_array",)
 

@@ -81,7 +81,7 @@ def _law(given: Any, where: str) -> Value | Drawn:
 
 @dataclass(frozen=True, slots=True)
 class World:
-    """Changed parameters of true dynamics, by field name and parameter name.
+    """Parameters of true dynamics that differ from the published ones, by field and parameter.
 
     Examples
     --------

@@ -1,7 +1,7 @@
 """Calibration of an estimate's probabilities and deviations, on relevant cells that were not observed.
 
-Diseases are measured by the probability that a plant is sick. Without class probabilities it is that of the
-normal distribution of value and deviation.
+Diseases are measured by the probability that a plant is sick: from the class probabilities or, if the
+estimate has none, from the normal distribution of value and deviation.
 
 - Brier score: the mean squared error of the probability (Brier 1950).
 - Log loss: the mean negative log likelihood.
@@ -90,7 +90,7 @@ def calibration(
 
 
 def probability_of_sick(model: InformationModel, k: int, cells: NDArray[np.bool_]) -> Floats:
-    """Return the probability that a plant is sick, from the classes or else from the normal distribution."""
+    """Return the probabilities that plants are sick (see the module's docstring), float64[n]."""
     name = model.fields[k]
     if model.probabilities is not None and name in model.probabilities:
         healthy: Floats = model.probabilities[name][0][cells].astype(np.float64)
@@ -103,7 +103,7 @@ def probability_of_sick(model: InformationModel, k: int, cells: NDArray[np.bool_
 
 
 def of_classes(probability: NDArray[np.floating], sick: NDArray[np.bool_]) -> dict[str, float]:
-    """Return figures of the probabilities to be sick, float[n], against the truth; see the module.
+    """Return the calibration figures of probabilities that plants are sick, float[n].
 
     Examples
     --------
@@ -128,7 +128,7 @@ def of_classes(probability: NDArray[np.floating], sick: NDArray[np.bool_]) -> di
 def of_normal(
     truth: NDArray[np.floating], value: NDArray[np.floating], deviation: NDArray[np.floating]
 ) -> dict[str, float]:
-    """Return figures of means and standard deviations, float[n], against the truth; see the module.
+    """Return the calibration figures of normal distributions with these means and deviations, float[n].
 
     Examples
     --------

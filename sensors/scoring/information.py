@@ -23,7 +23,7 @@ CLASSES = ("healthy", "infected", "lost")
 """Classes of a plant, in the order of the class probabilities."""
 HELD = 0.9
 """Share of the unobserved sick plants that `InformationModel.may_be_sick` should contain."""
-_CERTAIN = 1e-6  # Largest distance from 1, by rounding errors, of the probability of a certain plant
+_CERTAIN = 1e-6  # Tolerance for rounding errors of a probability of 1
 
 TILE_CELLS = 64
 SQUARES, WORSE_SQUARES, ABSOLUTE, WORSE_ABSOLUTE = range(4)
@@ -75,7 +75,7 @@ def tiles_of_boxes(
 
 
 def least_sick(sick: NDArray[np.floating]) -> float:
-    """Return the threshold of the probability in `InformationModel.may_be_sick`.
+    """Return the smallest probability of a plant in the set `InformationModel.may_be_sick`.
 
     Examples
     --------
@@ -286,7 +286,7 @@ class InformationModel:
         uncertainty: float,
         fields: tuple[str, ...] = PAPER_FIELDS.names,
     ) -> InformationModel:
-        """Return a model of equal cells: `value` has a number for each field, `uncertainty` is common."""
+        """Return a model with equal cells; `value` has a number for each field."""
         values = np.empty((len(fields), *shape), np.float32)
         values[:] = np.asarray(value, np.float32)[:, None, None]
         return cls(values, np.full_like(values, uncertainty), fields=fields)

@@ -293,7 +293,7 @@ class _Errors:
 def sum_tile(
     mask: NDArray[np.bool_], truth: NDArray[np.floating], estimate: NDArray[np.floating]
 ) -> NDArray[np.float64]:
-    """Return the error sums of a field in a farm's only tile, float64[SUMS]; one cell must be relevant."""
+    """Return the error sums of a field on a farm of a single tile with relevant cells, float64[SUMS]."""
     error = estimate[mask].astype(np.float64) - truth[mask]
     worse = np.where(error > 0.0, error, 0.0)
     terms = np.stack([error * error, worse * worse, np.abs(error), worse])
@@ -354,7 +354,7 @@ class _ScoredField:
         out.axis_max = -out.mae
         if low != high:
             worst = low * self._below.max(axis=0) + high * self._above.max(axis=0)
-            # A line without relevant cells may have infinite extremes.
+            # The extremes of a line without relevant cells may be NaN or infinite.
             worst[self._line_cells == 0] = 0.0
             out.axis_max = -float(product(self._line_cells, worst)) / self.cells
         return out

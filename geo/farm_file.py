@@ -44,7 +44,7 @@ _MIN_CELL_M = 0.01
 _MAX_CELL_M = 1000.0
 _COUNT_SLACK = 1e-6  # Cells by which a border may exceed the grid's edge, for rounding errors
 _ORIGIN_SLACK_M = 1e-3  # PROJ snaps positions within 1e-10 earth radii to the origin
-_THIN_M = 1e-3  # Ratio of area to perimeter up to which a polygon has no area
+_THIN_M = 1e-3  # A polygon with a smaller ratio of area to perimeter is refused
 
 
 def load_farm(

@@ -38,7 +38,7 @@ class Repeats:
         self._counted_s = -math.inf
 
     def is_repeat(self) -> bool:
-        """Return whether this signal follows the last signal that was no repeat within a second."""
+        """Return whether the present signal repeats another one that arrived within the last second."""
         now_s = time.monotonic()
         if now_s < self._counted_s + _REPEATED_S:
             return True

@@ -164,8 +164,8 @@ class EpidemicParameters:
     def on_window(self, shape: tuple[int, int], seeds: int) -> EpidemicParameters:
         """Return the parameters for a window of a farm of this shape (cells).
 
-        The kernel size stays that of the farm. The defaults of `seeds` and `kernel_size` depend on the width,
-        so those of the window would differ.
+        The kernel has the size of the farm's kernel; the default for the smaller width of a window would be
+        smaller.
 
         >>> TYLCV.on_window((100, 100), seeds=2).kernel_size
         5

@@ -242,7 +242,7 @@ class AtomicFolder:
         target, ready, older = self.target, self._ready, self._older
         if ready.is_dir():
             none_placed = (ready / self._mark).is_file()
-            in_use = os.path.ismount(target) or _works_in(target)
+            in_use = os.path.ismount(target) or _holds_working_folder(target)
             if target.exists() and (in_use or older.exists() or not none_placed):
                 # A folder in use cannot be renamed, but its entries can. The mark is moved first: while the
                 # mark is in `ready`, none of the new content is in place.
@@ -291,7 +291,7 @@ def _remove_empty(folders: list[Path]) -> None:
             folder.rmdir()
 
 
-def _works_in(folder: Path) -> bool:
+def _holds_working_folder(folder: Path) -> bool:
     try:
         return Path.cwd().is_relative_to(folder)
     except FileNotFoundError:  # The working folder was removed

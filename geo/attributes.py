@@ -63,13 +63,13 @@ def kind_of(text: object) -> str:
     return next((kind for kind, pattern in _KINDS.items() if re.fullmatch(pattern, plain)), "")
 
 
-def meant(properties: Mapping[str, Any], *, literal: bool) -> dict[str, Any]:
-    """Return a feature's properties, renamed as in farm files, without empty ones.
+def farm_properties(properties: Mapping[str, Any], *, literal: bool) -> dict[str, Any]:
+    """Return the non-empty properties of a feature, renamed as in farm files.
 
     Values are converted, because other formats have no booleans and write numbers as text. `literal`:
     properties that already have a farm file's name keep their values.
 
-    >>> meant({"CROP_NAME": "Maize (silage)", "Height": "6.5", "id": 4}, literal=True)
+    >>> farm_properties({"CROP_NAME": "Maize (silage)", "Height": "6.5", "id": 4}, literal=True)
     {'crop': 'maize silage', 'height_m': 6.5}
     """
     lowered: dict[str, Any] = {}

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
-from geo.attributes import crop_of, kind_of, meant
+from geo.attributes import crop_of, farm_properties, kind_of
 from geo.errors import FarmError
 from geo.frame import Coordinates
 from geo.grid import Crop, is_crop_name
@@ -90,7 +90,7 @@ def read_entry(entry: Entry, notes: list[str], *, repair: bool) -> list[Feature]
     """
     if entry.useless or entry.geometry is None:
         return entry.useless or _WITHOUT
-    properties = meant(entry.properties, literal=True)
+    properties = farm_properties(entry.properties, literal=True)
     geometry = entry.geometry if isinstance(entry.geometry, dict) else {}
     kind, called = kind_of(properties.get("kind")), properties.get("name")
     is_place = geometry.get("type") == "Point" and (kind or kind_of(called)) in ("home", "rally")

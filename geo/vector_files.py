@@ -23,7 +23,7 @@ import msgspec
 import numpy as np
 import shapely
 
-from geo.attributes import KNOWN, kind_of, meant
+from geo.attributes import KNOWN, farm_properties, kind_of
 from geo.errors import FarmError
 from geo.features import MAX_FEATURES, MAX_VERTICES, Document, Entry
 from geo.frame import EXAMPLE_CRS, Coordinates, LocalFrame, coordinates_of
@@ -207,7 +207,7 @@ def _unpacked(path: Path, folder: Path) -> tuple[Path, str]:
 def _layers(plain: Path, list_layers: Any) -> list[str]:
     """Return the names of the layers with features."""
     if plain.suffix.lower() == ".gpkg":
-        # Views are not read: they may never finish, and may need functions of GDAL.
+        # Views are not read: a query may never finish, and may need functions of GDAL.
         base = sqlite3.connect(f"{plain.as_uri()}?mode=ro&immutable=1", uri=True)
         with contextlib.closing(base):
             found = base.execute(
@@ -252,7 +252,7 @@ def _read_layer(
     kind = kind_of(name)
     for row, shape in enumerate(shapes):
         values = (_value(column[row]) for column in columns)
-        properties = meant(dict(zip(map(str, meta["fields"]), values, strict=True)), literal=False)
+        properties = farm_properties(dict(zip(map(str, meta["fields"]), values, strict=True)), literal=False)
         if kind:
             properties.setdefault("kind", kind)
         geometry: dict[str, Any] | None = None

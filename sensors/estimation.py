@@ -94,7 +94,7 @@ class RunEstimate:
         self.day = day
         self._ready = ready
         # Callback for each scored time, with the time and the model.
-        self.told: Callable[[float, InformationModel], None] = lambda _time_s, _model: None
+        self.on_score: Callable[[float, InformationModel], None] = lambda _time_s, _model: None
         self._seen = 0
         self._seen_before = 0
         self._held: list[Observations] = []
@@ -115,33 +115,33 @@ class RunEstimate:
                 start += due
                 self._given += len(self._held[-1])
                 if len(self._held[-1]) == due:
-                    self._hand_over(offset_s + float(self._held[-1].time_s[-1]))
+                    self._submit(offset_s + float(self._held[-1].time_s[-1]))
 
     def current(self) -> InformationModel:
         """Wait until all observations are learned, and return the estimate without copying its arrays."""
-        self._catch_up()
-        return self._believed()
+        self._wait()
+        return self._predict()
 
     def snapshot(self) -> Future[InformationModel]:
         """Return a future for a copy of the estimate after all observations added before this call.
 
         The copy is made in the estimate's thread, so a waiting thread shares no arrays with the estimator.
         """
-        self._hand_over()
+        self._submit()
         before = tuple(self._waiting)
 
         def take() -> InformationModel:
             for done in before:
                 done.result()
             with attribute_errors_to(self.estimator):
-                return self._believed().copy()
+                return self._predict().copy()
 
         self._waiting.append(taken := self._worker.submit(take))
         return taken
 
     def begin_day(self, day: int, truth: NDArray[np.float32], time_s: float) -> None:
         """Advance to a later day, and score the estimate against its `truth` before the first observation."""
-        self._catch_up()
+        self._wait()
         self.day = day
         self._score.advance(truth)
         with attribute_errors_to(self.estimator):
@@ -150,7 +150,7 @@ class RunEstimate:
 
     def end_flight(self, time_s: float) -> None:
         """Wait until all observations are learned, and score the estimate unless it is scored already."""
-        self._catch_up()
+        self._wait()
         history = self.history
         if self._seen and (history.observations[-1:], history.days[-1:]) != ([self._seen], [self.day]):
             self._evaluate(time_s)
@@ -158,7 +158,7 @@ class RunEstimate:
 
     def hold(self, times: int, time_s: float) -> None:
         """Add the score of the present estimate `times` times, for a cancelled flight."""
-        self._catch_up()
+        self._wait()
         self._evaluate(time_s)
         history, again = self.history, times - 1
         history.entries += again * history.entries[-1:]
@@ -166,15 +166,15 @@ class RunEstimate:
         history.observations += again * [self._seen]
         history.days += again * [self.day]
 
-    def _hand_over(self, score_at_s: float | None = None) -> None:
+    def _submit(self, score_at_s: float | None = None) -> None:
         """Submit the held observations to the thread; then score the estimate if `score_at_s` is given."""
         if self._held:
             held = Observations.concatenate(self._held, self._held[0].fields)
             self._held = []
             self._waiting.append(self._worker.submit(self._learn, held, score_at_s))
 
-    def _catch_up(self) -> None:
-        self._hand_over()
+    def _wait(self) -> None:
+        self._submit()
         while self._waiting:
             self._waiting.popleft().result()
 
@@ -192,21 +192,21 @@ class RunEstimate:
         if score_at_s is not None:
             self._evaluate(score_at_s)
 
-    def _believed(self) -> InformationModel:
+    def _predict(self) -> InformationModel:
         begin = time.perf_counter()
         model = believed(self.estimator)
         self.estimate_s += time.perf_counter() - begin
         return model
 
     def _evaluate(self, time_s: float) -> None:
-        self.model = self._believed()
+        self.model = self._predict()
         begin = time.perf_counter()
         self.history.entries.append(self._score.add(self.model))
         self.history.times_s.append(time_s)
         self.history.observations.append(self._seen)
         self.history.days.append(self.day)
         self.score_s += time.perf_counter() - begin
-        self.told(time_s, self.model)
+        self.on_score(time_s, self.model)
 
 
 @contextmanager

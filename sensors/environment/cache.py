@@ -44,7 +44,7 @@ _LEFTOVER_AFTER_S = 3600.0
 
 @dataclass(frozen=True, slots=True)
 class EnvironmentCache:
-    """A disk cache; files in its folder that are no entries are not touched."""
+    """A cache on disk; files in its folder that are not entries are ignored."""
 
     folder: Path
     limit_bytes: int

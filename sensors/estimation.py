@@ -194,7 +194,7 @@ class RunEstimate:
 
     def _predict(self) -> InformationModel:
         begin = time.perf_counter()
-        model = believed(self.estimator)
+        model = checked_prediction(self.estimator)
         self.estimate_s += time.perf_counter() - begin
         return model
 
@@ -225,7 +225,7 @@ def attribute_errors_to(estimator: Estimator) -> Iterator[None]:
         raise EstimatorError(msg) from error
 
 
-def believed(estimator: Estimator) -> InformationModel:
+def checked_prediction(estimator: Estimator) -> InformationModel:
     """Return an estimator's prediction, checked if the estimator is not part of this project."""
     with attribute_errors_to(estimator):
         model = estimator.predict()

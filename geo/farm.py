@@ -159,7 +159,7 @@ class Farm:
 
     @cached_property
     def crops(self) -> tuple[str, ...]:
-        """Crop names by crop index of the grid: first those of the benchmark, then further crops."""
+        """Crop names by crop index of the grid: first those of the benchmark, then other crops."""
         return tuple(dict.fromkeys((*map(str, Crop), *(str(patch.crop) for patch in self.patches))))
 
     @cached_property

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 class Crop(StrEnum):
-    """Crops of the benchmark; `NONE` is unpainted land. A farm may have further crops."""
+    """Crops of the benchmark; `NONE` is unpainted land. A farm may have other crops too."""
 
     NONE = "none"
     STRAWBERRY = "strawberry"

@@ -1,4 +1,4 @@
-"""Locks between processes, held on files."""
+"""File locks between processes."""
 
 from __future__ import annotations
 

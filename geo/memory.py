@@ -39,7 +39,7 @@ def available_memory(root: Path = Path("/")) -> AvailableMemory | None:
 
 @contextlib.contextmanager
 def memory_bounded(more: int) -> Iterator[None]:
-    """Limit further allocations of this process to `more` bytes; a larger one raises MemoryError.
+    """Limit later allocations of this process to `more` bytes in total; beyond, MemoryError is raised.
 
     The limit is meant for reading untrusted files, which may declare any size. Systems other than Linux and
     FreeBSD have no such limit.

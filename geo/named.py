@@ -89,7 +89,7 @@ def split_named(text: str) -> list[str]:
     """
     found: list[str] = []
     for part in (piece.strip() for piece in _split(text, text)):
-        # key=value without a name and a colon is a further parameter of the last name.
+        # key=value without a name and a colon is another parameter of the preceding name.
         if found and "=" in part and ":" not in part.partition("=")[0]:
             found[-1] += f",{part}"
         elif part:

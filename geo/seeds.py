@@ -1,7 +1,7 @@
 """Named random streams: one seed per run, one independent stream per purpose.
 
 A run has one `numpy.random.SeedSequence`. Each consumer of randomness has a named stream of its own, so that
-further consumers, or further draws from a stream, do not change the numbers of other streams::
+additional consumers, or additional draws from a stream, do not change the numbers of other streams::
 
     child_seed(7, "environment")                  the environment's seed
     stream(7, "environment", "tylcv")             a generator for one of its parts
@@ -85,7 +85,7 @@ def sealed_seed(seed: SeedSequence | int, *names: str) -> SeedSequence:
     """Derive a seed for code that must not know the run's seed; parameters as in `child_seed`.
 
     The entropy of the result is the SHA-256 of the child seed's state, read as a little-endian integer, and
-    the spawn key is empty. So the run's seed and other streams cannot be computed from the result. A small
+    the spawn key is empty. The run's seed and other streams thus cannot be computed from the result. A small
     seed (0, 1, 2, ...) can still be found by trial: use 128 random bits where that matters.
 
     >>> sealed = sealed_seed(7, "planner")

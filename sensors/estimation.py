@@ -59,9 +59,9 @@ class ScoreHistory:
 class RunEstimate:
     """Estimate and scores of a run, computed in a separate thread during the flight.
 
-    Observations between two scored times are learned together, in the order in which they were added. So the
-    results depend neither on the speed of the two threads nor on the parts in which observations arrive. An
-    error of the estimator is raised by a later call. The caller ends the thread with `close`.
+    Observations between two scored times are learned together, in the order in which they were added. The
+    results depend neither on the speed of the threads nor on the parts in which observations arrive. An error
+    of the estimator is raised by a later call. The caller ends the thread with `close`.
 
     Scored times are after each `every` observations of a flight and at its end; on later days also before the
     first observation. For a cancelled flight, `hold` scores the present estimate as often as the flight would

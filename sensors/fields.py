@@ -1,7 +1,7 @@
 """Fields: the quantities sensed on a farm, their dynamics, and the costs of estimation errors.
 
 Arrays, columns and readings have the order of a `FieldSet`. `PAPER_FIELDS` are the three fields of the
-benchmark; `sensors.field_files` reads further fields from files.
+benchmark; `sensors.field_files` reads other fields from files.
 
 All values are in 0..1. A disease is 1 where plants are healthy, 0.5 where they are infected and 0 where they
 are lost. A continuous field is scaled from its minimum (0) to its maximum (1), which `Field.range` gives in

@@ -9,7 +9,8 @@ There are two versions. Version 1, with the name ``WBF_LEAF``, is for the benchm
 3 ...  the values cell by cell, each in the order of the fields; NaN where not sensed
 ====== ===============================================================================
 
-Version 2, with the name ``WBF_LEAF2``, is for all other fields. Its values begin two floats later:
+Version 2, with the name ``WBF_LEAF2``, is for all other fields. In version 2 the values begin two floats
+later:
 
 ====== ===============================================================================
 3      number of fields

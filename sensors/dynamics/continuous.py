@@ -49,7 +49,7 @@ class Course(Protocol):
 class ContinuousDynamics(ABC):
     """Base class of the dynamics of continuous fields; a subclass is a frozen dataclass of parameters.
 
-    A subclass defines `kind` and `days`. It is registered under its `kind` as an entry point of the group
+    A subclass defines `kind` and `days`, and is registered under its `kind` as an entry point of the group
     ``wbf_mission.dynamics`` (``docs/fields.md`` has an example).
     """
 
@@ -182,7 +182,7 @@ _TRUNCATED_AT = 4.0
 class SmoothParameters(ContinuousDynamics):
     """Smooth static fields: Gaussian random fields that do not change from day to day.
 
-    These are the fields of classic informative path planning, for which a Gaussian process with a squared
+    Smooth fields are the standard of informative path planning, for which a Gaussian process with a squared
     exponential kernel is the exact model. White noise smoothed by a Gaussian of standard deviation l /
     sqrt(2) has the correlation exp(-d^2 / (2 l^2)) (process convolution: D. Higdon, *Space and Space-Time
     Modeling using Process Convolutions*, 2002).

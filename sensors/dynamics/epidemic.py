@@ -7,8 +7,8 @@ another crop, or no plants). A day has three steps:
 2. The infected neighbours of each susceptible cell are counted, weighted by a distance kernel.
 3. Each susceptible cell becomes infected with a probability that depends on its count.
 
-An infection lasts a fixed number of days. So the onset, the day on which a cell was infected, determines the
-cell's status on every day: one byte per cell stores the whole history of a disease.
+An infection lasts a fixed number of days. The onset, the day on which a cell was infected, thus determines
+the cell's status on every day: one byte per cell stores the whole history of a disease.
 
 There are two infection rules. ``"count"`` is the rule of the Waterberry Farms code: the count is rounded down
 to n, and p = 1 - (1 - p_t)^n. ``"kernel"`` is the rule in the text of the paper (the convolution of infected
@@ -66,8 +66,8 @@ class InfectionRule:
     def probability(self, total: NDArray[np.int64]) -> NDArray[np.float64]:
         """Return the infection probabilities for counts in units of the kernel.
 
-        Only additions, multiplications and divisions are used, which IEEE 754 defines to the last bit. So the
-        comparison with a random draw has the same result on every machine.
+        Only additions, multiplications and divisions are used, which IEEE 754 defines to the last bit.
+        Comparisons with random draws thus have the same result on every machine.
         """
         if not self.rounded:
             probability: NDArray[np.float64] = np.minimum(total / self.kernel.unit * self.likelihood, 1.0)

@@ -6,8 +6,8 @@ weights are integers, in units of ``1 / unit``, so that sums, floors and compari
 machine.
 
 Only cells near infected cells can change. The weighted number of infected neighbours is stored for every cell
-and updated around cells that become infected or removed. So the cost of a day is proportional to the number
-of these cells, not to the size of the front or of the farm.
+and updated around cells that become infected or removed. The cost of a day is proportional to the number of
+newly infected and removed cells, not to the size of the front or of the farm.
 """
 
 from __future__ import annotations

@@ -5,8 +5,8 @@ farm at a random position. The initial field is a sum of humps. On each day the 
 evaporation``. On a rainy day a sum P of humps is scaled to a mean rainfall q over the farm, ``q * W * H * P /
 sum(P)``, and added, and the humidity is clipped at 1. Ten days of warm-up precede day 0.
 
-A hump is the product of a profile along x and a profile along y. So a sum of k humps is the product of a (W,
-k) and a (k, H) matrix, and its sum over the farm needs only the sums of columns and rows.
+A hump is the product of a profile along x and a profile along y. A sum of k humps is thus the product of a
+(W, k) and a (k, H) matrix, and its sum over the farm needs only the sums of columns and rows.
 """
 
 from __future__ import annotations
@@ -183,7 +183,7 @@ def rain_factors(
 def soil_step(
     humidity: NDArray[np.floating], shower: Shower | None, parameters: SoilParameters
 ) -> NDArray[np.float64]:
-    """Return the soil humidity after a further day; the argument is not changed."""
+    """Return the soil humidity a day later; the argument is not changed."""
     after = humidity.astype(np.float64) * (1.0 - parameters.evaporation)
     factors = None if shower is None else rain_factors(shower, (after.shape[0], after.shape[1]), parameters)
     if factors is None:

@@ -296,7 +296,7 @@ def _part(name: str, cells: slice, size: int) -> slice:
 
 
 def grid_digest(grid: FarmGrid) -> str:
-    """Return the hexadecimal SHA-256 of a crop map: shape, further crops and cells."""
+    """Return the hexadecimal SHA-256 of a crop map: shape, crops that the benchmark lacks, and cells."""
     digest = hashlib.sha256(f"{grid.shape[0]}x{grid.shape[1]};{grid.further_crops}".encode())
     digest.update(np.ascontiguousarray(grid.crop, np.int8).data)
     return digest.hexdigest()

@@ -185,10 +185,10 @@ def generate_environment(
 ) -> Environment:
     """Generate the environment of a farm.
 
-    Each field has its own random stream (`geo.seeds`), so the fields are independent and a further field does
-    not change the others. Diseases are equal to the last bit on every machine; continuous fields may differ
-    by a rounding error of float32. The state of a day does not depend on the number of later days, on the
-    kept days or on the number of threads.
+    Each field has its own random stream (`geo.seeds`), so the fields are independent and an additional field
+    does not change the others. Diseases are equal to the last bit on every machine; continuous fields may
+    differ by a rounding error of float32. The state of a day does not depend on the number of later days, on
+    the kept days or on the number of threads.
 
     Parameters
     ----------

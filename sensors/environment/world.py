@@ -9,7 +9,7 @@ with a table for each changed field::
     seeds = { one_of = [1, 6, 12] }         # one of these values, with equal probabilities
     kernel_shape = "exponential"            # this value
 
-The random stream of a drawn value is ``"world", field, parameter`` of the run's seed. So a further drawn
+The random stream of a drawn value is ``"world", field, parameter`` of the run's seed. An additional drawn
 value changes neither the other values nor other draws of the environment.
 
 >>> world_names()

@@ -189,8 +189,8 @@ class InformationModel:
         """Expected loss of `value` in each cell, float32[n, W, H]; None if the estimator gives none.
 
         The loss is the squared error times the cost of estimates that are too healthy or too sick, without
-        the weights of the fields, in all cells. The mean over a field's mask is the expected loss of that
-        field. The loss is valid as long as `value`.
+        the weights of the fields. Cells that are not scored have an expected loss too. The mean over a
+        field's mask is the expected loss of that field. The loss is valid as long as `value`.
 
         Raises
         ------
@@ -226,8 +226,8 @@ class InformationModel:
 
         Uncertain plants are taken in descending order of their probability to be sick, until the
         probabilities add up to 90 % of their total. If the probabilities are calibrated, the set contains 90
-        % of the sick plants. This is the coverage of a class; nearly all cells are healthy, so coverage of
-        all cells would be meaningless. Plants that are certainly sick are in the set too.
+        % of the sick plants. The coverage is that of the sick plants: nearly all plants are healthy, so a
+        coverage of all plants would be meaningless. Plants that are certainly sick are in the set too.
 
         Parameters
         ----------
@@ -256,7 +256,7 @@ class InformationModel:
         return self.changed if self.changed.ndim == 2 else self.changed[k]
 
     def copy(self) -> InformationModel:
-        """Return a copy, which does not change when the estimator learns further observations."""
+        """Return a copy, which does not change when the estimator learns more observations."""
         probabilities = None
         if self.probabilities is not None:
             probabilities = {name: np.array(array) for name, array in self.probabilities.items()}

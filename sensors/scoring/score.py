@@ -144,8 +144,8 @@ class RunningScore:
     """Scores of a run's estimates against the truth; masks and counts are prepared once.
 
     The sums over cells are stored for each tile of the farm (`sensors.scoring.information`). If a model
-    reports its changes since the preceding model, only the changed tiles are summed again. The result is
-    equal to the bit to a sum over all cells, as nothing is subtracted.
+    reports its changes since the preceding model, only the changed tiles are summed again. The result equals
+    a sum over all cells to the bit, as nothing is subtracted.
 
     Parameters
     ----------

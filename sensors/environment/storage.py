@@ -41,8 +41,8 @@ def load_environment(path: str | os.PathLike[str], *, lazy: bool = True) -> Envi
     Raises
     ------
     EnvironmentDataError
-        If a file is missing or invalid; the text names the file. Data that are decoded later are checked
-        then and raise the same error.
+        If a file is missing or invalid; the text names the file. Data that are decoded later are checked then
+        and raise the same error.
     """
     store = open_store(path)
     store.check()

@@ -48,8 +48,8 @@ def least_loss_value(
 ) -> NDArray[np.float64]:
     """Return the estimate that minimises the expected loss of the score.
 
-    The cost is ``a (v - e)^2`` if the estimate v is above the truth e, else ``(e - v)^2``. The best
-    estimate is an expectile (Newey & Powell 1987), the solution of::
+    The cost is ``a (v - e)^2`` if the estimate v is above the truth e, else ``(e - v)^2``. The best estimate
+    is an expectile (Newey & Powell 1987), the solution of::
 
         a sum_{e < v} p_e (v - e) = sum_{e > v} p_e (e - v)
 

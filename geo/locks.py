@@ -63,7 +63,7 @@ def _locked_descriptor(path: Path) -> int:
                 raise BlockingIOError(errno.EWOULDBLOCK, "another process holds the lock", str(path))
             # Another process may have removed the file after it was opened here; then a new file is locked.
             with contextlib.suppress(FileNotFoundError):
-                if True:
+                if path.stat().st_ino == os.fstat(descriptor).st_ino:
                     return descriptor
         except BaseException:
             os.close(descriptor)

@@ -42,33 +42,22 @@ def lock_held(path: Path) -> Iterator[None]:
 
     The system releases the lock when the process ends. BlockingIOError if another process holds the lock.
     """
-    descriptor = _locked_descriptor(path)
-    try:
-        yield
-    finally:
-        if sys.platform == "win32":  # Windows does not remove open files
-            os.close(descriptor)
-            with contextlib.suppress(PermissionError):
-                path.unlink(missing_ok=True)
-        else:
-            path.unlink(missing_ok=True)
-            os.close(descriptor)
-
-
-def _locked_descriptor(path: Path) -> int:
-    while True:
-        descriptor = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
-        try:
-            if not lock_file(descriptor, wait=False):
+    is_held = False
+    while not is_held:
+        with path.open("ab") as file:
+            if not lock_file(file.fileno(), wait=False):
                 raise BlockingIOError(errno.EWOULDBLOCK, "another process holds the lock", str(path))
-            # Another process may have removed the file after it was opened here; then a new file is locked.
+            # If another process removed the file after it was opened here, a new file has to be locked.
             with contextlib.suppress(FileNotFoundError):
-                if path.stat().st_ino == os.fstat(descriptor).st_ino:
-                    return descriptor
-        except BaseException:
-            os.close(descriptor)
-            raise
-        os.close(descriptor)
+                is_held = os.path.samestat(path.stat(), os.fstat(file.fileno()))
+            if is_held:
+                try:
+                    yield
+                finally:
+                    if sys.platform == "win32":  # Windows does not remove open files
+                        file.close()
+                    with contextlib.suppress(PermissionError):
+                        path.unlink(missing_ok=True)
 
 
 @contextlib.contextmanager

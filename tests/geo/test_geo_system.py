@@ -3,6 +3,7 @@
 import errno
 import os
 import resource
+import signal
 import subprocess
 import sys
 import time
@@ -10,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from geo.locks import made_by_one
+from geo.locks import lock_file, made_by_one
 from geo.system import allow_open_files, process_age_s, steady_s
 
 
@@ -24,9 +25,10 @@ def test_the_steady_clock_runs_during_sleep(monkeypatch: pytest.MonkeyPatch) -> 
 
 @pytest.mark.parametrize("platform", ["linux", "win32"])
 def test_the_age_of_a_process_counts_from_its_start(platform: str) -> None:
+    unused = "psutil.Process" if platform == "linux" else "pathlib.Path.read_text"
     code = (
-        "import sys, time; from geo.system import process_age_s; "
-        f"import psutil; sys.platform = {platform!r}; time.sleep(1.5); print(process_age_s())"
+        "import pathlib, psutil, sys, time; from geo.system import process_age_s; "
+        f"{unused} = None; sys.platform = {platform!r}; time.sleep(1.5); print(process_age_s())"
     )
     begin = time.monotonic()
     age_s = float(subprocess.run([sys.executable, "-c", code], capture_output=True, check=True).stdout)
@@ -55,6 +57,20 @@ def test_the_limit_of_open_files_is_raised_and_never_lowered(monkeypatch: pytest
         assert resource.getrlimit(resource.RLIMIT_NOFILE)[0] == 300
     finally:
         resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
+
+
+def test_a_forked_process_does_not_keep_the_lock(tmp_path: Path) -> None:
+    with made_by_one(tmp_path / "made"):
+        child = os.fork()
+        if child == 0:
+            time.sleep(60.0)
+            os._exit(0)
+    try:
+        with (tmp_path / "made.lock").open("ab") as lock:
+            assert lock_file(lock.fileno(), wait=False)
+    finally:
+        os.kill(child, signal.SIGKILL)
+        os.waitpid(child, 0)
 
 
 def test_a_cache_on_a_disk_without_locks_is_made(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

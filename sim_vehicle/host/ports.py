@@ -11,6 +11,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple, TypeAlias
 
+from geo.system import allow_open_files
 from mission.errors import LinkError
 from mission.link.address import LOOPBACK, SERIAL, Link, LinkAddress, parse_link_url
 from mission.link.codec.frames import FrameReader
@@ -283,19 +284,6 @@ def _address_of(address: LinkAddress) -> str:
         raise LinkError(msg) from error
 
 
-def _allow_files(number: int) -> None:
-    """Raise the limit of open files if it is too low; a large fleet has 1000 links."""
-    try:
-        import resource
-    except ImportError:  # Windows has no module `resource`.
-        return
-    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
-    wanted = number if hard == resource.RLIM_INFINITY else min(number, hard)
-    if soft != resource.RLIM_INFINITY and soft < wanted:
-        with contextlib.suppress(OSError, ValueError):
-            resource.setrlimit(resource.RLIMIT_NOFILE, (wanted, hard))
-
-
 class PortSelector:
     """Selector over all ports of a server and their clients.
 
@@ -323,7 +311,7 @@ class PortSelector:
         self._wake, self._woken = socket.socketpair()
         self._woken.setblocking(False)
         self._selector.register(self._woken, selectors.EVENT_READ)
-        _allow_files(len(urls) * (_AT_ONCE_FILES if at_once else 1) + _FILES)
+        allow_open_files(len(urls) * (_AT_ONCE_FILES if at_once else 1) + _FILES)
         try:
             for url in urls:
                 self._ports.append((open_port(url.url, at_once=at_once), url))

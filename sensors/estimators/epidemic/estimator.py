@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Self, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from geo.locks import made_by_one
 from geo.processes import CallsAhead
-from geo.user_cache import made_by_one
 from sensors.dynamics.soil import SoilParameters
 from sensors.errors import EstimatorError
 from sensors.estimators.append_buffer import GrowingArray

@@ -1,4 +1,4 @@
-"""The lawnmower and the adaptive lawnmower: parallel rows, as many as the budget allows."""
+"""The planners lawnmower and adaptive-lawnmower: as many parallel rows as the budget allows."""
 
 from __future__ import annotations
 
@@ -23,26 +23,26 @@ def lawnmower(
     min_spacing_m: float | None = None,
     max_spacing_m: float | None = None,
 ) -> PlannedPath:
-    """Plan equidistant rows from border to border, flown to and fro, as many as the budget allows.
+    """Plan as many equidistant parallel rows from border to border as the budget allows.
 
-    Any number of rows from two upwards is possible (the paper's implementation has only odd ones), until rows
-    are a footprint apart; an area narrower than the footprint has one row. Over areas that are not convex the
-    rows are cut into boustrophedon cells, which are flown nearest first. Rows lead over passable land between
-    the parts of the area, unless without it they are closer by a twentieth.
+    The number of rows is any number from two up to rows a footprint apart (the paper's implementation has
+    only odd numbers). An area narrower than the footprint has one row. A non-convex area is decomposed into
+    boustrophedon cells, flown in nearest-first order. Rows cross passable land between the parts of the area,
+    unless they are at least 5 % closer without it.
 
     Parameters
     ----------
     direction : str or float, optional
-        Direction of the rows, see `mission.planners.sweep.sweep_angle`; by default along x over a
-        rectangle along the axes, as in the paper, otherwise the direction with the fewest turns.
+        Direction of the rows, see `mission.planners.sweep.sweep_angle`. Default: along x for an axis-aligned
+        rectangle, as in the paper, otherwise the direction with the fewest turns.
     min_spacing_m, max_spacing_m : float, optional
-        Least and greatest distance of rows. Default: a footprint, no limit.
+        Least and greatest row spacing. Default: a footprint, no limit.
 
     Raises
     ------
     PlanningError
-        If the budget does not suffice for two rows, or for rows at `max_spacing_m`; the text gives the least
-        budget. If a parameter is out of its range.
+        If the budget is too small for two rows, or for rows at `max_spacing_m`; the text gives the least
+        budget. If a parameter is out of range.
 
     Examples
     --------
@@ -89,26 +89,26 @@ def adaptive_lawnmower(
 ) -> PlannedPath:
     """Plan rows over the tomatoes with two thirds of the budget, then over the strawberries with the rest.
 
-    The paper gives the tomatoes two thirds of the budget, and the strawberries a third less a safety margin
-    of a tenth, for the legs to the first row and between the crops, which it does not count. Here they are
-    counted, with the return, and no margin is needed. Each crop has the most rows that its share allows. The
-    tomatoes get the rest of a budget that is larger than the strawberries need (rows a footprint apart), and
-    fewer rows if the rest is too small for the strawberries.
+    The paper does not count the legs to the first row and between the crops. It allots two thirds of the
+    budget to the tomatoes, and a third less a safety margin of a tenth to the strawberries. This planner
+    counts these legs and the return, and needs no margin. Each crop has as many rows as its share allows. The
+    tomatoes get budget that the strawberries cannot use (rows a footprint apart), and give up rows if the
+    remaining budget is too small for the strawberries.
 
-    A single crop gets the whole budget; without crop areas the rows are over the whole area. The spacing of
-    the path is the smaller one of the two crops.
+    A farm with a single crop spends the whole budget on that crop. Without crop areas the rows cover the
+    whole area. `PlannedPath.spacing_m` is the smaller spacing of the two crops.
 
     Parameters
     ----------
     tomato_share : float
-        Share of the budget for the tomatoes, approach included, between 0 and 1.
+        Share of the budget for the tomatoes, including the approach, between 0 and 1.
     direction, min_spacing_m
-        As of `lawnmower`.
+        Direction and least spacing of the rows, as for `lawnmower`.
 
     Raises
     ------
     PlanningError
-        If the budget does not suffice for one row over each crop; the text gives the least budget.
+        If the budget is too small for one row over each crop; the text gives the least budget.
     """
     if not (is_number(tomato_share) and 0 < tomato_share < 1):
         msg = f"{NAME}: tomato_share must be between 0 and 1, not {tomato_share!r}"
@@ -138,7 +138,7 @@ class _Plan:
         return f"{NAME} with one row over each crop"
 
     def path(self, *rows: int) -> Points:
-        """The path with the numbers of rows over the first crops."""
+        """Return the path with the given number of rows over each crop, in the order of `sweeps`."""
         pieces: list[Points] = []
         here = self.request.start_xy_m
         for sweep, count in zip(self.sweeps, rows, strict=False):
@@ -189,7 +189,7 @@ def _both(plan: _Plan, tomato_share: float) -> PlannedPath:
 
 
 def _land(request: PlanningRequest, crop: Crop) -> Area | None:
-    """Return the crop's land in the area of the request, or None."""
+    """Return the part of the request's area that the crop covers, or None."""
     areas = [land.area for land in request.crop_areas if land.crop == crop]
     parts = polygons_of(shapely.intersection(shapely.union_all(areas), request.area))
     return area_of(parts) if parts else None

@@ -1,4 +1,4 @@
-"""The conformance kit: the contract of policies, for policies of other packages too."""
+"""Conformance tests of the policy contract, also for policies of other packages."""
 
 from __future__ import annotations
 
@@ -32,8 +32,8 @@ _FARM = "miniberry-30"
 _DAY = 6
 _COMPUTE_S = 2.0
 _AREA_M = 1e-6
-_LOST_AFTER = 0.4  # Part of the budget after which a vehicle is lost
-_MOST_STEPS = 20_000  # Many times the longest budget
+_LOST_AFTER = 0.4  # Fraction of the budget after which a vehicle is lost
+_MOST_STEPS = 20_000  # Many times the longest budget: a flight with more steps never ends
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,9 +43,9 @@ class PolicyCheck:
     Parameters
     ----------
     decisions : int
-        Number of questions to the policy.
+        Number of decisions that the policy made.
     time_share : float
-        Median of the processor time of an answer, as a share of its time limit.
+        Median processor time of a decision, as a fraction of the time limit.
     """
 
     decisions: int
@@ -54,7 +54,7 @@ class PolicyCheck:
 
 @dataclass(frozen=True, slots=True)
 class _Case:
-    """A task for some vehicles, each with a budget of its own."""
+    """A test case: an area, a start and a budget, the same for each vehicle."""
 
     name: str
     area: Area
@@ -65,15 +65,19 @@ class _Case:
 
 
 def check_policy(policy: str | Policy, **parameters: Any) -> PolicyCheck:
-    """Check that a policy keeps the contract (`mission.policies.policy.Policy`).
+    """Check that a policy fulfils the contract (`mission.policies.policy.Policy`).
 
-    Single and several vehicles of a cell a step fly over areas with a pond and in two parts, from starts
-    inside and outside, with budgets of steps and of metres with the way home. An answer must name only
-    steerable vehicles, and every vehicle at a start; a path of the first flight has a length; each path lies
-    in the area of its vehicle's task and costs no more than the rest of the budget. Equal flights have equal
-    answers, also on a farm that differs only in unseen cells: other answers would need the truth. The policy
-    answers also when nothing was seen, when all is known, and when a vehicle is lost. It does not change its
-    observations, nor numpy's global generator.
+    One or three vehicles, which fly a cell per step, cover areas with a pond and in two parts. Starts lie
+    inside and outside the area. Budgets are in steps, or in metres including the return. The contract has
+    these rules:
+
+    - A decision names only steerable vehicles, and at the start every vehicle.
+    - A path of the first flight has a length above zero.
+    - Each path lies in the area of its vehicle's request and costs at most the remaining budget.
+    - Equal flights give equal decisions, also on a farm that differs only in unseen cells: any difference
+      would prove access to the truth.
+    - The policy decides also if nothing was seen, if everything is known, and if a vehicle is lost.
+    - The policy changes neither its observations nor numpy's global generator.
 
     Parameters
     ----------
@@ -85,14 +89,14 @@ def check_policy(policy: str | Policy, **parameters: Any) -> PolicyCheck:
     Returns
     -------
     PolicyCheck
-        Its number of decisions and computing time.
+        Number of decisions, and their computing time.
 
     Raises
     ------
     AssertionError
         If a rule is broken; the text names the rule and the case.
     PlanningError, ParameterError
-        If it is no policy, or it does not have one of the parameters.
+        If the object is not a policy, or a parameter is unknown.
 
     Examples
     --------
@@ -146,7 +150,7 @@ def _cases() -> Iterator[_Case]:
 
 
 class _Vehicle:
-    """A vehicle of one cell a step that flies its path, and home if its budget pays for that."""
+    """A simulated vehicle that flies one cell per step along its path."""
 
     def __init__(self, system_id: int, request: PlanningRequest, cell_m: float) -> None:
         self.system_id = system_id
@@ -159,7 +163,7 @@ class _Vehicle:
         self._cell_m = cell_m
 
     def step(self) -> bool:
-        """Fly one cell; return whether a waypoint was reached."""
+        """Fly one cell; return whether the vehicle reached a waypoint."""
         way = self.rest[0] - self.here
         distance = float(np.hypot(*way))
         reached = distance <= self._cell_m * (1.0 + 1e-9)
@@ -172,7 +176,7 @@ class _Vehicle:
         return reached
 
     def report(self, started: bool) -> VehicleReport:
-        """Return the report of its telemetry."""
+        """Return the vehicle's current report."""
         budget, (x, y) = self.request.budget, self.here.tolist()
         assert isinstance(budget, StepBudget | LengthBudget)
         status = Status.READY if not started else Status.FLYING if len(self.rest) else Status.ENDED
@@ -184,7 +188,10 @@ class _Vehicle:
 
 
 class _Flight:
-    """A case flown by a policy; `answers` are its decisions as bytes, `looked` the cells observed."""
+    """A simulated flight of a test case under a policy.
+
+    `answers` are the decisions as bytes, `looked` marks the observed cells.
+    """
 
     def __init__(self, policy: Policy, case: _Case, truth: NDArray[np.float32]) -> None:
         self._policy, self._case, self._truth = policy, case, truth
@@ -198,7 +205,7 @@ class _Flight:
         self.answers: list[bytes] = []
 
     def fly(self, times: list[float]) -> None:
-        """Fly to the end; appends the processor time of each answer."""
+        """Fly to the end of all paths; append the processor time of each decision to `times`."""
         policy, case = self._policy, self._case
         policy.start()
         answer = self._ask(Event.START, 0, times)
@@ -260,7 +267,7 @@ class _Flight:
 
 
 def _answer(policy: Policy, observation: PolicyObservation, what: str, times: list[float]) -> Decision:
-    """Ask, and check the answer by the contract."""
+    """Return the policy's decision after checking it against the contract."""
     begin = time.process_time()
     try:
         answer = policy.decide(observation)
@@ -269,7 +276,7 @@ def _answer(policy: Policy, observation: PolicyObservation, what: str, times: li
     except ValueError as error:
         if "read-only" not in str(error):
             raise
-        msg = f"check_policy: {what}: the policy writes into what it is told"
+        msg = f"check_policy: {what}: the policy writes into its observation"
         raise AssertionError(msg) from error
     times.append(time.process_time() - begin)
     policy_name = f"check_policy: {what}, after {observation.time_s:g} steps: the policy"
@@ -284,7 +291,7 @@ def _answer(policy: Policy, observation: PolicyObservation, what: str, times: li
 
 
 def _lies_inside(vehicle: VehicleReport, points: Points) -> bool:
-    """Return whether a path lies in the area, except for legs from outside and between separate parts."""
+    """Return whether a path stays in the area, except for legs from outside and between separate parts."""
     area = vehicle.request.room
     wide = shapely.buffer(area, _AREA_M)
     if not shapely.covers(wide, shapely.points(points)).all():
@@ -303,7 +310,7 @@ def _lies_inside(vehicle: VehicleReport, points: Points) -> bool:
 
 
 def _check_all_known(policy: Policy, truth: NDArray[np.float32], times: list[float]) -> None:
-    """Ask in flight and before a later flight, when all cells were seen."""
+    """Check decisions in flight and before a later flight after all cells were seen."""
     case = next(iter(_cases()))
     farm = get_farm(_FARM)
     x, y = (part.ravel().astype(np.int32) for part in np.indices(farm.grid().shape))
@@ -333,7 +340,7 @@ def _request(farm: Farm, case: _Case) -> PlanningRequest:
         for crop in (Crop.TOMATO, Crop.STRAWBERRY)
         if not (land := shapely.intersection(farm.crop_area(crop), case.area)).is_empty
     )
-    # Another seed in each case: a policy may use it.
+    # Policies may use the seed, so each case has a different seed.
     seed = sealed_seed(11, case.name)
     return PlanningRequest(case.area, case.start_m, case.budget, farm.cell_size_m, crops, seed=seed)
 
@@ -352,7 +359,7 @@ def _observation(
 
 
 def _some_truth() -> NDArray[np.float32]:
-    """Return the truth of a farm with some patches of sick plants, float32[3, W, H]."""
+    """Return the true fields of a farm with patches of sick plants, float32[3, W, H]."""
     truth = np.ones((len(PAPER_FIELDS), *get_farm(_FARM).grid().shape), np.float32)
     truth[2] = 0.4
     for x, y in ((6, 22), (21, 18), (25, 26), (8, 5), (20, 9)):
@@ -362,7 +369,7 @@ def _some_truth() -> NDArray[np.float32]:
 
 
 def _model(truth: NDArray[np.float32], seen: Observations) -> InformationModel:
-    """Return a plain estimate in read-only arrays: the truth of seen cells, the rest as healthy."""
+    """Return a simple estimate in read-only arrays: the truth in seen cells, nearly healthy elsewhere."""
     value = np.empty_like(truth)
     value[:] = np.array([0.9, 0.9, 0.4], np.float32)[:, None, None]
     uncertainty = np.full_like(value, 0.3)

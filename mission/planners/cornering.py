@@ -17,13 +17,10 @@ __all__ = ["Cornering", "Waypoints"]
 
 # Leg lengths are in multiples of the acceptance radius.
 _LEAST_LEG = 0.15  # Shorter legs never overshoot
-# Legs shorter than `_SHORT_LEG` do not overshoot within a curve (turns of at most 40 degrees), nor as the
-# connection between two antiparallel rows.
-_SHORT_LEG = 0.75
-_CURVED = math.cos(math.radians(40.0))
+_SHORT_LEG = 0.75  # Shorter legs do not overshoot within a curve, or between two antiparallel rows
+_CURVED = math.cos(math.radians(40.0))  # Smaller turns are part of a curve
 _BACK = -math.cos(math.radians(30.0))
-# Legs do not overshoot at a corner between two legs longer than `_LONG_LEG`: the turn cuts off little of
-# them, and a stop costs a vehicle seconds.
+# A corner between two longer legs has no overshoot: little is cut off, and a stop costs seconds.
 _LONG_LEG = 10.0
 _BEFORE_M = 0.5  # Radius less overshoot: a vehicle that turns before the corner swings less wide
 _STRAIGHT = math.cos(math.radians(15.0))  # Smaller turns cut off almost nothing

@@ -89,10 +89,10 @@ def adaptive_lawnmower(
 ) -> PlannedPath:
     """Plan rows over the tomatoes with two thirds of the budget, then over the strawberries with the rest.
 
-    The paper does not count the legs to the first row and between the crops. It allots two thirds of the
-    budget to the tomatoes, and a third less a safety margin of a tenth to the strawberries. This planner
-    counts these legs and the return, and needs no margin. Each crop has as many rows as its share allows. The
-    tomatoes get budget that the strawberries cannot use (rows a footprint apart), and give up rows if the
+    The paper's shares are two thirds of the budget for the tomatoes, and a third less a safety margin of a
+    tenth for the strawberries, because the paper does not count the legs to the first row and between the
+    crops. This planner counts all legs and needs no margin. Each crop has as many rows as its share allows.
+    The tomatoes get budget that the strawberries cannot use (rows a footprint apart), and give up rows if the
     remaining budget is too small for the strawberries.
 
     A farm with a single crop spends the whole budget on that crop. Without crop areas the rows cover the

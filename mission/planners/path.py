@@ -21,7 +21,7 @@ COINCIDENT_M = 0.01
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlannedPath:
-    """A path of straight legs, as a planner returns it.
+    """A path of straight legs, the result of a planner.
 
     Parameters
     ----------

@@ -91,7 +91,7 @@ class _Walk:
         self._lengths = [path_length(np.vstack((self._start, self.legs[0])))]
 
     def path(self, waypoints: int) -> Points:
-        """Return the path through the first waypoints, `waypoints` in number."""
+        """Return the path through the first `waypoints` random positions."""
         self._extend(waypoints)
         return np.vstack(self.legs[: waypoints + 1])
 

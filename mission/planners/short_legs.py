@@ -13,7 +13,7 @@ from mission.planners.terrain import Terrain
 # Candidate shifts of a corner, across and along the transit, in multiples of the least leg.
 _ASIDE = (0.25, 0.5, 1.0, 1.5, 2.0)
 _ALONG = (0.0, -0.5, 0.5, -1.0, 1.0)
-# A point this close to the direct leg may go: the autopilot turns that early anyway (in least legs).
+# Points closer to the direct leg are dropped: the autopilot cuts corners by as much anyway (in least legs).
 _NEAR = 0.5
 
 

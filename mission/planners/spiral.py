@@ -192,15 +192,13 @@ def _rings(polygon: Polygon, spacing_m: float, here: Points) -> Iterator[Points]
         piece = branches[-1].pop(int(np.argmin(distances)))
         lines = [shapely.get_coordinates(ring) for ring in (piece.exterior, *piece.interiors)]
         while lines:
-            gaps = [0.0] if len(lines) > len(piece.interiors) else [_gap(line, here) for line in lines]
-            yield (ring := ring_from(lines.pop(int(np.argmin(gaps))), here, spacing_m))
+            # The outer ring comes first, then the nearest hole.
+            gaps = [np.hypot(*(line - here).T).min() for line in lines]
+            nearest = 0 if len(lines) > len(piece.interiors) else int(np.argmin(gaps))
+            yield (ring := ring_from(lines.pop(nearest), here, spacing_m))
             here = ring[-1]
         inner = shapely.buffer(piece, -spacing_m, join_style="mitre", mitre_limit=2.0)
         branches.append([part for part in parts_of(inner) if part.area > _LEAST_AREA_M2])
-
-
-def _gap(line: Points, here: Points) -> float:
-    return float(np.hypot(*(line - here).T).min())
 
 
 def ring_from(ring_m: NDArray[np.float64], start_m: ArrayLike, gap_m: float) -> Points:

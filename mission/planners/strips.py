@@ -280,8 +280,7 @@ def _middle(part: Polygon) -> LineString:
     graph = csr_array((lengths, (first, second)), shape=(len(nodes), len(nodes)))
     _, component = connected_components(graph, directed=False)
     longest = int(np.argmax(np.bincount(component[first], weights=lengths)))
-    # In a tree, the node farthest from any node is an end of the longest path; the node farthest from that
-    # end is the other end.
+    # In a tree, the node farthest from any node is an end of the longest path: two searches find both ends.
     begin, end = -1, int(np.flatnonzero(component == longest)[0])
     for _ in range(2):
         begin = end

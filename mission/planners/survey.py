@@ -35,10 +35,8 @@ NAME = "survey"
 BEST = "best"
 SEEN, OVERLAP = "seen", "overlap"
 MOST_PASSES = 20
-# The search tries every 30 degrees and the directions of the hull's edges, then refines the best direction
-# in these steps (degrees).
-_EVERY_DEG = 30
-_FINER_DEG = (12.0, 6.0, 3.0)
+_EVERY_DEG = 30  # Step of the initial directions, besides those of the hull's edges
+_FINER_DEG = (12.0, 6.0, 3.0)  # Steps for refining the best direction
 _HULL_ANGLES = 6
 # Longer paths are compared by length and number of turns: predicting all their flights would take minutes.
 _PRICED_M = 400_000.0
@@ -103,7 +101,10 @@ def survey(
     swath = _swath(request, spacing_m, overshoot_m, border)
     request = _smooth(request, swath)
     plans = _Plans(request, swath, headland_passes, last=headland == "last")
-    layouts = _Search(plans).best() if angle == BEST else [plans.common(request.area, _radians(angle))]
+    if angle == BEST:
+        layouts = _Search(plans).best()
+    else:
+        layouts = [plans.common(request.area, math.radians(float(angle)))]
     finals = [
         plans.path(layout, exact=True, returns=returns) for layout in layouts for returns in (True, False)
     ]
@@ -161,10 +162,6 @@ def _check(angle: str | float, headland_passes: int, headland: str, border: str)
     if headland not in ("first", "last"):
         msg = f"{NAME}: headland {headland!r} is neither first nor last"
         raise PlanningError(msg)
-
-
-def _radians(angle: str | float) -> float:
-    return math.radians(float(angle))
 
 
 Layout: TypeAlias = tuple[tuple[Polygon, float], ...]
@@ -278,7 +275,9 @@ class _Search:
     def best(self) -> list[Layout]:
         """Return the cheapest layouts, judged with an approximate order of their cells."""
         lands = swept_lands(self._request)
-        self._price([self._plans.common(lands[0], angle) for angle in self._angles(lands[0])])
+        even = [math.radians(degrees) for degrees in range(0, 180, _EVERY_DEG)]
+        angles = [*hull_angles(lands[0])[:_HULL_ANGLES], *even]
+        self._price([self._plans.common(lands[0], angle) for angle in angles])
         self._refine(lands[0])
         angle = self._angle(self._best())
         for land in lands[1:]:
@@ -319,11 +318,6 @@ class _Search:
         self._seen.update(zip(new, map(self._plans.seen_share, paths), strict=True))
         done = len(self._known)
         self._request.progress(done, done + len(new))
-
-    def _angles(self, land: Area) -> list[float]:
-        """Return the initial directions of the search."""
-        even = [math.radians(degrees) for degrees in range(0, 180, _EVERY_DEG)]
-        return [*hull_angles(land)[:_HULL_ANGLES], *even]
 
     def _refine(self, land: Area) -> None:
         """Search for a better direction near the best direction."""

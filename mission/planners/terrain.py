@@ -168,8 +168,7 @@ class Region:
         detour = from_start + to_end
         longest = 1.5 * math.dist(start_m, end_m)
         while len(detour):
-            # A path of at most `longest` stays inside an ellipse with both ends as foci, so only corners
-            # inside the ellipse are searched.
+            # Only corners in an ellipse with both ends as foci can be part of a path of at most `longest`.
             longest = max(longest, float(detour.min()))
             near = np.nonzero(detour <= longest)[0]
             found, length = self._search(near, start_m, end_m, from_start[near], to_end[near])
@@ -290,7 +289,7 @@ class _Regions:
 class Terrain:
     """The land of a path: the area inset by half a footprint.
 
-    Transits between its pieces may cross all the `passable` land.
+    Transits between pieces of a path may cross all the `passable` land.
     """
 
     def __init__(

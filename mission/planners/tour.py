@@ -66,7 +66,7 @@ def _flown(cell: NDArray[np.float64], *, from_last: bool, from_right: bool) -> l
 
 
 def _exits(rows: int) -> list[int]:
-    """Return the exit corner for each entry corner. Corners: first row left, right, last row left, right."""
+    """Return the exit corner for each entry corner (first row left and right, last row left and right)."""
     if rows == 1:
         return [1, 0, 3, 2]
     return [(2 if entry < 2 else 0) + (entry % 2 if rows % 2 == 0 else 1 - entry % 2) for entry in range(4)]
@@ -79,8 +79,7 @@ class _Tour:
         count = len(exits)
         at = 4 * np.arange(count)[:, None] + np.arange(4)
         leave = 4 * np.arange(count)[:, None] + np.array(exits)
-        # Transit lengths from the exit of one cell (by its entry corner) to the entry corner of another:
-        # [from, entry, to, entry].
+        # Transit lengths between cells, by the entry corner of each: [from, entry, to, entry].
         self._step = ways[leave[:, :, None, None], at[None, None]]
         self._first = ways[-2][at]
         self._last = ways[-1][leave] if returns else np.zeros((count, 4))

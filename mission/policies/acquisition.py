@@ -34,9 +34,9 @@ class Acquisition(Protocol):
 def expected_loss(observation: PolicyObservation) -> ValueMap:
     """Return the expected loss of the current estimate in each cell: observing a cell saves its loss.
 
-    The loss is summed over the fields with their weights. For a field with class probabilities it is the
-    expected score loss under these probabilities. For other fields it is the variance of the estimate times
-    the mean weight of a squared error above and below the truth.
+    The loss is summed over the fields with their weights. A field with class probabilities has the expected
+    score loss under these probabilities. Other fields have the variance of the estimate times the mean weight
+    of a squared error above and below the truth.
     """
     known = observation.model.expected_loss
     if known is not None:
@@ -131,8 +131,8 @@ class WithCorrelationLength:
 
     Observations of a field with correlation length l also reduce the variance beside the track: a squared
     exponential process keeps only ``1 - exp(-d^2 / l^2)`` of its variance at a distance d. A step along the
-    track therefore saves the loss of a swath ``sqrt(pi) l`` wide, not only the loss of its cell. For diseases
-    the neighbour shares of the route search have this role.
+    track therefore saves the loss of a swath ``sqrt(pi) l`` wide, not only the loss of its cell. The
+    neighbour shares of the route search account for this information on diseases.
 
     Parameters
     ----------
@@ -153,16 +153,14 @@ class WithCorrelationLength:
         lengths, widest = observation.model.correlation_length, max(observation.model.shape)
         if lengths is None or widest <= self.beyond:
             return self.acquisition(observation)
+        swaths = [max(1.0, min(math.sqrt(math.pi) * length, widest) / self.strip) for length in lengths]
         field = tuple(
-            weight if sensed.kind == "disease" else weight * self._swath(cells, widest)
-            for sensed, weight, cells in zip(
-                observation.fields, observation.weights.field, lengths, strict=True
+            weight if sensed.kind == "disease" else weight * swath
+            for sensed, weight, swath in zip(
+                observation.fields, observation.weights.field, swaths, strict=True
             )
         )
         return self.acquisition(replace(observation, weights=replace(observation.weights, field=field)))
-
-    def _swath(self, length: float, widest: int) -> float:
-        return max(1.0, min(math.sqrt(math.pi) * length, widest) / self.strip)
 
 
 @dataclass(frozen=True, slots=True)

@@ -75,8 +75,7 @@ def shared(vehicles: Sequence[VehicleReport], partition: str) -> dict[int, Area]
 
 # Half the width of the land along a row, in row spacings: slightly more than half avoids gaps.
 _OF_SPACING = 0.55
-# Greatest row spacing over a lost vehicle's land, as a multiple of the taker's spacing. Beyond this the taker
-# plans all its unseen land again.
+# A taker plans all its unseen land again if the row spacing over new land exceeds its own by this factor.
 _COARSER = 1.5
 
 

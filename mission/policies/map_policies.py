@@ -126,7 +126,7 @@ class MapPolicy(ABC):
 class Greedy(MapPolicy):
     """Fly the straight leg with the greatest ratio of value to cost, and choose again after a few cells.
 
-    The legs after it are chosen in the same manner, on the map without the value already taken, so that the
+    Further legs are appended by the same rule, on the map without the value already taken, so that the
     vehicle always has a path ahead. The class also has the parameters of `MapPolicy`.
 
     Parameters
@@ -217,7 +217,7 @@ class Orienteering(MapPolicy):
             if pays_for_return(vehicle)
             else np.zeros(len(places))
         )
-        # The cost per cell includes turns. Otherwise expensive turns would use up the whole limit.
+        # The cost per cell includes turns, or expensive turns would use up the whole limit.
         per_cell = problem.costs.per_cell + problem.costs.turn / CELLS_A_LEG
         limit = min(vehicle.left, self.horizon * per_cell + float(back[0]))
         order, value = search_tour(
@@ -259,7 +259,7 @@ class RollingHorizon(MapPolicy):
 
     def _search(self, problem: RouteProblem) -> Sequence[Route]:
         per_cell = problem.costs.per_cell
-        # The horizon includes turns. Otherwise expensive turns would use it up.
+        # The horizon includes turns, or expensive turns would use up the whole horizon.
         horizon = self.horizon * (per_cell + problem.costs.turn / CELLS_A_LEG)
         route = search_route(
             problem.values, problem.shares, problem.planning_grid.free, problem.x, problem.y, self._offsets,

@@ -77,8 +77,8 @@ class TravelCost(Protocol):
     def legs(self, from_m: Points, to_m: Points) -> NDArray[np.float64]:
         """Return the approximate costs of straight legs, float64[n, m], from n points to m points.
 
-        The costs include the wind and the mean cost of a turn. They are fast to compute, for a choice among
-        many legs.
+        The costs include the wind and the mean cost of a turn. This method is fast, for a choice among many
+        legs.
         """
 
     def change(self, points_m: Points) -> float:
@@ -287,7 +287,7 @@ class GeometricTravelCost:
 
 
 def pays_for_return(vehicle: VehicleReport) -> bool:
-    """Return whether the vehicle's budget counts the return; True in doubt."""
+    """Return whether the vehicle's budget counts the return; True if this is unclear."""
     request = vehicle.request
     place = np.array(request.area.representative_point().coords)
     home = np.array([request.start_xy_m])

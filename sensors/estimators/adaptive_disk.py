@@ -44,8 +44,8 @@ class AdaptiveDiskEstimator(BaseEstimator):
     disks. When the radius shrinks, an update writes all cells of old and new disks. Readings outside 0..1,
     which are noise, are clipped.
 
-    Readings of earlier days are carried forward by the field's dynamics (`sensors.estimators.days`). Their
-    uncertainty is the remaining fraction of the variance.
+    Readings of earlier days are carried forward by the field's dynamics (`sensors.estimators.days`), with the
+    remaining fraction of the variance as their uncertainty.
 
     Parameters
     ----------

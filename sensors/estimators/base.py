@@ -5,7 +5,7 @@ Estimators follow the conventions of scikit-learn:
 - ``__init__`` only stores parameters. ``get_params`` and ``set_params`` read and change them by name, so that
   `sklearn.base.clone` works.
 - ``fit`` validates the parameters, discards everything learned, and learns. ``partial_fit`` learns from
-  further observations. Both return the estimator.
+  further observations. ``fit`` and ``partial_fit`` return the estimator.
 - Names of learned attributes end in ``_``.
 
 An estimator with a parameter ``fields`` works with any fields, others only with the benchmark's. Packages
@@ -100,8 +100,9 @@ _KINDS = {type(None): "None", np.ndarray: "an array"}
 class BaseEstimator(ABC):
     """Base class that stores the farm, validates observations, and handles parameters by name.
 
-    A subclass stores its parameters in ``__init__``. It implements ``_start`` (validate the parameters, start
-    over on a new farm), ``_learn`` (learn from at least one validated observation) and ``_estimate``.
+    A subclass stores its parameters in ``__init__``. Subclasses implement ``_start`` (validate the
+    parameters, start over on a new farm), ``_learn`` (learn from at least one validated observation) and
+    ``_estimate``.
     """
 
     incremental: ClassVar[bool] = False

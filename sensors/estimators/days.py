@@ -2,7 +2,7 @@
 
 A reading is replaced by the conditional mean of the later value, with the conditional variance. This is the
 prediction step of a Kalman filter (Kalman 1960, "A new approach to linear filtering and prediction
-problems"). Its transition is learned from simulated environments with separate seeds. A disease has
+problems"). The transition is learned from simulated environments with separate seeds. A disease has
 transitions between its classes: infected plants age, and lost plants stay lost. A continuous field has a
 linear regression of later on earlier values.
 

@@ -252,9 +252,9 @@ class DecisionLoop:
         """Return a question with the current vehicles and observations.
 
         `model` replaces the estimate of `Knowledge`, for an answer computed in another thread while vehicles
-        fly on. Their reports then include the predicted cost of the computing time: the time limit, or twice
-        the last answer's time if that is longer. Without this margin, paths near the end of the budget would
-        be over the budget when they arrive.
+        fly on. The vehicles' reports then include the predicted cost of the computing time: the time limit,
+        or twice the last answer's time if that is longer. Without this margin, a new path near the end of the
+        budget would exceed the budget on arrival.
         """
         ahead_s = 0.0 if model is None else max(self._compute_s, 2.0 * self._took_s)
         reports = tuple(vehicle.report(now_s, ahead_s) for vehicle in vehicles)

@@ -123,7 +123,7 @@ class _Basis:
 class EpidemicEstimator(BaseEstimator):
     """Estimates the probabilities of healthy, infected and lost plants, and the value of least expected loss.
 
-    For each disease, a small network computes the class probabilities of a cell. Its inputs are the
+    For each disease, a small network computes the class probabilities of a cell. The network's inputs are the
     observations and the crop within eight cells, and the observed fraction of the field. The network is
     trained on simulated outbreaks with other seeds (`sensors.estimators.epidemic.training`). The value
     minimises the expected loss of the score, which punishes missed diseases; it is an expectile, not the

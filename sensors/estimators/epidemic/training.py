@@ -268,8 +268,8 @@ class Look:
 def draw_looks(task: TrainingTask, hosts: NDArray[np.bool_], rng: Generator) -> list[Look]:
     """Return random looks at simulated fields.
 
-    Refinement networks evaluate all cells of each look. Where they are used, there are fewer looks with more
-    samples each.
+    Refinement networks evaluate all cells of each look. A training with such networks therefore has fewer
+    looks, with more samples each.
     """
     field = _Fields(task, hosts, rng)
     wanted = max(task.outbreaks, _SMALLEST_TRAINING)
@@ -402,8 +402,8 @@ class _Fields:
         none = math.exp(-expected)
         if rng.random() >= _WITH_SEEDS_SHARE:
             return land, np.full(land.shape, NEVER, np.int8), REACH, none / (1.0 - _WITH_SEEDS_SHARE)
-        # Outbreaks are rare on a large farm, so windows with outbreaks are drawn more often, with smaller
-        # weights. Their seeds are arrivals of a Poisson process, given a first arrival before time 1.
+        # Outbreaks are rare on large farms. Windows with an outbreak are drawn more often, but weigh less.
+        # Seeds are arrivals of a Poisson process, given a first arrival before time 1.
         first = -math.log1p(-float(rng.random()) * (1.0 - none)) / max(expected, 1e-300)
         later = int(rng.poisson(expected * max(0.0, 1.0 - first)))
         weight = (1.0 - none) / _WITH_SEEDS_SHARE

@@ -6,10 +6,10 @@ its prior mean, and p0 the fraction of sick plants. The odds of a plant to be si
 
     p / (1 - p) = p0 / (1 - p0) ((max(i, 0) / i0 + c) / (1 + c))^slope
 
-so that p = p0 without any information. This is a logistic calibration (Platt 1999, "Probabilistic outputs for
-support vector machines") of the logarithm of the mean. The slope is learned for each farm and day, from
-simulated outbreaks observed along random paths. The fraction of lost plants among the sick plants follows
-from i0 and p0.
+Without any information, i = i0 gives p = p0. The formula is a logistic calibration (Platt 1999,
+"Probabilistic outputs for support vector machines") of the logarithm of the mean. The slope is learned for
+each farm and day, from simulated outbreaks observed along random paths. The fraction of lost plants among the
+sick plants follows from i0 and p0.
 """
 
 from __future__ import annotations

@@ -51,8 +51,8 @@ class GaussianProcessEstimator(BaseEstimator):
     example all plants healthy, the kernel keeps its initial value. (The paper fixes the amplitude to 1:
     ``amplitude_bounds=(1, 1)``.)
 
-    *Posterior.* The exact posterior costs O(observations x cells) per observation (`ExactPosterior`). If it
-    would exceed `memory_limit_mb`, the posterior depends on the lengthscale. A field with a short lengthscale
+    *Posterior.* The exact posterior costs O(observations x cells) per observation (`ExactPosterior`). Beyond
+    `memory_limit_mb`, the kind of posterior depends on the lengthscale. A field with a short lengthscale
     stores a window of cells per observation while these fit (`WindowedPosterior`), and is solved tile by tile
     beyond. A field with a lengthscale that is long compared with the farm is a sum of sine functions
     (`sensors.estimators.gp.local`). `predict` then returns the same arrays at each call. Repeated

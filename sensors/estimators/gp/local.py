@@ -1,10 +1,10 @@
 """Posteriors of a Gaussian process for farms of any size.
 
-`LocalPosterior` is for lengthscales that are short compared with the farm. It solves tiles of about eight
-lengthscales separately, each with the observations in the tile and within seven lengthscales around it.
-`WholePosterior` is for long lengthscales. It approximates the process by sine functions over the whole farm,
-so that observations add to the sums of a regression. Both use all observations, without thinning; merging
-repeated observations of a cell is exact. The parameter `weights` reduces the influence of observations.
+`LocalPosterior` is for lengthscales that are short compared with the farm. Tiles of about eight lengthscales
+are solved separately, each with the observations in the tile and within seven lengthscales around the tile.
+`WholePosterior` is for long lengthscales. Sine functions over the whole farm approximate the process, and
+observations add to the sums of a regression. Neither class thins the observations; merging repeated
+observations of a cell is exact. The parameter `weights` reduces the influence of observations.
 """
 
 from __future__ import annotations

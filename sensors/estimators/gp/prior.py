@@ -1,7 +1,7 @@
 """Priors of the Gaussian process: means and kernels, learned from simulated environments.
 
-The simulations have separate seeds. They give the mean, and the covariance of cells at each distance. Let S
-be this covariance for a set of cells, and K the kernel's. The fitted kernel minimises
+The simulations have separate seeds. The results are the mean, and the covariance of cells at each distance.
+Let S be this covariance for a set of cells, and K the kernel's. The fitted kernel minimises
 ``log det K + trace(K^-1 S)``, which is the Kullback-Leibler divergence up to a constant factor and term. The
 link from means to a disease's classes is also learned from simulations (`sensors.estimators.gp.classes`).
 """
@@ -154,11 +154,12 @@ def disease_prior(
         products += _lagged_products(illness, _LAGS)
     pairs = _lagged_products(inside, _LAGS) * number
     mean = total / (number * inside.sum())
-    # The field may be smaller than the window of lags. Counts of pairs from Fourier transforms are integers
-    # up to rounding.
+    # Lags beyond the field's size have no pairs. Counts from Fourier transforms are integers up to rounding.
     width, height = (int(np.count_nonzero(along > 0.5)) for along in (pairs[:, 0], pairs[0]))
     covariance = products[:width, :height] / np.maximum(pairs[:width, :height], 1.0) - mean**2
-    kernel = _nearest_kernel(*_window_moments(covariance), _LENGTH_BOUNDS)
+    x, y = (part.ravel() for part in np.indices(covariance.shape))
+    moments = covariance[np.abs(x[:, None] - x), np.abs(y[:, None] - y)]
+    kernel = _nearest_kernel(x, y, moments, _LENGTH_BOUNDS)
     part = sick / (number * float(inside.sum()))
     if not 0.0 < part < 1.0:
         return FieldPrior(1.0 - mean, kernel)
@@ -172,9 +173,9 @@ def _outbreaks(
 ) -> Iterator[tuple[Floats, NDArray[np.bool_], float, np.random.Generator]]:
     """Yield windows of simulated farms for `link_slope`.
 
-    Outbreaks are rare in windows of a farm with more than 128 x 128 cells. For such farms, the simulation
-    draws a piece of land given that it has an outbreak, and yields the probability of an outbreak. The seeds
-    are arrivals of a Poisson process.
+    Outbreaks are rare in windows of a farm with more than 128 x 128 cells. On large farms, the simulation
+    therefore draws a piece of land with an outbreak, and yields the probability of an outbreak. The seeds of
+    the disease are arrivals of a Poisson process.
     """
     whole = land.size <= _WHOLE_CELLS
     piece = land if whole else np.ones((_PIECE_CELLS, _PIECE_CELLS), np.bool_)
@@ -221,12 +222,6 @@ def _lagged_products(field: Floats, lags: int) -> Floats:
     spectrum = fft.rfft2(field, shape)
     products: Floats = fft.irfft2(spectrum.real**2 + spectrum.imag**2, shape)[:lags, :lags]
     return products
-
-
-def _window_moments(covariance: Floats) -> tuple[NDArray[np.intp], NDArray[np.intp], Floats]:
-    """Return the cells of a window, and their covariance matrix, given the covariance at each distance."""
-    x, y = (part.ravel() for part in np.indices(covariance.shape))
-    return x, y, covariance[np.abs(x[:, None] - x), np.abs(y[:, None] - y)]
 
 
 def _nearest_kernel(

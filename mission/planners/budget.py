@@ -6,7 +6,7 @@ import math
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Protocol, TypeAlias, runtime_checkable
+from typing import ClassVar, Protocol, TypeAlias, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -96,6 +96,8 @@ class LengthBudget:
     10.0
     """
 
+    unit: ClassVar[str] = "m"
+
     limit_m: float
     return_to: tuple[float, float] | None = None
     way: Way = _straight
@@ -107,11 +109,6 @@ class LengthBudget:
     def limit(self) -> float:
         """Greatest length in metres."""
         return self.limit_m
-
-    @property
-    def unit(self) -> str:
-        """The unit ``m``."""
-        return "m"
 
     def cost(self, path_xy_m: ArrayLike) -> float:
         """Return the length from the start through the path and back to `return_to`."""
@@ -145,6 +142,8 @@ class StepBudget:
     4.0
     """
 
+    unit: ClassVar[str] = "steps"
+
     limit_steps: float
     step_m: float = FOOT_M
     return_to: tuple[float, float] | None = None
@@ -160,11 +159,6 @@ class StepBudget:
     def limit(self) -> float:
         """Greatest number of steps."""
         return self.limit_steps
-
-    @property
-    def unit(self) -> str:
-        """The unit ``steps``."""
-        return "steps"
 
     def cost(self, path_xy_m: ArrayLike) -> float:
         """Return the number of steps from the start through the path and back to `return_to`."""

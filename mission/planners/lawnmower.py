@@ -77,6 +77,7 @@ def _rows(
 TOMATO_SHARE = 2 / 3
 LEAST_ROWS = 1
 NAME = "adaptive-lawnmower"
+_SPARSEST = f"{NAME} with one row over each crop"
 
 
 def adaptive_lawnmower(
@@ -115,14 +116,12 @@ def adaptive_lawnmower(
         raise PlanningError(msg)
     least, _ = spacing_limits(NAME, request.footprint_m, min_spacing_m, None)
     lands = [land for crop in (Crop.TOMATO, Crop.STRAWBERRY) if (land := _land(request, crop)) is not None]
-    plan = _Plan(
-        request,
-        Terrain(request.area, request.footprint_m, request.passable, request.least_leg_m),
-        [_sweep(land, request.footprint_m, least, direction) for land in lands or [request.area]],
-    )
+    terrain = Terrain(request.area, request.footprint_m, request.passable, request.least_leg_m)
+    flyable = [inset(land, request.footprint_m / 2) for land in lands or [request.area]]
+    plan = _Plan(request, terrain, [Sweep(land, least, sweep_angle(land, direction)) for land in flyable])
     if len(plan.sweeps) == 1:
         most = plan.sweeps[0].most_rows
-        found = densest_feasible(request, lambda rows: plan.path(rows), LEAST_ROWS, most, what=plan.what)
+        found = densest_feasible(request, lambda rows: plan.path(rows), LEAST_ROWS, most, what=_SPARSEST)
         return plan.result(found, found.index)
     return _both(plan, tomato_share)
 
@@ -132,10 +131,6 @@ class _Plan:
     request: PlanningRequest
     terrain: Terrain
     sweeps: list[Sweep]
-
-    @property
-    def what(self) -> str:
-        return f"{NAME} with one row over each crop"
 
     def path(self, *rows: int) -> Points:
         """Return the path with the given number of rows over each crop, in the order of `sweeps`."""
@@ -157,7 +152,7 @@ def _both(plan: _Plan, tomato_share: float) -> PlannedPath:
 
     def most_tomatoes(strawberries: int, highest: int) -> Found:
         return densest_feasible(
-            request, lambda rows: plan.path(rows, strawberries), LEAST_ROWS, highest, what=plan.what
+            request, lambda rows: plan.path(rows, strawberries), LEAST_ROWS, highest, what=_SPARSEST
         )
 
     def most_strawberries(tomatoes: int) -> Found:
@@ -166,7 +161,7 @@ def _both(plan: _Plan, tomato_share: float) -> PlannedPath:
             lambda rows: plan.path(tomatoes, rows),
             LEAST_ROWS,
             strawberry.most_rows,
-            what=plan.what,
+            what=_SPARSEST,
         )
 
     share = request.budget.limit * tomato_share
@@ -193,8 +188,3 @@ def _land(request: PlanningRequest, crop: Crop) -> Area | None:
     areas = [land.area for land in request.crop_areas if land.crop == crop]
     parts = polygons_of(shapely.intersection(shapely.union_all(areas), request.area))
     return area_of(parts) if parts else None
-
-
-def _sweep(land: Area, footprint_m: float, spacing_m: float, direction: str | float | None) -> Sweep:
-    flyable = inset(land, footprint_m / 2)
-    return Sweep(flyable, spacing_m, sweep_angle(flyable, direction))

@@ -111,10 +111,11 @@ class PlanningRequest:
             limit = f"{self.budget.limit} {self.budget.unit}"
             msg = f"planning request: a budget must be a finite number above zero, not {limit}"
             raise PlanningError(msg)
-        self._check_room()
-        self._check_camera()
-
-    def _check_room(self) -> None:
+        for name in ("row_spacing_m", "footprint_along_m"):
+            value = getattr(self, name)
+            if value is not None and not (math.isfinite(value) and value > 0):
+                msg = f"planning request: {name} {value} m must be a finite number above zero"
+                raise PlanningError(msg)
         if self.passable is None:
             return
         check_area(self.passable, "passable land")
@@ -122,13 +123,6 @@ class PlanningRequest:
         if not shapely.buffer(outside, -_ROUNDING_M).is_empty:
             msg = f"planning request: {outside.area:.3g} m2 of the area lie outside the passable land"
             raise PlanningError(msg)
-
-    def _check_camera(self) -> None:
-        for name in ("row_spacing_m", "footprint_along_m"):
-            value = getattr(self, name)
-            if value is not None and not (math.isfinite(value) and value > 0):
-                msg = f"planning request: {name} {value} m must be a finite number above zero"
-                raise PlanningError(msg)
 
     @property
     def room(self) -> Area:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -217,7 +217,8 @@ class _Flight:
         farthest_m = max(float(np.abs(vehicle.rest - vehicle.here).max()) for vehicle in self._vehicles)
         _require(farthest_m > 0.0, case.name, "no path of the first flight has a length: it has no score")
         triggers, fresh, step = policy.triggers, 0, 0
-        lose_at = round(_LOST_AFTER * case.budget.limit / self._step_cost) if case.loses_one else -1
+        step_cost = 1.0 if isinstance(case.budget, StepBudget) else self._farm.cell_size_m
+        lose_at = round(_LOST_AFTER * case.budget.limit / step_cost) if case.loses_one else -1
         while flying := [vehicle for vehicle in self._vehicles if len(vehicle.rest) and not vehicle.lost]:
             step += 1
             _require(step < _MOST_STEPS, case.name, "the flight does not end")
@@ -234,10 +235,6 @@ class _Flight:
                 self._ask(Event.OBSERVATIONS, step, times)
             elif triggers.period_s is not None and step % max(1, round(triggers.period_s)) == 0:
                 self._ask(Event.PERIOD, step, times)
-
-    @property
-    def _step_cost(self) -> float:
-        return 1.0 if isinstance(self._case.budget, StepBudget) else self._farm.cell_size_m
 
     def _observe(self, places: Sequence[NDArray[np.float64]], step: int) -> int:
         here = np.array(places)
@@ -257,12 +254,16 @@ class _Flight:
         if event is not Event.START:
             self._model = _model(self._truth, self._seen)
         reports = tuple(vehicle.report(step > 0) for vehicle in self._vehicles)
-        observation = _observation(event, float(step), self._farm, self._model, self._seen, reports)
+        farm, model, seen = self._farm, self._model, self._seen
+        observation = PolicyObservation(
+            event, float(step), _DAY, farm, PAPER_FIELDS, PAPER_WEIGHTS, model, seen, reports, _COMPUTE_S
+        )
         answer = _answer(self._policy, observation, self._case.name, times)
         for vehicle in self._vehicles:
             if vehicle.system_id in answer.paths:
                 vehicle.rest = answer.paths[vehicle.system_id]
-        self.answers.append(_digest(answer.paths))
+        paths = sorted(answer.paths.items())
+        self.answers.append(b"".join(number.to_bytes(4, "big") + path.tobytes() for number, path in paths))
         return answer
 
 
@@ -321,7 +322,10 @@ def _check_all_known(policy: Policy, truth: NDArray[np.float32], times: list[flo
     vehicle.spent = 30.0
     policy.start()
     reports = (vehicle.report(started=True),)
-    observation = _observation(Event.OBSERVATIONS, 30.0, farm, _model(truth, seen), seen, reports)
+    model = _model(truth, seen)
+    observation = PolicyObservation(
+        Event.OBSERVATIONS, 30.0, _DAY, farm, PAPER_FIELDS, PAPER_WEIGHTS, model, seen, reports, _COMPUTE_S
+    )
     _answer(policy, observation, "all is known", times)
     nothing_left = replace(reports[0], spent=case.budget.limit)
     _answer(policy, replace(observation, vehicles=(nothing_left,)), "nothing left of the budget", times)
@@ -345,19 +349,6 @@ def _request(farm: Farm, case: _Case) -> PlanningRequest:
     return PlanningRequest(case.area, case.start_m, case.budget, farm.cell_size_m, crops, seed=seed)
 
 
-def _observation(
-    event: Event,
-    time_s: float,
-    farm: Farm,
-    model: InformationModel,
-    seen: Observations,
-    vehicles: tuple[VehicleReport, ...],
-) -> PolicyObservation:
-    return PolicyObservation(
-        event, time_s, _DAY, farm, PAPER_FIELDS, PAPER_WEIGHTS, model, seen, vehicles, _COMPUTE_S
-    )
-
-
 def _some_truth() -> NDArray[np.float32]:
     """Return the true fields of a farm with patches of sick plants, float32[3, W, H]."""
     truth = np.ones((len(PAPER_FIELDS), *get_farm(_FARM).grid().shape), np.float32)
@@ -378,10 +369,6 @@ def _model(truth: NDArray[np.float32], seen: Observations) -> InformationModel:
     for array in (value, uncertainty):
         array.flags.writeable = False
     return InformationModel(value, uncertainty)
-
-
-def _digest(paths: Mapping[int, Points]) -> bytes:
-    return b"".join(system_id.to_bytes(4, "big") + paths[system_id].tobytes() for system_id in sorted(paths))
 
 
 def _require(good: bool, what: str, fault: str) -> None:

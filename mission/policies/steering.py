@@ -20,6 +20,7 @@ from mission.policies.route_search import take_leg
 
 _LEAST_LEG = 1e-3  # Shorter pieces of a leg get no waypoint (m)
 _STAY: Points = np.empty((0, 2))
+_KEEPS_PATH = (Status.READY, Status.CLIMBING, Status.FLYING, Status.CHANGING, Status.SILENT)
 _OUT_BY_BACK, _MOST_ONWARD = 6.0, 12
 """Beyond radio contact: wanted ratio of path length to return length, and limit of further searches."""
 _MOST_BY_BUDGET = 200
@@ -189,7 +190,9 @@ class Steering:
             return Bid(best.points_m, best.value, best.cost / vehicle.left if vehicle.left > 0.0 else 1.0)
 
         present = {
-            vehicle.system_id: vehicle.rest_m for vehicle in observation.vehicles if _flies_on(vehicle)
+            vehicle.system_id: vehicle.rest_m
+            for vehicle in observation.vehicles
+            if vehicle.status in _KEEPS_PATH and len(vehicle.rest_m)
         }
         paths = self.coordination(observation.steerable, present, bid)
         if observation.event is Event.START:
@@ -242,12 +245,6 @@ def _joined(maps: Mapping[PlanningGrid, ValueMap]) -> AcquisitionMap | None:
     # Maps of vehicles with a larger footprint have larger blocks and do not fit.
     alike = [values for grid, values in maps.items() if grid.cell_m == cell_m]
     return AcquisitionMap(alike[0] if len(alike) == 1 else np.maximum.reduce(alike), cell_m)
-
-
-def _flies_on(vehicle: VehicleReport) -> bool:
-    """Return whether a vehicle will continue along its path."""
-    goes_on = (Status.READY, Status.CLIMBING, Status.FLYING, Status.CHANGING, Status.SILENT)
-    return vehicle.status in goes_on and len(vehicle.rest_m) > 0
 
 
 def _pays_for_change(problem: RouteProblem, points_m: Points) -> bool:

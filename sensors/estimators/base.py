@@ -418,8 +418,7 @@ def _registered() -> dict[str, EntryPoint]:
 
 
 SMALL_FARM_CELLS = 128 * 128
-"""Greatest farm for which `epidemic` is the default. On larger farms its gain over `gp` is too small for its
-time and memory."""
+"""Largest farm with `epidemic` as default: beyond, its gain over `gp` does not justify time and memory."""
 
 
 def default_estimator(farm: Farm, fields: Sequence[str] = PAPER_FIELDS.names) -> str:

@@ -65,7 +65,7 @@ def centred_disk(radius: int) -> Disk:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Painting:
-    """Disks to paint for bringing a map up to date."""
+    """Disks that must be painted to update a map."""
 
     tiles: NDArray[np.bool_]
     reset: bool

@@ -145,12 +145,8 @@ class DecisionLoop:
 
     Parameters
     ----------
-    policy : Policy
-        The policy.
     name : str
         Name of the policy in messages.
-    knowledge : Knowledge
-        Knowledge about the farm.
     records : list of DecisionRecord
         Receives the record of every decision.
     flight : int
@@ -317,8 +313,7 @@ class DecisionLoop:
         by_id = {vehicle.system_id: vehicle for vehicle in vehicles}
         refused: dict[int, str] = {}
         if self._kept_distance is not None:
-            # The vehicles may have flown on since the observation.
-            now = [vehicle.report(now_s) for vehicle in vehicles]
+            now = [vehicle.report(now_s) for vehicle in vehicles]  # Later than the observation
             refused = self._kept_distance.refusals(now, answer.decision.paths)
         refused = {**refused, **not_sent}
         for system_id, points in answer.decision.paths.items():

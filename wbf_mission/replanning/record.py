@@ -143,39 +143,16 @@ def decision_table(records: Sequence[DecisionRecord]) -> Any:
             "observations": record.observations,
             "reason": record.refused or record.reason,
         }
-        details = [
-            {
-                "kind": "change",
-                "vehicle": change.system_id,
-                "cost": change.cost,
-                "outcome": change.outcome,
-                "sent_s": change.sent_s,
-                "effect_s": change.effect_s,
-                "x_m": change.path_m[:, 0].tolist(),
-                "y_m": change.path_m[:, 1].tolist(),
-            }
-            for change in record.changes
-        ]
+        details: list[dict[str, Any]] = []
+        for change in record.changes:
+            times = {"sent_s": change.sent_s, "effect_s": change.effect_s}
+            details.append({"kind": "change", "outcome": change.outcome, **times, **_path(change)})
         details += [
-            {
-                "kind": "alternative",
-                "vehicle": path.system_id,
-                "value": path.value,
-                "cost": path.cost,
-                "x_m": path.points_m[:, 0].tolist(),
-                "y_m": path.points_m[:, 1].tolist(),
-            }
-            for path in record.alternatives
+            {"kind": "alternative", "value": path.value, **_path(path)} for path in record.alternatives
         ]
         rows += [{**base, **detail} for detail in (details or [{"kind": "go on"}])]
-    return pa.Table.from_pylist(rows, schema=_schema())
-
-
-def _schema() -> Any:
-    import pyarrow as pa
-
     points = pa.list_(pa.float64())
-    return pa.schema(
+    schema = pa.schema(
         {
             "decision": pa.int32(),
             "day": pa.int32(),
@@ -195,3 +172,9 @@ def _schema() -> Any:
             "y_m": points,
         }
     )
+    return pa.Table.from_pylist(rows, schema=schema)
+
+
+def _path(path: PathChange | Alternative) -> dict[str, Any]:
+    x_m, y_m = (path.path_m if isinstance(path, PathChange) else path.points_m).T.tolist()
+    return {"vehicle": path.system_id, "cost": path.cost, "x_m": x_m, "y_m": y_m}

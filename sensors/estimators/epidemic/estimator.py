@@ -255,7 +255,10 @@ class EpidemicEstimator(BaseEstimator):
             value[k], uncertainty[k] = belief.value, belief.uncertainty
         noise = self._soil.fill(day, value[_SOIL], uncertainty[_SOIL])
         if noise < _EXACT_SOIL:
-            self._take_soil_readings(day, value[_SOIL])
+            # Later readings of a cell overwrite earlier ones.
+            readings = self._values.array[:, _SOIL]
+            taken = (self._days.array == day) & np.isfinite(readings)
+            value[_SOIL, *self._cells.array[taken].T] = np.clip(readings[taken], 0.0, 1.0)
         basis = self._basis
         names = tuple(field.name for field in self.fields.diseases)
         # Diseases have no correlation length: the network gives the probabilities around a sick plant.
@@ -277,13 +280,6 @@ class EpidemicEstimator(BaseEstimator):
             loss_map=loss_map,
             correlation_length=lengths,
         )
-
-    def _take_soil_readings(self, day: int, value: NDArray[np.float32]) -> None:
-        """Write the day's soil readings into `value`; later readings of a cell overwrite earlier ones."""
-        readings = self._values.array[:, _SOIL]
-        taken = (self._days.array == day) & np.isfinite(readings)
-        x, y = self._cells.array[taken].T
-        value[x, y] = np.clip(readings[taken], 0.0, 1.0)
 
     def _class_probabilities(self, disease: str, basis: _Basis) -> NDArray[np.float32]:
         """Return the class probabilities of the model with this basis; EstimatorError if it is outdated."""

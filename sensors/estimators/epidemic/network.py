@@ -72,18 +72,14 @@ class Network:
             out[part] = self._forward(inputs[part])[-1]
         return out
 
-    def after_first(self, values: Floats32) -> Floats32:
-        """Return the class probabilities from the first layer's pre-activations, which are overwritten."""
-        return self._continue([values])[-1]
-
     def _forward(self, inputs: Floats32) -> list[Floats32]:
         """Return the input of each layer, followed by the class probabilities."""
         values = product(inputs, self.weights[0])
         values += self.biases[0]
-        return [inputs, *self._continue([values])]
+        return [inputs, *self.after_first([values])]
 
-    def _continue(self, layers: list[Floats32]) -> list[Floats32]:
-        """Return the layers after the first, given its pre-activations; works in place."""
+    def after_first(self, layers: list[Floats32]) -> list[Floats32]:
+        """Return all layers and the class probabilities, from the first layer's pre-activations, in place."""
         for weight, bias in zip(self.weights[1:], self.biases[1:], strict=True):
             np.maximum(layers[-1], 0.0, out=layers[-1])
             values = product(layers[-1], weight)
@@ -190,6 +186,6 @@ class FieldClassifier:
             if found is not None:
                 context = context_features(self._codes, self._x, self._y, found, self._seeds)
                 values += product(context, first[N_FEATURES:])
-            found = stage.after_first(values)
+            found = stage.after_first([values])[-1]
         assert found is not None
         return found

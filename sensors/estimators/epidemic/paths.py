@@ -95,7 +95,7 @@ _WIDTH = 4.5
 def chasing_path(begun: Cells, sick: NDArray[np.bool_], longest: int, rng: Generator) -> Cells:
     """Continue a path towards observed sick plants and unobserved cells.
 
-    In each round the path follows the random straight leg with the highest mean value for a few cells. The
+    Each round draws random straight legs and follows the leg with the highest mean value for a few cells. The
     value of a cell is higher near observed sick plants, lower near healthy ones, and 0 once observed.
 
     The generator draws the legs and the attraction of sick plants. The truth `sick` is read only along the

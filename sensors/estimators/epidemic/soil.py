@@ -75,12 +75,6 @@ class SoilPrior:
     shape: float
 
 
-def soil_prior(parameters: SoilParameters, shape: tuple[int, int], day: int, seed: int) -> SoilPrior:
-    """Return the prior of a day, simulated on a coarse grid with the farm's proportions."""
-    block, number = divmod(day, _SIMULATED_DAYS)
-    return _soil_priors(parameters, shape, block, seed)[number]
-
-
 @lru_cache(maxsize=64)
 def _soil_priors(
     parameters: SoilParameters, shape: tuple[int, int], block: int, seed: int
@@ -160,7 +154,10 @@ class SoilField:
             x, y, values = (np.concatenate(column) for column in zip(*parts, strict=True))
             if self._is_first(day):
                 self._first.append((x, y, values))
-            weights = self._counted(day, x, y)
+                weights = np.ones(len(x))
+            else:
+                crowding = self._crowding.setdefault(day, Crowding(self._shape, self._lengths))
+                weights = crowding.weights(x, y)
             sums = self._sums.setdefault(day, _Sums(1 + self._functions_an_axis**2))
             start = 0
             while start < len(x):
@@ -175,7 +172,7 @@ class SoilField:
         if posterior is None or not learned:
             return
         if all(
-            posterior.can_learn(day, len(readings)) and not posterior.is_outdated(day, self._noise_from(day))
+            len(readings) <= _MOST_AT_ONCE and not posterior.is_outdated(day, self._noise_from(day))
             for day, _, readings, _ in learned
         ):
             for _, functions, readings, counted in learned:
@@ -196,13 +193,6 @@ class SoilField:
     def _is_first(self, day: int) -> bool:
         """Return whether no earlier day has readings."""
         return day <= min(self._sums, default=day)
-
-    def _counted(self, day: int, x: Cells, y: Cells) -> Floats:
-        """Return the weights of further readings of a day."""
-        if self._is_first(day):
-            return np.ones(len(x))
-        crowding = self._crowding.setdefault(day, Crowding(self._shape, self._lengths))
-        return crowding.weights(x, y)
 
     def fill(self, day: int, value: NDArray[np.float32], uncertainty: NDArray[np.float32]) -> float:
         """Write a day's posterior mean, clipped to 0..1, and standard deviation into arrays [W, H].
@@ -232,7 +222,8 @@ class SoilField:
         """Return the prior of a day for the functions' weights."""
         if day in self._priors:
             return self._priors[day]
-        prior = soil_prior(self._parameters, self._shape, day, self._seed)
+        block, number = divmod(day, _SIMULATED_DAYS)
+        prior = _soil_priors(self._parameters, self._shape, block, self._seed)[number]
         places = (
             (np.arange(few) + 0.5) * cells / few - 0.5
             for few, cells in zip(prior.mean.shape, self._shape, strict=True)
@@ -366,10 +357,6 @@ class _Posterior:
     def is_outdated(self, day: int, noise_from: int) -> bool:
         """Return whether this posterior is for another day or an outdated noise estimate."""
         return self.day != day or self.noise_from != noise_from
-
-    def can_learn(self, day: int, count: int) -> bool:
-        """Return whether an incremental update with `count` readings of `day` is possible."""
-        return day == self.day and count <= _MOST_AT_ONCE
 
     def learn(self, functions: Floats, readings: Floats, counted: Floats) -> None:
         """Update with further readings of the day, with weights `counted` (Woodbury identity)."""

@@ -98,8 +98,9 @@ class ExactPosterior(CellPosterior):
         factor_x = self.kernel.along_x(x, np.arange(width)) * self.kernel.amplitude
         factor_y = self.kernel.along_y(y, np.arange(height))
         covariance = (factor_x[:, :, None] * factor_y[:, None, :]).reshape(len(x), -1)
-        for block in self._filled():
-            covariance -= product(block[:, cells].T, block)
+        for number, block in enumerate(self._blocks, 1):
+            filled = block if number < len(self._blocks) else block[: self._rows_in_last]
+            covariance -= product(filled[:, cells].T, filled)
         factor = cholesky(covariance[:, cells] + np.diag(noise))
         rows = solve_lower(factor, covariance)
         surprise = np.stack([values, np.ones_like(values)], axis=1) - self.response[:, cells].T
@@ -107,9 +108,6 @@ class ExactPosterior(CellPosterior):
         self.response += product(weights.T, rows)
         self.variance -= (rows * rows).sum(axis=0)
         self._store(rows)
-
-    def _filled(self) -> list[Floats]:
-        return [*self._blocks[:-1], self._blocks[-1][: self._rows_in_last]] if self._blocks else []
 
     def _store(self, rows: Floats) -> None:
         while len(rows):

@@ -211,8 +211,15 @@ class GaussianProcessEstimator(BaseEstimator):
             if self.learn_from == "model":
                 self._take_priors(self.day if self.latest_day_ is None else self.latest_day_)
             else:
+                fit = partial(
+                    fit_kernel,
+                    starts=(self.kernel,),
+                    length_bounds=self.length_bounds,
+                    noise_bounds=self.noise_bounds,
+                    amplitude_bounds=self.amplitude_bounds,
+                )
                 for process in self._fields:
-                    process.fit(self._fit_kernel)
+                    process.fit(fit)
         if self.latest_day_ is not None:
             for field, process in zip(self.fields, self._fields, strict=True):
                 smooth = field.kind == "continuous" and self.learn_from == "model"
@@ -347,19 +354,6 @@ class GaussianProcessEstimator(BaseEstimator):
 
     def _correlation(self, field: Field, earlier: int, later: int) -> float:
         return transition(field, self.grid_, earlier, later, self.training_seed).correlation
-
-    def _fit_kernel(
-        self, x: NDArray[np.int32], y: NDArray[np.int32], residuals: NDArray[np.float64]
-    ) -> RbfKernel:
-        return fit_kernel(
-            x,
-            y,
-            residuals,
-            starts=(self.kernel,),
-            length_bounds=self.length_bounds,
-            noise_bounds=self.noise_bounds,
-            amplitude_bounds=self.amplitude_bounds,
-        )
 
     @property
     def _window_bytes(self) -> float:

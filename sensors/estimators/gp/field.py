@@ -137,7 +137,7 @@ class FieldProcess:
         method = self._method(exact, window_bytes)
         state = self.kernel, method, self._day, None
         gone = self._newly_superseded()
-        # Observations cannot be removed from an exact posterior, so it starts over.
+        # Observations cannot be removed from an exact posterior, so a new one is needed.
         if posterior is None or self._made_for != state or (exact and (gone < self._conditioned).any()):
             self._posterior = posterior = self._new_posterior(method)
             self._crowding = self._no_crowd()

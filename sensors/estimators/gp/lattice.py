@@ -253,14 +253,12 @@ class NodeLattice:
                 for part in parts:
                     then(*part)
 
-            in_parallel(finish, list(self._strips() if whole else _apart(boxes)))
+            starts = range(0, self.shape[0], _STRIP_COLUMNS)
+            all_cells: list[Strip] = [(slice(x, x + _STRIP_COLUMNS), slice(None), None) for x in starts]
+            in_parallel(finish, all_cells if whole else list(_apart(boxes)))
         if whole:
             return np.ones(tile_shape(self.shape), np.bool_)
         return tiles_of_boxes(self.shape, *np.array(boxes, np.int64).reshape(-1, 4).T)
-
-    def _strips(self) -> Iterator[Strip]:
-        for start in range(0, self.shape[0], _STRIP_COLUMNS):
-            yield slice(start, min(start + _STRIP_COLUMNS, self.shape[0])), slice(None), None
 
     def _boxes(self, tiles: NDArray[np.bool_]) -> Iterator[Box]:
         """Yield boxes of the cells that depend on the nodes of some tiles."""

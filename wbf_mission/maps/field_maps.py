@@ -185,13 +185,13 @@ def pixel_means(grid: MapGrid, mask: NDArray[np.bool_], value: NDArray[np.float3
 def _from_probabilities(
     grid: MapGrid, mask: NDArray[np.bool_], open_: NDArray[np.bool_], model: InformationModel, k: int
 ) -> tuple[tuple[Floats, Floats | None, Floats, Floats], Floats]:
-    """Return sick plants, their variance, the cells and the least value; and the plants that may be sick.
+    """Return (sick plants, their variance, cells, least value) and the plants that may be sick, by pixels.
 
-    `open_` are the plants that nobody looked at; it is left with those of them that may be sick.
+    `open_` marks the plants that were not observed. It is changed: afterwards it marks those that may be sick.
     """
     value = model.value[k]
     parts, sick = [], []
-    # In strips of whole pixels: the probabilities of a large farm take as much as three fields.
+    # Strips of whole pixels save memory: the probabilities of a farm are as large as three fields.
     for columns in column_strips(len(mask), grid.pixel):
         (healthy, *_) = model.probabilities_in(model.fields[k], columns)
         strip = replace(grid, shape=healthy.shape)

@@ -1,4 +1,4 @@
-"""A Zarr codec: cells become differences to their neighbours, so that smooth fields take a quarter."""
+"""Zarr codec that replaces cells by differences to their neighbours; smooth fields compress to a quarter."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ NAME = "wbf_mission.differences"
 
 
 def differences(cells: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return float32[..., W, H] as differences along both axes of its bits as whole numbers (mod 2^32).
+    """Return differences along both axes of float32[..., W, H], of the bits as integers modulo 2^32.
 
-    Of a smooth field these are a few units of the last place.
+    In a smooth field these differences are a few units in the last place.
 
     Examples
     --------
@@ -38,7 +38,7 @@ def differences(cells: NDArray[np.float32]) -> NDArray[np.float32]:
 
 
 def sums(cells: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return the cells of `differences`: sums along both axes."""
+    """Invert `differences`: sum along both axes."""
     bits = np.ascontiguousarray(cells).view(np.uint32)
     along = np.cumsum(bits, axis=-1, dtype=np.uint32)
     return np.cumsum(along, axis=-2, dtype=np.uint32).view(np.float32)
@@ -46,21 +46,21 @@ def sums(cells: NDArray[np.float32]) -> NDArray[np.float32]:
 
 @dataclass(frozen=True)
 class Differences(ArrayArrayCodec):
-    """`differences` of each chunk."""
+    """Codec that applies `differences` to each chunk."""
 
     is_fixed_size = True
 
     @classmethod
     def from_dict(cls, _data: dict[str, Any]) -> Self:
-        """Make the codec of its description, which has no settings."""
+        """Return the codec; its description has no settings."""
         return cls()
 
     def to_dict(self) -> dict[str, Any]:
-        """Return its description in the metadata of an array."""
+        """Return the codec's entry in the metadata of an array."""
         return {"name": NAME}
 
     def compute_encoded_size(self, input_byte_length: int, _chunk_spec: ArraySpec) -> int:
-        """Return the size of an encoded chunk, bytes: that of the chunk."""
+        """Return the size of an encoded chunk (bytes): the size of the chunk."""
         return input_byte_length
 
     async def _encode_single(self, chunk_data: NDBuffer, _chunk_spec: ArraySpec) -> NDBuffer:

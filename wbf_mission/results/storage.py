@@ -124,7 +124,7 @@ def write_strips(
     shape: tuple[int, ...],
     fields: Sequence[str],
 ) -> None:
-    """Write an array as `write_array` does, of which `strip` gives some columns of the farm at a time."""
+    """Write an array as `write_array` does; `strip` returns the cells of a slice of columns."""
     import zarr
     from zarr.codecs import BloscCodec
     from zarr.storage import ZipStore
@@ -140,11 +140,11 @@ def write_strips(
             dtype=np.float32,
             chunks=(*(1 for _ in several), columns, height),
             filters=[Differences()],
-            # Of the differences of smooth fields whole planes of bits are zero.
+            # In differences of smooth fields most bit planes are zero.
             compressors=BloscCodec(cname="zstd", clevel=1, shuffle="bitshuffle", typesize=4),
             dimension_names=_DIMENSIONS[-len(shape) :],
             attributes={"fields": list(fields)},
-            # Else each chunk is compared with the fill value first.
+            # The default compares each chunk with the fill value first.
             config={"write_empty_chunks": True},
         )
         for first in range(0, width, columns):

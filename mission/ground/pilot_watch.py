@@ -1,4 +1,4 @@
-"""Detection of mode changes that the station did not order, by a pilot, an operator, a failsafe or a reboot."""
+"""Detection of mode changes by a pilot, another operator, a failsafe or a reboot."""
 
 from __future__ import annotations
 

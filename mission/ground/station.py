@@ -299,7 +299,7 @@ class GroundStation:
         return out + self._changes.receive(message, now_s) if self.phase is Phase.FLIGHT else out
 
     def poll(self, now_s: float) -> list[Message]:
-        """Return the messages that are due: heartbeat, repeated orders, transfers, requests for lost images."""
+        """Return the messages that are due: heartbeat, repeated orders, transfers, image requests."""
         out = self._heartbeat.poll(now_s)
         if self._first_s is None:
             self._first_s = now_s

@@ -44,6 +44,8 @@ _LATE_M = 3.0
 _LONGEST_S = 5.0
 _FOREVER = 1_000_000
 _SILENT_S = 2.0
+# Delay of a command after the change; later, another operator has chosen the guided mode.
+_LATE_ORDER_S = 30.0
 # At lower speeds the direction of the velocity is noise.
 _SLOW_M_S = 0.5
 _GUIDED_FLAG = float(m.MAV_DO_REPOSITION_FLAGS_CHANGE_MODE)
@@ -421,7 +423,8 @@ class AsideChange(ChangeSession):
             return self._on_back(now_s)
         if self._step is _Step.OVER:
             # A delayed or repeated command may have switched the vehicle to guided mode again.
-            if mode == self._guided and self.record.sent_s is not None and not self._orders:
+            late = now_s <= self.record.ended_s + _LATE_ORDER_S
+            if late and mode == self._guided and self.record.sent_s is not None and not self._orders:
                 return self._order(int(m.MAV_CMD_DO_SET_MODE), now_s, *self._mode_parameters())
             return []
         if self._step in (_Step.GUARDING, _Step.WAITING):

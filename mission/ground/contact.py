@@ -66,7 +66,14 @@ class Contact:
 
     def order(self, command: int, *params: float, **options: Any) -> Order:
         """Return an order to the vehicle; ``options`` are those of `Order`."""
-        return Order(self.vehicle, int(command), *params, round_trip=self.round_trip, **options)
+        return Order(
+            self.vehicle,
+            int(command),
+            *params,
+            round_trip=self.round_trip,
+            sender=self.ground[0],
+            **options,
+        )
 
     def upload(self, *plan: Any, **options: Any) -> VerifiedUpload:
         """Return an upload to the vehicle; the arguments are those of `VerifiedUpload`."""

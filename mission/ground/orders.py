@@ -45,6 +45,8 @@ class Order:
         Largest number of transmissions; default four, more over a link that loses frames.
     round_trip : RoundTrip, optional
         Round trip time and loss of the link, which determine the timeout.
+    sender : int, optional
+        System id of the ground station. Answers to other ground stations are ignored, if known.
     """
 
     def __init__(
@@ -56,12 +58,13 @@ class Order:
         message: Message | None = None,
         tries: int | None = None,
         round_trip: RoundTrip | None = None,
+        sender: int | None = None,
     ) -> None:
         self.due_s = -math.inf
         self._position, self._message = position, message
         self._most = tries
         self._round_trip = round_trip
-        self._target = target
+        self._target, self._sender = target, sender
         self._command = command
         self._params = (*params, *[0.0] * (7 - len(params)))
         self._tries = 0
@@ -106,7 +109,9 @@ class Order:
 
     def answer(self, message: m.MAVLink_command_ack_message, now_s: float) -> Answer:
         """Return the meaning of a COMMAND_ACK for this order, and extend the timeout if in progress."""
-        if message.command != self._command:
+        # A shared link carries answers to other stations, too. MAVLink 1 has no target (0).
+        is_other = message.target_system and self._sender not in (None, message.target_system)
+        if message.command != self._command or is_other:
             return Answer.NONE
         if message.result == m.MAV_RESULT_ACCEPTED:
             return Answer.ACCEPTED

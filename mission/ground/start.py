@@ -44,7 +44,8 @@ class MissionStart:
         self._order: Order | None = None
         self._refusal: tuple[str, float] | None = None
         self._arm_s = self._ready_s = math.inf
-        self._mode_s = self._again_s = -math.inf
+        self._mode_s = self._again_s = self._ordered_s = -math.inf
+        self._ordered_in = ""  # flight mode when the pending order was given
         self._texts_before = self._reasons_before = 0
         self._repeats = True
 
@@ -74,8 +75,26 @@ class MissionStart:
             out += self._pass_gate(gate, now_s)
         order = self._order
         if order is not None and now_s >= order.due_s:
-            out += self._give_up(now_s) if order.is_given_up or not self._repeats else order.send(now_s)
+            if self.phase is Phase.START and self._shows_flight:
+                self.phase, self._order = Phase.FLIGHT, None
+            elif order.is_given_up or not self._repeats or self._is_overruled:
+                out += self._give_up(now_s)
+            else:
+                out += order.send(now_s)
         return out
+
+    @property
+    def _shows_flight(self) -> bool:
+        """Whether a HEARTBEAT since the order to start shows an armed vehicle in its mission."""
+        monitor = self._monitor
+        return monitor.mode_heard_s > self._ordered_s and monitor.is_armed and monitor.in_mission
+
+    @property
+    def _is_overruled(self) -> bool:
+        """Whether a pilot disarmed the vehicle or changed its mode since the order to start."""
+        monitor = self._monitor
+        changed = not monitor.is_armed or monitor.mode != self._ordered_in
+        return self.phase is Phase.START and monitor.mode_heard_s > self._ordered_s and changed
 
     def look_at_clock(self, now_s: float) -> list[Message]:
         """End the start if the program was suspended, because nobody watched the vehicle meanwhile."""
@@ -184,6 +203,7 @@ class MissionStart:
     def _give(self, phase: Phase, command: int, now_s: float, *params: float) -> list[Message]:
         self.phase = phase
         self._order = self._contact.order(command, *params)
+        self._ordered_s, self._ordered_in = now_s, self._monitor.mode
         return self._order.send(now_s)
 
     def _give_up(self, now_s: float) -> list[Message]:

@@ -137,6 +137,8 @@ class GroundStation:
         self._fetch: ImageFetch | None = None
         self._order: Order | None = None
         self._ordered_before: Maneuver | None = None
+        self._ordered_in = ""  # flight mode when the pending order was given
+        self._ordered_maneuver: Maneuver | None = None  # maneuver of the pending order
         self._chosen = range(0)
         self._no_position = True  # no position was received since the last HEARTBEAT
         self._armed = self._flew = False
@@ -316,6 +318,10 @@ class GroundStation:
         if self._order is not None and now_s >= self._order.due_s:
             if self._order.is_given_up:
                 self._order_refused("no answer", now_s)
+            elif self._shows_ordered:
+                self._order, self._chosen = None, range(0)
+            elif self._is_overruled:
+                self._order_refused(f"mode {self.mode} since", now_s)
             else:
                 out += self._order.send(now_s)
         if self.phase is Phase.FLIGHT:
@@ -397,14 +403,13 @@ class GroundStation:
             self._failures.on_heartbeat(message, len(self.texts) - self._texts_before)
             # Nobody else can fly a simulated vehicle, so only its response to orders matters.
             if self.arming_gate is not None or self.pilot.ordered is not None:
-                last = int(self.mission.items[-1].command) if self.mission.items else 0
                 self.pilot.on_heartbeat(
                     message,
                     now_s,
                     expects_change=self.changing or self.flies_home,
                     flies_home=self.flies_home,
                     unsure=now_s < self._unsure_s,
-                    ends_in=self._monitor.modes.ends(last),
+                    ends_in=self._end_modes,
                 )
         if self.phase is Phase.CONTACT:
             self.phase = Phase.UPLOAD
@@ -565,6 +570,7 @@ class GroundStation:
         self._changes.drop()
         command, params = self._monitor.modes.maneuver(kind)
         out = self._give(self._contact.order(command, *params), now_s)
+        self._ordered_maneuver = kind
         self.pilot.order(kind)
         return out
 
@@ -596,7 +602,37 @@ class GroundStation:
     def _give(self, order: Order, now_s: float) -> list[Message]:
         """Send an order; the order replaces a pending one."""
         self._ordered_before, self._order, self._chosen = self.pilot.ordered, order, range(0)
+        self._ordered_in, self._ordered_maneuver = self.mode, None
         return order.send(now_s)
+
+    @property
+    def _end_modes(self) -> frozenset[str]:
+        """Flight modes after the end of the mission."""
+        items = self.mission.items
+        return self._monitor.modes.ends(int(items[-1].command) if items else 0)
+
+    @property
+    def _shows_ordered(self) -> bool:
+        """Whether the vehicle has changed to the mode of the pending maneuver."""
+        kind = self._ordered_maneuver
+        if kind is None or self.mode == self._ordered_in:
+            return False
+        return self.mode in self._monitor.modes.shows(kind)
+
+    @property
+    def _is_overruled(self) -> bool:
+        """Whether a pilot or a failsafe has changed the mode since the pending order was given.
+
+        Repeating the order would overrule the pilot.
+        """
+        modes = self._monitor.modes
+        mission = modes.shows(Maneuver.RESUME)
+        expected = {self._ordered_in}
+        if self._ordered_before is not None:
+            expected |= modes.shows(self._ordered_before)
+        if self._ordered_in in mission:
+            expected |= mission | self._end_modes
+        return bool(mission) and self.mode not in expected
 
     def _check_mission_known(self) -> None:
         if self._changes.broken_off:

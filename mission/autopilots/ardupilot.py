@@ -198,8 +198,7 @@ _ROVER: Questions = {
     Meaning.LINK_LOST: {"FS_GCS_ENABLE": 1.0},
     **_ANY,
 }
-# Parameters that determine the duration of climbs, return and landing. Version 4.7 has new names and SI
-# units.
+# Parameters that determine the duration of climbs, return and landing; 4.7 has new names and SI units.
 _MOTION: Motion = {
     "WPNAV_SPEED": {"WP_SPD": 100.0, "WPNAV_SPEED": 1.0},
     "WPNAV_SPEED_UP": {"WP_SPD_UP": 100.0, "WPNAV_SPEED_UP": 1.0},
@@ -271,8 +270,8 @@ ARDUPILOT = Profile(
     checks_jumps=True,
     marks_current=False,
     opaque_ids=False,
-    # A copter's 16 KiB of storage (StorageManager.cpp) have 9758 bytes for the mission (15 per item), 560 for
-    # the fence (8 per item) and 690 for rally points (15 per point). Planes and rovers hold 50 rally points.
+    # StorageManager.cpp: 9758 bytes for the mission (15 per item), 560 for the fence (8 per item).
+    # Rally points have 690 bytes on copters (15 per point); planes and rovers store 50 points.
     capacity=(649, 70, 50),
     card=CardRoom("BRD_SD_MISSION", 64, 1312),
     fence_card=CardRoom("BRD_SD_FENCE", 64, 84, item_bytes=8, header_bytes=0),

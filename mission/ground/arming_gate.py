@@ -92,12 +92,12 @@ class ArmingGate:
             self.reasons = [*(known for known in self.reasons if known != reason), reason][-_MOST_REASONS:]
 
     def outlived_s(self) -> float:
-        """Return the time for which the program was suspended after the agreement (s), 0 if it was not."""
+        """Return how long the program was suspended after the operator's agreement (s)."""
         stood_s = 0.0 if self._standstill is None else self._standstill.look()
         return stood_s if self._agreed else 0.0
 
     def check_again(self, now_s: float) -> None:
-        """Wait for the vehicle's checks again after it refused to arm; the operator's agreement remains."""
+        """Wait for the vehicle's arming checks again after a refusal; the operator's agreement remains."""
         self.stage = Stage.CHECKING
         self._due_s = now_s
 
@@ -112,7 +112,7 @@ class ArmingGate:
         self._held = True
 
     def release(self) -> None:
-        """Let the gate open as soon as its conditions are met."""
+        """End a `hold`: open the gate as soon as vehicle and operator are ready."""
         self._held = False
         if self.stage is Stage.WAITING:
             self.stage = Stage.GRANTED

@@ -65,7 +65,9 @@ class _Step(Enum):
 
 
 class AsideChange(ChangeSession):
-    """Upload while the vehicle flies to the target in guided mode; it resumes the mission just before.
+    """Upload while the vehicle flies to the target in guided mode.
+
+    The vehicle resumes the mission just before the target.
 
     If the upload takes longer, the vehicle flies to further waypoints of the new mission one by one. A failed
     upload is repeated. Then the old mission is restored. If that fails too, the vehicle returns home (RTL).
@@ -335,8 +337,7 @@ class AsideChange(ChangeSession):
         left_m, speed = self._leg.distance_m - self._leg.leave_m, self._monitor.state.ground_speed_m_s
         # Do not fly a long distance to the target in guided mode.
         self._is_far |= not self._leg.is_waypoint or left_m > _LONGEST_S * max(speed, 0.5)
-        # A vehicle that moves away from its target stops in guided mode, and again at the change of mode.
-        # Resuming the mission now saves one stop.
+        # A vehicle that moves away from its target would stop twice: in guided mode and at the mode change.
         self._is_far |= speed > _SLOW_M_S and self._leg.nearing_m_s <= 0.0
         seq = home + self._item_to_choose()
         return self._order(int(m.MAV_CMD_DO_SET_MISSION_CURRENT), now_s, float(seq), 0.0)
@@ -344,10 +345,10 @@ class AsideChange(ChangeSession):
     def _item_to_choose(self) -> int:
         """Return the item at which to resume, usually the item after the target.
 
-        A resumed mission starts its leg at the stopping point of the vehicle. Near the target this is the
-        target itself, so resuming with the target would make the vehicle stop. This is accepted if the
-        vehicle stops at the target anyway, or if needed DO items before the target cannot be sent as
-        commands.
+        The first leg of a resumed mission starts at the stopping point of the vehicle. Near the target, the
+        stopping point is the target itself, so resuming with the target would make the vehicle stop. Such a
+        stop is accepted if the vehicle stops at the target anyway, or if needed DO items before the target
+        cannot be sent as commands.
         """
         request, items, leg = self.request, self._leg.plan.items, self._leg.index
         target = items[leg]
@@ -373,7 +374,7 @@ class AsideChange(ChangeSession):
             return self._resume(now_s) if near or self._is_far else []
         # No further waypoint is needed if the upload ends before the vehicle reaches the target.
         in_time = self._whole_s - now_s < distance / max(speed, 0.5) and distance > _LATE_M
-        # The order is one round trip late: the position is old, and the order takes time to arrive.
+        # An order arrives one round trip after the position that triggers it.
         ahead = max(_CHAIN_M, _CHAIN_S * speed) + speed * (self._round_trip.seconds or 0.0)
         if not self._leg.is_waypoint or in_time or distance >= ahead:
             return []
@@ -430,7 +431,7 @@ class AsideChange(ChangeSession):
         if self._step in (_Step.GUARDING, _Step.WAITING):
             return []
         if mode not in (self._guided, self._auto):
-            # Another pilot chose this mode, so restore this mode if a delayed command changes it.
+            # Another pilot chose the mode, so restore the pilot's mode if a delayed command changes it.
             self._back = mode
             self._transfer = None
             why = self._why if self._step is _Step.LEAVING else self._said("it has left the guided mode")

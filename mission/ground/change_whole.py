@@ -33,9 +33,10 @@ _SLOWEST_M_S = 1.0
 class WholeListChange(ChangeSession):
     """Upload of the new mission with the next item marked as current; the vehicle stays in mission mode.
 
-    The vehicle flies the old mission until the last item arrives, then the new mission. The plan id in its
-    ACK and in MISSION_CURRENT proves which mission it flies. The new mission is read back in flight. If the
-    end of the upload is lost, the mission is read until it is known which mission the vehicle holds.
+    The vehicle flies the old mission until the last item arrives, then the new mission. The plan id in
+    MISSION_ACK and MISSION_CURRENT proves which mission the vehicle flies. The new mission is read back in
+    flight. If the end of the upload is lost, the mission is downloaded to find out which mission the vehicle
+    holds.
     """
 
     def __init__(self, request: ChangeRequest) -> None:

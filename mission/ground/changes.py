@@ -94,7 +94,7 @@ class MissionChanges:
         return math.inf if self._session is None else self._session.next_deadline()
 
     def drop(self) -> None:
-        """Drop the current change, because the vehicle is ordered out of its mission."""
+        """Abort the change in progress, because the operator orders the vehicle out of its mission."""
         self.broken_off |= self.running
         self._session = None
 

@@ -91,7 +91,7 @@ class ImageFetch:
         ]
 
     def _adapt(self) -> None:
-        """Double the batch size if most images arrived, halve it if few did, for a slow line."""
+        """Double the batch size if most requested images arrived; halve the batch size if few did."""
         if not self._asked:
             return
         still = set(self._assembler.missing())

@@ -82,7 +82,7 @@ def speed_before(items: Sequence[MissionItem], index: int) -> float | None:
 
 @dataclass(frozen=True, slots=True)
 class Shots:
-    """Camera trigger: distance or time between images; off if both are 0."""
+    """Camera trigger: distance or time between images. The trigger is off if both values are 0."""
 
     distance_m: float = 0.0
     interval_ms: float = 0.0
@@ -135,7 +135,7 @@ def shots_before(items: Sequence[MissionItem], index: int) -> Shots | None:
 
 
 def item_to_mark(old: Mission, item: int, new: Mission, resume_at: int) -> int:
-    """Return the item at which to resume: item ``resume_at``, or the first DO item before it that is needed.
+    """Return the item at which to resume: ``resume_at``, or the first needed DO item directly before.
 
     DO items that repeat the present setting are skipped, because setting the trigger distance again may
     trigger an image.

@@ -51,8 +51,8 @@ class LinkState:
     """Frame loss and round trip time of the link to an autopilot.
 
     The round trip is measured by TIMESYNC (https://mavlink.io/en/services/timesync.html), which PX4 and
-    ArduPilot answer. A TIMESYNC answer repeats the time stamp of the request, so it cannot be confused with
-    the answer to another request. A COMMAND_ACK can.
+    ArduPilot answer. A TIMESYNC answer repeats the time stamp of its request, which a COMMAND_ACK does not,
+    so the answer to a repeated request is not ambiguous.
     """
 
     def __init__(self) -> None:

@@ -189,7 +189,7 @@ class MissionEnd:
             self.pilot.on_mission_end(now_s)
 
     def on_reached(self, message: m.MAVLink_mission_item_reached_message, now_s: float) -> None:
-        """Handle MISSION_ITEM_REACHED; PX4 sends it before it reports the next item as current."""
+        """Handle MISSION_ITEM_REACHED, which PX4 sends before MISSION_CURRENT of the next item."""
         if now_s > self._changes.changed_s + _REPEATS_S:
             item = message.seq - self._contact.profile.home_at_zero
             if 0 <= item < len(self._changes.held.items) and not self._leads_on(item + 1):
@@ -221,7 +221,7 @@ class MissionEnd:
         if cause is None and pilot.somebody_else_flies:
             return Outcome.PILOT_TOOK_OVER, pilot.reason
         if cause is None and self.says_finished and pilot.mission_over and not pilot.ended_mission:
-            # The mission state is that of a new mission, which arrived after the end of the flown one.
+            # The reported state is that of a new mission, which arrived after the flown mission had ended.
             return Outcome.COMPLETED, ""
         return cause or (Outcome.FLIGHT_ABORTED, texts.last_warning(f"disarmed{self._progress}"))
 

@@ -142,7 +142,7 @@ def tries_over(round_trip: RoundTrip | None) -> int:
 
 
 def retry_s_over(round_trip: RoundTrip | None, repeats: int = 0) -> float:
-    """Return the timeout of an order (s): one second, or a little more than a round trip if that is longer.
+    """Return the timeout of an order (s): one second, or 1.1 round trips if longer.
 
     Until the round trip time is known, each repetition doubles the timeout, up to eight seconds.
 

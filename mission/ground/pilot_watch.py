@@ -132,7 +132,7 @@ class PilotWatch:
         self.ordered, self.obeyed = ordered, ""
 
     def settle(self) -> None:
-        """Report the delayed mode changes, since no reboot caused them."""
+        """Report the delayed mode changes, which no reboot has caused."""
         self.events += self._held
         self._held.clear()
 

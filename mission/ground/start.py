@@ -103,7 +103,7 @@ class MissionStart:
             return []
         order, self._order = self._order, None
         if self.phase is Phase.START and order is not None:
-            # The order was sent in time, so its answer counts, but the order is not repeated.
+            # The order was sent before the suspension: an answer counts, but the order is not repeated.
             self._order, self._repeats = order, False
             order.due_s = max(order.due_s, now_s + _LATE_ANSWER_S)
             return []
@@ -158,7 +158,7 @@ class MissionStart:
         elif gate.stage is Stage.CHECKING and now_s >= self._ready_s:
             why = "; ".join(gate.reasons) or f"it did not say that it can arm in {_READY_S:.0f} s"
             if self._again_s > -math.inf:
-                # The vehicle refused to arm before, so its last text is the reason.
+                # After a refusal to arm, the vehicle's last text is the reason.
                 why = self._texts.last_warning(why, self._texts_before)
             self.failure = Outcome.ARMING_REFUSED, why
         elif gate.stage is not Stage.CHECKING and self._away_m > FARTHEST_M:

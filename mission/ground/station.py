@@ -51,7 +51,7 @@ _ESTIMATES = (
 
 
 class NotFlyingError(WbfMissionError, RuntimeError):
-    """The vehicle cannot take the order now: it flies no mission, or a change is in progress."""
+    """An order or change is not possible now: the vehicle flies no mission, or a change is in progress."""
 
 
 class GroundStation:
@@ -229,7 +229,7 @@ class GroundStation:
 
     @property
     def is_told_anew(self) -> bool:
-        """Whether mode and item are up to date: both arrived since the last silence."""
+        """Whether HEARTBEAT and MISSION_CURRENT have arrived since the last silence."""
         heard_s = self._monitor.mode_heard_s, self._monitor.item_heard_s
         return self._back_s == math.inf or all(
             time_s >= self._back_s or time_s == -math.inf for time_s in heard_s
@@ -557,9 +557,9 @@ class GroundStation:
     def maneuver(self, kind: Maneuver, now_s: float) -> list[Message]:
         """Order the vehicle to hold, return, land, or resume its mission.
 
-        Raises NotFlyingError before or after the flight, and while another pilot flies the vehicle. For
-        resume, also if the vehicle flies its mission, or if the mission on the vehicle is unknown because a
-        change was aborted.
+        Raises NotFlyingError before or after the flight, and while another pilot flies the vehicle. An order
+        to resume also raises NotFlyingError if the vehicle flies its mission, or if an aborted change has
+        left the vehicle with an unknown mission.
         """
         self._check_takes_orders()
         if kind is Maneuver.RESUME:

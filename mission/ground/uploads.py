@@ -34,7 +34,7 @@ _LAST_WORDS_S = 0.5
 class PlanUploads:
     """Verified uploads of the plans of a mission to a vehicle on the ground.
 
-    The order is fence and rally points, if any, then the mission items. Without a shared round trip time,
+    Fence and rally points, if any, are uploaded before the mission items. Without a shared round trip time,
     each upload measures its own.
     """
 
@@ -98,7 +98,7 @@ class PlanUploads:
             self.failure = str(error)
             return []
         state = contact.monitor.state
-        # A simulated vehicle has no mission unless it reports one; a real one may have one.
+        # A simulated vehicle without a reported mission has none; a real vehicle may have an unreported one.
         holds = state.total > 0 if state.total is not None else contact.round_trip is not None
         holds &= contact.clears
         if holds and gives_up_mission(self.mission, self._kinds, contact.profile, armed=state.armed):
@@ -150,7 +150,7 @@ class PlanUploads:
                     out += self._next(now_s)
             elif isinstance(event, TransferFailed):
                 self._end_transfer(now_s)
-                # The vehicle's STATUSTEXT about the failure may follow its ACK.
+                # The vehicle's STATUSTEXT about the failure may arrive after the MISSION_ACK.
                 self._kinds.clear()
                 text = event.text + f"; {NO_MISSION_LEFT}" * (self._clears and len(self.statistics) > 1)
                 self._ending = (text, now_s + _LAST_WORDS_S)

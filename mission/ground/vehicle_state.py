@@ -134,11 +134,11 @@ class VehicleState:
 
 
 _POSITION_KNOWN, _POSITION_HELD = int(m.EKF_POS_HORIZ_ABS), int(m.EKF_CONST_POS_MODE)
-# PX4 sets this flag while it uses GNSS; without it, EKF_CONST_POS_MODE means no position.
+# PX4 sets EKF_PRED_POS_HORIZ_ABS while it uses GNSS; otherwise EKF_CONST_POS_MODE means no position.
 _POSITION_AIDED = int(m.EKF_PRED_POS_HORIZ_ABS)
 _LANDED_UNKNOWN = 0  # MAV_LANDED_STATE_UNDEFINED
 _NO_MISSION = 1  # MISSION_STATE_NO_MISSION
-# MISSION_CURRENT.mission_mode; 0 is unknown, 1 in the mission.
+# Value of MISSION_CURRENT.mission_mode outside the mission mode; 0 means unknown, 1 mission mode.
 _SUSPENDED = 2
 _NO_TOTAL = 65535
 """MISSION_CURRENT.total without a mission; 0 means that the vehicle does not report the total."""
@@ -199,7 +199,7 @@ class VehicleMonitor:
     def _on_estimate(
         self, message: m.MAVLink_ekf_status_report_message | m.MAVLink_estimator_status_message, _now_s: float
     ) -> None:
-        """Store the estimator flags; the lower bits have the same meaning in both messages."""
+        """Store the estimator flags; their lower bits are equal in EKF_STATUS_REPORT and ESTIMATOR_STATUS."""
         self._estimate = message.flags
 
     def _on_mission_current(self, message: m.MAVLink_mission_current_message, now_s: float) -> None:

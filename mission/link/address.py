@@ -69,7 +69,7 @@ class MemoryLink:
         self._open = True
 
     def send(self, data: bytes) -> None:
-        """Put the bytes into the other end's inbox."""
+        """Deliver the bytes to the other end of the pair."""
         if not self._open:
             msg = f"{self.name}: the link is closed"
             raise LinkError(msg)

@@ -223,7 +223,7 @@ class TcpClientLink(_Reopening[TcpLink]):
             self._trying = None
 
     def _try(self) -> TcpLink | None:
-        """Check the connection attempt in progress, or start one if due."""
+        """Check the connection attempt in progress, or start a new attempt if due."""
         now_s = self._clock()
         if self._closed:
             return None

@@ -119,7 +119,7 @@ def render(
 def refuse_errors(rendered: Rendered, *, arming: bool = True) -> None:
     """Raise LocalTransferError with the first error remark, if any.
 
-    With ``arming``, errors that only prevent arming, because of the vehicle's parameters, count too.
+    ``arming`` includes errors that only prevent arming, because of the vehicle's parameters.
     """
     errors = [remark for remark in rendered.errors if arming or not remark.parameter]
     if errors:
@@ -225,7 +225,7 @@ class _Writer:
         self.entries = sorted(written, key=lambda entry: entry[0])
 
     def _keep_yaw(self, written: list[tuple[int, MissionItem]], number: int) -> None:
-        """Restore a CONDITION_YAW that no waypoint can take, so that it gets an error remark."""
+        """Restore a CONDITION_YAW without a suitable waypoint, for an error remark."""
         self.remarks = [remark for remark in self.remarks if remark.item != number]
         written.append((number, self.mission.items[number]))
 
@@ -262,7 +262,7 @@ class _Writer:
         return None
 
     def _landing_start(self, k: int, item: MissionItem) -> MissionItem:
-        """Return DO_LAND_START with the position of the next item or without, as the autopilot needs."""
+        """Return DO_LAND_START with the next item's position, or without a position, for the autopilot."""
         if self._dialect.land_start_placed is False and item.frame != Frame.MISSION:
             return MissionItem(Command.DO_LAND_START, autocontinue=item.autocontinue)
         if self._dialect.land_start_placed and item.frame == Frame.MISSION:

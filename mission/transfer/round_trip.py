@@ -65,8 +65,8 @@ class RoundTrip:
     def wait(self, default_s: float, floor_s: float, most_s: float) -> float:
         """Return the timeout of a message: four round trips between ``floor_s`` and ``most_s``.
 
-        The timeout is never shorter than 1.1 round trips. Without a known round trip time it is
-        ``default_s``.
+        The timeout is never shorter than 1.1 round trips. ``default_s`` is the timeout without a known round
+        trip time.
         """
         known_s = self.known_s
         if known_s is None:
@@ -78,7 +78,7 @@ class RoundTrip:
 
         The peer aborts the transfer ``patience_s`` after the last new message. If the link loses frames and
         too few repetitions fit into that time, several copies are sent per round trip: enough that all are
-        lost with a probability of at most 1 %, but no more than four. Otherwise one copy is sent.
+        lost with a probability of at most 1 %, but no more than four. Otherwise the number is 1.
 
         Examples
         --------

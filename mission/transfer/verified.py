@@ -150,11 +150,9 @@ class VerifiedUpload:
     """Upload of a plan, followed by a download and a comparison; implements `Transfer`.
 
     An upload aborted by the vehicle is retried up to five times, with the event `UploadBegunAnew`. A timeout
-    over a link with heavy frame loss (`RoundTrip.copies`) is retried too. There is no retry if
-
-    - the vehicle accepts no item within 30 s,
-    - the vehicle refuses the same item twice without repetitions on the link, or
-    - retries over a good link make no progress for 15 s.
+    over a link with heavy frame loss (`RoundTrip.copies`) is retried too. Retries end if the vehicle accepts
+    no item within 30 s, if the vehicle refuses the same item twice without repetitions on the link, or if
+    retries over a good link make no progress for 15 s.
 
     Parameters
     ----------
@@ -257,10 +255,7 @@ class VerifiedUpload:
         )
 
     def _continue(self, output: Output, now_s: float) -> Output:
-        """Return the output.
-
-        If the current upload or download has ended, replace its last event by the next step.
-        """
+        """Replace the last event of an ended upload or download by the output of the next step."""
         for event in output.events:
             if isinstance(event, Progress) and self._part is self._upload:
                 self._sent = event.done
@@ -288,8 +283,8 @@ class VerifiedUpload:
         if self._part is self._upload:
             if self._is_given_up(failed, now_s) or (self._is_bad_luck(failed) and self._under_way):
                 return self._send_again(failed, now_s)
-            # A vehicle that accepted no item before the timeout would not answer a download either. Only
-            # `MissionUpload` reports the number of accepted items.
+            # A vehicle that accepted no item before the timeout would not answer a download either.
+            # Only `MissionUpload` reports the number of accepted items.
             counts = bool(self.items) and isinstance(self._upload, MissionUpload)
             can_read = self._under_way or failed.reason is not FailureReason.TIMEOUT or not counts
             if failed.vehicle_plan is PlanState.UNKNOWN and not self._cancelled and can_read:

@@ -77,7 +77,7 @@ def _compiled(source: str, **names: Any) -> Callable[[Any], Any]:
 class _Kind:
     """Compiled codec of one message type.
 
-    ``make`` and ``pack`` are None if only pymavlink's codec can do it.
+    ``make`` and ``pack`` are None for messages that need pymavlink's codec.
     """
 
     __slots__ = ("crc_extra", "make", "number", "pack", "size", "unpack")
@@ -87,7 +87,7 @@ class _Kind:
         self.number: bytes = message_type.id.to_bytes(3, "little")
         self.size: int = message_type.unpacker.size
         self.unpack: Callable[[bytes], tuple[Any, ...]] = message_type.unpacker.unpack
-        # pymavlink has its own conversion of single chars, which are neither numbers nor text.
+        # Messages with single-char fields need pymavlink's codec.
         plain = "c" not in _codes(message_type)
         self.make = _maker(message_type) if plain else None
         self.pack = _packer(message_type) if plain else None

@@ -208,11 +208,14 @@ class MissionStart:
 
     def _give_up(self, now_s: float) -> list[Message]:
         self._order = None
-        if self._gate is not None:
-            self.failure = Outcome.NO_ANSWER, f"no answer while {self.phase.value}"
-        else:
+        if self._gate is None:
             self._refused("no answer", now_s)
-        return []
+            return []
+        self.failure = Outcome.NO_ANSWER, f"no answer while {self.phase.value}"
+        if self.phase is not Phase.ARM:
+            return []
+        # Only the answer may be lost, so the vehicle may have armed.
+        return self._contact.order(m.MAV_CMD_COMPONENT_ARM_DISARM, 0.0).send(now_s)
 
     def _refused(self, why: str, now_s: float) -> None:
         if self._gate is not None and self.phase in (Phase.MODE, Phase.ARM):

@@ -67,11 +67,10 @@ class _Step(Enum):
 class AsideChange(ChangeSession):
     """Upload while the vehicle flies to the target in guided mode.
 
-    The vehicle resumes the mission just before the target.
-
-    If the upload takes longer, the vehicle flies to further waypoints of the new mission one by one. A failed
-    upload is repeated. Then the old mission is restored. If that fails too, the vehicle returns home (RTL).
-    The vehicle only flies a complete mission that was acknowledged and read back.
+    The vehicle resumes the mission just before the target. If the upload takes longer, the vehicle flies to
+    further waypoints of the new mission one by one. A failed upload is repeated. Then the old mission is
+    restored. If that fails too, the vehicle returns home (RTL). The vehicle only flies a complete mission that
+    was acknowledged and read back.
     """
 
     def __init__(self, request: ChangeRequest) -> None:

@@ -50,10 +50,7 @@ class MissionChanges:
         return self._contact.monitor.vehicle_type in (self._contact.profile.change_modes or {})
 
     def begin(self, mission: Mission, resume_at: int, seconds_an_item: float, now_s: float) -> list[Message]:
-        """Begin a change; ``resume_at`` is the item of the new mission at which to resume.
-
-        Raises the errors of `GroundStation.change`.
-        """
+        """Begin a change, to resume at item ``resume_at``; raises the errors of `GroundStation.change`."""
         contact, held = self._contact, self.held
         rendered = render(mission, contact.profile, contact.monitor.vehicle_type)
         refuse_errors(rendered)
@@ -110,15 +107,8 @@ class MissionChanges:
 def check_change(new: Mission, resume_at: int, old: Mission) -> None:
     """Check that a mission may be sent to a vehicle in flight; PX4 itself does not check ranges.
 
-    `mission.transfer.rendering` checks for items that the autopilot would refuse.
-
-    Raises
-    ------
-    MissionError
-        If the item at which to resume has no position, a position is too high or too far from home, or the
-        mission does not lead home although the old mission did.
-    LocalTransferError
-        If the mission cannot be sent.
+    Raises MissionError if the item at which to resume has no position, a position is too high or too far from
+    home, or the mission does not lead home although the old mission did. Raises the error of `check_plan`.
 
     Examples
     --------

@@ -23,15 +23,7 @@ _HEARTBEAT_S = 1.0
 class Contact:
     """Ids, telemetry, texts and link quality of one vehicle; factory of orders and transfers to the vehicle.
 
-    Parameters
-    ----------
-    vehicle, ground : tuple of int
-        System and component id of the vehicle and of the ground station.
-    maker : TransferMaker
-        Factory of the transfers.
-    is_real : bool
-        Whether the link is real, so that the timeouts of orders adapt to the measured round trip time and
-        loss.
+    If ``is_real``, the timeouts of orders and transfers adapt to the measured round trip time and loss.
     """
 
     def __init__(
@@ -66,14 +58,8 @@ class Contact:
 
     def order(self, command: int, *params: float, **options: Any) -> Order:
         """Return an order to the vehicle; ``options`` are those of `Order`."""
-        return Order(
-            self.vehicle,
-            int(command),
-            *params,
-            round_trip=self.round_trip,
-            sender=self.ground[0],
-            **options,
-        )
+        options |= {"round_trip": self.round_trip, "sender": self.ground[0]}
+        return Order(self.vehicle, int(command), *params, **options)
 
     def upload(self, *plan: Any, **options: Any) -> VerifiedUpload:
         """Return an upload to the vehicle; the arguments are those of `VerifiedUpload`."""

@@ -166,14 +166,8 @@ def revised_mission(
 
     The new mission keeps the take-off, speed, camera trigger and end of the held mission. If the camera is
     already triggering, the new trigger item takes no image of its own. Otherwise triggering starts at the
-    change.
-
-    Parameters
-    ----------
-    item : int
-        Current item of the held mission.
-    path_deg : sequence of tuple of float
-        Latitude and longitude of the new waypoints. An empty path leads home immediately.
+    change. ``item`` is the current item of the held mission. ``path_deg`` has latitude and longitude of the
+    new waypoints; an empty path leads home immediately.
 
     Examples
     --------

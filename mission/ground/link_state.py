@@ -23,23 +23,13 @@ _MOST_OPEN = 32  # limit of stored requests without an answer
 
 @dataclass(frozen=True, slots=True)
 class LinkReport:
-    """Link quality over a whole flight.
+    """Link quality over a whole flight."""
 
-    Parameters
-    ----------
-    frames, lost_frames : int
-        Number of frames received from the autopilot, and of frames missing by sequence number.
-    round_trip_s : float or None
-        Smoothed round trip time (s), None if never measured.
-    worst_silence_s, silent_s : float
-        Longest and total time without a message (s).
-    """
-
-    frames: int
-    lost_frames: int
-    round_trip_s: float | None
-    worst_silence_s: float
-    silent_s: float
+    frames: int  # frames received from the autopilot
+    lost_frames: int  # frames missing by sequence number
+    round_trip_s: float | None  # smoothed round trip time, None if never measured
+    worst_silence_s: float  # longest time without a message
+    silent_s: float  # total time of all silences
 
     @property
     def loss(self) -> float:

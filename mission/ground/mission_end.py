@@ -226,8 +226,5 @@ class MissionEnd:
         return cause or (Outcome.FLIGHT_ABORTED, texts.last_warning(f"disarmed{self._progress}"))
 
     def completed(self, texts_before: int) -> tuple[Outcome, str]:
-        """Return outcome and reason of a flight with a mission reported as complete.
-
-        ArduPilot reports a complete mission after any landing.
-        """
+        """Return outcome and reason of a complete mission, as ArduPilot reports it after any landing."""
         return self.cause(texts_before) if self.pilot.ended_mission else (Outcome.COMPLETED, "")

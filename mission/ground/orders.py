@@ -31,22 +31,10 @@ class Answer(Enum):
 class Order:
     """Pending command to a vehicle: COMMAND_LONG, or COMMAND_INT with a position.
 
-    Parameters
-    ----------
-    target : tuple of int
-        System and component id of the vehicle.
-    command : int
-        MAV_CMD.
-    position : tuple of float, optional
-        Latitude and longitude (degrees), altitude above home (m).
-    message : Message, optional
-        Message to send in place of the command, for vehicles that do not support it. It gets no COMMAND_ACK.
-    tries : int, optional
-        Largest number of transmissions; default four, more over a link that loses frames.
-    round_trip : RoundTrip, optional
-        Round trip time and loss of the link, which determine the timeout.
-    sender : int, optional
-        System id of the ground station. Answers to other ground stations are ignored, if known.
+    ``position`` is latitude and longitude (degrees) and altitude above home (m). ``message`` replaces the
+    command for vehicles without the command, and gets no COMMAND_ACK. ``tries`` is the largest number of
+    transmissions: by default four, more over a link that loses frames. ``round_trip`` determines the timeout.
+    COMMAND_ACKs to other system ids than ``sender`` are ignored.
     """
 
     def __init__(

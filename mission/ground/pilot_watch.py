@@ -75,18 +75,10 @@ class PilotWatch:
     ) -> None:
         """Handle a HEARTBEAT of the vehicle in flight.
 
-        Parameters
-        ----------
-        expects_change : bool
-            The mission is being changed, so leaving the mission mode is not reported.
-        flies_home : bool
-            The vehicle returns home, so only modes that neither return nor land are reported.
-        unsure : bool
-            The vehicle was silent and its clock is not known yet, so a mode change may result from a reboot.
-            Reports are delayed until `settle` or `on_restart`.
-        ends_in : collection of str
-            Modes after the end of the mission. Such a mode is reported as a takeover only if the vehicle does
-            not report the end of its mission within five seconds.
+        `expects_change`: the mission is being changed, so leaving the mission mode is not reported.
+        `flies_home`: the vehicle returns, so only modes that neither return nor land are reported.
+        `unsure`: a mode change may result from a reboot, so reports wait for `settle` or `on_restart`.
+        `ends_in`: modes after the mission's end, a takeover only if no end is reported within five seconds.
         """
         flies_home |= self.mission_over
         if flies_home and self.ordered is None and not unsure:

@@ -75,26 +75,17 @@ class MissionStart:
             out += self._pass_gate(gate, now_s)
         order = self._order
         if order is not None and now_s >= order.due_s:
-            if self.phase is Phase.START and self._shows_flight:
+            monitor = self._monitor
+            heard = self.phase is Phase.START and monitor.mode_heard_s > self._ordered_s
+            # A repetition would restart a mission in flight, or overrule a pilot.
+            changed = not monitor.is_armed or monitor.mode != self._ordered_in
+            if heard and monitor.is_armed and monitor.in_mission:
                 self.phase, self._order = Phase.FLIGHT, None
-            elif order.is_given_up or not self._repeats or self._is_overruled:
+            elif order.is_given_up or not self._repeats or (heard and changed):
                 out += self._give_up(now_s)
             else:
                 out += order.send(now_s)
         return out
-
-    @property
-    def _shows_flight(self) -> bool:
-        """Whether a HEARTBEAT since the order to start shows an armed vehicle in its mission."""
-        monitor = self._monitor
-        return monitor.mode_heard_s > self._ordered_s and monitor.is_armed and monitor.in_mission
-
-    @property
-    def _is_overruled(self) -> bool:
-        """Whether a pilot disarmed the vehicle or changed its mode since the order to start."""
-        monitor = self._monitor
-        changed = not monitor.is_armed or monitor.mode != self._ordered_in
-        return self.phase is Phase.START and monitor.mode_heard_s > self._ordered_s and changed
 
     def look_at_clock(self, now_s: float) -> list[Message]:
         """End the start if the program was suspended, because nobody watched the vehicle meanwhile."""

@@ -59,8 +59,6 @@ class GroundStation:
 
     Parameters
     ----------
-    mission : Mission
-        Mission to fly. Fence and rally points are uploaded before the mission items.
     assembler : ObservationAssembler or None
         Decoder of the camera's messages into observations.
     on_progress : callable, optional
@@ -89,8 +87,6 @@ class GroundStation:
         Outcome of each change of the mission in flight.
     parameters_set : list of str
         Vehicle parameters that were set, with old and new value.
-    tracks : TrackRecorder
-        Positions of the vehicle since the start.
     started_s, ended_s : float or None
         Start time of the mission and end time of the run.
     """
@@ -138,7 +134,7 @@ class GroundStation:
         self._order: Order | None = None
         self._ordered_before: Maneuver | None = None
         self._ordered_in = ""  # flight mode when the pending order was given
-        self._ordered_maneuver: Maneuver | None = None  # maneuver of the pending order
+        self._ordered_modes: frozenset[str] = frozenset()  # modes that the pending order leads to
         self._chosen = range(0)
         self._no_position = True  # no position was received since the last HEARTBEAT
         self._armed = self._flew = False
@@ -318,9 +314,9 @@ class GroundStation:
         if self._order is not None and now_s >= self._order.due_s:
             if self._order.is_given_up:
                 self._order_refused("no answer", now_s)
-            elif self._shows_ordered:
-                self._order, self._chosen = None, range(0)
-            elif self._is_overruled:
+            elif self.mode != self._ordered_in and self.mode in self._ordered_modes:
+                self._order = None  # obeyed, only the COMMAND_ACK was lost
+            elif self._is_overruled():
                 self._order_refused(f"mode {self.mode} since", now_s)
             else:
                 out += self._order.send(now_s)
@@ -570,7 +566,7 @@ class GroundStation:
         self._changes.drop()
         command, params = self._monitor.modes.maneuver(kind)
         out = self._give(self._contact.order(command, *params), now_s)
-        self._ordered_maneuver = kind
+        self._ordered_modes = self._monitor.modes.shows(kind)
         self.pilot.order(kind)
         return out
 
@@ -602,7 +598,7 @@ class GroundStation:
     def _give(self, order: Order, now_s: float) -> list[Message]:
         """Send an order; the order replaces a pending one."""
         self._ordered_before, self._order, self._chosen = self.pilot.ordered, order, range(0)
-        self._ordered_in, self._ordered_maneuver = self.mode, None
+        self._ordered_in, self._ordered_modes = self.mode, frozenset()
         return order.send(now_s)
 
     @property
@@ -611,25 +607,11 @@ class GroundStation:
         items = self.mission.items
         return self._monitor.modes.ends(int(items[-1].command) if items else 0)
 
-    @property
-    def _shows_ordered(self) -> bool:
-        """Whether the vehicle has changed to the mode of the pending maneuver."""
-        kind = self._ordered_maneuver
-        if kind is None or self.mode == self._ordered_in:
-            return False
-        return self.mode in self._monitor.modes.shows(kind)
-
-    @property
     def _is_overruled(self) -> bool:
-        """Whether a pilot or a failsafe has changed the mode since the pending order was given.
-
-        Repeating the order would overrule the pilot.
-        """
-        modes = self._monitor.modes
+        """Whether a pilot or a failsafe has changed the mode since the pending order was given."""
+        modes, before = self._monitor.modes, self._ordered_before
         mission = modes.shows(Maneuver.RESUME)
-        expected = {self._ordered_in}
-        if self._ordered_before is not None:
-            expected |= modes.shows(self._ordered_before)
+        expected = {self._ordered_in} if before is None else {self._ordered_in, *modes.shows(before)}
         if self._ordered_in in mission:
             expected |= mission | self._end_modes
         return bool(mission) and self.mode not in expected

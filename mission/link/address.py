@@ -45,10 +45,7 @@ class Link(Protocol):
         """Send one frame (or datagram); raise LinkError if the link has failed permanently."""
 
     def receive(self) -> list[bytes]:
-        """Return the data received since the last call.
-
-        Raises LinkError if the link has failed permanently.
-        """
+        """Return the data received since the last call; raise LinkError if the link has failed."""
 
     def close(self) -> None:
         """Close the link; a second call has no effect."""

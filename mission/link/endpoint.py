@@ -67,10 +67,7 @@ class MavlinkEndpoint:
             self._tap(frame, True)
 
     def receive(self) -> list[Message]:
-        """Return the wanted messages that have arrived, without blocking.
-
-        Raises LinkError if the link failed.
-        """
+        """Return the wanted messages that have arrived; raise LinkError if the link failed."""
         return [message for data in self.link.receive() for message in self.reader.feed(data)]
 
     def close(self) -> None:

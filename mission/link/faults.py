@@ -17,24 +17,14 @@ _BITS_A_BYTE = 10.0  # 8N1: start bit, 8 data bits, stop bit
 
 @dataclass(frozen=True, slots=True)
 class Faults:
-    """Faults of one channel direction.
+    """Faults of one channel direction."""
 
-    Parameters
-    ----------
-    loss, duplicate, corrupt : float
-        Probability (0 to 1) that a frame is lost, arrives twice, or has one byte changed.
-    delay_s, jitter_s : float
-        Each frame is delayed by ``delay_s`` plus a random time up to ``jitter_s``. Jitter reorders frames.
-    baud : float
-        Line speed (bit/s), 10 bits per byte (8N1). Frames that overflow the buffer of 16 KiB are lost.
-    """
-
-    loss: float = 0.0
-    duplicate: float = 0.0
-    corrupt: float = 0.0
-    delay_s: float = 0.0
-    jitter_s: float = 0.0
-    baud: float = math.inf
+    loss: float = 0.0  # probability (0 to 1) that a frame is lost
+    duplicate: float = 0.0  # probability that a frame arrives twice
+    corrupt: float = 0.0  # probability that one byte of a frame is changed
+    delay_s: float = 0.0  # delay of each frame
+    jitter_s: float = 0.0  # largest additional random delay, which reorders frames
+    baud: float = math.inf  # line speed (bit/s); frames that overflow a buffer of 16 KiB are lost
 
     def __post_init__(self) -> None:
         for name in ("loss", "duplicate", "corrupt"):

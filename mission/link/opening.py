@@ -76,11 +76,7 @@ class SerialLink(Stream):
 
 
 def _serial_reason(error: BaseException) -> str:
-    """Return why a device cannot be opened, with advice.
-
-    pyserial puts the system's error into the message text, so the error number comes from the exception
-    chain.
-    """
+    """Return why a device cannot be opened, with advice, from the error number in the exception chain."""
     cause: BaseException | None = error
     while cause is not None:
         number = getattr(cause, "errno", None)
@@ -195,10 +191,7 @@ class _Reopening(_Returning[_Link]):
 
 
 class TcpClientLink(_Reopening[TcpLink]):
-    """TCP client link that reconnects.
-
-    Raises LinkError if the first connection fails or takes longer than ``timeout_s``.
-    """
+    """TCP client link that reconnects; raises LinkError if the first connection fails."""
 
     def __init__(
         self,
@@ -259,10 +252,7 @@ class TcpClientLink(_Reopening[TcpLink]):
 
 
 class SerialClientLink(_Reopening[SerialLink]):
-    """Serial link that reopens a device that was unplugged, such as a USB radio.
-
-    Raises LinkError if the device cannot be opened the first time.
-    """
+    """Serial link that reopens an unplugged device; raises LinkError if the first opening fails."""
 
     def __init__(self, address: LinkAddress, *, clock: Callable[[], float] = time.monotonic) -> None:
         super().__init__(address, SerialLink(address), clock)

@@ -158,10 +158,7 @@ class _Datagrams(_OnSocket):
                 return
 
     def _arrived(self) -> list[tuple[bytes, _Peer]]:
-        """Return the datagrams that have arrived (at most 256 per call).
-
-        Raises LinkError if the socket failed.
-        """
+        """Return the arrived datagrams (at most 256 per call); raise LinkError if the socket failed."""
         if self._reader is not None:
             self._take()
         with self._lock:
@@ -366,10 +363,7 @@ class TcpLink(Stream, _OnSocket):
         return LinkLostError(f"{self.name}: the other side closed the connection; connect again")
 
     def receive(self) -> list[bytes]:
-        """Return the pieces that have arrived.
-
-        Raises LinkError if the peer disconnected and all data were read.
-        """
+        """Return the arrived pieces; raise LinkError if all were read and the peer has disconnected."""
         if self._ended:
             raise self._gone()
         self._flush()
@@ -399,10 +393,7 @@ class TcpLink(Stream, _OnSocket):
 
 
 class TcpListener(_OnSocket):
-    """Listening TCP socket for any number of clients; port 0 lets the system choose.
-
-    Raises LinkError if the port cannot be opened.
-    """
+    """Listening TCP socket for any number of clients; raises LinkError if the port cannot be opened."""
 
     def __init__(self, address: LinkAddress) -> None:
         super().__init__(_open(address, socket.SOCK_STREAM, _listen))

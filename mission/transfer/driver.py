@@ -113,23 +113,9 @@ class TransferDriver(Closing):
     def wait_for_vehicle(
         self, timeout_s: float = 10.0, *, system_id: int | None = None, besides: Collection[int] = ()
     ) -> Vehicle:
-        """Wait for the heartbeat of an autopilot.
+        """Wait for the heartbeat of an autopilot, with ``system_id`` or else not in ``besides``.
 
-        Parameters
-        ----------
-        timeout_s : float
-            Timeout (s).
-        system_id : int, optional
-            System id of the vehicle; default any.
-        besides : collection of int
-            System ids of vehicles to ignore.
-
-        Raises
-        ------
-        NoVehicleError
-            If no matching heartbeat arrives in time.
-        LinkError
-            If the link fails.
+        Raises NoVehicleError if no such heartbeat arrives in time, LinkError if the link fails.
         """
         end_s = self._clock() + timeout_s
         search = VehicleSearch(system_id, besides)
@@ -147,12 +133,7 @@ class TransferDriver(Closing):
     def run(self, transfer: Transfer) -> tuple[Event, TransferStatistics]:
         """Run one transfer to its end; return its last event and its statistics.
 
-        Raises
-        ------
-        RemoteTransferError
-            If the transfer fails, with the text of the `TransferFailed` event.
-        LinkError
-            If the link fails.
+        Raises RemoteTransferError with the text of `TransferFailed`, and LinkError if the link fails.
         """
         try:
             last = self._emit(transfer.start(self._clock()))
@@ -361,14 +342,8 @@ class TransferDriver(Closing):
     ) -> tuple[Mission, tuple[TransferStatistics, ...]]:
         """Download the vehicle's plans.
 
-        If the vehicle answers UNSUPPORTED for fence or rally points, these plans are returned empty.
-
-        Raises
-        ------
-        RemoteTransferError
-            If the vehicle refuses or does not answer.
-        LinkError
-            If the link fails.
+        If the vehicle answers UNSUPPORTED for fence or rally points, these plans are returned empty. Raises
+        RemoteTransferError if the vehicle refuses or does not answer, LinkError if the link fails.
         """
         plans: dict[MissionType, DownloadComplete] = {}
         costs: list[TransferStatistics] = []

@@ -19,10 +19,7 @@ class LocalTransferError(TransferError):
 
 
 class RemoteTransferError(TransferError):
-    """The vehicle refused, violated the protocol or did not answer.
-
-    ``failure`` is the transfer's last event.
-    """
+    """The vehicle refused, violated the protocol or did not answer; ``failure`` is the last event."""
 
     def __init__(self, text: str, failure: TransferFailed | None = None) -> None:
         super().__init__(text)

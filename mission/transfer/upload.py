@@ -53,14 +53,9 @@ class _Answers:
 
 
 def check_plan(items: Sequence[MissionItem], mission_type: MissionType) -> None:
-    """Raise LocalTransferError if a plan cannot be sent.
+    """Raise LocalTransferError for a plan with more than 65534 items or with items of another plan type.
 
     The values need no check: `MissionItem` accepts only finite values in range.
-
-    Raises
-    ------
-    LocalTransferError
-        If the plan has more than 65534 items, or an item of another plan type.
 
     Examples
     --------
@@ -80,7 +75,7 @@ def check_plan(items: Sequence[MissionItem], mission_type: MissionType) -> None:
 
 
 class MissionUpload(ClientTransfer):
-    """Upload of a plan; ends with `UploadComplete` or `TransferFailed`.
+    """Upload of a plan; ends with `UploadComplete` or `TransferFailed`. Raises the error of `check_plan`.
 
     An empty plan is sent as MISSION_CLEAR_ALL, because PX4 is blocked for a while after a COUNT of 0.
 
@@ -99,11 +94,6 @@ class MissionUpload(ClientTransfer):
         Start time of the first attempt, if this upload is a retry.
     **options
         See `mission.transfer.client.ClientTransfer`.
-
-    Raises
-    ------
-    LocalTransferError
-        If the plan cannot be sent (`check_plan`).
 
     Examples
     --------

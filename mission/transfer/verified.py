@@ -398,8 +398,7 @@ def _held_text(sent: Sequence[MissionItem], held: Sequence[MissionItem], profile
 class TransferMaker(NamedTuple):
     """Factory of verified uploads and of downloads.
 
-    The parameters are those of `VerifiedUpload` and `MissionDownload`; a factory ignores options that it does
-    not support.
+    The parameters are those of `VerifiedUpload` and `MissionDownload`; a factory ignores unsupported options.
     """
 
     upload: Callable[..., VerifiedUpload]

@@ -326,10 +326,7 @@ def home_items(home: GeoPoint) -> tuple[MissionItem]:
 def to_wire_order(
     items: tuple[MissionItem, ...], mission_type: MissionType, profile: Profile, home: GeoPoint | None = None
 ) -> tuple[MissionItem, ...]:
-    """Return the items in the autopilot's numbering.
-
-    For autopilots with home as item 0, home is inserted and jump targets are shifted.
-    """
+    """Return the items in the autopilot's numbering, if necessary with home as item 0 and shifted jumps."""
     if not profile.home_at_zero or mission_type != MissionType.MISSION or not items:
         return items
     first = home_items(GeoPoint(0.0, 0.0, 0.0) if home is None else home)

@@ -134,10 +134,7 @@ class FrameWriter:
         self.codec.srcComponent = component_id
 
     def encode(self, message: Message) -> bytes:
-        """Return the MAVLink 2 frame of a message and advance the sequence number.
-
-        Raises struct.error if a field is out of range.
-        """
+        """Return the MAVLink 2 frame of a message; raise struct.error if a field is out of range."""
         codec = self.codec
         kind = _KINDS[type(message).id]
         sequence: int = codec.seq

@@ -69,7 +69,7 @@ class AsideChange(ChangeSession):
 
     The vehicle resumes the mission just before the target. If the upload takes longer, the vehicle flies to
     further waypoints of the new mission one by one. A failed upload is repeated. Then the old mission is
-    restored. If that fails too, the vehicle returns home (RTL). The vehicle only flies a complete mission that
+    restored. If that fails too, the vehicle returns home (RTL). It flies only a complete mission that
     was acknowledged and read back.
     """
 

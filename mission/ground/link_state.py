@@ -41,8 +41,8 @@ class LinkState:
     """Frame loss and round trip time of the link to an autopilot.
 
     The round trip is measured by TIMESYNC (https://mavlink.io/en/services/timesync.html), which PX4 and
-    ArduPilot answer. A TIMESYNC answer repeats the time stamp of its request, which a COMMAND_ACK does not,
-    so the answer to a repeated request is not ambiguous.
+    ArduPilot answer. A TIMESYNC answer repeats the time stamp of its request, unlike a COMMAND_ACK, so it
+    identifies the request.
     """
 
     def __init__(self) -> None:

@@ -11,7 +11,7 @@ import numpy as np
 
 from mission.errors import LinkError
 
-_BUFFER_BYTES = 16384  # order of a telemetry radio's transmit buffer
+_BUFFER_BYTES = 16384  # typical transmit buffer of a telemetry radio
 _BITS_A_BYTE = 10.0  # 8N1: start bit, 8 data bits, stop bit
 
 

@@ -47,7 +47,7 @@ class TlogWriter(Closing):
 
     def write(self, frame: bytes, time_s: float) -> None:
         """Add one frame; ``time_s`` is the Unix time (s); OSError names the file."""
-        if time_s != self._time_s:  # most frames share the stamp of the previous
+        if time_s != self._time_s:  # most frames have the time of the previous one
             self._time_s, self._stamp = time_s, _stamp(time_s)
         self._put(self._stamp + frame)
         self.frames += 1

@@ -314,8 +314,8 @@ class VerifiedUpload:
     def _is_given_up(self, failed: TransferFailed, now_s: float) -> bool:
         """Whether the vehicle aborted the upload and a retry makes sense.
 
-        PX4 sends the same result for an invalid item. An invalid item is refused again at the same place
-        although no message had to be repeated.
+        PX4 sends the same result for an invalid item. Such an item is refused twice without repeated
+        messages.
         """
         # A vehicle sends ERROR before the first item if it is busy.
         gave_up = failed.result == wire.OPERATION_CANCELLED or (failed.result == wire.ERROR and self._sent)

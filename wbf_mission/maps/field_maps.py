@@ -187,7 +187,7 @@ def _from_probabilities(
 ) -> tuple[tuple[Floats, Floats | None, Floats, Floats], Floats]:
     """Return (sick plants, their variance, cells, least value) and the plants that may be sick, by pixels.
 
-    `open_` marks the plants that were not observed. It is changed: afterwards it marks those that may be sick.
+    `open_` marks the plants that were not observed. Afterwards it marks those that may be sick.
     """
     value = model.value[k]
     parts, sick = [], []

@@ -82,7 +82,14 @@ def start_sim(folder, *more, **options):
 
 
 @pytest.mark.parametrize(
-    ("number", "code"), [(signal.SIGINT, 0), (signal.SIGTERM, 143), (signal.SIGHUP, 129)], ids=str
+    ("number", "code"),
+    [
+        (signal.SIGINT, 0),
+        # The next test ends one by SIGTERM.
+        pytest.param(signal.SIGTERM, 143, marks=pytest.mark.slow),
+        pytest.param(signal.SIGHUP, 129, marks=pytest.mark.slow),
+    ],
+    ids=str,
 )
 def test_a_simulator_ends_in_order(tmp_path, number, code):
     process, listen = start_sim(tmp_path, "--json")
@@ -123,15 +130,15 @@ def test_a_simulator_in_the_background_of_a_script_ends_by_sigterm(tmp_path):
 
 
 def test_a_simulator_that_cannot_start_leaves_the_ready_file_of_another(tmp_path):
-    (tmp_path / "ready").write_text("mine\n")
+    ready = tmp_path / "ready"
+    ready.write_text("mine\n")
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
         taken.listen()
         url = f"tcpin:127.0.0.1:{taken.getsockname()[1]}"
-        process = start("sim", "--no-camera", "--listen", url, "--ready-file", "ready", cwd=tmp_path)
-        end(process)
-    assert process.returncode == 2
-    assert (tmp_path / "ready").read_text() == "mine\n"
+        code = main(["sim", "--no-camera", "--listen", url, "--ready-file", str(ready)])
+    assert code == 2
+    assert ready.read_text() == "mine\n"
 
 
 def test_a_flight_says_what_it_still_does_and_ends_at_the_second_ctrl_c(tmp_path):
@@ -139,8 +146,8 @@ def test_a_flight_says_what_it_still_does_and_ends_at_the_second_ctrl_c(tmp_path
     process = start("fly", *arguments.split(), cwd=tmp_path)
     wait_for(lambda: any(path.stat().st_size > 60_000 for path in tmp_path.rglob("*.tlog")), process)
     process.send_signal(signal.SIGINT)
-    line = process.stderr.readline()
-    assert "saved in run" in line
+    # On a busy machine it may have said before that it compiles.
+    assert any("saved in run" in line for line in iter(process.stderr.readline, ""))
     time.sleep(1.1)  # within a second it would repeat the first
     process.send_signal(signal.SIGINT)
     end(process)
@@ -195,6 +202,14 @@ def test_the_first_signal_counts_and_the_third_is_the_systems(installed):
         signal.raise_signal(signal.SIGINT)
     assert signals.exit_code(0) == 143
     assert signal.getsignal(signal.SIGINT) is signal.SIG_DFL
+
+
+@pytest.mark.usefixtures("installed")
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGHUP, 129)], ids=str)
+def test_the_exit_code_tells_the_signal(number, code):
+    with pytest.raises(KeyboardInterrupt):
+        signal.raise_signal(number)
+    assert signals.exit_code(0) == code
 
 
 def test_what_is_ignored_stays_ignored_and_all_is_put_back():
@@ -279,13 +294,21 @@ def last_bytes(folder):
     return {path.name: path.read_bytes() for path in folder.iterdir()}
 
 
-def test_a_run_that_is_ended_at_any_time_leaves_a_whole_result(tmp_path):
+@pytest.mark.parametrize(
+    "numbers",
+    [
+        (signal.SIGTERM, signal.SIGKILL),
+        pytest.param((signal.SIGINT, signal.SIGKILL) * 3, marks=pytest.mark.slow),
+    ],
+    ids=len,
+)
+def test_a_run_that_is_ended_at_any_time_leaves_a_whole_result(tmp_path, numbers):
     """The older one with its pictures or the newer one with its own; what lacks pictures goes beside."""
     run = tmp_path / "run"
     assert main([*SMALL_RUN, "--seed", "1", "--out", str(run)]) == 0
     older, names = last_bytes(run), {path.name for path in run.iterdir()}
     random = np.random.default_rng(5)
-    for number in [signal.SIGTERM, signal.SIGKILL, signal.SIGINT, signal.SIGKILL]:
+    for number in numbers:
         process = start(*SMALL_RUN, "--seed", "2", "--out", "run", "--overwrite", cwd=tmp_path)
         # Writing begins with the tables; those of who was killed before stay until then.
         wait_for(lambda: any(tmp_path.glob(".run.partial/*.parquet")), process)
@@ -316,20 +339,18 @@ def test_a_run_that_is_ended_at_any_time_leaves_a_whole_result(tmp_path):
 
 
 def test_the_log_of_a_killed_flight_is_kept_beside_and_is_made_a_map_of(tmp_path, capfd):
-    run, logs = tmp_path / "my run", []
+    run, log = tmp_path / "my run", tmp_path / ".my run.partial" / "flight.tlog"
+    kept = [tmp_path / "my run.killed.tlog", tmp_path / "my run.killed-2.tlog"]
+    kept[0].write_bytes(b"of an earlier one")
     arguments = [*SMALL_RUN, "--vehicle", "quad", "--no-plots", "--out", "my run"]
-    log = tmp_path / ".my run.partial" / "flight.tlog"
-    for earlier in range(2):
-        process = start(*arguments, "--speed", "5", cwd=tmp_path)
-        wait_for(lambda number=earlier: len(list(tmp_path.glob("my run.killed*"))) == number, process)
-        wait_for(lambda: log.exists() and log.stat().st_size > 60_000, process)
-        process.kill()
-        end(process)
-        logs.append(log.read_bytes())
-        capfd.readouterr()
+    process = start(*arguments, "--speed", "20", cwd=tmp_path)
+    wait_for(lambda: log.exists() and log.stat().st_size > 60_000, process)
+    process.kill()
+    end(process)
+    logs = [b"of an earlier one", log.read_bytes()]
+    capfd.readouterr()
     with ResultFolder(run, scenario={"farm": "miniberry-10"}, warn=(told := []).append):
         pass
-    kept = [tmp_path / "my run.killed.tlog", tmp_path / "my run.killed-2.tlog"]
     assert [path.read_bytes() for path in kept] == logs, "the first one is not overwritten"
     assert "my run.killed-2.tlog" in told[0]
     command = shlex.split(told[0].partition("'")[2].rpartition("'")[0])
@@ -363,15 +384,15 @@ def test_a_log_in_which_nothing_flew_is_not_kept(tmp_path, data):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_the_second_run_into_a_folder_fails_at_once(tmp_path):
+def test_the_second_run_into_a_folder_fails_at_once(tmp_path, monkeypatch, capfd):
     slow = [*SMALL_RUN, "--vehicle", "quad", "--speed", "5", "--no-plots", "--out", "run"]
     process = start(*slow, cwd=tmp_path)
-    wait_for(lambda: any(tmp_path.glob(".run.partial/flight.tlog")), process)
-    second = start(*SMALL_RUN, "--out", "run", "--overwrite", cwd=tmp_path)
-    _, error = end(second)
-    assert second.returncode == 2
+    log = tmp_path / ".run.partial" / "flight.tlog"
+    wait_for(lambda: log.exists() and log.stat().st_size > 5_000, process)
+    monkeypatch.chdir(tmp_path)
+    assert main([*SMALL_RUN, "--out", "run", "--overwrite"]) == 2
     told = "run: another run writes into this folder; wait for it, or give another one"
-    assert error == f"error: {told}\n"
+    assert capfd.readouterr().err == f"error: {told}\n"
     process.send_signal(signal.SIGTERM)
     end(process)
     assert process.returncode == 143

@@ -11,9 +11,10 @@ from typing import Any
 from urllib.parse import urlsplit
 
 import pytest
-from playwright.sync_api import Browser, Page, sync_playwright
+from playwright.sync_api import Browser, Page, expect, sync_playwright
 
-TIMEOUT_MS = 30_000
+TIMEOUT_MS = 30_000  # A limit against hanging, not a measure
+expect.set_options(timeout=TIMEOUT_MS)
 
 
 @contextmanager
@@ -29,10 +30,17 @@ def chromium() -> Iterator[Browser]:
 
 
 @contextmanager
-def page_at(browser: Browser, url: str, *, drawn: bool = True, **options: Any) -> Iterator[Page]:
-    """Open a page; in the end it must have asked nobody else for anything, and had no errors."""
+def page_at(
+    browser: Browser, url: str, *, drawn: bool = True, script: str = "", **options: Any
+) -> Iterator[Page]:
+    """Open a page; in the end it must have asked nobody else for anything, and had no errors.
+
+    A `script` is run in it before its own.
+    """
     page = browser.new_page(**{"viewport": {"width": 1280, "height": 800}, **options})
     page.set_default_timeout(TIMEOUT_MS)
+    if script:
+        page.add_init_script(script)
     errors: list[str] = []
     asked: list[str] = []
     page.on("console", lambda message: errors.append(message.text) if message.type == "error" else None)

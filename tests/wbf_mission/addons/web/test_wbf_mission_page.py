@@ -377,8 +377,7 @@ def test_a_lost_connection_is_told_and_found_again_where_the_reader_looked(
         page.close()
 
 
-@pytest.mark.parametrize("dark", [False, True])
-@pytest.mark.parametrize("width", [1280, 360])
+@pytest.mark.parametrize(("dark", "width"), [(False, 1280), (True, 360)])
 def test_dark_and_light_wide_and_narrow_it_fits_and_everybody_can_use_it(
     browser: Browser, view: View, dark: bool, width: int
 ) -> None:

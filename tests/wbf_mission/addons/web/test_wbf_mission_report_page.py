@@ -332,7 +332,7 @@ def test_layers_are_those_of_the_moment(browser: Browser, file: Path, recording:
         assert pictures[0] == pictures[1] != pictures[2]
 
 
-@pytest.mark.parametrize(("width", "scheme"), [(1280, "light"), (1280, "dark"), (390, "light")])
+@pytest.mark.parametrize(("width", "scheme"), [(1280, "light"), (390, "dark")])
 def test_it_fits_and_can_be_used_by_all(browser: Browser, file: Path, width: int, scheme: str) -> None:
     size = {"width": width, "height": 800}
     with page_at(browser, file.as_uri(), viewport=size, color_scheme=scheme, bypass_csp=True) as page:

@@ -58,7 +58,7 @@ def test_actuators_and_the_origin_are_taken_and_failures_get_no_answer(px4):
     assert error.value.result.name == "TIMEOUT"
 
 
-@pytest.mark.parametrize("mode", ["position", "altitude"])
+@pytest.mark.parametrize("mode", ["position", pytest.param("altitude", marks=pytest.mark.slow)])
 def test_manual_control_flies(mode, connected, tools):
     import threading
 

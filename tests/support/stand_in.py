@@ -32,7 +32,7 @@ def stand_in(
     camera=False,
     count=None,
     cold=False,
-    speed=6.0,
+    speed=10.0,
     first_system=1,
     system_faults=(),
     homes=(),

@@ -43,7 +43,8 @@ def test_height_speed_and_images_follow_from_the_camera() -> None:
 
 
 def test_a_slow_camera_slows_the_flight_and_refuses_what_is_asked() -> None:
-    slow = {**SURVEY, "camera_model": "dji-mavic-3m-ms", "altitude_m": 30.0, "front_overlap": 0.8}
+    slow = {**SURVEY, "farm": "miniberry-100", "camera_model": "dji-mavic-3m-ms", "altitude_m": 30.0}
+    slow["front_overlap"] = 0.8
     done = plan(Scenario(**slow))
     assert done.camera is not None
     assert done.camera["speed_m_s"] == pytest.approx(done.camera["interval_speed_m_s"])

@@ -257,6 +257,7 @@ def interrupt(process):
     os.killpg(process.pid, 2)
 
 
+@pytest.mark.slow
 def test_the_operator_at_the_terminal(tmp_path):
     with stand_in() as (url, _):
         code, summary, shown = talk(url, [(b"start the motors? [y/N]", b"y\n")], tmp_path)
@@ -266,6 +267,7 @@ def test_the_operator_at_the_terminal(tmp_path):
     assert (tmp_path / "run" / "summary.json").is_file()
 
 
+@pytest.mark.slow
 def test_no_is_no(tmp_path):
     with stand_in() as (url, made):
         code, summary, _ = talk(url, [(b"start the motors? [y/N]", b"\n")], tmp_path)
@@ -305,7 +307,7 @@ def test_ctrl_c_asks_and_the_vehicle_returns(tmp_path):
         (b"MISSION, item", lambda process: os.killpg(process.pid, 2)),
         (b"[h]old, [r]eturn", b"r\n"),
     ]
-    with stand_in(speed=4.0) as (url, made):
+    with stand_in(speed=8.0) as (url, made):
         _, summary, shown = talk(url, answers, tmp_path, more=("--budget", "150s"))
         assert not made.vehicle.pilot.armed
     assert summary["outcome"] == "interrupted"
@@ -319,7 +321,7 @@ def test_at_the_terminal_all_are_asked_for_and_one_comes_back(tmp_path):
         (b"such as r2?", b"r9\n"),
         (b"such as r2?", b"r2\n"),
     ]
-    with stand_in(speed=3.0) as (one, _), stand_in(speed=3.0, first_system=2) as (two, made):
+    with stand_in(speed=6.0) as (one, _), stand_in(speed=6.0, first_system=2) as (two, made):
         code, summary, shown = talk(one, answers, tmp_path, more=("--connect", two, "--budget", "150s"))
         assert not made.vehicle.pilot.armed
     flights = {one["vehicle"]: one for one in summary["flights"]}

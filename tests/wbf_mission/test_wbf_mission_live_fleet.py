@@ -1,6 +1,7 @@
 """Fleets over links: simulators in other processes stand for the vehicles, several times faster than real."""
 
 import contextlib
+import json
 import math
 import socket
 import subprocess
@@ -9,16 +10,18 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from processes import ENVIRONMENT, LONG_S, command, flying, simulator
+from processes import ENVIRONMENT, FARM, JOB, LONG_S, command, flying, simulator
 from stand_in import scenario, stand_in
 
 from mission.ground.arming_gate import ArmingGate, Stage
 from mission.link.codec.dialect import mavlink as m
+from mission.model import GeoPoint
 from mission.outcome import Outcome, Phase
 from mission.policies.observation import Status
 from mission.transfer.errors import NoVehicleError
 from mission.transfer.vehicles import Vehicle
 from sim_vehicle.host.server import Server
+from wbf_mission.cli.app import main
 from wbf_mission.events import EventStream
 from wbf_mission.flight import fly
 from wbf_mission.live.discovery import LiveFlightError, fitted_to, wanted_vehicles
@@ -56,26 +59,32 @@ def by_id(flights):
     return {one["vehicle"] if isinstance(one, dict) else one.system_id: one for one in flights}
 
 
-def home_of(number, autopilots, farm="miniberry-10"):
-    """Return where a vehicle of a fleet stands by its plan."""
+def homes_of(autopilots, farm="miniberry-10"):
+    """Return where the vehicles of a fleet stand by their plans."""
     fleet = resolve(scenario(farm=farm, vehicles=len(autopilots), autopilot=",".join(autopilots))).vehicles
-    builder = fleet[number - 1].task.builder
-    latitude, longitude = builder.farm.frame.to_wgs84(*builder.home_m)
-    return f"{latitude:.8f},{longitude:.8f},{builder.farm.frame.altitude_m}"
+    homes = []
+    for vehicle in fleet:
+        builder = vehicle.task.builder
+        latitude, longitude = builder.farm.frame.to_wgs84(*builder.home_m)
+        homes.append(GeoPoint(float(latitude), float(longitude), builder.farm.frame.altitude_m))
+    return homes
 
 
 @contextlib.contextmanager
-def pair(folder, *more, autopilots=("px4", "ardupilot"), faults=((), ()), listen=1):
+def pair(folder, *more, autopilots=("px4", "ardupilot"), listen=1):
     """Run two simulators as processes of their own; yields their links."""
     ports = ("tcpin:127.0.0.1:0",) * listen
+    homes = [
+        f"{home.latitude_deg:.8f},{home.longitude_deg:.8f},{home.altitude_m}"
+        for home in homes_of(autopilots, *more[1:])
+    ]
     with contextlib.ExitStack() as stack:
         yield [
             stack.enter_context(
                 simulator(
                     folder / f"sim-{number}",
                     *("--system-id", number, *more),
-                    *("--home", home_of(number, autopilots, *more[1:])),
-                    *(word for fault in faults[number - 1] for word in ("--fault", fault)),
+                    *("--home", homes[number - 1]),
                     autopilot=autopilot,
                     speed=FAST,
                     listen=ports,
@@ -85,19 +94,26 @@ def pair(folder, *more, autopilots=("px4", "ardupilot"), faults=((), ()), listen
         ]
 
 
-def test_two_vehicles_of_two_autopilots_fly_together(tmp_path):
+def test_two_vehicles_of_two_autopilots_fly_together(tmp_path, capsys):
     """In flight the link of one loses 30 % of all frames, each way."""
     # An upload at eight times real time meets an eighth of the vehicle's patience.
     bad = ("loss=0.3,at=airborne",)
+    first_home, second_home = homes_of(("px4", "ardupilot"))
+    given = [*FARM, *JOB, "--planner", "lawnmower", "--budget", "150s", "--yes", "--json", "--no-plots"]
     with (
-        pair(tmp_path, faults=((), bad)) as ((one,), (two,)),
-        flying(tmp_path, two, "--connect", one, "--budget", "150s") as ground,
+        stand_in("px4", speed=FAST, homes=[(first_home, 0.0)]) as (one, _),
+        stand_in("ardupilot", speed=FAST, homes=[(second_home, 0.0)], first_system=2, system_faults=bad) as (
+            two,
+            _,
+        ),
     ):
-        ended = ground.end()
-    assert ended.ended == (0, "completed"), ended.told
-    assert ended.summary["vehicles"] == 2
-    assert ended.summary["scenario"]["autopilot"] == "px4,ardupilot", "in the order of their system ids"
-    first, second = ended.summary["flights"]
+        code = main(["fly", *given, "--connect", two, "--connect", one, "--out", str(tmp_path / "run")])
+    out, told = capsys.readouterr()
+    summary = json.loads(out)
+    assert (code, summary["outcome"]) == (0, "completed"), told
+    assert summary["vehicles"] == 2
+    assert summary["scenario"]["autopilot"] == "px4,ardupilot", "in the order of their system ids"
+    first, second = summary["flights"]
     assert (first["vehicle"], second["vehicle"]) == (1, 2)
     assert first["link"]["loss"] < 0.05
     assert 0.15 < second["link"]["loss"] < 0.45
@@ -108,8 +124,8 @@ def test_two_vehicles_of_two_autopilots_fly_together(tmp_path):
         "warning: vehicle 1: preflight: it returns at another height",
         "vehicle 1: flying",
     ):
-        assert text in ended.told
-    assert ended.summary["least_distance_m"] > 2.0
+        assert text in told
+    assert summary["least_distance_m"] > 2.0
 
 
 @pytest.mark.slow

@@ -298,7 +298,7 @@ def test_a_vehicle_that_nobody_named_gives_no_errors_of_its_own():
 
 
 def test_no_less_than_nothing_is_left_in_a_battery():
-    assert findings(good(at(800, 0), at(0, 0), jumps(3, 90)))["battery"].measure.value == 0.0
+    assert findings(good(at(800, 0), at(0, 0), jumps(3, 20)))["battery"].measure.value == 0.0
 
 
 def test_findings_of_several_items_are_one_with_the_worst():

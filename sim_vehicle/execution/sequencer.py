@@ -139,6 +139,7 @@ class MissionSequencer:
         self, items: Sequence[MissionItem], seq: int, *, at_waypoints: bool = False, keeps_jumps: bool = False
     ) -> bool:
         """Replace the mission in flight, continue at item `seq`, and return whether that happens at once.
+
         Speeds are kept. A take-off is completed to its height first. A return home is completed and ends the
         mission. A `seq` beyond the end ends the mission. `at_waypoints`: the vehicle turns at once only if
         the old item is a waypoint and `seq` exists. Otherwise the vehicle completes the old item and

@@ -95,10 +95,10 @@ def do_items(
     Returns
     -------
     done : list of int
-            Indices of the executed items, in order.
+        Indices of the executed items, in order.
     next : int
-            Index of the next item with a position or a condition; ``len(items)`` at the end, -1 if jumps
-            never end.
+        Index of the next item with a position or a condition; ``len(items)`` at the end, -1 if jumps never
+        end.
     """
     done: list[int] = []
     seq = start

@@ -77,19 +77,19 @@ class Fleet:
     Parameters
     ----------
     home : GeoPoint or sequence of (GeoPoint, heading in degrees)
-            One position, around which the vehicles stand `spacing_m` apart, or one position per vehicle.
+        One position, around which the vehicles stand `spacing_m` apart, or one position per vehicle.
     count : int or None
-            Number of vehicles; by default the number of positions.
+        Number of vehicles; by default the number of positions.
     autopilot : Autopilot, optional
-            Autopilot to simulate; by default the one of `get_autopilot`.
+        Autopilot to simulate; by default the one of `get_autopilot`.
     wind : Wind, optional
-            Wind field: all vehicles have the same steady wind, and each vehicle has its own gusts.
+        Wind field: all vehicles have the same steady wind, and each vehicle has its own gusts.
     noise : SensorNoise, optional
-            Size of the sensor errors; each vehicle has its own errors.
+        Size of the sensor errors; each vehicle has its own errors.
     cold, sitl_rates : bool
         See `SimVehicle`.
     first_system : int
-            System id of the first vehicle.
+        System id of the first vehicle.
 
     Attributes
     ----------
@@ -98,7 +98,7 @@ class Fleet:
     Raises
     ------
     VehicleError
-            If the number of vehicles differs from the number of positions, or a system id is above 250.
+        If the number of vehicles differs from the number of positions, or a system id is above 250.
 
     Examples
     --------

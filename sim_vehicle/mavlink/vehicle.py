@@ -95,20 +95,20 @@ class SimVehicle:
     Attributes
     ----------
     pilot : Pilot
-            Vehicle without MAVLink: state, mode, outcome.
+        Vehicle without MAVLink: state, mode, outcome.
     link : str
-            Name of the link of the message that is being received.
+        Name of the link of the message that is being received.
     state : WireState
-            Source of the telemetry: clocks, position, plan ids.
+        Source of the telemetry: clocks, position, plan ids.
     firmware : Firmware
-            Firmware of the autopilot for this kind of vehicle.
+        Firmware of the autopilot for this kind of vehicle.
     errors : NavigationErrors or None
-            Navigation sensor errors; None if the sensors are exact.
+        Navigation sensor errors; None if the sensors are exact.
 
     Raises
     ------
     VehicleError
-            If the boot stages of this autopilot are unknown for this kind of vehicle.
+        If the boot stages of this autopilot are unknown for this kind of vehicle.
 
     Examples
     --------

@@ -277,10 +277,10 @@ class VehicleBatch:
             raise VehicleError(msg)
         table = np.empty((len(own), *own[0].shape), dtype=own[0].dtype)
         views = []
-        for k, one in enumerate(own):
+        for k, array in enumerate(own):
             # An empty track need not be copied.
             if name != "track" or self._vehicle(k).track_points:
-                table[k] = one
+                table[k] = array
             view = table[k]
             setattr(self.vehicles[k], name, view)
             views.append(view)

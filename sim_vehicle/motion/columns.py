@@ -28,7 +28,7 @@ def record_type(*columns: type[IntEnum] | list[str]) -> np.dtype[Any]:
     >>> record_type(IntEnum("Leg", ["LEFT_M", "HEADING"], start=0)).names
     ('left_m', 'heading')
     """
-    names = [one if isinstance(one, str) else one.name.lower() for each in columns for one in each]
+    names = [name if isinstance(name, str) else name.name.lower() for group in columns for name in group]
     return np.dtype((np.record, [(name, np.float64) for name in names]), align=True)
 
 

@@ -72,6 +72,7 @@ class Gimbal:
     """Three-axis gimbal.
 
     The vehicle has a gimbal if the `fitting` parameter is above 0 at boot; None stands for no gimbal.
+
     Examples
     --------
     >>> from types import SimpleNamespace

@@ -197,7 +197,8 @@ _SEVERITY = {
 }
 # A rover is steered to its course after turning for this time.
 _STEERS_AHEAD_S = 0.5
-# Stick position of 90 % throttle, ArduPlane's threshold for a go-around (``Plane::update_flight_stage``)._FULL_THROTTLE = 0.8
+# Stick position of 90 % throttle, ArduPlane's threshold for a go-around (``Plane::update_flight_stage``).
+_FULL_THROTTLE = 0.8
 # RC3_DZ: 30 microseconds of 500 above the lower end.
 _DOWN = -0.94
 

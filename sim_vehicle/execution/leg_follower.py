@@ -52,7 +52,7 @@ def require(able: bool, text: str) -> None:
 
 
 class AfterLastLeg(Enum):
-    """Continuation after the last leg of a plan."""
+    """Action after the last leg of a plan."""
 
     NEXT = "the next item"
     WAIT = "a pause"

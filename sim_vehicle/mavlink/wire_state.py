@@ -213,7 +213,7 @@ class WireState:
         return self._rates
 
     def above_start(self, altitude_m: float, frame: int) -> float:
-        """Return the height above the start of an altitude in a MAV_FRAME."""
+        """Convert an altitude in a MAV_FRAME to a height above the start."""
         return altitude_m + (self.pilot.home_m[2] if frame in RELATIVE_FRAMES else -self.home.altitude_m)
 
     def e7_of(self, position_m: Vector) -> tuple[int, int, int]:

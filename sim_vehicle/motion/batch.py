@@ -45,7 +45,7 @@ def _row(table: Record, k: int) -> Record:
     return table[k]
 
 
-# Rows of one vehicle in the tables of its kernel alone. Compiled code cannot loop over tables of different
+# Rows of one vehicle in its kernel's own tables. Compiled code cannot loop over tables of different
 # dimensions, hence one function for each number of tables.
 @compiled
 def _none(own: Tables, k: int) -> Tables:
@@ -70,7 +70,7 @@ def loop_of(dynamics: Dynamics) -> Callable[..., None]:
     """Return the compiled loop that calls the kernel for each of ``members``, the indices of vehicles.
 
     Its arguments are call int64[B, CALL], routes and arrivals concatenated at ``offsets``, wind[B, n, 9], the
-    rows of the vehicles, and the tables of the kernel alone. The loop is compiled on the first call.
+    rows of the vehicles, and the kernel's own tables. The loop is compiled on the first call.
     """
     advance, rows = dynamics.kernel, _ROWS[len(dynamics.own)]
 

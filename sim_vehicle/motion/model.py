@@ -105,7 +105,7 @@ class MotionModel(ABC):
         return 0.0, 0.0, 0.0, 0.0
 
     def estimate_with(self, errors: EstimateErrors) -> None:
-        """Fly by an estimate with errors, if the errors of this autopilot are modelled."""
+        """Add errors to the autopilot's estimate, if this model has such errors."""
         return
 
     @abstractmethod
@@ -151,7 +151,7 @@ class MotionModel(ABC):
 
     @abstractmethod
     def stopping_point(self) -> Position:
-        """Return the position of rest after braking now."""
+        """Return the position at which the vehicle stops if it brakes now."""
 
     @abstractmethod
     def advance(self, max_steps: int, *, stop_each: bool = True) -> MotionEvent:

@@ -99,7 +99,7 @@ class ModeControl:
         return sticks.shown is None or abs(sticks.shown.right) < _LEANS
 
     def change(self, mode: Mode) -> bool:
-        """Change the mode and, if armed, fly in it; keep the old mode if the vehicle cannot fly in the new.
+        """Change the mode; an armed vehicle flies in it at once, or keeps the old mode if it cannot.
 
         Returns whether the vehicle must be disarmed, because it was ordered to land or return on the ground.
         """

@@ -46,8 +46,9 @@ class StickTilt:
         self._flown_s = -math.inf
 
     def fly(self, sticks: Sticks, climb_m_s: float | None, heading: Heading, *, by_rate: bool) -> None:
-        """Fly by the sticks, at a vertical speed (0 holds the height) or, with None, by the thrust stick.
+        """Fly by the sticks.
 
+        `climb_m_s` is the vertical speed; 0 holds the height, and None takes the throttle stick as thrust.
         `by_rate`: the sticks command roll and pitch rates, and centred sticks keep the lean (ACRO).
         """
         controls, rules = self._controls, self._rules

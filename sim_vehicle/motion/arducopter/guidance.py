@@ -45,7 +45,7 @@ def _shape(change: float, acceleration: float, limit: float, jerk: float, dt: fl
 
 @compiled(allocates=False)
 def _stop_here(state: Record, guide: Record, law: Record) -> None:
-    """Set the target to the position of rest after braking now."""
+    """Set the target to the position at which the vehicle stops if it brakes now."""
     vx, vy, vz = state.velocity_x, state.velocity_y, state.velocity_z
     speed = sqrt(vx * vx + vy * vy)
     guide.px, guide.py = state.position_x, state.position_y

@@ -124,7 +124,7 @@ class ArduCopter(AlongCurves, Multirotor):
         self._rows["turning"][self.leg] = math.nan
 
     def stopping_point(self) -> Position:
-        """Return the position of rest after braking now."""
+        """Return the position at which the vehicle stops if it brakes now."""
         x, y, z, vx, vy, vz = self.state[State.POSITION_X : State.ACCELERATION_X].tolist()
         law, guide = self.law, self.guide
         speed = math.hypot(vx, vy)

@@ -85,7 +85,7 @@ class Multirotor(CompiledMotion):
             self._route["turn_rate"][self.leg] = math.nan
 
     def stopping_point(self) -> Position:
-        """Return the position of rest after braking now."""
+        """Return the position at which the vehicle stops if it brakes now."""
         x, y, z, vx, vy, vz, ax, ay, az = self.state[State.POSITION_X : State.HEADING].tolist()
         speed = math.sqrt(vx * vx + vy * vy + vz * vz)
         if speed < 1e-3:

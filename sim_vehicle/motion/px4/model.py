@@ -92,7 +92,7 @@ class Px4Multirotor(Multirotor):
         return self.dynamics if self._guided else GENERIC
 
     def estimate_with(self, errors: EstimateErrors) -> None:
-        """Fly by an estimate with errors from the first take-off."""
+        """Add errors to the autopilot's estimate, from the first take-off."""
         self._estimate_errors = errors
 
     @property

@@ -135,7 +135,7 @@ def level_speed(
     jerk: float,
     gain: float,
 ) -> float:
-    """Return the horizontal speed that allows for the next corner, and for a stop at the one after.
+    """Return the horizontal speed that allows for the next corner, and for a stop at the waypoint after that.
 
     `gain` is the share of the acceleration used in corners.
     """

@@ -138,7 +138,7 @@ class MissionSequencer:
     def change(
         self, items: Sequence[MissionItem], seq: int, *, at_waypoints: bool = False, keeps_jumps: bool = False
     ) -> bool:
-        """Replace the mission in flight and continue at item `seq`; return whether the vehicle turns there now.
+        """Replace the mission in flight, continue at item `seq`, and return whether the turn is immediate.
 
         Speeds are kept. A take-off is completed to its height first. A return home is completed and ends the
         mission. A `seq` beyond the end ends the mission. `at_waypoints`: the vehicle turns at once only if

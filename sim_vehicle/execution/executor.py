@@ -207,8 +207,7 @@ class MissionExecutor:
     def return_home(self, position_m: Position | None = None) -> None:
         """Climb to the return altitude, fly home or to the nearest rally point, and land.
 
-        With `position_m` (east, north, minimum height), the vehicle brakes, flies to that position and does
-        not land.
+        With `position_m` (east, north, minimum height), the vehicle brakes, flies there and holds.
         """
         self._in_air("return home")
         self.flight.look_at(None)
@@ -269,8 +268,7 @@ class MissionExecutor:
     def fly_through(self, limit_s: float) -> list[FlightEvent]:
         """Fly until the mission is over or the time limit is reached, and return the events in order.
 
-        The flight equals that of `advance` but is computed faster, because the motion runs through legs that
-        need no decision.
+        The flight equals that of `advance` but is faster to compute: the motion does not stop at each leg.
         """
         self.mission.run(self._step_at(limit_s), stop_each=False)
         return self.flight.take_events()

@@ -97,8 +97,7 @@ def do_items(
     done : list of int
         Indices of the executed items, in order.
     next : int
-        Index of the next item with a position or a condition; ``len(items)`` at the end, -1 if jumps never
-        end.
+        Index of the next item with a position or a condition; ``len(items)`` at the end, -1 in endless jumps.
     """
     done: list[int] = []
     seq = start
@@ -185,8 +184,7 @@ def climb_leg(
 ) -> Leg:
     """Return the straight climb of a go-around (ArduPlane's ``do_land``).
 
-    The climb ends at `height_m`, else at the height in the landing item's first parameter, else at the
-    take-off height.
+    The climb ends at `height_m`, else at the landing item's first parameter, else at the take-off height.
     """
     takeoffs = [item for item in items[:seq] if item.command == Command.NAV_TAKEOFF]
     top = height_m or 0.0

@@ -342,9 +342,9 @@ class MissionSequencer:
             for step in (self.flight.timer, self.flight.disarm_step, self.flight.waiting.step):
                 if step is not None and step < limit:
                     limit = max(step, motion.step)
-            flying = self.flight.plan is not None and self.flight.landed is not LandedState.ON_GROUND
-            if flying:
-                closely = stop_each or self._plan_needs_care()
+            plan = self.flight.plan
+            if plan is not None and self.flight.landed is not LandedState.ON_GROUND:
+                closely = stop_each or bool(self.flight.waiting.seqs) or plan.open or plan.unsure
                 event = yield limit - motion.step, closely
                 self._account(event)
             elif limit > motion.step:
@@ -369,11 +369,6 @@ class MissionSequencer:
             return True
         rests = self.flight.landed is LandedState.ON_GROUND or self.flight.phase is FlightPhase.HOLD
         return rests and self.flight.phase is not FlightPhase.MISSION and self.flight.disarm_step is None
-
-    def _plan_needs_care(self) -> bool:
-        """Whether a prediction, too, must handle the legs one by one."""
-        plan = self.flight.plan
-        return bool(self.flight.waiting.seqs) or (plan is not None and (plan.open or plan.unsure))
 
     def _account(self, event: MotionEvent) -> None:
         """Complete the legs that were flown, and handle the event that ended the motion."""
@@ -426,8 +421,9 @@ class MissionSequencer:
         elif plan.after_last is AfterLastLeg.NEXT:
             if seq >= 0:
                 self._complete_item()
-            else:
-                self._target_reached()
+            elif self.flight.phase in (FlightPhase.TAKEOFF, FlightPhase.GOTO):
+                self.flight.phase = FlightPhase.HOLD
+                self.flight.emit(TargetReached(self.flight.time_s))
 
     def _restart_landing(self, seq: int, time_s: float) -> None:
         """Restart an aborted landing."""
@@ -603,11 +599,6 @@ class MissionSequencer:
             self.flight.disarm_later()
         else:
             self.flight.hold()
-
-    def _target_reached(self) -> None:
-        if self.flight.phase in (FlightPhase.TAKEOFF, FlightPhase.GOTO):
-            self.flight.phase = FlightPhase.HOLD
-            self.flight.emit(TargetReached(self.flight.time_s))
 
     def _cannot_fly(self, reason: str, seq: int | None = None) -> None:
         on_mission = self.flight.phase is FlightPhase.MISSION

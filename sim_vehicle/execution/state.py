@@ -49,8 +49,7 @@ class VehicleState(NamedTuple):
     position_m: tuple[float, float, float]
     velocity_m_s: tuple[float, float, float]
     acceleration_m_s2: tuple[float, float, float]
-    # Attitude at which the thrust gives the acceleration and balances the drag; roll right and pitch up are
-    # positive.
+    # Attitude at which the thrust gives the acceleration and balances the drag; right and up are positive.
     roll_rad: float
     pitch_rad: float
     # Compass heading (clockwise from north, 0 to 2 pi) and the heading rate.

@@ -490,10 +490,6 @@ def _servo(vehicle: CommandedVehicle, command: VehicleCommand) -> Result:
     return None if _FIRST_FREE_SERVO <= channel <= _LAST_SERVO else _FAILED
 
 
-def _banner(vehicle: CommandedVehicle, _command: VehicleCommand) -> None:
-    vehicle.pilot.note(Severity.INFO, vehicle.state.mavlink.identity.banner)
-
-
 def _accept(_vehicle: CommandedVehicle, _command: VehicleCommand) -> None:
     """Accept a command that has no effect in the simulator."""
 
@@ -520,7 +516,9 @@ HANDLERS: dict[int, Handler] = {
     Command.DO_LAND_START: _land_start,
     m.MAV_CMD_DO_PAUSE_CONTINUE: _pause_continue,
     m.MAV_CMD_DO_SET_MISSION_CURRENT: _set_current,
-    m.MAV_CMD_DO_SEND_BANNER: _banner,
+    m.MAV_CMD_DO_SEND_BANNER: lambda vehicle, _: vehicle.pilot.note(
+        Severity.INFO, vehicle.state.mavlink.identity.banner
+    ),
     m.MAV_CMD_GET_HOME_POSITION: _send(m.MAVLINK_MSG_ID_HOME_POSITION),
     m.MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES: _send(m.MAVLINK_MSG_ID_AUTOPILOT_VERSION),
     m.MAV_CMD_REQUEST_PROTOCOL_VERSION: _send(m.MAVLINK_MSG_ID_PROTOCOL_VERSION),

@@ -61,7 +61,7 @@ class PlanReceiver:
             component_id,
             profile=state.firmware.profile,
             home=state.home,
-            validator=_check_item,
+            validator=lambda item: int(wire.ACCEPTED if item.command in _KNOWN_ITEMS else wire.UNSUPPORTED),
         )
         self._attach_cards()
 
@@ -223,8 +223,3 @@ class PlanReceiver:
         self._say(pilot.load(event.items, marked=marked))
         if flies:
             self._state.forget_item(now_s + behaviour.unknown_current_s)
-
-
-def _check_item(item: MissionItem) -> int:
-    """Return the MAV_MISSION_RESULT of the check of one mission item."""
-    return int(wire.ACCEPTED if item.command in _KNOWN_ITEMS else wire.UNSUPPORTED)

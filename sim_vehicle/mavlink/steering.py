@@ -209,8 +209,7 @@ def _attitude_of(
 ) -> AttitudeTarget | None:
     """Return the target of SET_ATTITUDE_TARGET as ArduCopter reads it; None stops the vehicle.
 
-    `climbs`: thrust 1 is the climb speed and thrust 0 the descent speed. Otherwise `hover` is the thrust that
-    hovers.
+    `climbs`: thrust 1 is the climb speed, 0 the descent speed. Otherwise `hover` is the hover thrust.
     """
     mask = int(message.type_mask)
     rates = [message.body_roll_rate, message.body_pitch_rate, message.body_yaw_rate]

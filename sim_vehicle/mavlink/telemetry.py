@@ -43,8 +43,7 @@ _CHARGE_STATES = (
 _NO_BATTERY = (0, 1, 1, 32767, [UNUSED] * 10, -1, -1, -1, -1, 0, 0)
 _HOME_Q = [1.0, 0.0, 0.0, 0.0]
 _UNKNOWN_COVARIANCE = [math.nan] * 21
-# Attitude, velocities, positions and height above ground; without a position only attitude, vertical speed
-# and altitude.
+# Attitude, velocities, positions, height above ground; without a position attitude and vertical motion.
 _ESTIMATES_OK = 1 | 2 | 4 | 8 | 16 | 32 | 256 | 512
 _ESTIMATES_BLIND = 1 | 4 | 32
 _FIX_3D = 3

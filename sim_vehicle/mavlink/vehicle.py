@@ -89,8 +89,7 @@ class SimVehicle:
         Whether the vehicle boots at the first message, with the autopilot's boot stages; by default the
         vehicle is already up.
     sitl_rates : bool
-        Whether telemetry has the message rates of the autopilot's own simulator; by default there are fewer
-        and slower messages.
+        Whether telemetry has the rates of the autopilot's own simulator; the default rates are lower.
 
     Attributes
     ----------

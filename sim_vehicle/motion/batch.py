@@ -1,8 +1,7 @@
 """Batches of vehicles, advanced in one compiled call along their own routes, with unchanged results.
 
 The numbers of the vehicles are rows of arrays, ``[vehicle, number]``. Each vehicle keeps views of its rows,
-so routes, parameters and positions are used as without a batch. The loops below call the kernels of the
-single vehicles.
+so routes, parameters and positions are used as without a batch. The loops call single vehicles' kernels.
 """
 
 from __future__ import annotations

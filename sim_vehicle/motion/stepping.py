@@ -125,8 +125,7 @@ def kernel_of(
     ) -> int:
         """Advance up to ``max_steps`` steps along the route, fewer if an event occurs; return the event.
 
-        An empty battery takes precedence over a leg completed in the same step; ``arrivals`` records that
-        leg.
+        An empty battery takes precedence over a leg completed in the same step; ``arrivals`` has the leg.
 
         Parameters
         ----------

@@ -131,8 +131,7 @@ def is_done(action: Action, phase: FlightPhase) -> bool:
 class Failsafe:
     """Failsafes of one vehicle; the pilot carries out their reactions.
 
-    `active`: a failsafe has triggered since arming. `link_lost`: the ground station's heartbeats have
-    stopped.
+    `active`: a failsafe has triggered since arming. `link_lost`: the ground station is silent.
     """
 
     def __init__(self, controls: Controls) -> None:
@@ -212,8 +211,7 @@ class Failsafe:
     def check(self) -> Iterator[Reaction]:
         """Check all failsafes of an armed vehicle, and yield the reactions.
 
-        The caller must carry out each reaction before taking the next one, because the next check reads the
-        resulting state.
+        The caller must carry out each reaction before taking the next: later checks read the new state.
         """
         controls, parameters = self._controls, self._parameters
         if controls.state.phase.is_lost:
@@ -281,8 +279,7 @@ class Failsafe:
             if point_m is None:
                 yield from self._react(reaction)
             else:
-                # As in ArduPlane, a return to the fence's return point interrupts any flight, and the vehicle
-                # holds there.
+                # As in ArduPlane, a return to the fence's return point interrupts any flight.
                 self.active = True
                 yield reaction
         elif before is not Breach.NONE and watch.breach is Breach.NONE:

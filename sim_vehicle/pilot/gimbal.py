@@ -1,8 +1,7 @@
 """Gimbal of the camera: target and angles over time.
 
 Parameters, modes and limits follow ArduPilot's ``AP_Mount_Backend.cpp`` and ``AP_Mount_Servo.cpp``. The
-simulated gimbal stabilises roll and pitch relative to the horizon and yaw relative to the vehicle, and turns
-at a limited rate.
+simulated gimbal stabilises roll and pitch to the horizon and yaw to the vehicle, at limited rates.
 """
 
 from __future__ import annotations

@@ -22,7 +22,6 @@ from sim_vehicle.motion.legs import ALONG, KEEP, Heading
 from sim_vehicle.pilot.controls import RefusedError, Severity
 
 if TYPE_CHECKING:
-    from sim_vehicle.autopilot.parameters import RuntimeParameters
     from sim_vehicle.pilot.controls import Controls
     from sim_vehicle.pilot.failsafe import Failsafe
 
@@ -297,7 +296,8 @@ class AttitudePilot:
             pitch = self._pitch + step_s * target.rates_rad_s[1]
         size = max(math.hypot(roll, pitch) / _MOST_LEAN.of(self._parameters), 1.0)
         roll, pitch = roll / size, pitch / size
-        share = 1.0 if math.isnan(target.roll_rad) else 1.0 - math.exp(-step_s / _lag(self._parameters))
+        lag_s = max(_LAG.of(self._parameters), 1e-3)
+        share = 1.0 if math.isnan(target.roll_rad) else 1.0 - math.exp(-step_s / lag_s)
         self._roll += share * (roll - self._roll)
         self._pitch += share * (pitch - self._pitch)
         upright = math.cos(self._roll) * math.cos(self._pitch)
@@ -340,10 +340,6 @@ class AttitudePilot:
         up = min(max(up + step_s * lift, -spec.descent_speed_m_s), spec.climb_speed_m_s)
         size = max(math.hypot(east, north) / spec.top_speed_m_s, 1.0)
         self._velocity_m_s = (east / size, north / size, up)
-
-
-def _lag(parameters: RuntimeParameters) -> float:
-    return max(_LAG.of(parameters), 1e-3)
 
 
 # In LOITER and the manual modes the sticks control the heading.

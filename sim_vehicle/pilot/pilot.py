@@ -128,12 +128,10 @@ class Pilot(Controls):
         """Replace the mission; a mission that cannot be flown is stored, but not flown.
 
         `marked` is the item to continue at; by default, in flight, the item with the same number. `whole` is
-        False for the first part of an upload that overwrites the mission in place; such a part is not
-        checked.
+        False for part of an upload that overwrites the mission in place; a part is not checked.
         """
         mission, behaviour = self.mission, self.behaviour
-        # A falling vehicle stores the mission without flying it, like an autopilot that does not notice the
-        # fall.
+        # A falling vehicle stores the mission without flying it, like an autopilot that notices no fall.
         flying = self.mode is Mode.MISSION and self.armed and not self.state.phase.is_lost
         airborne = self.armed and self.landed is not LandedState.ON_GROUND
         seq = marked or 0
@@ -463,8 +461,7 @@ class Pilot(Controls):
     def take_sticks(self, sticks: Sticks, *, flown: bool = True, by_rate: bool = False) -> None:
         """Fly by the ground station's sticks in the modes for sticks.
 
-        `flown`: the sticks move the vehicle in the custom mode. `by_rate`: the sticks command rates in that
-        mode.
+        `flown`: the sticks move the vehicle in the custom mode. `by_rate`: they command rates.
         """
         if self._sticks is None:
             return

@@ -64,8 +64,7 @@ class StickTilt:
         thrust = 1.0 if climb_m_s is not None else self._thrust(sticks.up)
         lean_rad = math.hypot(forward_rad, right_rad)
         if climb_m_s is not None:
-            # The stick commands acceleration; the thrust grows with the lean to keep its vertical part
-            # constant.
+            # The stick commands acceleration; the thrust grows with the lean to keep its vertical part.
             most_rad = min(rules.lean.of(self._parameters), _MOST_LEAN_RAD)
             scale = GRAVITY_M_S2 * math.tan(most_rad) / most_rad
         else:
@@ -279,8 +278,9 @@ class StickPilot:
     def check(self, *, flown: bool) -> Iterator[Reaction]:
         """Continue manual flight, and yield reactions to a loss of the sticks; `flown` as in `take`."""
         if self._sticks is None:
-            receiver = self._rules.receiver
-            if receiver is not None and flown and self._flies and self._holds:
+            receiver, controls = self._rules.receiver, self._controls
+            holds = controls.state.phase is FlightPhase.HOLD and controls.landed is LandedState.IN_AIR
+            if receiver is not None and flown and self._flies and holds:
                 with suppress(RefusedError):
                     self._fly(receiver)
             return
@@ -295,7 +295,9 @@ class StickPilot:
                 self._wing.forget()
             if self._tilt is not None and not self._leans:
                 self._tilt.forget()
-            if self._flies and (self._leans or (self._steers_on and self._moves)):
+            # A rover or wing needs new orders even if the sticks do not move.
+            steers_on = self._moves and (self._rules.drives or self._wing is not None)
+            if self._flies and (self._leans or steers_on):
                 with suppress(RefusedError):
                     self._fly(self._sticks)
         elif not self.lost:
@@ -330,20 +332,10 @@ class StickPilot:
         return math.inf if release_s < 0.0 else release_s
 
     @property
-    def _steers_on(self) -> bool:
-        """Whether unchanged sticks must be followed in every step."""
-        return self._rules.drives or self._wing is not None
-
-    @property
     def _leans(self) -> bool:
         """Whether the sticks lean the vehicle in the present mode."""
         tilt, mode = self._rules.tilt, self._controls.mode
         return tilt is not None and mode in tilt.holds_height | tilt.by_throttle
-
-    @property
-    def _holds(self) -> bool:
-        controls = self._controls
-        return controls.state.phase is FlightPhase.HOLD and controls.landed is LandedState.IN_AIR
 
     @property
     def _flies(self) -> bool:

@@ -84,8 +84,7 @@ class Prediction:
     def ground_length_m(self) -> float:
         """Length over ground from take-off to landing, which is the length of a plan.
 
-        It is the flown length times the share of the track over ground, since the track may be truncated and
-        cuts corners slightly.
+        The flown length times the track's share over ground, as the track may be truncated and cuts corners.
         """
         steps = np.diff(self.track_m, axis=0, prepend=np.zeros((1, 3)))
         flown_m = float(np.sqrt((steps**2).sum(axis=1)).sum())

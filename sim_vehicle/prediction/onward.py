@@ -144,8 +144,7 @@ class OnwardPredictor:
         Returns
         -------
         seconds, watt_hours : float64[number of paths]
-            Infinite for a path that the vehicle cannot fly because of the wind; 0 Wh for a vehicle without a
-            power model.
+            Infinite for a path that the vehicle cannot fly because of the wind; 0 Wh without a power model.
 
         Raises
         ------

@@ -174,8 +174,7 @@ def plan_prediction(
     The prediction is that of `expected_flights` with `PREDICTION_PAIRS` pairs. The track has steps of 0.1 to
     1 s, and at least 600 steps for flights longer than a minute, because the coverage is computed from the
     track. If the battery does not last, duration, energy, length and track are those of the whole mission
-    with an unlimited battery. The reason then gives the times at which the battery reaches its reserve and is
-    empty.
+    with an unlimited battery. The reason then gives the times of reaching the reserve and an empty battery.
     """
 
     def flown(*, endless: bool, track_step_s: float) -> Prediction:
@@ -279,8 +278,8 @@ def rehearsals(wind: Wind | None, pairs: int = REHEARSAL_PAIRS) -> list[Wind | N
 
     The winds have the mean, shear and gust statistics of `wind`, but their own gusts, which do not depend on
     the seed of `wind`. Winds come in pairs with opposite gusts, so that effects linear in the gust cancel in
-    the mean and few flights suffice (antithetic variates; Hammersley and Morton 1956). A wind without gusts
-    is returned alone.
+    the mean and few flights suffice (antithetic variates; Hammersley and Morton 1956). A steady wind is
+    returned alone.
     """
     if wind is None or not wind.is_gusty:
         return [wind]

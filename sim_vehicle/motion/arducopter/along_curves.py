@@ -60,7 +60,7 @@ class AlongCurves(CompiledMotion):
         self._interrupted = True
 
     @property
-    def _goes_on(self) -> bool:
+    def _continues_leg(self) -> bool:
         """Whether the vehicle was placed in flight and continues along its first leg."""
         return self._under_way and not self._interrupted
 
@@ -77,7 +77,7 @@ class AlongCurves(CompiledMotion):
         speed = np.where(np.isnan(legs["speed"]), 0.0, np.minimum(legs["speed"], fastest))
         rest = (legs["heading"], legs["near"], kind, legs["pause"], legs["turn"])
         rows = np.column_stack((points_m, legs["radius"], speed, *rest))
-        under_way, self._under_way = self._goes_on, False
+        under_way, self._under_way = self._continues_leg, False
         self.guide[Guide.BEGINS] = self._join(rows[0], law) if under_way else self._follows(rows[0])
         self._rows = self._route = np.ascontiguousarray(rows).view(at.LEG)[:, 0]
         self._begin()

@@ -110,8 +110,7 @@ def take_next(
 ) -> None:
     """Continue with the next leg, from the end of the present leg or from the target at rest.
 
-    From rest, the leg is lengthened to at least `least`, because an estimated position never equals the exact
-    one.
+    From rest, the leg is lengthened to at least `least`, as an estimated position is never exact.
     """
     if before == at.LEGS:
         copy_leg(heads, curves, 0, 1)

@@ -82,8 +82,7 @@ def stopping_distance(v: float, a: float, v_end: float, limit: float, jerk: floa
     brake = -a
     peak = sqrt(jerk * lost + 0.5 * brake * brake)
     if peak <= brake:
-        # Releasing the brake loses too much speed already: the distance to the point where ``v_end`` is
-        # passed.
+        # Releasing the brake loses too much speed already: return the distance until ``v_end``.
         t = (brake - sqrt(brake * brake - 2.0 * jerk * lost)) / jerk
         return distance + t * (v - t * (0.5 * brake - jerk * t / 6.0))
     if peak > limit:

@@ -306,8 +306,7 @@ def prepare_velocity(
     height_m : float
         Height to hold in place of the vertical speed; NaN for none.
     heading_rad, turn_rad_s : float
-        Heading and heading rate as in `Heading.numbers`: a heading of NaN follows the flight, infinity keeps
-        the present heading.
+        Heading and heading rate as in `Heading.numbers`: NaN follows the flight, infinity keeps the heading.
     """
     east, north, up = velocity
     speed = np.hypot(east, north)

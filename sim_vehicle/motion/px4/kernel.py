@@ -2,8 +2,7 @@
 
 Mechanisms and constants from PX4 v1.17: ``FlightTaskAuto`` and ``PositionSmoothing`` (trajectory),
 ``FlightTaskOrbit``, ``mc_pos_control`` (``PositionControl``, ``Takeoff``), ``navigator/mission_block``
-(acceptance of waypoints), ``land_detector``, and ``simulator_sih`` (airframe). docs/vehicle-model.md lists
-the omissions.
+(acceptance of waypoints), ``land_detector``, and ``simulator_sih`` (airframe). Gaps: docs/vehicle-model.md.
 
 State and counters are those of `sim_vehicle.motion.multirotor.kernel`; the record `GUIDE` holds the memory of
 the autopilot. Positions are east-north-up relative to home.

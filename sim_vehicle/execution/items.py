@@ -139,7 +139,7 @@ def _change_speed(item: MissionItem, settings: Settings, top_speed_m_s: float) -
 
 
 def _yaw(item: MissionItem, yaw_rad: float) -> float:
-    """Return the heading of a CONDITION_YAW; an absolute heading is always turned to the short way."""
+    """Return the heading of a CONDITION_YAW; the direction of an absolute heading is ignored."""
     angle = math.radians(number(item.param1))
     if number(item.param4) == 0.0:
         return angle

@@ -124,7 +124,7 @@ class MissionSequencer:
     ) -> None:
         """Replace the mission, with `current` as its current item; a vehicle that is flying a mission holds.
 
-        `positions` are those of `sim_vehicle.execution.items.item_positions`, if known already.
+        `positions` is the result of `sim_vehicle.execution.items.item_positions`, if known.
         `keeps_settings`: the present speeds are kept.
         """
         if self.flight.phase is FlightPhase.MISSION:
@@ -299,7 +299,7 @@ class MissionSequencer:
         return landing_start(self.items, self._positions, self._motion.position_m)
 
     def landing_legs(self) -> list[Leg]:
-        """Return the legs of the mission's landing from here, or no legs if it has no complete landing."""
+        """Return the legs from here through the mission's landing; empty without a complete landing."""
         seq = self.landing_start()
         if seq is None:
             return []

@@ -136,7 +136,7 @@ def _terrain_report(source: WireState) -> Message:
 
 
 def _rc_channels(source: WireState) -> Message:
-    """RC_CHANNELS: a ground station's overrides, else the receiver that ArduPilot's simulator has."""
+    """RC_CHANNELS: a ground station's overrides, else the channels of ArduPilot's simulated receiver."""
     rules, heard = source.firmware.sticks, source.pilot.sticks
     if rules is None or not rules.overrides:
         return m.MAVLink_rc_channels_message(source.boot_ms, 0, *([UNUSED] * 18 + [255]))

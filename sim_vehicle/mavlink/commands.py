@@ -130,7 +130,7 @@ def _acknowledgement(command: VehicleCommand, result: int) -> Message:
 
 
 def set_custom_mode(vehicle: CommandedVehicle, number: int) -> None:
-    """Enter the mode with this custom mode number; RefusedError if it is unknown or not possible now."""
+    """Enter a mode by its custom mode number; RefusedError if unknown or not possible now."""
     modes = vehicle.state.mavlink.modes
     mode = modes.mode_of(number)
     if mode is Mode.FLIP and vehicle.state.custom_mode not in modes.flips_from:

@@ -56,7 +56,7 @@ _MOST_DEG = (90.0, 180.0, 360.0)
 
 def _turn(gimbal: Gimbal, flags: int, angles_deg: tuple[float, ...], rates_deg: tuple[float, ...]) -> Result:
     """Turn the gimbal to angles, else at rates (roll, pitch, yaw), else set only the yaw lock."""
-    for mode, flag in _RESTING.items():  # the manager's flags are those of the device
+    for mode, flag in _RESTING.items():  # manager flags equal device flags
         if flags & flag:
             gimbal.set_mode(mode)
             return None

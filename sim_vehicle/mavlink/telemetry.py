@@ -277,7 +277,7 @@ def _highres_imu(source: WireState) -> Message:
 
 
 def _state_for_gimbals(source: WireState) -> Message:
-    """AUTOPILOT_STATE_FOR_GIMBAL_DEVICE; like PX4, it reports neither TAKEOFF nor LANDING."""
+    """AUTOPILOT_STATE_FOR_GIMBAL_DEVICE, which in PX4 never reports TAKEOFF or LANDING."""
     on_ground = source.pilot.landed is LandedState.ON_GROUND
     return m.MAVLink_autopilot_state_for_gimbal_device_message(
         *(0, 0, source.boot_ms * 1000),

@@ -329,7 +329,7 @@ class SimVehicle:
         return [(link, messages) for link, messages in due if messages]
 
     def only_heard(self, message_ids: frozenset[int] | None) -> None:
-        """Build only scheduled messages with these ids; None builds all."""
+        """Restrict scheduled messages to these ids; None lifts the restriction."""
         self._heard = message_ids
 
     def next_deadline(self) -> float:
@@ -397,7 +397,7 @@ class SimVehicle:
                 self.command_camera(item.command, params)
 
     def _show_changes(self) -> None:
-        """Send notices at once, and changes that clients wait for: mode, arming, landing and progress."""
+        """Send notices and changes of mode, arming, landing and progress without delay."""
         pilot = self.pilot
         self._outbox += self._camera.watch(self._now_s)
         if self._gimbal_interval_us and self.state.gimbal.awake:
@@ -473,8 +473,8 @@ class SimVehicle:
     def reboot(self) -> None:
         """Reboot: reset the time since boot, plan ids, message rates and transfers; the plans are kept.
 
-        On the ground the vehicle comes up in its boot mode. In flight it keeps its mode, a simplified
-        watchdog reboot that suffices to test a ground station.
+        On the ground the vehicle comes up in its boot mode. In flight the vehicle keeps its mode: a
+        simplified watchdog reboot, sufficient for tests of ground stations.
         """
         self.state.reboot()
         self._plans.reboot(self._now_s)

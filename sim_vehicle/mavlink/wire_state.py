@@ -222,7 +222,7 @@ class WireState:
         return _e7(*self.pilot.frame.to_wgs84(east, north), up + self.home.altitude_m)
 
     def move_home(self) -> GeoPoint:
-        """Copy home from the pilot and return it."""
+        """Update home from the pilot's home, and return the new position."""
         east, north, up = self.pilot.home_m
         latitude, longitude = self.pilot.frame.to_wgs84(east, north)
         self.home_e7 = _e7(latitude, longitude, self.home.altitude_m + up)

@@ -68,7 +68,7 @@ _ROWS = {0: _none, 3: _three, 4: _four}
 def loop_of(dynamics: Dynamics) -> Callable[..., None]:
     """Return the compiled loop that calls the kernel for each of ``members``, the indices of vehicles.
 
-    Its arguments are call int64[B, CALL], routes and arrivals concatenated at ``offsets``, wind[B, n, 9], the
+    The arguments are call int64[B, CALL], routes and arrivals concatenated at ``offsets``, wind[B, n, 9], the
     rows of the vehicles, and the kernel's own tables. The loop is compiled on the first call.
     """
     advance, rows = dynamics.kernel, _ROWS[len(dynamics.own)]

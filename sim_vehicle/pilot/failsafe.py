@@ -192,7 +192,7 @@ class Failsafe:
         self.battery.give_up()
 
     def outside(self, position_m: Position) -> str | None:
-        """Return the reason why the fence excludes a position, or None if it does not."""
+        """Return the reason why the fence excludes a position, or None for an allowed position."""
         if not self.fence_enabled:
             return None
         breach, reason, _ = self.fence.evaluate(position_m, self._controls.home_m)

@@ -76,7 +76,7 @@ class Fence:
     return_point_m: tuple[float, float, float] | None = None
     """Return point: east, north, height."""
     any_inclusion: bool = True
-    """Whether one of the inclusion zones has to contain the vehicle (PX4) or all of them (ArduPilot)."""
+    """Whether the vehicle must be inside any inclusion zone (PX4) instead of inside all (ArduPilot)."""
 
     @classmethod
     def of(cls, items: Sequence[MissionItem], frame: LocalFrame, *, any_inclusion: bool = True) -> Fence:

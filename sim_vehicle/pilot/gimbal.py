@@ -165,7 +165,7 @@ class Gimbal:
             self.to_default()
 
     def advance(self, state: VehicleState, boot_us: float, home_m: tuple[float, float, float]) -> None:
-        """Turn until the vehicle's time; `boot_us` is the time since boot."""
+        """Advance the gimbal to the vehicle's time; `boot_us` is the time since boot."""
         passed_s, self._time_s = max(0.0, state.time_s - self._time_s), state.time_s
         if not self.awake:
             return

@@ -28,11 +28,11 @@ if TYPE_CHECKING:
 __all__ = ["AttitudePilot", "AttitudeTarget", "AutoYaw", "Setpoint", "SetpointFollower"]
 
 _SLOWEST_M_S = 0.05
-# A vehicle on the ground ignores setpoints up to this height above it: MAVLink rounds the height.
+# A vehicle on the ground ignores setpoints up to this height above the vehicle: MAVLink rounds heights.
 _STANDS_M = 0.01
 # Share of the top speed above which ArduCopter turns the nose to the velocity (`AC_PosControl`).
 _TRAVELS = 0.05
-# Minimum height of position setpoints: towards lower ones, real autopilots press the vehicle to the ground.
+# Minimum height of position setpoints; below, real autopilots press the vehicle onto the ground.
 _LOWEST_M = 0.1
 
 
@@ -61,7 +61,7 @@ class Setpoint:
         return math.isnan(self.position_m[0]) and not all(math.isnan(v) for v in self.velocity_m_s)
 
     def lifts_from(self, height_m: float) -> bool:
-        """Whether a multirotor on the ground takes off (PX4's ``MulticopterPositionControl::Run``)."""
+        """Whether a multirotor takes off for the setpoint (PX4's ``MulticopterPositionControl::Run``)."""
         return self.position_m[2] > height_m + _STANDS_M or self.velocity_m_s[2] > 0.0
 
 

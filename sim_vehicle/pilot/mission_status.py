@@ -101,7 +101,7 @@ class MissionStatus:
                 self.problems += (ItemProblem(None, 0, "firmware", refusal),)
 
     def why_not_begin(self) -> str | None:
-        """Return the reason why the mission cannot be begun now, or None; in the air it needs no take-off."""
+        """Return the reason against beginning the mission now, or None; in the air it needs no take-off."""
         controls = self._controls
         in_air = controls.landed is not LandedState.ON_GROUND
         if self.problems and in_air and not self._in_air:

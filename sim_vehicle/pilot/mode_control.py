@@ -99,9 +99,10 @@ class ModeControl:
         return sticks.shown is None or abs(sticks.shown.right) < _LEANS
 
     def change(self, mode: Mode) -> bool:
-        """Change the mode; an armed vehicle flies in it at once, or keeps the old mode if it cannot.
+        """Change the mode and, if armed, begin the mode's flight; a refusal restores the old mode.
 
-        Returns whether the vehicle must be disarmed, because it was ordered to land or return on the ground.
+        Returns whether the vehicle must be disarmed: an order to land or return on the ground has that
+        effect.
         """
         before, intended = self._controls.mode, self.intended
         self._attitude.stop()
@@ -187,7 +188,7 @@ class ModeControl:
             self._circle()
 
     def fly_on(self) -> None:
-        """Continue a commanded attitude, flip or follow flight, and end CIRCLE's heading with its mode."""
+        """Continue a commanded attitude, flip or follow flight; after CIRCLE, stop pointing the nose."""
         controls = self._controls
         if controls.mode is Mode.FOLLOW:
             self._follow.check()

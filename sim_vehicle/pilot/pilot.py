@@ -190,12 +190,12 @@ class Pilot(Controls):
             self._end(Outcome.MISSION_REJECTED, reason)
 
     def set_fence(self, items: Sequence[MissionItem]) -> None:
-        """Replace the fence and check the mission again, unless the vehicle is flying it."""
+        """Replace the fence and check the mission again, unless the mission is in flight."""
         self.failsafe.set_fence(Fence.of(items, self.frame, any_inclusion=self.rules.any_inclusion))
         self._check_mission_again()
 
     def set_rally(self, items: Sequence[MissionItem]) -> None:
-        """Replace the rally points; a return leads to the nearest of them or home."""
+        """Replace the rally points; a return leads to home or to a nearer rally point."""
         self._rally = [item for item in items if item.command == Command.NAV_RALLY_POINT]
         self._place_rally()
 
@@ -461,7 +461,7 @@ class Pilot(Controls):
     def take_sticks(self, sticks: Sticks, *, flown: bool = True, by_rate: bool = False) -> None:
         """Fly by the ground station's sticks in the modes for sticks.
 
-        `flown`: the sticks move the vehicle in the custom mode. `by_rate`: they command rates.
+        `flown`: the sticks move the vehicle in the custom mode. `by_rate`: sticks command rates.
         """
         if self._sticks is None:
             return
@@ -584,7 +584,7 @@ class Pilot(Controls):
             self._on_disarmed(self.rules.landed)
 
     def _give_up_mission(self, event: CannotFly) -> None:
-        """Return home after an item that the vehicle cannot fly, or land if it is already returning."""
+        """Return home after an item that cannot be flown; land if the vehicle is already returning."""
         where = f"Item {event.seq + 1}: " if event.seq >= 0 else ""
         self.note(Severity.CRITICAL, f"{where}{event.reason}")
         if not self.outcome.is_over:

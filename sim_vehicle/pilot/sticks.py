@@ -195,7 +195,7 @@ _SEVERITY = {
         (Action.NONE, Action.WARN, Action.HOLD, Action.RETURN, Action.LAND, Action.DISARM, Action.TERMINATE)
     )
 }
-# A rover is steered to its course after turning for this time.
+# Look-ahead time of a rover's course under steering.
 _STEERS_AHEAD_S = 0.5
 # Stick position of 90 % throttle, ArduPlane's threshold for a go-around (``Plane::update_flight_stage``).
 _FULL_THROTTLE = 0.8
@@ -204,7 +204,7 @@ _DOWN = -0.94
 
 
 class StickPilot:
-    """Manual flight while stick messages arrive; `lost`: they have stopped."""
+    """Manual flight while stick messages arrive; `lost`: the messages have stopped."""
 
     def __init__(self, controls: Controls, rules: StickRules) -> None:
         self._controls = controls

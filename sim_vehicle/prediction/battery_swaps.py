@@ -65,9 +65,9 @@ def batteries_needed(
     """Return the number of full batteries, each used down to its reserve, that complete a mission.
 
     With more than one battery, the vehicle interrupts the mission when the remaining charge just suffices for
-    the return. It continues there with the next battery (see `battery_changes`). The result is 0 for a
-    vehicle without a battery. It is None if no number suffices: the mission cannot be flown, or a position is
-    too far from home for one battery.
+    the return. The mission continues there with the next battery (see `battery_changes`). The result is 0 for
+    a vehicle without a battery. None means that no number suffices: the mission cannot be flown, or one
+    battery cannot reach a position and return.
 
     Examples
     --------

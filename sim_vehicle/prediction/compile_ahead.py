@@ -55,7 +55,7 @@ def warm_up(spec: VehicleSpec) -> None:
 def compile_all(progress: Callable[[str, int, int], None] | None = None) -> None:
     """Compile the dynamics of all vehicles, alone and in batches, unless they are cached.
 
-    `progress` is called before each of them with its title, the number done, and the total number.
+    `progress` is called before each with a title, the number done, and the total number.
     """
     dynamics = _dynamics()
     for done, (name, spec) in enumerate(dynamics):

@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 __all__ = ["PredictedFlight", "Prediction", "climbs_by_itself", "fly_all", "home_frame", "without_end"]
 
 _LONGEST_S = 86_400.0
-# Longest flight of the ideal vehicle: its steps are cheap whatever their length.
+# Time limit for the ideal vehicle: a time step of any length is equally cheap to compute.
 _LONGEST_IDEAL_S = 3e8
 _TRACK_POINTS = 20_000
 # Grid on which the kernels of all vehicles except the ideal one record their tracks.
@@ -189,7 +189,7 @@ class PredictedFlight:
         return numbers[np.searchsorted(since_s, times_s, side="left")]
 
     def left(self, energy_wh: float) -> tuple[float, str]:
-        """Return the battery fraction left after using this energy, and why it is too little."""
+        """Return the battery fraction left after using this energy, and the reason if it is too low."""
         battery = self.spec.battery
         if battery is None:
             return 1.0, ""

@@ -81,14 +81,14 @@ LEAST_SPEED = 0.2
 LEAST_WAY = 0.01
 """Minimum length of a leg from a standstill: an estimated position never equals the exact one."""
 SHAKE = 0.04
-"""Noise of the estimated speed (m/s); it decides how the target waits for a vehicle at rest."""
+"""Noise of the estimated speed (m/s), which decides how the target waits for a vehicle at rest."""
 SIDE = 0.7071067811865476
 """Guided position control: share of the acceleration allowed across if more is needed along."""
 
 
 @compiled(inline="always")
 def rooted(error: float, gain: float, limit: float) -> float:
-    """Return the rate that closes an error: linear for small errors, else such that `limit` can stop it."""
+    """Return the rate that closes an error: linear for small errors, else the rate that `limit` can stop."""
     straight = limit / (gain * gain)
     if error > straight:
         return sqrt(2.0 * limit * (error - 0.5 * straight))

@@ -349,7 +349,7 @@ def _lead_up(guide: Record, law: Record) -> bool:
 
 @compiled(allocates=False)
 def _lead_to(guide: Record, law: Record) -> bool:
-    """Move the target to the position of a guided setpoint; return whether it is there.
+    """Move the target to a guided setpoint's position; return whether the target has arrived.
 
     Follows `AC_PosControl::input_pos_NEU_m`. The speed is one from which half the acceleration limit, reached
     at half the jerk limit, still stops at the position. The velocity correction is split into a part along

@@ -2,8 +2,8 @@
 
 A profile has 23 segments: a start, seven for the acceleration, seven for a speed change in flight, one at
 constant speed, and seven for braking to a stop. The jerk rises and falls along raised cosines, so the snap is
-limited, too. Formulas from ArduPilot, `libraries/AP_Math/SCurve.cpp` (4.7). Its rules also decide when the
-next leg begins while the present leg still brakes, which rounds the corners.
+limited, too. Formulas from ArduPilot, `libraries/AP_Math/SCurve.cpp` (4.7). ArduPilot's rules also decide
+when the next leg begins while the present leg still brakes, which rounds the corners.
 
 A leg is a row of `HEAD` numbers and a table of `SEGMENTS` x `COLUMNS` numbers, in SI units.
 """
@@ -109,7 +109,7 @@ def _speed_change(
 
 @compiled(allocates=False)
 def _peak_acceleration(jerk: float, ramp: float, v0: float, length: float) -> float:
-    """Return the peak acceleration of a change of a given length that never holds it: root of a cubic."""
+    """Return the peak acceleration of a speed change over `length` without a plateau (root of a cubic)."""
     peak = (length * jerk * jerk) ** (1.0 / 3.0)
     for _ in range(30):
         t = peak / jerk + ramp

@@ -121,8 +121,8 @@ def axis_acceleration(
     """Return the acceleration at the end of the step that brings one axis to its target.
 
     The result is the largest acceleration within the jerk and acceleration limits that still allows the axis
-    to keep the speed limit and to reach `v_end` within the remaining distance `d`. This condition holds after
-    each step if it held before, so the axis does not overshoot.
+    to keep the speed limit and to reach `v_end` within the remaining distance `d`. The axis does not
+    overshoot, because each step preserves this condition.
     """
     sign = 1.0
     if d < 0.0:
@@ -300,7 +300,7 @@ def _feel(
 
 @compiled(allocates=False)
 def _turn(state: Record, row: Record, limits: Record) -> None:
-    """Turn the nose to the region of interest, else at the leg's rate, else to its heading, else stop it."""
+    """Turn the nose to the region of interest, at the leg's rate or to its heading, or stop turning."""
     heading = row.heading
     if not isnan(state.look_east):
         east, north = state.look_east - state.position_x, state.look_north - state.position_y

@@ -118,7 +118,7 @@ _AHEAD_M = 1e3
 
 @compiled(allocates=False)
 def _choose_waypoints(g: Record, row: Record, px: float, py: float, pz: float, radius: float) -> None:
-    """Follow the leg, or return to it if the vehicle is beside it, before its start or past its end."""
+    """Choose waypoints on the leg, or waypoints that lead a vehicle off the leg back to the leg."""
     dx, dy, dz = row.x - row.before_x, row.y - row.before_y, row.z - row.before_z
     size = sqrt(dx * dx + dy * dy + dz * dz)
     state = 0.0
@@ -191,7 +191,7 @@ def _orbit(g: Record, row: Record, law: Record, px: float, py: float) -> None:
 
 @compiled(allocates=False)
 def _guide(g: Record, row: Record, law: Record, px: float, py: float, pz: float, least_track: float) -> None:
-    """Move the trajectory by one step; a setpoint has none, and the controller flies straight to it."""
+    """Move the trajectory by one step; a setpoint goes to the controller without a trajectory."""
     if row.kind == _SETPOINT:
         g.x, g.y, g.z = row.x, row.y, row.z
         g.target_x, g.target_y, g.target_z = row.x, row.y, row.z
@@ -365,7 +365,7 @@ def _fly(g: Record, law: Record, state: Record, wanted: Vector, flying: bool, tu
 
     The thrust direction follows the attitude (angle controller over a lagging rate), the thrust follows the
     motors, and the drag is linear. `turning` is the yaw rate (rad/s, clockwise) that ``AttitudeControl``
-    feeds forward about the vertical; it carries the tilt along.
+    feeds forward about the vertical, which rotates the tilt.
     """
     dt, lag = law.dt, 1.0 - exp(-law.dt / MOTOR_S)
     size = sqrt(wanted[0] ** 2 + wanted[1] ** 2 + wanted[2] ** 2)
@@ -433,7 +433,7 @@ def _left(row: Record, state: Record) -> float:
 
 @compiled(allocates=False)
 def begin_leg(g: Record, row: Record, state: Record) -> None:
-    """Make a leg the present one; a leg of a return or landing starts at the vehicle's position."""
+    """Begin the leg `row`; a leg of a return or landing starts at the vehicle's position."""
     if row.kind >= _CLIMB:
         row.before_x, row.before_y = state.position_x, state.position_y
         row.before_z = state.position_z + g.error

@@ -56,7 +56,7 @@ class AfterLastLeg(Enum):
 
     NEXT = "the next item"
     WAIT = "a pause"
-    FOREVER = "nothing, it stays"
+    FOREVER = "an endless hold"
     TOUCHDOWN = "the ground"
 
 

@@ -30,7 +30,7 @@ class FlightPhase(Enum):
     GOTO = "flying to a position"
     RETURN = "returning home"
     LAND = "landing"
-    STEERED = "flying as it is told"
+    STEERED = "flying at a commanded velocity"
     DEPLETED = "coming down without power"
     FALLING = "falling"
 

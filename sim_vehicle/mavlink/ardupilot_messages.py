@@ -24,14 +24,14 @@ if TYPE_CHECKING:
 __all__ = ["ARDUPILOT_BUILDERS", "STREAMS", "group_number"]
 
 # Type masks that use only the position (with ArduPilot's unused bits set), only the velocity, or both.
-_ONLY_GLOBAL, _ONLY_POSITION, _ONLY_VELOCITY, _BOTH = 0xFDF8, 0xDF8, 0xC07, 0xC00
+_ONLY_GLOBAL_POSITION, _ONLY_POSITION, _ONLY_VELOCITY, _BOTH = 0xFDF8, 0xDF8, 0xC07, 0xC00
 _GAUSS = (0.25, 0.0, 0.41)
 _CENTIDEGREES = 2500
 _BOARD_MV, _FREE_BYTES = 5000, 131_072
 # TERRAIN_SPACING, and the number of 4 x 4 blocks in a grid block.
 _SPACING_M, _LOADED = 100, 56
 _MIDDLE_US, _LEAST_US = 1500, 1000
-_MODES_OF_PILOTS = frozenset({Mode.MANUAL, Mode.ALTITUDE, Mode.POSITION, Mode.HOLD})
+_MANUAL_MODES = frozenset({Mode.MANUAL, Mode.ALTITUDE, Mode.POSITION, Mode.HOLD})
 # Channels 5 to 18 of the RC receiver in ArduPilot's simulator.
 _SWITCHES = (1800, 1000, 1000, 1800, *[0] * 10)
 
@@ -41,7 +41,7 @@ def _target(source: WireState) -> tuple[Position, Position] | None:
     pilot = source.pilot
     executor = pilot.executor
     plan = executor.flight.plan
-    if plan is None or pilot.mode in _MODES_OF_PILOTS or executor.flight.phase is FlightPhase.STEERED:
+    if plan is None or pilot.mode in _MANUAL_MODES or executor.flight.phase is FlightPhase.STEERED:
         return None
     leg = min(executor.motion.leg, len(plan.legs) - 1)
     return plan.legs[leg - 1].end_m if leg else executor.flight.began_m, plan.legs[leg].end_m
@@ -73,7 +73,7 @@ def _position_target_global_int(source: WireState) -> Message | None:
         return None
     latitude, longitude, altitude_mm = source.e7_of(target[1])
     return m.MAVLink_position_target_global_int_message(
-        source.boot_ms, 0, _ONLY_GLOBAL, latitude, longitude, altitude_mm / 1000.0, *[0.0] * 8
+        source.boot_ms, 0, _ONLY_GLOBAL_POSITION, latitude, longitude, altitude_mm / 1000.0, *[0.0] * 8
     )
 
 

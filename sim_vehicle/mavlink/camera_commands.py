@@ -67,7 +67,7 @@ class CameraCommands:
         self._pending.append(_Pending(message, 1, now_s + RETRY_S))
         return message
 
-    def _end(self, now_s: float) -> list[Message]:
+    def _stop_series(self, now_s: float) -> list[Message]:
         """Stop the running series of images."""
         return [] if self._stop is None else [self.command(self._stop, (0.0,) * 7, now_s)]
 
@@ -82,11 +82,11 @@ class CameraCommands:
         if not self.shooting:
             return []
         if not pilot.armed or (pauses and pilot.mode in (Mode.RTL, Mode.LAND)):
-            return self._end(now_s)
+            return self._stop_series(now_s)
         if not (pauses and left):
             return []
         paused = self._started
-        sent = self._end(now_s)
+        sent = self._stop_series(now_s)
         self._paused = paused
         return sent
 

@@ -55,7 +55,7 @@ class PlanReceiver:
         self._texts = texts
         self._reports = reports
         self._uploading = False
-        self._part_s = NEVER
+        self._part_received_s = NEVER
         self.server = MissionServer(
             state.system_id,
             component_id,
@@ -72,7 +72,7 @@ class PlanReceiver:
 
     def receive(self, message: Message, now_s: float) -> list[Message]:
         """Handle a message of the mission protocol and return the answers."""
-        self._take_part(now_s)
+        self._load_part(now_s)
         return self._take(self.server.receive(message, now_s), now_s)
 
     def take_plan(
@@ -116,7 +116,7 @@ class PlanReceiver:
 
     def poll(self, now_s: float) -> list[Message]:
         """Handle timeouts and return the messages that are due."""
-        self._take_part(now_s)
+        self._load_part(now_s)
         return self._take(self.server.poll(now_s), now_s) if self.due_s <= now_s else []
 
     def restart(self, now_s: float) -> None:
@@ -146,18 +146,18 @@ class PlanReceiver:
             "RALLY_TOTAL": lambda: self.server.count(MissionType.RALLY),
         }
 
-    def _take_part(self, now_s: float) -> None:
+    def _load_part(self, now_s: float) -> None:
         """Load the received items of a mission that takes effect item by item; one change per time step."""
-        if now_s <= self._part_s or not self._flies:
+        if now_s <= self._part_received_s or not self._flies:
             return
-        self._part_s = NEVER
-        self._say(self._pilot.load(self.server.live_plan(MissionType.MISSION), whole=False))
+        self._part_received_s = NEVER
+        self._announce_change(self._pilot.load(self.server.live_plan(MissionType.MISSION), whole=False))
 
     @property
     def _flies(self) -> bool:
         return self._pilot.armed and self._pilot.mode is Mode.MISSION
 
-    def _say(self, change: MissionChange) -> None:
+    def _announce_change(self, change: MissionChange) -> None:
         """Send the status text of a mission change in flight, if the autopilot has one."""
         pilot = self._pilot
         behaviour = pilot.behaviour
@@ -182,13 +182,13 @@ class PlanReceiver:
             mission, fence, rally = (self.server.plan(kind).opaque_id for kind in MissionType)
             self._state.plan_ids = (mission, fence, rally)
             if event.mission_type is not MissionType.MISSION:
-                self._take_area(event)
+                self._set_fence_or_rally(event)
         if event.mission_type is not MissionType.MISSION:
             return
         if isinstance(event, PlanPart):
-            self._part_s = now_s
+            self._part_received_s = now_s
         elif isinstance(event, PlanReplaced):
-            self._part_s = NEVER
+            self._part_received_s = NEVER
             self._replace_mission(event, now_s)
         elif isinstance(event, PlanCleared):
             self._pilot.load(())
@@ -197,7 +197,7 @@ class PlanReceiver:
         elif isinstance(event, TransferFailed) and self._uploading and event.reason is FailureReason.REFUSED:
             self._pilot.reject_mission(event.text)
 
-    def _take_area(self, event: PlanReplaced | PlanCleared) -> None:
+    def _set_fence_or_rally(self, event: PlanReplaced | PlanCleared) -> None:
         items = event.items if isinstance(event, PlanReplaced) else ()
         sound = [item for item in items if not isinstance(item, UncheckedItem)]
         is_fence = event.mission_type is MissionType.FENCE
@@ -220,6 +220,6 @@ class PlanReceiver:
             pilot.note(Severity.CRITICAL, f"Mission rejected: item {bad + 1} makes no sense")
             return
         self._reports.restart()
-        self._say(pilot.load(event.items, marked=marked))
+        self._announce_change(pilot.load(event.items, marked=marked))
         if flies:
             self._state.forget_item(now_s + behaviour.unknown_current_s)

@@ -207,18 +207,18 @@ class GyroCalibration:
     """
 
     def __init__(self, say: Callable[[str], None]) -> None:
-        self._say = say
-        self._left: list[str] = []
+        self._note = say
+        self._remaining_texts: list[str] = []
         self.due_s = NEVER
 
     def begin(self, now_s: float) -> None:
         """Begin the calibration, or restart a running one."""
-        self._left = list(_CALIBRATION_TEXTS)
+        self._remaining_texts = list(_CALIBRATION_TEXTS)
         self.due_s = now_s
 
     def poll(self, now_s: float) -> list[Message]:
         """Send the status texts that are due; there are no other messages."""
         while self.due_s <= now_s:
-            self._say(self._left.pop(0))
-            self.due_s = self.due_s + _CALIBRATION_STEP_S if self._left else NEVER
+            self._note(self._remaining_texts.pop(0))
+            self.due_s = self.due_s + _CALIBRATION_STEP_S if self._remaining_texts else NEVER
         return []

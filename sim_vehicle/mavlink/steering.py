@@ -131,13 +131,13 @@ class Steering:
         if rules.overrides and message.get_srcSystem() != int(_GROUND_STATION.of(parameters)):
             return None
         if is_a(message, m.MAVLink_rc_channels_override_message):
-            return self._of_channels(message, rules) if rules.overrides else None
+            return self._sticks_from_channels(message, rules) if rules.overrides else None
         if message.target != self._state.system_id:
             return None
         up = _axis(message.z, middle=rules.throttle_middle)
         return Sticks(_axis(message.x), _axis(message.y), up, _axis(message.r))
 
-    def _of_channels(
+    def _sticks_from_channels(
         self, message: m.MAVLink_rc_channels_override_message, rules: StickRules
     ) -> Sticks | None:
         """Return the sticks of roll, pitch, throttle and yaw; a channel without override is centred."""
@@ -192,7 +192,7 @@ class Steering:
         turn = math.nan if mask & _IGNORE_TURN else float(message.yaw_rate)
         if by_acceleration and self._state.mavlink.hover_thrust is not None:
             east, north, up = _enu(message.afx, message.afy, message.afz, yaw if turned else 0.0)
-            return _leaning((east, north, up), heading, turn, yaw)
+            return _attitude_for((east, north, up), heading, turn, yaw)
         setpoint = Setpoint(_masked(position, mask), _masked(velocity, mask >> 3), heading, turn)
         if all(map(math.isnan, (*setpoint.position_m, *setpoint.velocity_m_s, heading, turn))):
             raise RefusedError("Setpoint refused: neither position nor velocity", denied=True)
@@ -241,7 +241,7 @@ def _attitude_of(
     )
 
 
-def _leaning(acceleration: Position, heading: float, turn: float, yaw: float) -> AttitudeTarget:
+def _attitude_for(acceleration: Position, heading: float, turn: float, yaw: float) -> AttitudeTarget:
     """Return attitude and thrust for an acceleration (east, north, up); a NaN component counts as 0."""
     east, north, up = (0.0 if math.isnan(part) else part for part in acceleration)
     up = max(up, _LEAST_LIFT - GRAVITY_M_S2) + GRAVITY_M_S2

@@ -161,9 +161,9 @@ class SimVehicle:
         self.errors: NavigationErrors | None = state.errors
         self.link = ""
         self._sitl_rates = sitl_rates
-        self._heard: frozenset[int] | None = None
+        self._heard_ids: frozenset[int] | None = None
         self.has_camera = False
-        self._spoken_to = False
+        self._contacted = False
         # Interval requested by a stream for a sleeping gimbal; applied when the gimbal wakes.
         self._gimbal_interval_us = 0
         self._signing = signing
@@ -272,8 +272,8 @@ class SimVehicle:
         handle = self._handlers.get(type(message).id)
         if handle is None or not self._is_mine(message):
             return []
-        if not self._spoken_to:
-            self._spoken_to = True
+        if not self._contacted:
+            self._contacted = True
             if self._boots is not None:
                 self.state.set_time(round(now_s * 1e6))
                 self.state.reboot()
@@ -301,7 +301,7 @@ class SimVehicle:
     def _due(self, schedule: Schedule) -> list[Message]:
         """Return the telemetry that is due."""
         messages: list[Message] = []
-        heard, boot = self._heard, self.state.boot
+        heard, boot = self._heard_ids, self.state.boot
         for message_id in schedule.due(self.state.now_us):
             if boot is not None and message_id in boot.untold:
                 continue
@@ -330,7 +330,7 @@ class SimVehicle:
 
     def only_heard(self, message_ids: frozenset[int] | None) -> None:
         """Restrict scheduled messages to these ids; None lifts the restriction."""
-        self._heard = message_ids
+        self._heard_ids = message_ids
 
     def next_deadline(self) -> float:
         """Time at which the next telemetry message, retry or motion step is due (s)."""
@@ -369,7 +369,7 @@ class SimVehicle:
     def _boot(self, boots: ColdBoot) -> None:
         """Advance the boot, and announce a new boot stage."""
         before = self.state.boot
-        stage = self.state.boot = boots.at(self.state.boot_ms / 1e3 if self._spoken_to else 0.0)
+        stage = self.state.boot = boots.at(self.state.boot_ms / 1e3 if self._contacted else 0.0)
         self.pilot.arming.block = boots.problem(stage, self.pilot.mode)
         if before is not None and stage is not before:
             self.pilot.note(Severity.INFO, stage.text)

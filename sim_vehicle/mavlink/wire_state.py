@@ -85,8 +85,8 @@ class WireState:
         self.unix_us = round(epoch_unix_s * 1e6)
         self._epoch_us = self.unix_us
         self._boot_us = 0
-        self._unknown_until_us = 0
-        self._asked: tuple[Mode, int] | None = None
+        self._no_item_until_us = 0
+        self._requested_mode: tuple[Mode, int] | None = None
         pilot.arming.custom_mode = lambda: self.custom_mode
         self._pings = 0
         self._attitude: Vector = (-math.inf, 0.0, 0.0)
@@ -94,18 +94,18 @@ class WireState:
 
     def name_mode(self, number: int) -> None:
         """Record the requested mode number: several numbers share a flight mode, such as BRAKE and LOITER."""
-        self._asked = (self.pilot.mode, number)
+        self._requested_mode = (self.pilot.mode, number)
 
     @property
     def custom_mode(self) -> int:
         """Custom mode number for heartbeats."""
         mode = self.pilot.mode
-        if self._asked is not None and self._asked[0] is not mode:
-            self._asked = None
+        if self._requested_mode is not None and self._requested_mode[0] is not mode:
+            self._requested_mode = None
         modes = self.mavlink.modes
         if mode is Mode.HOLD and self.pilot.modes.by_itself and modes.own_hold is not None:
             return modes.own_hold
-        return modes[mode] if self._asked is None else self._asked[1]
+        return modes[mode] if self._requested_mode is None else self._requested_mode[1]
 
     def next_ping(self) -> int:
         """Return the sequence number of the vehicle's next PING, from 0."""
@@ -114,12 +114,12 @@ class WireState:
 
     def forget_item(self, until_s: float) -> None:
         """Report no current item in MISSION_CURRENT until `until_s`."""
-        self._unknown_until_us = round(until_s * 1e6)
+        self._no_item_until_us = round(until_s * 1e6)
 
     @property
     def item_known(self) -> bool:
         """Whether MISSION_CURRENT reports the current item."""
-        return self.now_us >= self._unknown_until_us
+        return self.now_us >= self._no_item_until_us
 
     @property
     def ned_m(self) -> Vector:

@@ -173,11 +173,11 @@ class Failsafe:
         self._last_gcs_s = now_s
         if self.link_lost:
             self.link_lost = False
-            if self._tells_link:
+            if self._reports_link:
                 self._controls.note(Severity.INFO, self._rules.link_regained)
 
     @property
-    def _tells_link(self) -> bool:
+    def _reports_link(self) -> bool:
         acts = self._rules.link_action(self._parameters) is not Action.NONE
         return acts or self._rules.tells_link_loss
 
@@ -258,7 +258,7 @@ class Failsafe:
             self._controls.note(Severity.WARNING, self._rules.link_ignored)
             return
         acts = action is not Action.NONE and self._controls.landed is not LandedState.ON_GROUND
-        if self._tells_link:
+        if self._reports_link:
             done = f": {action.value}" if acts else ""
             self._controls.note(Severity.WARNING, self._rules.link_lost + done)
         yield from self._react(Reaction(action, Outcome.LINK_LOST, "ground station lost"))

@@ -29,9 +29,9 @@ __all__ = ["AttitudePilot", "AttitudeTarget", "AutoYaw", "Setpoint", "SetpointFo
 
 _SLOWEST_M_S = 0.05
 # A vehicle on the ground ignores setpoints up to this height above the vehicle: MAVLink rounds heights.
-_STANDS_M = 0.01
+_GROUND_MARGIN_M = 0.01
 # Share of the top speed above which ArduCopter turns the nose to the velocity (`AC_PosControl`).
-_TRAVELS = 0.05
+_TURNING_SHARE = 0.05
 # Minimum height of position setpoints; below, real autopilots press the vehicle onto the ground.
 _LOWEST_M = 0.1
 
@@ -62,7 +62,7 @@ class Setpoint:
 
     def lifts_from(self, height_m: float) -> bool:
         """Whether a multirotor takes off for the setpoint (PX4's ``MulticopterPositionControl::Run``)."""
-        return self.position_m[2] > height_m + _STANDS_M or self.velocity_m_s[2] > 0.0
+        return self.position_m[2] > height_m + _GROUND_MARGIN_M or self.velocity_m_s[2] > 0.0
 
 
 class SetpointFollower:
@@ -130,7 +130,7 @@ class SetpointFollower:
         if isinstance(setpoint, AttitudeTarget):
             self._attitude.take(setpoint)
             return
-        if self._stands and not setpoint.lifts_from(self._controls.state.position_m[2]):
+        if self._waits_on_ground and not setpoint.lifts_from(self._controls.state.position_m[2]):
             return
         try:
             self._fly(setpoint)
@@ -140,7 +140,7 @@ class SetpointFollower:
         self._complaint = ""
 
     @property
-    def _stands(self) -> bool:
+    def _waits_on_ground(self) -> bool:
         """Whether the vehicle waits on the ground for a setpoint to take off (PX4)."""
         controls = self._controls
         on_ground = controls.landed is LandedState.ON_GROUND and not controls.spec.drives
@@ -160,7 +160,7 @@ class SetpointFollower:
         if math.isnan(x) and not (math.isnan(vx) and math.isnan(vz)):
             across = (0.0, 0.0) if math.isnan(vx) else (vx, vy)
             up = 0.0 if math.isnan(vz) else vz
-            travels = math.hypot(*across) > _TRAVELS * executor.spec.top_speed_m_s
+            travels = math.hypot(*across) > _TURNING_SHARE * executor.spec.top_speed_m_s
             default = ALONG if self._rules.yaws_to_setpoint and travels else KEEP
             executor.steer((*across, up), height_m=z, heading=heading or default)
             return

@@ -23,10 +23,10 @@ __all__ = ["MissionChange", "MissionStatus"]
 class MissionChange(Enum):
     """Effect of a new mission on the vehicle."""
 
-    STORED = "it is not flown now"
-    TURNED = "the vehicle turned to the present item of the new one"
-    LATER = "the present item is flown to its end first"
-    LOST = "the present item is not there any more: it is flown to its end, then the mission is over"
+    STORED = "stored without effect on the flight"
+    TURNED = "the vehicle turned to the present item of the new mission"
+    LATER = "the present item is completed first"
+    LOST = "the present item no longer exists: its completion ends the mission"
 
 
 class MissionStatus:

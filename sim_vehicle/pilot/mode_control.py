@@ -23,11 +23,11 @@ if TYPE_CHECKING:
 __all__ = ["ModeControl"]
 
 # Modes that are not restored, after PX4's ``mode_requirements.cpp`` and ``UserModeIntention.cpp``.
-_NOT_GONE_BACK_TO = frozenset({Mode.RTL, Mode.LAND, Mode.TAKEOFF, Mode.FOLLOW})
+_NOT_RESTORED = frozenset({Mode.RTL, Mode.LAND, Mode.TAKEOFF, Mode.FOLLOW})
 _WITHOUT_POSITION = (Mode.MANUAL, Mode.ATTITUDE, Mode.FLIP)
 _BY_HAND = (Mode.MANUAL, Mode.ALTITUDE)
 # 40 of 45 degrees: ArduCopter does not flip from a larger lean of the sticks.
-_LEANS = 40.0 / 45.0
+_MAX_FLIP_STICK = 40.0 / 45.0
 _CIRCLE_RADIUS = Setting("CIRCLE_RADIUS", 1000.0, 0.01)
 _CIRCLE_RATE = Setting("CIRCLE_RATE", 20.0, math.radians(1.0))
 _CIRCLE_OPTIONS, _LOOKS_ALONG, _BEGINS_AT_CENTER = Setting("CIRCLE_OPTIONS", 1.0), 2, 4
@@ -57,8 +57,8 @@ class ModeControl:
         self._attitude = attitude
         self._follow = follow
         self._sticks = sticks
-        self._flipped_in, self._circles = controls.mode, False
-        self._left: tuple[tuple[MissionItem, ...], int] | None = None
+        self._mode_before_flip, self._points_inward = controls.mode, False
+        self._left_mission: tuple[tuple[MissionItem, ...], int] | None = None
 
     def check(self, mode: Mode) -> None:
         """Raise RefusedError if the mode is not possible now."""
@@ -96,7 +96,7 @@ class ModeControl:
             return True
         if controls.mode is Mode.MANUAL and sticks.throttle_down:
             return False
-        return sticks.shown is None or abs(sticks.shown.right) < _LEANS
+        return sticks.shown is None or abs(sticks.shown.right) < _MAX_FLIP_STICK
 
     def change(self, mode: Mode) -> bool:
         """Change the mode and, if armed, begin the mode's flight; a refusal restores the old mode.
@@ -127,12 +127,12 @@ class ModeControl:
                 controls.executor.mission.reset_speed()
             elif mode is Mode.MISSION and behaviour.replays_speed:
                 controls.executor.mission.replay_speed()
-            if mode is Mode.MISSION and behaviour.rewinds_survey and self._left == self._present_item:
+            if mode is Mode.MISSION and behaviour.rewinds_survey and self._left_mission == self._present_item:
                 controls.executor.mission.rewind_survey()
             if controls.mode is Mode.MISSION:
-                self._left = self._present_item
+                self._left_mission = self._present_item
         controls.mode = mode
-        if mode not in _NOT_GONE_BACK_TO:
+        if mode not in _NOT_RESTORED:
             self.intended = mode
 
     @property
@@ -180,7 +180,7 @@ class ModeControl:
             self._attitude.take()
         elif mode is Mode.FLIP:
             sticks = None if self._sticks is None else self._sticks.shown
-            self._flipped_in = before
+            self._mode_before_flip = before
             self._attitude.flip(-1.0 if sticks is not None and sticks.right < 0.0 else 1.0)
         elif mode is Mode.FOLLOW:
             self._follow.begin()
@@ -192,8 +192,8 @@ class ModeControl:
         controls = self._controls
         if controls.mode is Mode.FOLLOW:
             self._follow.check()
-        if self._circles and controls.mode is not Mode.CIRCLE:
-            self._circles = False
+        if self._points_inward and controls.mode is not Mode.CIRCLE:
+            self._points_inward = False
             controls.executor.flight.look_at(None)
         if not self._attitude.active:
             return
@@ -202,7 +202,7 @@ class ModeControl:
             return
         with suppress(RefusedError):  # the vehicle may have landed meanwhile
             if self._attitude.check() and controls.mode is Mode.FLIP:
-                self.change(self._flipped_in)
+                self.change(self._mode_before_flip)
 
     def _circle(self) -> None:
         """Circle about a point ahead with the nose inward, as in ArduCopter's CIRCLE mode.
@@ -226,5 +226,5 @@ class ModeControl:
         speed = min(abs(rate) * radius, most)
         controls.order(lambda: executor.orbit(x, y, z, math.copysign(radius, rate), speed))
         if not options & _LOOKS_ALONG:
-            self._circles = True
+            self._points_inward = True
             executor.flight.look_at((x, y))

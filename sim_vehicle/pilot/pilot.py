@@ -107,7 +107,7 @@ class Pilot(Controls):
         self.setpoints = SetpointFollower(self, self.failsafe, self.attitude)
         self.auto_yaw = AutoYaw(self)
         self.follow = FollowPilot(self)
-        self._returns_s = math.inf
+        self._return_mode_s = math.inf
         self._rally: list[MissionItem] = []
         self._sticks = flown = None if firmware.sticks is None else StickPilot(self, firmware.sticks)
         self.modes = ModeControl(self, self.mission, self.setpoints, self.attitude, self.follow, flown)
@@ -539,16 +539,16 @@ class Pilot(Controls):
         """Enter the return mode if the mission ends with a return; the path does not change."""
         executor, mission, now_s = self.executor, self.mission, self.executor.time_s
         if not (self.armed and self.mode is Mode.MISSION and self.landed is not LandedState.ON_GROUND):
-            self._returns_s = math.inf
+            self._return_mode_s = math.inf
         elif not mission.returns:
-            self._returns_s = math.inf
+            self._return_mode_s = math.inf
             if not executor.mission.returns:
                 return
-            mission.returns, self._returns_s = True, now_s + lag_s
+            mission.returns, self._return_mode_s = True, now_s + lag_s
             self.note(Severity.INFO, self.behaviour.finished_texts[0])
             self.note(Severity.INFO, self.behaviour.return_text)
-        elif now_s >= self._returns_s:
-            self._returns_s, intended = math.inf, self.modes.intended
+        elif now_s >= self._return_mode_s:
+            self._return_mode_s, intended = math.inf, self.modes.intended
             executor.mission.leave_to_return()
             self.refresh()
             self.modes.override(Mode.RTL)
@@ -570,7 +570,7 @@ class Pilot(Controls):
                 self._turn_to(Mode.HOLD)
                 self.modes.intended = Mode.HOLD
         elif isinstance(event, CannotFly):
-            self._give_up_mission(event)
+            self._abort_mission(event)
         elif isinstance(event, BatteryDepleted):
             self.failsafe.give_up()
             self._end(Outcome.BATTERY_DEPLETED, f"battery empty at {event.time_s:.0f} s")
@@ -583,7 +583,7 @@ class Pilot(Controls):
         elif isinstance(event, Disarmed):
             self._on_disarmed(self.rules.landed)
 
-    def _give_up_mission(self, event: CannotFly) -> None:
+    def _abort_mission(self, event: CannotFly) -> None:
         """Return home after an item that cannot be flown; land if the vehicle is already returning."""
         where = f"Item {event.seq + 1}: " if event.seq >= 0 else ""
         self.note(Severity.CRITICAL, f"{where}{event.reason}")

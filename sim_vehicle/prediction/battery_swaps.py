@@ -31,12 +31,12 @@ if TYPE_CHECKING:
 
 __all__ = ["BatteryChange", "Transit", "TrialFlight", "TrialFlights", "batteries_needed", "battery_changes"]
 
-_LOOK_S = 1.0
+_SAMPLE_S = 1.0
 _LONGEST_S = 86_400.0
 # Attempts to locate a battery change; each flies a return and brings the position nearer.
-_TRIES = 6
+_MAX_TRIALS = 6
 # Share of the battery that may remain unused.
-_CLOSE = 0.003
+_UNUSED_SHARE = 0.003
 _GROUND_M = 0.5
 
 
@@ -119,7 +119,7 @@ def battery_changes(
     while out + used[-1] - used[begin] > usable:
         spent = out + used - used[begin]
         last, back = begin, math.inf
-        for _ in range(_TRIES):
+        for _ in range(_MAX_TRIALS):
             over = np.flatnonzero(spent[begin + 1 :] + rough[begin + 1 :] + more > usable)
             at = begin + (int(over[0]) if len(over) else len(spent) - 2 - begin)
             if at in (begin, last):
@@ -130,11 +130,11 @@ def battery_changes(
                 return None
             next_out, back = transits.out_wh, transits.back_wh
             more = back - float(rough[at])
-            if usable - _CLOSE * battery.capacity_wh <= spent[at] + back <= usable:
+            if usable - _UNUSED_SHARE * battery.capacity_wh <= spent[at] + back <= usable:
                 break
         while last > begin and spent[last] + back > usable:
             # The last correction increased the return energy: turn back earlier by the excess.
-            last -= max(1, math.ceil((spent[last] + back - usable) * WH_J / mean_w / _LOOK_S))
+            last -= max(1, math.ceil((spent[last] + back - usable) * WH_J / mean_w / _SAMPLE_S))
             transits = ground.there_and_back(track[max(last, begin)], int(whole.seq[max(last, begin)]))
             if transits is None:
                 return None
@@ -235,7 +235,7 @@ class TrialFlights:
 
         sample()
         while executor.flight.armed and end_s == math.inf:
-            events: list[FlightEvent] = executor.advance(executor.time_s + _LOOK_S)
+            events: list[FlightEvent] = executor.advance(executor.time_s + _SAMPLE_S)
             sample()
             for event in events:
                 if isinstance(event, ItemReached):

@@ -40,7 +40,7 @@ _LONGEST_S = 86_400.0
 _AXIS_M = 100.0
 # Time steps of multirotors, in their own steps: on the legs of a path, and on the return.
 _PATH_STEPS, _HOME_STEPS = 2, 3
-_MOST_WAYS = 100_000
+_MAX_RETURNS = 100_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,9 +120,9 @@ class OnwardPredictor:
         self._ending_m = item_positions(ending, about_home)
         calm = None if wind is None else replace(wind, gust_m_s=0.0, turbulence=None)
         self._on_path = _Squadron(_stepping(spec, _PATH_STEPS if spec.hovers else 1), calm)
-        self._home_again = _Squadron(_stepping(spec, _HOME_STEPS), calm) if spec.hovers else self._on_path
+        self._on_return = _Squadron(_stepping(spec, _HOME_STEPS), calm) if spec.hovers else self._on_path
         # By position and velocity, rounded to about metres and metres per second.
-        self._ways_home: dict[tuple[float, ...], tuple[float, float]] = {}
+        self._returns: dict[tuple[float, ...], tuple[float, float]] = {}
 
     def rest(
         self,
@@ -203,24 +203,24 @@ class OnwardPredictor:
 
     def _fly_home(self, flights: list[_Flight]) -> None:
         """Add the ending; multirotors fly each return once, from the nearest state of a lattice."""
-        if self._home_again is self._on_path:
+        if self._on_return is self._on_path:
             self._end(flights)
             return
-        if len(self._ways_home) > _MOST_WAYS:
-            self._ways_home.clear()
+        if len(self._returns) > _MAX_RETURNS:
+            self._returns.clear()
         keys = []
         for flight in flights:
             end = flight.motion.snapshot()
             x, y, z = end.position_m
             keys.append((_outward(x), _outward(y), *(round(value) for value in (z, *end.velocity_m_s))))
-        new = [key for key in dict.fromkeys(keys) if key not in self._ways_home]
+        new = [key for key in dict.fromkeys(keys) if key not in self._returns]
         ways = [_Flight(None) for _ in new]
         states = [((x, y, z), (u, v, w), math.atan2(u, v)) for x, y, z, u, v, w in new]
-        self._home_again.place(ways, states)
+        self._on_return.place(ways, states)
         self._end(ways)
-        self._ways_home.update({key: (way.seconds, way.joules) for key, way in zip(new, ways, strict=True)})
+        self._returns.update({key: (way.seconds, way.joules) for key, way in zip(new, ways, strict=True)})
         for flight, key in zip(flights, keys, strict=True):
-            seconds, joules = self._ways_home[key]
+            seconds, joules = self._returns[key]
             flight.seconds += seconds
             flight.joules += joules
 
@@ -240,7 +240,7 @@ class OnwardPredictor:
                 flight.route, flight.wait_s = Route.through(plan.legs), plan.wait_s
                 if plan.after_last in (AfterLastLeg.NEXT, AfterLastLeg.WAIT):
                     following = plan.seqs[-1] + 1
-            self._home_again.fly(flights)
+            self._on_return.fly(flights)
             seq = following
             flights = [flight for flight in flights if flight.seconds < math.inf]
 
@@ -265,7 +265,7 @@ class _Flight:
         # Time and energy used; infinite for a path that cannot be flown.
         self.seconds = self.joules = 0.0
 
-    def give_up(self) -> None:
+    def mark_impossible(self) -> None:
         """Mark the path as impossible to fly."""
         self.seconds = self.joules = math.inf
 
@@ -312,7 +312,7 @@ class _Squadron:
         steps[:] = 0
         for flight in flown:
             if events[flight.slot] != MotionEvent.REACHED:
-                flight.give_up()
+                flight.mark_impossible()
             elif flight.wait_s > 0.0:
                 steps[flight.slot] = round(flight.wait_s / self._step_s)
         if steps.any():

@@ -147,7 +147,7 @@ class Px4Multirotor(Multirotor):
         table[:, Leg.PAUSE] = legs["pause"]
         table[:, Leg.TURN_RATE] = legs["turn"]
         table[:, Leg.CIRCLE] = legs["circle"]
-        self._settle(table)
+        self._prepare_first_leg(table)
         before = self._place_before(table[0, Leg.X : Leg.BEFORE_X])
         self._route = table.view(kernel.LEG)[:, 0]
         self._begin()
@@ -157,7 +157,7 @@ class Px4Multirotor(Multirotor):
             table[0, Leg.BEFORE_X : Leg.AFTER_X] = before
         self._guided = True
 
-    def _settle(self, table: NDArray[np.float64]) -> None:
+    def _prepare_first_leg(self, table: NDArray[np.float64]) -> None:
         """Hand over to the autopilot from the ground or the generic dynamics, and prepare the first leg."""
         g, state = self.guide, self.state
         kinds = table[:, Leg.KIND]

@@ -35,7 +35,7 @@ __all__ = [
 _DEVICE = 1
 _FAILED = m.MAV_RESULT_FAILED
 _LOCKS = m.GIMBAL_DEVICE_FLAGS_ROLL_LOCK | m.GIMBAL_DEVICE_FLAGS_PITCH_LOCK
-_AXES = 0b111_111_111 << 2  # an axis, following and lock, of roll, pitch and yaw
+_AXES = 0b111_111_111 << 2  # flags for axis, follow and lock, of roll, pitch and yaw each
 _CAPABILITIES = (
     m.GIMBAL_MANAGER_CAP_FLAGS_HAS_RETRACT
     | m.GIMBAL_MANAGER_CAP_FLAGS_HAS_NEUTRAL
@@ -79,7 +79,7 @@ def _pitch_yaw(source: WireState, command: VehicleCommand) -> Result:
         return _FAILED
     pitch, yaw, pitch_rate, yaw_rate, flags = command.params[:5]
     if not command.long and command.frame in (0, 3, 10):
-        flags *= 1e7  # no latitude
+        flags *= 1e7  # undo the scaling of latitudes: this field holds flags
     if not 0.0 <= flags < 2**32:
         return _FAILED
     return _turn(source.gimbal, round(flags), (0.0, pitch, yaw), (0.0, pitch_rate, yaw_rate))

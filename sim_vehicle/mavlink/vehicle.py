@@ -389,7 +389,7 @@ class SimVehicle:
             first = (item.param1, item.param2, item.param3, item.param4)
             params = (*(math.nan if value is None else value for value in first), item.x, item.y, item.z)
             if item.command in GIMBAL_ITEMS:
-                if item.command == m.MAV_CMD_DO_MOUNT_CONTROL:  # in missions always angles
+                if item.command == m.MAV_CMD_DO_MOUNT_CONTROL:  # a mission item always holds angles
                     params = (*params[:6], float(m.MAV_MOUNT_MODE_MAVLINK_TARGETING))
                 source = (self.system_id, _AUTOPILOT)
                 command_gimbal(self.state, VehicleCommand(item.command, params, item.frame, source))
@@ -567,7 +567,7 @@ class SimVehicle:
         return [m.MAVLink_timesync_message(self.state.unix_us * 1000, message.ts1)] if answers else []
 
     def _on_setup_signing(self, message: m.MAVLink_setup_signing_message) -> None:
-        if message.target_system != self.system_id:  # a key is never for everybody
+        if message.target_system != self.system_id:  # a broadcast must not change keys
             return
         if self.pilot.armed or self._signing is None:
             why = "armed" if self.pilot.armed else "not over this link"

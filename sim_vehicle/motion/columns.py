@@ -61,13 +61,13 @@ State = IntEnum(
     "State",
     "POSITION_X POSITION_Y POSITION_Z VELOCITY_X VELOCITY_Y VELOCITY_Z ACCELERATION_X ACCELERATION_Y "
     "ACCELERATION_Z HEADING "
-    "HEADING_RATE "  # Clockwise.
+    "HEADING_RATE "  # Rate of the heading, clockwise.
     "ENERGY_USED "  # J.
     "PATH_LENGTH "
     "POWER "  # W.
-    "GIVE_UP_STEP "  # Step at which the leg is given up; infinity: a new leg.
+    "GIVE_UP_STEP "  # Step at which the leg counts as stalled; infinity: a new leg.
     "WIND_EAST WIND_NORTH "
-    "LOOK_EAST LOOK_NORTH",  # Position that the nose points at; NaN: none.
+    "LOOK_EAST LOOK_NORTH",  # Region of interest; NaN: none.
     start=0,
 )
 STATE = record_type(State)

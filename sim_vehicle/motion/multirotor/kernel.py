@@ -33,7 +33,7 @@ Leg = IntEnum(
     "SPEED "  # Cruise speed.
     "END_SPEED "  # Speed to reach by braking.
     "RADIUS "  # Acceptance radius; 0 is a stop; VELOCITY and AT_HEIGHT are special values.
-    "HEADING "  # NaN: keep.
+    "HEADING "  # Heading to turn to; NaN: keep the heading.
     "ACCELERATION_ALONG JERK_ALONG ACCELERATION_ACROSS JERK_ACROSS ACCELERATION_NORMAL JERK_NORMAL "
     "SPEED_ACROSS SPEED_NORMAL BRAKING_DISTANCE "
     "NEAR "  # Distance at which NEAR is reported.

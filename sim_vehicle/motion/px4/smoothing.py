@@ -22,7 +22,7 @@ _TINY = 1e-7
 def brakeable_speed(jerk: float, accel: float, distance: float, final: float) -> float:
     """Return the highest speed that can be reduced to `final` within a distance.
 
-    The formula allows ``2 accel / jerk`` at full speed for the build-up of deceleration, more than needed.
+    PX4's formula allows ``2 accel / jerk`` at full speed for the build-up of deceleration, more than needed.
     """
     b = 4.0 * accel * accel / jerk
     v = 0.5 * (sqrt(b * b + 8.0 * accel * distance + 4.0 * final * final) - b)

@@ -264,7 +264,7 @@ class AttitudePilot:
             target = _LEVEL
         if controls.landed is LandedState.ON_GROUND:
             lifts = target.climb_m_s > 0.0 or (math.isnan(target.climb_m_s) and target.thrust > 1.0)
-            # The first step after a rest on the ground takes off.
+            # The vehicle takes off in the first step after a rest on the ground.
             self._flown_s, self._velocity_m_s = controls.now_s - _STEP_S, (0.0, 0.0, 0.0)
             if not lifts:
                 controls.flown_attitude = None

@@ -29,7 +29,7 @@ SPACING_M = 4.0
 def start_positions(home: GeoPoint, count: int, spacing_m: float = SPACING_M) -> list[GeoPoint]:
     """Return start positions: the first at home, the others on a square spiral around home.
 
-    VehicleError if the spacing is not from 0.1 m to 1 km.
+    Raises VehicleError unless the spacing is 0.1 m to 1 km.
 
     Examples
     --------

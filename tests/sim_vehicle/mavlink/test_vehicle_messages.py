@@ -293,6 +293,17 @@ def test_ardupilot_counts_home_as_item_zero():
     assert peer.result(224, 4.0) == 2
 
 
+@pytest.mark.parametrize(
+    ("autopilot", "command"), [(PX4, m.MAV_CMD_OBLIQUE_SURVEY), (ARDUPILOT, m.MAV_CMD_DO_PARACHUTE)]
+)
+def test_items_that_the_simulator_cannot_fly_are_refused(autopilot, command):
+    peer = Peer(autopilot)
+    assert (
+        peer.upload([*survey(home_item=autopilot is ARDUPILOT), MissionItem(command, 2)]) == wire.UNSUPPORTED
+    )
+    assert peer.upload(survey(home_item=autopilot is ARDUPILOT)) == wire.ACCEPTED
+
+
 def test_clearing_the_mission():
     peer = Peer()
     peer.upload(survey())

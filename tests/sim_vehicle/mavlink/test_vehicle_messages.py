@@ -293,15 +293,10 @@ def test_ardupilot_counts_home_as_item_zero():
     assert peer.result(224, 4.0) == 2
 
 
-@pytest.mark.parametrize(
-    ("autopilot", "command"), [(PX4, m.MAV_CMD_OBLIQUE_SURVEY), (ARDUPILOT, m.MAV_CMD_DO_PARACHUTE)]
-)
+@pytest.mark.parametrize(("autopilot", "command"), [(PX4, 260), (ARDUPILOT, 208)])  # survey, parachute
 def test_items_that_the_simulator_cannot_fly_are_refused(autopilot, command):
-    peer = Peer(autopilot)
-    assert (
-        peer.upload([*survey(home_item=autopilot is ARDUPILOT), MissionItem(command, 2)]) == wire.UNSUPPORTED
-    )
-    assert peer.upload(survey(home_item=autopilot is ARDUPILOT)) == wire.ACCEPTED
+    items = [*survey(home_item=autopilot is ARDUPILOT), MissionItem(command, 2)]
+    assert Peer(autopilot).upload(items) == wire.UNSUPPORTED
 
 
 def test_clearing_the_mission():

@@ -95,7 +95,7 @@ class ArduRover(AlongCurves, Rover):
             self._rest()
             super().fly(route)
             return
-        if self._rows is None and not self._goes_on:
+        if self._rows is None and not self._continues_leg:
             self._rest()
         ends = np.column_stack((route.points_m[:, :2], np.zeros(len(kind))))
         kind = np.where(np.isin(kind, NOT_DRIVEN), kernel.AT_ONCE, kind)

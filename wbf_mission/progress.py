@@ -1,4 +1,4 @@
-"""How long work tells how far it is."""
+"""Progress callbacks and a stopwatch for long tasks."""
 
 from __future__ import annotations
 
@@ -9,39 +9,39 @@ from pathlib import Path
 from typing import TypeAlias
 
 Progress: TypeAlias = Callable[[str, float, float], None]
-"""Takes what is being done, how much of it is done, and how much there is."""
+"""Callback ``progress(task, done, total)``."""
 
 
 def silent(_what: str, _done: float, _total: float) -> None:
-    """Tell nobody."""
+    """Ignore progress."""
 
 
 _IMPORTED_S = time.perf_counter()
 
 
 class Stopwatch:
-    """Wall seconds by part of a run."""
+    """Wall time of each part of a run (s)."""
 
     def __init__(self) -> None:
         self.seconds: dict[str, float] = {}
         self._since = time.perf_counter()
 
     def lap(self, name: str) -> None:
-        """Add the time since the last lap to a part."""
+        """Add the time since the last lap to the part `name`."""
         now = time.perf_counter()
         self.seconds[name] = self.seconds.get(name, 0.0) + now - self._since
         self._since = now
 
 
 def process_age_s() -> float:
-    """Return how long ago this process was started, in seconds, to a hundredth.
+    """Return the age of this process (s), to a hundredth of a second.
 
-    Where the system does not tell, it is the time since this module was imported.
+    On systems without ``/proc``, return the time since this module was imported.
     """
     try:
-        told = Path("/proc/self/stat").read_text(encoding="ascii", errors="replace")
-        # Field 22, counted after the name, which may hold blanks.
-        started_s = int(told.rpartition(")")[2].split()[19]) / os.sysconf("SC_CLK_TCK")
+        stat = Path("/proc/self/stat").read_text(encoding="ascii", errors="replace")
+        # Field 22 (starttime), counted from behind the process name, which may contain spaces.
+        started_s = int(stat.rpartition(")")[2].split()[19]) / os.sysconf("SC_CLK_TCK")
         return time.clock_gettime(time.CLOCK_BOOTTIME) - started_s
     except (OSError, ValueError, IndexError, AttributeError):
         return time.perf_counter() - _IMPORTED_S

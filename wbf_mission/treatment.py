@@ -1,4 +1,4 @@
-"""Treatment map of a flight's readings, and the next flight planned on it."""
+"""Treatment map from a flight's readings, and the next flight planned on that map."""
 
 from __future__ import annotations
 
@@ -42,10 +42,10 @@ from wbf_mission.scenario import Choice, Scenario
 from wbf_mission.scenario.parts import LAST_DAY
 
 Costs = Mapping[str, Sequence[str]]
-"""Costs, as `wbf_mission.maps.zones.costs_of` takes them."""
+"""Costs in the form of `wbf_mission.maps.zones.costs_of`."""
 _FAR = 1e6
 _WHOLE_FLIGHT = {"greedy": {"ahead": _FAR}, "orienteering": {"horizon": _FAR, "patience": _FAR}}
-"""Parameters by which policies plan for the whole budget, since they decide only once here."""
+"""Parameters that make policies plan for the whole budget, since each decides only once here."""
 
 
 def treatment_of_log(
@@ -57,17 +57,17 @@ def treatment_of_log(
     block_m: float | None = None,
     progress: Progress = silent,
 ) -> TreatmentMap:
-    """Return the treatment map of the readings of any flight.
+    """Return the treatment map of a flight's readings.
 
     Parameters
     ----------
     scenario : Scenario
-        Its farm, fields, day, footprint, estimator and seed.
+        Only farm, fields, day, footprint, estimator and seed are used.
     log : Path, optional
-        As `mission.logs.read_track` takes it; without one the readings have to say where they were made.
+        Flight log (`mission.logs.read_track`); without a log each reading needs its own position.
     observations : Path, optional
-        A table of readings (`wbf_mission.readings`), or a file of `sensors.observations.Observations`. A
-        .tlog of a flight with a leaf camera has them itself.
+        A table of readings (`wbf_mission.readings`), or a file of `sensors.observations.Observations`. Not
+        needed for a .tlog of a flight with a leaf camera, which contains the observations.
     costs : mapping, optional
         See `wbf_mission.maps.zones.costs_of`.
     block_m : float, optional
@@ -76,7 +76,7 @@ def treatment_of_log(
     Raises
     ------
     WbfMissionError
-        If something cannot be read or is out of range, or no reading lies on the farm.
+        If a file cannot be read, a value is out of range, or no reading is on the farm.
     """
     farm, fields = farm_of(scenario.farm)
     scenario = naming_estimator(scenario, farm, fields)
@@ -86,9 +86,9 @@ def treatment_of_log(
     progress("reading", 1, 1)
     sensed = seen.sensed
     notes += tuple(
-        f"{one.title} was not read anywhere: its map shows only what is assumed of it (leave it out of"
+        f"{field.title} was not read anywhere: its map shows only what is assumed of it (leave it out of"
         " --fields)"
-        for k, one in enumerate(fields)
+        for k, field in enumerate(fields)
         if not sensed[:, k].any()
     )
     day = int(seen.day.max())
@@ -103,7 +103,7 @@ def treatment_of_log(
         getattr(estimator, "states_deviation", False),
         wanted,
         block_m,
-        " and ".join(one.name for one in (log, observations) if one is not None),
+        " and ".join(path.name for path in (log, observations) if path is not None),
         notes,
         knows_only_seen=getattr(estimator, "knows_only_seen", False),
     )
@@ -112,12 +112,12 @@ def treatment_of_log(
 def treatment_of_result(
     result: Result, *, costs: Costs | None = None, block_m: float | None = None, source: str = ""
 ) -> TreatmentMap:
-    """Make the map of a run: its own estimate, at the end of its last day.
+    """Return the treatment map of a run, from the run's estimate at the end of its last day.
 
     Raises
     ------
     WbfMissionError
-        If costs cannot be read, or the run saw nothing.
+        If costs cannot be read, or the run has no observations.
     """
     if result.model is None or not len(result.observations):
         raise ObservationError("the run saw nothing of the farm: there is no estimate to map")
@@ -177,11 +177,11 @@ def _observed(
 def _estimate(
     scenario: Scenario, farm: Farm, fields: FieldSet, seen: Observations, progress: Progress
 ) -> tuple[InformationModel, Estimator]:
-    """Return the estimate after these observations, and the estimator."""
+    """Return the model estimated from the observations, and the estimator."""
     estimator = estimator_of(scenario.estimate.estimator, scenario.seed, fields)
     require_run_memory(farm, estimator, len(seen))
     first = int(seen.day.min())
-    # As in a flight: sums of code of the user's own do not depend on the number of cores then.
+    # With one BLAS thread, sums in user code do not depend on the number of cores.
     with threadpool_limits(1, user_api="blas"), attribute_errors_to(estimator):
         estimator.fit(farm.grid())
         prepare_days(estimator, first, int(seen.day.max()) - first + 1, progress)
@@ -194,32 +194,32 @@ def _estimate(
 
 @dataclass(frozen=True, slots=True)
 class NextFlight:
-    """The next flight, planned by the expected saving."""
+    """Next flight, planned to maximize the expected saving."""
 
     plan: PlanResult
     vehicle: SingleVehicle
     policy: str
-    gain: float  # What it is expected to save, in the unit of the costs
-    gain_of_all: float  # What knowing the whole farm would save
-    looked_at_ha: float  # Of crops
+    gain: float  # Expected saving by the flight, in the unit of the costs
+    gain_of_all: float  # Expected saving if the whole farm were known
+    looked_at_ha: float  # Area of crops in the images
 
     def summary(self) -> dict[str, object]:
         """Return plain values, for JSON."""
-        told = {name: getattr(self, name) for name in ("policy", "gain", "gain_of_all", "looked_at_ha")}
-        return {**told, "plan": self.plan.summary()}
+        values = {name: getattr(self, name) for name in ("policy", "gain", "gain_of_all", "looked_at_ha")}
+        return {**values, "plan": self.plan.summary()}
 
 
 def plan_next(of: TreatmentMap, scenario: Scenario, *, progress: Progress = silent) -> NextFlight:
-    """Plan another flight on this map: the scenario's vehicle, budget and policy (`greedy` if it has none).
+    """Plan another flight on the treatment map `of`, with the scenario's vehicle, budget and policy.
 
-    A policy with an acquisition gets the expected saving of each cell by the costs of the map; others use the
-    estimate, as in flight. `greedy` and `orienteering` plan for the whole budget, others only up to their
-    next decision.
+    The default policy is `greedy`. A policy with an acquisition parameter gets the expected saving of each
+    cell by the map's costs; other policies use the estimate, as in flight. `greedy` and `orienteering` plan
+    for the whole budget, other policies only up to their next decision.
 
     Raises
     ------
     WbfMissionError
-        If the policy finds nothing worth a flight, or no path fits the budget.
+        If the policy finds no flight that saves anything, or no path fits the budget.
     """
     farm, names = of.farm, scenario.vehicle.fleet
     choice = scenario.mission.policy or Choice("greedy")
@@ -270,7 +270,7 @@ def _policy(of: TreatmentMap, choice: Choice) -> Policy:
 
 
 def _gain_of_cells(of: TreatmentMap) -> Acquisition:
-    """Return an acquisition: the expected saving of each cell, its share of its block's."""
+    """Return an acquisition function: the expected saving of each cell, from its block's saving."""
 
     def acquisition(observation: PolicyObservation) -> ValueMap:
         grid = observation.farm.grid()
@@ -286,7 +286,7 @@ def _gain_of_cells(of: TreatmentMap) -> Acquisition:
 
 
 def _cells_shown(farm: Farm, places_m: Points, footprint: int) -> NDArray[np.bool_]:
-    """Mark the cells that images taken at some places show."""
+    """Return a mask of the cells in images taken at `places_m`."""
     shown = np.zeros(farm.grid().shape, np.bool_)
     ix, iy = farm.cell_of(places_m[:, 0], places_m[:, 1])
     dx, dy = footprint_offsets(footprint)

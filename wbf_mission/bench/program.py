@@ -1,4 +1,4 @@
-"""The program that flies in a process: workers elsewhere must have the same, or their rows are others."""
+"""Identity of the running program; a worker with another program would produce other rows."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ _CODE = "code of wbf-mission"
 
 @functools.cache
 def program() -> Mapping[str, str]:
-    """Return what rows depend on: interpreter, libraries, and the sources of the five packages."""
+    """Return the versions and the source digest on which rows depend."""
     return {"wbf-mission": __version__, **libraries(), _CODE: _sources()}
 
 
 def libraries() -> dict[str, str]:
-    """Return the versions of the interpreter and of all on which the last bits of a row depend."""
+    """Return the versions of the interpreter and of the libraries that affect the last bits of a row."""
     return {
         "Python": f"{platform.python_implementation()} {platform.python_version()}",
         "C library": " ".join(platform.libc_ver()),
@@ -34,18 +34,18 @@ def libraries() -> dict[str, str]:
 
 
 def _sources() -> str:
-    taken = hashlib.sha256()
+    digest = hashlib.sha256()
     for name in PACKAGES:
         (root,) = importlib.import_module(name).__path__
-        for path in sorted(one for one in Path(root).rglob("*") if one.suffix in _SOURCES):
+        for path in sorted(file for file in Path(root).rglob("*") if file.suffix in _SOURCES):
             content = path.read_bytes()
-            taken.update(f"{name}/{path.relative_to(root).as_posix()} {len(content)}\n".encode())
-            taken.update(content)
-    return taken.hexdigest()[:12]
+            digest.update(f"{name}/{path.relative_to(root).as_posix()} {len(content)}\n".encode())
+            digest.update(content)
+    return digest.hexdigest()[:12]
 
 
 def unlike(theirs: Mapping[str, str]) -> str:
-    """Return in what this program differs from another one, in words; empty if in nothing.
+    """Return the differences between this program and another, in words; empty if there are none.
 
     >>> unlike(program()), unlike({**program(), "numpy": "1.0"}).startswith("it has numpy ")
     ('', True)
@@ -53,6 +53,6 @@ def unlike(theirs: Mapping[str, str]) -> str:
     ours = program()
     keys = [key for key in dict.fromkeys([*theirs, *ours]) if theirs.get(key) != ours.get(key)]
     if keys[1:] and keys[-1] == _CODE:
-        del keys[-1]  # which the others explain
-    told = [f"{key} {ours.get(key, 'unknown')} in place of {theirs.get(key, 'unknown')}" for key in keys]
-    return f"it has {', '.join(told)}; install the same there, and start the worker anew" if told else ""
+        del keys[-1]  # explained by the other differences
+    texts = [f"{key} {ours.get(key, 'unknown')} in place of {theirs.get(key, 'unknown')}" for key in keys]
+    return f"it has {', '.join(texts)}; install the same there, and start the worker anew" if texts else ""

@@ -114,7 +114,7 @@ def show_command(
     from wbf_mission.scenario import load_scenario
 
     card = card_of(scenario, load_scenario(scenario))
-    output.result(to_builtins(card), card.told())
+    output.result(to_builtins(card), card.entries())
     return ExitCode.GOOD
 
 

@@ -72,7 +72,7 @@ def read_readings(path: Path, fields: FieldSet) -> Readings:
         If the file cannot be read, has no key or none of the fields, or a value is invalid.
     """
     header, lines = _header(path)
-    key = next((one for one in KEYS if set(one) <= set(header)), None)
+    key = next((names for names in KEYS if set(names) <= set(header)), None)
     if key is None:
         wanted = "latitude and longitude, name, image, or time"
         raise ObservationError(

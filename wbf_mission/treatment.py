@@ -245,14 +245,14 @@ def plan_next(of: TreatmentMap, scenario: Scenario, *, progress: Progress = sile
     progress("planning", 1, 1)
     seen = _cells_shown(farm, image_places(farm, plan.mission, plan.prediction), scenario.camera.footprint)
     gain = gain_of_all = looked_at = 0.0
-    for each in of.zone_maps:
-        cells = seen & each.field.mask(farm.grid())
-        side = each.of.grid.pixel
-        looks = np.zeros(each.zone.shape)
+    for zone_map in of.zone_maps:
+        cells = seen & zone_map.field.mask(farm.grid())
+        side = zone_map.of.grid.pixel
+        looks = np.zeros(zone_map.zone.shape)
         x, y = np.nonzero(cells)
         np.add.at(looks, (x // side, y // side), 1.0)
-        gain += each.gain_of_looks(looks)
-        gain_of_all += float(np.nansum(each.gain * each.hectares))
+        gain += zone_map.gain_of_looks(looks)
+        gain_of_all += float(np.nansum(zone_map.gain * zone_map.hectares))
         looked_at = max(looked_at, len(x) * farm.cell_size_m**2 / 1e4)
     if gain <= 0.0:
         raise PlanningError(f"{label} finds no path on which a look would save anything within {budget}")
@@ -275,11 +275,11 @@ def _gain_of_cells(of: TreatmentMap) -> Acquisition:
     def acquisition(observation: PolicyObservation) -> ValueMap:
         grid = observation.farm.grid()
         total = np.zeros(grid.shape, np.float32)
-        for each in of.zone_maps:
-            side, (width, height) = each.of.grid.pixel, grid.shape
-            gain = np.nan_to_num(each.gain).astype(np.float32)
+        for zone_map in of.zone_maps:
+            side, (width, height) = zone_map.of.grid.pixel, grid.shape
+            gain = np.nan_to_num(zone_map.gain).astype(np.float32)
             fine = np.repeat(np.repeat(gain, side, axis=0), side, axis=1)[:width, :height]
-            total += np.where(each.field.mask(grid), fine, np.float32(0.0))
+            total += np.where(zone_map.field.mask(grid), fine, np.float32(0.0))
         return total
 
     return acquisition

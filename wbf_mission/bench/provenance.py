@@ -1,4 +1,4 @@
-"""What a run was flown with, as its row tells it: versions and commit, the machine, parameters of objects."""
+"""Provenance of a row: program versions and commit, the machine, and parameters of objects."""
 
 from __future__ import annotations
 
@@ -27,15 +27,15 @@ _CPUS = Path("/proc/cpuinfo")
 _MOST_SHOWN = 200
 _CHANGES = "+changes"
 KERNELS = "kernels"
-"""Under this name the `hardware` of a row has the kernels of linear algebra."""
+"""Key of the linear algebra kernels in the `hardware` of a row."""
 
 
 @functools.cache
 def versions() -> dict[str, str]:
-    """Return the versions of wbf-mission, Python and numpy, and the commit if it is known.
+    """Return the versions of wbf-mission, Python and numpy, and the ``commit`` if known.
 
-    ``commit`` is that of the git checkout which holds the packages, with ``+changes`` behind it if their
-    files differ from it; of an installed package that of the repository it was installed from.
+    In a git checkout, ``commit`` is HEAD, followed by ``+changes`` if files of the packages differ from it.
+    For an installed package, it is the commit of the source repository.
     """
     found = {"wbf-mission": __version__, "python": platform.python_version(), "numpy": np.__version__}
     commit = _checked_out() if (_ROOT / ".git").exists() else _installed()
@@ -48,7 +48,7 @@ def _checked_out() -> str:
 
 
 def _git(*arguments: str) -> str:
-    """Return what git tells of the folder of the packages; nothing without git, or if it refuses."""
+    """Return the output of a git command in the project folder; empty without git or if the command fails."""
     git = shutil.which("git")
     if git is None:
         return ""
@@ -61,18 +61,17 @@ def _git(*arguments: str) -> str:
 
 
 def _installed() -> str:
-    """Return the commit that an installer wrote down (PEP 610)."""
+    """Return the commit recorded by the installer (PEP 610); empty if none."""
     text = importlib.metadata.distribution("wbf-mission").read_text("direct_url.json")
-    told = msgspec.json.decode(text) if text else {}
-    return str(told.get("vcs_info", {}).get("commit_id", ""))
+    origin = msgspec.json.decode(text) if text else {}
+    return str(origin.get("vcs_info", {}).get("commit_id", ""))
 
 
 @functools.cache
 def hardware() -> dict[str, str]:
-    """Return what is known of the machine, and of the kernels by which linear algebra is done on it.
+    """Return the processor model, number of cores, memory (GB), system and linear algebra kernels.
 
-    That is the processor's model, its cores, the memory in GB and the system. Results of code that calls
-    numpy's linear algebra may depend on the kernels by the last bits of sums.
+    The last bits of results of numpy's linear algebra may depend on the kernels.
     """
     found = {
         "processor": _processor(),
@@ -80,10 +79,10 @@ def hardware() -> dict[str, str]:
         "memory_gb": _memory_gb(),
         "system": f"{platform.system()} {platform.release()}".strip(),
         KERNELS: ", ".join(
-            sorted({one["architecture"] for one in threadpool_info() if "architecture" in one})
+            sorted({pool["architecture"] for pool in threadpool_info() if "architecture" in pool})
         ),
     }
-    return {key: one for key, one in found.items() if one}
+    return {key: value for key, value in found.items() if value}
 
 
 def _processor() -> str:
@@ -104,10 +103,10 @@ def _memory_gb() -> str:
 
 
 def in_words(made: Any) -> str:
-    """Return a planner, policy or estimator that was given as an object, with its parameters.
+    """Return a description of a planner, policy or estimator given as an object, with its parameters.
 
-    These are what its class takes, by the attributes of the same names (``beta`` or ``_beta``), else its
-    public attributes; of a function what it holds of the function around it.
+    The parameters of an object are the attributes named as its class's parameters (``beta`` or ``_beta``), or
+    else its public attributes. The parameters of a function are the variables in its closure.
 
     Examples
     --------
@@ -133,15 +132,17 @@ def _parameters(made: Any) -> Mapping[str, Any]:
         taken = []
     named = {name: f"_{name}" if f"_{name}" in held else name for name in taken}
     found = {name: getattr(made, where) for name, where in named.items() if hasattr(made, where)}
-    return found or {name: one for name, one in held.items() if not name.startswith("_")}
+    return found or {name: value for name, value in held.items() if not name.startswith("_")}
 
 
 def _call(name: str, values: Mapping[Any, Any]) -> str:
-    told = (_told(one) if isinstance(key, int) else f"{key}={_told(one)}" for key, one in values.items())
-    return one_line(f"{name}({', '.join(told)})", _MOST_SHOWN)
+    arguments = (
+        _shown(value) if isinstance(key, int) else f"{key}={_shown(value)}" for key, value in values.items()
+    )
+    return one_line(f"{name}({', '.join(arguments)})", _MOST_SHOWN)
 
 
-def _told(value: Any) -> str:
+def _shown(value: Any) -> str:
     if isinstance(value, np.ndarray):
         return f"array of {' x '.join(map(str, value.shape))}"
     if isinstance(value, np.generic):

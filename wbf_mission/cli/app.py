@@ -1,4 +1,4 @@
-"""The command line: ``wbf-mission COMMAND``. What each command does is in the modules beside this one."""
+"""Entry of the command line ``wbf-mission COMMAND``; other modules of this package define the commands."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ _COMMANDS = {
     "check-estimator": Command(contracts.check_estimator_command, contracts.EXAMPLES),
 }
 for _name, _command in _COMMANDS.items():
-    # A height of -5 is a value of `command`, no option.
+    # For `command`, -5 is a height and not an option.
     _command.add_to(app, _name, **({"ignore_unknown_options": True} if _name == "command" else {}))
 Command(bench_replay.replay_command, bench_replay.EXAMPLES).add_to(bench.app, "replay")
 for _group in (farm, vehicle, bench):
@@ -95,9 +95,9 @@ def _root(
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run the command line and return its exit code ; errors are one line on stderr.
+    """Run the command line and return its exit code (`wbf_mission.exit_codes`).
 
-    The exit codes are those of `wbf_mission.exit_codes`.
+    Errors are printed on stderr, in one line each.
     """
     warnings.formatwarning = _one_line_warning
     _silence_asyncio()
@@ -114,7 +114,7 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def _silence_asyncio() -> None:
-    """Let tasks of libraries that Ctrl-C left behind end without a traceback on the terminal."""
+    """Suppress tracebacks of library tasks that Ctrl-C left unfinished."""
     logger = logging.getLogger("asyncio")
     logger.propagate = False
     if not logger.handlers:
@@ -139,13 +139,15 @@ def _run(arguments: list[str]) -> int:
     except SystemExit as error:
         if users_line(error) is not None:
             return _complain(f"code of yours ended the program: {told_error(error)}", ExitCode.BAD_INPUT)
-        if isinstance(error.__context__, OSError):  # typer's way to end when nobody reads its help
+        if isinstance(error.__context__, OSError):  # typer exits like this when its help cannot be written
             return ExitCode.OUTPUT_CLOSED
-        code = error.code  # completion ends so
+        code = error.code  # shell completion exits like this
     except MemoryError:
         return _complain("out of memory: choose a smaller farm or fewer days", ExitCode.BAD_INPUT)
     except OSError as error:
-        if error.filename is None and error.errno == errno.ENOSPC:  # help on stdout: files have names
+        if (
+            error.filename is None and error.errno == errno.ENOSPC
+        ):  # stdout: an error of a file has a file name
             raise StdoutError(error) from error
         where = f"{error.filename}: " if error.filename else ""
         return _complain(f"{where}{error.strerror or error}", ExitCode.BAD_INPUT)
@@ -165,7 +167,7 @@ def _run(arguments: list[str]) -> int:
 
 
 def _usage(error: typer.TyperException) -> str:
-    """Return how the command at hand was called wrongly, without what libraries put around the words."""
+    """Return the message of a usage error, without the prefixes that libraries add."""
     at: Any = getattr(error, "ctx", None)
     command = "wbf-mission" if at is None else at.command_path
     text = error.format_message().replace("Value error, ", "", 1).replace("\n\t", " ")
@@ -185,7 +187,7 @@ def _complain(text: str, code: int) -> int:
 
 
 def _discard_output() -> None:
-    """Let what stdout still holds go nowhere: flushing it once more at the end must not complain."""
+    """Redirect stdout to the null device, so that the final flush of buffered output cannot fail."""
     nowhere = os.open(os.devnull, os.O_WRONLY)
     with contextlib.suppress(OSError, ValueError):
         os.dup2(nowhere, sys.stdout.fileno())

@@ -1,4 +1,4 @@
-"""``wbf-mission bench``: many runs that can be compared."""
+"""``wbf-mission bench``: many comparable runs."""
 
 from __future__ import annotations
 
@@ -73,26 +73,26 @@ def list_command(
 
     if families:
         found = known.families()
-        rows = [[one.name, one.about, one.at_home, "\n".join(one.scenarios)] for one in found]
+        rows = [[family.name, family.about, family.at_home, "\n".join(family.scenarios)] for family in found]
         header = ["family", "what differs", "at home", "scenarios"]
         output.table(to_builtins(found), header, rows, left=True)
         return ExitCode.GOOD
     values = [
         {
-            "scenario": one,
-            "about": known.about_scenario(one),
-            "family": None if (family := known.family_of(one)) is None else family.name,
-            "meaning": _meaning(known.load_scenario(one)),
+            "scenario": name,
+            "about": known.about_scenario(name),
+            "family": None if (family := known.family_of(name)) is None else family.name,
+            "meaning": _meaning(known.load_scenario(name)),
         }
-        for one in known.scenario_ids()
+        for name in known.scenario_ids()
     ]
-    rows = [[str(one["scenario"]), str(one["family"] or ""), str(one["about"])] for one in values]
+    rows = [[str(listed["scenario"]), str(listed["family"] or ""), str(listed["about"])] for listed in values]
     output.table(values, ["scenario", "family", "what it is"], rows, left=True)
     return ExitCode.GOOD
 
 
 def _meaning(scenario: Scenario) -> str | None:
-    """Return the digest of a scenario's meaning; None where its kind of vehicle is not installed."""
+    """Return the digest of a scenario's meaning; None if its kind of vehicle is not installed."""
     from sim_vehicle.errors import VehicleError
     from wbf_mission.bench.digests import meaning_of
 
@@ -119,11 +119,11 @@ def show_command(
 
 
 def _choices(text: str, what: str) -> list[Choice]:
-    """Return what is named, separated by commas; also what stands in a file of the user's."""
+    """Return comma-separated planners, policies or estimators, by name or as FILE.py:NAME."""
     from wbf_mission.own_code import own_choice
     from wbf_mission.scenario.choice import choose, split_choices
 
-    return [own_choice(one, what) or choose(one, what) for one in split_choices(text, what)]
+    return [own_choice(name, what) or choose(name, what) for name in split_choices(text, what)]
 
 
 def selection(
@@ -148,9 +148,9 @@ def selection(
         ),
     ] = None,
 ) -> dict[str, Any]:
-    """Return what `BenchSpec.of` takes, of options that are given."""
+    """Return the given options as arguments of `BenchSpec.of`."""
     return {
-        "scenarios": None if scenarios is None else [one.strip() for one in scenarios.split(",")],
+        "scenarios": None if scenarios is None else [name.strip() for name in scenarios.split(",")],
         "planners": None if planners is None else _choices(planners, "planner"),
         "estimators": None if estimators is None else _choices(estimators, "estimator"),
         "seeds": seeds,
@@ -159,7 +159,7 @@ def selection(
 
 @dataclass(frozen=True, slots=True)
 class _Flying:
-    """How runs are flown."""
+    """Options of the execution of runs."""
 
     jobs: options.Jobs = 1
     dask: Annotated[
@@ -175,7 +175,7 @@ class _Flying:
     def rows(
         self, output: Output, wanted: BenchSpec, out: Path | None, context: typer.Context
     ) -> tuple[list[BenchRow], bool]:
-        """Fly what is missing; return the rows, and whether Ctrl-C came."""
+        """Fly the missing runs; return all rows, and whether Ctrl-C came."""
         from wbf_mission.bench.benchmark import BenchmarkInterrupted, benchmark
 
         options.require_processes(self.jobs)
@@ -232,7 +232,7 @@ def run_command(
             raise ScenarioError(f"--family {family} and {spec}: give one of them")
         of = get_family(family)
         whole = {"scenarios": of.scenarios, "planners": of.planners, "estimators": of.estimators}
-        selected |= {key: list(one) for key, one in whole.items() if selected[key] is None}
+        selected |= {key: list(names) for key, names in whole.items() if selected[key] is None}
     if sealed is not None:
         from wbf_mission.bench.sealed import of_round
 
@@ -249,7 +249,7 @@ _OPTIONS = options.taken_by(selection)
 
 @app.command("compare", cls=HelpCommand, epilog=COMPARE_EXAMPLES)
 @options.speaks()
-@options.gives("selected", selection, {key: (_OPTIONS[key][0], one) for key, one in _COMPARED.items()})
+@options.gives("selected", selection, {key: (_OPTIONS[key][0], value) for key, value in _COMPARED.items()})
 @options.gives("flying", _Flying)
 def compare_command(
     output: Output,
@@ -276,23 +276,23 @@ def compare_command(
 
     wanted = BenchSpec.of(**selected | {"planners": _choices(f"{mine},{against}", "planner")})
     rows, interrupted = flying.rows(output, wanted, out, context)
-    first, *others = (str(one) for one in wanted.planners)
+    first, *others = map(str, wanted.planners)
     found = compare(rows, first, others)
     values = [
-        asdict(one) | {"verdict": verdict(one.score), "final_verdict": verdict(one.final_score)}
-        for one in found
+        asdict(pair) | {"verdict": verdict(pair.score), "final_verdict": verdict(pair.final_score)}
+        for pair in found
     ]
     table = [
         [
-            f"{one.scenario}, {one.estimator}",
-            one.against,
-            *bench_output.difference(one.score),
-            verdict(one.score),
-            *bench_output.difference(one.final_score),
-            verdict(one.final_score),
-            "-" if math.isnan(one.better) else f"{one.better:.0%} of {one.environments}",
+            f"{pair.scenario}, {pair.estimator}",
+            pair.against,
+            *bench_output.difference(pair.score),
+            verdict(pair.score),
+            *bench_output.difference(pair.final_score),
+            verdict(pair.final_score),
+            "-" if math.isnan(pair.better) else f"{pair.better:.0%} of {pair.environments}",
         ]
-        for one in found
+        for pair in found
     ]
     of_score = ("95 %", "verdict")
     header = ["scenario, estimator", "against", "run", *of_score, "end", *of_score, "better on"]
@@ -329,6 +329,6 @@ def report_command(
         write_page(out / "report.html", page, out, rows)
         pictures = [picture.file for section in page.sections for picture in section.pictures]
         files = ["report.md", "report.html", *pictures]
-        output.note(f"written: {', '.join(str(out / one) for one in files)}")
+        output.note(f"written: {', '.join(str(out / file) for file in files)}")
     bench_output.print_standings(output, rows, title=f"{folder}: {len(rows)} runs")
     return ExitCode.GOOD

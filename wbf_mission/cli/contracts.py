@@ -42,7 +42,7 @@ def check_planner_command(
     """Check that a planner keeps its contract: budget, area, the same path again."""
     from mission.planners.conformance import LANDS, check_planner
 
-    lands = LANDS if land is None else tuple(one.strip() for one in land.split(","))
+    lands = LANDS if land is None else tuple(kind.strip() for kind in land.split(","))
     return _run(output, name, "planner", lambda choice: check_planner(choice.chosen, lands, **choice.params))
 
 
@@ -71,7 +71,7 @@ def check_estimator_command(output: Output, name: _Name) -> int:
 
 
 def _run(output: Output, name: str, what: str, check: Callable[[Choice], Any]) -> int:
-    """Check what is named; what a check measured, if anything, is told, too."""
+    """Run a contract check on a named planner, policy or estimator, and print its result."""
     from geo.errors import told_error, users_line
     from wbf_mission.own_code import own_choice
     from wbf_mission.scenario.choice import choose

@@ -28,9 +28,9 @@ wbf-mission convert track.gpx track.plan --altitude 25 --json
 def write_and_tell(
     output: Output, mission: Mission, path: Path, firmware: Firmware
 ) -> tuple[Mission, list[Loss]]:
-    """Write what one file can hold of a mission, and say what is not kept; return both.
+    """Write a mission as far as the file's format can hold it; return the written part and the losses.
 
-    What the vehicle would fly otherwise without is a warning, the rest are notes.
+    Losses are printed: those that change the flight as warnings, the others as notes.
     """
     from mission.files import fitted, losses, write_mission
 

@@ -52,7 +52,7 @@ _COLUMNS = {
     "GPS": (13, "fix {gps_fix}, {of_satellites} sat"),
     "link": (14, "{link}"),
 }
-"""Headings of the lines, how wide their columns are, and what they tell of a vehicle."""
+"""Columns of the lines: heading, width, and the format of the cell."""
 
 
 _REPEATS_S = 30.0
@@ -103,9 +103,9 @@ def monitor_command(
     output.notes(() if farm is None else farm.notes, "farm")
     orders = page.orders(output)
     watch = FleetWatch(output.warn if page.wanted else None)
-    told = _Told(output, watch)
+    printer = _Printer(output, watch)
     components: list[Component] = [watch] if orders is None else [watch, ControlStation(orders)]
-    # Ctrl-C is how it is ended by hand, at any moment.
+    # Ctrl-C is the normal way to end `monitor`, at any moment.
     with (
         contextlib.suppress(KeyboardInterrupt),
         page.serve(output, output.events, orders),
@@ -121,8 +121,8 @@ def monitor_command(
         while server.now_s < end_s:
             if server.run(until=looks, limit_s=min(interval, end_s - server.now_s)) is StopReason.STOPPED:
                 break
-            told.report(server.now_s)
-        told.report(server.now_s, last=True)
+            printer.report(server.now_s)
+        printer.report(server.now_s, last=True)
         output.events.tell(RunEnded(server.now_s, "ended", ""))
     code = signals.exit_code(ExitCode.GOOD)
     if code not in (ExitCode.GOOD, ExitCode.INTERRUPTED):
@@ -133,7 +133,7 @@ def monitor_command(
 
 
 def _watched_farm(given: options.Given, page: LivePage) -> Farm | None:
-    """Return the farm over which vehicles are shown, if one is given; ScenarioError if it has no use."""
+    """Return the farm of the live page, if given; ScenarioError if there is no page."""
     from wbf_mission.scenario import ScenarioError
 
     farm = given.farm(None if given.file is None else given.scenario().farm.name)
@@ -146,28 +146,28 @@ def _watched_farm(given: options.Given, page: LivePage) -> Farm | None:
 
 
 def _named(heard: Contact) -> tuple[str, str]:
-    """Return name and kind of a vehicle that is heard."""
+    """Return name and kind of a discovered vehicle."""
     from sim_vehicle.airframe.kind import kind_of_type
 
     return heard.profile.name, kind_of_type(heard.monitor.vehicle_type)
 
 
-class _Told:
-    """Prints a watched fleet: one header, then a line for each vehicle and report, and its texts.
+class _Printer:
+    """Printer of a watched fleet: one header, then a line for each vehicle and report, and its texts.
 
-    A text that comes again and again is printed with the number of times, each 30 s at most.
+    A repeated text is printed at most every 30 s, with the number of times.
     """
 
     def __init__(self, output: Output, watch: FleetWatch) -> None:
         self._output, self._watch = output, watch
         self._texts: dict[int, int] = {}
-        # By vehicle, severity and text: when it was printed last, when it came last, how often since then.
+        # By vehicle, severity and text: time of the last print, time of the last receipt, count since then.
         self._waiting: dict[tuple[int, int, str], tuple[float, float, int]] = {}
         self._wrong: dict[int, set[str]] = {}
         self._headed = False
 
     def report(self, now_s: float, *, last: bool = False) -> None:
-        """Print what there is now, and the texts since the last time."""
+        """Print the state of each vehicle, and the texts since the last report."""
         for number, vehicle in self._watch.vehicles.items():
             texts = vehicle.texts.texts
             for time_s, severity, text in texts[self._texts.get(number, 0) :]:
@@ -177,15 +177,15 @@ class _Told:
             self._texts[number] = len(texts)
         self._print_texts(now_s, last=last)
         for vehicle in () if last else self._watch.vehicles.values():
-            one = vehicle.summary(now_s)
-            self._warn(one)
+            state = vehicle.summary(now_s)
+            self._warn(state)
             if self._output.as_json:
-                _json_line({"time_s": now_s, **one})
+                _json_line({"time_s": now_s, **state})
                 continue
             if not self._headed:
                 self._headed = True
                 _line(_aligned(_COLUMNS))
-            _line(_aligned(_row(one, now_s, silent=vehicle.is_silent(now_s))))
+            _line(_aligned(_row(state, now_s, silent=vehicle.is_silent(now_s))))
 
     def _print_texts(self, now_s: float, *, last: bool) -> None:
         for (number, severity, text), (printed_s, time_s, times) in list(self._waiting.items()):
@@ -202,9 +202,9 @@ class _Told:
                 often = f" ({times} times)" if times > 1 else ""
                 self._output.note(f"vehicle {number}: {text}{often}", tells=False)
 
-    def _warn(self, one: dict[str, Any]) -> None:
-        """Say once of a value that cannot be that it is so."""
-        number, wrong = one["system_id"], one["impossible"]
+    def _warn(self, state: dict[str, Any]) -> None:
+        """Warn once of each impossible value."""
+        number, wrong = state["system_id"], state["impossible"]
         fresh = {key: value for key, value in wrong.items() if key not in self._wrong.get(number, ())}
         self._wrong[number] = set(wrong)
         if fresh and not self._output.as_json:
@@ -213,7 +213,7 @@ class _Told:
 
 
 def _json_line(values: dict[str, Any]) -> None:
-    """Print one line of JSON at once."""
+    """Print one line of JSON and flush it."""
     import msgspec
 
     _line(msgspec.json.encode(values).decode())
@@ -225,29 +225,28 @@ def _line(text: str) -> None:
 
 
 def _aligned(cells: Iterable[str]) -> str:
-    """Return cells as a line, each under its heading."""
+    """Return cells as one line, aligned with the headings."""
     widths = (width for width, _ in _COLUMNS.values())
     return "  ".join(cell.ljust(width) for cell, width in zip(cells, widths, strict=True)).rstrip()
 
 
-def _row(one: dict[str, Any], now_s: float, *, silent: bool) -> list[str]:
-    """Return what a line tells of a vehicle."""
+def _row(state: dict[str, Any], now_s: float, *, silent: bool) -> list[str]:
+    """Return the cells of a vehicle's line."""
     from mission.ground.link_state import milliseconds
 
-    link = told("{link_quality:.0%}", one)
-    if one["round_trip_s"] is not None:
-        link += f", {milliseconds(one['round_trip_s'])}"
+    link = told("{link_quality:.0%}", state)
+    if state["round_trip_s"] is not None:
+        link += f", {milliseconds(state['round_trip_s'])}"
     more = {
         "now_s": now_s,
-        "yes_or_no": "yes" if one["armed"] else "no",
-        "of_items": "" if one["items"] is None else f" of {one['items']}",
-        "of_satellites": str(one["satellites"]),
-        "link": f"silent for {one['silent_s']:.0f} s" if silent else link,
+        "yes_or_no": "yes" if state["armed"] else "no",
+        "of_items": "" if state["items"] is None else f" of {state['items']}",
+        "of_satellites": str(state["satellites"]),
+        "link": f"silent for {state['silent_s']:.0f} s" if silent else link,
     }
-    cells = [told(form, one | more) for _, form in _COLUMNS.values()]
-    marks = (
-        "!" if any(f"{{{key}" in form for key in one["impossible"]) else "" for _, form in _COLUMNS.values()
-    )
+    forms = [form for _, form in _COLUMNS.values()]
+    cells = [told(form, state | more) for form in forms]
+    marks = ("!" if any(f"{{{key}" in form for key in state["impossible"]) else "" for form in forms)
     return [cell + mark for cell, mark in zip(cells, marks, strict=True)]
 
 
@@ -284,7 +283,7 @@ def command_command(
 
 
 def _give(wanted: OperatorCommand, url: str, system_id: int | None, wait: float, output: Output) -> None:
-    """Give an order over a link of its own, and tell what came of it."""
+    """Open a link, give an order, and print the result."""
     from sim_vehicle.host.server import Server
     from sim_vehicle.host.simulation import StopReason
     from wbf_mission.live.command_session import CommandSession
@@ -309,5 +308,5 @@ def _give(wanted: OperatorCommand, url: str, system_id: int | None, wait: float,
         "value": wanted.value or None,
         "mode": session.mode,
     }
-    told = f"{wanted.order} {wanted.value}".strip()
-    output.result(done, {"vehicle": f"system {session.vehicle[0]}", "done": told, "mode": session.mode})
+    order = f"{wanted.order} {wanted.value}".strip()
+    output.result(done, {"vehicle": f"system {session.vehicle[0]}", "done": order, "mode": session.mode})

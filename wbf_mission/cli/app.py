@@ -87,7 +87,7 @@ def _root(
         bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version.")
     ] = False,
 ) -> None:
-    """Plan drone scouting missions, fly them in simulation or upload them, and score the map they give."""
+    """Plan drone scouting missions, fly them in simulation or upload them, and score the resulting maps."""
 
 
 def main(arguments: list[str] | None = None) -> int:

@@ -60,12 +60,16 @@ _TOLD_EVERY_S = 60.0
 def list_command(
     output: Output,
     families: Annotated[
-        bool, option("List the families of scenarios: what differs, who is at home.", "--families")
+        bool,
+        option(
+            "List the families of scenarios, with their differences from the benchmark's own world.",
+            "--families",
+        ),
     ] = False,
 ) -> int:
-    """List the scenarios that results can be compared by.
+    """List the scenarios of the catalogue, by which results can be compared.
 
-    What an id means never changes; a change gets a new version.
+    The meaning of an id never changes; a changed scenario gets a new version.
     """
     from msgspec import to_builtins
 
@@ -107,7 +111,7 @@ def _meaning(scenario: Scenario) -> str | None:
 def show_command(
     output: Output, scenario: Annotated[str, typer.Argument(help="An id (see 'bench list') or a file.")]
 ) -> int:
-    """Show what a scenario means: its farm, what is scored when, and what is not at its default."""
+    """Show a scenario: its farm, its scored fields and times, and its options that are not at defaults."""
     from msgspec import to_builtins
 
     from wbf_mission.bench.cards import card_of
@@ -144,7 +148,8 @@ def selection(
     seeds: Annotated[
         str | None,
         option(
-            "How many environments, from seed 0 on, or which: 100..139, or 5,7,100..139.", panel=RUN_PANEL
+            "Number of environments, from seed 0 on, or a list of seeds: 100..139, or 5,7,100..139.",
+            panel=RUN_PANEL,
         ),
     ] = None,
 ) -> dict[str, Any]:
@@ -170,7 +175,7 @@ class _Flying:
             metavar="ADDRESS",
         ),
     ] = None
-    retry: Annotated[bool, option("Fly again what failed.", "--retry")] = False
+    retry: Annotated[bool, option("Repeat failed runs.", "--retry")] = False
 
     def rows(
         self, output: Output, wanted: BenchSpec, out: Path | None, context: typer.Context
@@ -201,28 +206,28 @@ def run_command(
     spec: Annotated[
         Path | None,
         typer.Argument(
-            help="What to run (TOML); the options below change it.  [default: the paper's experiment]"
+            help="Specification (TOML); the options below change it.  [default: the paper's experiment]"
         ),
     ] = None,
     family: Annotated[
         str | None,
         option(
-            "A family (see 'bench list --families'): its scenarios, planners and estimators, where the"
-            " options below do not say others.",
+            "Family of scenarios (see 'bench list --families'), flown with its planners and estimators; the"
+            " options below override them.",
             panel=RUN_PANEL,
         ),
     ] = None,
     sealed: Annotated[
         Path | None,
-        option("The secret of a round ('bench seal'), whose environments are flown.", panel=RUN_PANEL),
+        option("Secret of a round ('bench seal'), to fly the round's environments.", panel=RUN_PANEL),
     ] = None,
     selected: dict[str, Any],
     flying: _Flying,
 ) -> int:
-    """Fly what is missing of a benchmark, and print what all of it tells.
+    """Fly the missing runs of a benchmark, and print the standings.
 
-    Each run that ends is kept at once: the same command goes on after Ctrl-C, and when it was killed. A run
-    that fails is kept with the cause, and the others go on.
+    Each row is stored when its run ends, so the same command continues after Ctrl-C or a kill. A failed run
+    is stored with its cause, and the other runs continue.
     """
     from wbf_mission.bench.spec import BenchSpec
     from wbf_mission.scenario import ScenarioError, get_family
@@ -259,14 +264,14 @@ def compare_command(
     against: Annotated[
         str, option("Planners and policies, separated by commas.", panel=RUN_PANEL)
     ] = "greedy",
-    out: Annotated[Path | None, option("Folder of the results.  [default: they are not kept]")] = None,
+    out: Annotated[Path | None, option("Folder of the results.  [default: they are not stored]")] = None,
     selected: dict[str, Any],
     flying: _Flying,
 ) -> int:
-    """Tell whether a planner or policy is better than others, on the same environments.
+    """Compare a planner or policy with others, on the same environments.
 
-    Differences of scores, positive where the first is better, with intervals of 95 %. With --out, only what
-    is missing is flown.
+    Prints differences of scores with 95 % intervals, positive if the first is better. With --out, only
+    missing runs are flown.
     """
     from dataclasses import asdict
 
@@ -312,7 +317,7 @@ def report_command(
         option("Write a report into this folder: report.md, report.html and a picture for each scenario."),
     ] = None,
 ) -> int:
-    """Print what the results in a folder tell, also while they are made, or write it as a report."""
+    """Print the standings of the results in a folder, also during a benchmark, or write a report."""
     from wbf_mission.bench.report import report_page
     from wbf_mission.bench.requests import read_asked
     from wbf_mission.bench.rows import read_rows

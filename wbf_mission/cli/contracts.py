@@ -31,15 +31,15 @@ def check_planner_command(
     land: Annotated[
         str | None,
         option(
-            "The kinds of land that it is made for, separated by commas: convex, concave, pierced, apart"
-            " (parts that do not hang together).",
+            "Kinds of land that the planner is made for, separated by commas: convex, concave, pierced, apart"
+            " (disconnected parts).",
             "--land",
             metavar="KINDS",
             show_default="all",
         ),
     ] = None,
 ) -> int:
-    """Check that a planner keeps its contract: budget, area, the same path again."""
+    """Check that a planner keeps its contract: budget, area, repeatable paths."""
     from mission.planners.conformance import LANDS, check_planner
 
     lands = LANDS if land is None else tuple(kind.strip() for kind in land.split(","))
@@ -50,8 +50,9 @@ def check_planner_command(
 def check_policy_command(output: Output, name: _Name) -> int:
     """Check that a policy keeps its contract.
 
-    Budget, area, the same answers again, no truth, sensible answers when nothing or all was seen and when a
-    vehicle is lost; and how much of its computing time it takes.
+    The checks are: budget, area, repeatable answers, no use of the truth, and sensible answers when no cell
+    or every cell was observed and when a vehicle is lost. The share of the allowed computing time is
+    measured.
     """
     from mission.policies.conformance import check_policy
 
@@ -60,7 +61,7 @@ def check_policy_command(output: Output, name: _Name) -> int:
 
 @options.speaks(quiet=False)
 def check_estimator_command(output: Output, name: _Name) -> int:
-    """Check that an estimator keeps its contract: scikit-learn's habits, shapes, ranges, equal maps."""
+    """Check that an estimator keeps its contract: scikit-learn's conventions, shapes, ranges, equal maps."""
     from sensors.estimators import check_estimator
     from sensors.fields import PAPER_FIELDS
     from wbf_mission.run.estimation import estimator_of

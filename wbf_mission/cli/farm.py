@@ -186,7 +186,7 @@ def save_command(
     out: Annotated[Path, option("GeoJSON file.")],
     overwrite: Overwrite = False,
 ) -> None:
-    """Save a farm as GeoJSON: one from another program's file, mended, or a start for one of your own."""
+    """Save a farm as GeoJSON, to convert or repair another program's file, or to start one of your own."""
     from geo import save_farm
 
     refuse_overwrite(out, [farm], suffixes=(".geojson",), overwrite=overwrite)
@@ -210,7 +210,7 @@ def generate_command(
     given: options.Given,
     output: Output,
     count: Annotated[
-        int, option("How many environments.", parser=options.whole_number_in(1, 100_000), min=1, max=100_000)
+        int, option("Number of environments.", parser=options.whole_number_in(1, 100_000), min=1, max=100_000)
     ] = 1,
     days: Annotated[
         int | None,
@@ -225,7 +225,7 @@ def generate_command(
 ) -> int:
     """Generate environments of a farm: diseases and soil on each day, as Zarr stores.
 
-    Ctrl-C keeps what is finished, and the same command goes on with it.
+    Ctrl-C keeps the finished environments, and the same command makes the others.
     """
     import os
     import time
@@ -257,7 +257,9 @@ def generate_command(
                 progress=lambda done, total: progress("environments", done, total),
             )
     except KeyboardInterrupt:
-        output.warn(f"stopped; what is finished in {folder} is kept, and the same command goes on with it")
+        output.warn(
+            f"stopped; finished environments in {folder} are kept, and the same command makes the others"
+        )
         return ExitCode.INTERRUPTED
     seconds = time.perf_counter() - begin
     size = sum(path.stat().st_size for path in ensemble.folder.rglob("*") if path.is_file())

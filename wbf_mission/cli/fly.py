@@ -236,7 +236,7 @@ def fly_command(
         float,
         option(
             "Duration of a battery change between sorties, s; with --connect and --yes the longest wait for"
-            " it.",
+            " the change.",
             panel="What to run",
             parser=options.number,
         ),
@@ -260,9 +260,9 @@ def fly_command(
     ] = True,
     force: Force = False,
 ) -> int:
-    """Do the whole job: plan, upload over MAVLink, fly, look, estimate, score; offline, or with --connect.
+    """Plan, upload over MAVLink, fly, observe, estimate and score, in simulation or with --connect.
 
-    One vehicle flies a mission that is longer than its battery in sorties.
+    A single vehicle flies a mission that is longer than its battery in sorties.
     Writes the plan, a telemetry log, the observations, the information model with the truth, a summary
     and pictures.
     """

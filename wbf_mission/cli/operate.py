@@ -82,12 +82,12 @@ def monitor_command(
     ] = None,
     interval: Annotated[float, option("Seconds between two reports.", parser=options.number)] = 1.0,
 ) -> int:
-    """Show what the vehicles on a link tell of themselves: mode, item, position, battery, link, texts.
+    """Show the telemetry of the vehicles on a link: mode, item, position, battery, link, texts.
 
-    A value that cannot be (a latitude of 95, a battery at 120 %) is warned of once, and marked with "!" in
-    its column; a text that comes again and again is shown each 30 s, with the number of times.
+    An impossible value (a latitude of 95, a battery at 120 %) causes one warning, and is marked with "!" in
+    its column. A repeated text is printed at most every 30 s, with the number of times.
 
-    With --live on a page, too: over a farm, if one is given, and with the mission that each vehicle holds.
+    With --live the vehicles and their missions are also shown on a page, over the farm if one is given.
     """
     from sim_vehicle.host.server import Server
     from sim_vehicle.host.simulation import StopReason
@@ -209,7 +209,7 @@ class _Printer:
         self._wrong[number] = set(wrong)
         if fresh and not self._output.as_json:
             values = ", ".join(f"{key} {value}" for key, value in fresh.items())
-            self._output.warn(f"vehicle {number}: it tells what cannot be: {values}")
+            self._output.warn(f"vehicle {number}: impossible values: {values}")
 
 
 def _json_line(values: dict[str, Any]) -> None:
@@ -261,14 +261,14 @@ def command_command(
             " NAME."
         ),
     ],
-    value: Annotated[str, typer.Argument(help="What the order takes.")] = "",
+    value: Annotated[str, typer.Argument(help="Height, item number or mode of the order.")] = "",
     arm: Annotated[
-        bool, option("The order mission may start the motors of a PX4 and take off.", "--arm")
+        bool, option("Allow the order mission to start the motors of a PX4 and take off.", "--arm")
     ] = False,
     system_id: options.SystemId = None,
     wait: options.Wait = 10.0,
 ) -> None:
-    """Give a vehicle one order, and wait until it shows that it obeys."""
+    """Give a vehicle one order, and wait until its telemetry shows that it obeys."""
     from mission.ground.command import MotorsStandError, OperatorCommand
 
     try:

@@ -81,7 +81,10 @@ def whole_number_in(low: int, high: int) -> Reader[int]:
 _READERS: Mapping[Any, Reader[Any]] = {int: _reader(parse_whole), float: number}
 
 Jobs = Annotated[
-    int, option("Processes at once; -1: one per core.", parser=whole_number_in(-1, 1024), min=-1, max=1024)
+    int,
+    option(
+        "Number of parallel processes; -1: one per core.", parser=whole_number_in(-1, 1024), min=-1, max=1024
+    ),
 ]
 
 
@@ -131,7 +134,7 @@ Overwrite = Annotated[
 ]
 """Option that replaces existing files; `Force` does not."""
 Force = Annotated[
-    bool, option("Go on despite errors that the preflight check finds.", "--force", panel=CHECK_PANEL)
+    bool, option("Continue despite errors of the preflight check.", "--force", panel=CHECK_PANEL)
 ]
 """Option that continues despite errors; `Overwrite` does not."""
 

@@ -85,9 +85,9 @@ def plan_command(
     overwrite: Overwrite = False,
     force: Force = False,
 ) -> None:
-    """Plan a mission within a budget and say what it takes: length, time, coverage, battery.
+    """Plan a mission within a budget and predict its length, time, coverage and battery use.
 
-    One that is longer than a battery is cut into sorties where that costs least.
+    A mission that is longer than a battery is cut into sorties at the places of least cost.
     """
     from mission.files import Firmware, writer_for
     from mission.transfer import Severity

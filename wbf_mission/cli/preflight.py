@@ -136,14 +136,14 @@ def preflight_command(
     output: Output,
     file: Annotated[Path, typer.Argument(help="Mission file: .plan, .waypoints, .json, .kml ...")],
     around: Surroundings,
-    connect: Annotated[str | None, options.link("Ask the vehicle behind this link, too")] = None,
+    connect: Annotated[str | None, options.link("Link to the vehicle, which is then checked, too")] = None,
     system_id: options.SystemId = None,
     wait: options.Wait = 10.0,
 ) -> int:
-    """Check a mission file before it is flown, and with --connect the vehicle that is to fly it.
+    """Check a mission file before the flight, and with --connect also the vehicle.
 
-    Each finding has a code, which docs/preflight.md explains. Exit code 1 tells that there are errors;
-    warnings and notes are none.
+    Each finding has a code, which docs/preflight.md explains. Exit code 1 means that there are errors;
+    warnings and notes do not count.
     """
     from wbf_mission.preflight.inquiry import ask_vehicle
     from wbf_mission.preflight.run import check_mission

@@ -70,7 +70,7 @@ def sim_command(
         str | None,
         option(
             "MAVLink signing key: 64 hexadecimal digits, a phrase, or @FILE that holds one; the vehicles"
-            " sign, and hear only messages signed with it.",
+            " sign their messages, and accept only messages signed with this key.",
             panel=LINKS,
             envvar="WBF_MISSION_SIGNING_KEY",
             show_envvar=True,
@@ -103,8 +103,8 @@ def sim_command(
 ) -> int:
     """Run simulated vehicles with leaf cameras on UDP, TCP or serial lines, for ground stations and programs.
 
-    It binds to loopback unless a link says otherwise. End it with Ctrl-C or SIGTERM: the vehicles say goodbye
-    (a HEARTBEAT with the state POWEROFF) and the log is complete.
+    Links use the loopback interface unless their address says otherwise. Stop the simulator with Ctrl-C or
+    SIGTERM: the vehicles then send a last HEARTBEAT with the state POWEROFF, and the log is complete.
     """
     from mission.link.tlog import TlogWriter
     from sim_vehicle.epoch import EPOCH_UNIX_S

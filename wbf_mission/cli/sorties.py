@@ -47,8 +47,9 @@ class SortieOptions:
     overlap: Annotated[
         float | None,
         option(
-            "Length flown again where a sortie goes on, m.  [default: twice the distance between images, and"
-            " the way needed to come onto the row]",
+            "Length flown again where the next sortie begins, m.  [default: twice the distance between "
+            "images,"
+            " plus the length needed to line up with the row]",
             panel=_PANEL,
             parser=options.number,
         ),
@@ -60,8 +61,8 @@ class SortieOptions:
     resume: Annotated[
         str | None,
         option(
-            "Place where the mission file was broken off, to go on from there: an item (12), metres on the"
-            " way to it (12+35m), a telemetry log, a results folder, or the vehicle's link.",
+            "Place from which to resume the mission file: an item (12), metres on the leg to it (12+35m), a"
+            " telemetry log, a results folder, or the vehicle's link.",
             panel=_PANEL,
             metavar="FROM",
         ),

@@ -41,9 +41,9 @@ Each gets a callback, to be called with a description before each compilation.""
 
 @options.speaks()
 def warm_up_command(output: Output) -> None:
-    """Compile everything ahead, once after an installation, so that no later run has to.
+    """Compile all functions once after an installation, so that no later run has to.
 
-    What is compiled is kept in the user's cache; a second warm-up has nothing to do but to look.
+    Compiled code is kept in the user's cache, so a second warm-up only checks the cache.
     """
     from sim_vehicle.prediction.compile_ahead import compile_all
 

@@ -25,8 +25,8 @@ def main() -> None:
             code = run()
     except KeyboardInterrupt:
         code = signals.exit_code(130)
-    # If Ctrl-C came while CPython ran a string (as dataclasses do), CPython would end the process by SIGINT
-    # in place of the exit code. Running another string clears that flag.
+    # After Ctrl-C inside an exec (of dataclasses), CPython ends by SIGINT unless another exec clears its
+    # flag.
     exec("")  # noqa: S102
     sys.exit(code)
 

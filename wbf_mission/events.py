@@ -42,7 +42,7 @@ class RunBegun:
     """Description of the run: the first event, repeated when another vehicle is discovered."""
 
     title: str
-    farm: Farm | None  # None if a watched vehicle's farm is unknown
+    farm: Farm | None  # None if the farm of the watched vehicles is unknown
     fields: FieldSet | None
     vehicles: tuple[VehicleInfo, ...] = ()
     simulated: bool = True
@@ -124,7 +124,7 @@ class VehicleSaid:
 
     time_s: float
     system_id: int
-    severity: int  # MAV_SEVERITY, 0 emergency to 7 debug
+    severity: int  # MAV_SEVERITY from 0 (emergency) to 7 (debug)
     text: str
 
 

@@ -64,7 +64,7 @@ class Way(Protocol):
 
     @property
     def force(self) -> bool:
-        """Whether to fly plans with errors, and a mission longer than a battery without sorties."""
+        """Whether to fly plans with errors, and not to cut a mission longer than a battery into sorties."""
 
     @property
     def console(self) -> OperatorConsole | None:
@@ -107,8 +107,8 @@ class Simulated:
         Time to change a battery (s). A mission of one vehicle that is longer than a battery is flown in
         sorties (`wbf_mission.planning.sorties`).
     force : bool
-        Fly plans in which the preflight check finds errors, and a mission longer than a battery without
-        sorties.
+        Fly plans in which the preflight check finds errors, and do not cut a mission longer than a battery
+        into sorties.
     """
 
     faults: Sequence[Fault | str] = ()
@@ -131,7 +131,7 @@ class Simulated:
         return tuple(vehicles)
 
     def check(self, campaign: Campaign, events: EventStream) -> None:
-        """Raise an error for missions that the simulated autopilot would refuse and plans with errors."""
+        """Raise an error if the simulated autopilot would refuse a mission, or a plan has errors."""
         if not campaign.run.decider.steers:
             for sortie in campaign.sorties:
                 refuse_errors(sortie.rendered)
@@ -252,7 +252,7 @@ def _begun(run: Run, *, simulated: bool) -> RunBegun:
 
 def rehearse(estimator: str) -> None:
     """Fly a small run that compiles all functions that `estimator` uses on a large farm."""
-    # On this small farm, `gp` alone would choose the method for small farms.
+    # Without the parameter, `gp` would choose its method for small farms here.
     chosen = "gp:method=local" if estimator == "gp" else estimator
     fly(Scenario(farm=REHEARSED_ON, planner="spiral", vehicle="ideal", estimator=chosen, budget="300steps"))
 

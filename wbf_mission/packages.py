@@ -19,7 +19,7 @@ def require_packages() -> None:
     for name in PACKAGES:
         try:
             spec = importlib.util.find_spec(name)
-        except ValueError:  # a module object without a spec
+        except ValueError:  # find_spec refuses a module object that was made without a spec
             spec = None
         location = None if spec is None else _location(spec)
         if location is None or location != _HERE / name:

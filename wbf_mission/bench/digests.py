@@ -38,8 +38,8 @@ _FILES = (
     "fields",
     "vehicle",
     "world",
-)  # The digest covers the contents of these, not their names
-_LABELS = ("title", "unit", "colours")  # Keys of a field that change no score
+)  # The digest covers the contents of these files and objects, not their names
+_LABELS = ("title", "unit", "colours")  # Keys of a field's table that change no score
 
 
 def meaning_of(scenario: Scenario) -> str:
@@ -156,7 +156,7 @@ class _Plain:
             return self._all((value.__func__, getattr(value, "__self__", None)))
         if isinstance(value, property):
             return self._all((value.fget, value.fset, value.fdel))
-        for wrapped in ("py_func", "__wrapped__"):  # set by numba and by functools
+        for wrapped in ("py_func", "__wrapped__"):  # attributes set by numba and by functools
             if callable(value) and isinstance(getattr(value, wrapped, None), FunctionType):
                 return self.of(getattr(value, wrapped))
         return self._reduced(value)
@@ -180,8 +180,9 @@ class _Plain:
         file = None if top in PACKAGES or top in sys.stdlib_module_names else _file_of(module)
         if not is_own(module):
             return [f"{module}.{name}", "" if file is None else _of_file(file)]
-        # The module name of a user's file depends on its folder, so the file counts by its contents and by
-        # the neighbouring files that it uses. Not so for a script, which may write files to its folder.
+        # A user's file counts by its contents and used neighbours, because its module name depends on the
+        # folder. The neighbours of a script (``__main__``) do not count, because the script may write files
+        # there.
         beside = "" if file is None or module in ("__main__", "__mp_main__") else self._beside(file)
         return [name, "" if file is None else _of_file(file), *([beside] if beside else [])]
 

@@ -69,7 +69,7 @@ def _fresh(scenario: Scenario) -> Scenario:
     """Return the scenario with copies of the user's objects, so that no state leaks between runs."""
     try:
         return copy.deepcopy(scenario)
-    except Exception:  # an object that cannot be copied is shared
+    except Exception:  # an object that cannot be copied is shared by all runs
         return scenario
 
 
@@ -225,7 +225,7 @@ class Cluster:
         except CancelledError:
             msg = f"--dask {self._address}: the scheduler is lost; the same command goes on with what is done"
             raise ClusterError(msg) from None
-        except Exception as error:  # such as an error of an older wbf-mission
+        except Exception as error:  # such as an error raised by a worker with an older wbf-mission
             why = one_line(str(error)) if isinstance(error, WbfMissionError) else one_line(repr(error))
             raise ClusterError(f"--dask {self._address}: a worker cannot fly: {why}") from None
 
@@ -373,8 +373,7 @@ def _in_processes(runs: Sequence[BenchRun], jobs: int) -> Iterator[BenchRow]:
                     yield row
         except BrokenProcessPool:
             remaining = [run for run in remaining if run.key not in done]
-            # A process was killed, for example for lack of memory, while it flew one of the first `jobs` open
-            # runs. Each of these is flown alone, so that only the culprit fails.
+            # One of the first `jobs` runs killed its process, so each is flown alone: only the culprit fails.
             yield from map(_alone, remaining[:jobs])
             remaining = remaining[jobs:]
         else:

@@ -27,7 +27,9 @@ from scipy import stats
 
 Pair = tuple[NDArray[np.float64], NDArray[np.float64]]
 
-_DRAWS = 1999  # one less than a multiple of 40, so that the 2.5 % and 97.5 % limits are draws
+_DRAWS = (
+    1999  # Number of draws: one less than a multiple of 40, so that the 2.5 % and 97.5 % limits are draws
+)
 _SEED = 0
 _MISSED = 0.05
 _FEWEST_TO_RESAMPLE = 5
@@ -59,9 +61,9 @@ def mean_interval(values: NDArray[np.float64]) -> Interval:
 def ratio_interval(values: NDArray[np.float64], others: NDArray[np.float64]) -> Interval:
     """Return the ratio of the means of `values` and `others` with its 95 % interval.
 
-    Both have one value per environment, in the same order. Below eight environments there is no interval.
-    Without a positive mean of `others` there is no ratio. `high` is infinite if a mean of `others` near 0
-    cannot be excluded.
+    `values` and `others` have one value per environment, in the same order. Below eight environments there is
+    no interval. Without a positive mean of `others` there is no ratio. `high` is infinite if a mean of
+    `others` near 0 cannot be excluded.
     """
     return ratio_intervals([(values, others)])[0]
 
@@ -69,10 +71,10 @@ def ratio_interval(values: NDArray[np.float64], others: NDArray[np.float64]) -> 
 def mean_intervals(several: Iterable[NDArray[np.float64]], *, together: bool = False) -> list[Interval]:
     """Return means over environments with their 95 % intervals.
 
-    With `together` the intervals are simultaneous: all hold at once in 95 of 100 cases. All are widened to
-    the same quantile, at which 5 % of the resamples leave at least one interval (R. Beran, "Balanced
-    simultaneous confidence sets", J. Am. Stat. Assoc. 83, 1988). All arrays list the environments in the same
-    order.
+    With `together` the intervals are simultaneous: all hold at once in 95 of 100 cases. All intervals are
+    widened to the same quantile, at which 5 % of the resamples leave at least one interval (R. Beran,
+    "Balanced simultaneous confidence sets", J. Am. Stat. Assoc. 83, 1988). All arrays list the environments
+    in the same order.
     """
     known = [values[np.isfinite(values)] for values in several]
     return _intervals([(values, np.ones(len(values))) for values in known], fewest=2, together=together)

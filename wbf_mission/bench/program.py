@@ -53,6 +53,6 @@ def unlike(theirs: Mapping[str, str]) -> str:
     ours = program()
     keys = [key for key in dict.fromkeys([*theirs, *ours]) if theirs.get(key) != ours.get(key)]
     if keys[1:] and keys[-1] == _CODE:
-        del keys[-1]  # explained by the other differences
+        del keys[-1]  # the source digest differs whenever a version does
     texts = [f"{key} {ours.get(key, 'unknown')} in place of {theirs.get(key, 'unknown')}" for key in keys]
     return f"it has {', '.join(texts)}; install the same there, and start the worker anew" if texts else ""

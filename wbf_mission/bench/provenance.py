@@ -128,7 +128,7 @@ def _parameters(made: Any) -> Mapping[str, Any]:
     held = getattr(made, "__dict__", {})
     try:
         taken = list(inspect.signature(type(made)).parameters)
-    except (TypeError, ValueError):  # a class of C
+    except (TypeError, ValueError):  # a class of a C extension has no signature
         taken = []
     named = {name: f"_{name}" if f"_{name}" in held else name for name in taken}
     found = {name: getattr(made, where) for name, where in named.items() if hasattr(made, where)}

@@ -143,7 +143,7 @@ def _run(arguments: list[str]) -> int:
     except OSError as error:
         if (
             error.filename is None and error.errno == errno.ENOSPC
-        ):  # stdout: an error of a file has a file name
+        ):  # an error without a file name is of stdout
             raise StdoutError(error) from error
         where = f"{error.filename}: " if error.filename else ""
         return _complain(f"{where}{error.strerror or error}", ExitCode.BAD_INPUT)

@@ -262,7 +262,7 @@ def fly_command(
 ) -> int:
     """Plan, upload over MAVLink, fly, observe, estimate and score, in simulation or with --connect.
 
-    A single vehicle flies a mission that is longer than its battery in sorties.
+    A mission of a single vehicle that is longer than a battery is flown in sorties.
     Writes the plan, a telemetry log, the observations, the information model with the truth, a summary
     and pictures.
     """

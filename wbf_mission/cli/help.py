@@ -30,7 +30,7 @@ class _Help:
             if record is not None:
                 name, text = record
                 sections.setdefault(panel, []).append((name.replace(" range>", ">"), text))
-        sections[_OPTIONS] = sections.pop(_OPTIONS, [])  # last: --help and options without a panel
+        sections[_OPTIONS] = sections.pop(_OPTIONS, [])  # the last panel: --help and options without a panel
         for title, rows in sections.items():
             if rows:
                 with formatter.section(title):
@@ -103,7 +103,7 @@ def _help_all(count: int) -> Any:
 
     @only.command()
     def command(_: bool = typer.Option(False, HELP_ALL, help=text, is_eager=True, callback=show)) -> None:
-        """Exists for the option, because only typer can make one."""
+        """Carry the option: typer creates options only from commands."""
 
     (option,) = typer.main.get_command(only).params
     option.expose_value = False

@@ -97,7 +97,9 @@ class LivePage:
         page = live_page()(host=self.live_host, port=self.live, orders=orders, tiles=self.tiles)
         with page as (url, take):
             output.note(f"live page: {url}")
-            events.listen(take)  # after the note, since the page must not show its address with the token
+            events.listen(
+                take
+            )  # after the note, because the page must not show its own address with the token
             if self.open_page:
                 webbrowser.open(url)
             yield

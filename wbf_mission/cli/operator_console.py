@@ -42,7 +42,8 @@ _QUESTION_OF_ALL = (
 )
 _ANSWER = re.compile(r"([hrlc])[a-z]*\s*(\d*)")
 _CHOICES = {"h": Maneuver.HOLD, "r": Maneuver.RETURN}
-# Answers of the page, with the same answers at the terminal. A page starts motors only by a confirmed order.
+# Answers of a page, with the equal answers at the terminal. A page can start motors only by a confirmed
+# order.
 _START = {"do not start": "n"}
 _STOP = {"hold": "h", "return": "r", "continue": "c"}
 _BATTERY = {"battery changed": "\n", "no more": "q"}
@@ -265,7 +266,7 @@ class TerminalConsole:
     def _on_signal(self, phases: AbstractSet[Phase], now_s: float) -> None:
         """Ask what the vehicles shall do; raise KeyboardInterrupt before the flight or without a terminal."""
         if not phases.isdisjoint(_STARTING) and sys.stdin.isatty():
-            return  # a vehicle is starting: ask once the outcome is known
+            return  # while a vehicle starts, the question waits until the outcome is known
         if Phase.FLIGHT not in phases or not sys.stdin.isatty():
             signals.defer(False)
             raise KeyboardInterrupt

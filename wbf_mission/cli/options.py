@@ -36,10 +36,7 @@ Reader: TypeAlias = Callable[[str], Number]
 
 
 def option(text: str, *names: str, panel: str | None = None, **more: Any) -> Any:
-    """Return an option of the command line.
-
-    `text` is its help, `names` are its flags, `panel` is its heading; `more` are arguments of typer.
-    """
+    """Return an option with the help `text`, the flags `names` and the heading `panel`."""
     return typer.Option(*names, help=text, rich_help_panel=panel, **more)
 
 

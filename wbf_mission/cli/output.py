@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from wbf_mission.cli.bars import Bars
     from wbf_mission.cli.console import PlainConsole
 
-_LEARNING = "training the estimator"  # as sensors.estimators.base.LEARNING, which would load numpy
+_LEARNING = "training the estimator"  # sensors.estimators.base.LEARNING, not imported to avoid numpy
 _TELL_AFTER_S = {_LEARNING: 0.0, "planning": 5.0}
 _BEGINS = {_LEARNING: f"{_LEARNING} for this farm and day; what it learns is kept for later runs"}
 _LEFT_EVERY_S = 10.0
@@ -57,7 +57,7 @@ class Output:
 
         self.as_json = as_json
         self.quiet = quiet
-        self.events = EventStream()  # Carries each line for the user as an event
+        self.events = EventStream()  # Stream that carries each line for the user as an event
         self.events.listen(self._show, Noted)
         self.events.listen(self._found, Found)
         self.events.listen(lambda event: self._advance(event.what, event.done, event.total), Progressed)

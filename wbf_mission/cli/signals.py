@@ -81,7 +81,7 @@ def _interrupt(number: int, _frame: FrameType | None) -> None:
     text, when = _announced[-1] if _announced else ("", lambda: False)
     if len(_received) == 1 and when():
         with contextlib.suppress(OSError):
-            # Bypasses sys.stderr, which the signal may have interrupted in the middle of a line.
+            # os.write, because the signal may have interrupted sys.stderr in the middle of a line.
             os.write(2, ("\n" * os.isatty(2) + text + "\n").encode(errors="backslashreplace"))
     if len(_received) > 1:
         for other in _before:

@@ -165,7 +165,7 @@ def sim_command(
             ) as server,
         ):
             if tlog is not None:
-                # Opened only now, so that a failed start leaves an older log unchanged.
+                # The log is opened only now, so that a failed start leaves an older log unchanged.
                 log = TlogWriter(tlog)
                 cleanup.callback(log.close)
             output.note(_greeting(simulated, scenario.vehicle.name, server.urls))

@@ -117,7 +117,7 @@ class SortieOptions:
         return found
 
     def cut(self, whole: PlanResult, vehicle: SingleVehicle) -> SortiePlan | None:
-        """Return a vehicle's mission in sorties; None if one battery suffices or ``--whole`` is given.
+        """Return a vehicle's mission in sorties; None if it stays whole.
 
         WbfMissionError if the mission cannot be resumed.
         """

@@ -18,8 +18,8 @@ Example
 wbf-mission warm-up
 """
 
-# Flights that run all compiled functions but the vehicles' motion. Each policy has its own route search; on a
-# larger farm, `gp` uses windows first and then tiles, with a scoring function of their own.
+# Flights that run all compiled functions but the vehicles' motion.
+# Each policy has its own route search, and `gp` has extra functions for farms that need tiles.
 _FLIGHTS: dict[str, dict[str, str]] = {
     "estimator adaptive-disk": {"planner": "spiral", "vehicle": "ideal", "estimator": "adaptive-disk"},
     "estimator gp": {
@@ -58,7 +58,7 @@ def warm_up_command(output: Output) -> None:
     for entry in entry_points(GROUP):
         try:
             load_entry(entry, f"the warm-up {entry.name}", TargetError)(begin)
-        except WbfMissionError as error:  # such as for an extra that is not installed
+        except WbfMissionError as error:  # such as the error that an extra is not installed
             output.note(str(error))
     ends = [*(since_s for _, since_s in begun[1:]), time.perf_counter()]
     seconds = {what: end_s - since_s for (what, since_s), end_s in zip(begun, ends, strict=True)}

@@ -50,8 +50,7 @@ class Option:
     needs_fleet: bool = False  # Whether the option has an effect only with several vehicles
     # Whether a comma-separated list of choices may be given, one for each vehicle
     each: bool = False
-    # Keys set by an option of the command line alone, such as ``--wind 5,270``; `read` returns the values by
-    # key
+    # Keys set by a command-line option such as ``--wind 5,270``; `read` returns their values by key
     sets: tuple[str, ...] = ()
     wanted: Any = str  # Type of the field
     initial: Any = None  # Default of the field
@@ -145,7 +144,9 @@ def options_of(part: type[Any]) -> Mapping[str, Option]:
     """Return the options of a part by field name."""
     if part in _OPTIONS:
         return _OPTIONS[part]
-    wanted = typing.get_type_hints(part)  # the slowest step of making a scenario, hence the cache
+    wanted = typing.get_type_hints(
+        part
+    )  # get_type_hints is the slowest step of making a scenario, hence the cache
     found: dict[str, Option] = {}
     for item in dataclasses.fields(part):
         if _METADATA not in item.metadata:

@@ -16,8 +16,7 @@ _LEAST_M, _MOST_M = 0.5, 100.0
 class Separation:
     """Separation between the vehicles of a fleet."""
 
-    # {"layers", "distance", "none"}: a separate height for each vehicle, or one height with a least distance
-    # at all times, or no separation
+    # "layers" (a height for each vehicle), "distance" (one height, vehicles keep apart in time) or "none"
     kind: str
     metres: float = 0.0  # Distance between two layers, or between two vehicles
 

@@ -24,8 +24,7 @@ from mission.outcome import Outcome
 from mission.planners.budget import parse_budget
 from sensors.scoring.calibration import calibration
 from wbf_mission.bench.digests import is_own
-from wbf_mission.bench.program import program, unlike
-from wbf_mission.bench.provenance import hardware, versions
+from wbf_mission.bench.provenance import hardware, program, unlike, versions
 from wbf_mission.bench.rows import BenchRow
 from wbf_mission.bench.spec import BenchRun
 from wbf_mission.flight import fly

@@ -1,12 +1,18 @@
-"""Scenario files: TOML with the options as keys. Their contents are not trusted."""
+"""Scenario files, and the catalogue of scenarios and their families.
+
+A file is TOML with the options as keys; its contents are not trusted.
+"""
 
 from __future__ import annotations
 
 import difflib
 import functools
 import re
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+import msgspec
 
 from geo.reading import UnreadableError, read_toml
 from wbf_mission.scenario.option import ScenarioError
@@ -51,6 +57,57 @@ def about_scenario(name: str) -> str:
     """Return the description of a scenario id, in one sentence; ScenarioError if the id is unknown."""
     lines = scenario_file(name).read_text(encoding="utf-8").splitlines()
     return " ".join(line[1:].strip() for line in lines if line.startswith("#"))
+
+
+@dataclass(frozen=True, slots=True)
+class Family:
+    """Group of scenarios that differ from the benchmark's own world in the same way."""
+
+    name: str
+    title: str
+    about: str  # Difference from the benchmark's own world
+    at_home: str  # Planners, policies or estimators that are expected to do well
+    scenarios: tuple[str, ...]  # Ids
+    planners: tuple[str, ...] = (
+        *("lawnmower", "adaptive-lawnmower", "spiral", "random-waypoint"),
+        *("greedy", "rolling-horizon"),
+    )
+    estimators: tuple[str, ...] = ("adaptive-disk", "gp", "epidemic")  # Estimators that model its fields
+
+
+class _Families(msgspec.Struct, forbid_unknown_fields=True):
+    family: tuple[Family, ...]
+
+
+@functools.cache
+def families() -> tuple[Family, ...]:
+    """Return all families, the benchmark's own world first.
+
+    >>> [family.name for family in families()][:3]
+    ['own', 'worlds', 'smooth']
+    """
+    return msgspec.convert(read_toml(_FOLDER / "families.toml"), _Families).family
+
+
+def get_family(name: str) -> Family:
+    """Return a family by its name; ScenarioError if the name is unknown.
+
+    >>> get_family("smooth").estimators
+    ('adaptive-disk', 'gp')
+    """
+    known = {family.name: family for family in families()}
+    if name not in known:
+        raise ScenarioError(f"unknown family {name!r:.60}: give one of {', '.join(known)}")
+    return known[name]
+
+
+def family_of(scenario: str) -> Family | None:
+    """Return the family of a scenario id; None if it has none.
+
+    >>> family_of("WBF/Field-Bend-v1").name, family_of("WBF/Waterberry-v1")
+    ('farms', None)
+    """
+    return next((family for family in families() if scenario in family.scenarios), None)
 
 
 _FILES = ("farm", "mission", "vehicle", "world")

@@ -222,7 +222,7 @@ class Cluster:
         except KilledWorker:
             return None
         except CancelledError:
-            msg = f"--dask {self._address}: the scheduler is lost; the same command goes on with what is done"
+            msg = f"--dask {self._address}: the scheduler is lost; the same command flies the missing runs"
             raise ClusterError(msg) from None
         except Exception as error:  # such as an error raised by a worker with an older wbf-mission
             why = one_line(str(error)) if isinstance(error, WbfMissionError) else one_line(repr(error))

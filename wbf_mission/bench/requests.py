@@ -61,7 +61,7 @@ def read_asked(folder: Path) -> AskedFor:
         why = misfit(error)
     except (msgspec.DecodeError, UnicodeDecodeError) as error:
         why = not_json(error, data)
-    raise ResultError(f"{path}: does not tell what was asked for: {why}; remove it") from None
+    raise ResultError(f"{path}: is no list of requests: {why}; remove it") from None
 
 
 def keep_asked(folder: Path, spec: BenchSpec, command: str) -> None:

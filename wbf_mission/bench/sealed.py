@@ -118,7 +118,7 @@ def write_round(secret: Secret, stem: Path) -> tuple[Path, Path]:
     paths = stem.with_name(f"{stem.name}.secret"), stem.with_name(f"{stem.name}.seal.json")
     for path in paths:
         if path.exists():
-            raise ScenarioError(f"{path}: is there already, of an older round; give another name")
+            raise ScenarioError(f"{path}: already exists, of an older round; give another name")
     # Created with mode 0600, because a later chmod would leave a moment in which others could read the file.
     with open(os.open(paths[0], os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "wb") as file:  # noqa: PTH123
         file.write(_document(secret))

@@ -244,7 +244,7 @@ def _seeds(given: Any) -> tuple[int, ...]:
         return tuple(range(given))
     if isinstance(given, (list, tuple, range)) and given and all(_is_seed(seed) for seed in given):
         return tuple(given)
-    msg = f"seeds {given!r} are neither how many (1 to {_MOST_RUNS}) nor a list of whole numbers from 0 on"
+    msg = f"seeds {given!r} are neither a number of seeds (1 to {_MOST_RUNS}) nor a list of whole numbers from 0 on"
     raise ScenarioError(msg)
 
 
@@ -268,7 +268,7 @@ def seeds_of(text: str) -> tuple[int, ...]:
         if not (len(ends) <= _MOST_ENDS and _is_seed(first) and _is_seed(last) and first <= last):
             msg = (
                 f"seeds {text!r}: {'..'.join(ends)!r} is neither a seed nor a range of seeds;"
-                f" give how many (10), a range (100..139) or a list (5,7,100..139) of whole numbers from 0 on"
+                f" give a number of seeds (10), a range (100..139) or a list (5,7,100..139)"
             )
             raise ScenarioError(msg)
         if last - first + len(found) >= _MOST_RUNS:

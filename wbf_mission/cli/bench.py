@@ -190,7 +190,7 @@ class _Flying:
                 how["command"] = shlex.join(["wbf-mission", *context.obj])
                 return benchmark(wanted, out=out, progress=progress, **how), False
         except BenchmarkInterrupted as stop:
-            output.warn(f"{stop}" + ("; the same command goes on with them" if out else ""))
+            output.warn(f"{stop}" + ("; the same command flies the others" if out else ""))
             return stop.rows, True
 
 

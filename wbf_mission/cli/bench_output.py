@@ -50,7 +50,7 @@ def tell_what_counts(output: Output, rows: Sequence[BenchRow]) -> None:
 
     builds = builds_in_words(rows)
     if builds:
-        output.warn(f"{builds}; tables tell apart what differs, and 'bench report --out' what was run")
+        output.warn(f"{builds}; tables separate them where they differ, and 'bench report --out' lists them")
     for group in scored(apart(rows)):
         if group.left_out:
             output.warn(f"{group.scenario}: {group.environments_in_words()}")

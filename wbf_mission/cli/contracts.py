@@ -83,7 +83,7 @@ def _run(output: Output, name: str, what: str, check: Callable[[Choice], Any]) -
         measured = check(choice)
     except AssertionError as error:
         text = str(error) if users_line(error) is None else told_error(error)
-        broken = " ".join(text.split()) or "a check failed without saying why"
+        broken = " ".join(text.split()) or "a check failed without a message"
     except Exception as error:
         if users_line(error) is None or isinstance(error, MemoryError):
             raise
@@ -92,7 +92,7 @@ def _run(output: Output, name: str, what: str, check: Callable[[Choice], Any]) -
     rows = {what: str(choice), "contract": "kept" if broken is None else f"broken: {broken}"}
     if measured is not None:
         values |= {"decisions": measured.decisions, "time_share": measured.time_share}
-        rows["computing time"] = f"{measured.time_share:.1%} of what it has"
+        rows["computing time"] = f"{measured.time_share:.1%} of the allowed time"
         rows["decisions"] = str(measured.decisions)
     output.result(values, rows)
     return ExitCode.GOOD if broken is None else ExitCode.NOT_GOOD

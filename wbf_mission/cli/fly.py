@@ -15,7 +15,7 @@ from mission.outcome import in_words
 from wbf_mission.cli import options, signals
 from wbf_mission.cli.live import SPEED, LivePage
 from wbf_mission.cli.options import Force, option
-from wbf_mission.cli.output import Output, told
+from wbf_mission.cli.output import Output, filled
 from wbf_mission.exit_codes import ExitCode, exit_code_of_flight
 from wbf_mission.progress import Progress, process_age_s
 from wbf_mission.scenario import (
@@ -104,7 +104,7 @@ class _Links:
         from wbf_mission.live.link import LiveLink, via_named
 
         if not self.yes and orders is None and not sys.stdin.isatty():
-            msg = "--connect asks before the motors start, but nobody is at the terminal: give --yes"
+            msg = "--connect asks before the motors start, but there is no terminal: give --yes"
             raise ScenarioError(msg)
         via = via_named(self.via)
         if simulates:
@@ -338,7 +338,8 @@ def _show(
     if result.rest is not None and summary["files"]:
         folder = summary["files"]
         output.note(
-            f"what is left is {folder}/rest.plan: go on with fly --mission, or plan --resume {folder}"
+            f"the rest of the mission is {folder}/rest.plan: continue with fly --mission, or plan --resume"
+            f" {folder}"
         )
     title = f"{result.farm.name}: {result.plan.planner or 'mission file'}, {result.estimator}"
     title += f", {result.plan.vehicle.name}, seed {result.scenario.seed}"
@@ -359,23 +360,23 @@ def _rows(result: Result, summary: Mapping[str, Any], *, simulated: bool) -> dic
     )
     # With a policy, only the first path is known before the flight.
     plans = result.scenario.mission.policy is None
-    predicted = told(" (predicted {predicted_coverage:.2%})", summary) if plans else ""
+    predicted = filled(" (predicted {predicted_coverage:.2%})", summary) if plans else ""
     rows = {
         "outcome": in_words(result.outcome, result.reason),
-        "score": told("{score:.5f} over the run, {final_score:.5f} at the end (0 is perfect)", summary),
+        "score": filled("{score:.5f} over the run, {final_score:.5f} at the end (0 is perfect)", summary),
         "loss a cell at the end": losses or "-",
         **(result.report.rows() if result.report is not None else {}),
-        "observations": told("{observations}, of {cells_observed} different cells", summary),
-        "coverage": told("{coverage:.2%} of the land to be seen", summary) + predicted,
+        "observations": filled("{observations}, of {cells_observed} different cells", summary),
+        "coverage": filled("{coverage:.2%} of the land to be seen", summary) + predicted,
         "flown": result.flown(predicted=plans),
         **_sortie_rows(result),
         **_decision_rows(result),
-        "battery used": told("{battery_used:.1%}", summary),
+        "battery used": filled("{battery_used:.1%}", summary),
         "mission transfer": f"{transfer['items']} items, {transfer['retries']} retries, "
         + ("verified" if transfer["verified"] else "not verified"),
         "wall time": f"{duration(summary['wall_time_s'])}: "
         + ", ".join(f"{name} {seconds:.2f} s" for name, seconds in summary["timings_s"].items()),
-        **({"flight speed": told("{realtime_factor:.0f} x real time", summary)} if simulated else {}),
+        **({"flight speed": filled("{realtime_factor:.0f} x real time", summary)} if simulated else {}),
         "files": summary["files"] or "not written",
         **({"see it": f"wbf-mission report {shlex.quote(summary['files'])}"} if summary["files"] else {}),
     }
@@ -430,7 +431,7 @@ def _print_days(output: Output, result: Result) -> None:
     for values, day in zip(result.by_day(), result.days, strict=True):
         fields = [brief(field) for field in day.report.fields] if day.report is not None else []
         forms = ("{day}", "{flights}", "{observations}", "{score:.5f}", "{final_score:.5f}")
-        rows.append([*(told(form, values) for form in forms), *(fields or ["-"] * len(titles))])
+        rows.append([*(filled(form, values) for form in forms), *(fields or ["-"] * len(titles))])
     header = ["day", "flights", "observations", "score", "at its end", *titles]
     output.table(None, header, rows, title="Days")
 

@@ -86,7 +86,7 @@ class HelpCommand(_Help, TyperCommand):
         except typer.TyperException as error:
             wanted = getattr(error, "option_name", None)
             if wanted == "--force" and any("--overwrite" in parameter.opts for parameter in self.params):
-                msg = f"{ctx.command_path} has no --force: --overwrite replaces a file that is there"
+                msg = f"{ctx.command_path} has no --force: --overwrite replaces an existing file"
                 raise TargetError(msg) from None
             raise
 

@@ -14,7 +14,7 @@ from geo.texts import printable
 from wbf_mission.cli import options, signals
 from wbf_mission.cli.live import LivePage
 from wbf_mission.cli.options import option
-from wbf_mission.cli.output import Output, to_stdout, told
+from wbf_mission.cli.output import Output, filled, to_stdout
 from wbf_mission.events import RunBegun, RunEnded
 from wbf_mission.exit_codes import ExitCode
 from wbf_mission.scenario import FarmOptions
@@ -128,7 +128,7 @@ def monitor_command(
     if code not in (ExitCode.GOOD, ExitCode.INTERRUPTED):
         return code
     if not watch.vehicles:
-        output.warn(f"{url}: nobody was heard")
+        output.warn(f"{url}: no vehicle was heard")
     return ExitCode.GOOD if watch.vehicles else ExitCode.NO_VEHICLE
 
 
@@ -200,7 +200,7 @@ class _Printer:
                 _json_line(said | {"times": times})
             else:
                 often = f" ({times} times)" if times > 1 else ""
-                self._output.note(f"vehicle {number}: {text}{often}", tells=False)
+                self._output.note(f"vehicle {number}: {text}{often}", publish=False)
 
     def _warn(self, state: dict[str, Any]) -> None:
         """Warn once of each impossible value."""
@@ -234,7 +234,7 @@ def _row(state: dict[str, Any], now_s: float, *, silent: bool) -> list[str]:
     """Return the cells of a vehicle's line."""
     from mission.ground.link_state import milliseconds
 
-    link = told("{link_quality:.0%}", state)
+    link = filled("{link_quality:.0%}", state)
     if state["round_trip_s"] is not None:
         link += f", {milliseconds(state['round_trip_s'])}"
     more = {
@@ -245,7 +245,7 @@ def _row(state: dict[str, Any], now_s: float, *, silent: bool) -> list[str]:
         "link": f"silent for {state['silent_s']:.0f} s" if silent else link,
     }
     forms = [form for _, form in _COLUMNS.values()]
-    cells = [told(form, state | more) for form in forms]
+    cells = [filled(form, state | more) for form in forms]
     marks = ("!" if any(f"{{{key}" in form for key in state["impossible"]) else "" for form in forms)
     return [cell + mark for cell, mark in zip(cells, marks, strict=True)]
 

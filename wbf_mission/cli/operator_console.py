@@ -88,7 +88,7 @@ class _Vehicle:
                 self._output.note(self.at + in_words(ground.outcome, ground.reason))
         self._report_silence(now_s)
         for _, _, text in ground.texts[self._texts :]:
-            self._output.note(f"{self.who.removeprefix('the ')}: {text}", tells=False)
+            self._output.note(f"{self.who.removeprefix('the ')}: {text}", publish=False)
         self._texts = len(ground.texts)
         for _, event in ground.pilot.events[self._events :]:
             waits = "; nothing is ordered until it is back in its mission"
@@ -104,7 +104,7 @@ class _Vehicle:
             self._output.note(f"{self.at}it can arm; all start together")
         if ground.phase is Phase.FLIGHT and now_s >= self._status_s + _STATUS_S:
             self._status_s = now_s
-            self._output.note(self.at + status_line(self.sortie, now_s), tells=False)
+            self._output.note(self.at + status_line(self.sortie, now_s), publish=False)
         self._report_obedience(now_s)
 
     def warn_if_near(self, others: Sequence[_Vehicle]) -> None:
@@ -148,7 +148,7 @@ class _Vehicle:
         if ordered_s is None:
             return
         if pilot.ordered is None and self._ordered is Maneuver.RESUME:
-            self._output.note(f"{self.who} goes on with its mission: {doing(ground, now_s)}")
+            self._output.note(f"{self.who} continues its mission: {doing(ground, now_s)}")
             self._ordered = None
         elif pilot.obeyed:
             self._output.note(f"{self.who} {pilot.obeyed}")
@@ -292,12 +292,12 @@ class TerminalConsole:
             self._output.show_bars(False)
             plans = [(vehicle.at, _planned(vehicle.sortie)) for vehicle in remaining]
             if len(self._vehicles) == 1:
-                self._output.note(f"ready: {plans[0][1]}; start the motors? [y/N]", tells=False)
+                self._output.note(f"ready: {plans[0][1]}; start the motors? [y/N]", publish=False)
             else:
                 for at, plan in plans:
                     self._output.note(f"{at}ready: {plan}")
                 which = ", ".join(str(vehicle.sortie.system_id) for vehicle in remaining)
-                self._output.note(f"start the motors of vehicles {which}? [y/N]", tells=False)
+                self._output.note(f"start the motors of vehicles {which}? [y/N]", publish=False)
             self._ask("; ".join(at + "ready: " + plan for at, plan in plans) + "; start the motors?", _START)
         answer = self._answer()
         if answer is not None:

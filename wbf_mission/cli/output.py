@@ -65,9 +65,9 @@ class Output:
         self._stderr = PlainConsole(sys.stderr, wrap=False)
         self._bars: Bars | None = None
 
-    def note(self, text: str, *, tells: bool = True) -> None:
-        """Print a note for people; with `tells` False it is only printed, since an event has the text."""
-        (self.events.tell if tells else self._show)(Noted(text))
+    def note(self, text: str, *, publish: bool = True) -> None:
+        """Print a note for people; `publish` False: another event already has the text."""
+        (self.events.tell if publish else self._show)(Noted(text))
 
     def notes(self, notes: Iterable[str], of: str = "") -> None:
         """Print notes on an input, one line each; `of` is the name of the input."""
@@ -270,10 +270,10 @@ def to_stdout() -> Iterator[None]:
         raise StdoutError(error) from error
 
 
-def told(form: str, values: Mapping[str, Any]) -> str:
+def filled(form: str, values: Mapping[str, Any]) -> str:
     """Return `form` filled with values; a dash if one of the values is None.
 
-    >>> told("{mass_kg:g} kg", {"mass_kg": 2.5}), told("{mass_kg:g} kg", {"mass_kg": None})
+    >>> filled("{mass_kg:g} kg", {"mass_kg": 2.5}), filled("{mass_kg:g} kg", {"mass_kg": None})
     ('2.5 kg', '-')
     """
     names = [name for _, name, _, _ in Formatter().parse(form) if name]

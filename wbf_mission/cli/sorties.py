@@ -76,7 +76,7 @@ class SortieOptions:
                 raise ScenarioError(msg)
         if self.resume is not None and mission is None:
             msg = (
-                "--resume goes on with a mission that was flown: give its file with --mission, too (or the"
+                "--resume continues a mission that was flown: give its file with --mission, too (or the"
                 f" results of a flight that left a {_REST})"
             )
             raise ScenarioError(msg)

@@ -8,7 +8,7 @@ import typer
 
 from wbf_mission.cli import options
 from wbf_mission.cli.help import HelpCommand, HelpGroup
-from wbf_mission.cli.output import Output, told
+from wbf_mission.cli.output import Output, filled
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -31,7 +31,7 @@ def list_command(output: Output) -> None:
 
     vehicles = [get_vehicle(name) for name in vehicle_names()]
     values = [_summary(vehicle) for vehicle in vehicles]
-    rows = [[told(form, listed) for form in _COLUMNS.values()] for listed in values]
+    rows = [[filled(form, listed) for form in _COLUMNS.values()] for listed in values]
     output.table(values, list(_COLUMNS), rows)
 
 

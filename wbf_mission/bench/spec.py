@@ -244,7 +244,8 @@ def _seeds(given: Any) -> tuple[int, ...]:
         return tuple(range(given))
     if isinstance(given, (list, tuple, range)) and given and all(_is_seed(seed) for seed in given):
         return tuple(given)
-    msg = f"seeds {given!r} are neither a number of seeds (1 to {_MOST_RUNS}) nor a list of whole numbers from 0 on"
+    number = f"a number of seeds (1 to {_MOST_RUNS})"
+    msg = f"seeds {given!r} are neither {number} nor a list of whole numbers from 0 on"
     raise ScenarioError(msg)
 
 

@@ -84,7 +84,7 @@ class Way(Protocol):
         """Raise PreflightError before take-off if a plan has errors."""
 
     def hosting(self, faults: Sequence[Fault]) -> Hosting:
-        """Return the hosting in which the flights take place."""
+        """Return the hosting of the flights: a simulation, or the links to real vehicles."""
 
 
 @dataclass(frozen=True, slots=True)

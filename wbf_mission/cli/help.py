@@ -103,7 +103,7 @@ def _help_all(count: int) -> Any:
 
     @only.command()
     def command(_: bool = typer.Option(False, HELP_ALL, help=text, is_eager=True, callback=show)) -> None:
-        """Carry the option: typer creates options only from commands."""
+        """Define the option, because typer creates options only from commands."""
 
     (option,) = typer.main.get_command(only).params
     option.expose_value = False

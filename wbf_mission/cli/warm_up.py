@@ -58,7 +58,7 @@ def warm_up_command(output: Output) -> None:
     for entry in entry_points(GROUP):
         try:
             load_entry(entry, f"the warm-up {entry.name}", TargetError)(begin)
-        except WbfMissionError as error:  # such as the error that an extra is not installed
+        except WbfMissionError as error:  # such as a missing extra
             output.note(str(error))
     ends = [*(since_s for _, since_s in begun[1:]), time.perf_counter()]
     seconds = {what: end_s - since_s for (what, since_s), end_s in zip(begun, ends, strict=True)}

@@ -81,7 +81,10 @@ def _run(path: Path, what: str) -> ModuleType:
         del sys.modules[name]
         msg = f"{what}: {path} cannot be run: {_told(error, path)}"
         raise ScenarioError(msg) from None
-    _send_by_value(module)
+    import cloudpickle
+
+    # Other processes cannot import the module, so its code is pickled by value.
+    cloudpickle.register_pickle_by_value(module)
     return module
 
 
@@ -119,13 +122,6 @@ def _find_neighbours(path: Path, what: str) -> None:
             other = found or "another"
             msg = f"{what}: {path} imports {name} beside it, but there is {other}, too; rename yours"
             raise ScenarioError(msg)
-
-
-def _send_by_value(module: ModuleType) -> None:
-    """Pickle the module's code by value, since other processes cannot import the module."""
-    import cloudpickle
-
-    cloudpickle.register_pickle_by_value(module)
 
 
 def _told(error: BaseException, path: Path) -> str:

@@ -256,7 +256,7 @@ class _Workers(Protocol):
 
     @property
     def most(self) -> int:
-        """Greatest number of submitted runs."""
+        """Greatest number of runs submitted at a time."""
 
     def submit(self, function: Callable[..., _Flown], /, *arguments: Any) -> Future[_Flown]:
         """Submit a run."""

@@ -89,10 +89,7 @@ def _run(path: Path, what: str) -> ModuleType:
 
 
 def below_own_code(path: str) -> str:
-    """Return `path` relative to the user's code folder that contains it; other paths unchanged.
-
-    A relative path stays valid when the user moves the folder.
-    """
+    """Return a path in the user's code folder relative to that folder, which may move; others unchanged."""
     files = (
         getattr(module, "__file__", None)
         for name, module in list(sys.modules.items())

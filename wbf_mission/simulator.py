@@ -112,25 +112,12 @@ def make_components(
 ) -> Simulated:
     """Make simulated vehicles with cameras from the scenario's farm, vehicle, weather, seed, day and camera.
 
-    Parameters
-    ----------
-    count : int, optional
-        Number of vehicles; by default one for each home, else one.
-    homes : sequence of (GeoPoint, float)
-        Home positions and headings (degrees); the farm's home by default.
-    spacing_m : float
-        Distance between vehicles that share a home.
-    with_camera : bool, optional
-        Whether to carry cameras; None is the autopilot's default. Without cameras no environment is made.
-    cold : bool
-        Boot each autopilot at its first contact; otherwise autopilots have already booted.
-    sitl_rates : bool
-        Stream the messages and rates of the autopilot's own simulator.
+    `count` vehicles (default: one for each home, else one) stand at `homes`, pairs of position and heading in
+    degrees (default: the farm's home), `spacing_m` apart if they share a home. `with_camera` None is the
+    autopilot's default; without cameras no environment is made. `cold` autopilots boot at their first
+    contact. With `sitl_rates` vehicles stream the messages and rates of the autopilot's own simulator.
 
-    Raises
-    ------
-    WbfMissionError
-        If a name is unknown or an option out of range.
+    WbfMissionError if a name is unknown or an option out of range.
     """
     farm = scenario.farm.load()
     spec = flown_vehicle(scenario.vehicle)

@@ -30,15 +30,8 @@ from wbf_mission.scenario import Scenario
 from wbf_mission.scenario.beside import digest_beside
 
 _ROWS = ("planner", "policy", "estimator", "seed")
-_FILES = (
-    "farm",
-    "crop",
-    "farm_crs",
-    "repair",
-    "fields",
-    "vehicle",
-    "world",
-)  # The digest covers the contents of these files and objects, not their names
+# The digest covers the contents of these files and objects, not their names.
+_FILES = ("farm", "crop", "farm_crs", "repair", "fields", "vehicle", "world")
 _LABELS = ("title", "unit", "colours")  # Keys of a field's table that change no score
 
 
@@ -246,22 +239,14 @@ def _chosen(value: Any) -> Any:
 
 
 def _farm(farm: Farm) -> dict[str, Any]:
+    frame = farm.frame
     return {
         "cells": [farm.width_cells, farm.height_cells, farm.cell_size_m],
-        "origin": [
-            farm.frame.latitude_deg,
-            farm.frame.longitude_deg,
-            farm.frame.altitude_m,
-            farm.frame.rotation_deg,
-        ],
+        "origin": [frame.latitude_deg, frame.longitude_deg, frame.altitude_m, frame.rotation_deg],
         "home": list(farm.home_m),
         "patches": [
-            [
-                shapely.to_wkt(patch.polygon, rounding_precision=6),
-                _crop(farm, patch),
-                patch.owner == farm.owner,
-            ]
-            for patch in farm.patches
+            [shapely.to_wkt(each.polygon, rounding_precision=6), _crop(farm, each), each.owner == farm.owner]
+            for each in farm.patches
         ],
         "obstacles": [_obstacle(obstacle) for obstacle in farm.obstacles],
     }

@@ -27,9 +27,7 @@ from scipy import stats
 
 Pair = tuple[NDArray[np.float64], NDArray[np.float64]]
 
-_DRAWS = (
-    1999  # Number of draws: one less than a multiple of 40, so that the 2.5 % and 97.5 % limits are draws
-)
+_DRAWS = 1999  # one less than a multiple of 40, so that the 2.5 % and 97.5 % limits are draws
 _SEED = 0
 _MISSED = 0.05
 _FEWEST_TO_RESAMPLE = 5
@@ -155,10 +153,7 @@ def _weights(draw: np.random.Generator) -> NDArray[np.float64]:
 def _fieller(
     values: NDArray[np.float64], others: NDArray[np.float64], least: float, most: float
 ) -> tuple[float, float]:
-    """Return the limits of the ratios for which the t-statistic is within `least` and `most`.
-
-    The statistic is that of ``values - ratio * others``.
-    """
+    """Return the limits of ratios for which t of ``values - ratio * others`` is in `least` to `most`."""
     count = len(values)
     above, below = math.fsum(values) / count, math.fsum(others) / count
     up, down = values - above, others - below

@@ -74,14 +74,8 @@ class Page:
                 yield from ("", section.text.translate(_ESCAPED))
             for listing in section.listings:
                 fence = _FENCE * (listing.lines.count(_FENCE) + 1)
-                yield from (
-                    "",
-                    f"### {listing.title}",
-                    "",
-                    f"{fence}{listing.language}",
-                    listing.lines,
-                    fence,
-                )
+                yield from ("", f"### {listing.title}", "")
+                yield from (f"{fence}{listing.language}", listing.lines, fence)
             for table in section.tables:
                 yield from ("", f"### {table.title.translate(_ESCAPED)}", "", *_markdown_table(table))
 

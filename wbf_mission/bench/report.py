@@ -119,11 +119,8 @@ def worse_in_words(ratios: Sequence[Ratio], when: str) -> str:
 
 def _behind(found: Sequence[Standing]) -> Table:
     """Return a table of the differences from the best score of a scenario."""
-    rows = tuple(
-        (_name(standing), *_interval(standing.behind))
-        for standing in found
-        if math.isfinite(standing.behind.low)
-    )
+    known = (standing for standing in found if math.isfinite(standing.behind.low))
+    rows = tuple((_name(standing), *_interval(standing.behind)) for standing in known)
     return Table("Behind the best, in pairs of runs on the same environment", ("run", "mean", "95 %"), rows)
 
 
@@ -139,10 +136,7 @@ def _bad_answers(found: Sequence[Standing]) -> Table:
 
 
 def score_over_time(rows: Sequence[BenchRow]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return times (s) and the score of each run at these times, float64[runs, times].
-
-    Each row needs a history.
-    """
+    """Return times (s) and the scores of rows with a history at these times, float64[runs, times]."""
     last_s = max(row.times_s[-1] for row in rows)
     times_s = np.linspace(0.0, last_s, _POINTS)
     return times_s, np.array([scores_at(row, times_s) for row in rows])
@@ -311,10 +305,7 @@ def _flown(good: Sequence[BenchRow]) -> Table:
 
 
 def _is_predicted(row: BenchRow) -> bool:
-    """Return whether a row's prediction is of the whole flight.
-
-    Old rows of policies have only the prediction of the first path.
-    """
+    """Return whether a row predicts the whole flight; old rows of policies predict only the first path."""
     return row.decisions == 1 or row.budget is not None
 
 

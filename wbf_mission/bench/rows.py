@@ -8,8 +8,10 @@ from __future__ import annotations
 
 import contextlib
 import fcntl
+import itertools
 from array import array
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from operator import attrgetter
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any, TypeAlias
 
@@ -251,25 +253,20 @@ def read_rows(folder: Path) -> list[BenchRow]:
 
 def by_pair(rows: Iterable[BenchRow]) -> dict[tuple[str, str], list[BenchRow]]:
     """Group rows by planner and estimator, sorted by these names."""
-    found: dict[tuple[str, str], list[BenchRow]] = {}
-    for row in rows:
-        found.setdefault((row.planner, row.estimator), []).append(row)
-    return dict(sorted(found.items()))
+    return _grouped(rows, attrgetter("planner", "estimator"))
 
 
 def by_scenario(rows: Iterable[BenchRow]) -> dict[str, list[BenchRow]]:
     """Group rows by scenario, sorted by its name."""
-    found: dict[str, list[BenchRow]] = {}
-    for row in rows:
-        found.setdefault(row.scenario, []).append(row)
-    return dict(sorted(found.items()))
+    return _grouped(rows, attrgetter("scenario"))
+
+
+def _grouped(rows: Iterable[BenchRow], key: Callable[[BenchRow], Any]) -> dict[Any, list[BenchRow]]:
+    return {name: list(group) for name, group in itertools.groupby(sorted(rows, key=key), key)}
 
 
 def rows_table(rows: Sequence[BenchRow]) -> Any:
-    """Return rows as a pyarrow table with a column for each value, such as ``loss_tylcv``.
-
-    Histories are columns of lists.
-    """
+    """Return a pyarrow table of rows: a column for each value (``loss_tylcv``), lists for histories."""
     import pyarrow as pa
 
     names = [name for name in BenchRow.__struct_fields__ if name not in _DICTS]

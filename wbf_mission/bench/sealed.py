@@ -56,10 +56,7 @@ class Seal(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True
 
 
 class Secret(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Secret of a round, published when the round ends.
-
-    ``secret`` is 256 bits in hexadecimal; the other attributes are those of `Seal`.
-    """
+    """Secret of a round (256 bits, hexadecimal), published at its end; other attributes as in `Seal`."""
 
     format: int = _FORMAT
     secret: str

@@ -142,9 +142,8 @@ class Comparison:
 def compare(rows: Sequence[BenchRow], mine: str | Sequence[str], against: Sequence[str]) -> list[Comparison]:
     """Compare each planner of `mine` with each of `against`, in pairs of runs on the same environment.
 
-    There is one comparison for each scenario and estimator. Environments and failed runs count as in
-    `standings`. Rows are compared only with rows of the same code (`apart`). The intervals of a scenario are
-    simultaneous.
+    Environments and failed runs count as in `standings`. Rows are compared only with rows of the same code
+    (`apart`). The intervals of a scenario are simultaneous.
     """
     found: list[Comparison] = []
     planners = [mine] if isinstance(mine, str) else mine
@@ -192,8 +191,7 @@ class Ratio:
     fixed : bool
         Whether `planner` is fixed: it decides only once, before the flight.
     ratios : dict of str to Interval
-        Ratio for `WHOLE` and for each field; below 1 is better. The intervals of an estimator are
-        simultaneous.
+        Ratio for `WHOLE` and each field; below 1 is better. The intervals of an estimator are simultaneous.
     best : dict of str to str
         Name of the best fixed planner for `WHOLE` and for each field, whose loss is the divisor.
     """

@@ -37,10 +37,7 @@ def _digest(row: BenchRow, key: str) -> str:
 
 
 def _of_old(row: BenchRow, key: str) -> str:
-    """Return the identity of a row's code, scenario, planner or estimator.
-
-    The identity is a digest, or the version for rows without digests.
-    """
+    """Return the digest of a row's code, scenario, planner or estimator; the version if it has none."""
     unknown = f"unknown {build_of(row)}" if key == _CODE else "unknown"
     return row.codes.get(key, "") or ("built in" if row.codes else unknown)
 
@@ -115,12 +112,9 @@ def what_was_run(rows: Sequence[BenchRow]) -> Table:
             if key in row.codes or key in row.objects:
                 digest, words = row.codes.get(key, "-")[:12], row.objects.get(key, "")
                 count[f"{key} {getattr(row, key)}", "-", "-", digest, words] += 1
-    lines = tuple((*line, str(number)) for line, number in sorted(count.items(), key=_order))
+    ordered = sorted(count.items(), key=lambda counted: (counted[0][0] != "wbf-mission", counted[0]))
+    lines = tuple((*line, str(number)) for line, number in ordered)
     return Table("What was run", ("what", "version", "commit", "digest", "with", "rows"), lines)
-
-
-def _order(counted: tuple[tuple[str, ...], int]) -> tuple[bool, tuple[str, ...]]:
-    return counted[0][0] != "wbf-mission", counted[0]
 
 
 def machines(rows: Sequence[BenchRow]) -> Table:

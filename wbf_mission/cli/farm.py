@@ -130,10 +130,7 @@ def show_command(given: options.Given, output: Output, *, farm: FarmArgument) ->
             for name, count in counts.items()
             if count["cells"]
         },
-        **{
-            f"patch {i}": f"{patch.name} ({patch.crop}, {patch.owner})"
-            for i, patch in enumerate(shown.patches, 1)
-        },
+        **{f"patch {i}": f"{p.name} ({p.crop}, {p.owner})" for i, p in enumerate(shown.patches, 1)},
         **{
             f"obstacle {i}": f"{obstacle.name + ': ' if obstacle.name else ''}x {x0:.1f} to {x1:.1f} m, "
             f"y {y0:.1f} to {y1:.1f} m; {obstacle.polygon.area:.1f} m2, "

@@ -90,10 +90,7 @@ class _Links:
     def live(
         self, output: Output, orders: Orders | None, *, force: bool, simulates: bool, change_s: float
     ) -> LiveLink | None:
-        """Return the links, with the operator at this terminal; None for a simulated flight.
-
-        ScenarioError if the options contradict each other.
-        """
+        """Return the links, with the operator at this terminal; None for a simulated flight."""
         if not self.connect:
             if self.yes or self.system_id or self.via != "own":
                 with_link = "--yes, --system-id and --via go with --connect"
@@ -399,18 +396,11 @@ def _decision_rows(result: Result) -> dict[str, str]:
     from wbf_mission.replanning.record import PLANNED_PATH, SKIPPED
 
     records, skipped = result.decisions, result.skipped_flights
-    changes = [
-        change
-        for record in records
-        for change in record.changes
-        if change.outcome not in (PLANNED_PATH, SKIPPED)
-    ]
+    changes = [change for record in records for change in record.changes]
+    changes = [change for change in changes if change.outcome not in (PLANNED_PATH, SKIPPED)]
     flown = [change for change in changes if change.outcome == "flown"]
-    delays = [
-        change.effect_s - change.sent_s
-        for change in flown
-        if change.effect_s is not None and change.sent_s is not None
-    ]
+    times_s = [(change.sent_s, change.effect_s) for change in flown]
+    delays = [effect - sent for sent, effect in times_s if sent is not None and effect is not None]
     refused = [record.refused for record in records if record.refused]
     text = f"{len(records)} questions, {len(flown)} of {len(changes)} changed paths flown"
     if delays:

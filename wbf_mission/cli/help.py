@@ -125,10 +125,6 @@ class HelpGroup(_Help, TyperGroup):
         commands = ((name, self.get_command(ctx, name)) for name in self.list_commands(ctx))
         with formatter.section("Commands"):
             formatter.write_dl(
-                [
-                    (name, command.get_short_help_str(limit=200))
-                    for name, command in commands
-                    if command is not None
-                ]
+                [(name, found.get_short_help_str(limit=200)) for name, found in commands if found is not None]
             )
         super().format_options(ctx, formatter)

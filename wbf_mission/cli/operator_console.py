@@ -219,10 +219,7 @@ class TerminalConsole:
         self._output.show_bars(not self._stopping and phases.isdisjoint((Phase.MODE, Phase.READY)))
 
     def goes_on(self, question: str) -> bool | None:
-        """Ask once for another battery; return the answer, or None while there is none.
-
-        The end of the input counts as no.
-        """
+        """Ask once for another battery; return the answer (no at the end of input) or None."""
         if question != self._question_between:
             self._question_between = question
             self._output.show_bars(False)

@@ -165,12 +165,8 @@ def refuse_overwrite(
     if not out.exists():
         return
     # A farm file's name may be followed by ``|`` and a layer.
-    named = [
-        Path(part)
-        for source in inputs
-        if source is not None
-        for part in (source, str(source).partition("|")[0])
-    ]
+    parts = (part for name in inputs if name is not None for part in (name, str(name).partition("|")[0]))
+    named = map(Path, parts)
     for given in named:
         if given.exists() and out.samefile(given):
             msg = f"{out}: this is the file that is read; give another name for the output"
@@ -249,10 +245,9 @@ class Given:
 
 OF_DAYS = ("day", "days", "flights_per_day", "world")
 """Options of `FarmOptions` about days and the true development, not about the farm's file."""
+_NOT_OF_FILES = ("farm", "fields", *OF_DAYS)
 READS_FARM = tuple(
-    defined.key
-    for defined in options_of(FarmOptions).values()
-    if defined.key not in ("farm", "fields", *OF_DAYS)
+    key for key in (held.key for held in options_of(FarmOptions).values()) if key not in _NOT_OF_FILES
 )
 """Options for reading a farm's file, common to all commands that read one."""
 Command: TypeAlias = Callable[..., Any]
@@ -329,16 +324,9 @@ def scenario_options(
     """Add the options of some parts of a scenario, ``--scenario`` and ``--seed`` to a command.
 
     The first parameter of the command is named ``given`` and gets a `Given`. Options appear in ``--help`` in
-    the order of the parts.
-
-    Parameters
-    ----------
-    without : tuple of str
-        Keys of options that the command does not have; ``scenario`` leaves out ``--scenario``.
-    more : tuple of Part
-        Parts that do not belong to `Scenario`.
-    defaults : mapping
-        Defaults of the command that differ from those of the options; None: no default.
+    the order of the parts. `without` are keys of options to leave out (``scenario``: ``--scenario``), `more`
+    are parts that do not belong to `Scenario`, and `defaults` override those of the options (None: no
+    default).
     """
     known = {
         str(defined.flag).removeprefix("--").replace("-", "_"): (part, defined)

@@ -230,10 +230,7 @@ class _Followed:
 
 
 def _with_camera(given: options.Given, chosen: bool | None) -> bool | None:
-    """Return whether the vehicles carry a camera; None is the autopilot's default.
-
-    A given camera option implies a camera.
-    """
+    """Return whether vehicles carry a camera (implied by its options); None is the autopilot's default."""
     defined = options_of(CameraOptions).values()
     asked = next((option.flag for option in defined if option.key in given.changes), None)
     if chosen is False and asked is not None:

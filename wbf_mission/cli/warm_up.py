@@ -34,9 +34,7 @@ _FLIGHTS: dict[str, dict[str, str]] = {
     "policy orienteering": {"policy": "orienteering", "vehicle": "ideal"},
 }
 GROUP = "wbf_mission.warm_ups"
-"""Group of entry points: functions that compile the code of add-ons.
-
-Each gets a callback, to be called with a description before each compilation."""
+"""Group of entry points: functions that compile add-ons, and announce each step to their callback."""
 
 
 @options.speaks()

@@ -99,10 +99,7 @@ class FarmOptions(Part):
         return get_farm(self.name, crop=self.crop, crs=self.crs, repair=self.repair)
 
     def load_world(self) -> World | None:
-        """Return the true development of the fields; None for the published one.
-
-        EnvironmentDataError if the world cannot be used.
-        """
+        """Return the true development of the fields, None as published; EnvironmentDataError if unusable."""
         if self.world is None:
             return None
         from sensors.environment.world import World

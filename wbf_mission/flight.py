@@ -107,8 +107,7 @@ class Simulated:
         Time to change a battery (s). A mission of one vehicle that is longer than a battery is flown in
         sorties (`wbf_mission.planning.sorties`).
     force : bool
-        Fly plans in which the preflight check finds errors, and do not cut a mission longer than a battery
-        into sorties.
+        Fly plans with preflight errors, and do not cut a mission longer than a battery into sorties.
     """
 
     faults: Sequence[Fault | str] = ()
@@ -232,11 +231,9 @@ def fly(
 def _begun(run: Run, *, simulated: bool) -> RunBegun:
     """Return the first event of a run."""
     asked = run.asked
+    tasks = [vehicle.task for vehicle in run.vehicles]
     vehicles = tuple(
-        VehicleInfo(
-            vehicle.task.system_id, vehicle.task.builder.vehicle.name, vehicle.task.builder.vehicle.kind
-        )
-        for vehicle in run.vehicles
+        VehicleInfo(task.system_id, task.builder.vehicle.name, task.builder.vehicle.kind) for task in tasks
     )
     return RunBegun(
         f"{run.farm.name}, {run.decider.label}",

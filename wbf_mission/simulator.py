@@ -183,10 +183,8 @@ class SimulatedWatch:
     )
 
     def __init__(self, simulated: Simulated, day: int) -> None:
-        self.vehicles = {
-            vehicle.system_id: Contact((vehicle.system_id, vehicle.component_id))
-            for vehicle in simulated.vehicles
-        }
+        ids = [(vehicle.system_id, vehicle.component_id) for vehicle in simulated.vehicles]
+        self.vehicles = {system_id: Contact((system_id, component)) for system_id, component in ids}
         self.missions: dict[int, Mission] = {}
         self._simulated = simulated
         self._plans: dict[int, tuple[tuple[MissionItem, ...], ...]] = {}

@@ -86,16 +86,8 @@ def test_images_are_rectangles_along_the_course() -> None:
 
 
 def test_the_plan_tells_its_camera(capsys: pytest.CaptureFixture[str]) -> None:
-    given = [
-        "--farm",
-        "miniberry-100",
-        "--planner",
-        "survey",
-        "--camera",
-        "parrot-sequoia",
-        "--altitude",
-        "10",
-    ]
+    given = ["--farm", "miniberry-100", "--planner", "survey"]
+    given += ["--camera", "parrot-sequoia", "--altitude", "10"]
     assert main(["plan", *given, "--json"]) == 0
     told = json.loads(capsys.readouterr().out)
     assert told["camera"]["gsd_cm"] == pytest.approx(0.9375)

@@ -64,8 +64,8 @@ class Scored:
         unscored = lacking.pop(_NOBODY, [])
         missing = [f"{name} ({_seeds(seeds)})" for name, seeds in lacking.items()]
         more = f" and {len(missing) - _SHOWN} more" if len(missing) > _SHOWN else ""
-        listed = f"{'; '.join(missing[:_SHOWN])}{more}"
-        parts = [f"not all have a row there, missing are {listed}"] if missing else []
+        missing_text = f"not all have a row there, missing are {'; '.join(missing[:_SHOWN])}{more}"
+        parts = [missing_text] if missing else []
         parts += [f"nobody has a score there ({_seeds(unscored)})"] if unscored else []
         which = "does" if len(self.left_out) == 1 else "do"
         return f"{count}; {len(self.left_out)} {which} not: {' and '.join(parts)}."

@@ -153,8 +153,8 @@ def _memory_gb() -> str:
 def in_words(made: Any) -> str:
     """Return a description of a planner, policy or estimator given as an object, with its parameters.
 
-    The parameters of an object are the attributes named as its class's parameters (``beta`` or ``_beta``), or
-    else its public attributes. The parameters of a function are the variables in its closure.
+    An object's parameters are attributes named as its class's parameters (``beta`` or ``_beta``), else its
+    public attributes; a function's are the variables in its closure.
 
     Examples
     --------

@@ -91,10 +91,7 @@ def _root(
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run the command line and return its exit code (`wbf_mission.exit_codes`).
-
-    Errors are printed on stderr, in one line each.
-    """
+    """Run the command line and return its exit code; each error is one line on stderr."""
     warnings.formatwarning = _one_line_warning
     _silence_asyncio()
     try:

@@ -87,8 +87,8 @@ class LivePage:
     def serve(self, output: Output, events: EventStream, orders: Orders | None = None) -> Iterator[None]:
         """Serve the page of an event stream during the block, if ``--live`` is given.
 
-        With `orders` the page can command the vehicles. LinkError if the port is in use; TargetError or
-        another WbfMissionError if no page is installed or the tiles cannot be used.
+        With `orders` the page can command the vehicles. LinkError if the port is in use, another
+        WbfMissionError if no page is installed or the tiles cannot be used.
         """
         self.check()
         if self.live is None:

@@ -123,9 +123,7 @@ def all_options() -> dict[str, tuple[type[Any], str, Option]]:
     return found
 
 
-_PLACES = {
-    defined.key: (part, name) for part, kind in PARTS.items() for name, defined in options_of(kind).items()
-}
+_PLACES = {held.key: (part, name) for part, kind in PARTS.items() for name, held in options_of(kind).items()}
 
 
 def _by_part(options: Mapping[str, Any]) -> dict[str, dict[str, Any]]:

@@ -290,10 +290,8 @@ def _rows(of: TreatmentMap, flight: NextFlight | None, out: Path, plan: Path | N
         **of.report.rows(),
     }
     for zones in of.zone_maps:
-        parts = [
-            f"{zones.word(zone)} {area_in_words(zones.area_ha(zone))}" for zone in (TREAT, LOOK, HEALTHY)
-        ]
-        rows[f"zones, {zones.field.title}"] = ", ".join(parts)
+        areas = ((zones.word(zone), area_in_words(zones.area_ha(zone))) for zone in (TREAT, LOOK, HEALTHY))
+        rows[f"zones, {zones.field.title}"] = ", ".join(map(" ".join, areas))
     if flight is not None:
         prediction = flight.plan.prediction
         rows["next flight"] = (

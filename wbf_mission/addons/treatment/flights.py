@@ -49,8 +49,7 @@ def treatment_of_log(
         Flight log (`wbf_mission.addons.treatment.logs.read_track`); without one the readings need positions.
     observations : Path, optional
         A table of readings (`wbf_mission.addons.treatment.readings`), or a file of
-        `sensors.observations.Observations`. Not needed for a .tlog of a
-        flight with a leaf camera.
+        `sensors.observations.Observations`. A .tlog with a leaf camera needs none.
     costs : mapping, optional
         See `wbf_mission.addons.treatment.zones.costs_of`.
     block_m : float, optional

@@ -63,8 +63,7 @@ def is_cells(path: Path) -> bool:
 def read_readings(path: Path, fields: FieldSet) -> Readings:
     """Read a table with a key column and a column for each sensed field.
 
-    The key is the first entry of `KEYS` whose columns exist. Field values must be in the field's range; an
-    empty cell means not sensed. Other columns are ignored.
+    The key is the first entry of `KEYS` with existing columns. An empty cell means not sensed.
 
     Raises
     ------
@@ -203,9 +202,8 @@ def join(
 ) -> tuple[Observations, tuple[str, ...]]:
     """Return the observations of the farm's cells, and notes about discarded readings.
 
-    A reading counts for all cells of the camera's footprint, a square of `footprint` x `footprint` cells
-    centred on the cell below the camera. Observations are in order of time if the log has the times, else in
-    the order of the table.
+    A reading counts for all cells of the camera's footprint, a square with a side of `footprint` cells.
+    Observations are in order of time if the log has the times, else in the order of the table.
 
     Raises
     ------

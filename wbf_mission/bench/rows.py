@@ -7,7 +7,6 @@ into ``rows.parquet``, which is rewritten. A process that is killed loses only i
 from __future__ import annotations
 
 import contextlib
-import fcntl
 import itertools
 from array import array
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -20,6 +19,7 @@ import numpy as np
 
 from geo.atomic import disk_errors_named
 from geo.closing import Closing
+from geo.locks import lock_file
 from geo.reading import misfit
 from wbf_mission.results.storage import ResultError, read_batches, write_table
 
@@ -181,12 +181,9 @@ class BenchStore(Closing):
         folder.mkdir(parents=True, exist_ok=True)
         self._lock = (folder / _LOCK).open("w", encoding="utf-8")
         try:
-            fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError:
-            self._lock.close()
-            msg = f"{folder}: another process writes this benchmark; wait for it, or give another folder"
-            raise ResultError(msg) from None
-        try:
+            if not lock_file(self._lock.fileno(), wait=False):
+                msg = f"{folder}: another process writes this benchmark; wait for it, or give another folder"
+                raise ResultError(msg)
             self.rows: list[BenchRow] = []
             self.done = {row.key: row.error is None for row in self._keep_all()}
             self._journal: IO[bytes] = (folder / _JOURNAL).open("ab")

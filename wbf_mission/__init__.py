@@ -1,4 +1,4 @@
-"""The whole job: plan, fly, estimate, score; and the front door of the project (docs/api.md).
+"""Public API of the project: plan, fly, estimate and score (docs/api.md).
 
 >>> import wbf_mission
 >>> wbf_mission.Scenario(farm="miniberry-10", planner="lawnmower").farm.name

@@ -83,7 +83,7 @@ def paper_command(
                 progress=progress,
             )
     except BenchmarkInterrupted as stop:
-        output.warn(f"{stop}; the same command goes on with them")
+        output.warn(f"{stop}; the same command flies the others")
         return ExitCode.INTERRUPTED
     tell_failures(output, made.rows)
     write_page(made.files[0].with_suffix(".html"), made.page, out)

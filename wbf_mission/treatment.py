@@ -26,20 +26,21 @@ from sensors.estimators import Estimator
 from sensors.fields import FieldSet
 from sensors.observations import Observations
 from sensors.scoring.information import InformationModel
-from sensors.scoring.score import ScoreWeights
 from wbf_mission.maps.treatment import TreatmentMap
 from wbf_mission.maps.zones import costs_of
 from wbf_mission.planning import PlanResult
 from wbf_mission.planning.coverage import image_places
-from wbf_mission.planning.fleet import SingleVehicle, vehicles_of
-from wbf_mission.planning.plan import farm_of
+from wbf_mission.planning.fleet import SingleVehicle
 from wbf_mission.progress import Progress, silent
 from wbf_mission.readings import is_cells, join, read_readings
-from wbf_mission.replanning.loop import DecisionLoop, Knowledge
+from wbf_mission.replanning.loop import Knowledge
 from wbf_mission.results.result import Result
 from wbf_mission.run.estimation import estimator_of, naming_estimator, require_run_memory
+from wbf_mission.run.plan import plans_of, progress_events
+from wbf_mission.run.resolve import farm_of, resolve
 from wbf_mission.scenario import Choice, Scenario
 from wbf_mission.scenario.parts import LAST_DAY
+from wbf_mission.scenario.scenario import PARTS
 
 Costs = Mapping[str, Sequence[str]]
 """Costs, as `wbf_mission.maps.zones.costs_of` takes them."""
@@ -221,27 +222,20 @@ def plan_next(of: TreatmentMap, scenario: Scenario, *, progress: Progress = sile
     WbfMissionError
         If the policy finds nothing worth a flight, or no path fits the budget.
     """
-    farm, names = of.farm, scenario.vehicle.fleet
+    farm, fleet = of.farm, scenario.vehicle
     choice = scenario.mission.policy or Choice("greedy")
     policy, label = _policy(of, choice), f"policy {choice}"
-    one = SingleVehicle(
-        replace(scenario.vehicle, name=names[0], autopilot=scenario.vehicle.autopilots[0], vehicles=None),
-        replace(scenario.mission, policy=choice, file=None),
-        scenario.weather,
-        scenario.camera,
-    )
-    (vehicle,) = vehicles_of(one, farm, seed=scenario.seed, first_day=of.day, progress=progress)
-    progress("planning", 0, 1)
-    knowledge = Knowledge(
-        farm, of.day, of.fields, ScoreWeights.of(of.fields), lambda: of.model, lambda: of.observations
-    )
-    policy.start()
-    loop = DecisionLoop(policy, label, knowledge, records=[])
-    decision = loop.start([vehicle.task.report(steered=True)]).decision
+    parts = {name: getattr(scenario, name) for name in PARTS}
+    parts["farm"] = replace(scenario.farm, day=of.day, days=1)
+    parts["mission"] = replace(scenario.mission, policy=choice, file=None)
+    parts["vehicle"] = replace(fleet, name=fleet.fleet[0], autopilot=fleet.autopilots[0], vehicles=None)
+    one = Scenario(**parts, seed=scenario.seed)
+    run = resolve(one, to_fly=False, farm=farm, fields=of.fields, events=progress_events(progress))
+    run = replace(run, decider=replace(run.decider, policy=policy))
+    knowledge = Knowledge(farm, of.day, of.fields, run.weights, lambda: of.model, lambda: of.observations)
+    (plan,) = plans_of(run, knowledge, "another flight on this map")
+    (vehicle,) = run.vehicles
     budget = vehicle.task.budget_text
-    if not len(decision.paths[vehicle.task.system_id]):
-        raise PlanningError(f"{label} finds nothing worth another flight on this map within {budget}")
-    plan = vehicle.task.plan_of(decision, str(choice), steered=True)
     progress("planning", 1, 1)
     seen = _cells_shown(farm, image_places(farm, plan.mission, plan.prediction), scenario.camera.footprint)
     gain = gain_of_all = looked_at = 0.0
@@ -256,7 +250,7 @@ def plan_next(of: TreatmentMap, scenario: Scenario, *, progress: Progress = sile
         looked_at = max(looked_at, len(x) * farm.cell_size_m**2 / 1e4)
     if gain <= 0.0:
         raise PlanningError(f"{label} finds no path on which a look would save anything within {budget}")
-    return NextFlight(plan, one, str(choice), gain, gain_of_all, looked_at)
+    return NextFlight(plan, vehicle, str(choice), gain, gain_of_all, looked_at)
 
 
 def _policy(of: TreatmentMap, choice: Choice) -> Policy:

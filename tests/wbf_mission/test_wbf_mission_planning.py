@@ -23,9 +23,9 @@ from sim_vehicle.prediction.onward import InFlight, OnwardPredictor
 from sim_vehicle.prediction.predict import PREDICTION_PAIRS, expected_flights
 from wbf_mission.cli import output
 from wbf_mission.cli.app import main
-from wbf_mission.planning import plan
 from wbf_mission.planning.budget import FlightTravelCost, LegCosts
 from wbf_mission.planning.coverage import predicted_coverage
+from wbf_mission.run.plan import plan
 from wbf_mission.scenario import Scenario, ScenarioError, scenario_with
 
 

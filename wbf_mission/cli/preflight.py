@@ -86,8 +86,8 @@ class Surroundings:
         """Return what a plan is checked for, by the command line, and say how the farm's file was read."""
         from sim_vehicle.camera.component import MIN_INTERVAL_S
         from wbf_mission.planning.imaging import imaging_of
-        from wbf_mission.planning.plan import farm_of
         from wbf_mission.preflight.subject import Circumstances, level_of_plan
+        from wbf_mission.run.resolve import farm_of
 
         interval_s = self.camera_interval
         if interval_s is not None and not 0.0 < interval_s <= 3600.0:

@@ -16,7 +16,7 @@ from mission.sorties import Way, image_spacing_m, part_of, resumed_at
 from sim_vehicle.autopilot import fixed_wing_procedures
 from sim_vehicle.prediction.flight import Prediction
 from wbf_mission.planning.builder import MissionBuilder, PlanResult, home_of
-from wbf_mission.planning.plan import positions_of
+from wbf_mission.planning.mission_file import positions_of
 from wbf_mission.planning.sortie_costs import Choice, SortieCosts
 from wbf_mission.scenario.parts import VehicleParts
 

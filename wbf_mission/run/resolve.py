@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cache, cached_property
 
 from geo import Farm
 from geo.errors import WbfMissionError
@@ -23,11 +23,12 @@ from sim_vehicle.faults.fault import Fault, parse_fault
 from sim_vehicle.faults.session import check_vehicles
 from wbf_mission.events import EventStream
 from wbf_mission.planning import PlanResult
+from wbf_mission.planning.builder import MissionBuilder
 from wbf_mission.planning.fleet import Vehicle, vehicles_of
-from wbf_mission.planning.plan import farm_of, read_plan, require_one_vehicle
+from wbf_mission.planning.mission_file import read_plan, require_one_vehicle
 from wbf_mission.progress import Progress
 from wbf_mission.run.estimation import estimator_of, naming_estimator, readings_a_score
-from wbf_mission.scenario import CameraOptions, MissionOptions, Scenario, ScenarioError
+from wbf_mission.scenario import CameraOptions, FarmOptions, MissionOptions, Scenario, ScenarioError
 from wbf_mission.scenario.values import Separation
 
 
@@ -62,8 +63,8 @@ class Run:
     fields: FieldSet  # What there is to see
     vehicles: tuple[Vehicle, ...]  # In the order of their system ids
     decider: Decider
-    estimator: Estimator
-    cameras: tuple[LeafCameraOptions, ...]  # That of each vehicle
+    estimator_once: Callable[[], Estimator]  # Makes the estimator at its first call: plans need none
+    cameras: tuple[LeafCameraOptions, ...]  # Of each vehicle; empty for a run that is only planned
     looks: CameraOptions  # How often it looks, and at how much
     weights: ScoreWeights  # What errors cost
     seed: int
@@ -76,8 +77,13 @@ class Run:
     faults: tuple[Fault, ...] = ()  # What goes wrong in each flight of simulated vehicles
 
     def __getstate__(self) -> dict[str, object]:
-        """Leave out the estimator, which may be large: other processes fly, and estimate nothing."""
-        return {name: value for name, value in self.__dict__.items() if name != "estimator"}
+        """Return the state without the estimator, which may be large: other processes only fly."""
+        return {name: value for name, value in self.__dict__.items() if name != "estimator_once"}
+
+    @property
+    def estimator(self) -> Estimator:
+        """The estimator, the same object at each call."""
+        return self.estimator_once()
 
     @property
     def camera(self) -> LeafCameraOptions:
@@ -127,6 +133,9 @@ class Run:
 def resolve(
     scenario: Scenario,
     *,
+    to_fly: bool = True,
+    farm: Farm | None = None,
+    fields: FieldSet | None = None,
     faults: Sequence[Fault | str] = (),
     fitted: Callable[[Scenario, EventStream], Scenario] | None = None,
     weights: ScoreWeights | None = None,
@@ -136,6 +145,11 @@ def resolve(
 
     Parameters
     ----------
+    to_fly : bool
+        Check also what a plan does not use: fields, cameras, world and estimator. A run that is only planned
+        has no cameras and no world, and no vehicles if it has a mission file.
+    farm, fields : Farm and FieldSet, optional
+        Those of the scenario, if they are loaded already.
     faults : sequence of Fault or str
         What goes wrong in each flight.
     fitted : callable, optional
@@ -147,7 +161,7 @@ def resolve(
     WbfMissionError
         If a name is unknown, a value out of range, or the parts do not suit each other.
     """
-    if scenario.camera.model is not None:
+    if to_fly and scenario.camera.model is not None:
         msg = (
             f"camera {scenario.camera.model}: flights here have the leaf camera, which sees"
             f" {scenario.camera.footprint} cells a side; plan with the camera, and fly the"
@@ -157,23 +171,30 @@ def resolve(
     stream = EventStream() if events is None else events
     breaking = tuple(parse_fault(one) if isinstance(one, str) else one for one in faults)
     check_vehicles(breaking, range(1, len(scenario.vehicle.fleet) + 1))
-    farm, fields = farm_of(scenario.farm)
-    _require_hosts(farm, fields)
-    fields.require_simulated()
+    farm, fields = farm_of(scenario.farm, farm, fields)
+    if to_fly:
+        _require_hosts(farm, fields)
+        fields.require_simulated()
     scenario = naming_estimator(scenario, farm, fields)
-    estimator = estimator_of(scenario.estimate.estimator, scenario.seed, fields)
+    choice, seed = scenario.estimate.estimator, scenario.seed
+    estimator_once = cache(lambda: estimator_of(choice, seed, fields))
+    if to_fly:
+        estimator_once()
     if fitted is not None:
         # What is wrong with a camera is told before vehicles are waited for; their number is known after it.
         cameras_of(scenario, fields, len(scenario.camera.by_vehicle))
         scenario = fitted(scenario, stream)
-    cameras = cameras_of(scenario, fields)
+    cameras = cameras_of(scenario, fields) if to_fly else ()
     progress = stream.progress
     progress("planning", 0, 1)
     decider = decider_of(scenario.mission, len(scenario.vehicle.fleet))
-    vehicles = vehicles_of(scenario, farm, seed=scenario.seed, first_day=scenario.farm.day, progress=progress)
-    if scenario.mission.file is not None:
-        builder = vehicles[0].task.builder
-        flown = read_plan(scenario.mission.file, builder, scenario.camera.footprint, scenario.seed)
+    file, day = scenario.mission.file, scenario.farm.day
+    # A mission file needs no budget, and a vehicle's task has one.
+    needs_tasks = to_fly or file is None
+    vehicles = vehicles_of(scenario, farm, seed=seed, first_day=day, progress=progress) if needs_tasks else ()
+    if file is not None:
+        builder = vehicles[0].task.builder if vehicles else MissionBuilder.of(scenario, farm)
+        flown = read_plan(file, builder, scenario.camera.footprint, seed)
         decider = replace(decider, mission=flown)
     return Run(
         asked=scenario,
@@ -181,19 +202,27 @@ def resolve(
         fields=fields,
         vehicles=vehicles,
         decider=decider,
-        estimator=estimator,
+        estimator_once=estimator_once,
         cameras=cameras,
         looks=scenario.camera,
         weights=ScoreWeights.of(fields) if weights is None else weights,
-        seed=scenario.seed,
-        first_day=scenario.farm.day,
+        seed=seed,
+        first_day=day,
         days=scenario.farm.days,
         flights_per_day=scenario.farm.flights_per_day,
         points=scenario.score.points,
         keeps=scenario.vehicle.keeps,
-        world=world_of(scenario, fields),
+        world=world_of(scenario, fields) if to_fly else None,
         faults=breaking,
     )
+
+
+def farm_of(
+    options: FarmOptions, farm: Farm | None = None, fields: FieldSet | None = None
+) -> tuple[Farm, FieldSet]:
+    """Return the farm, limited to the crops of the fields, and the fields; loads those that are None."""
+    fields = load_field_set(options.fields) if fields is None else fields
+    return (options.load() if farm is None else farm).scouting(fields.crops), fields
 
 
 def _require_hosts(farm: Farm, fields: FieldSet) -> None:

@@ -7,9 +7,9 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from wbf_mission.planning.builder import PlanResult
-from wbf_mission.planning.plan import plan_fleet
 from wbf_mission.planning.sorties import SortiePlan, is_too_long
 from wbf_mission.progress import Progress, silent
+from wbf_mission.run.plan import plan_fleet
 from wbf_mission.scenario import Scenario, ScenarioError, scenario_with
 from wbf_mission.scenario.parts import UNLIMITED
 

@@ -1,4 +1,4 @@
-"""Resolves a scenario into a run: makes and checks all parts that it names, before planning and flight."""
+"""Resolves a scenario into a run: makes and checks its parts before planning and flight."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ from wbf_mission.scenario.values import Separation
 
 
 class FlightError(WbfMissionError, RuntimeError):
-    """A run that cannot be done."""
+    """A run that cannot be flown."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,38 +43,38 @@ class Decider:
     policy: Policy  # A `FixedPlan` for a planner, a `KeepPath` for a mission from a file
     name: str  # What messages call it: ``planner spiral``, ``policy greedy``
     label: str  # Its name with its parameters
-    mission: PlanResult | None = None  # A mission from a file, which is flown
-    # A mission in sorties, which are flown one after the other; empty for one that is flown at a stretch
+    mission: PlanResult | None = None  # Plan of a mission file; None for a planner or policy
+    # Sorties of a mission, in the order of their flights; empty for a mission flown in one sortie
     sorties: tuple[PlanResult, ...] = ()
-    named: bool = True  # Whether any process can make it by its name; an object may be bound to this one
+    named: bool = True  # Whether other processes can make it by its name; an object may not be picklable
 
     @property
     def steers(self) -> bool:
-        """Whether it decides by the estimate; a planner and a mission file do not."""
+        """Whether the paths depend on the estimate; those of planners and mission files do not."""
         return not isinstance(self.policy, FixedPlan | KeepPath)
 
 
 @dataclass(frozen=True)
 class Run:
-    """Everything that decides a run."""
+    """A scenario's parts, made and checked: everything that decides the run's results."""
 
-    asked: Scenario  # What was asked for, with the default estimator named: for the record
+    asked: Scenario  # The scenario, with the default estimator named
     farm: Farm
-    fields: FieldSet  # What there is to see
+    fields: FieldSet  # Fields that the camera senses
     vehicles: tuple[Vehicle, ...]  # In the order of their system ids
     decider: Decider
     estimator_once: Callable[[], Estimator]  # Makes the estimator at its first call: plans need none
     cameras: tuple[LeafCameraOptions, ...]  # Of each vehicle; empty for a run that is only planned
-    looks: CameraOptions  # How often it looks, and at how much
-    weights: ScoreWeights  # What errors cost
+    looks: CameraOptions  # Image spacing and footprint
+    weights: ScoreWeights  # Costs of estimation errors
     seed: int
     first_day: int
     days: int
     flights_per_day: int
-    points: int | None  # How often the estimate of a flight is scored; None: as often as the farm can afford
-    keeps: Separation  # How the vehicles stay apart
-    world: World | None = None  # How the fields really develop; only the environment is made by it
-    faults: tuple[Fault, ...] = ()  # What goes wrong in each flight of simulated vehicles
+    points: int | None  # Scores per flight; None: chosen by the farm's size
+    keeps: Separation  # Separation of the vehicles
+    world: World | None = None  # True dynamics of the fields, for the environment only
+    faults: tuple[Fault, ...] = ()  # Faults injected in each flight of simulated vehicles
 
     def __getstate__(self) -> dict[str, object]:
         """Return the state without the estimator, which may be large: other processes only fly."""
@@ -87,7 +87,7 @@ class Run:
 
     @property
     def camera(self) -> LeafCameraOptions:
-        """The camera of the first vehicle; those of the others differ by what they sense only."""
+        """The camera of the first vehicle; other vehicles' cameras differ only in the sensed fields."""
         return self.cameras[0]
 
     def camera_of(self, system_id: int) -> LeafCameraOptions:
@@ -104,20 +104,20 @@ class Run:
         )
 
     def readings_a_score(self, expected: float) -> int:
-        """Return the number of observations between two scores, for a flight with `expected` of them."""
+        """Return the number of observations between two scores, for a flight with `expected` observations."""
         ideal = all(one.task.builder.vehicle.is_ideal for one in self.vehicles)
         flights = len(self.numbers)
         return readings_a_score(self.points, self.farm, self.estimator, flights, expected, ideal=ideal)
 
     @property
     def last_day(self) -> int:
-        """The last day that is flown."""
+        """The last day of the run."""
         return self.first_day + self.days - 1
 
     def environment(
         self, progress: Progress | None, *, use_cache: bool, memory: EnvironmentMemory | None = None
     ) -> tuple[Environment, bool]:
-        """Return its environment, and whether the cache had it."""
+        """Return the run's environment, and whether it came from the cache."""
         return environment_of(
             self.farm,
             self.fields,
@@ -151,10 +151,10 @@ def resolve(
     farm, fields : Farm and FieldSet, optional
         Those of the scenario, if they are loaded already.
     faults : sequence of Fault or str
-        What goes wrong in each flight.
+        Faults of each flight.
     fitted : callable, optional
-        Returns the scenario as the vehicles behind a link want it. They are waited for when what does not
-        depend on them has been found to be in order.
+        Waits for the vehicles behind a link, and returns the scenario fitted to them. It is called after all
+        checks that do not depend on the vehicles.
 
     Raises
     ------
@@ -181,7 +181,7 @@ def resolve(
     if to_fly:
         estimator_once()
     if fitted is not None:
-        # What is wrong with a camera is told before vehicles are waited for; their number is known after it.
+        # A faulty camera option is reported before the wait for vehicles, whose number is not yet known.
         cameras_of(scenario, fields, len(scenario.camera.by_vehicle))
         scenario = fitted(scenario, stream)
     cameras = cameras_of(scenario, fields) if to_fly else ()
@@ -226,7 +226,7 @@ def farm_of(
 
 
 def _require_hosts(farm: Farm, fields: FieldSet) -> None:
-    """Refuse fields of which none has land of the farm's owner: there would be nothing to score."""
+    """Refuse a field set if the farm's owner grows none of its crops: there would be nothing to score."""
     wanted = fields.crops
     if wanted and set(farm.grown).isdisjoint(wanted):
         msg = (
@@ -237,7 +237,7 @@ def _require_hosts(farm: Farm, fields: FieldSet) -> None:
 
 
 def decider_of(options: MissionOptions, vehicles: int) -> Decider:
-    """Return the decider of a mission for a number of vehicles: a mission file, a policy or a planner."""
+    """Return the decider of a mission: a mission file for one vehicle, a policy, or a planner."""
     if options.file is not None:
         require_one_vehicle(options.file, vehicles)
         return Decider(KeepPath(), f"mission {options.file}", options.file)
@@ -253,16 +253,16 @@ def decider_of(options: MissionOptions, vehicles: int) -> Decider:
 def make_environment(
     scenario: Scenario, farm: Farm, progress: Progress | None = None, *, use_cache: bool = True
 ) -> Environment:
-    """Return the environment of the scenario's seed on its days; large ones are kept in the user's cache."""
+    """Return the environment of a scenario's days and seed; large ones are kept in the user's cache."""
     days = scenario.farm.day, scenario.farm.day + scenario.farm.days - 1
     fields, world = load_field_set(scenario.farm.fields), scenario.farm.load_world()
     return environment_of(farm, fields, days, scenario.seed, progress, world=world, use_cache=use_cache)[0]
 
 
 def world_of(scenario: Scenario, fields: FieldSet) -> World | None:
-    """Return the scenario's world, if it has one.
+    """Return the scenario's world; None without one.
 
-    EnvironmentDataError if it cannot be used, or does not suit the fields.
+    Raises EnvironmentDataError if the world cannot be used, or does not suit the fields.
     """
     world = scenario.farm.load_world()
     if world is not None:
@@ -281,9 +281,10 @@ def environment_of(
     use_cache: bool,
     memory: EnvironmentMemory | None = None,
 ) -> tuple[Environment, bool]:
-    """Return the environment of a run's seed from its first to its last day, and whether the cache had it.
+    """Return the environment of a run's seed for `days` (first, last), and whether it came from the cache.
 
-    It may be one that other runs with the memory had. Its fields are the true ones: those of the world.
+    Runs that share `memory` share equal environments. With a world the environment follows the world's
+    fields.
     """
 
     def told(done: int, total: int) -> None:
@@ -306,9 +307,9 @@ def environment_of(
 def cameras_of(
     scenario: Scenario, fields: FieldSet, vehicles: int | None = None
 ) -> tuple[LeafCameraOptions, ...]:
-    """Return the leaf camera's own options, on these fields, of each vehicle: the scenario's, or so many.
+    """Return the leaf camera's options for each vehicle; for the scenario's fleet if `vehicles` is None.
 
-    WbfMissionError if an option is out of range, or they are given for another number of vehicles.
+    Raises WbfMissionError if an option is out of range, or cameras are given for another number of vehicles.
     """
     camera, count = scenario.camera, len(scenario.vehicle.fleet) if vehicles is None else vehicles
     return tuple(

@@ -1,4 +1,4 @@
-"""From a scenario to a mission: budget, path, and what it will take."""
+"""Mission planning for a scenario: budget, path, mission and prediction."""
 
 from wbf_mission.planning.assignment import VehicleAssignment
 from wbf_mission.planning.builder import MissionBuilder, PlanResult, flown_vehicle, home_of

@@ -278,7 +278,7 @@ class LiveLink:
 
 
 def via_named(name: str) -> Via:
-    """Return an access to vehicles by name: ``own``, or an entry point, which is loaded on demand."""
+    """Return the `Via` of a name: ``own``, or the name of an entry point, which is loaded on demand."""
     for entry in entry_points("wbf_mission.vias"):
         if entry.name == name:
             way: Via = load_entry(entry, f"the way {name}", LinkError)()

@@ -126,7 +126,7 @@ class _Listener(FleetWatch):
 
 
 def _of_link(url: str, course: Course, wait_s: float) -> Place:
-    """Return the resume place of a vehicle: its position in flight, else the begin of its current item."""
+    """Return the resume place of a vehicle: its position in flight, else the start of its current item."""
     listener = _Listener(course)
     with Server([listener], [url]) as server:
         name = server.urls[0]

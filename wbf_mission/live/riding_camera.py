@@ -90,7 +90,7 @@ class Silence:
     seconds: float
     shots: Shots
     reach_m: float = math.inf  # Largest possible distance, by the greatest reported speed
-    lead: Seen | None = None  # From the last item report to the begin of the gap
+    lead: Seen | None = None  # From the last item report to the start of the gap
     tail: Seen | None = None  # From the end of the gap to the next item report
 
 

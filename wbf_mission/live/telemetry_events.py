@@ -47,7 +47,7 @@ class Watch(Protocol):
 
 @dataclass(slots=True)
 class _Told:
-    """Events sent about a vehicle."""
+    """State of the events already sent about a vehicle."""
 
     mission: Mission | None = None
     texts: int = 0
@@ -62,7 +62,7 @@ class TelemetryEvents:
     Parameters
     ----------
     begun : RunBegun
-        Begin of the run, sent at once. Vehicles are added when first heard. Without a farm, a square of land
+        Start of the run, sent at once. Vehicles are added when first heard. Without a farm, a square of land
         around the first vehicle is added.
     named : callable, optional
         Returns a vehicle's name and kind. By default only the vehicles in `begun` are known.

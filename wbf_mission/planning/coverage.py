@@ -147,7 +147,7 @@ def _by_distance(reports_deg: Points, distance_m: float, *, at_once: bool) -> Po
 def _by_time(
     begin_s: float, end_s: float, interval_ms: float, times_s: NDArray[np.floating[Any]], track_deg: Points
 ) -> Points:
-    """Return the trigger positions by time, at the begin and after every interval, in degrees."""
+    """Return the trigger positions by time, at the start and after every interval, in degrees."""
     count = 1 if math.isinf(interval_ms) else 1 + math.floor((end_s - begin_s) * 1000.0 / interval_ms + 1e-9)
     wanted_s = begin_s + np.arange(count) * (interval_ms / 1000.0 if count > 1 else 0.0)
     return np.column_stack([np.interp(wanted_s, times_s, along) for along in track_deg.T])

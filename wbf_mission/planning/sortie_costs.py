@@ -45,7 +45,7 @@ class SortieCosts:
     places : tuple
         Possible ends of sorties, in order; None is the mission's end.
     seconds, watt_hours : float64[h, n, n]
-        Costs from each of h homes, by the sortie's begin and end.
+        Costs from each of h homes, by the sortie's start and end.
     midst : bool[n]
         Whether a place is within a leg.
     """
@@ -67,8 +67,8 @@ class SortieCosts:
     ) -> SortieCosts | None:
         """Return the costs of the parts of a course from `begin`; None if the course cannot be flown.
 
-        The whole course is predicted once, and outbound and return flights at some of its positions. Those at
-        other positions are interpolated by their straight-line time in the mean wind.
+        The whole course is predicted once, and outbound and return flights at some of its positions. Flights
+        at other positions are interpolated by straight-line time in the mean wind.
         """
         wind = wind_of(builder.weather, builder.level)
         trials = TrialFlights(course.mission, builder.priced_vehicle, course.frame, wind)
@@ -150,7 +150,7 @@ class SortieCosts:
 
 
 def _places(course: Course, begin: Place, overlap_m: float) -> list[Place | None]:
-    """Return the possible ends of sorties: begins of legs, and places on legs; None is the mission's end."""
+    """Return the possible ends of sorties: starts of legs, and places on legs; None is the mission's end."""
     working_m = sum(float(course.lengths_m[k]) for k, leg in enumerate(course.legs) if leg.works)
     step_m = max(working_m / _PLACES, overlap_m, _CLOSEST_M)
     first = course.after(begin)

@@ -45,7 +45,7 @@ class PlannedSortie:
     """One sortie of a mission."""
 
     begin: Place
-    """Begin of the sortie on the whole mission, without the repeated overlap before it."""
+    """Start of the sortie on the whole mission, without the repeated overlap before it."""
     end: Place | None
     """End of the sortie on the whole mission; None for the mission's end."""
     plan: PlanResult
@@ -132,7 +132,7 @@ class SortiePlan:
         return one.end if found is None else max(one.begin, found)
 
     def summary(self) -> dict[str, Any]:
-        """Return plain values for JSON: a plan's, with totals over the sorties."""
+        """Return a plan's plain values for JSON, with totals over the sorties."""
         predictions = [one.prediction for one in self.plans]
         whole = self.whole.summary()
         told = {"reason": "", "feasible": True, "batteries": len(self.sorties)}
@@ -179,7 +179,7 @@ def cut_plan(
     footprint : int
         Side of an image, in cells.
     begin : Place, optional
-        Begin of the first sortie; the mission before it is flown already.
+        Start of the first sortie; the mission before it is flown already.
     homes : sequence of GeoPoint, optional
         Take-off positions, by default the mission's home. A sortie lands where it took off.
     overlap_m : float, optional
@@ -235,7 +235,7 @@ def sorties_of(whole: PlanResult, one: VehicleParts, **how: Any) -> SortiePlan |
 def overlap_of(builder: MissionBuilder, whole: PlanResult) -> float:
     """Return the overlap of a resumed sortie (m): two image spacings and the distance to line up."""
     spacing = image_spacing_m(whole.mission, builder.level.speed_m_s)
-    # The end of the last sortie and the begin of the next are each passed within the acceptance radius.
+    # The end of the last sortie and the start of the next are each passed within the acceptance radius.
     line_up_m = 2.0 * builder.cornering.radius_m
     if builder.vehicle.circles:
         law = fixed_wing_procedures(builder.vehicle).limits(builder.vehicle)
@@ -260,7 +260,7 @@ def _way_of(builder: MissionBuilder) -> Way | None:
 
 
 Flown: TypeAlias = "tuple[Place, Place | None, int]"
-"""Begin, end and home number of a sortie."""
+"""Start, end and home number of a sortie."""
 
 
 @dataclass(slots=True)

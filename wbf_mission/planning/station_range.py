@@ -86,8 +86,8 @@ class StationRange:
     def contact_area(self, delay_s: float = 0.0) -> ContactArea:
         """Return the area in which a path must end, so that the vehicle can receive its next path in time.
 
-        The next path is decided shortly before the end. By then the vehicle must be in range, and must stay
-        in range during the change.
+        The next path is decided shortly before the end. At that decision the vehicle must be in range, and it
+        must stay in range during the mission change.
         """
         deep_s = ENDING_S + max(self._change_s + 2.0 * delay_s, _HEARD_S)
         return ContactArea(self.station_xy_m, self.radius_m - deep_s * self.speed_m_s)

@@ -220,7 +220,7 @@ class Report:
 
 @dataclass(frozen=True, slots=True)
 class Hit:
-    """A measured value at an item, numbered from 0."""
+    """Value that a check measured at an item; items count from 0."""
 
     item: int
     value: float

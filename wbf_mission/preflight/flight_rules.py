@@ -41,7 +41,7 @@ _MOST_POINTS = 20_000
 def share_flown(subject: Subject, legs: Sequence[Leg], within_m: float) -> float | None:
     """Return the fraction of the legs' length within `within_m` of the flown path, horizontally.
 
-    The least fraction of all predicted flights counts. None without a prediction.
+    With several predicted flights the smallest fraction is returned; None without a prediction.
     """
     tracks = [track.points_m[:, :2] for track in subject.tracks if len(track.points_m) > 1]
     lengths_m = np.array([leg.length_m for leg in legs])

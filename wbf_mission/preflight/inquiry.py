@@ -344,7 +344,7 @@ class Inquiry:
             self._measure_pace(now_s)
 
     def _measure_pace(self, now_s: float) -> None:
-        """Set the pace of the link by the first answer."""
+        """Set the retry interval from the delay of the first answer."""
         if self._answer_s is None:
             self._answer_s = now_s - self._begun_s
             self._due_s = min(self._due_s, now_s + max(_FIRST_RETRY_S, 1.5 * self._answer_s))

@@ -63,12 +63,12 @@ class _Flight:
     """Records of a joint flight."""
 
     records: tuple[FlightRecord, ...]
-    begun_s: float  # Seconds after the begin of the run
+    begun_s: float  # Seconds after the start of the run
     seen: slice  # Observations of the flight
 
     @property
     def started_s(self) -> float:
-        """Start of the first vehicle's mission, by its first fix (s after the begin of the run)."""
+        """Start of the first vehicle's mission, by its first fix (s after the start of the run)."""
         firsts = [float(one.track.time_s[0]) for one in self.records if len(one.track.time_s)]
         return self.begun_s + min(firsts, default=0.0)
 
@@ -141,7 +141,7 @@ def _flights(result: RunRecord) -> list[_Flight]:
     firsts = [each[0].seen_before for each in together] + [len(result.observations)]
     found, end_s = list[_Flight](), 0.0
     for number, each in enumerate(together):
-        # Results of earlier versions lack the begin of a flight: assume that it follows the previous one.
+        # Results of earlier versions lack the start of a flight: assume that it follows the previous one.
         begun_s = max(each[0].begun_s, end_s)
         found.append(_Flight(each, begun_s, slice(firsts[number], firsts[number + 1])))
         ends = [float(one.track.time_s[-1]) for one in each if len(one.track.time_s)]
@@ -318,7 +318,7 @@ class StateLog:
     Parameters
     ----------
     time_s : float64[n]
-        Seconds after the begin of the log.
+        Seconds after the start of the log.
     states : list of (VehicleState, str)
         State and name of the flight mode at each time.
     """
@@ -339,7 +339,7 @@ class StateLog:
 def states_in(path: Path, begins_s: Sequence[float]) -> dict[tuple[int, int], StateLog]:
     """Read the states of the vehicles in a .tlog, by system id and part.
 
-    Part k begins `begins_s[k]` seconds after the begin of the log, and does not use earlier telemetry.
+    Part k begins `begins_s[k]` seconds after the start of the log, and does not use earlier telemetry.
 
     Raises
     ------

@@ -147,7 +147,7 @@ def fly_once(
     offset_s: float = 0.0,
     follow: MissionProgress | None = None,
 ) -> Flight:
-    """Fly a planned flight to its end; Ctrl-C after its begin raises FlightInterrupted.
+    """Fly a planned flight to its end; Ctrl-C after its start raises FlightInterrupted.
 
     Parameters
     ----------
@@ -158,7 +158,7 @@ def fly_once(
     writer : FrameSink, optional
         Receives every frame.
     offset_s : float
-        Begin of the flight, seconds after the begin of the run.
+        Start of the flight, seconds after the start of the run.
     follow : MissionProgress, optional
         Receives the messages of a real vehicle that flies alone.
     """

@@ -93,7 +93,7 @@ class Hosting(Protocol):
         writer : FrameSink or None
             Receives every frame.
         offset_s : float
-            Begin of the flight, seconds after the begin of the run.
+            Start of the flight, seconds after the start of the run.
         seed : SeedSequence
             Seed of the faults.
         gone : collection of int

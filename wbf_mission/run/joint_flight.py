@@ -65,7 +65,7 @@ class JointFlight:
     decisions : DecisionLoop
         Decision loop, after the decision on the first paths.
     offset_s : float
-        Begin of the flight, seconds after the begin of the run.
+        Start of the flight, seconds after the start of the run.
     pace : float or None
         Simulated seconds per wall second.
     waits_for_decisions : bool

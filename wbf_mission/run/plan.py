@@ -64,7 +64,7 @@ def progress_events(progress: Progress) -> EventStream:
 def plans_of(run: Run, knowledge: Knowledge, flight: str = "a flight") -> tuple[PlanResult, ...]:
     """Return the plan of each vehicle of a run, decided before take-off; PlanningError if no path has points.
 
-    A vehicle without a path has a plan without waypoints. Messages call the flight `flight`.
+    A vehicle without a path has a plan without waypoints. `flight` names the flight in error messages.
     """
     decider, tasks = run.decider, [vehicle.task for vehicle in run.vehicles]
     decider.policy.start()

@@ -69,7 +69,7 @@ class FlightRecord:
     seen_before : int
         Number of the run's observations before the flight.
     begun_s : float
-        Begin of the flight, seconds after the begin of the run; the flight's times count from it.
+        Start of the flight, seconds after the start of the run; the flight's times count from it.
     resumed : bool
         Whether the flight ended early and a later flight resumed it.
     texts : list
@@ -141,9 +141,9 @@ class Flight:
     parts : tuple of Observations
         Observations that are not in the run's evidence yet, in order of arrival.
     decisions : list of DecisionRecord
-        Decisions that are not in the run's record yet; their observations count from the flight's begin.
+        Decisions that are not in the run's record yet; their observations count from the flight's start.
     log : FrameLog or None
-        Frames that are not written yet; their times count from the flight's begin.
+        Frames that are not written yet; their times count from the flight's start.
     """
 
     records: list[FlightRecord]

@@ -61,10 +61,10 @@ class Run:
     asked: Scenario  # The scenario, with the default estimator named
     farm: Farm
     fields: FieldSet  # Fields that the camera senses
-    vehicles: tuple[Vehicle, ...]  # In the order of their system ids
+    vehicles: tuple[Vehicle, ...]  # Ordered by system id
     decider: Decider
     estimator_once: Callable[[], Estimator]  # Makes the estimator at its first call: plans need none
-    cameras: tuple[LeafCameraOptions, ...]  # Of each vehicle; empty for a run that is only planned
+    cameras: tuple[LeafCameraOptions, ...]  # Cameras of the vehicles; empty for a run that is only planned
     looks: CameraOptions  # Image spacing and footprint
     weights: ScoreWeights  # Costs of estimation errors
     seed: int
@@ -96,7 +96,7 @@ class Run:
 
     @cached_property
     def numbers(self) -> tuple[tuple[int, int], ...]:
-        """Day and number of each flight, in their order."""
+        """Day and flight number of each flight of the run, in order."""
         return tuple(
             (day, flight)
             for day in range(self.first_day, self.first_day + self.days)

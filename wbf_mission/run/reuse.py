@@ -232,7 +232,7 @@ def _fly_apart(
 ) -> Flight:
     """Fly a flight outside of its run; a Ctrl-C discards it."""
     try:
-        # The begin of the flight in its run is unknown, so the frames' times count from the flight's begin.
+        # The start of the flight in its run is unknown, so the frames' times count from the flight's start.
         return fly_once(
             run,
             planned,
@@ -313,7 +313,7 @@ class FlightAlone:
 
 @cache
 def _spare_collector() -> None:
-    """Exempt the objects from before the first flight, mostly the program, from garbage collection."""
+    """Exempt all present objects from garbage collection; most of them are the program's own."""
     gc.freeze()
 
 

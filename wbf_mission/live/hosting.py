@@ -75,9 +75,9 @@ class LinkHosting:
         **_of_a_simulation: object,
     ) -> LinkHost:
         """Open the links; LinkError if an address is wrong, in use or unreachable."""
-        cameras = [riding_camera(one) for one in sorties]
+        cameras = [riding_camera(sortie) for sortie in sorties]
         tap = tap_of(writer, lambda _now_s: time.time())
-        return self.via.serve(self.heard, cameras, [one.ground for one in sorties], tap, self.note)
+        return self.via.serve(self.heard, cameras, [sortie.ground for sortie in sorties], tap, self.note)
 
 
 def links_of(heard: Iterable[Heard]) -> tuple[ServerUrl, ...]:

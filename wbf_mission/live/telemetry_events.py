@@ -113,7 +113,7 @@ class TelemetryEvents:
         """Announce vehicles that are heard for the first time."""
         begun = self._begun
         if self._named is not None:
-            known = {one.system_id for one in begun.vehicles}
+            known = {vehicle.system_id for vehicle in begun.vehicles}
             new = [
                 VehicleInfo(number, *self._named(one))
                 for number, one in located.items()
@@ -136,8 +136,8 @@ class TelemetryEvents:
 
     def _tell_texts(self, number: int, contact: Contact, told: _Told, now_s: float) -> None:
         said = begun_until(contact.texts.texts, told.texts, now_s - WHOLE_S)
-        for one in said:
-            self._events.tell(VehicleSaid(one[0], number, *one[1:]))
+        for said_text in said:
+            self._events.tell(VehicleSaid(said_text[0], number, *said_text[1:]))
         told.texts += len(said)
 
     def _tell_state(
@@ -175,7 +175,7 @@ def _is_located(contact: Contact) -> bool:
 
 def _path_of(mission: Mission, frame: LocalFrame) -> np.ndarray[tuple[int, int], np.dtype[np.float64]]:
     """Return the positions of the mission's items, float64[n, 2], in metres of a frame."""
-    places = [(one.x, one.y) for one in mission.items if one.command in FLOWN_TO and one.has_position]
+    places = [(item.x, item.y) for item in mission.items if item.command in FLOWN_TO and item.has_position]
     latitude, longitude = np.array(places, np.float64).reshape(-1, 2).T
     return np.column_stack(frame.from_wgs84(latitude, longitude))
 

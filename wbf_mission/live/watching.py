@@ -228,7 +228,7 @@ class FleetWatch:
 
     def poll(self, now_s: float) -> list[Message]:
         """Send the heartbeat, and requests for missing telemetry."""
-        reading = [one for reader in self._readers.values() for one in reader.poll(now_s)]
+        reading = [output for reader in self._readers.values() for output in reader.poll(now_s)]
         out = self._heartbeat.poll(now_s)
         if not out:
             return reading
@@ -252,7 +252,7 @@ class FleetWatch:
 
     def next_deadline(self) -> float:
         """Time of the next `poll` that does anything (s)."""
-        return min([self._heartbeat.due_s, *(one.next_deadline() for one in self._readers.values())])
+        return min([self._heartbeat.due_s, *(reader.next_deadline() for reader in self._readers.values())])
 
     @property
     def missions(self) -> dict[int, Mission]:

@@ -130,7 +130,7 @@ def flight_budget(
             short = [k for k, one in enumerate(flown) if is_short_of_battery(one)]
             for k, one in zip(short, builder.price([missions[k] for k in short], endless=True), strict=True):
                 flown[k] = one
-        prices = [price_of(one) for one in flown]
+        prices = [price_of(prediction) for prediction in flown]
         if reserve is not None:
             prices = charged(reserve, missions, prices)
         costs |= zip(new, prices, strict=True)
@@ -150,7 +150,7 @@ def flight_budget(
         if near and reserve.factor is None:
             best = max(near, key=lambda k: prices[k])
             reserve.learn(missions[best], prices[best])
-        return [one * (reserve.factor or 1.0) for one in prices]
+        return [price * (reserve.factor or 1.0) for price in prices]
 
     def is_short_of_battery(prediction: Prediction) -> bool:
         battery = builder.vehicle.battery
@@ -178,7 +178,7 @@ def unlimited_budget(builder: MissionBuilder) -> FlightBudget:
     def price(paths_xy_m: Paths) -> list[float]:
         missions = [builder.mission(PlannedPath(path[1:], None, "candidate")) for path in paths_xy_m]
         flown = builder.price(missions, endless=True)
-        return [one.duration_s if one.feasible else math.inf for one in flown]
+        return [prediction.duration_s if prediction.feasible else math.inf for prediction in flown]
 
     def explain(path_xy_m: NDArray[np.float64]) -> str:
         (prediction,) = builder.price(

@@ -152,7 +152,7 @@ class PlanResult:
             found.append("the mission never starts the camera: there will be no observations")
         if self.misses_farm:
             found.append(f"no waypoint lies on the farm {self.farm.name}: is this the right --farm?")
-        found += [str(one) for one in self.rendered.remarks if one.severity is not Severity.NOTE]
+        found += [str(remark) for remark in self.rendered.remarks if remark.severity is not Severity.NOTE]
         return found
 
     @property
@@ -299,9 +299,9 @@ class MissionBuilder:
         check_wind(made)
         lowest_m = made.level.altitude_m - separation_margin_m(height_error_m(options, vehicle), 0.0)
         barred = [
-            one
-            for one in farm.obstacles
-            if one.bars(lowest_m - made.relief_m(one, mission.margin_m), mission.margin_m)
+            obstacle
+            for obstacle in farm.obstacles
+            if obstacle.bars(lowest_m - made.relief_m(obstacle, mission.margin_m), mission.margin_m)
         ]
         if not barred or vehicle.is_ideal:
             return made

@@ -38,15 +38,15 @@ def border_fence(
     nearest = sorted(barred, key=lambda one: float(one.polygon.distance(way)))[:count]
     each = _OF_OBSTACLES // max(count, 1)
     outlines = [_around(one.polygon, 0.0, each) for one in nearest]
-    left = MOST_VERTICES - sum(len(one) for one in outlines)
+    left = MOST_VERTICES - sum(len(outline) for outline in outlines)
     land = shapely.union_all([farm.owner_area, way])
     inside = _around(land, distance_m, left)
     return (
         *_polygon(inside, farm.frame, Command.NAV_FENCE_POLYGON_VERTEX_INCLUSION),
         *(
             item
-            for one in outlines
-            for item in _polygon(one, farm.frame, Command.NAV_FENCE_POLYGON_VERTEX_EXCLUSION)
+            for outline in outlines
+            for item in _polygon(outline, farm.frame, Command.NAV_FENCE_POLYGON_VERTEX_EXCLUSION)
         ),
     )
 

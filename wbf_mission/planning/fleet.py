@@ -104,11 +104,11 @@ def vehicles_of(
 
 def _check_radio(range_m: float | None, farm: Farm, vehicles: Sequence[Vehicle]) -> None:
     """Raise ScenarioError if a vehicle starts beyond radio range, where no command reaches it."""
-    for one in vehicles:
-        away_m = math.dist(one.task.builder.home_m, farm.home_m)
+    for vehicle in vehicles:
+        away_m = math.dist(vehicle.task.builder.home_m, farm.home_m)
         if range_m is not None and away_m >= range_m:
             msg = (
-                f"radio range {range_m:g} m: vehicle {one.task.system_id} starts {away_m:.1f} m from the"
+                f"radio range {range_m:g} m: vehicle {vehicle.task.system_id} starts {away_m:.1f} m from the"
                 f" ground station; give more than {math.ceil(away_m)} m, or fewer vehicles"
             )
             raise ScenarioError(msg)

@@ -46,7 +46,7 @@ class KeepOut:
         An obstacle's own margin replaces `margin_m`.
         """
         distance_m = margin_m + stray
-        wide = [one.widened(margin_m, stray + _SMOOTH_M + _GRAZES_M) for one in obstacles]
+        wide = [obstacle.widened(margin_m, stray + _SMOOTH_M + _GRAZES_M) for obstacle in obstacles]
         # Simplifying moves the outline by at most the added width.
         parts = parts_of(shapely.union_all(shapely.simplify(wide, _SMOOTH_M)))
         area = shapely.union_all([shapely.Polygon(part.exterior) for part in parts])
@@ -54,7 +54,7 @@ class KeepOut:
         plane = shapely.box(x0 - _WIDE_M, y0 - _WIDE_M, x1 + _WIDE_M, y1 + _WIDE_M)
         crossed = shapely.buffer(area, -_GRAZES_M)
         shapely.prepare(crossed)
-        near = shapely.union_all([one.widened(margin_m) for one in obstacles])
+        near = shapely.union_all([obstacle.widened(margin_m) for obstacle in obstacles])
         return cls(area, distance_m, near, Terrain(shapely.difference(plane, area), 0.0), crossed)
 
     def around(self, path_m: Points) -> tuple[Points, NDArray[np.int64]]:
@@ -109,7 +109,9 @@ def stray_m(planned_m: Points, flown: Iterable[Points], *, gusty: bool) -> float
     """Return the expected largest deviation from a planned path (m), rounded up to 0.1 m."""
     planned = shapely.LineString(planned_m)
     shapely.prepare(planned)
-    farthest_m = max(float(shapely.distance(shapely.points(one), planned).max(initial=0.0)) for one in flown)
+    farthest_m = max(
+        float(shapely.distance(shapely.points(track), planned).max(initial=0.0)) for track in flown
+    )
     spare = _SPARE_IN_GUSTS if gusty else _SPARE
     return math.ceil(spare * farthest_m * 10.0 - 1e-9) / 10.0
 

@@ -90,7 +90,9 @@ class SortieCosts:
         from_m = np.column_stack(frame.from_wgs84(course.frame.latitude_deg, course.frame.longitude_deg))
         places = _places(course, begin, overlap_m)
         begins = [resumed_at(course, place, overlap_m) if place is not None else None for place in places]
-        begin_m = np.array([course.length_m if one is None else course.metres(one) for one in begins])
+        begin_m = np.array(
+            [course.length_m if begin_place is None else course.metres(begin_place) for begin_place in begins]
+        )
         end_m = np.array([_end_m(course, place) for place in places])
         probed_m = _spread(straight_s(from_m, at(end_m)).ravel(), end_m)
         transits = []

@@ -85,12 +85,12 @@ class SortiePlan:
     @property
     def plans(self) -> tuple[PlanResult, ...]:
         """The plan of each sortie."""
-        return tuple(one.plan for one in self.sorties)
+        return tuple(sortie.plan for sortie in self.sorties)
 
     @property
     def flight_s(self) -> float:
         """Flight time of all sorties (s)."""
-        return sum(one.prediction.duration_s for one in self.plans)
+        return sum(plan.prediction.duration_s for plan in self.plans)
 
     @property
     def total_s(self) -> float:
@@ -99,7 +99,7 @@ class SortiePlan:
 
     def told(self) -> str:
         """Return a line with the number and duration of the sorties."""
-        minutes = " + ".join(f"{one.prediction.duration_s / 60.0:.0f}" for one in self.plans)
+        minutes = " + ".join(f"{plan.prediction.duration_s / 60.0:.0f}" for plan in self.plans)
         return f"longer than a battery: {len(self.sorties)} sorties of {minutes} min"
 
     def reached(self, number: int, place: Place | None) -> Place | None:
@@ -133,22 +133,22 @@ class SortiePlan:
 
     def summary(self) -> dict[str, Any]:
         """Return a plan's plain values for JSON, with totals over the sorties."""
-        predictions = [one.prediction for one in self.plans]
+        predictions = [plan.prediction for plan in self.plans]
         whole = self.whole.summary()
         told = {"reason": "", "feasible": True, "batteries": len(self.sorties)}
-        warnings = dict.fromkeys(text for one in self.plans for text in one.warnings)
+        warnings = dict.fromkeys(text for plan in self.plans for text in plan.warnings)
         return {
             **whole,
             **told,
             "warnings": list(warnings),
-            "length_m": sum(one.length_m for one in self.plans),
+            "length_m": sum(plan.length_m for plan in self.plans),
             "predicted_time_s": self.flight_s,
             "predicted_time_interval_s": None,
-            "predicted_energy_wh": sum(one.energy_wh for one in predictions),
+            "predicted_energy_wh": sum(prediction.energy_wh for prediction in predictions),
             "predicted_energy_interval_wh": None,
-            "battery_used": max(one.battery_used or 0.0 for one in self.plans),
+            "battery_used": max(plan.battery_used or 0.0 for plan in self.plans),
             "time_with_changes_s": self.total_s,
-            "sorties": [one.summary(self.course) for one in self.sorties],
+            "sorties": [sortie.summary(self.course) for sortie in self.sorties],
         }
 
 

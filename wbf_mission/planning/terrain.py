@@ -26,8 +26,8 @@ _OF_RATE = 0.8
 def above_terrain(mission: Mission) -> Mission:
     """Return the mission with waypoint altitudes above terrain, for an autopilot that follows it."""
     items = tuple(
-        replace(one, frame=int(Frame.GLOBAL_TERRAIN_ALT)) if one.command == Command.NAV_WAYPOINT else one
-        for one in mission.items
+        replace(item, frame=int(Frame.GLOBAL_TERRAIN_ALT)) if item.command == Command.NAV_WAYPOINT else item
+        for item in mission.items
     )
     return replace(mission, items=items)
 

@@ -178,11 +178,11 @@ class Report:
 
     def of(self, severity: Severity) -> tuple[Finding, ...]:
         """Return the findings of one severity."""
-        return tuple(one for one in self.findings if one.severity is severity)
+        return tuple(finding for finding in self.findings if finding.severity is severity)
 
     def about(self, *concerns: Concern) -> Report:
         """Return the report with only the findings of these concerns."""
-        return Report(tuple(one for one in self.findings if one.concern in concerns))
+        return Report(tuple(finding for finding in self.findings if finding.concern in concerns))
 
     @property
     def has_errors(self) -> bool:
@@ -235,8 +235,8 @@ def worst_of(hits: Iterable[Hit], *, largest: bool) -> tuple[Hit, int] | None:
     >>> worst_of([Hit(1, 2.0), Hit(4, 3.0), Hit(4, 1.0)], largest=True)
     (Hit(item=4, value=3.0, measured=None), 2)
     """
-    found: Sequence[Hit] = [one for one in hits if not math.isnan(one.value)]
+    found: Sequence[Hit] = [hit for hit in hits if not math.isnan(hit.value)]
     if not found:
         return None
     worst = (max if largest else min)(found, key=lambda one: one.value)
-    return worst, len({one.item for one in found})
+    return worst, len({hit.item for hit in found})

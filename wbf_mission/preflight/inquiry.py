@@ -292,7 +292,7 @@ class Inquiry:
         )
         messages = [one for one in (*STATE_MESSAGES, self._profile.estimator_message) if one not in self._ids]
         every: list[str | int] = [*names, *messages]
-        return [one for one in every if self._answer_s is None or self._tries.get(one, 0) <= _TRIES]
+        return [key for key in every if self._answer_s is None or self._tries.get(key, 0) <= _TRIES]
 
     def _ask(self, now_s: float) -> list[Message]:
         assert self.vehicle is not None
@@ -312,7 +312,7 @@ class Inquiry:
             self._due_s = now_s + max(_PLACE_AGAIN_S, pace_s)
             # Earlier answers are outdated: request again.
             asked = (*_PLACE_MESSAGES, self._profile.estimator_message)
-            out += [self._command(int(m.MAV_CMD_REQUEST_MESSAGE), float(one)) for one in asked]
+            out += [self._command(int(m.MAV_CMD_REQUEST_MESSAGE), float(message_id)) for message_id in asked]
         return out
 
     def _command(self, command: int, first: float) -> Message:

@@ -132,7 +132,8 @@ def check_fence(subject: Subject) -> Iterator[Finding]:
         geo_fence(subject.mission.fence)
     except MissionFileError as error:
         told = any(
-            one.plan is MissionType.FENCE and one.severity is Severity.ERROR for one in remarks_of(subject)
+            remark.plan is MissionType.FENCE and remark.severity is Severity.ERROR
+            for remark in remarks_of(subject)
         )
         if not told:
             yield found(subject, "bad-fence", plan="fence", error=error)

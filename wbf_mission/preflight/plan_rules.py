@@ -47,9 +47,9 @@ _FIXES = {
 def check_problems(subject: Subject) -> Iterator[Finding]:
     """Find items that the vehicle cannot fly, by its checks before arming."""
     # `check_dialect` reports jump targets, for every autopilot.
-    problems = [one for one in subject.problems if one.code != "jump-target"]
-    for code in dict.fromkeys(one.code for one in problems):
-        same = [one for one in problems if one.code == code]
+    problems = [problem for problem in subject.problems if problem.code != "jump-target"]
+    for code in dict.fromkeys(problem.code for problem in problems):
+        same = [problem for problem in problems if problem.code == code]
         one = same[0]
         yield Finding(
             Severity.ERROR,
@@ -210,7 +210,7 @@ def check_takeoff(subject: Subject) -> Iterator[Finding]:
         return
     nav = [k for k, item in enumerate(subject.items) if item.command <= LAST_NAV]
     takeoffs = [k for k in nav if subject.items[k].command in TAKEOFFS]
-    known = any(one.code == "no-takeoff" for one in subject.problems)
+    known = any(problem.code == "no-takeoff" for problem in subject.problems)
     if nav and not known and (not takeoffs or takeoffs[0] != nav[0]):
         yield found(subject, "late-takeoff" if takeoffs else "climbs-by-itself", item=nav[0])
     for k in takeoffs[:1]:

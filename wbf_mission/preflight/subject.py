@@ -208,7 +208,9 @@ class Subject:
             return np.column_stack(frame.from_wgs84(*farm.frame.to_wgs84(points[:, 0], points[:, 1])))
 
         obstacles = () if farm is None else farm.obstacles
-        return [replace(one, polygon=shapely.transform(one.polygon, moved)) for one in obstacles]
+        return [
+            replace(obstacle, polygon=shapely.transform(obstacle.polygon, moved)) for obstacle in obstacles
+        ]
 
 
 def subject_of(mission: Mission, given: Circumstances) -> Subject:
@@ -290,12 +292,12 @@ def _predicted(subject: Subject, mission: Mission) -> Subject:
         return found
 
     flown = flights(_TRACK_STEP_S)
-    longest_s = max(one.prediction().duration_s for one in flown)
+    longest_s = max(flight.prediction().duration_s for flight in flown)
     if longest_s > _TRACK_STEP_S * _TRACK_POINTS:
         flown = flights(longest_s / _TRACK_POINTS + _TRACK_STEP_S)
     # Flights are lazy: each is flown when its track is read.
-    ended = [one.prediction() for one in flown]
-    stops = [stop for one in flown if (stop := _stop_of(one)) is not None]
+    ended = [flight.prediction() for flight in flown]
+    stops = [stop for flight in flown if (stop := _stop_of(flight)) is not None]
     given = subject.given
     errs = given.vehicle.estimate_errors and estimate_errs(vehicle)
     prediction = given.prediction or plan_prediction(

@@ -93,7 +93,7 @@ def write_flights(flights: Sequence[FlightRecord], folder: Path) -> list[Path]:
             written.append(path)
     write_table(folder / TRACK, track_table(flights))
     written.append(folder / TRACK)
-    if any(one.true_track is not None for one in flights):
+    if any(flight.true_track is not None for flight in flights):
         write_table(folder / TRUE_TRACK, true_track_table(flights))
         written.append(folder / TRUE_TRACK)
     return written
@@ -103,7 +103,7 @@ def read_flights(
     entries: Sequence[Any], folder: Path, farm: Farm, vehicles: Sequence[VehicleSpec], seed: int
 ) -> tuple[FlightRecord, ...]:
     """Read the flights of a folder."""
-    if not entries or not all(1 <= one.system_id <= len(vehicles) for one in entries):
+    if not entries or not all(1 <= entry.system_id <= len(vehicles) for entry in entries):
         msg = "the record has no flights, or of vehicles that are not there"
         raise ValueError(msg)
     tracks = _read_tracks(folder / TRACK)
@@ -130,13 +130,13 @@ def read_flights(
 
 def track_table(flights: Sequence[FlightRecord]) -> Any:
     """Return the tracks of flights as one pyarrow table, with true positions where known."""
-    known = any(one.true_track is not None for one in flights)
-    return _table(flights, [one.track for one in flights], with_true=known)
+    known = any(flight.true_track is not None for flight in flights)
+    return _table(flights, [flight.track for flight in flights], with_true=known)
 
 
 def true_track_table(flights: Sequence[FlightRecord]) -> Any:
     """Return the true tracks of flights as one pyarrow table."""
-    return _table(flights, [one.true_track for one in flights])
+    return _table(flights, [flight.true_track for flight in flights])
 
 
 def _table(
@@ -239,9 +239,9 @@ def write_arrays(result: RunRecord, folder: Path, pool: Executor) -> dict[Path, 
     begun = {}
     if len(result.days) > 1:
         days: dict[str, list[Any]] = {
-            "truth": [one.truth for one in result.days],
-            "value": [None if one.model is None else one.model.value for one in result.days],
-            "uncertainty": [None if one.model is None else one.model.uncertainty for one in result.days],
+            "truth": [day.truth for day in result.days],
+            "value": [None if day.model is None else day.model.value for day in result.days],
+            "uncertainty": [None if day.model is None else day.model.uncertainty for day in result.days],
         }
         arrays |= {
             f"{name}{_DAYS}": np.stack(each)
@@ -292,11 +292,11 @@ def history_table(history: ScoreHistory, fields: tuple[str, ...]) -> Any:
         "time_s": pa.array(history.times_s, pa.float64()),
         "observations": pa.array(history.observations, pa.int64()),
         "score": pa.array(history.scores, pa.float64()),
-        "authors_axis_max": pa.array([one.authors_axis_max for one in history.entries], pa.float64()),
+        "authors_axis_max": pa.array([entry.authors_axis_max for entry in history.entries], pa.float64()),
     }
     for what in _SCORE:
         for number, field in enumerate(fields):
-            values = [getattr(one, what)[number] for one in history.entries]
+            values = [getattr(entry, what)[number] for entry in history.entries]
             columns[f"{what.removeprefix('field_')}_{field}"] = pa.array(values, pa.float64())
     return pa.table(columns)
 
@@ -379,7 +379,7 @@ def read_result(folder: Path, kind: type[R]) -> R:
         fields=fields,
         maps=read_maps(folder / "maps.npz", "estimate", farm, fields),
         true_maps=read_maps(folder / "maps.npz", "truth", farm, fields),
-        decisions=[_record_of(DecisionRecord, one) for one in record.decisions],
+        decisions=[_record_of(DecisionRecord, decision) for decision in record.decisions],
         days=_read_days(record.days, folder, fields.names, farm),
     )
 

@@ -69,7 +69,7 @@ class _Flight:
     @property
     def started_s(self) -> float:
         """Start of the first vehicle's mission, by its first fix (s after the start of the run)."""
-        firsts = [float(one.track.time_s[0]) for one in self.records if len(one.track.time_s)]
+        firsts = [float(record.track.time_s[0]) for record in self.records if len(record.track.time_s)]
         return self.begun_s + min(firsts, default=0.0)
 
 
@@ -138,7 +138,7 @@ def events_of(
 
 def _flights(result: RunRecord) -> list[_Flight]:
     together = [tuple(each) for _, each in groupby(result.flights, lambda one: (one.day, one.flight))]
-    firsts = [each[0].seen_before for each in together] + [len(result.observations)]
+    firsts = [flight[0].seen_before for flight in together] + [len(result.observations)]
     found, end_s = list[_Flight](), 0.0
     for number, each in enumerate(together):
         # Results of earlier versions lack the start of a flight: assume that it follows the previous one.
@@ -151,8 +151,8 @@ def _flights(result: RunRecord) -> list[_Flight]:
 
 def _begun(result: RunRecord) -> RunBegun:
     vehicles = {
-        one.system_id: VehicleInfo(one.system_id, one.plan.vehicle.name, one.plan.vehicle.kind)
-        for one in reversed(result.flights)
+        flight.system_id: VehicleInfo(flight.system_id, flight.plan.vehicle.name, flight.plan.vehicle.kind)
+        for flight in reversed(result.flights)
     }
     decider = result.plan.planner or result.scenario.mission.file
     return RunBegun(
@@ -161,7 +161,7 @@ def _begun(result: RunRecord) -> RunBegun:
         result.fields,
         tuple(vehicles[number] for number in sorted(vehicles)),
         # Only flights of real vehicles have a link report.
-        simulated=all(one.link is None for one in result.flights),
+        simulated=all(flight.link is None for flight in result.flights),
         seed=result.scenario.seed,
         estimator=result.estimator,
         planner=decider,
@@ -171,7 +171,7 @@ def _begun(result: RunRecord) -> RunBegun:
 def _days(result: RunRecord, flights: Sequence[_Flight]) -> Iterator[_Timed]:
     # Days without a flight are scored, too.
     begun_s = dict(zip(reversed(result.history.days), reversed(result.history.times_s), strict=True))
-    begun_s |= {one.records[0].day: one.begun_s for one in reversed(flights)}
+    begun_s |= {flight.records[0].day: flight.begun_s for flight in reversed(flights)}
     truths = kept_truths(result)
     for day, time_s in sorted(begun_s.items()):
         yield time_s, DayBegun(time_s, day, truths.get(day))
@@ -203,7 +203,7 @@ def _planned(result: RunRecord, flight: _Flight, record: FlightRecord) -> Iterat
 
 def _decisions(result: RunRecord, flight: _Flight) -> list[DecisionRecord]:
     numbers = flight.records[0].day, flight.records[0].flight
-    return [one for one in result.decisions if (one.day, one.flight) == numbers]
+    return [decision for decision in result.decisions if (decision.day, decision.flight) == numbers]
 
 
 def _changed(record: FlightRecord, change: PathChange) -> Mission:

@@ -359,7 +359,9 @@ def _plot_jobs(result: RunRecord) -> list[tuple[str, Any]]:
     title = f"{farm.name}: {result.plan.planner or 'mission file'}, {result.plan.vehicle.name}"
     day = result.days[-1].day if result.days else result.scenario.farm.day
     about = f"{farm.name}, day {day}, {estimator}"
-    last = joined([one.track for one in result.flights if one.day == day] or [result.flights[-1].track])
+    last = joined(
+        [flight.track for flight in result.flights if flight.day == day] or [result.flights[-1].track]
+    )
     track = np.column_stack((last.x_m, last.y_m))
     jobs: list[tuple[str, Any]] = [("path.png", lambda path: plot_run(result, path))]
     if result.maps:

@@ -116,7 +116,7 @@ def plan_for_batteries(
         sorties = known[1] if known else cut(whole) if is_too_long(whole) else None
         tried.append((whole, sorties))
         needed = _needed(whole, sorties)
-        takes_wh = 0.0 if sorties is None else sum(one.prediction.most_wh for one in sorties.plans)
+        takes_wh = 0.0 if sorties is None else sum(plan.prediction.most_wh for plan in sorties.plans)
         if needed is not None and needed <= count:
             found, low = (whole, sorties), guess
             if takes_wh >= _ENOUGH * all_wh:

@@ -121,7 +121,7 @@ class Campaign:
         """Replace the mission by its sorties."""
         self.cut = cut
         # Predicted coverage is that of the whole mission, since the run reports all sorties together.
-        sorties = tuple(replace(one, coverage=cut.whole.coverage) for one in cut.plans)
+        sorties = tuple(replace(plan, coverage=cut.whole.coverage) for plan in cut.plans)
         decider = replace(self.run.decider, policy=KeepPath(), sorties=sorties)
         self.run = replace(self.run, decider=decider, flights_per_day=times_a_day * len(sorties))
 
@@ -337,8 +337,8 @@ class Campaign:
         writer = self._open_log(hosting)
         if writer is not None and flown.log is not None:
             writer.write_all(flown.log, EPOCH_UNIX_S + self.simulated_s)
-        for one in flown.decisions:
-            one.observations += len(self.evidence)
+        for decision in flown.decisions:
+            decision.observations += len(self.evidence)
         self.evidence.add(*flown.parts, offset_s=self.simulated_s)
         self.decisions += flown.decisions
         self.watch.lap("flight")

@@ -39,7 +39,11 @@ def naming_estimator(scenario: Scenario, farm: Farm, fields: FieldSet) -> Scenar
         return scenario
     names = fields.names
     if scenario.camera.fields is not None and names == PAPER_FIELDS.names:
-        names = tuple(dict.fromkeys(name for one in scenario.camera.by_vehicle for name in one))
+        names = tuple(
+            dict.fromkeys(
+                name for fields_of_vehicle in scenario.camera.by_vehicle for name in fields_of_vehicle
+            )
+        )
     return scenario_with(scenario, {"estimator": default_estimator(farm, names)})
 
 

@@ -86,7 +86,7 @@ def plan_flight(
     gone: Collection[int] = (),
 ) -> PlannedFlight:
     """Plan a flight; vehicles whose paths have no points stay on the ground."""
-    there = [one for one in run.vehicles if one.task.system_id not in gone]
+    there = [vehicle for vehicle in run.vehicles if vehicle.task.system_id not in gone]
     decider = run.decider
     knowledge = Knowledge(run.farm, day, run.fields, run.weights, evidence.model, evidence.observations)
     loop = DecisionLoop(
@@ -97,7 +97,7 @@ def plan_flight(
         records=decisions,
         kept_distance=_kept_distance(run, there),
     )
-    numbers = [SortieNumber(day, flight, one.task.system_id, run.first_day) for one in there]
+    numbers = [SortieNumber(day, flight, vehicle.task.system_id, run.first_day) for vehicle in there]
     vehicles = [
         replace(one, task=one.task.of_sortie(number)) for one, number in zip(there, numbers, strict=True)
     ]
@@ -108,15 +108,16 @@ def plan_flight(
     elif decider.mission is not None:
         plans = (decider.mission,) * len(vehicles)
     else:
-        answer = loop.start([one.task.report(steered=decider.steers) for one in vehicles])
-        flies = [len(answer.decision.paths[one.task.system_id]) > 0 for one in vehicles]
+        answer = loop.start([vehicle.task.report(steered=decider.steers) for vehicle in vehicles])
+        flies = [len(answer.decision.paths[vehicle.task.system_id]) > 0 for vehicle in vehicles]
         numbers, vehicles = list(compress(numbers, flies)), list(compress(vehicles, flies))
-        tasks = [one.task for one in vehicles]
-        plans = tuple(one.plan_of(answer.decision, decider.label, steered=decider.steers) for one in tasks)
+        tasks = [vehicle.task for vehicle in vehicles]
+        plans = tuple(task.plan_of(answer.decision, decider.label, steered=decider.steers) for task in tasks)
         times = (1.0,) * len(vehicles)
         if decider.steers:
             times = tuple(
-                max(1.0, one.request.budget.limit / max(answer.costs[one.system_id], 1e-9)) for one in tasks
+                max(1.0, task.request.budget.limit / max(answer.costs[task.system_id], 1e-9))
+                for task in tasks
             )
     sorties = tuple(zip(numbers, vehicles, plans, strict=True))
     return PlannedFlight(day, flight, loop, sorties, times, faults_seed, gone)
@@ -269,7 +270,7 @@ def _kept_distance(run: Run, vehicles: Sequence[Vehicle]) -> KeptDistance | None
     """Return the required distance between vehicles in flight; None without separation by distance."""
     if run.keeps.kind != DISTANCE:
         return None
-    builders = {one.task.system_id: one.task.builder for one in vehicles}
+    builders = {vehicle.task.system_id: vehicle.task.builder for vehicle in vehicles}
     speeds_m_s = {
         number: min(one.level.speed_m_s, one.vehicle.top_speed_m_s)
         for number, one in builders.items()

@@ -145,7 +145,7 @@ class VirtualHosting:
             [part for on, sortie in zip(aboard, sorties, strict=True) for part in (*on, sortie.ground)],
             tap=tap_of(writer, (EPOCH_UNIX_S + offset_s).__add__),
             impairment=self.impairment,
-            faults=[one for one in self.faults if one.vehicle not in gone],
+            faults=[fault for fault in self.faults if fault.vehicle not in gone],
             seed=seed,
             remote=[sortie.ground for sortie in sorties],
             radio_range=_radio_range(sorties, [vehicle for vehicle, _ in aboard]),

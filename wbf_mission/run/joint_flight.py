@@ -263,7 +263,7 @@ class JointFlight:
     @property
     def _mission_s(self) -> float:
         """Seconds since the first vehicle's mission began; 0 before."""
-        started = [one.ground.started_s for one in self.sorties if one.ground.started_s is not None]
+        started = [sortie.ground.started_s for sortie in self.sorties if sortie.ground.started_s is not None]
         return self.now_s - min(started) if started else 0.0
 
     def _stops(self, _now_s: float) -> bool:

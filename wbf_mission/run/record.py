@@ -289,7 +289,7 @@ class RunRecord:
     @property
     def skipped_flights(self) -> int:
         """Number of skipped flights: the policy returned no path for the vehicle."""
-        return sum(change.outcome == SKIPPED for one in self.decisions for change in one.changes)
+        return sum(change.outcome == SKIPPED for decision in self.decisions for change in decision.changes)
 
     @property
     def _stopped_between(self) -> bool:
@@ -301,47 +301,47 @@ class RunRecord:
 
     @property
     def _decisive(self) -> FlightRecord:
-        bad = (one for one in self.flights if not (one.outcome.is_good or one.resumed))
-        return next(bad, next((one for one in self.flights if one.outcome.is_good), self.flights[0]))
+        bad = (flight for flight in self.flights if not (flight.outcome.is_good or flight.resumed))
+        return next(bad, next((flight for flight in self.flights if flight.outcome.is_good), self.flights[0]))
 
     @property
     def track(self) -> Track:
         """Flown track by the vehicles' estimated positions; a row without a position separates flights."""
-        return joined([one.track for one in self.flights])
+        return joined([flight.track for flight in self.flights])
 
     @property
     def true_track(self) -> Track | None:
         """True flown track; None unless every vehicle had position errors."""
-        true = [one.true_track for one in self.flights]
-        known = [one for one in true if one is not None]
+        true = [flight.true_track for flight in self.flights]
+        known = [track for track in true if track is not None]
         return joined(known) if len(known) == len(true) else None
 
     @property
     def camera(self) -> AssemblerStatistics:
         """Image statistics, summed over all flights."""
-        each = [asdict(one.camera) for one in self.flights]
+        each = [asdict(flight.camera) for flight in self.flights]
         return AssemblerStatistics(**{name: sum(one[name] for one in each) for name in each[0]})
 
     @property
     def transfers(self) -> list[TransferStatistics]:
         """Statistics of all mission transfers."""
-        return [transfer for one in self.flights for transfer in one.transfers]
+        return [transfer for flight in self.flights for transfer in flight.transfers]
 
     @property
     def texts(self) -> list[tuple[float, int, str]]:
         """Texts of the vehicles: time, severity, text."""
-        return [text for one in self.flights for text in one.texts]
+        return [text for flight in self.flights for text in flight.texts]
 
     @property
     def warnings(self) -> list[str]:
         """Warnings for the user, each in one line."""
-        of_flights = (warning for one in self.flights for warning in one.warnings)
+        of_flights = (warning for flight in self.flights for warning in flight.warnings)
         return list(dict.fromkeys([*filter(None, [self._answers_told()]), *of_flights]))
 
     @property
     def bad_answers(self) -> dict[str, int]:
         """Number of the policy's answers that were refused or late, by fault."""
-        return dict(Counter(one.fault for one in self.decisions if one.fault).most_common())
+        return dict(Counter(decision.fault for decision in self.decisions if decision.fault).most_common())
 
     @property
     def policy_failed(self) -> bool:
@@ -353,7 +353,7 @@ class RunRecord:
         bad = self.bad_answers
         if not bad:
             return None
-        first = next(one.refused for one in self.decisions if one.fault)
+        first = next(decision.refused for decision in self.decisions if decision.fault)
         kinds = ", ".join(f"{count} {kind}" for kind, count in bad.items())
         whose = f"policy {self.scenario.mission.policy}"
         of = f"{sum(bad.values())} of {len(self.decisions)} answers were bad: {kinds}"
@@ -362,17 +362,19 @@ class RunRecord:
     @property
     def battery_used(self) -> float | None:
         """Largest used battery fraction of a flight; None if no vehicle reported it."""
-        return max((one.battery_used for one in self.flights if one.battery_used is not None), default=None)
+        return max(
+            (flight.battery_used for flight in self.flights if flight.battery_used is not None), default=None
+        )
 
     @property
     def flight_time_s(self) -> float:
         """Simulated seconds in the air; the longest time of each joint flight, summed."""
-        return self._time_together_s([one.flight_time_s for one in self.flights])
+        return self._time_together_s([flight.flight_time_s for flight in self.flights])
 
     @property
     def predicted_time_s(self) -> float:
         """Prediction of `flight_time_s` before take-off."""
-        return self._time_together_s([one.plan.prediction.duration_s for one in self.flights])
+        return self._time_together_s([flight.plan.prediction.duration_s for flight in self.flights])
 
     @property
     def air_time_s(self) -> float:
@@ -410,9 +412,9 @@ class RunRecord:
     def predicted_coverage(self) -> float:
         """Coverage of the first flight of all vehicles, predicted before take-off."""
         first = [
-            one.plan
-            for one in self.flights
-            if (one.day, one.flight) == (self.flights[0].day, self.flights[0].flight)
+            flight.plan
+            for flight in self.flights
+            if (flight.day, flight.flight) == (self.flights[0].day, self.flights[0].flight)
         ]
         return coverage_together(first, self.scenario.camera.footprint)
 
@@ -437,9 +439,9 @@ class RunRecord:
         The paper's robots have no size and do not count. True tracks are used where they are known.
         """
         tracks = [
-            (one.day, one.flight, one.true_track or one.track)
-            for one in self.flights
-            if not one.plan.vehicle.is_ideal
+            (flight.day, flight.flight, flight.true_track or flight.track)
+            for flight in self.flights
+            if not flight.plan.vehicle.is_ideal
         ]
         pairs = [
             first.least_distance_m(second)
@@ -447,7 +449,7 @@ class RunRecord:
             for *other, second in tracks[:number]
             if when == other
         ]
-        return min((one for one in pairs if one is not None), default=None)
+        return min((distance_m for distance_m in pairs if distance_m is not None), default=None)
 
     @property
     def report(self) -> FarmReport | None:
@@ -483,7 +485,7 @@ class RunRecord:
 
     def by_day(self) -> list[dict[str, Any]]:
         """Return a summary of each day, in plain values."""
-        flown = {(one.day, one.flight) for one in self.flights}
+        flown = {(flight.day, flight.flight) for flight in self.flights}
         return [
             one.summary(
                 self.history,
@@ -508,7 +510,7 @@ class RunRecord:
             "mission": self.scenario.mission.file,
             "estimator": self.estimator,
             "vehicle": self.plan.vehicle.name,
-            "vehicles": len({one.system_id for one in self.flights}),
+            "vehicles": len({flight.system_id for flight in self.flights}),
             "day": self.scenario.farm.day,
             "days": self.scenario.farm.days,
             "outcome": self.outcome.value,
@@ -528,7 +530,7 @@ class RunRecord:
             "cells_observed": cells,
             "path_length_m": self.track.length_m,
             "position_error_m": self.flights[0].position_error,
-            "planned_length_m": sum(one.plan.length_m for one in self.flights),
+            "planned_length_m": sum(flight.plan.length_m for flight in self.flights),
             "flight_time_s": self.flight_time_s,
             "predicted_time_s": self.predicted_time_s,
             "air_time_s": self.air_time_s,
@@ -540,10 +542,10 @@ class RunRecord:
             "spacing_m": self.plan.spacing_m,
             "budget": self.plan.budget_text,
             "least_distance_m": self.least_distance_m,
-            "flights": [one.summary() for one in self.flights],
+            "flights": [flight.summary() for flight in self.flights],
             "skipped_flights": self.skipped_flights,
             "by_day": self.by_day(),
-            "decisions": [one.summary() for one in self.decisions],
+            "decisions": [decision.summary() for decision in self.decisions],
             "transfer": _transfer_summary(self.transfers),
             "camera": asdict(self.camera),
             "mavlink_frames": self.frames,

@@ -33,7 +33,7 @@ def fresh_estimator(record: RunRecord, progress: Progress, estimator: Estimator 
             estimator = estimator_of(choice, record.scenario.seed, record.fields)
     with attribute_errors_to(estimator):
         estimator.fit(record.farm.grid())
-    days = [one.day for one in record.flights] + [one.day for one in record.days]
+    days = [flight.day for flight in record.flights] + [day.day for day in record.days]
     prepare_days(estimator, min(days), max(days) - min(days) + 1, progress)
     return estimator
 

@@ -92,7 +92,7 @@ class Run:
 
     def camera_of(self, system_id: int) -> LeafCameraOptions:
         """Return the camera of a vehicle by its system id."""
-        return self.cameras[[one.task.system_id for one in self.vehicles].index(system_id)]
+        return self.cameras[[vehicle.task.system_id for vehicle in self.vehicles].index(system_id)]
 
     @cached_property
     def numbers(self) -> tuple[tuple[int, int], ...]:
@@ -105,7 +105,7 @@ class Run:
 
     def readings_a_score(self, expected: float) -> int:
         """Return the number of observations between two scores, for a flight with `expected` observations."""
-        ideal = all(one.task.builder.vehicle.is_ideal for one in self.vehicles)
+        ideal = all(vehicle.task.builder.vehicle.is_ideal for vehicle in self.vehicles)
         flights = len(self.numbers)
         return readings_a_score(self.points, self.farm, self.estimator, flights, expected, ideal=ideal)
 
@@ -169,7 +169,7 @@ def resolve(
         )
         raise ScenarioError(msg)
     stream = EventStream() if events is None else events
-    breaking = tuple(parse_fault(one) if isinstance(one, str) else one for one in faults)
+    breaking = tuple(parse_fault(fault) if isinstance(fault, str) else fault for fault in faults)
     check_vehicles(breaking, range(1, len(scenario.vehicle.fleet) + 1))
     farm, fields = farm_of(scenario.farm, farm, fields)
     if to_fly:

@@ -178,7 +178,7 @@ class FlightMemory:
 
     @property
     def _readings(self) -> int:
-        return sum(len(one.reading) for one in self._kept.values())
+        return sum(len(kept.reading) for kept in self._kept.values())
 
 
 @cache
@@ -196,7 +196,7 @@ def _flown(
         # A vehicle may take over a lost vehicle's rest: plan anew, so that decisions do not enter the run's
         # records twice.
         there = {number.system_id for number, _, _ in planned.sorties}
-        gone = {one.task.system_id for one in run.vehicles} - there
+        gone = {vehicle.task.system_id for vehicle in run.vehicles} - there
         planned = plan_flight(run, planned.day, planned.flight, evidence, decisions, gone)
     images = ImageList(run.camera.footprint_cells**2)
     shape = run.farm.grid().shape
@@ -251,7 +251,7 @@ def _key(run: Run, planned: PlannedFlight, *, logged: bool) -> bytes:
     """Return the flight's key: all values that decide the flight, encoded."""
     farm, frame = run.farm, run.farm.frame
     georeference = (frame.latitude_deg, frame.longitude_deg, frame.altitude_m, frame.rotation_deg)
-    sorties = [_sortie_values(*one) for one in planned.sorties]
+    sorties = [_sortie_values(*sortie) for sortie in planned.sorties]
     drawn = None
     if any(_draws(one) for _, one, _ in planned.sorties):
         drawn = (run.seed, [number for number, _, _ in planned.sorties])

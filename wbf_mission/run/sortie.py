@@ -318,7 +318,7 @@ class Sortie:
 
     @property
     def _delay_s(self) -> float:
-        known = [one.delay_s for one in self.ground.changes if one.delay_s is not None]
+        known = [change.delay_s for change in self.ground.changes if change.delay_s is not None]
         return median(known) if known else 0.0
 
     def steer(self, points_m: Points, now_s: float) -> PathChange:

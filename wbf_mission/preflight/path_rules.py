@@ -253,7 +253,7 @@ _LOWEST_M = 2.0
     ),
 )
 def check_heights(subject: Subject) -> Iterator[Finding]:
-    """Find positions above the allowed height or below 2 m, and paths above their positions."""
+    """Find positions above the allowed height or below 2 m, and paths that climb above their waypoints."""
     if subject.vehicle.drives or subject.vehicle.is_ideal:
         return
     heights = [

@@ -188,7 +188,7 @@ class ResultFolder:
         )
 
     def _put_in_place(self, *, beside: bool) -> None:
-        """Rename the temporary folder to the target, or to a name `beside` it."""
+        """Rename the temporary folder to the target, or with `beside` to the target plus ``.interrupted``."""
         if not beside:
             self._folder.commit()
         else:

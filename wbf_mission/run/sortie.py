@@ -139,7 +139,7 @@ class Sortie:
 
     @property
     def path_m(self) -> Points:
-        """The points of the whole path of the mission that the vehicle holds, in metres of the farm frame."""
+        """Points of the vehicle's whole current path, in metres of the farm frame."""
         items = self.ground.mission.items
         return self._points_of(items, self._waypoints_of(items, 0))
 

@@ -1,4 +1,4 @@
-"""The facts of each autopilot that a ground station needs: a module of data for each."""
+"""Autopilot profiles: facts of PX4 and ArduPilot for a ground station, as data."""
 
 from mission.autopilots.ardupilot import ARDUPILOT as ARDUPILOT
 from mission.autopilots.profile import Profile as Profile

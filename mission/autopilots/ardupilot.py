@@ -1,9 +1,9 @@
-"""ArduPilot: its facts for a ground station.
+"""Profile of ArduPilot.
 
 Sources: ``MissionItemProtocol*.cpp``, ``AP_Mission.cpp`` (mavlink_int_to_mission_cmd,
 mission_cmd_to_mavlink_int), ``AP_Arming_Plane.cpp``, ``mode.h`` through pymavlink, the parameter references
-4.3 to 4.7 (where centimetres became metres: ``WPNAV_SPEED`` is ``WP_SPD`` since 4.7), and what ArduCopter 4.7
-(SITL) was seen to do.
+4.3 to 4.7 (4.7 replaced centimetres by metres: ``WPNAV_SPEED`` became ``WP_SPD``), and tests with ArduCopter
+4.7 (SITL).
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ from mission.model import Command, MissionItem, has_position
 __all__ = ["ARDUPILOT"]
 
 _YAW = frozenset({"param4"})
-# After mavlink_int_to_mission_cmd; the camera's from version 4.4 on, DO_RETURN_PATH_START 4.6.
+# From mavlink_int_to_mission_cmd. Camera commands need version 4.4, DO_RETURN_PATH_START 4.6.
 _PLACED = frozenset(
     {16, 17, 18, 19, 20, 21, 22, 30, 31, 82, 83, 84, 85, 92, 93, 94, 112, 114, 115, 177, 178, 179}
     | {181, 182, 183, 184, 188, 189, 191, 193, 194, 195, 197, 201, 202, 203, 205, 206, 207, 208, 210, 211}
@@ -61,7 +61,7 @@ _LOSSY: Mapping[int, frozenset[str]] = {
     Command.DO_SET_CAM_TRIGG_DIST: frozenset({"param2", "param4"}),
     Command.DO_JUMP: frozenset({"param3", "param4"}),
 }
-# The altitude of a fence item comes back as 0 above sea level, that of a rally point in whole metres.
+# A download returns fence items with altitude 0 above sea level, and rally points with whole metres.
 _READ_BACK: Mapping[int, Mapping[str, ReadBack]] = {
     Command.NAV_SPLINE_WAYPOINT: {"param1": _WHOLE, **FIRST_ALONE},
     Command.NAV_LOITER_UNLIM: {**NO_PARAMETERS, "param3": _WHOLE},
@@ -82,7 +82,7 @@ _READ_BACK: Mapping[int, Mapping[str, ReadBack]] = {
 
 
 def _timed_images(item: MissionItem) -> MissionItem:
-    """Return an interval in milliseconds as a series of images that never ends, 0 as the end of one."""
+    """Convert an image interval (ms) to an endless IMAGE_START_CAPTURE, or 0 to IMAGE_STOP_CAPTURE."""
     interval_s = (item.param1 or 0.0) / 1e3
     if interval_s <= 0.0:
         return MissionItem(Command.IMAGE_STOP_CAPTURE)
@@ -198,7 +198,7 @@ _ROVER: Questions = {
     Meaning.LINK_LOST: {"FS_GCS_ENABLE": 1.0},
     **_ANY,
 }
-# Parameters that decide the duration of climbs, return and landing; 4.7 has SI units and other names.
+# Parameters that determine the duration of climbs, return and landing; 4.7 has new names and SI units.
 _MOTION: Motion = {
     "WPNAV_SPEED": {"WP_SPD": 100.0, "WPNAV_SPEED": 1.0},
     "WPNAV_SPEED_UP": {"WP_SPD_UP": 100.0, "WPNAV_SPEED_UP": 1.0},
@@ -213,12 +213,12 @@ _MOTION: Motion = {
     "LAND_SPEED_HIGH": {"LAND_SPD_HIGH_MS": 100.0, "LAND_SPEED_HIGH": 1.0},
     "LAND_ALT_LOW": {"LAND_ALT_LOW_M": 100.0, "LAND_ALT_LOW": 1.0},
 }
-# A copter in LOITER without a stick in the middle sinks.
+# Not LOITER for copters: with the throttle stick at its lowest position, a copter in LOITER descends.
 _HOLD: Mapping[int | None, str] = {FIXED_WING: "LOITER", ROVER: "HOLD", None: "BRAKE"}
 
 
 def _numbers(vehicle_type: int) -> Mapping[str, tuple[float, float, float]]:
-    from pymavlink import mavutil  # loads its own dialect, which who only transfers does not need
+    from pymavlink import mavutil  # imported here because it loads a dialect that transfers do not need
 
     table = mavutil.mode_mapping_bynumber(vehicle_type) or {}
     return {
@@ -228,7 +228,7 @@ def _numbers(vehicle_type: int) -> Mapping[str, tuple[float, float, float]]:
 
 
 def _ends(vehicle_type: int, _last_command: int) -> frozenset[str]:
-    """ArduCopter stays in AUTO; ArduPlane returns and ArduRover holds."""
+    """Return the modes after a mission: ArduCopter stays in AUTO, ArduPlane returns, ArduRover holds."""
     return frozenset({"RTL", _HOLD[vehicle_type]}) if vehicle_type in _HOLD else frozenset()
 
 
@@ -237,7 +237,7 @@ _MODES = FlightModes(
     mission=frozenset({"AUTO"}),
     resume="AUTO",
     hold=_HOLD,
-    # ArduCopter arms neither in AUTO nor, with the throttle down, in modes that hold the height.
+    # ArduCopter does not arm in AUTO, nor in altitude-hold modes without a throttle stick.
     arming={FIXED_WING: None, ROVER: None, None: "GUIDED"},
     ends=_ends,
     in_pymavlink=True,
@@ -270,8 +270,8 @@ ARDUPILOT = Profile(
     checks_jumps=True,
     marks_current=False,
     opaque_ids=False,
-    # Of a copter's 16 KiB of storage (StorageManager.cpp) 9758 bytes are for missions, 15 for each item; 560
-    # for the fence, 8 for each; 690 for rally points, 15 for each (50 on planes and rovers).
+    # StorageManager.cpp: 9758 bytes for the mission (15 per item), 560 for the fence (8 per item).
+    # Rally points have 690 bytes on copters (15 per point); planes and rovers store 50 points.
     capacity=(649, 70, 50),
     card=CardRoom("BRD_SD_MISSION", 64, 1312),
     fence_card=CardRoom("BRD_SD_FENCE", 64, 84, item_bytes=8, header_bytes=0),
@@ -294,18 +294,18 @@ ARDUPILOT = Profile(
         FIXED_WING: (15, 10),
         ROVER: (15, 10),
     },
-    # Return when the ground station is silent for longer than a link may be dead; but a mission goes on.
+    # Return to launch if the ground station is lost, but continue a mission.
     change_failsafe=dict.fromkeys(
         COPTERS,
         (
-            # In this order: switched on last, it never finds a mission that it would break off.
+            # FS_GCS_ENABLE is last: the failsafe must not be enabled before the option to continue missions.
             NeededParameter("FS_OPTIONS", bits=2),
             NeededParameter("FS_GCS_TIMEOUT", least=90),
             NeededParameter("FS_GCS_ENABLE", good=frozenset({1, 2, 3, 6}), value=1),
         ),
     ),
     modes=_MODES,
-    # FS_GCS_ENABLE 2 of old ArduCopters.
+    # FS_GCS_ENABLE 2 of old ArduCopters continues a mission.
     settings=VehicleSettings(
         {FIXED_WING: _PLANE, ROVER: _ROVER, None: _COPTER},
         {FIXED_WING: {}, ROVER: {}, None: _MOTION},

@@ -1,4 +1,4 @@
-"""The form in which an autopilot takes mission items, and the values that it keeps."""
+"""Data types for the mission items that an autopilot accepts and the values that it stores."""
 
 from __future__ import annotations
 
@@ -19,27 +19,27 @@ class Severity(StrEnum):
     """Severity of a remark."""
 
     ERROR = "error"
-    """The autopilot would refuse the plan, or would not fly it."""
+    """The autopilot would refuse the plan or not fly it."""
     WARNING = "warning"
-    """Something is ignored or sent in another way, which the flight shows."""
+    """A value is ignored or replaced, with an effect on the flight."""
     NOTE = "note"
-    """Something is ignored that hardly matters."""
+    """A value is ignored, with almost no effect."""
 
 
 class ReadBack(Enum):
-    """The value that a number of an item has when it is read back."""
+    """Change of a value between upload and download."""
 
     NOTHING = "nothing"
-    """0."""
+    """Replaced by 0."""
     WHOLE = "whole"
-    """Without its fraction."""
+    """Truncated to an integer."""
     SIGN = "sign"
-    """-1 for less than zero, otherwise 1."""
+    """-1 for a negative value, otherwise 1."""
     FLAG = "flag"
-    """1 for more than zero, otherwise 0."""
+    """1 for a positive value, otherwise 0."""
 
     def of(self, value: float | None) -> float:
-        """Return the number read back for a number sent; None is unset.
+        """Return the value read back for a sent value; None is an unset value.
 
         >>> ReadBack.WHOLE.of(-2.7), ReadBack.SIGN.of(0.0), ReadBack.FLAG.of(None)
         (-2.0, 1.0, 0.0)
@@ -58,77 +58,78 @@ class ReadBack(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Substitute:
-    """Replacement of a command that an autopilot does not know."""
+    """Replacement of a command that an autopilot does not support."""
 
     make: Callable[[MissionItem], MissionItem | None]
-    """Returns the item to send; None leaves it out."""
+    """Returns the item to send, None to omit the item."""
     text: str
-    """The replacement in words, for the operator."""
+    """Description of the replacement for the operator."""
 
 
 @dataclass(frozen=True, slots=True)
 class IgnoredField:
-    """A parameter that an autopilot does not heed."""
+    """Item parameter that an autopilot ignores."""
 
     command: int
     """MAV_CMD."""
     name: str
     """Field of `MissionItem`."""
-    # What happens in its place, and what would be heeded.
     text: str
+    """Consequence, for the operator."""
     fix: str = ""
+    """Advice, for the operator."""
     severity: Severity = Severity.WARNING
     vehicle_types: frozenset[int] | None = None
-    """MAV_TYPEs to which it applies; None for any."""
+    """MAV_TYPEs that ignore the parameter; None for any."""
 
 
 @dataclass(frozen=True, slots=True)
 class ArmingCondition:
-    """Condition that a parameter of the vehicle sets for flying a mission."""
+    """Condition on the mission that a vehicle parameter imposes for arming."""
 
     parameter: str
     refusing: frozenset[float]
-    """Its values that ask for it."""
+    """Parameter values that impose the condition."""
     usual: float
-    """Its value as the autopilot comes."""
+    """Factory default of the parameter."""
     text: str
     fix: str
     unknown: Severity
-    """Of the remark when the vehicle's value is not known and the usual one asks for it."""
+    """Severity of the remark if the value is unknown and the default imposes the condition."""
     needed: frozenset[int] = frozenset()
-    """Commands of which the mission needs one; empty for none."""
+    """Commands of which the mission must contain at least one; empty for no such condition."""
     barred: frozenset[int] = frozenset()
-    """Commands of which the mission may have none."""
+    """Commands that the mission must not contain."""
     vehicle_types: frozenset[int] = frozenset({FIXED_WING})
-    """MAV_TYPEs to which it applies."""
+    """MAV_TYPEs with this condition."""
 
 
 @dataclass(frozen=True, slots=True)
 class Dialect:
-    """How a plan has to be written for one autopilot."""
+    """Rules for converting a plan for one autopilot (`mission.transfer.rendering`)."""
 
     standard_frames: bool = False
-    """Items without a position go in frame MISSION."""
+    """Whether items without a position are sent in frame MISSION."""
     zero_is_here: bool = True
-    """Latitude and longitude 0, 0 mean where the vehicle is. Otherwise they are a place in the Atlantic."""
+    """Whether latitude and longitude 0, 0 mean the current position, not a point in the Atlantic."""
     land_start_placed: bool | None = None
-    """DO_LAND_START has a position; False: none; None: as it is."""
+    """Whether DO_LAND_START needs a position (True) or must have none (False); None accepts either."""
     yaw_in_waypoints: bool = False
-    """A heading is a parameter of the waypoint that is flown to, not of CONDITION_YAW."""
+    """Whether the heading is a parameter of waypoints, and CONDITION_YAW is not supported."""
     roi_modes: frozenset[int] | None = None
-    """Modes (MAV_ROI) that DO_SET_ROI with a position may have."""
+    """Modes (MAV_ROI) accepted for DO_SET_ROI with a position; None for any."""
     not_for: Mapping[int, frozenset[int]] = field(default_factory=dict)
-    """By MAV_TYPE, commands that other vehicles of this autopilot know."""
+    """Commands that a MAV_TYPE does not support although other vehicles of this autopilot do."""
     substitutes: Mapping[int, Substitute] = field(default_factory=dict)
-    """By command."""
+    """Replacements of unsupported commands, by command."""
     instead: Mapping[int, str] = field(default_factory=dict)
-    """By command without a substitute, the advice of an accepted alternative."""
+    """Advice for unsupported commands without a replacement, by command."""
     defaults: Mapping[int, Mapping[str, float]] = field(default_factory=dict)
-    """By command, the value of an unset parameter that may not be NaN; 0 for all others."""
+    """Values sent for unset parameters that must not be NaN, by command; 0 for all others."""
     highest_m: float = float("inf")
-    """Altitudes of this magnitude or more are refused."""
+    """Altitude limit (m); altitudes of this magnitude or more are refused."""
     most_jumps: int | None = None
-    """DO_JUMPs that every board can count; further ones may be passed over."""
+    """Number of DO_JUMP items that every board can count; more may be skipped in flight."""
     ignored: tuple[IgnoredField, ...] = ()
     conditions: tuple[ArmingCondition, ...] = ()
 
@@ -138,11 +139,11 @@ def _straight(item: MissionItem) -> MissionItem:
 
 
 STRAIGHT = Substitute(_straight, "sent as NAV_WAYPOINT: flown in straight lines")
-"""Of a spline waypoint."""
+"""Replacement of a spline waypoint."""
 
 _NOTHING = ReadBack.NOTHING
 FIRST_ALONE = {"param2": _NOTHING, "param3": _NOTHING, "param4": _NOTHING}
-"""Read-back of an item that keeps only its first parameter."""
+"""Changes of an item that keeps only its first parameter."""
 NO_PARAMETERS = {"param1": _NOTHING, **FIRST_ALONE}
 FENCE_READ_BACK: Mapping[int, Mapping[str, ReadBack]] = {
     Command.NAV_FENCE_RETURN_POINT: NO_PARAMETERS,

@@ -1,4 +1,4 @@
-"""The facts of an autopilot that a ground station needs, as data: `Profile`."""
+"""`Profile`: the facts of an autopilot that a ground station needs, as data."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ __all__ = [
 
 @dataclass(frozen=True, slots=True)
 class NeededParameter:
-    """A parameter of a vehicle that has to have one of some values, some bits set, or to be large enough.
+    """Required value of a vehicle parameter: one of several values, certain bits set, or a minimum.
 
     Examples
     --------
@@ -39,14 +39,16 @@ class NeededParameter:
 
     name: str
     good: frozenset[int] = frozenset()
-    """The values; empty if it is the bits that count."""
+    """Accepted values; if empty, ``bits`` and ``least`` apply."""
     value: int = 0
-    """The one that is set."""
+    """Value to set if the present value is not accepted."""
     bits: int = 0
+    """Bits that must be set."""
     least: int = 0
+    """Minimum value."""
 
     def wanted(self, value: int) -> int:
-        """Return the value that it has to have; the present one if that is good."""
+        """Return the required value, given the present ``value``, which is kept if accepted."""
         if self.good:
             return value if value in self.good else self.value
         return max(value | self.bits, self.least)
@@ -54,10 +56,10 @@ class NeededParameter:
 
 @dataclass(frozen=True, slots=True)
 class CardRoom:
-    """Room for a plan on an SD card in place of the board's own, as a parameter gives it at the start.
+    """Storage for a plan on an SD card, with a size set by a parameter at boot.
 
     Source: ArduPilot ``StorageManager.cpp`` (attach_file), ``AP_Mission.cpp`` and ``AC_PolyFence_loader.cpp``
-    (max_items); the documentation of the parameter tells the size of an item. Numbers of items count home.
+    (max_items); item sizes from the documentation of the parameter. Item numbers include home.
 
     Examples
     --------
@@ -67,60 +69,59 @@ class CardRoom:
     """
 
     parameter: str
-    """Its name; the value is in KiB, and 0 is no card."""
+    """Name of the size parameter (KiB); 0 means no card."""
     largest_kib: int
-    """The largest value that is documented."""
+    """Largest documented parameter value."""
     largest_board: int
-    """Items that the largest board holds without a card."""
-    # Of the file on the card.
+    """Number of items that the largest board stores without a card."""
     item_bytes: int = 15
     header_bytes: int = 4
     most_bytes: int = 0xFFFF
 
     def items(self, kib: float) -> int:
-        """Return how many items a value of the parameter, above 0, has room for."""
+        """Return the number of items that fit for a parameter value above 0."""
         return max(0, min(1024 * int(kib), self.most_bytes) - self.header_bytes) // self.item_bytes
 
     def kib_for(self, items: int) -> int | None:
-        """Return the smallest value with room for `items`; None if there is none."""
+        """Return the smallest parameter value for ``items`` items, None if no value suffices."""
         kib = -(-(items * self.item_bytes + self.header_bytes) // 1024)
         return kib if kib <= self.largest_kib and items <= self.items(kib) else None
 
 
 @dataclass(frozen=True, slots=True)
 class FlightModes:
-    """An autopilot's flight modes by name, and their uses; by default none is known."""
+    """Names and uses of an autopilot's flight modes; the defaults know no mode."""
 
     numbers: Callable[[int], Mapping[str, tuple[float, float, float]]] = lambda _vehicle_type: {}
-    """Given a MAV_TYPE, the parameters 1 to 3 of DO_SET_MODE by the names of the modes."""
+    """Returns the parameters 1 to 3 of DO_SET_MODE by mode name, for a MAV_TYPE."""
     mission: frozenset[str] = frozenset()
-    """In which it flies its mission by itself."""
+    """Modes that fly the mission."""
     resume: str = ""
-    """The one of these in which it goes on with its mission where it left it; empty for none by name."""
+    """Mission mode that resumes the mission at its current item; empty if unknown."""
     hold: Mapping[int | None, str] = field(default_factory=lambda: {None: ""})
-    """In which it stays where it is, by MAV_TYPE; None for any other."""
+    """Mode that holds the position, by MAV_TYPE; key None for any other."""
     arming: Mapping[int | None, str | None] = field(default_factory=lambda: {None: None})
-    """In which it arms without a stick; None where it may arm in any."""
+    """Mode for arming without a radio control, by MAV_TYPE; value None if any mode will do."""
     ends: Callable[[int, int], frozenset[str]] = lambda _vehicle_type, _last_command: frozenset()
-    """Given a MAV_TYPE and the last command of a mission, the modes that the mission leads to when it is
-    over, besides its own."""
+    """Returns the modes after the end of a mission, besides the mission modes, for a MAV_TYPE and the last
+    command of the mission."""
     aliases: Mapping[str, str] = field(default_factory=dict)
-    """Further names."""
+    """Mode names by alternative name."""
     in_pymavlink: bool = False
-    """Whether pymavlink names the mode of a HEARTBEAT; else its custom mode is parameter 2 of DO_SET_MODE."""
+    """Whether pymavlink names the mode of a HEARTBEAT; if not, custom_mode is parameter 2 of DO_SET_MODE."""
 
     def name(self, custom_mode: int, vehicle_type: int) -> str:
-        """Return the name of the mode whose parameter 2 of DO_SET_MODE is the custom mode of a HEARTBEAT."""
+        """Return the name of the mode with parameter 2 of DO_SET_MODE equal to ``custom_mode``."""
         names = {int(main): name for name, (_, main, _) in self.numbers(vehicle_type).items()}
         return names.get(custom_mode, f"Mode({custom_mode})")
 
     def hold_of(self, vehicle_type: int) -> str:
-        """Return the name of the mode in which a vehicle (MAV_TYPE) stays where it is."""
+        """Return the name of the mode in which a vehicle (MAV_TYPE) holds its position."""
         return self.hold.get(vehicle_type, self.hold[None])
 
 
 class Meaning(Enum):
-    """Meaning of a parameter."""
+    """Autopilot-independent meaning of a vehicle parameter."""
 
     CRUISE_SPEED = "the speed of a mission that sets none"
     FASTEST = "the greatest speed"
@@ -143,43 +144,42 @@ class Meaning(Enum):
 
 
 Questions: TypeAlias = Mapping[Meaning, Mapping[str, float]]
-"""Parameters that are asked for, by what they decide: their names, that of the newest version first, and how
-many SI units are in a unit of each."""
+"""Parameters to request, by meaning: names, newest firmware first, with the factor to SI units."""
 
 
 Motion: TypeAlias = Mapping[str, Mapping[str, float]]
-"""Parameters that decide how a vehicle flies, by the names of the simulated autopilot: their names in
-versions of the real one, the newest first, and by what a value is multiplied."""
+"""Parameters of the vehicle's motion, by the name in the simulator: names in real firmware, newest first,
+with the factor from the real to the simulated value."""
 
 
 @dataclass(frozen=True, slots=True)
 class VehicleSettings:
-    """The parameters of an autopilot that a plan depends on, and the meaning of some of their values."""
+    """Parameters of an autopilot that a plan depends on, and the meaning of some values."""
 
     questions: Mapping[int | None, Questions] = field(default_factory=dict)
-    """Parameters to request, by MAV_TYPE; None for any other."""
+    """Parameters to request, by MAV_TYPE; key None for any other."""
     motion: Mapping[int | None, Motion] = field(default_factory=dict)
-    """Parameters for the prediction of its flight, likewise."""
+    """Parameters for the prediction of a flight, by MAV_TYPE; key None for any other."""
     link_goes_on: frozenset[float] = frozenset({0.0})
-    """Values of `Meaning.LINK_LOST` with which a mission is flown on."""
+    """Values of `Meaning.LINK_LOST` with which a mission continues after a loss of the link."""
     fence_off: frozenset[float] = frozenset()
-    """Values of `Meaning.FENCE_ACTION` with which a fence does nothing."""
+    """Values of `Meaning.FENCE_ACTION` that disable the fence."""
     fence_tells: frozenset[float] = frozenset({0.0})
-    """Values with which a broken fence is only reported."""
+    """Values of `Meaning.FENCE_ACTION` with which a fence breach is only reported."""
 
     def asked_of(self, vehicle_type: int) -> Questions:
         """Return the parameters to request from a vehicle (MAV_TYPE)."""
         return self.questions.get(vehicle_type, self.questions.get(None, {}))
 
     def motion_of(self, vehicle_type: int) -> Motion:
-        """Return the parameters for the prediction of a vehicle (MAV_TYPE)."""
+        """Return the parameters for the prediction of a flight of a vehicle (MAV_TYPE)."""
         return self.motion.get(vehicle_type, self.motion.get(None, {}))
 
 
 def answer_to(
     meaning: Meaning, questions: Questions, parameters: Mapping[str, float]
 ) -> tuple[str, float] | None:
-    """Return the name of a parameter and its value in SI units; None if it was not read.
+    """Return name and value (SI units) of the parameter with a meaning, None if no such parameter was read.
 
     Examples
     --------
@@ -193,138 +193,139 @@ def answer_to(
 
 @dataclass(frozen=True, slots=True)
 class Profile:
-    """One autopilot's behaviour."""
+    """Facts of one autopilot."""
 
     name: str
-    """For messages."""
+    """Name in messages to the user."""
     autopilot: int
-    """MAV_AUTOPILOT of its heartbeat."""
+    """MAV_AUTOPILOT in the heartbeat."""
     home_at_zero: bool = False
-    """Item 0 of the mission on the wire is home; ours follow it and jump targets count from there."""
+    """Whether item 0 of a mission on the wire is home, which shifts all items and jump targets by one."""
     atomic: bool = True
-    """The old plan is kept until the new one is complete."""
+    """Whether the old plan stays in effect until the new plan is complete."""
     request_int: bool = True
-    """The vehicle asks with MISSION_REQUEST_INT (otherwise with MISSION_REQUEST)."""
+    """Whether the vehicle requests items by MISSION_REQUEST_INT, not by MISSION_REQUEST."""
     float_answers: bool = False
-    """The vehicle answers MISSION_REQUEST with the float MISSION_ITEM."""
+    """Whether the vehicle answers MISSION_REQUEST with the float message MISSION_ITEM."""
     stateless_download: bool = False
-    """The vehicle answers any request at any time, so a client may ask for several items at once."""
+    """Whether the vehicle answers any item request at any time, which allows several pending requests."""
     restart_on_count: bool = False
-    """A second COUNT of the same ground station restarts an upload at any point (otherwise only before item
-    0)."""
-    # The vehicle's timers: ask again for an item; give up after nothing has come for so long.
+    """Whether a second COUNT of the same ground station restarts an upload at any item, not only before item
+    0."""
     re_request_s: float = 0.25
+    """Timeout after which the vehicle repeats the request for an item (s)."""
     abort_s: float = 5.0
+    """Timeout after which the vehicle aborts a transfer (s)."""
     abort_result: int | None = None
-    """ACK that it sends when it gives an upload up, None for none."""
+    """ACK that the vehicle sends when it aborts an upload, None for no ACK."""
     busy_result: int = m.MAV_MISSION_ERROR
-    """ACK for a COUNT while another transfer runs."""
+    """ACK for a COUNT during another transfer."""
     order_result: int | None = None
-    """ACK for an item out of order, None for none."""
+    """ACK for an item out of order, None for no ACK."""
     range_result: int | None = m.MAV_MISSION_ERROR
-    """ACK for a request beyond the plan, None for none."""
+    """ACK for a request beyond the end of the plan, None for no ACK."""
     clear_all_types: bool = True
-    """MISSION_CLEAR_ALL with type 255 clears all three plans (otherwise UNSUPPORTED)."""
+    """Whether MISSION_CLEAR_ALL with type 255 clears all three plans; if not, the ACK is UNSUPPORTED."""
     frames: frozenset[int] | None = None
-    """MAV_FRAMEs that are accepted; None for any."""
+    """Accepted MAV_FRAMEs; None for any."""
     usual_limits: tuple[int | None, int | None, int | None] = (None, None, None)
-    """Items that common boards hold, per plan; beyond it `count_warning` speaks up."""
+    """Number of items that common boards store, per plan type, for `count_warning`."""
     lossy: Mapping[int, frozenset[str]] = field(default_factory=dict)
-    """Per command, the fields of an item that it does not keep, for the comparison after an upload."""
+    """Item fields that are not stored, by command, for the comparison after an upload."""
     read_back: Mapping[int, Mapping[str, ReadBack]] = field(default_factory=dict)
-    """Per command, the fields that read back changed, and how."""
+    """Item fields that change between upload and download, by command."""
     whole_seconds: bool = False
-    """A waypoint's hold time is kept in whole seconds."""
+    """Whether the hold time of a waypoint is stored in whole seconds."""
     keeps_autocontinue: frozenset[MissionType] = frozenset(MissionType)
-    """Plans whose items come back with their ``autocontinue``."""
+    """Plan types with items that keep ``autocontinue``."""
     keeps_default: bool = True
-    """A NaN parameter reads back as NaN (otherwise as 0)."""
+    """Whether a NaN parameter reads back as NaN, not as 0."""
     keeps_frame: bool = True
-    """The frame of an item without a position is kept (otherwise it reads back as GLOBAL)."""
+    """Whether an item without a position keeps its frame; if not, it reads back as GLOBAL."""
     int_frames: bool = False
-    """MISSION_ITEM_INT carries the frames 5 and 6 for 0 and 3."""
+    """Whether MISSION_ITEM_INT has the frames 5 and 6 in place of 0 and 3."""
     strict_frames: bool = True
-    """``frames`` is also asked of items without a position."""
+    """Whether ``frames`` applies to items without a position too."""
     range_checked: bool = True
-    """Items with positions and numbers out of range are refused (otherwise stored as they came)."""
+    """Whether items with values out of range are refused; if not, they are stored unchanged."""
     nan_parameters: Mapping[int, frozenset[str]] | None = None
-    """Per command, the parameters that may be NaN; None for all of all commands."""
-    # Commands that are taken in a global frame, and in the frame MISSION; None for any.
+    """Parameters that may be NaN, by command; None if all may be."""
     placed: frozenset[int] | None = None
+    """Commands accepted in a global frame; None for any."""
     unplaced: frozenset[int] | None = None
+    """Commands accepted in frame MISSION; None for any."""
     checks_jumps: bool = False
-    """A DO_JUMP out of the plan is refused."""
+    """Whether a DO_JUMP to a target outside the plan is refused."""
     marks_current: bool = True
-    """A download says which item is the current one."""
+    """Whether a download marks the current item."""
     opaque_ids: bool = True
-    """Plans have ids."""
+    """Whether plans have opaque ids."""
     capacity: tuple[int, int, int] = (MAX_ITEMS, MAX_ITEMS, MAX_ITEMS)
-    """The most items that the autopilot's simulator takes, per plan, without home; see `room`."""
+    """Largest number of items that the simulated autopilot accepts, per plan type, without home (`room`)."""
     card: CardRoom | None = None
-    """Room for a longer mission."""
+    """Storage of longer missions on an SD card."""
     fence_card: CardRoom | None = None
-    """Room for a larger fence."""
+    """Storage of larger fences on an SD card."""
     space_text: str | None = "Only {} items are supported"
-    """Its text about a plan that is too long, None for none; takes the number of items with home."""
+    """STATUSTEXT for a plan with too many items, with the capacity including home; None for no text."""
     item_text: str | None = None
-    """Its text (MAV_SEVERITY_CRITICAL) about an item that it refuses by its content, None for none; the ACK
-    ERROR comes without a text, too."""
+    """STATUSTEXT (MAV_SEVERITY_CRITICAL) for an invalid item, except with the ACK ERROR; None for no text."""
     type_result: int = m.MAV_MISSION_INVALID
-    """ACK for a plan type that does not exist."""
+    """ACK for an unknown plan type."""
     partial_write: bool = False
-    """MISSION_WRITE_PARTIAL_LIST works."""
+    """Whether MISSION_WRITE_PARTIAL_LIST is supported."""
     partial_result: int | None = m.MAV_MISSION_ERROR
-    """ACK for a part that is not taken, None for none."""
+    """ACK for a refused partial list, None for no ACK."""
     checks_stored_mission: bool = False
-    """The mission that it holds is checked, aloud, against a fence that comes."""
+    """Whether an uploaded fence triggers a check of the stored mission, with a STATUSTEXT."""
     empty_hold_s: float = 0.0
-    """After a COUNT of 0 every COUNT is refused for this time."""
+    """Time for which every COUNT is refused after a COUNT of 0 (s)."""
     received_texts: tuple[str, str, str] | None = None
-    """Its text (MAV_SEVERITY_INFO) after a plan was received, per plan."""
+    """STATUSTEXT (MAV_SEVERITY_INFO) after an upload, per plan type; None for no text."""
     timeout_text: str = "Operation timeout"
-    """Its text after it gave up an upload."""
+    """STATUSTEXT after an aborted upload."""
     text_prefix: str = ""
-    """Prefix of its texts about refusals."""
+    """Prefix of STATUSTEXTs about refusals."""
     streams_on_request: bool = False
-    """It sends nothing but heartbeats until a ground station asks for its streams."""
+    """Whether the vehicle sends only heartbeats until a ground station requests its streams."""
     change_modes: Mapping[int, tuple[int, int]] | None = None
-    """How a mission that is being flown is replaced most safely. None: in the mission mode, by the whole plan
-    at once with the item to go on with marked as current. Otherwise aside from the mission, by a position in
-    the guided mode: by MAV_TYPE the custom modes of the guided and of the mission mode."""
+    """Custom modes of the guided and of the mission mode, by MAV_TYPE, if a mission in flight is best
+    replaced while the vehicle flies to a position in guided mode. None: the whole mission is replaced in
+    mission mode, with the next item marked as current."""
     change_failsafe: Mapping[int, tuple[NeededParameter, ...]] = field(default_factory=dict)
-    """By MAV_TYPE, the parameters to set before that, so that a vehicle in the guided mode comes home if it
-    loses its ground station."""
+    """Parameters to set before a change in guided mode, by MAV_TYPE, so that a vehicle that loses its ground
+    station in guided mode returns."""
     dialect: Dialect = field(default_factory=Dialect)
-    """The form in which it takes items, for `mission.transfer.rendering`."""
+    """Conversion rules for items (`mission.transfer.rendering`)."""
     modes: FlightModes = field(default_factory=lambda: FlightModes(in_pymavlink=True))
-    """Its flight modes."""
+    """Flight modes."""
     settings: VehicleSettings = field(default_factory=VehicleSettings)
-    """Its parameters that a plan depends on."""
+    """Parameters that a plan depends on."""
     bytewise: bool = False
-    """Integer parameters travel as the bytes of a float (otherwise as numbers)."""
+    """Whether integer parameters are sent as the bytes of a float, not as a float value."""
     start_arms: bool = False
-    """MISSION_START starts the motors of a vehicle that stands, and it takes off."""
+    """Whether MISSION_START arms a disarmed vehicle, so that it takes off."""
     takeoff_needs_arming: bool = False
-    """NAV_TAKEOFF is refused while the motors stand."""
+    """Whether NAV_TAKEOFF is refused while disarmed."""
     takeoff_above_sea: bool = True
-    """The altitude of NAV_TAKEOFF counts from mean sea level (otherwise from home)."""
+    """Whether the altitude of NAV_TAKEOFF is above mean sea level, not above home."""
     item_command: bool = True
-    """DO_SET_MISSION_CURRENT chooses an item (otherwise only the message does)."""
+    """Whether DO_SET_MISSION_CURRENT selects an item; if not, only MISSION_SET_CURRENT does."""
     stays_armed: frozenset[int] = frozenset()
-    """MAV_TYPEs that stay armed when they have come home."""
+    """MAV_TYPEs that stay armed after the return home."""
     radius_in_space: bool = False
-    """The acceptance radius of a multirotor counts in space, errors of its height estimate with it."""
+    """Whether a multirotor's acceptance radius is three-dimensional, so height errors count."""
     estimator_message: int = m.MAVLINK_MSG_ID_ESTIMATOR_STATUS
-    """The message with the quality of its estimate."""
+    """Id of the message with the quality of the position estimate."""
 
     @property
     def cards(self) -> dict[MissionType, CardRoom]:
-        """The plans that may be on a card."""
+        """SD card storage by plan type."""
         both = {MissionType.MISSION: self.card, MissionType.FENCE: self.fence_card}
         return {kind: card for kind, card in both.items() if card is not None}
 
     def room(self, mission_type: MissionType, card_kib: float = 0.0) -> int:
-        """Return how many items of a plan its simulator takes, without home; on a card of ``card_kib``.
+        """Return the capacity of a plan (items without home), with ``card_kib`` of SD card storage.
 
         Examples
         --------
@@ -340,6 +341,6 @@ class Profile:
         return card.items(card_kib) - (self.home_at_zero and mission_type == MissionType.MISSION)
 
     def most(self, mission_type: MissionType) -> int:
-        """Return how many items of a plan it takes with the largest card, without home."""
+        """Return the capacity of a plan (items without home) with the largest SD card storage."""
         card = self.cards.get(mission_type)
         return self.room(mission_type, 0.0 if card is None else card.largest_kib)

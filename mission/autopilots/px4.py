@@ -1,8 +1,8 @@
-"""PX4: its facts for a ground station.
+"""Profile of PX4.
 
 Sources: ``mavlink_mission.cpp``/``.h`` (parse_mavlink_mission_item, format_mavlink_mission_item),
-``px4_custom_mode.h`` through pymavlink, ``rc.fw_defaults``, the parameter reference 1.14 to 1.17, and what
-PX4 1.17 (SIH) was seen to do.
+``px4_custom_mode.h`` through pymavlink, ``rc.fw_defaults``, the parameter reference 1.14 to 1.17, and tests
+with PX4 1.17 (SIH).
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ __all__ = ["PX4"]
 
 _LANDINGS = frozenset({21, 85})
 _TAKEOFFS = frozenset({22, 84})
-# After parse_mavlink_mission_item: commands in a global frame, and in the frame MISSION.
+# From parse_mavlink_mission_item: commands in a global frame, and commands in frame MISSION.
 _PLACED = frozenset({16, 17, 19, 21, 22, 31, 80, 84, 85, 195, 201, 4501, 5000, 5001, 5002, 5003, 5004, 5100})
 _UNPLACED = frozenset(
     {20, 80, 93, 112, 114, 177, 178, 179, 187, 189, 196, 197, 200, 201, 203, 204, 205, 206, 211, 214}
@@ -126,7 +126,7 @@ _WING: Questions = {
     Meaning.FASTEST: {"FW_AIRSPD_MAX": 1.0},
     **_ANY,
 }
-# Parameters that decide the duration of climbs, return and landing.
+# Parameters that determine the duration of climbs, return and landing.
 _MOTION: Motion = {
     name: {name: 1.0}
     for name in (
@@ -141,24 +141,24 @@ _HOLD = "LOITER"
 
 
 def _numbers(_vehicle_type: int) -> Mapping[str, tuple[float, float, float]]:
-    from pymavlink import mavutil  # loads its own dialect, which who only transfers does not need
+    from pymavlink import mavutil  # imported here because it loads a dialect that transfers do not need
 
     table = mavutil.px4_map.items()
     return {name: (float(base), float(main), float(sub)) for name, (base, main, sub) in table}
 
 
 def _ends(_vehicle_type: int, last_command: int) -> frozenset[str]:
-    """A return that ends a mission is flown in the mode for that; another last item is held at."""
+    """Return the modes after a mission: RTL if the last command is a return, otherwise hold."""
     return frozenset({"RTL" if last_command == Command.NAV_RETURN_TO_LAUNCH else _HOLD})
 
 
 _MODES = FlightModes(
     _numbers,
     mission=frozenset({"MISSION", "TAKEOFF"}),
-    # MISSION_START would begin with the first item again.
+    # The mode resumes at the current item; the command MISSION_START would restart at the first item.
     resume="MISSION",
     hold={None: _HOLD},
-    # Without a radio control it does not arm in modes that want sticks.
+    # Without a radio control, PX4 refuses to arm in manual modes.
     arming={None: _HOLD},
     ends=_ends,
     aliases={"HOLD": _HOLD},

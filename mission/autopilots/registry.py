@@ -1,4 +1,4 @@
-"""The autopilots that a ground station knows: those of this package, and those of further packages."""
+"""Registry of autopilot profiles: PX4, ArduPilot, and profiles from entry points."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ from mission.link.codec.dialect import mavlink as m
 __all__ = ["GENERIC", "PROFILE_GROUP", "profile_for"]
 
 PROFILE_GROUP = "wbf_mission.transfer_profiles"
-"""The entry point group in which further packages give a `Profile`, found by its MAV_AUTOPILOT."""
+"""Entry point group for `Profile` objects of other packages."""
 
 GENERIC = Profile("the vehicle", m.MAV_AUTOPILOT_GENERIC)
 
 
 def profile_for(autopilot: int) -> Profile:
-    """Profile for the MAV_AUTOPILOT of a heartbeat, `GENERIC` for one of which no installed package has any.
+    """Return the profile for the MAV_AUTOPILOT of a heartbeat, `GENERIC` for an unknown autopilot.
 
-    TransferError if an installed package does not give the profile that it promises.
+    Raises TransferError if an entry point cannot be loaded or is not a `Profile`.
 
     Examples
     --------
@@ -35,7 +35,7 @@ def profile_for(autopilot: int) -> Profile:
 
 @cache
 def _profiles() -> Mapping[int, Profile]:
-    """Profiles by MAV_AUTOPILOT: those of this package, and those of further packages."""
+    """Return the profiles of this package and of entry points, by MAV_AUTOPILOT."""
     found = {profile.autopilot: profile for profile in (PX4, ARDUPILOT)}
     for entry in entry_points(group=PROFILE_GROUP):
         profile = load_entry(entry, f"transfer profile {entry.name}", TransferError)

@@ -1,1 +1,1 @@
-"""The ground station: it uploads a mission, arms, starts, changes it in flight, and follows until the end."""
+"""Ground station: upload, arming, start, changes in flight, and monitoring of a mission."""

@@ -1,4 +1,4 @@
-"""The conditions for starting motors: the vehicle can arm, and the operator agrees."""
+"""Conditions for arming a real vehicle: the vehicle is ready to arm, and the operator agrees."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from mission.transfer.wire import command_long
 __all__ = ["FARTHEST_M", "ArmingGate", "Stage"]
 
 FARTHEST_M = 300.0
-"""Largest distance from the start of the plan at which a vehicle is started."""
+"""Largest distance between the vehicle and the start of the plan for arming (m)."""
 _PREARM = int(m.MAV_SYS_STATUS_PREARM_CHECK)
 _ASK_AGAIN_S = 5.0
 _STATUS_US = 1_000_000
-# ArduPilot and PX4 begin the reason why they would not arm so.
+# Prefixes of ArduPilot's and PX4's texts with a reason against arming.
 _REASON = re.compile(r"(?:PreArm|Arm|Preflight Fail)\s*: *(.+)")
 _MOST_REASONS = 8
 
@@ -35,20 +35,20 @@ class Stage(Enum):
 
 
 class ArmingGate:
-    """Waits for the vehicle's own checks, then for the operator.
+    """Gate that opens when the vehicle's arming checks pass and the operator agrees.
 
-    The vehicle's word is the bit PREARM_CHECK of the healthy parts in SYS_STATUS, as ArduPilot and PX4 send
-    it, in the mode in which it is to arm: in others it may not need a position. An autopilot that does not
-    know the bit is taken as ready; none is before it knows where it is. With a `clock`, an agreement ends
-    when the program stands still.
+    ArduPilot and PX4 report their checks by the bit PREARM_CHECK of the healthy sensors in SYS_STATUS. The
+    bit counts only in the arming mode, because other modes may not need a position. An autopilot without this
+    bit counts as ready. No autopilot is ready without a position estimate. With a `clock`, the operator's
+    agreement expires when the program is suspended.
     """
 
     def __init__(
         self, vehicle: tuple[int, int], *, agreed: bool = False, clock: Callable[[], float] | None = None
     ) -> None:
         self.stage = Stage.CHECKING
-        self.reasons: list[str] = []  # Why the vehicle would not arm, in its own words, the latest last
-        self.told = 0  # How often it gave a reason
+        self.reasons: list[str] = []  # the vehicle's reasons against arming, the latest last
+        self.told = 0  # number of reasons received
         self._due_s = -math.inf
         self._vehicle = vehicle
         self._agreed = agreed
@@ -56,7 +56,7 @@ class ArmingGate:
         self._held = False
 
     def poll(self, now_s: float) -> list[Message]:
-        """Request SYS_STATUS and a run of the vehicle's checks, until it can arm."""
+        """Request SYS_STATUS and a run of the arming checks while the vehicle is not ready."""
         if self.stage is not Stage.CHECKING or now_s < self._due_s:
             return []
         self._due_s = now_s + _ASK_AGAIN_S
@@ -67,13 +67,13 @@ class ArmingGate:
         ]
 
     def next_deadline(self) -> float:
-        """When `poll` has something to do."""
+        """Return the time of the next `poll` that has an effect, infinite if none."""
         if self.stage is Stage.CHECKING:
             return self._due_s
         return math.inf if self.stage in (Stage.ASKING, Stage.WAITING) else -math.inf
 
     def on_sys_status(self, message: m.MAVLink_sys_status_message, *, has_position: bool) -> None:
-        """Take a SYS_STATUS; ``has_position``: the vehicle has a position estimate."""
+        """Handle a SYS_STATUS; ``has_position``: the vehicle has a position estimate."""
         if self.stage not in (Stage.CHECKING, Stage.ASKING, Stage.WAITING):
             return
         knows = bool(message.onboard_control_sensors_present & _PREARM)
@@ -84,35 +84,35 @@ class ArmingGate:
             self.stage = Stage.CHECKING
 
     def on_text(self, text: str) -> None:
-        """Take a text of the vehicle."""
+        """Handle a text of the vehicle, which may be a reason against arming."""
         match = _REASON.match(text)
         if match is not None:
             reason = match.group(1).strip()
             self.told += 1
-            self.reasons = [*(one for one in self.reasons if one != reason), reason][-_MOST_REASONS:]
+            self.reasons = [*(known for known in self.reasons if known != reason), reason][-_MOST_REASONS:]
 
     def outlived_s(self) -> float:
-        """Return for how long the program stood still after the agreement; 0 if it did not."""
+        """Return how long the program was suspended after the operator's agreement (s)."""
         stood_s = 0.0 if self._standstill is None else self._standstill.look()
         return stood_s if self._agreed else 0.0
 
     def check_again(self, now_s: float) -> None:
-        """Begin again after the vehicle has refused to arm; the operator's word still counts."""
+        """Wait for the vehicle's arming checks again after a refusal; the operator's agreement remains."""
         self.stage = Stage.CHECKING
         self._due_s = now_s
 
     def agree(self) -> None:
-        """The operator agrees; what the vehicle says still counts."""
+        """Record the operator's agreement; the vehicle's checks must still pass."""
         self._agreed = True
         if self.stage is Stage.ASKING:
             self.stage = self._willing
 
     def hold(self) -> None:
-        """Do not let it start before `release`, even if it could."""
+        """Keep the gate closed until `release`."""
         self._held = True
 
     def release(self) -> None:
-        """Let it start when it can."""
+        """End a `hold`: open the gate as soon as vehicle and operator are ready."""
         self._held = False
         if self.stage is Stage.WAITING:
             self.stage = Stage.GRANTED
@@ -122,5 +122,5 @@ class ArmingGate:
         return Stage.WAITING if self._held else Stage.GRANTED
 
     def refuse(self) -> None:
-        """The operator does not want it to start."""
+        """Record the operator's refusal."""
         self.stage = Stage.REFUSED

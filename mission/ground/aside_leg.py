@@ -1,4 +1,4 @@
-"""The leg that a vehicle flies in the guided mode while its mission is replaced."""
+"""Leg that a vehicle flies in guided mode while its mission is replaced."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ from mission.model import GeoPoint, Mission, MissionItem
 
 __all__ = ["Leg"]
 
-# PSC_POSXY_P and WPNAV_ACCEL, from which ArduCopter works out where it would stop.
+# Defaults of PSC_POSXY_P and WPNAV_ACCEL, from which ArduCopter computes its stopping point.
 _STOP_P_PER_S, _STOP_M_S2 = 1.0, 2.5
-# Positions arrive late, and a vehicle that leaves at exactly the stopping distance creeps to the target.
+# Margin for delayed positions: a vehicle that leaves at exactly the stopping distance creeps to the target.
 _LEAVE_SPARE_M, _MOST_LEAVE_M = 0.5, 12.0
 
 
 @dataclass(slots=True)
 class Leg:
-    """The leg to an item of a plan in the guided mode; to above home if the item is the return."""
+    """Leg to an item of a plan in guided mode, or to above home if the item is the return."""
 
     plan: Mission
     index: int
@@ -28,17 +28,17 @@ class Leg:
 
     @property
     def item(self) -> MissionItem:
-        """The item that is flown to."""
+        """Item at the end of the leg."""
         return self.plan.items[self.index]
 
     @property
     def is_waypoint(self) -> bool:
-        """Whether it ends at a waypoint, to be flown through."""
+        """Whether the leg ends at a waypoint, not above home."""
         return self.item.has_position and not is_return(self.item)
 
     @property
     def target(self) -> tuple[float, float, float]:
-        """Latitude and longitude in degrees, height above home in metres."""
+        """End of the leg: latitude and longitude (degrees), height above home (m)."""
         item, state, home = self.item, self.monitor.state, self.home
         if self.is_waypoint:
             return item.x, item.y, item.z
@@ -48,7 +48,7 @@ class Leg:
 
     @property
     def distance_m(self) -> float:
-        """Horizontal distance to the target."""
+        """Horizontal distance to the target (m)."""
         state, (latitude, longitude, _) = self.monitor.state, self.target
         if not math.isfinite(state.latitude_deg):
             return math.inf
@@ -56,7 +56,7 @@ class Leg:
 
     @property
     def nearing_m_s(self) -> float:
-        """Horizontal closing speed to the target."""
+        """Horizontal closing speed to the target (m/s)."""
         state, (latitude, longitude, _) = self.monitor.state, self.target
         north = latitude - state.latitude_deg
         east = (longitude - state.longitude_deg) * math.cos(math.radians(latitude))
@@ -65,12 +65,12 @@ class Leg:
 
     @property
     def leave_m(self) -> float:
-        """Distance to the target at which the mission is resumed: the stopping distance and a margin."""
+        """Distance to the target at which to resume the mission (m): stopping distance plus a margin."""
         return min(_stopping_m(self.monitor.state.ground_speed_m_s) + _LEAVE_SPARE_M, _MOST_LEAVE_M)
 
 
 def _stopping_m(speed_m_s: float) -> float:
-    """ArduCopter's stopping distance (`AC_PosControl`'s square-root controller): quadratic from 2.5 m/s."""
+    """Return ArduCopter's stopping distance (m), from the square-root controller of `AC_PosControl`."""
     linear_m_s = _STOP_M_S2 / _STOP_P_PER_S
     if speed_m_s < linear_m_s:
         return speed_m_s / _STOP_P_PER_S

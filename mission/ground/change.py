@@ -1,4 +1,4 @@
-"""Changing a mission in flight: the request, the record of its outcome, and the session."""
+"""Change of a mission in flight: request, record of the outcome, and base class of the session."""
 
 from __future__ import annotations
 
@@ -19,35 +19,35 @@ __all__ = ["ChangeOutcome", "ChangeRecord", "ChangeRequest", "ChangeSession"]
 
 
 class ChangeOutcome(Enum):
-    """How a change ended."""
+    """Outcome of a change."""
 
     OPEN = "open"
-    """It has not ended."""
+    """The change is in progress."""
     DONE = "done"
-    """The new mission is flown."""
+    """The vehicle flies the new mission."""
     REFUSED = "refused"
-    """The autopilot did not take it; the old mission is flown."""
+    """The autopilot refused the new mission, and the vehicle flies the old mission."""
     GIVEN_UP = "given up"
-    """It failed, and the vehicle flies on without it."""
+    """The change failed, and the vehicle continues without it."""
     ROLLED_BACK = "rolled back"
-    """The new mission had come in part; the old one was put back and is flown."""
+    """The new mission arrived only in part, and the vehicle flies the restored old mission."""
 
 
 @dataclass(slots=True)
 class ChangeRecord:
-    """One change of a mission in flight. Times are seconds of the run, None for what did not happen.
+    """Record of one change of a mission in flight. Times are seconds of the run, None if not reached.
 
     Parameters
     ----------
-    turned_s : float or None
-        When the vehicle took the new target: with its confirmation of the whole mission, or before that where
-        it is flown to aside from the mission.
-    in_effect_s : float or None
-        When its id, item or mode showed that it flies it.
-    text : str
-        Why it failed, in the autopilot's own words if there are any.
     items, resume_at : int
-        Length of the new mission, and the item to go on with.
+        Number of items of the new mission, and the item at which to resume.
+    turned_s : float or None
+        Time at which the vehicle turned to the new target: its acknowledgement of the whole mission, or of
+        the position in guided mode.
+    in_effect_s : float or None
+        Time at which plan id, item or mode showed that the vehicle flies the new mission.
+    text : str
+        Reason of a failure, if possible the autopilot's text.
     """
 
     items: int
@@ -64,33 +64,32 @@ class ChangeRecord:
 
     @property
     def delay_s(self) -> float | None:
-        """From the first message to the turn.
+        """Time from the first message to the turn (s), None if not reached.
 
-        A change that goes on to the present target may be sent later than asked for, when that is near.
+        A change that keeps the present target may be sent later than requested, when the target is near.
         """
         return None if self.turned_s is None or self.sent_s is None else self.turned_s - self.sent_s
 
 
 @dataclass(frozen=True, slots=True)
 class ChangeRequest:
-    """The input of a session."""
+    """Input of a change session."""
 
-    old: Mission  # old, new: what the vehicle holds, and what it is to hold
+    old: Mission  # mission on the vehicle
     new: Mission
-    item: int  # The item of the old mission that is flown
-    resume_at: int  # The item of the new mission to fly to next
+    item: int  # current item of the old mission
+    resume_at: int  # item of the new mission to fly to next
     contact: Contact
-    seconds_an_item: float  # Measured time to send and read back an item
-    guard: FailsafeGuard | None = None  # Sets parameters before the vehicle leaves its mission
+    seconds_an_item: float  # measured upload and read-back time per item
+    guard: FailsafeGuard | None = None  # sets failsafe parameters before the vehicle leaves its mission
 
 
 class ChangeSession(ABC):
-    """Brings a vehicle in flight from one mission to another, sans-IO.
+    """Change of the mission of a vehicle in flight, sans-IO.
 
-    Feed it with `start`, `receive` (after the monitor took the message) and `poll` (at `next_deadline`);
-    send the messages that they return. `record` holds the outcome.
-
-    `held` is the mission that the vehicle holds, as far as is known.
+    Call `start`, `receive` (after the monitor has handled the message) and `poll` (at `next_deadline`), and
+    send the returned messages. `record` has the outcome. `held` is the mission that the vehicle is believed
+    to hold.
     """
 
     def __init__(self, request: ChangeRequest) -> None:
@@ -98,39 +97,39 @@ class ChangeSession(ABC):
         self.record = ChangeRecord(len(request.new.items), request.resume_at)
         self.held = request.old
         self._contact, self._monitor = request.contact, request.contact.monitor
-        # Without a measured link the change measures its own.
+        # Without a measured link, the change measures its own round trip time.
         self._round_trip = request.contact.round_trip or RoundTrip()
         self._transfer: Transfer | None = None
         self._texts_before = len(request.contact.texts.texts)
 
     @property
     def done(self) -> bool:
-        """Whether it is over."""
+        """Whether the change has ended."""
         return self.record.outcome is not ChangeOutcome.OPEN
 
     @abstractmethod
     def start(self, now_s: float) -> list[Message]:
-        """Begin."""
+        """Begin the change."""
 
     @abstractmethod
     def receive(self, message: Message, now_s: float) -> list[Message]:
-        """Take a message of the vehicle."""
+        """Handle a message of the vehicle."""
 
     @abstractmethod
     def poll(self, now_s: float) -> list[Message]:
-        """Do what is due."""
+        """Return the messages that are due."""
 
     @abstractmethod
     def next_deadline(self) -> float:
-        """When `poll` has something to do; infinity for never."""
+        """Return the time of the next `poll` that has an effect, infinite if none."""
 
     @abstractmethod
     def _take(self, output: Output, now_s: float) -> list[Message]:
-        """Take the output of the running transfer; return the messages to send."""
+        """Handle the output of the running transfer; return the messages to send."""
 
     @property
     def _transfer_s(self) -> float:
-        """When the running transfer has something to do; infinity for never."""
+        """Deadline of the running transfer (s), infinite without one."""
         deadline_s = None if self._transfer is None else self._transfer.next_deadline()
         return math.inf if deadline_s is None else deadline_s
 
@@ -140,16 +139,16 @@ class ChangeSession(ABC):
         return self._take(self._transfer.poll(now_s), now_s)
 
     def _end(self, outcome: ChangeOutcome, text: str, now_s: float) -> None:
-        """Note how it ended."""
+        """Record the outcome."""
         if outcome is ChangeOutcome.DONE:
             self.held = self.request.new
         self.record.outcome, self.record.text, self.record.ended_s = outcome, text, now_s
 
     _flown_meanwhile = ""
-    """The vehicle's behaviour while a change is sent again, for the operator."""
+    """Behaviour of the vehicle during retries of the upload, for the operator."""
 
     def _note_begun_anew(self, event: Event, now_s: float) -> None:
-        """Note for the operator that the vehicle gave up the upload and that it is sent again."""
+        """Report a retry of the upload to the operator."""
         if isinstance(event, UploadBegunAnew):
             text = f"change not accepted, {self._flown_meanwhile}, trying again"
             self._contact.texts.note(text, now_s, m.MAV_SEVERITY_NOTICE)
@@ -157,10 +156,14 @@ class ChangeSession(ABC):
     def _upload(
         self, items: tuple[MissionItem, ...], start_sequence: int | Callable[[], int] | None
     ) -> VerifiedUpload:
-        """Return an upload of a mission."""
-        way = {"home": self.request.old.home, "round_trip": self._round_trip}
-        return self._contact.upload(items, MissionType.MISSION, start_sequence=start_sequence, **way)
+        return self._contact.upload(
+            items,
+            MissionType.MISSION,
+            start_sequence=start_sequence,
+            home=self.request.old.home,
+            round_trip=self._round_trip,
+        )
 
     def _said(self, otherwise: str) -> str:
-        """The latest warning since the beginning; it says more than a result code."""
+        """Return the vehicle's latest warning since the start of the change, or ``otherwise``."""
         return self._contact.texts.last_warning(otherwise, self._texts_before)

@@ -1,7 +1,7 @@
-"""Replacing a mission in flight where it is overwritten in place (ArduPilot): aside, in the guided mode.
+"""Change of a mission in flight on autopilots that overwrite missions in place (ArduPilot), in guided mode.
 
-The vehicle is sent to the target by a position in the guided mode, so that nothing is flown from the list
-while that is a mixture. It comes back to the mission only when the whole list was confirmed and read back.
+During the upload the stored mission is a mixture of old and new items. Meanwhile the vehicle flies to a
+position in guided mode. It resumes the mission only after the whole mission was acknowledged and read back.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ __all__ = ["AsideChange"]
 _FRESH_S = 1.0
 _PATIENCE_S = 20.0
 _TRIES = 3
-# The window ends with the reading back and the choice of the item.
+# Time to read back the mission and to choose the item.
 _SPARE_S = 1.0
 _CHAIN_M = 10.0
 _CHAIN_S = 1.5
@@ -44,7 +44,9 @@ _LATE_M = 3.0
 _LONGEST_S = 5.0
 _FOREVER = 1_000_000
 _SILENT_S = 2.0
-# Below this speed the direction of the velocity is noise.
+# Delay of a command after the change; later, another operator has chosen the guided mode.
+_LATE_ORDER_S = 30.0
+# At lower speeds the direction of the velocity is noise.
 _SLOW_M_S = 0.5
 _GUIDED_FLAG = float(m.MAV_DO_REPOSITION_FLAGS_CHANGE_MODE)
 
@@ -63,11 +65,12 @@ class _Step(Enum):
 
 
 class AsideChange(ChangeSession):
-    """Guided to the target; upload; read back; the item chosen; back to the mission just before the target.
+    """Upload while the vehicle flies to the target in guided mode.
 
-    During the upload the vehicle flies further waypoints of the new mission one by one, as needed. A failed
-    upload is repeated; then the old mission is put back; if that fails, too, the vehicle returns home (RTL).
-    Nothing but a complete list, confirmed and read back, is flown.
+    The vehicle resumes the mission just before the target. If the upload takes longer, the vehicle flies to
+    further waypoints of the new mission one by one. A failed upload is repeated. Then the old mission is
+    restored. If that fails too, the vehicle returns home (RTL). It flies only a complete mission that
+    was acknowledged and read back.
     """
 
     def __init__(self, request: ChangeRequest) -> None:
@@ -93,10 +96,8 @@ class AsideChange(ChangeSession):
 
     _flown_meanwhile = "it flies to the next point in the guided mode"
 
-    # What the station calls.
-
     def start(self, now_s: float) -> list[Message]:
-        """Begin, at once or when the target is near enough for a short window."""
+        """Begin the change, immediately or when the target is near enough for a short time in guided mode."""
         self.record.asked_s = self._waits_s = self._heard_s = now_s
         guard = self.request.guard
         if guard is not None and not guard.ready:
@@ -105,12 +106,12 @@ class AsideChange(ChangeSession):
         return self._begin(now_s)
 
     def receive(self, message: Message, now_s: float) -> list[Message]:
-        """Take a message of the vehicle; after the end, watch that it stays in its mission."""
+        """Handle a message of the vehicle; after the end, watch that the vehicle stays in its mission."""
         self._heard_s = now_s
         if self._step is _Step.GUARDING:
             return self._guard(message, now_s)
         if self._step is _Step.PAUSING and isinstance(message, m.MAVLink_heartbeat_message):
-            # Meanwhile it may have returned home.
+            # A failsafe may have ordered the vehicle home during the silence.
             aside = self._monitor.custom_mode in (self._guided, self._auto)
             return self._fly_to(now_s) + self._send(now_s) if aside else self._on_mode(now_s)
         if isinstance(message, m.MAVLink_command_ack_message):
@@ -127,7 +128,7 @@ class AsideChange(ChangeSession):
         return []
 
     def poll(self, now_s: float) -> list[Message]:
-        """Do what is due."""
+        """Return the messages that are due."""
         out: list[Message] = []
         guard = self.request.guard
         if self._step is _Step.GUARDING and guard is not None and now_s >= guard.due_s:
@@ -146,13 +147,13 @@ class AsideChange(ChangeSession):
             if self._step is _Step.WAITING:
                 out += self._begin(now_s)
             elif self._step is _Step.NEARING:
-                # It approaches more slowly than expected.
+                # The vehicle approaches the target more slowly than expected.
                 self._is_far = True
                 out += self._choose(now_s)
         return out
 
     def next_deadline(self) -> float:
-        """When `poll` has something to do."""
+        """Return the time of the next `poll` that has an effect, infinite if none."""
         deadlines = [self._wake_s, self._transfer_s, *(order.due_s for order in self._orders.values())]
         if self._step is _Step.GUARDING and self.request.guard is not None:
             deadlines.append(self.request.guard.due_s)
@@ -161,7 +162,7 @@ class AsideChange(ChangeSession):
     # Leaving the mission.
 
     def _guard(self, message: Message, now_s: float) -> list[Message]:
-        """Take a parameter of the failsafe; go on when the failsafe is set."""
+        """Handle a failsafe parameter; begin the change when all parameters are set."""
         guard = self.request.guard
         if guard is None or not isinstance(message, m.MAVLink_param_value_message):
             return []
@@ -187,7 +188,7 @@ class AsideChange(ChangeSession):
             return []
         window_s = 1.5 * request.seconds_an_item * len(request.new.items) + _SPARE_S
         if item != self._near and self._near >= 0:
-            # The target that was too near is behind it.
+            # The vehicle has passed the target that was too near.
             self._near, self._leg.index = -1, next_flown_to(request.new.items, self._leg.index)
         if same_position(request.old.items[item], request.new.items[self._leg.index]):
             trip_s = self._round_trip.seconds or 0.5 * request.seconds_an_item
@@ -208,25 +209,25 @@ class AsideChange(ChangeSession):
         return self._fly_to(now_s)
 
     def _on_item(self) -> None:
-        """Note the item at which the old mission was left; items before it may switch the camera off."""
+        """Record the item at which the vehicle left the old mission, which decides the camera's state."""
         item = self._monitor.state.item
         if self._step in (_Step.TURNING, _Step.SENDING) and self._leg.plan is self.request.new:
             self._item = max(self._item, min(item or 0, len(self.request.old.items) - 1))
 
     def _fly_to(self, now_s: float) -> list[Message]:
-        """Fly to the target in the guided mode."""
+        """Order the vehicle to the target in guided mode."""
         return self._order(
             int(m.MAV_CMD_DO_REPOSITION), now_s, -1.0, _GUIDED_FLAG, 0.0, math.nan, position=self._leg.target
         )
 
     def _set_speed(self, now_s: float, index: int) -> list[Message]:
-        """Set the speed of the mission's item; the guided mode forgets it with every target."""
+        """Order the speed of a mission item; guided mode resets the speed with each target."""
         speed = speed_before(self._leg.plan.items, index)
         if speed is None:
             return []
         return self._order(int(Command.DO_CHANGE_SPEED), now_s, 1.0, speed, -1.0)
 
-    # Answers to commands.
+    # Orders and their answers.
 
     def _order(
         self,
@@ -250,7 +251,7 @@ class AsideChange(ChangeSession):
         return self._answered(message.command, answer, self._said(result_name(message.result)), now_s)
 
     def _answered(self, command: int, answer: Answer, text: str, now_s: float) -> list[Message]:
-        """Go on after the answer to an order; NONE if the order was given up unanswered."""
+        """Continue after the answer to an order; NONE if the order timed out."""
         order = self._orders.pop(command)
         if not self.done:
             self.record.retries += order.repeats
@@ -274,12 +275,12 @@ class AsideChange(ChangeSession):
             case (m.MAV_CMD_DO_SET_MODE, _Step.RESUMING, Answer.ACCEPTED):
                 return self._on_back(now_s)
             case (m.MAV_CMD_DO_SET_MODE | Command.NAV_RETURN_TO_LAUNCH, _, Answer.REFUSED):
-                # It must not stay where it is: a mode that is refused now is asked for again.
+                # The vehicle must not stay in guided mode, so repeat the refused order.
                 order.due_s = now_s + _FRESH_S
                 self._orders[command] = order
         return []
 
-    # The list.
+    # Upload.
 
     def _send(self, now_s: float) -> list[Message]:
         self._step = _Step.SENDING
@@ -308,11 +309,11 @@ class AsideChange(ChangeSession):
         return out
 
     def _on_failure(self, text: str, now_s: float, *, refused: bool) -> list[Message]:
-        """Try again; then put the old mission back; then go home."""
+        """Repeat the upload, then restore the old mission, then return home."""
         if self._leg.plan is self.request.new:
             self._why, self._refused = text, refused
         if now_s - self._heard_s > _SILENT_S:
-            # A dead link is no failure of the list.
+            # The link is lost, so the failure says nothing about the mission.
             self._step = _Step.PAUSING
             return []
         self._failures += 1
@@ -328,25 +329,25 @@ class AsideChange(ChangeSession):
         return self._order(int(Command.NAV_RETURN_TO_LAUNCH), now_s, tries=_FOREVER)
 
     def _choose(self, now_s: float) -> list[Message]:
-        """Order the item with which the mission resumes."""
+        """Order the item at which to resume the mission."""
         self._step = _Step.CHOOSING
         home = 1 if self._contact.profile.home_at_zero else 0
         self._flown_next = self._leg.index
         left_m, speed = self._leg.distance_m - self._leg.leave_m, self._monitor.state.ground_speed_m_s
-        # Far from the target the way to it is not worth the time aside from the mission.
+        # Do not fly a long distance to the target in guided mode.
         self._is_far |= not self._leg.is_waypoint or left_m > _LONGEST_S * max(speed, 0.5)
-        # A vehicle that does not come nearer to its target comes to rest there and then in the guided mode,
-        # and again when it goes back to its mission: it goes back now, and comes to rest once.
+        # A vehicle that moves away from its target would stop twice: in guided mode and at the mode change.
         self._is_far |= speed > _SLOW_M_S and self._leg.nearing_m_s <= 0.0
         seq = home + self._item_to_choose()
         return self._order(int(m.MAV_CMD_DO_SET_MISSION_CURRENT), now_s, float(seq), 0.0)
 
     def _item_to_choose(self) -> int:
-        """Return the item to resume at: mostly the one after the target, reached outside the mission.
+        """Return the item at which to resume, usually the item after the target.
 
-        A resumed mission begins its leg at the stopping point of the vehicle. Near the target that is the
-        target, and a leg to the target itself would be a stop. This is accepted if the target is a stop, or
-        if DO items before it are needed that cannot be sent as commands.
+        The first leg of a resumed mission starts at the stopping point of the vehicle. Near the target, the
+        stopping point is the target itself, so resuming with the target would make the vehicle stop. Such a
+        stop is accepted if the vehicle stops at the target anyway, or if needed DO items before the target
+        cannot be sent as commands.
         """
         request, items, leg = self.request, self._leg.plan.items, self._leg.index
         target = items[leg]
@@ -359,7 +360,7 @@ class AsideChange(ChangeSession):
         self._flown_next = following
         return leg + 1
 
-    # On the way.
+    # Flight in guided mode.
 
     def _on_position(self, now_s: float) -> list[Message]:
         if self._step is _Step.WAITING:
@@ -370,9 +371,9 @@ class AsideChange(ChangeSession):
         if self._step is _Step.NEARING:
             near = distance <= self._leg.leave_m + speed * (self._round_trip.seconds or 0.0)
             return self._resume(now_s) if near or self._is_far else []
-        # A list that will be whole before the target is there needs no further waypoint.
+        # No further waypoint is needed if the upload ends before the vehicle reaches the target.
         in_time = self._whole_s - now_s < distance / max(speed, 0.5) and distance > _LATE_M
-        # The order is a round trip late: the position is old, and the order takes as long to arrive.
+        # An order arrives one round trip after the position that triggers it.
         ahead = max(_CHAIN_M, _CHAIN_S * speed) + speed * (self._round_trip.seconds or 0.0)
         if not self._leg.is_waypoint or in_time or distance >= ahead:
             return []
@@ -382,10 +383,10 @@ class AsideChange(ChangeSession):
         self._leg.index = following
         return self._fly_to(now_s)
 
-    # Back to the mission.
+    # Return to the mission.
 
     def _back_to_old(self, now_s: float) -> list[Message]:
-        """Go back to the old mission, of which nothing was changed."""
+        """Resume the old mission, which is unchanged."""
         self._leg.plan = self.request.old
         self._leg.index = self._flown_next = self._item
         return self._resume(now_s)
@@ -401,9 +402,9 @@ class AsideChange(ChangeSession):
         return float(m.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED), float(self._back)
 
     def _on_back(self, now_s: float) -> list[Message]:
-        """It is in its mission again."""
+        """Finish the change, since the vehicle is in mission mode again."""
         request = self.request
-        # The mission's speed is lost with the guided mode, unless DO items have just set it.
+        # Guided mode has reset the speed of the mission, unless DO items have just set it.
         out = self._set_speed(now_s, self._flown_next)
         if self._leg.plan is request.new and self.record.acknowledged_s is not None:
             self.record.in_effect_s = now_s
@@ -414,28 +415,29 @@ class AsideChange(ChangeSession):
         return out + self._finish(outcome, self._why, now_s)
 
     def _on_mode(self, now_s: float) -> list[Message]:
-        """Take the mode of a heartbeat."""
+        """Handle the mode of a heartbeat."""
         mode = self._monitor.custom_mode
         if self._step is _Step.RESUMING and mode == self._auto and now_s > self._resumed_s:
             order = self._orders.pop(int(m.MAV_CMD_DO_SET_MODE), None)
             self.record.retries += 0 if order is None else order.repeats
             return self._on_back(now_s)
         if self._step is _Step.OVER:
-            # A command that came late, or twice, may have called it out of its mission again.
-            if mode == self._guided and self.record.sent_s is not None and not self._orders:
+            # A delayed or repeated command may have switched the vehicle to guided mode again.
+            late = now_s <= self.record.ended_s + _LATE_ORDER_S
+            if late and mode == self._guided and self.record.sent_s is not None and not self._orders:
                 return self._order(int(m.MAV_CMD_DO_SET_MODE), now_s, *self._mode_parameters())
             return []
         if self._step in (_Step.GUARDING, _Step.WAITING):
             return []
         if mode not in (self._guided, self._auto):
-            # Who took it out of its mission gets it back, should a command of ours still be on its way.
+            # Another pilot chose the mode, so restore the pilot's mode if a delayed command changes it.
             self._back = mode
             self._transfer = None
             why = self._why if self._step is _Step.LEAVING else self._said("it has left the guided mode")
             return self._finish(ChangeOutcome.GIVEN_UP, why, now_s)
         back = mode == self._auto and now_s - (self.record.turned_s or now_s) > _SILENT_S
         if back and self._step in (_Step.SENDING, _Step.CHOOSING, _Step.NEARING):
-            # It must not fly from a list of which only a part has come.
+            # The vehicle must not fly an incomplete mission.
             return self._fly_to(now_s)
         return []
 

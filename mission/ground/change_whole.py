@@ -1,4 +1,4 @@
-"""Replacing a mission in flight where it is taken as a whole (PX4): sent while the vehicle flies on."""
+"""Change of a mission in flight on autopilots that replace missions atomically (PX4)."""
 
 from __future__ import annotations
 
@@ -31,11 +31,12 @@ _SLOWEST_M_S = 1.0
 
 
 class WholeListChange(ChangeSession):
-    """The new mission with the item to go on with marked as current; the vehicle never leaves its mission.
+    """Upload of the new mission with the next item marked as current; the vehicle stays in mission mode.
 
-    Until the last item has come the vehicle flies the old mission, from then on the new one: the id in its
-    confirmation and in MISSION_CURRENT proves which. It is read back while it is flown. When the end of the
-    upload is lost, the mission is read until it is known which one the vehicle holds.
+    The vehicle flies the old mission until the last item arrives, then the new mission. The plan id in
+    MISSION_ACK and MISSION_CURRENT proves which mission the vehicle flies. The new mission is read back in
+    flight. If the end of the upload is lost, the mission is downloaded to find out which mission the vehicle
+    holds.
     """
 
     def __init__(self, request: ChangeRequest) -> None:
@@ -52,24 +53,24 @@ class WholeListChange(ChangeSession):
     _flown_meanwhile = "the old path is flown"
 
     def _item_now(self) -> int:
-        """Return the item to mark as current in an upload that begins now."""
+        """Return the item to mark as current in an upload that starts now."""
         self._target = self._next_then()
         self._mark = item_to_mark(self.request.old, self._passed, self.request.new, self._target)
         return self._mark
 
     def _next_then(self) -> int:
-        """The item to fly to when the upload ends; items passed by then are skipped."""
+        """Return the item to fly to after the upload; items that will be passed by then are skipped."""
         request = self.request
         old, new, state = request.old.items, request.new.items, self._monitor.state
         item, target = request.item, request.resume_at
-        # Items passed during an earlier try count as passed, too.
+        # Skip items that were passed during an earlier attempt.
         while item < (onward := next_flown_to(old, item)) <= self._passed:
             if not same_position(old[item], new[target]):
                 break
             item, target = onward, next_flown_to(new, target)
         if not same_position(old[item], new[target]) or not math.isfinite(state.latitude_deg):
             return target
-        # Of the time that an item took, one half was for the reading back.
+        # Half of the measured time per item is for reading back.
         upload_s = _SURELY * 0.5 * request.seconds_an_item * (len(new) + 1)
         here, passed_s = (state.latitude_deg, state.longitude_deg), 0.0
         while True:
@@ -83,13 +84,13 @@ class WholeListChange(ChangeSession):
                 return target
 
     def start(self, now_s: float) -> list[Message]:
-        """Begin the upload."""
+        """Start the upload."""
         self.record.asked_s = self.record.sent_s = now_s
         self._transfer = self._upload_sent = self._upload(self.request.new.items, self._item_now)
         return self._take(self._transfer.start(now_s), now_s)
 
     def receive(self, message: Message, now_s: float) -> list[Message]:
-        """Take a message of the mission protocol."""
+        """Handle a message of the mission protocol."""
         if self.done:
             return []
         out: list[Message] = []
@@ -101,13 +102,13 @@ class WholeListChange(ChangeSession):
         return out
 
     def _note_passed(self) -> None:
-        """Note the progress along the old mission; a passed item may switch the camera off."""
+        """Record the progress along the old mission; a passed item may have switched the camera off."""
         item = self._monitor.state.item
         if self.record.acknowledged_s is None and item is not None:
             self._passed = max(self._passed, min(item, len(self.request.old.items) - 1))
 
     def poll(self, now_s: float) -> list[Message]:
-        """Act on the timers that are due."""
+        """Handle the timers that are due."""
         if self.done:
             return []
         out = self._poll_transfer(now_s)
@@ -116,7 +117,7 @@ class WholeListChange(ChangeSession):
         return out
 
     def next_deadline(self) -> float:
-        """When `poll` has something to do."""
+        """Return the time of the next `poll` that has an effect, infinite if none."""
         return math.inf if self.done else min(self._due_s, self._transfer_s)
 
     def _take(self, output: Output, now_s: float) -> list[Message]:
@@ -157,7 +158,7 @@ class WholeListChange(ChangeSession):
             self._due_s = now_s + _AGAIN_S
 
     def _read(self, now_s: float) -> list[Message]:
-        """Find out which mission the vehicle holds."""
+        """Download the mission to find out which mission the vehicle holds."""
         self._due_s = math.inf
         self._transfer = self._contact.download(MissionType.MISSION, round_trip=self._round_trip)
         return self._take(self._transfer.start(now_s), now_s)
@@ -176,7 +177,7 @@ class WholeListChange(ChangeSession):
             self._end(ChangeOutcome.GIVEN_UP, f"{self._why}; the vehicle holds another mission", now_s)
 
     def _look(self, now_s: float) -> None:
-        """See whether the new mission is flown, and end when it is proved."""
+        """Check whether the vehicle flies the new mission, and end the change if that is proved."""
         state = self._monitor.state
         sent = self._upload_sent
         known_id = self._id if sent is None or self._transfer is not sent else sent.opaque_id
@@ -185,7 +186,7 @@ class WholeListChange(ChangeSession):
             heard = self._monitor.item_heard_s >= confirmed_s
             same = known_id in (0, state.mission_id)
             flies = not self._monitor.left_mission or self._returns_as_wanted()
-            # An item that the new mission does not have is one of the old: it has come too late for that.
+            # A larger item number belongs to the old mission, in a delayed message.
             known = state.item is not None and self._mark <= state.item < len(self.request.new.items)
             if heard and same and flies and known:
                 self.record.in_effect_s, self.record.turned_s = now_s, confirmed_s
@@ -193,24 +194,24 @@ class WholeListChange(ChangeSession):
             self._end(ChangeOutcome.DONE, "", now_s)
 
     def _returns_as_wanted(self) -> bool:
-        """Whether nothing but the return is left, which PX4 flies in its own mode."""
+        """Whether only the return remains, which PX4 flies in another mode."""
         items = self.request.new.items
         if leads_on(items, self._target):
             return False
         return self._monitor.mode in self._monitor.modes.ends(int(items[-1].command))
 
     def _insist(self, now_s: float) -> list[Message]:
-        """Order the item to resume with, if the vehicle holds the new mission but shows another item."""
+        """Order the item at which to resume, if the vehicle reports another item of the new mission."""
         monitor = self._monitor
         self._due_s = now_s + _SHOWN_S
         state = monitor.state
-        told = monitor.item_heard_s > now_s - _SHOWN_S and self._id in (0, state.mission_id)
+        fresh = monitor.item_heard_s > now_s - _SHOWN_S and self._id in (0, state.mission_id)
         # The progress of a silent vehicle is unknown.
-        if not told or state.item is None:
+        if not fresh or state.item is None:
             return []
         if monitor.left_mission:
             self.held = self.request.new
-            # A PX4 that has flown all of it is in its mission mode until it returns.
+            # PX4 stays in mission mode at the end of a mission until it returns.
             ended = "had flown its mission to the end" if monitor.in_mission else "had left its mission"
             self._end(ChangeOutcome.GIVEN_UP, f"the vehicle {ended} ({monitor.mode})", now_s)
             return []

@@ -1,4 +1,4 @@
-"""The mission that a vehicle in flight holds, and its changes, each by the safest way of the autopilot."""
+"""Changes of the mission of a vehicle in flight, by the safest method for its autopilot."""
 
 from __future__ import annotations
 
@@ -20,37 +20,37 @@ __all__ = ["MissionChanges", "check_change"]
 
 _FARTHEST_DEG = 1.0
 _HIGHEST_M = 10_000.0
-_WAYS = {False: WholeListChange, True: AsideChange}
+_SESSIONS = {False: WholeListChange, True: AsideChange}
 
 
 class MissionChanges:
-    """Changes the mission of a vehicle in flight, sans-IO; one change after the other.
+    """Changes of the mission of a vehicle in flight, one after the other, sans-IO.
 
-    `held` is the mission that the vehicle holds, as far as is known; `records` holds the outcome of changes.
+    `held` is the mission that the vehicle is believed to hold. `records` has the outcome of each change.
     """
 
     def __init__(self, contact: Contact, held: Mission) -> None:
         self.held = held
         self.records: list[ChangeRecord] = []
-        self.parameters_set: list[str] = []  # Parameters of the vehicle that were set, with old and new value
-        self.changed_s = -math.inf  # When the last change began, or ended
-        self.broken_off = False  # A change was dropped: the mission of the vehicle is unknown
+        self.parameters_set: list[str] = []  # vehicle parameters that were set, with old and new value
+        self.changed_s = -math.inf  # start or end of the last change
+        self.broken_off = False  # whether a change was dropped, so the mission on the vehicle is unknown
         self._contact = contact
         self._session: ChangeSession | None = None
         self._guard: FailsafeGuard | None = None
 
     @property
     def running(self) -> bool:
-        """Whether the mission is being changed."""
+        """Whether a change is in progress."""
         return self._session is not None and not self._session.done
 
     @property
     def aside(self) -> bool:
-        """Whether the vehicle leaves its mission while that is changed."""
+        """Whether the vehicle leaves the mission mode during a change."""
         return self._contact.monitor.vehicle_type in (self._contact.profile.change_modes or {})
 
     def begin(self, mission: Mission, resume_at: int, seconds_an_item: float, now_s: float) -> list[Message]:
-        """Begin a change, to go on with an item of the new mission; errors as of `GroundStation.change`."""
+        """Begin a change, to resume at item ``resume_at``; raises the errors of `GroundStation.change`."""
         contact, held = self._contact, self.held
         rendered = render(mission, contact.profile, contact.monitor.vehicle_type)
         refuse_errors(rendered)
@@ -66,51 +66,49 @@ class MissionChanges:
             seconds_an_item=seconds_an_item,
             guard=self._guard_of_flight(),
         )
-        self._session, self.changed_s = _WAYS[self.aside](request), now_s
+        self._session, self.changed_s = _SESSIONS[self.aside](request), now_s
         return self._noted(self._session.start(now_s))
 
     def _guard_of_flight(self) -> FailsafeGuard | None:
-        """The guard that sets the failsafe before the vehicle leaves its mission; one per flight."""
+        """Return the guard that sets the failsafe parameters, one per flight; None if not needed."""
         needed = self._contact.profile.change_failsafe.get(self._contact.monitor.vehicle_type, ())
         if self._guard is None and needed:
             self._guard = FailsafeGuard(needed, self._contact, self.parameters_set)
         return self._guard
 
     def receive(self, message: Message, now_s: float) -> list[Message]:
-        """Take a message of the vehicle, after its monitor did; also after a change its session looks on."""
+        """Handle a message of the vehicle, after its monitor; an ended session still handles messages."""
         return [] if self._session is None else self._noted(self._session.receive(message, now_s))
 
     def poll(self, now_s: float) -> list[Message]:
-        """Do what is due."""
+        """Return the messages that are due."""
         if self._session is None or now_s < self._session.next_deadline():
             return []
         return self._noted(self._session.poll(now_s))
 
     def next_deadline(self) -> float:
-        """When `poll` has something to do; infinity for never."""
+        """Return the time of the next `poll` that has an effect, infinite if none."""
         return math.inf if self._session is None else self._session.next_deadline()
 
     def drop(self) -> None:
-        """Drop the change: the vehicle leaves its mission."""
+        """Abort the change in progress, because the operator orders the vehicle out of its mission."""
         self.broken_off |= self.running
         self._session = None
 
     def _noted(self, out: list[Message]) -> list[Message]:
-        """Record the outcome of a change."""
+        """Record the outcome of an ended change."""
         session = self._session
-        if session is not None and session.done and not any(one is session.record for one in self.records):
+        if session is not None and session.done and not any(r is session.record for r in self.records):
             self.records.append(session.record)
             self.held, self.changed_s = session.held, session.record.ended_s
         return out
 
 
 def check_change(new: Mission, resume_at: int, old: Mission) -> None:
-    """Refuse a mission that must not be sent to a vehicle in flight; PX4 itself checks no ranges.
+    """Check that a mission may be sent to a vehicle in flight; PX4 itself does not check ranges.
 
-    `mission.transfer.rendering` finds the items that the autopilot would not take.
-
-    MissionError if the item to go on with is no position to fly to, the mission does not lead home although
-    the old one did, or a position is far from home or too high; LocalTransferError if it cannot be sent.
+    Raises MissionError if the item at which to resume has no position, a position is too high or too far from
+    home, or the mission does not lead home although the old mission did. Raises the error of `check_plan`.
 
     Examples
     --------

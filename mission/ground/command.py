@@ -1,4 +1,4 @@
-"""A command of an operator to a vehicle, checked before a link is opened, and its errors."""
+"""Operator's command to a vehicle, validated before a link is opened, and its errors."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ __all__ = [
 ]
 
 ORDERS = ("arm", "disarm", "takeoff", "mission", "hold", "resume", "return", "land", "set-item", "mode")
-"""The orders; takeoff takes a height in metres, set-item the number of an item, mode its name."""
+"""Names of the orders. takeoff has a height (m), set-item an item number, mode a mode name as value."""
 LOWEST_TAKEOFF_M, HIGHEST_TAKEOFF_M = 1.0, 1000.0
-"""Heights above home to which a takeoff is ordered."""
+"""Limits of the take-off height above home (m)."""
 _MOST_ITEMS = 65_534
 _TAKES = {
     "takeoff": f"a height above home of {LOWEST_TAKEOFF_M:g} to {HIGHEST_TAKEOFF_M:g} metres",
@@ -31,7 +31,7 @@ _TAKES = {
 
 
 class OrderError(WbfMissionError, ValueError):
-    """The order is unknown, or its value is missing or wrong."""
+    """The order is unknown, or its value is missing or invalid."""
 
 
 class VehicleRefusedError(WbfMissionError, RuntimeError):
@@ -39,16 +39,16 @@ class VehicleRefusedError(WbfMissionError, RuntimeError):
 
 
 class MotorsStandError(WbfMissionError, ValueError):
-    """The order would start stopped motors without permission."""
+    """The order would start stopped motors, and the operator has not permitted that."""
 
 
 class VehicleSilentError(WbfMissionError, RuntimeError):
-    """The vehicle was heard before, but does not answer."""
+    """The vehicle sent heartbeats but does not answer."""
 
 
 @dataclass(frozen=True, slots=True)
 class OperatorCommand:
-    """A command of an operator; OrderError if there is no such order, or its value is missing or wrong.
+    """Operator's command; raises OrderError if the order is unknown or its value is missing or invalid.
 
     Examples
     --------
@@ -60,7 +60,7 @@ class OperatorCommand:
 
     order: str
     value: str = ""
-    arms: bool = False  # Permission to start stopped motors by an order other than arm
+    arms: bool = False  # permission to start stopped motors with an order other than arm
 
     def __post_init__(self) -> None:
         if self.order not in ORDERS:
@@ -79,12 +79,12 @@ class OperatorCommand:
 
     @property
     def height_m(self) -> float:
-        """The height of a takeoff."""
+        """Take-off height above home (m)."""
         return parse_number(self.value)
 
     @property
     def item(self) -> int:
-        """The item of set-item, counted from 0 as `Mission.items` is."""
+        """Item number of set-item, counted from 0 like `Mission.items`."""
         return parse_whole(self.value) - 1
 
     def _is_sound(self) -> bool:

@@ -1,4 +1,4 @@
-"""One vehicle as a ground station knows it."""
+"""State of one vehicle on the ground station, and orders and transfers to that vehicle."""
 
 from __future__ import annotations
 
@@ -21,10 +21,9 @@ _HEARTBEAT_S = 1.0
 
 
 class Contact:
-    """A vehicle's address, its last telemetry, its texts, and the quality of the link to it.
+    """Ids, telemetry, texts and link quality of one vehicle; factory of orders and transfers to the vehicle.
 
-    Orders and transfers go by the round trip and the losses of a real link; to a simulated vehicle, whose
-    link is not measured, `round_trip` is None. `ground` is our own address; `maker` carries the plans.
+    If ``is_real``, the timeouts of orders and transfers adapt to the measured round trip time and loss.
     """
 
     def __init__(
@@ -42,11 +41,11 @@ class Contact:
 
     @property
     def profile(self) -> Profile:
-        """What is known of its autopilot."""
+        """Profile of the autopilot."""
         return self.monitor.profile
 
     def receive(self, message: Message, now_s: float) -> None:
-        """Take any message of its autopilot."""
+        """Handle any message of the autopilot."""
         self.link.receive(message, now_s)
         self.monitor.receive(message, now_s)
         if isinstance(message, m.MAVLink_statustext_message):
@@ -54,34 +53,35 @@ class Contact:
 
     @property
     def clears(self) -> bool:
-        """Whether a plan is cleared by our own transfers; MAVSDK answers a clear in ways of its own."""
+        """Whether the transfers support clearing a plan; MAVSDK has its own handling of clears."""
         return self._maker is OWN_TRANSFERS
 
     def order(self, command: int, *params: float, **options: Any) -> Order:
-        """Return a command to it; the options are those of `Order`."""
-        return Order(self.vehicle, int(command), *params, round_trip=self.round_trip, **options)
+        """Return an order to the vehicle; ``options`` are those of `Order`."""
+        options |= {"round_trip": self.round_trip, "sender": self.ground[0]}
+        return Order(self.vehicle, int(command), *params, **options)
 
     def upload(self, *plan: Any, **options: Any) -> VerifiedUpload:
-        """Return an upload to it: the items, their MissionType, and what else `VerifiedUpload` takes."""
-        return self._maker.upload(*plan, **self._way, **options)
+        """Return an upload to the vehicle; the arguments are those of `VerifiedUpload`."""
+        return self._maker.upload(*plan, **self._address, **options)
 
     def download(self, *plan: Any, **options: Any) -> Transfer:
-        """Return a reading of a plan (MissionType) of it."""
-        return self._maker.download(*plan, **self._way, **options)
+        """Return a download from the vehicle; the arguments are those of `MissionDownload`."""
+        return self._maker.download(*plan, **self._address, **options)
 
     @property
-    def _way(self) -> dict[str, Any]:
+    def _address(self) -> dict[str, Any]:
         return {"target": self.vehicle, "source": self.ground, "profile": self.profile}
 
 
 class Heartbeat:
-    """The HEARTBEAT of a ground station, each second."""
+    """Timer of the ground station's HEARTBEAT (1 Hz)."""
 
     def __init__(self) -> None:
         self.due_s = -math.inf
 
     def poll(self, now_s: float) -> list[Message]:
-        """Return it when it is due."""
+        """Return the HEARTBEAT if due."""
         if now_s < self.due_s:
             return []
         self.due_s = now_s + _HEARTBEAT_S

@@ -1,4 +1,4 @@
-"""The failsafe that brings a vehicle home if the link breaks while its mission is changed aside."""
+"""Parameters of the failsafe that returns a vehicle if the link is lost during a change in guided mode."""
 
 from __future__ import annotations
 
@@ -16,19 +16,19 @@ __all__ = ["FailsafeGuard"]
 
 
 class FailsafeGuard:
-    """Reads parameters and sets those that are not as needed, sans-IO; once for each flight.
+    """Reader and setter of the failsafe parameters, sans-IO; one object for each flight.
 
-    Parameters are set in order: the link may break after each of them, and the last one switches on a
-    failsafe that depends on the others.
+    The parameters are set in order, because the link may be lost after each of them. The last parameter
+    enables a failsafe that depends on the others.
     """
 
     def __init__(self, needed: Sequence[NeededParameter], contact: Contact, was_set: list[str]) -> None:
-        self.refused = ""  # Why it failed; empty while it may succeed
+        self.refused = ""  # reason of a failure, empty if none
         self.due_s = math.inf
-        self._was_set = was_set  # Log of the parameters set, with old and new value
+        self._was_set = was_set  # log of the parameters set, with old and new value
         self._before: dict[str, int] = {}
         self._vehicle, self._round_trip = contact.vehicle, contact.round_trip
-        self._open = {one.name: one for one in needed}
+        self._open = {parameter.name: parameter for parameter in needed}
         self._set: dict[str, tuple[int, int]] = {}
         self._sent: set[str] = set()
         self._asked: Counter[str] = Counter()
@@ -36,16 +36,16 @@ class FailsafeGuard:
 
     @property
     def ready(self) -> bool:
-        """Whether everything is as needed."""
+        """Whether all parameters have the required values."""
         return not self._open
 
     def begin(self, now_s: float) -> list[Message]:
-        """Begin, or begin again after it was refused."""
+        """Begin, or retry after a failure."""
         self.refused, self._tries = "", 0
         return self.poll(now_s)
 
     def poll(self, now_s: float) -> list[Message]:
-        """Request unknown parameters, and set those that are not confirmed."""
+        """Request unknown parameters, and repeat the setting that is not confirmed."""
         if self.ready:
             return []
         if self._tries >= tries_over(self._round_trip):
@@ -58,7 +58,7 @@ class FailsafeGuard:
         )
 
     def receive(self, message: m.MAVLink_param_value_message) -> list[Message]:
-        """Take the value of a parameter."""
+        """Handle the value of a parameter."""
         name = str(message.param_id)
         needed = self._open.get(name)
         if needed is None or not math.isfinite(message.param_value):
@@ -72,7 +72,7 @@ class FailsafeGuard:
             self._tries = 0
             self.due_s = math.inf if self.ready else self.due_s
             return self._next_setting()
-        # The answer to a repeated question may be older than the setting.
+        # An answer to a repeated request may be older than the setting.
         self._asked[name] -= 1
         if name in self._sent and self._asked[name] < 0:
             self._refuse(f"{name} stays {value}, {wanted} is needed")
@@ -82,7 +82,7 @@ class FailsafeGuard:
         return self._next_setting()
 
     def _next_setting(self, *, again: bool = False) -> list[Message]:
-        """The next parameter to set; nothing before all values are known."""
+        """Return the message that sets the next parameter, nothing if its value is unknown."""
         name = next(iter(self._open), None)
         if name is None or name not in self._set or (name in self._sent and not again):
             return []

@@ -1,4 +1,4 @@
-"""Images whose messages were lost on the way are asked for once more."""
+"""Requests for images with lost messages."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ from sensors.camera.wire import ObservationAssembler
 
 __all__ = ["ImageFetch"]
 
-_EACH_S = 0.5
-_ROUNDS = 20
-_AT_ONCE = 50
-_FEW = 5
-_MANY_CAME, _FEW_CAME = 0.6, 0.3
+_EACH_S = 0.5  # interval of the requests
+_ROUNDS = 20  # requests without a new image before giving up
+_AT_ONCE = 50  # images per request
+_FEW = 5  # images per first request over a measured link
+_MANY_CAME, _FEW_CAME = 0.6, 0.3  # fractions of answered requests that double or halve their number
 
 
 class ImageFetch:
-    """Asks a vehicle's camera for the images that an assembler misses, a few at a time.
+    """Requests for the images that an assembler misses, sent to the camera of a vehicle in batches.
 
-    Over a link with a measured round trip it waits for answers, and adapts the number of requests at once to
-    the number of answers.
+    Over a link with a measured round trip time, the interval follows the round trip, and the batch size
+    adapts to the fraction of answered requests.
     """
 
     def __init__(
@@ -43,9 +43,9 @@ class ImageFetch:
         self._asked: tuple[int, ...] = ()
 
     def begin(self, now_s: float) -> bool:
-        """Begin if any image is missing, and return whether one is.
+        """Start requests after the flight; return whether an image is or may be missing.
 
-        A real link may have lost the last images, which no later message shows.
+        A real link may have lost the last images, a loss that no later message reveals.
         """
         self._rounds = 0
         self._counts |= self._round_trip is not None and self._assembler.statistics.images > 0
@@ -53,9 +53,9 @@ class ImageFetch:
         return self._counts or bool(self._assembler.missing(1))
 
     def look_back(self, now_s: float, since_s: float) -> None:
-        """Begin after a silence: request the camera's image count, too.
+        """Start requests after a silence, including the camera's image count.
 
-        ``since_s`` is the vehicle's clock when the flight began.
+        ``since_s`` is the start of the flight by the vehicle's clock.
         """
         self._assembler.expect_from_first(since_s)
         self._counts = True
@@ -63,13 +63,13 @@ class ImageFetch:
         self.due_s = now_s
 
     def on_capture_status(self, message: m.MAVLink_camera_capture_status_message) -> None:
-        """Take the camera's image count."""
+        """Handle the camera's image count."""
         if message.get_srcSystem() == self._camera[0] and self._counts:
             self._counts = False
             self._assembler.expect(message.image_count)
 
     def ask(self, now_s: float) -> list[Message]:
-        """The next requests; none if no image is missing or the tries are used up."""
+        """Return the next requests, none if no image is missing or all attempts are used up."""
         lost = self._assembler.statistics.lost
         self._rounds = 1 if lost < self._lost else self._rounds + 1
         self._lost = lost
@@ -91,7 +91,7 @@ class ImageFetch:
         ]
 
     def _adapt(self) -> None:
-        """Request more at once if most images came, fewer if few did: a slow line fills up."""
+        """Double the batch size if most requested images arrived; halve the batch size if few did."""
         if not self._asked:
             return
         still = set(self._assembler.missing())

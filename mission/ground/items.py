@@ -1,4 +1,4 @@
-"""The meaning of mission items for following or changing a mission in flight."""
+"""Functions on mission items for monitoring and changing a mission in flight."""
 
 from __future__ import annotations
 
@@ -27,32 +27,32 @@ __all__ = [
 _RETURNS = frozenset({int(Command.NAV_RETURN_TO_LAUNCH), int(Command.NAV_LAND)})
 _CAMERA = frozenset({int(Command.DO_SET_CAM_TRIGG_DIST), int(Command.DO_SET_CAM_TRIGG_INTERVAL)})
 _SPEED = frozenset({int(Command.DO_CHANGE_SPEED)})
-# DO items between positions.
+# DO items that may stand between two positions.
 _DO = frozenset({178, 195, 197, 201, 203, 205, 206, 214, 530, 2000, 2001})
 FLOWN_TO = frozenset({16, 17, 18, 19, 31, 82})
-"""MAV_CMDs of the items that lie on the path."""
+"""MAV_CMDs of items with a position on the path."""
 _SAME_M = 2.0
 _EARTH_M = 6_371_008.8
-_SAME_SHOTS = 1e-5  # parameters cross the link as 32-bit floats
+_SAME_SHOTS = 1e-5  # parameters are 32-bit floats on the link
 
 
 def is_return(item: MissionItem) -> bool:
-    """Whether an item is the return or the landing."""
+    """Whether an item is a return or a landing."""
     return item.command in _RETURNS
 
 
 def leads_home(items: Sequence[MissionItem], begin: int = 0) -> bool:
-    """Whether the items from `begin` on contain a return or a landing."""
+    """Whether a return or a landing is among the items from index ``begin`` on."""
     return any(map(is_return, items[begin:]))
 
 
 def leads_on(items: Sequence[MissionItem], begin: int) -> bool:
-    """Whether the items from `begin` on contain a position to fly to before the way home."""
+    """Whether a position on the path is among the items from index ``begin`` on."""
     return any(item.command in FLOWN_TO for item in items[begin:])
 
 
 def next_flown_to(items: Sequence[MissionItem], index: int) -> int:
-    """Return the first item from `index` on that is flown to; `index` if there is none."""
+    """Return the next position, return or landing after item ``index``, or ``index`` without one."""
     following = index + 1
     while following < len(items) and items[following].command in _DO:
         following += 1
@@ -61,18 +61,18 @@ def next_flown_to(items: Sequence[MissionItem], index: int) -> int:
 
 
 def same_position(a: MissionItem, b: MissionItem) -> bool:
-    """Whether two items lead to the same position."""
+    """Whether two items have the same position, within 2 m."""
     return a.has_position and b.has_position and apart_m((a.x, a.y), (b.x, b.y)) < _SAME_M
 
 
 def apart_m(a: tuple[float, float], b: tuple[float, float]) -> float:
-    """Return the distance of two positions (latitude, longitude) that are near each other, on a sphere."""
+    """Return the distance (m) of two nearby positions (latitude, longitude), on a sphere."""
     north, east = b[0] - a[0], (b[1] - a[1]) * math.cos(math.radians(a[0]))
     return _EARTH_M * math.radians(math.hypot(north, east))
 
 
 def speed_before(items: Sequence[MissionItem], index: int) -> float | None:
-    """Return the ground speed that was set before an item, None for the vehicle's own."""
+    """Return the speed set before an item (m/s), None for the vehicle's default."""
     for item in reversed(items[:index]):
         if item.command == Command.DO_CHANGE_SPEED and (item.param1 or 0.0) <= 1.0:
             speed = item.param2
@@ -82,27 +82,27 @@ def speed_before(items: Sequence[MissionItem], index: int) -> float | None:
 
 @dataclass(frozen=True, slots=True)
 class Shots:
-    """The trigger of a camera: distance or time between images; neither is off."""
+    """Camera trigger: distance or time between images. The trigger is off if both values are 0."""
 
     distance_m: float = 0.0
     interval_ms: float = 0.0
 
     @property
     def is_off(self) -> bool:
-        """Whether no images are taken."""
+        """Whether the trigger is off."""
         return self.distance_m <= 0.0 and self.interval_ms <= 0.0
 
     def is_same(self, other: Shots) -> bool:
-        """Whether the other trigger is the same."""
+        """Whether another trigger is equal within the precision of the link."""
         return math.isclose(self.distance_m, other.distance_m, rel_tol=_SAME_SHOTS) and math.isclose(
             self.interval_ms, other.interval_ms, rel_tol=_SAME_SHOTS
         )
 
 
 def shots_ordered(item: MissionItem) -> Shots | None:
-    """Return the camera trigger that an item sets; None if it sets none.
+    """Return the camera trigger that an item sets, None if the item sets none.
 
-    A single image (IMAGE_START_CAPTURE without an interval) is one after an infinite time.
+    A single image (IMAGE_START_CAPTURE without an interval) has an infinite interval.
     """
     value = max(item.param1 or 0.0, 0.0)
     match item.command:
@@ -118,14 +118,14 @@ def shots_ordered(item: MissionItem) -> Shots | None:
 
 
 def shots_before(items: Sequence[MissionItem], index: int) -> Shots | None:
-    """Return the camera trigger while the item at `index` is flown; None if none was set.
+    """Return the camera trigger during the leg to item ``index``, None if none was set.
 
     Examples
     --------
     >>> orders = [MissionItem(Command.DO_SET_CAM_TRIGG_DIST, param1=metres) for metres in (5.0, 0.0)]
     >>> leg = MissionItem(Command.NAV_WAYPOINT, x=27.0, y=-82.0, z=10.0)
     >>> items = (leg, orders[0], leg, orders[1], leg)
-    >>> [None if (one := shots_before(items, item)) is None else one.distance_m for item in range(5)]
+    >>> [None if (shots := shots_before(items, k)) is None else shots.distance_m for k in range(5)]
     [None, None, 5.0, 5.0, 0.0]
     """
     for item in reversed(items[: max(index, 0)]):
@@ -135,10 +135,10 @@ def shots_before(items: Sequence[MissionItem], index: int) -> Shots | None:
 
 
 def item_to_mark(old: Mission, item: int, new: Mission, resume_at: int) -> int:
-    """Return the item that goes on without a gap: the target, or the first DO item before it that is needed.
+    """Return the item at which to resume: ``resume_at``, or the first needed DO item directly before.
 
-    DO items that repeat the present setting are left out: a camera that gets its distance again may take an
-    image at once.
+    DO items that repeat the present setting are skipped, because setting the trigger distance again may
+    trigger an image.
     """
     first = resume_at
     while first > 0 and new.items[first - 1].command in _DO:
@@ -162,11 +162,12 @@ def revised_mission(
     altitude_m: float,
     acceptance_radius_m: float,
 ) -> tuple[Mission, int]:
-    """Return the mission that goes on through other waypoints, and its item to go on with.
+    """Return a mission through new waypoints, and the item at which to resume.
 
-    It keeps take-off, speed and camera of the held mission, of which `item` is flown now, and ends as that
-    does. A camera that takes images already goes on without one of its own at the change; otherwise it
-    begins at the change. The waypoints are latitudes and longitudes; none is the way home at once.
+    The new mission keeps the take-off, speed, camera trigger and end of the held mission. If the camera is
+    already triggering, the new trigger item takes no image of its own. Otherwise triggering starts at the
+    change. ``item`` is the current item of the held mission. ``path_deg`` has latitude and longitude of the
+    new waypoints; an empty path leads home immediately.
 
     Examples
     --------
@@ -174,7 +175,7 @@ def revised_mission(
     >>> new, resume_at = revised_mission(
     ...     Mission(items), 0, [(28.06, -82.15)], altitude_m=10.0, acceptance_radius_m=1.0
     ... )
-    >>> [one.command for one in new.items], resume_at
+    >>> [entry.command for entry in new.items], resume_at
     ([16, 20], 0)
     """
     items = held.items

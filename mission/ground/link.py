@@ -1,4 +1,4 @@
-"""Missions up to and down from a vehicle behind a link, for the command line."""
+"""Upload and download of missions over a link, for the command line."""
 
 from __future__ import annotations
 
@@ -28,17 +28,17 @@ class TransferReport:
     Parameters
     ----------
     system_id, component_id, autopilot : int
-        The vehicle, and its MAV_AUTOPILOT.
+        Ids and MAV_AUTOPILOT of the vehicle.
     items : dict
-        Items of each plan, by its name.
+        Number of items by plan name.
     verified : bool
-        Every plan was read back and found equal, and the vehicle did not reject the mission.
+        Whether every plan read back was equal, and the vehicle did not reject the mission.
     texts : list of str
         Warnings of the vehicle during the transfer (STATUSTEXT).
     remarks : list of dict
-        Items that the autopilot does not take unchanged (`mission.transfer.remarks.Remark`).
+        Remarks on items that the autopilot refuses or changes (`mission.transfer.remarks.Remark`).
     accepted : bool or None
-        Whether the vehicle would fly the mission that it holds; None when it does not tell.
+        Whether the vehicle finds its mission feasible; None if the vehicle does not report that.
     """
 
     system_id: int
@@ -56,7 +56,7 @@ class TransferReport:
 
     @property
     def vehicle(self) -> str:
-        """The vehicle in words."""
+        """Ids and autopilot of the vehicle as text."""
         return f"system {self.system_id}, component {self.component_id} ({self._autopilot_name})"
 
     @property
@@ -64,7 +64,7 @@ class TransferReport:
         return profile_for(self.autopilot).name
 
     def summary(self) -> dict[str, Any]:
-        """Return plain values for JSON."""
+        """Return the report as JSON values."""
         values = {name: getattr(self, name) for name in self.__slots__}
         return {**values, "autopilot": self._autopilot_name}
 
@@ -73,7 +73,7 @@ _NO_MISSION = 1  # MISSION_STATE_NO_MISSION
 
 
 def _silent(*_: object) -> None:
-    """Ignore a message."""
+    """Do nothing: the default of callbacks."""
 
 
 def own_driver(url: str, on_event: OnEvent, on_text: OnText | None = None) -> TransferDriver:
@@ -94,37 +94,37 @@ def upload(
     parameters: Mapping[str, float] | None = None,
     open_driver: DriverMaker = own_driver,
 ) -> TransferReport:
-    """Send a mission to the vehicle behind ``url``, read it back and compare.
+    """Upload a mission to the vehicle at ``url``, and verify it.
 
-    It is sent as the vehicle's autopilot takes it, and the vehicle's warnings are noted. A mission that the
-    vehicle stores and then rejects (PX4 checks it afterwards) is not verified: see `TransferReport.accepted`.
+    The mission is converted for the vehicle's autopilot. A mission that the vehicle stores and then rejects
+    (PX4 checks missions after storing) does not count as verified; see `TransferReport.accepted`.
 
     Parameters
     ----------
     wait_s : float
-        How long to wait for a vehicle.
+        Timeout for the first heartbeat of a vehicle (s).
     system_id : int, optional
-        Of the vehicle; by default the first one that is heard.
+        System id of the vehicle; default the first vehicle that is heard.
     progress : callable
-        Called with the progress.
+        Called with a text, the number of items sent, and the number of items.
     note : callable
-        Takes lines for the operator.
+        Called with lines for the operator.
     force : bool
-        Send also items that the autopilot would refuse or not fly.
+        Whether to send items that the autopilot would refuse or not fly.
     parameters : mapping of str to float, optional
-        Known parameters of the vehicle; they decide which items it would not fly.
+        Known parameters of the vehicle, which decide on some of these items.
     open_driver : callable
         Opens the link.
 
     Raises
     ------
     LinkError
-        If the link cannot be opened or breaks.
+        If the link cannot be opened or fails.
     LocalTransferError
-        If the autopilot would refuse an item or not fly the mission; nothing was sent then.
+        If the autopilot would refuse an item or not fly the mission. Nothing has been sent in that case.
     RemoteTransferError
-        If no vehicle is heard, it refuses, or it holds something else afterwards. The text names the item
-        and has the vehicle's own words.
+        If no vehicle is heard, the vehicle refuses, or it holds a different plan afterwards. The text names
+        the item and quotes the vehicle.
     """
     texts = TextLog()
     with open_driver(url, _on_event(progress, "uploading"), texts.on_text) as driver:
@@ -154,7 +154,7 @@ def download(
     note: Note = _silent,
     open_driver: DriverMaker = own_driver,
 ) -> tuple[Mission, TransferReport]:
-    """Read mission, fence and rally points of the vehicle behind ``url``; errors as in `upload`."""
+    """Download mission, fence and rally points of the vehicle at ``url``; raises the errors of `upload`."""
     with open_driver(url, _on_event(progress, "downloading"), None) as driver:
         note(f"waiting for a vehicle on {driver.endpoint.link.name}")
         vehicle = driver.wait_for_vehicle(wait_s, system_id=system_id)
@@ -171,12 +171,13 @@ def find_vehicles(
     note: Note = _silent,
     open_driver: DriverMaker = own_driver,
 ) -> tuple[Vehicle, ...]:
-    """Wait for the heartbeats of several vehicles behind ``url``.
+    """Wait for the heartbeats of several vehicles at ``url``.
 
-    None among ``system_ids`` is any vehicle that is neither named nor found before; ``wait_s`` is the wait
-    for each. NoVehicleError if one is not heard, LinkError if the link cannot be opened or breaks.
+    None in ``system_ids`` stands for any vehicle that is neither named nor already found. ``wait_s`` is the
+    timeout for each vehicle. Raises NoVehicleError if a vehicle is not heard, and LinkError if the link
+    cannot be opened or fails.
     """
-    known = {one for one in system_ids if one is not None}
+    known = {system_id for system_id in system_ids if system_id is not None}
     found = []
     with open_driver(url, _silent, None) as driver:
         whom = "a vehicle" if len(system_ids) == 1 else f"{len(system_ids)} vehicles"

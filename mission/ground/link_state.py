@@ -1,4 +1,4 @@
-"""Quality of the link to a vehicle: frame loss, round trip time and silences."""
+"""Quality of the link to a vehicle: frame loss, round trip time and interruptions."""
 
 from __future__ import annotations
 
@@ -12,46 +12,42 @@ from mission.transfer import RoundTrip
 
 __all__ = ["SILENCE_S", "LinkReport", "LinkState", "SilenceWatch", "milliseconds"]
 
-_WINDOW = 200
+_WINDOW = 200  # frames for the quality
 _SEQUENCES = 256
-_LATE = 128
-_FEWEST = 20
+_LATE = 128  # a larger step of the sequence number is a late frame
+_FEWEST = 20  # frames for a first estimate of the loss
 _ASK_S = 1.0
 _ASK_AGAIN_S = 5.0
-_MOST_OPEN = 32
+_MOST_OPEN = 32  # limit of stored requests without an answer
 
 
 @dataclass(frozen=True, slots=True)
 class LinkReport:
-    """A link to a vehicle over a whole flight."""
+    """Link quality over a whole flight."""
 
-    # frames, lost_frames: frames of the vehicle's autopilot that arrived, and that are missing by their
-    # sequence numbers
-    frames: int
-    lost_frames: int
-    round_trip_s: float | None
-    # worst_silence_s, silent_s: the longest silence of the flight, and all of them together
-    worst_silence_s: float
-    silent_s: float
+    frames: int  # frames received from the autopilot
+    lost_frames: int  # frames missing by sequence number
+    round_trip_s: float | None  # smoothed round trip time, None if never measured
+    worst_silence_s: float  # longest time without a message
+    silent_s: float  # total time of all silences
 
     @property
     def loss(self) -> float:
-        """Fraction of the frames that did not arrive."""
+        """Fraction of lost frames."""
         return self.lost_frames / max(self.frames + self.lost_frames, 1)
 
 
 class LinkState:
-    """Counts the frames of a vehicle's autopilot, and asks it for its clock to measure the round trip.
+    """Frame loss and round trip time of the link to an autopilot.
 
-    The clock is asked for with TIMESYNC, whose answer repeats the number of its question: unlike the answer
-    to a repeated command it cannot be taken for the answer to another one. PX4 and ArduPilot answer it
-    (https://mavlink.io/en/services/timesync.html).
+    The round trip is measured by TIMESYNC (https://mavlink.io/en/services/timesync.html), which PX4 and
+    ArduPilot answer. A TIMESYNC answer repeats the time stamp of its request, unlike a COMMAND_ACK, so it
+    identifies the request.
     """
 
     def __init__(self) -> None:
-        self.heard_s = -math.inf  # When its last frame came; -inf before the first
-        # frames, lost_frames: how many came, and how many are missing by their sequence numbers
-        self.frames = self.lost_frames = 0
+        self.heard_s = -math.inf  # time of the last frame, -inf before the first
+        self.frames = self.lost_frames = 0  # frames received, and frames missing by sequence number
         self.round_trip = RoundTrip()
         self._sequence: int | None = None
         self._steps: deque[int] = deque(maxlen=_WINDOW)
@@ -60,17 +56,17 @@ class LinkState:
 
     @property
     def quality(self) -> float | None:
-        """Part of its last 200 frames that arrived, by their sequence numbers; None before there are two."""
+        """Fraction of the last 200 frames that arrived, by sequence number; None before the first frame."""
         sent = sum(self._steps)
         return len(self._steps) / sent if sent else None
 
     def receive(self, message: Message, now_s: float) -> None:
-        """Take any message of the autopilot."""
+        """Handle any message of the autopilot."""
         self.heard_s = now_s
         self.frames += 1
         sequence = message.get_seq()
         step = 1 if self._sequence is None else (sequence - self._sequence) % _SEQUENCES
-        # A frame that comes late or twice is none that is missing.
+        # A late or repeated frame has a step of 0 or beyond `_LATE`, and is not a loss.
         if 0 < step < _LATE:
             self._steps.append(step)
             self.lost_frames += step - 1
@@ -83,7 +79,7 @@ class LinkState:
                 self.round_trip.sample(now_s - asked_s)
 
     def poll(self, now_s: float) -> list[Message]:
-        """Ask for the vehicle's clock when that is due: each second until it answers, then now and then."""
+        """Return the TIMESYNC request if due: each second until the first answer, then every 5 s."""
         if now_s < self._due_s or self.heard_s == -math.inf:
             return []
         self._due_s = now_s + (_ASK_S if self.round_trip.seconds is None else _ASK_AGAIN_S)
@@ -94,11 +90,11 @@ class LinkState:
         return [m.MAVLink_timesync_message(0, number)]
 
     def next_deadline(self) -> float:
-        """When `poll` has something to do."""
+        """Return the time of the next TIMESYNC request, infinite before the first frame."""
         return math.inf if self.heard_s == -math.inf else self._due_s
 
     def brief(self) -> str:
-        """Return the state in a few words, for a line of many.
+        """Return quality and round trip time as a short text for a status line.
 
         Examples
         --------
@@ -123,18 +119,21 @@ def milliseconds(seconds: float) -> str:
 
 
 SILENCE_S = 2.0
-"""A vehicle silent for this long is out of reach: it sends several times a second."""
+"""Time without a message after which a vehicle counts as out of reach (s).
+
+Vehicles send several per second.
+"""
 
 
 class SilenceWatch:
-    """Measures the silences of a vehicle: total and longest."""
+    """Total and longest time without a message from a vehicle."""
 
     def __init__(self) -> None:
         self.heard_s = -math.inf
         self.silent_s = self.worst_s = 0.0
 
     def on_message(self, now_s: float) -> bool:
-        """Note a message; return whether it ends a silence."""
+        """Record a message; return whether it ends a silence longer than `SILENCE_S`."""
         gap_s, self.heard_s = now_s - self.heard_s, now_s
         if not SILENCE_S < gap_s < math.inf:
             return False

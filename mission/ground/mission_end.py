@@ -1,4 +1,4 @@
-"""Whether the mission that a vehicle flies has ended, and why a flight ended before it."""
+"""Detection of the end of a mission, and of the cause of a flight that ended early."""
 
 from __future__ import annotations
 
@@ -30,10 +30,10 @@ _ACTION = r": (?:holding|returning|landing|terminating the flight)$"
 
 @dataclass(frozen=True, slots=True)
 class _TextCause:
-    """A STATUSTEXT that names a cause.
+    """STATUSTEXT that names the cause of an early end.
 
-    ``acts``: the text itself shows that the vehicle reacts; without it a HEARTBEAT has to show that.
-    ``first_only``: the cause counts only while there is no other.
+    ``acts``: the text itself proves a reaction of the vehicle; otherwise a HEARTBEAT must show the reaction.
+    ``first_only``: the cause counts only if there is no other.
     """
 
     pattern: re.Pattern[str]
@@ -61,7 +61,7 @@ _CAUSES = (
         Outcome.LINK_LOST,
         lambda *_: "ground station lost",
     ),
-    # Texts sent while the link was down did not arrive.
+    # The text of the loss itself does not arrive, because the link is down.
     _TextCause(
         re.compile(r"Data link regained|GCS Failsafe Cleared"),
         Outcome.LINK_LOST,
@@ -86,34 +86,33 @@ _CAUSES = (
 
 @dataclass(slots=True)
 class FailureWatch:
-    """Collects the signs of failures in one flight."""
+    """Signs of failures in one flight, from HEARTBEAT, SYS_STATUS, BATTERY_STATUS and texts."""
 
-    failsafe: bool = False  # The last HEARTBEAT showed a safety function in control
-    began: list[int] = field(default_factory=list)  # Number of texts heard whenever one took over
-    low_battery: bool = False  # low_battery, empty_battery: from the last BATTERY_STATUS
-    empty_battery: bool = False
-    # MAV_SYS_STATUS_SENSOR bits that were enabled and unhealthy in any SYS_STATUS
-    unhealthy: int = 0
+    failsafe: bool = False  # whether the last HEARTBEAT showed an active failsafe
+    began: list[int] = field(default_factory=list)  # number of texts received at each start of a failsafe
+    low_battery: bool = False  # from the last BATTERY_STATUS
+    empty_battery: bool = False  # from the last BATTERY_STATUS
+    unhealthy: int = 0  # MAV_SYS_STATUS_SENSOR bits enabled and unhealthy in any SYS_STATUS
 
     def on_heartbeat(self, message: m.MAVLink_heartbeat_message, texts_heard: int) -> None:
-        """Take a HEARTBEAT of the vehicle; ``texts_heard`` is the number of texts before it."""
+        """Handle a HEARTBEAT; ``texts_heard`` is the number of texts received before."""
         before, self.failsafe = self.failsafe, message.system_status in _FAILSAFE_STATES
         if self.failsafe and not before:
             self.began.append(texts_heard)
 
     def on_sys_status(self, message: m.MAVLink_sys_status_message) -> None:
-        """Take a SYS_STATUS of the vehicle."""
+        """Handle a SYS_STATUS."""
         self.unhealthy |= message.onboard_control_sensors_enabled & ~message.onboard_control_sensors_health
 
     def on_battery_status(self, message: m.MAVLink_battery_status_message) -> None:
-        """Take a BATTERY_STATUS of the vehicle."""
+        """Handle a BATTERY_STATUS."""
         self.low_battery = message.charge_state in _LOW_CHARGE_STATES
         self.empty_battery = message.battery_remaining == 0
 
     def cause(self, texts: Sequence[tuple[float, int, str]]) -> tuple[Outcome, str] | None:
-        """Outcome and reason of a flight that was broken off; None without any sign of a failure.
+        """Return outcome and reason of an aborted flight, None without any sign of a failure.
 
-        The vehicle's texts come first; if they were lost, its state, battery and health decide.
+        The vehicle's texts have priority. Without texts, the state, battery and sensor health decide.
         """
         found: tuple[Outcome, str] | None = None
         candidate: tuple[Outcome, str] | None = None
@@ -124,11 +123,11 @@ class FailureWatch:
                 match = cause.pattern.match(text)
                 if match is None:
                     continue
-                told = (cause.outcome, cause.reason(match, time_s))
+                named = (cause.outcome, cause.reason(match, time_s))
                 if not cause.acts:
-                    candidate = told
+                    candidate = named
                 elif found is None or not cause.first_only:
-                    found, candidate = told, None
+                    found, candidate = named, None
                 break
         if candidate is not None and len(texts) in self.began:
             found = candidate
@@ -150,24 +149,24 @@ class FailureWatch:
 
 _COMPLETE = 5  # MISSION_STATE_COMPLETE
 _REPEATS_S = 12.0
-"""PX4 reports an item ten times more, once a second; after a change that may be one of the old list."""
+"""Time after a change in which a reached item may be one of the old mission (s): PX4 repeats
+MISSION_ITEM_REACHED ten times, once per second."""
 _FINISHED = re.compile(r"Mission (?:finished|complete)", re.IGNORECASE)
 
 
 class MissionEnd:
-    """Detects the end of a mission from the telemetry; informs `pilot` of it, and `failures` of failures."""
+    """Detects the end of a mission from the telemetry, and notifies `pilot`."""
 
     def __init__(self, contact: Contact, changes: MissionChanges) -> None:
         self.pilot, self.failures = PilotWatch(), FailureWatch()
-        self.is_complete = False  # By the last message about it
-        # A text said so, whatever list was on its way to the vehicle.
-        self.says_finished = False
+        self.is_complete = False  # whether the last MISSION_CURRENT showed a complete mission
+        self.says_finished = False  # whether a STATUSTEXT reported the end of the mission
         self._contact, self._monitor, self._changes = contact, contact.monitor, changes
         self._progress = ""
 
     @property
     def flies_home(self) -> bool:
-        """Whether all waypoints of the mission are passed."""
+        """Whether the vehicle has passed all waypoints of the mission."""
         item = self._monitor.state.item
         return self.pilot.mission_over or item is None or not self._leads_on(item)
 
@@ -177,7 +176,7 @@ class MissionEnd:
     def on_mission_current(
         self, message: m.MAVLink_mission_current_message, now_s: float, *, flies_mission: bool
     ) -> None:
-        """Take the mission's state; after a landing ArduPilot always says that it is complete."""
+        """Handle MISSION_CURRENT; after a landing, ArduPilot always reports the mission as complete."""
         self.is_complete = message.mission_state == _COMPLETE
         state = self._monitor.state
         if state.item is not None:
@@ -190,29 +189,29 @@ class MissionEnd:
             self.pilot.on_mission_end(now_s)
 
     def on_reached(self, message: m.MAVLink_mission_item_reached_message, now_s: float) -> None:
-        """Note that the last item that is flown to was reached; PX4 says so before it names the next one."""
+        """Handle MISSION_ITEM_REACHED, which PX4 sends before MISSION_CURRENT of the next item."""
         if now_s > self._changes.changed_s + _REPEATS_S:
             item = message.seq - self._contact.profile.home_at_zero
             if 0 <= item < len(self._changes.held.items) and not self._leads_on(item + 1):
                 self.pilot.on_mission_end(now_s)
 
     def on_text(self, message: m.MAVLink_statustext_message, now_s: float) -> None:
-        """Take a text of the flight; one may say that the mission is finished."""
+        """Handle a STATUSTEXT, which may report the end of the mission."""
         if _FINISHED.match(message.text):
             self.pilot.on_mission_end(now_s)
             self.says_finished = True
 
     @property
     def ends_flight(self) -> bool:
-        """Whether a complete mission ends the flight; otherwise an armed vehicle is on its way home."""
+        """Whether a complete mission ends the flight, or else an armed vehicle returns home."""
         items, kind = self._changes.held.items, self._monitor.vehicle_type
-        # It stands at home and stays armed; or a wing whose mission ends with a return circles over it.
+        # Rovers stay armed at home, and fixed wings circle above home after a return without a landing.
         lands = any(item.command == Command.NAV_LAND for item in items)
         circles = kind == m.MAV_TYPE_FIXED_WING and not lands
         return not leads_home(items) or kind in self._contact.profile.stays_armed or circles
 
     def cause(self, texts_before: int) -> tuple[Outcome, str]:
-        """Outcome and reason of a flight that ended before its mission was complete."""
+        """Return outcome and reason of a flight that ended before its mission was complete."""
         pilot, texts = self.pilot, self._contact.texts
         if pilot.ended_by_restart:
             return Outcome.AUTOPILOT_RESTARTED, pilot.ended_by_restart
@@ -222,10 +221,10 @@ class MissionEnd:
         if cause is None and pilot.somebody_else_flies:
             return Outcome.PILOT_TOOK_OVER, pilot.reason
         if cause is None and self.says_finished and pilot.mission_over and not pilot.ended_mission:
-            # The state is that of a mission that came after this one had ended.
+            # The reported state is that of a new mission, which arrived after the flown mission had ended.
             return Outcome.COMPLETED, ""
         return cause or (Outcome.FLIGHT_ABORTED, texts.last_warning(f"disarmed{self._progress}"))
 
     def completed(self, texts_before: int) -> tuple[Outcome, str]:
-        """Outcome and reason of a flight whose mission is complete: ArduPilot says so after any landing."""
+        """Return outcome and reason of a complete mission, as ArduPilot reports it after any landing."""
         return self.cause(texts_before) if self.pilot.ended_mission else (Outcome.COMPLETED, "")

@@ -1,4 +1,4 @@
-"""Flight modes of vehicles by name, and the modes of an operator's maneuvers."""
+"""Flight modes by name, and the flight modes of an operator's maneuvers."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ __all__ = ["Maneuver", "ModeError", "VehicleModes", "is_in_mission", "mode_name"
 
 
 class ModeError(WbfMissionError, ValueError):
-    """A flight mode that the vehicle does not have."""
+    """The vehicle does not have this flight mode."""
 
 
 class Maneuver(Enum):
-    """Maneuvers that an operator may order in flight."""
+    """Maneuver that an operator may order in flight."""
 
     HOLD = "hold"
     RETURN = "return"
@@ -31,7 +31,7 @@ class Maneuver(Enum):
 
 @dataclass(frozen=True, slots=True)
 class VehicleModes:
-    """The flight modes of vehicles of one autopilot (MAV_AUTOPILOT) and MAV_TYPE."""
+    """Flight modes of the vehicles of one autopilot (MAV_AUTOPILOT) and MAV_TYPE."""
 
     autopilot: int
     vehicle_type: int
@@ -41,7 +41,7 @@ class VehicleModes:
         return profile_for(self.autopilot).modes
 
     def numbers(self, name: str) -> tuple[float, float, float]:
-        """Return the parameters of DO_SET_MODE; ModeError, which lists the modes, if there is no such mode.
+        """Return the parameters of DO_SET_MODE; raise ModeError with a list of the modes for an unknown name.
 
         Examples
         --------
@@ -58,7 +58,7 @@ class VehicleModes:
         return known[wanted]
 
     def told_name(self, name: str) -> str:
-        """Return the name that HEARTBEAT shows for a mode of this name.
+        """Return the name that a HEARTBEAT shows for a mode name or alias.
 
         Examples
         --------
@@ -70,11 +70,11 @@ class VehicleModes:
 
     @property
     def arming(self) -> str | None:
-        """Name of the mode in which it arms without a stick; None where it may arm in any."""
+        """Mode for arming without a radio control; None if any mode will do."""
         return self._known.arming.get(self.vehicle_type, self._known.arming[None])
 
     def maneuver(self, kind: Maneuver) -> tuple[int, tuple[float, ...]]:
-        """Return the command of a maneuver and its first parameters.
+        """Return the MAV_CMD of a maneuver and its first parameters.
 
         Examples
         --------
@@ -94,7 +94,7 @@ class VehicleModes:
         return int(m.MAV_CMD_DO_SET_MODE), self.numbers(mode)
 
     def shows(self, kind: Maneuver) -> frozenset[str]:
-        """Return the names of the modes that show that a maneuver is flown; none where they are not known."""
+        """Return the modes that confirm a maneuver; empty if the modes are unknown."""
         hold = self._known.hold_of(self.vehicle_type)
         shown = {
             Maneuver.HOLD: {hold},
@@ -105,7 +105,7 @@ class VehicleModes:
         return frozenset(shown[kind]) if hold else frozenset()
 
     def ends(self, last_command: int) -> frozenset[str]:
-        """Return the names of the modes that a mission leads to when it is over, besides its own.
+        """Return the modes after the end of a mission with this last command, besides the mission modes.
 
         Examples
         --------
@@ -116,7 +116,7 @@ class VehicleModes:
 
 
 def mode_name(beat: m.MAVLink_heartbeat_message) -> str:
-    """Return the name of the flight mode in a HEARTBEAT.
+    """Return the flight mode name of a HEARTBEAT.
 
     Examples
     --------
@@ -130,7 +130,7 @@ def mode_name(beat: m.MAVLink_heartbeat_message) -> str:
 
 
 def is_in_mission(beat: m.MAVLink_heartbeat_message) -> bool:
-    """Return whether a HEARTBEAT shows the mission mode.
+    """Whether a HEARTBEAT shows the mission mode.
 
     Examples
     --------

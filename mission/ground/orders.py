@@ -1,4 +1,4 @@
-"""Commands that are repeated until the vehicle answers them."""
+"""Commands that are repeated until the vehicle acknowledges them."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _DOUBLINGS = 3
 
 
 class Answer(Enum):
-    """The meaning of a COMMAND_ACK for an order."""
+    """Meaning of a COMMAND_ACK for an order."""
 
     NONE = "no answer to this order, or not the last one"
     ACCEPTED = "accepted"
@@ -29,12 +29,12 @@ class Answer(Enum):
 
 
 class Order:
-    """A command on its way to a vehicle: COMMAND_LONG, or COMMAND_INT with a position.
+    """Pending command to a vehicle: COMMAND_LONG, or COMMAND_INT with a position.
 
-    The position is latitude and longitude in degrees, altitude above home in metres. A `message` replaces
-    the command for vehicles that do not know it, and gets no answer. `tries` limits how often the command is
-    sent: four times by default, more often over a link that loses frames. The wait between tries follows the
-    round trip of the link.
+    ``position`` is latitude and longitude (degrees) and altitude above home (m). ``message`` replaces the
+    command for vehicles without the command, and gets no COMMAND_ACK. ``tries`` is the largest number of
+    transmissions: by default four, more over a link that loses frames. ``round_trip`` determines the timeout.
+    COMMAND_ACKs to other system ids than ``sender`` are ignored.
     """
 
     def __init__(
@@ -46,28 +46,29 @@ class Order:
         message: Message | None = None,
         tries: int | None = None,
         round_trip: RoundTrip | None = None,
+        sender: int | None = None,
     ) -> None:
         self.due_s = -math.inf
         self._position, self._message = position, message
         self._most = tries
         self._round_trip = round_trip
-        self._target = target
+        self._target, self._sender = target, sender
         self._command = command
         self._params = (*params, *[0.0] * (7 - len(params)))
         self._tries = 0
 
     @property
     def is_given_up(self) -> bool:
-        """Whether all tries are used up."""
+        """Whether all transmissions are used up."""
         return self._tries >= (tries_over(self._round_trip) if self._most is None else self._most)
 
     @property
     def repeats(self) -> int:
-        """How often it was sent again."""
+        """Number of repetitions."""
         return max(0, self._tries - 1)
 
     def send(self, now_s: float) -> list[Message]:
-        """Send it, with the number of the try as confirmation."""
+        """Return the command, with the number of earlier transmissions as ``confirmation``."""
         confirmation = self._tries
         self._tries += 1
         self.due_s = now_s + retry_s_over(self._round_trip, confirmation)
@@ -95,8 +96,10 @@ class Order:
         return [m.MAVLink_command_long_message(*self._target, self._command, confirmation, *self._params)]
 
     def answer(self, message: m.MAVLink_command_ack_message, now_s: float) -> Answer:
-        """Take a COMMAND_ACK of the vehicle."""
-        if message.command != self._command:
+        """Return the meaning of a COMMAND_ACK for this order, and extend the timeout if in progress."""
+        # A shared link carries answers to other stations, too. MAVLink 1 has no target (0).
+        is_other = message.target_system and self._sender not in (None, message.target_system)
+        if message.command != self._command or is_other:
             return Answer.NONE
         if message.result == m.MAV_RESULT_ACCEPTED:
             return Answer.ACCEPTED
@@ -108,7 +111,7 @@ class Order:
 
 
 def tries_over(round_trip: RoundTrip | None) -> int:
-    """Return the number of tries with which one question in a thousand stays unanswered.
+    """Return the number of transmissions after which one request in a thousand is still unanswered.
 
     Examples
     --------
@@ -127,9 +130,9 @@ def tries_over(round_trip: RoundTrip | None) -> int:
 
 
 def retry_s_over(round_trip: RoundTrip | None, repeats: int = 0) -> float:
-    """Return the wait for an answer: a second, or a little more than a round trip.
+    """Return the timeout of an order (s): one second, or 1.1 round trips if longer.
 
-    Before the round trip is known, each wait doubles the last, up to eight seconds.
+    Until the round trip time is known, each repetition doubles the timeout, up to eight seconds.
 
     Examples
     --------
@@ -142,7 +145,7 @@ def retry_s_over(round_trip: RoundTrip | None, repeats: int = 0) -> float:
 
 
 def result_name(result: int) -> str:
-    """The name of a MAV_RESULT, for people.
+    """Return the name of a MAV_RESULT for messages to the user.
 
     >>> result_name(2)
     'denied'

@@ -1,4 +1,4 @@
-"""Notices that this program stood still: it was stopped, or its machine slept."""
+"""Detection of a suspended program: stopped, or on a machine that slept."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ from collections.abc import Callable
 __all__ = ["LIFE_S", "Standstill"]
 
 LIFE_S = 2.0
-"""Lifetime of an order, answer or agreement: its giver did not see what happened since."""
+"""Lifetime of an order, answer or agreement (s); the operator has not seen what happened since."""
 
 
 class Standstill:
-    """Measures the time between two looks, by a clock that goes on while the machine sleeps.
+    """Timer of the interval between calls of `look`, by a clock that runs while the machine sleeps.
 
     Examples
     --------
@@ -26,7 +26,7 @@ class Standstill:
         self._looked_s: float | None = None
 
     def look(self) -> float:
-        """Return the duration of a standstill since the last look; 0 up to `LIFE_S`."""
+        """Return the time since the last call (s) if longer than `LIFE_S`, otherwise 0."""
         before_s, self._looked_s = self._looked_s, self._clock()
         stood_s = 0.0 if before_s is None else self._looked_s - before_s
         return stood_s if stood_s > LIFE_S else 0.0

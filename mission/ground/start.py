@@ -1,4 +1,4 @@
-"""The start of a mission: the mode in which the vehicle arms, the arming gate, arming, the order to start."""
+"""Start of a mission: arming mode, arming gate, arming, and the order to start the mission."""
 
 from __future__ import annotations
 
@@ -19,36 +19,41 @@ STARTING = frozenset({Phase.WAIT, Phase.MODE, Phase.READY, Phase.ARM, Phase.STAR
 _READY_S = 180.0
 _AGAIN_S = 3.0
 _LAST_WORDS_S = 0.5
-"""ArduPilot says why after its answer."""
+"""Wait for the reason of a refusal (s): ArduPilot sends the STATUSTEXT after the COMMAND_ACK."""
 _LATE_ANSWER_S = 1.0
-"""An answer that came while the program stood still is read in that time."""
+"""Time to read an answer that arrived while the program was suspended (s)."""
 _MODE_SHOWN_S = 2.5
 _MODE_SETTLES_S = 1.0
-"""After a change of mode the vehicle's checks may be those of the old mode for this long."""
+"""Time after a mode change in which the arming checks may still be those of the old mode (s)."""
 
 
 class MissionStart:
-    """Brings a vehicle whose plans have arrived to fly its mission, sans-IO.
+    """Start of the mission after the uploads, sans-IO.
 
-    Without an arming gate it is armed and started at once, or after a delay. With one it is put into the mode
-    in which it arms, and asked again while it gives reasons against it that may pass.
+    Without an arming gate, the vehicle is armed and started after ``delay_s``. With an arming gate, the
+    vehicle is switched to its arming mode first, and arming is retried while the vehicle reports reasons that
+    may pass.
     """
 
     def __init__(self, contact: Contact, gate: ArmingGate | None, delay_s: float) -> None:
-        self.phase = Phase.WAIT  # FLIGHT once the vehicle has accepted the order to start
-        self.failure: tuple[Outcome, str] | None = None  # Outcome and reason of a failed start
+        self.phase = Phase.WAIT  # FLIGHT after the vehicle accepted the order to start
+        self.failure: tuple[Outcome, str] | None = None  # outcome and reason of a failed start
         self._contact, self._monitor, self._texts = contact, contact.monitor, contact.texts
         self._gate, self._delay_s = gate, delay_s
         self._home: GeoPoint | None = None
         self._order: Order | None = None
         self._refusal: tuple[str, float] | None = None
         self._arm_s = self._ready_s = math.inf
-        self._mode_s = self._again_s = -math.inf
+        self._mode_s = self._again_s = self._ordered_s = -math.inf
+        self._ordered_in = ""  # flight mode when the pending order was given
         self._texts_before = self._reasons_before = 0
         self._repeats = True
 
     def begin(self, home: GeoPoint | None, texts_before: int, now_s: float) -> list[Message]:
-        """Begin; the vehicle has to stand at ``home``, and texts before ``texts_before`` do not count."""
+        """Begin the start. The vehicle must be near ``home``.
+
+        Texts before index ``texts_before`` are ignored.
+        """
         self._home, self._texts_before = home, texts_before
         if self._gate is not None:
             self._ready_s = now_s + _READY_S
@@ -59,7 +64,7 @@ class MissionStart:
         return self._arm(now_s)
 
     def poll(self, now_s: float) -> list[Message]:
-        """Do what is due."""
+        """Return the messages that are due."""
         out: list[Message] = []
         gate, refusal = self._gate, self._refusal
         if self.phase is Phase.WAIT and now_s >= self._arm_s:
@@ -70,17 +75,26 @@ class MissionStart:
             out += self._pass_gate(gate, now_s)
         order = self._order
         if order is not None and now_s >= order.due_s:
-            out += self._give_up(now_s) if order.is_given_up or not self._repeats else order.send(now_s)
+            monitor = self._monitor
+            heard = self.phase is Phase.START and monitor.mode_heard_s > self._ordered_s
+            # A repetition would restart a mission in flight, or overrule a pilot.
+            changed = not monitor.is_armed or monitor.mode != self._ordered_in
+            if heard and monitor.is_armed and monitor.in_mission:
+                self.phase, self._order = Phase.FLIGHT, None
+            elif order.is_given_up or not self._repeats or (heard and changed):
+                out += self._give_up(now_s)
+            else:
+                out += order.send(now_s)
         return out
 
     def look_at_clock(self, now_s: float) -> list[Message]:
-        """End the start if the program stood still: the vehicle was not watched meanwhile."""
+        """End the start if the program was suspended, because nobody watched the vehicle meanwhile."""
         stood_s = 0.0 if self._gate is None else self._gate.outlived_s()
         if stood_s == 0.0 or self.failure is not None:
             return []
         order, self._order = self._order, None
         if self.phase is Phase.START and order is not None:
-            # The order was given in time: its answer counts, but it is not given once more.
+            # The order was sent before the suspension: an answer counts, but the order is not repeated.
             self._order, self._repeats = order, False
             order.due_s = max(order.due_s, now_s + _LATE_ANSWER_S)
             return []
@@ -88,11 +102,11 @@ class MissionStart:
         self.failure = Outcome.NOT_STARTED, f"{stood}: look at the vehicle, and start again"
         if self.phase is not Phase.ARM or order is None:
             return []
-        # It may have armed.
+        # The vehicle may have armed.
         return self._contact.order(m.MAV_CMD_COMPONENT_ARM_DISARM, 0.0).send(now_s)
 
     def next_deadline(self) -> float:
-        """When `poll` has something to do."""
+        """Return the time of the next `poll` that has an effect, infinite if none."""
         due_s = [self._arm_s] if self.phase is Phase.WAIT else []
         if self.phase is Phase.READY and self._gate is not None:
             due_s.append(self._gate.next_deadline())
@@ -103,13 +117,13 @@ class MissionStart:
         return min(due_s, default=math.inf)
 
     def on_sys_status(self, message: m.MAVLink_sys_status_message, now_s: float) -> None:
-        """Pass SYS_STATUS on to the gate, if the vehicle is in the mode in which it arms."""
+        """Forward SYS_STATUS to the gate if the vehicle is in its arming mode."""
         settled = now_s >= max(self._mode_s + _MODE_SETTLES_S, self._again_s)
         if self._gate is not None and self.phase is not Phase.MODE and settled:
             self._gate.on_sys_status(message, has_position=self._monitor.knows_position)
 
     def on_ack(self, message: m.MAVLink_command_ack_message, now_s: float) -> list[Message]:
-        """Take the answer to the order that was given last."""
+        """Handle a COMMAND_ACK, which may answer the pending order."""
         answer = Answer.NONE if self._order is None else self._order.answer(message, now_s)
         if answer is Answer.NONE:
             return []
@@ -118,7 +132,7 @@ class MissionStart:
             self._refused(result_name(message.result), now_s)
             if self.phase is not Phase.START or self._gate is None:
                 return []
-            # Its motors run, and it does not fly.
+            # The motors run although the vehicle does not fly.
             return self._contact.order(m.MAV_CMD_COMPONENT_ARM_DISARM, 0.0).send(now_s)
         if self.phase is Phase.MODE:
             self.phase, self._mode_s = Phase.READY, now_s
@@ -129,13 +143,13 @@ class MissionStart:
         return []
 
     def _pass_gate(self, gate: ArmingGate, now_s: float) -> list[Message]:
-        """Start the flight once the vehicle can arm and the operator agrees; otherwise end the start-up."""
+        """Arm if the vehicle is ready and the operator has agreed; end the start on a refusal or timeout."""
         if gate.stage is Stage.REFUSED:
             self.failure = Outcome.NOT_STARTED, "the operator did not let it start"
         elif gate.stage is Stage.CHECKING and now_s >= self._ready_s:
             why = "; ".join(gate.reasons) or f"it did not say that it can arm in {_READY_S:.0f} s"
             if self._again_s > -math.inf:
-                # Asked, it has refused: its last word counts.
+                # After a refusal to arm, the vehicle's last text is the reason.
                 why = self._texts.last_warning(why, self._texts_before)
             self.failure = Outcome.ARMING_REFUSED, why
         elif gate.stage is not Stage.CHECKING and self._away_m > FARTHEST_M:
@@ -152,7 +166,7 @@ class MissionStart:
         return gate.poll(now_s)
 
     def _choose_mode(self, now_s: float) -> list[Message]:
-        """Choose the mode in which the vehicle arms, if it has one, and wait until it can."""
+        """Switch the vehicle to its arming mode if it is in another mode."""
         modes = self._monitor.modes
         if modes.arming is None or not self._is_in_other_mode(now_s):
             self.phase = Phase.READY
@@ -160,14 +174,14 @@ class MissionStart:
         return self._give(Phase.MODE, m.MAV_CMD_DO_SET_MODE, now_s, *modes.numbers(modes.arming))
 
     def _is_in_other_mode(self, now_s: float) -> bool:
-        """Return whether the vehicle shows another mode than that in which it arms."""
+        """Whether the vehicle is not in its arming mode."""
         name = self._monitor.modes.arming
         shown = now_s >= self._mode_s + _MODE_SHOWN_S
         return name is not None and shown and self._monitor.mode != name
 
     @property
     def _away_m(self) -> float:
-        """Distance of the vehicle from the home of its plan; 0 if unknown."""
+        """Distance of the vehicle from the home of its plan (m); 0 if unknown."""
         home = self._home
         if home is None or not self._monitor.knows_position:
             return 0.0
@@ -180,15 +194,19 @@ class MissionStart:
     def _give(self, phase: Phase, command: int, now_s: float, *params: float) -> list[Message]:
         self.phase = phase
         self._order = self._contact.order(command, *params)
+        self._ordered_s, self._ordered_in = now_s, self._monitor.mode
         return self._order.send(now_s)
 
     def _give_up(self, now_s: float) -> list[Message]:
         self._order = None
-        if self._gate is not None:
-            self.failure = Outcome.NO_ANSWER, f"no answer while {self.phase.value}"
-        else:
+        if self._gate is None:
             self._refused("no answer", now_s)
-        return []
+            return []
+        self.failure = Outcome.NO_ANSWER, f"no answer while {self.phase.value}"
+        if self.phase is not Phase.ARM:
+            return []
+        # Only the answer may be lost, so the vehicle may have armed.
+        return self._contact.order(m.MAV_CMD_COMPONENT_ARM_DISARM, 0.0).send(now_s)
 
     def _refused(self, why: str, now_s: float) -> None:
         if self._gate is not None and self.phase in (Phase.MODE, Phase.ARM):
@@ -197,7 +215,7 @@ class MissionStart:
             self._fail(self._texts.last_warning(why))
 
     def _after_refusal(self, gate: ArmingGate, why: str, now_s: float) -> None:
-        """Wait and ask again if the vehicle's reason may pass, within the time limit of the start."""
+        """Retry arming later if the vehicle gave a new reason, within the time limit of the start."""
         self._refusal = None
         if gate.told > self._reasons_before and now_s < self._ready_s:
             self.phase, self._again_s = Phase.READY, now_s + _AGAIN_S

@@ -1,4 +1,4 @@
-"""The ground station: uploads, arms, starts, listens until the flight is over. Sans-IO, like the vehicle."""
+"""Ground station that flies one mission: upload, arming, start, and monitoring of the flight, sans-IO."""
 
 from __future__ import annotations
 
@@ -31,13 +31,13 @@ from sensors.camera.wire import ObservationAssembler
 
 _CONTACT_S = 30.0
 _STATE_S, _STATE_BEHIND_LINK_S = 2.5, 5.0
-"""The state of the mission may arrive this long after the disarming."""
+"""Largest delay of the mission state after the disarming (s)."""
 _CLOCK_S = 5.0
-"""After a silence the vehicle's clock arrives within this time and some round trips."""
+"""Largest delay of the vehicle's clock after a silence (s), plus some round trips."""
 _BEFORE_FLIGHT = frozenset({Phase.CONTACT, Phase.UPLOAD}) | STARTING
 _STREAM_HZ = 4
 _NAV_LAST = 95
-"""Last MAV_CMD of the items that are flown to."""
+"""Largest MAV_CMD of navigation commands."""
 _FAST = (int(m.MAVLINK_MSG_ID_GLOBAL_POSITION_INT), int(m.MAVLINK_MSG_ID_ATTITUDE))
 _FAST_US = 100_000
 _IMAGES = (int(m.MAVLINK_MSG_ID_CAMERA_IMAGE_CAPTURED), int(m.MAVLINK_MSG_ID_DEBUG_FLOAT_ARRAY))
@@ -51,48 +51,44 @@ _ESTIMATES = (
 
 
 class NotFlyingError(WbfMissionError, RuntimeError):
-    """A mission cannot be changed now: the vehicle does not fly one, or is being changed already."""
+    """An order or change is not possible now: the vehicle flies no mission, or a change is in progress."""
 
 
 class GroundStation:
-    """Flies one mission: waits for the vehicle, uploads, verifies, arms, starts, listens until it is over.
+    """Ground station for one mission: waits for the vehicle, uploads, verifies, arms, starts and monitors.
 
     Parameters
     ----------
-    mission : Mission
-        Fence and rally points go up before the mission.
     assembler : ObservationAssembler or None
-        Turns the camera's messages into observations.
+        Decoder of the camera's messages into observations.
     on_progress : callable, optional
-        ``on_progress(done, total)`` as items of the plans cross.
+        ``on_progress(done, total)``, called for each uploaded item.
     start_delay_s : float
-        Delay between the upload and the start; unused with an arming gate.
+        Delay between upload and start (s); unused with an arming gate.
     arming_gate : ArmingGate, optional
-        Conditions for starting the motors; without it they start at once. With it somebody else may fly the
-        vehicle, too: the station notices that and gives no more orders.
+        Conditions for arming a real vehicle. A pilot may take over a real vehicle; the station then gives no
+        more orders. Without a gate, the vehicle is simulated and armed immediately.
     force : bool
-        Send also items that the autopilot would refuse or not fly.
+        Whether to send items that the autopilot would refuse or not fly.
 
     Attributes
     ----------
     reason : str
-        Why it ended so, in the vehicle's words where it said any.
+        Reason of the outcome, if possible the vehicle's text.
     pilot : PilotWatch
-        Who else flies the vehicle.
+        Detector of other pilots and operators.
     link : LinkState
-        How well a real vehicle is heard.
+        Quality of the link to a real vehicle.
     texts : list of tuple
-        The vehicle's STATUSTEXTs: time in seconds, severity, text.
+        STATUSTEXTs of the vehicle: time (s), severity, text.
     transfers : list of TransferStatistics
-        Of each plan that was uploaded before the flight.
+        Statistics of each upload before the flight.
     changes : list of ChangeRecord
         Outcome of each change of the mission in flight.
     parameters_set : list of str
-        Parameters of the vehicle that were set, with old and new value.
-    tracks : TrackRecorder
-        Where the vehicle was since the start.
+        Vehicle parameters that were set, with old and new value.
     started_s, ended_s : float or None
-        When the mission began, and when the run was over.
+        Start time of the mission and end time of the run.
     """
 
     def __init__(
@@ -137,8 +133,10 @@ class GroundStation:
         self._fetch: ImageFetch | None = None
         self._order: Order | None = None
         self._ordered_before: Maneuver | None = None
+        self._ordered_in = ""  # flight mode when the pending order was given
+        self._ordered_modes: frozenset[str] = frozenset()  # modes that the pending order leads to
         self._chosen = range(0)
-        self._no_position = True  # No position was heard since the last HEARTBEAT
+        self._no_position = True  # no position was received since the last HEARTBEAT
         self._armed = self._flew = False
         self._texts_before = 0
         self._first_s: float | None = None
@@ -167,8 +165,8 @@ class GroundStation:
                     handler(m.MAVLink_sim_state_message, self._on_truth),
                 )
             ),
-            # It is for the change that asked for it.
-            int(m.MAVLINK_MSG_ID_PARAM_VALUE): _take_note,
+            # `MissionChanges` handles the message.
+            int(m.MAVLINK_MSG_ID_PARAM_VALUE): _ignore,
             **dict.fromkeys(CLIENT_MESSAGES, self._on_transfer),
         }
         if assembler is not None:
@@ -180,91 +178,91 @@ class GroundStation:
         if arming_gate is not None:
             self._handlers[m.MAVLINK_MSG_ID_SYSTEM_TIME] = self._on_system_time
             self._handlers[m.MAVLINK_MSG_ID_MISSION_ITEM_REACHED] = self._on_reached
-            self._handlers |= dict.fromkeys(_ESTIMATES, _take_note)
-        # Of a real vehicle every frame tells how good the link is.
+            self._handlers |= dict.fromkeys(_ESTIMATES, _ignore)
+        # The link quality of a real vehicle counts every frame.
         self.wanted: frozenset[int] | None = None if arming_gate is not None else frozenset(self._handlers)
 
     @property
     def done(self) -> bool:
-        """Whether nothing more is to come."""
+        """Whether the run has ended."""
         return self.phase is Phase.DONE
 
     @property
     def mission(self) -> Mission:
-        """The mission that the vehicle holds, or is to hold."""
+        """Mission on the vehicle, or to be uploaded."""
         return self._changes.held
 
     @property
     def all_transfers(self) -> list[TransferStatistics]:
-        """Transfers before the flight, and those of the changes in flight."""
+        """Statistics of the uploads before the flight, and of the changes in flight."""
         again = sum(change.retries for change in self.changes)
         changes = TransferStatistics(MissionType.MISSION, 0, 0, 0, again, 0.0, verified=True)
         return [*self.transfers, *([changes] if again else [])]
 
     @property
     def flight_time_s(self) -> float:
-        """From the start of the mission until the vehicle reports its landing."""
+        """Time from the start of the mission to the reported landing (s)."""
         if self.started_s is None:
             return 0.0
         return max(0.0, self.tracks.aloft_ms / 1e3 - self._started_boot_s)
 
     @property
     def clock_offset_s(self) -> float:
-        """Our clock minus the clock of a real vehicle; 0 before its mission."""
+        """Offset of the station's clock from a real vehicle's clock (s); 0 before the mission."""
         if self.arming_gate is None or self.started_s is None:
             return 0.0
         return self.started_s - self._started_boot_s
 
     @property
     def battery_lowest(self) -> Battery:
-        """The lowest reading of the battery with the motors running, since the mission's start."""
+        """Lowest battery reading with running motors since the start of the mission."""
         return self._monitor.lowest_battery
 
     @property
     def vehicle_state(self) -> VehicleState:
-        """State of the vehicle by its last telemetry."""
+        """State of the vehicle from its last telemetry."""
         return self._monitor.state
 
     @property
     def is_told_anew(self) -> bool:
-        """Whether mode and item have arrived since the last silence, in which it may have gone home."""
-        told_s = self._monitor.mode_heard_s, self._monitor.item_heard_s
+        """Whether HEARTBEAT and MISSION_CURRENT have arrived since the last silence."""
+        heard_s = self._monitor.mode_heard_s, self._monitor.item_heard_s
         return self._back_s == math.inf or all(
-            time_s >= self._back_s or time_s == -math.inf for time_s in told_s
+            time_s >= self._back_s or time_s == -math.inf for time_s in heard_s
         )
 
     @property
     def mode(self) -> str:
-        """Name of the vehicle's flight mode; empty before it was heard."""
+        """Name of the vehicle's flight mode, empty before the first heartbeat."""
         return self._monitor.mode
 
     @property
     def changing(self) -> bool:
-        """Whether the mission is being changed."""
+        """Whether a change of the mission is in progress."""
         return self._changes.running
 
     @property
     def changes_aside(self) -> bool:
-        """Whether the vehicle leaves its mission while that is changed."""
+        """Whether the vehicle leaves the mission mode during a change."""
         return self._changes.aside
 
     def change(self, mission: Mission, resume_at: int, now_s: float) -> list[Message]:
-        """Begin to change the mission that is being flown, by the safest way of the autopilot.
+        """Start to change the mission in flight, by the safest method for the autopilot.
 
-        When it is over, `changes` holds the outcome, and `mission` is the mission that the vehicle holds.
+        After the change, `changes` has the outcome, and `mission` is the mission on the vehicle.
 
         Parameters
         ----------
         mission : Mission
-            Its items replace those that are flown; fence, rally points and home stay.
+            Mission with the new items. Fence, rally points and home do not change.
         resume_at : int
-            The item of it to fly to next. DO items directly before it are carried out if they change the
-            present settings.
+            New item to fly to next. DO items directly before it are executed if they change the present
+            settings.
 
         Raises
         ------
         NotFlyingError
-            Before or after the flight, or while it is being changed.
+            Before or after the flight, or during another change.
         MissionError, LocalTransferError
             If the mission must not be sent to a vehicle in flight (`mission.ground.changes.check_change`).
         """
@@ -280,7 +278,7 @@ class GroundStation:
         return out
 
     def receive(self, message: Message, now_s: float) -> list[Message]:
-        """Take one message and return the answers."""
+        """Handle one message; return the messages to send."""
         number, is_autopilot = type(message).id, self._is_autopilot(message)
         if self.arming_gate is not None and is_autopilot:
             self.link.receive(message, now_s)
@@ -289,7 +287,7 @@ class GroundStation:
         handle = self._handlers.get(number)
         if handle is None or message.get_srcSystem() != self.vehicle_system_id:
             return []
-        # Beside a real vehicle rides a camera of ours, which is always heard.
+        # A real vehicle may carry a simulated camera, which can be heard even if the vehicle is silent.
         if self.phase is Phase.FLIGHT and (is_autopilot or self.arming_gate is None):
             self._on_contact(now_s)
         if not is_autopilot:
@@ -299,7 +297,7 @@ class GroundStation:
         return out + self._changes.receive(message, now_s) if self.phase is Phase.FLIGHT else out
 
     def poll(self, now_s: float) -> list[Message]:
-        """Send what is due: heartbeat, repeated commands, transfer timers, requests for lost images."""
+        """Return the messages that are due: heartbeat, repeated orders, transfers, image requests."""
         out = self._heartbeat.poll(now_s)
         if self._first_s is None:
             self._first_s = now_s
@@ -316,6 +314,10 @@ class GroundStation:
         if self._order is not None and now_s >= self._order.due_s:
             if self._order.is_given_up:
                 self._order_refused("no answer", now_s)
+            elif self.mode != self._ordered_in and self.mode in self._ordered_modes:
+                self._order = None  # obeyed, only the COMMAND_ACK was lost
+            elif self._is_overruled():
+                self._order_refused(f"mode {self.mode} since", now_s)
             else:
                 out += self._order.send(now_s)
         if self.phase is Phase.FLIGHT:
@@ -333,7 +335,7 @@ class GroundStation:
         return out
 
     def next_deadline(self) -> float:
-        """When `poll` has something to do."""
+        """Return the time of the next `poll` that has an effect, infinite after the end."""
         if self.done:
             return math.inf
         due_s = [
@@ -353,7 +355,7 @@ class GroundStation:
 
     @property
     def link_report(self) -> LinkReport | None:
-        """Quality of the link to a real vehicle; None without a real link."""
+        """Link quality over the flight of a real vehicle; None for a simulated vehicle."""
         if self.arming_gate is None:
             return None
         link, silences = self.link, self._silences
@@ -363,27 +365,27 @@ class GroundStation:
 
     @property
     def silent_s(self) -> float:
-        """Total silence of the vehicle during the flight."""
+        """Total silence of the vehicle during the flight (s)."""
         return self._silences.silent_s
 
     @property
     def _fetches(self) -> bool:
-        """Whether lost images may be asked for."""
+        """Whether lost images may be requested."""
         return self.phase in (Phase.FLIGHT, Phase.FETCH)
 
     def interrupt(self, outcome: Outcome, reason: str, now_s: float) -> None:
-        """End the run from outside; received data is kept, and so is the end of a flight that is over."""
+        """End the run from outside; received data and the outcome of a finished flight are kept."""
         if self.phase is Phase.FETCH:
             self.phase = Phase.DONE
         if not self.done:
             self._end(outcome, reason, now_s)
 
-    # Messages that arrive.
+    # Received messages.
 
     def _on_contact(self, now_s: float) -> None:
-        """Note contact; after a silence, request the missed data."""
+        """Record contact; after a silence, request the missed images."""
         if self._silences.on_message(now_s):
-            # It was armed when its mission was started, whatever was heard of that.
+            # The vehicle was armed at the start of the mission, even if no armed HEARTBEAT arrived.
             self._flew = True
             self._back_s = now_s
             self._unsure_s = now_s + _CLOCK_S + 3.0 * (self.link.round_trip.seconds or 0.0)
@@ -395,16 +397,15 @@ class GroundStation:
         self._flew |= self._armed and self.phase is Phase.FLIGHT
         if self.phase is Phase.FLIGHT:
             self._failures.on_heartbeat(message, len(self.texts) - self._texts_before)
-            # Of a simulated vehicle that nobody else can fly its obedience alone is of interest.
+            # Nobody else can fly a simulated vehicle, so only its response to orders matters.
             if self.arming_gate is not None or self.pilot.ordered is not None:
-                last = int(self.mission.items[-1].command) if self.mission.items else 0
                 self.pilot.on_heartbeat(
                     message,
                     now_s,
                     expects_change=self.changing or self.flies_home,
                     flies_home=self.flies_home,
                     unsure=now_s < self._unsure_s,
-                    ends_in=self._monitor.modes.ends(last),
+                    ends_in=self._end_modes,
                 )
         if self.phase is Phase.CONTACT:
             self.phase = Phase.UPLOAD
@@ -413,14 +414,14 @@ class GroundStation:
             self._changes.held = self._uploads.mission
             return self._ask_for_streams() + self._after_upload(begun, now_s)
         if self.phase is Phase.FLIGHT and self._flew and not self._armed and self._disarmed_s is None:
-            # The state of the mission may arrive a moment after the disarming.
+            # The mission state may arrive shortly after the disarming.
             self._disarmed_s = now_s
             if self._end_of_mission.is_complete:
                 self._land(*self._end_of_mission.completed(self._texts_before), now_s)
         return self._ask_for_streams()
 
     def _ask_for_streams(self) -> list[Message]:
-        """Request telemetry until it comes, if the autopilot sends it only on request."""
+        """Request telemetry until it arrives, if the autopilot sends telemetry only on request."""
         silent, self._no_position = self._no_position, True
         if not silent or not self._contact.profile.streams_on_request:
             return []
@@ -432,7 +433,7 @@ class GroundStation:
 
     @property
     def _flies_mission(self) -> bool:
-        """Whether telemetry now refers to the present mission."""
+        """Whether the telemetry refers to the current mission."""
         return self.phase is Phase.FLIGHT and self._armed and not self.changing
 
     def _on_mission_current(self, message: m.MAVLink_mission_current_message, now_s: float) -> None:
@@ -460,19 +461,18 @@ class GroundStation:
             self.tracks.on_position(message, round(1e3 * monitor.boot_s), is_rover=is_rover)
 
     def _on_system_time(self, message: m.MAVLink_system_time_message, now_s: float) -> None:
-        """Take the clock, which an autopilot that has just started tells before it knows where it is."""
+        """Handle SYSTEM_TIME: after a reboot, the clock arrives earlier than the first position."""
         self._monitor.clock.take(message.time_boot_ms, now_s)
         self._on_clock(now_s)
 
     def _on_clock(self, now_s: float) -> None:
-        """Take note that the vehicle has told its clock."""
+        """Handle a new reading of the vehicle's clock, which may show a reboot."""
         unsure, self._unsure_s = now_s < self._unsure_s, -math.inf
         clock = self._monitor.clock
         if clock.restarts > self._restarts:
-            # Its clock, its telemetry and its camera begin anew.
             self._restarts = clock.restarts
-            told_since = unsure and self._monitor.mode_heard_s >= self._back_s
-            self.pilot.on_restart(self._monitor.heartbeat if told_since else None, now_s)
+            heard_since = unsure and self._monitor.mode_heard_s >= self._back_s
+            self.pilot.on_restart(self._monitor.heartbeat if heard_since else None, now_s)
             if self._assembler is not None:
                 self._assembler.move_clock(clock.offset_ms / 1e3)
         elif unsure:
@@ -508,10 +508,10 @@ class GroundStation:
             self._order, self._chosen = None, range(0)
         return []
 
-    # What follows.
+    # Transitions.
 
     def _after_upload(self, out: list[Message], now_s: float) -> list[Message]:
-        """Go on when the plans have arrived, or one has not."""
+        """Start the flight after the uploads, or end the run if an upload failed."""
         if self._uploads.failure:
             reason = self._texts.explain(self._uploads.failure, self._texts_before)
             silent = self.arming_gate is not None and self._uploads.fell_silent
@@ -522,14 +522,14 @@ class GroundStation:
         return out
 
     def _look_at_clock(self, now_s: float) -> list[Message]:
-        """End a start that was agreed to before the program stood still."""
+        """End the start if the program was suspended since the operator agreed."""
         if self.arming_gate is None or self.phase not in _BEFORE_FLIGHT:
             return []
         out = self._start.look_at_clock(now_s)
         return out if self._start.failure is None else self._after_start(out, now_s)
 
     def _after_start(self, out: list[Message], now_s: float) -> list[Message]:
-        """Take how far the start is; go on when the vehicle flies its mission."""
+        """Take over the phase of the start; begin the flight, or end the run if the start failed."""
         start = self._start
         self.phase = start.phase
         if start.failure is not None:
@@ -537,7 +537,7 @@ class GroundStation:
         elif self.phase is Phase.FLIGHT:
             self.started_s = self._started_boot_s = now_s
             if self.arming_gate is not None:
-                # A real vehicle's clock began long before ours.
+                # A real vehicle's clock counts from its boot.
                 self._started_boot_s = self._monitor.boot_s
             self.battery_before = self._monitor.battery
             self._monitor.begin_flight()
@@ -547,14 +547,15 @@ class GroundStation:
 
     @property
     def flies_home(self) -> bool:
-        """Whether no waypoint is left of the mission."""
+        """Whether no waypoint of the mission remains."""
         return self._end_of_mission.flies_home
 
     def maneuver(self, kind: Maneuver, now_s: float) -> list[Message]:
-        """Take the vehicle out of its mission, to hold, to return or to land, or let it go on with that.
+        """Order the vehicle to hold, return, land, or resume its mission.
 
-        NotFlyingError before or after the flight, or while somebody else flies the vehicle; if it is to go on
-        with a mission that it flies, or that was being changed when it was taken out of it.
+        Raises NotFlyingError before or after the flight, and while another pilot flies the vehicle. An order
+        to resume also raises NotFlyingError if the vehicle flies its mission, or if an aborted change has
+        left the vehicle with an unknown mission.
         """
         self._check_takes_orders()
         if kind is Maneuver.RESUME:
@@ -565,13 +566,14 @@ class GroundStation:
         self._changes.drop()
         command, params = self._monitor.modes.maneuver(kind)
         out = self._give(self._contact.order(command, *params), now_s)
+        self._ordered_modes = self._monitor.modes.shows(kind)
         self.pilot.order(kind)
         return out
 
     def choose_item(self, item: int, now_s: float) -> list[Message]:
-        """Let the vehicle go on with another item of its mission, counted from 0 as `Mission.items` is.
+        """Order the vehicle to continue its mission at ``item``, counted from 0 like `Mission.items`.
 
-        NotFlyingError as of `maneuver`, while the mission is being changed, or if it has no such item.
+        Raises NotFlyingError like `maneuver`, during a change of the mission, and if the item does not exist.
         """
         self._check_takes_orders()
         count = len(self.mission.items)
@@ -587,16 +589,32 @@ class GroundStation:
         by_message = None if profile.item_command else m.MAVLink_mission_set_current_message(*vehicle, seq)
         order = self._contact.order(m.MAV_CMD_DO_SET_MISSION_CURRENT, float(seq), message=by_message)
         out = self._give(order, now_s)
-        # What only does something is over at once: the vehicle shows where it flies then.
+        # A DO command is done immediately, and the vehicle reports the next navigation item as current.
         passes = self.mission.items[item].command > _NAV_LAST
         shown = next_flown_to(self.mission.items, item) if passes else item
         self._chosen = range(item, shown + 1)
         return out
 
     def _give(self, order: Order, now_s: float) -> list[Message]:
-        """Send an order, in place of one that is on its way."""
+        """Send an order; the order replaces a pending one."""
         self._ordered_before, self._order, self._chosen = self.pilot.ordered, order, range(0)
+        self._ordered_in, self._ordered_modes = self.mode, frozenset()
         return order.send(now_s)
+
+    @property
+    def _end_modes(self) -> frozenset[str]:
+        """Flight modes after the end of the mission."""
+        items = self.mission.items
+        return self._monitor.modes.ends(int(items[-1].command) if items else 0)
+
+    def _is_overruled(self) -> bool:
+        """Whether a pilot or a failsafe has changed the mode since the pending order was given."""
+        modes, before = self._monitor.modes, self._ordered_before
+        mission = modes.shows(Maneuver.RESUME)
+        expected = {self._ordered_in} if before is None else {self._ordered_in, *modes.shows(before)}
+        if self._ordered_in in mission:
+            expected |= mission | self._end_modes
+        return bool(mission) and self.mode not in expected
 
     def _check_mission_known(self) -> None:
         if self._changes.broken_off:
@@ -607,7 +625,7 @@ class GroundStation:
             raise NotFlyingError(msg)
 
     def _check_takes_orders(self) -> None:
-        """NotFlyingError before or after the flight, or while somebody else flies the vehicle."""
+        """Raise NotFlyingError before or after the flight, and while another pilot flies the vehicle."""
         if self.phase is not Phase.FLIGHT or self._disarmed_s is not None:
             msg = f"the vehicle does not fly: the ground station is at {self.phase.value!r}"
             raise NotFlyingError(msg)
@@ -622,14 +640,14 @@ class GroundStation:
             raise NotFlyingError(msg)
 
     def _order_refused(self, why: str, now_s: float) -> None:
-        """The vehicle flies on as before; the operator sees that it does."""
+        """Restore the state before the order, and report the refusal to the operator."""
         self._order, self._chosen = None, range(0)
         if self.pilot.ordered is not self._ordered_before:
             self.pilot.order(self._ordered_before)
         self._texts.note(f"{why}: the vehicle did not take the order", now_s)
 
     def _land(self, outcome: Outcome, reason: str, now_s: float) -> None:
-        """The flight is over: ask for images that were lost on the way, if any."""
+        """End the flight, and request the images that were lost, if any."""
         self.outcome, self.reason, self.ended_s = outcome, reason, now_s
         missing = self._fetch is not None and self._fetch.begin(now_s)
         self.phase = Phase.FETCH if missing else Phase.DONE
@@ -643,5 +661,5 @@ class GroundStation:
         return (message.get_srcSystem(), message.get_srcComponent()) == self._contact.vehicle
 
 
-def _take_note(_message: Message, _now_s: float) -> None:
-    """Ignore a message that needs nothing beyond the common handling."""
+def _ignore(_message: Message, _now_s: float) -> None:
+    """Ignore a message that needs only the common handling."""

@@ -1,4 +1,4 @@
-"""The state of a vehicle in flight in words."""
+"""Status texts of a vehicle in flight, or stopped before its flight."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ _STOPPED = {
 
 
 class NotStartedError(WbfMissionError, RuntimeError):
-    """Ctrl-C before the vehicle was started; the text says in which state it is left."""
+    """Ctrl-C before the start of the flight; the text describes the state of the vehicle."""
 
 
 def doing(ground: GroundStation, now_s: float) -> str:
-    """Return mode, item and height of a vehicle in flight, with their age after a silence."""
+    """Return mode, item and height of a vehicle in flight as text, with the age of old values."""
     state, items = ground.vehicle_state, len(ground.mission.items)
     parts = [
         ground.pilot.mode or "mode not told",
@@ -38,5 +38,5 @@ def doing(ground: GroundStation, now_s: float) -> str:
 
 
 def not_started(ground: GroundStation) -> str | None:
-    """Return the state in which a run that ends before its flight leaves the vehicle; None once it flies."""
+    """Return the state of the vehicle after a run that ends before the flight; None after the start."""
     return None if ground.started_s is not None else _STOPPED.get(ground.phase)

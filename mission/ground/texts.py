@@ -1,4 +1,4 @@
-"""The STATUSTEXTs of a vehicle, joined if they come in pieces."""
+"""Log of a vehicle's STATUSTEXTs, with chunked texts joined."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from mission.link.codec.dialect import mavlink as m
 __all__ = ["WHOLE_S", "TextLog", "begun_until"]
 
 WHOLE_S = 0.5
-"""A text in pieces is complete this long after its first piece."""
+"""Time after the first chunk at which a chunked text counts as complete (s)."""
 
 _WARNING = 4  # MAV_SEVERITY_WARNING
 _MOST_TEXTS = 10_000
 _CONTROL = re.compile(r"[\x00-\x1f\x7f]")
-# Texts of PX4 and ArduCopter that follow a reason, or stand without one.
+# Texts of PX4 and ArduCopter that do not contain the reason of a refusal.
 _NO_REASON = re.compile(
     r"Arming denied: Resolve system health failures first|Switching to .* is currently not available"
     r"|Mode change to .* failed: init failed"
@@ -24,16 +24,16 @@ _NO_REASON = re.compile(
 
 
 class TextLog:
-    """The STATUSTEXTs of one vehicle: time in seconds, severity, text."""
+    """STATUSTEXTs of one vehicle: time (s), MAV_SEVERITY, text."""
 
     def __init__(self) -> None:
         self.texts: list[tuple[float, int, str]] = []
         self._chunk = (0, -1)
 
     def on_text(self, message: m.MAVLink_statustext_message, now_s: float) -> None:
-        """Take a STATUSTEXT: a new text, or the next piece of the last one."""
+        """Handle a STATUSTEXT: a new text, or the next chunk of the last text."""
         number, chunk = message.id, message.chunk_seq
-        # PX4 ends a text that it sends as an event, too, with a tab.
+        # PX4 appends a tab to texts that are also sent as events.
         said = _CONTROL.sub("", message.text)
         if self.texts and number and (number, chunk - 1) == self._chunk:
             began_s, severity, text = self.texts[-1]
@@ -43,17 +43,17 @@ class TextLog:
         self._chunk = (number, chunk)
 
     def note(self, text: str, now_s: float, severity: int = _WARNING) -> None:
-        """Add a text of the ground station's own; below a warning it explains no failure."""
+        """Add a text of the ground station; texts below the severity of a warning never explain a failure."""
         if len(self.texts) < _MOST_TEXTS:
             self.texts.append((now_s, severity, text))
 
     def warnings(self, since: int = 0) -> list[str]:
-        """The different texts that warn or worse, from the one with number `since` on."""
+        """Return the distinct texts of at least warning severity, starting at index ``since``."""
         warnings = (text for _, severity, text in self.texts[since:] if severity <= _WARNING)
         return list(dict.fromkeys(warnings))
 
     def explain(self, failure: str, since: int = 0) -> str:
-        """A failure with what the vehicle said about it, if anything.
+        """Return a failure text, followed by the vehicle's warnings since index ``since``, if any.
 
         >>> log = TextLog()
         >>> log.note("WPM: REJ. CMD: Busy", 0.0)
@@ -64,9 +64,9 @@ class TextLog:
         return f"{failure}; the vehicle says: {said}" if said else failure
 
     def last_warning(self, otherwise: str, since: int = 0) -> str:
-        """The latest warning from the text with number `since` on; `otherwise` when there is none.
+        """Return the latest warning since index ``since``, or ``otherwise`` without a warning.
 
-        A text that gives no reason counts only where there is no other: autopilots say so after the reason.
+        A text without a reason counts only if no other text arrived: autopilots send it after the reason.
 
         >>> log = TextLog()
         >>> log.note("Mission rejected: no take-off", 0.0)
@@ -82,7 +82,7 @@ class TextLog:
 def begun_until(
     texts: Sequence[tuple[float, int, str]], told: int, until_s: float
 ) -> list[tuple[float, int, str]]:
-    """Return the texts from the one with number `told` on that were begun by then.
+    """Return the texts from index ``told`` on that began by ``until_s``.
 
     >>> begun_until([(0.0, 6, "Armed"), (1.0, 6, "Takeoff"), (4.0, 6, "Landed")], 1, 3.0)
     [(1.0, 6, 'Takeoff')]

@@ -1,4 +1,4 @@
-"""Where the vehicle was: its own fixes, its simulator's true positions, and how long it was in the air."""
+"""Tracks of a vehicle: reported positions, true positions from its simulator, and time in the air."""
 
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ _Fix = tuple[float, int, int, int]  # ms, 1e-7 degree, 1e-7 degree, mm above hom
 
 @dataclass(frozen=True, slots=True)
 class Track:
-    """Where a vehicle was, by its own GLOBAL_POSITION_INT or in truth.
+    """Track of a vehicle, from its GLOBAL_POSITION_INT or from the simulator's true positions.
 
-    Of several flights in one track, each ends with a row of NaN, so that lines drawn along it break there.
+    A row of NaN separates several flights in one track, so that a line drawn along the track is interrupted.
 
     Parameters
     ----------
     time_s : float64[n]
-        Seconds since the run began.
+        Time since the start of the run (s).
     latitude_deg, longitude_deg, altitude_m : float64[n]
         Position; altitude above home.
     x_m, y_m : float64[n]
@@ -47,23 +47,23 @@ class Track:
 
     @property
     def length_m(self) -> float:
-        """Length over ground."""
+        """Length over ground (m)."""
         return float(np.nansum(np.hypot(np.diff(self.x_m), np.diff(self.y_m))))
 
     def at(self, time_s: NDArray[np.float64]) -> Track:
-        """Return the track at other times, straight between its fixes."""
+        """Return the track at other times, linearly interpolated."""
         columns = (self.latitude_deg, self.longitude_deg, self.altitude_m, self.x_m, self.y_m)
         return Track(time_s, *(np.interp(time_s, self.time_s, column) for column in columns))
 
     def distance_m(self, other: Track) -> NDArray[np.float64]:
-        """Return the horizontal distance from another track at the times of this one."""
+        """Return the horizontal distance from another track at the times of this track (m)."""
         there = other.at(self.time_s)
         return np.hypot(self.x_m - there.x_m, self.y_m - there.y_m)
 
     def least_distance_m(self, other: Track) -> float | None:
-        """Return how near the vehicles of two tracks came to each other, heights counted; None if never seen.
+        """Return the smallest 3D distance from another track (m), None if the tracks do not overlap in time.
 
-        Their fixes are taken together at the times of this track, while both were told.
+        The distance is evaluated at the times of this track within the time span of the other.
         """
         if not len(self.time_s) or not len(other.time_s):
             return None
@@ -76,24 +76,23 @@ class Track:
 
 
 def joined(tracks: Sequence[Track]) -> Track:
-    """Return several tracks as one, with a row of NaN between them; a single one as it is."""
+    """Concatenate tracks, separated by rows of NaN; a single track is returned unchanged."""
     if len(tracks) == 1:
         return tracks[0]
     names = ("time_s", "latitude_deg", "longitude_deg", "altitude_m", "x_m", "y_m")
     gap = np.array([np.nan])
     columns = []
     for name in names:
-        parts = [part for one in tracks for part in (getattr(one, name), gap)]
+        parts = [part for track in tracks for part in (getattr(track, name), gap)]
         columns.append(np.concatenate(parts[:-1]) if parts else np.empty(0))
     return Track(*columns)
 
 
 class TrackRecorder:
-    """Notes positions of one flight; it hears the vehicle's messages only."""
+    """Recorder of the positions of one flight, from the vehicle's messages."""
 
     def __init__(self) -> None:
-        # Time of the vehicle's last fix in the air, milliseconds since it started; 0 before the first
-        self.aloft_ms = 0
+        self.aloft_ms = 0  # time of the last position in the air (ms since boot), 0 before the first
         self._fixes: list[_Fix] = []
         self._true_fixes: list[_Fix] = []
         self._ground_mm: int | None = None
@@ -102,19 +101,19 @@ class TrackRecorder:
     def on_position(
         self, message: m.MAVLink_global_position_int_message, time_ms: int, *, is_rover: bool
     ) -> None:
-        """Note a GLOBAL_POSITION_INT of the flight, at a time of the vehicle's clock."""
+        """Record a GLOBAL_POSITION_INT at ``time_ms`` of the vehicle's clock."""
         self._fixes.append((time_ms, message.lat, message.lon, message.relative_alt))
         off_ground = message.relative_alt > _GROUND_MM or is_rover
-        # From the first fix in the air until the vehicle tells that it has landed: it takes it a while.
+        # The flight lasts until the vehicle detects the landing, some time after touchdown.
         if (off_ground or self.aloft_ms > 0) and not self._grounded:
             self.aloft_ms = time_ms
 
     def on_landed_state(self, message: m.MAVLink_extended_sys_state_message) -> None:
-        """Note an EXTENDED_SYS_STATE."""
+        """Record the landed state of an EXTENDED_SYS_STATE."""
         self._grounded = message.landed_state == _ON_GROUND
 
     def on_truth(self, message: TrueState, now_s: float, *, flying: bool) -> None:
-        """Note a HIL_STATE_QUATERNION or SIM_STATE; its height counts from where the vehicle stood first."""
+        """Record a HIL_STATE_QUATERNION or SIM_STATE, with the height above the first true position."""
         if is_a(message, m.MAVLink_sim_state_message):
             latitude_e7, longitude_e7 = message.lat_int, message.lon_int
             altitude_mm = round(1000.0 * message.alt)
@@ -127,20 +126,20 @@ class TrackRecorder:
             self._true_fixes.append((1000.0 * now_s, latitude_e7, longitude_e7, height_mm))
 
     def fixes_from(self, number: int) -> Sequence[_Fix]:
-        """Return the fixes of the flight from a number on."""
+        """Return the recorded positions from index ``number`` on."""
         return self._fixes[number:]
 
     def track(self, frame: LocalFrame) -> Track:
-        """What was flown, in WGS84 and in `frame`."""
+        """Return the reported track, in WGS84 and in ``frame``."""
         return _track(self._fixes, frame)
 
     def true_track(self, frame: LocalFrame) -> Track | None:
-        """Where the vehicle truly was; None if its simulator did not tell."""
+        """Return the true track, None if no simulator sent true positions."""
         return _track(self._true_fixes, frame) if self._true_fixes else None
 
 
 class FlownLength:
-    """The length over ground of a flight that goes on; each fix is looked at once."""
+    """Length over ground of a running flight, updated incrementally."""
 
     def __init__(self, tracks: TrackRecorder, frame: LocalFrame) -> None:
         self._tracks = tracks
@@ -149,8 +148,8 @@ class FlownLength:
         self._length_m = 0.0
 
     def measure(self) -> float:
-        """Return how many metres there are from the first fix to the last one."""
-        # The last fix that was looked at is the beginning of the next step.
+        """Return the length of the track up to the last position (m)."""
+        # The last position of the previous call starts the next segment.
         begin = max(self._seen - 1, 0)
         new = self._tracks.fixes_from(begin)
         self._seen = begin + len(new)

@@ -1,4 +1,4 @@
-"""What goes up before the flight: fence, rally points and mission, one plan after the other. Sans-IO."""
+"""Uploads before the flight: fence, rally points and mission, one after the other, sans-IO."""
 
 from __future__ import annotations
 
@@ -32,10 +32,10 @@ _LAST_WORDS_S = 0.5
 
 
 class PlanUploads:
-    """Sends the plans of a mission to a vehicle on the ground and reads each back.
+    """Verified uploads of the plans of a mission to a vehicle on the ground.
 
-    Fence and rally points are sent if the mission has any, then its items. Without a measured link each plan
-    measures its own round trip.
+    Fence and rally points, if any, are uploaded before the mission items. Without a shared round trip time,
+    each upload measures its own.
     """
 
     def __init__(
@@ -46,12 +46,12 @@ class PlanUploads:
         on_progress: Callable[[int, int], None] | None = None,
         force: bool = False,
     ) -> None:
-        self.statistics: list[TransferStatistics] = []  # Of each plan that was sent
-        self.failure = ""  # Why a plan did not arrive; empty as long as none failed
+        self.statistics: list[TransferStatistics] = []  # statistics of each upload
+        self.failure = ""  # reason of a failed upload, empty if none failed
         self._rendered = Rendered(mission, (), tuple(range(len(mission.items))))
         self._force = force
         self._ending: tuple[str, float] | None = None
-        self.fell_silent = False  # The vehicle did not answer, in place of refusing it
+        self.fell_silent = False  # whether the failure is a timeout
         self._contact = contact
         self._on_progress = on_progress
         self._kinds = deque(
@@ -59,46 +59,46 @@ class PlanUploads:
             for kind in (MissionType.FENCE, MissionType.RALLY, MissionType.MISSION)
             if mission.plan(kind) or kind is MissionType.MISSION
         )
-        self._clears = False  # The old mission is being cleared, or was
+        self._clears = False  # whether the old mission is cleared first
         self._transfer: Transfer | None = None
 
     @property
     def mission(self) -> Mission:
-        """The mission as the vehicle's autopilot takes it, once that is known."""
+        """Mission converted for the vehicle's autopilot; unconverted before `start`."""
         return self._rendered.mission
 
     @property
     def done(self) -> bool:
-        """Whether every plan has arrived."""
+        """Whether every plan was uploaded and verified."""
         return not self.failure and self._ending is None and self._transfer is None and not self._kinds
 
     @property
     def seconds_an_item(self) -> float:
-        """What an item of the mission took to send and read back; a guess before that."""
+        """Upload time per mission item (s), a default before the first upload."""
         times = [
-            one.duration_s / one.items
-            for one in self.statistics
-            if one.mission_type is MissionType.MISSION and one.items
+            upload.duration_s / upload.items
+            for upload in self.statistics
+            if upload.mission_type is MissionType.MISSION and upload.items
         ]
         return times[-1] if times else _AN_ITEM_S
 
     def start(self, now_s: float) -> list[Message]:
-        """Begin with the first plan, in the way of an autopilot, and return what is to be sent.
+        """Convert the plans for the autopilot and start the first upload; return the messages to send.
 
-        Nothing is sent, and `failure` tells why, if the autopilot would not take a plan.
+        If the autopilot would refuse a plan, nothing is sent and `failure` is set.
         """
         contact = self._contact
         self._rendered = render(self._rendered.mission, contact.profile, contact.monitor.vehicle_type)
         try:
             if not self._force:
-                # What its parameters forbid is told by whoever knows them: planning, or the preflight check.
+                # Planning or the preflight check reports errors that depend on the vehicle's parameters.
                 refuse_errors(self._rendered, arming=False)
         except LocalTransferError as error:
             self._kinds.clear()
             self.failure = str(error)
             return []
         state = contact.monitor.state
-        # A simulated vehicle holds what it tells, and nothing before that.
+        # A simulated vehicle without a reported mission has none; a real vehicle may have an unreported one.
         holds = state.total > 0 if state.total is not None else contact.round_trip is not None
         holds &= contact.clears
         if holds and gives_up_mission(self.mission, self._kinds, contact.profile, armed=state.armed):
@@ -108,13 +108,13 @@ class PlanUploads:
         return self._next(now_s)
 
     def receive(self, message: Message, now_s: float) -> list[Message]:
-        """Take a message of the mission protocol."""
+        """Handle a message of the mission protocol."""
         if self._transfer is None:
             return []
         return self._take(self._transfer.receive(message, now_s), now_s)
 
     def poll(self, now_s: float) -> list[Message]:
-        """Do what is due."""
+        """Return the messages that are due."""
         if self._ending is not None and now_s >= self._ending[1]:
             self.failure, self._ending = self._ending[0], None
         if self._transfer is None or now_s < self.next_deadline():
@@ -122,7 +122,7 @@ class PlanUploads:
         return self._take(self._transfer.poll(now_s), now_s)
 
     def next_deadline(self) -> float:
-        """When `poll` has something to do; infinity for never."""
+        """Return the time of the next `poll` that has an effect, infinite if none."""
         if self._ending is not None:
             return self._ending[1]
         deadline_s = None if self._transfer is None else self._transfer.next_deadline()
@@ -150,7 +150,7 @@ class PlanUploads:
                     out += self._next(now_s)
             elif isinstance(event, TransferFailed):
                 self._end_transfer(now_s)
-                # The vehicle's text about it may come after its answer.
+                # The vehicle's STATUSTEXT about the failure may arrive after the MISSION_ACK.
                 self._kinds.clear()
                 text = event.text + f"; {NO_MISSION_LEFT}" * (self._clears and len(self.statistics) > 1)
                 self._ending = (text, now_s + _LAST_WORDS_S)

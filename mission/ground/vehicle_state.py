@@ -1,4 +1,4 @@
-"""State of the vehicle by its last telemetry: position, velocity, battery, item, mode."""
+"""State of a vehicle from its last telemetry: position, velocity, battery, item, mode."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ from mission.model import DEGREES_E7
 __all__ = ["UNKNOWN_ITEM", "Battery", "BootClock", "VehicleMonitor", "VehicleState"]
 
 _RESTART_MS = 5000
-"""A report that is older than the last one by more than this is none that was late on its way."""
+"""Step back of the time since boot that means a reboot (ms); a smaller step is a delayed message."""
 
 
 class BootClock:
-    """Makes one clock of a vehicle's times since boot, across restarts of its autopilot.
+    """Continuous clock from a vehicle's times since boot, across reboots of its autopilot.
 
     Examples
     --------
@@ -36,12 +36,12 @@ class BootClock:
 
     def __init__(self) -> None:
         self.restarts = 0
-        self.offset_ms = 0  # Added to the times in present messages of the vehicle
+        self.offset_ms = 0  # offset from the present time since boot to the continuous clock
         self._last_ms = -1
         self._last_s = -math.inf
 
     def take(self, time_boot_ms: int, now_s: float) -> int:
-        """Return a time since boot in milliseconds of the one clock."""
+        """Convert a time since boot to the continuous clock (ms)."""
         time_ms = time_boot_ms + self.offset_ms
         if self._last_ms >= 0 and time_ms < self._last_ms - _RESTART_MS:
             self.restarts += 1
@@ -54,21 +54,22 @@ class BootClock:
 
 
 UNKNOWN_ITEM = 65535
-"""Sequence number in MISSION_CURRENT that names no item."""
+"""Sequence number in MISSION_CURRENT that stands for no item."""
 _NO_HEADING = 65535
 
 
 @dataclass(frozen=True, slots=True)
 class Battery:
-    """Battery of the vehicle: fraction left and energy used; None if unknown."""
+    """Battery of the vehicle: remaining fraction and consumed energy, None if unknown."""
 
     remaining: float | None = None
     consumed_wh: float | None = None
 
     def drained(self, reading: Battery, *, armed: bool) -> Battery:
-        """Return the lowest reading with the motors running, and the most energy used.
+        """Return the lowest fraction with running motors, and the largest consumed energy.
 
-        On the ground a battery recovers, or is changed: PX4's simulator fills it when it disarms.
+        Readings on the ground are too high, because a battery recovers or is replaced. PX4's simulator
+        recharges the battery when disarmed.
 
         Examples
         --------
@@ -80,7 +81,7 @@ class Battery:
         return Battery(min(known, default=None), max(used, default=None))
 
     def used_since(self, before: Battery, capacity_wh: float) -> float | None:
-        """Return the fraction used since an earlier state: by the energy, else by the fraction left.
+        """Return the fraction used since an earlier state, from the energy or else the remaining fraction.
 
         Examples
         --------
@@ -97,76 +98,72 @@ class Battery:
             return None
         else:
             used = before.remaining - self.remaining
-        # Energies are rounded, and a battery may hold more than it should: nobody uses more than one.
+        # Rounding and a real capacity above the nominal one can give values outside 0 to 1.
         return min(max(used, 0.0), 1.0)
 
 
 @dataclass(frozen=True, slots=True)
 class VehicleState:
-    """State of a vehicle by its last telemetry."""
+    """State of a vehicle from its last telemetry."""
 
-    heard_s: float = -math.inf  # When the position was heard; -inf for never
-    latitude_deg: float = math.nan  # latitude_deg, longitude_deg, height_m: position; height above home
+    heard_s: float = -math.inf  # time of the last position, -inf before the first
+    latitude_deg: float = math.nan
     longitude_deg: float = math.nan
-    height_m: float = 0.0
-    velocity_m_s: tuple[float, float, float] = (0.0, 0.0, 0.0)  # Over ground: east, north, up
-    heading_rad: float | None = None  # Compass heading
+    height_m: float = 0.0  # above home
+    velocity_m_s: tuple[float, float, float] = (0.0, 0.0, 0.0)  # east, north, up
+    heading_rad: float | None = None  # compass heading
     battery: Battery = Battery()
     armed: bool = False
-    custom_mode: int = 0  # The flight mode, in the autopilot's own number
-    # The item that is flown or comes next, counted as `Mission.items` is; None when it is not told
-    item: int | None = None
-    # Items of the mission that the vehicle holds, without home; 0 for no mission, None when it is not told
-    total: int | None = None
-    mission_id: int = 0  # Opaque id of that mission; 0 when the autopilot gives none
+    custom_mode: int = 0  # flight mode, in the autopilot's numbering
+    item: int | None = None  # current item, counted like `Mission.items`; None if unknown
+    total: int | None = None  # items of the mission on the vehicle, without home; None if unknown
+    mission_id: int = 0  # opaque id of the mission on the vehicle, 0 without one
 
     def position_m(self, frame: LocalFrame) -> tuple[float, float]:
-        """Return x and y in metres of a frame."""
+        """Return the position in ``frame``: x and y (m)."""
         return frame.from_wgs84(self.latitude_deg, self.longitude_deg)
 
     def velocity_in(self, frame: LocalFrame) -> tuple[float, float]:
-        """Return the horizontal velocity along x and y of a frame."""
+        """Return the horizontal velocity in ``frame``: x and y (m/s)."""
         return frame.from_east_north(*self.velocity_m_s[:2])
 
     @property
     def ground_speed_m_s(self) -> float:
-        """Horizontal speed over ground."""
+        """Horizontal speed over ground (m/s)."""
         return math.hypot(*self.velocity_m_s[:2])
 
 
 _POSITION_KNOWN, _POSITION_HELD = int(m.EKF_POS_HORIZ_ABS), int(m.EKF_CONST_POS_MODE)
-# PX4: satellites are used; an estimate that only rests with its vehicle is told as held, too.
+# PX4 sets EKF_PRED_POS_HORIZ_ABS while it uses GNSS; otherwise EKF_CONST_POS_MODE means no position.
 _POSITION_AIDED = int(m.EKF_PRED_POS_HORIZ_ABS)
 _LANDED_UNKNOWN = 0  # MAV_LANDED_STATE_UNDEFINED
 _NO_MISSION = 1  # MISSION_STATE_NO_MISSION
-# MISSION_CURRENT.mission_mode; 0 is unknown, 1 in the mission.
+# Value of MISSION_CURRENT.mission_mode outside the mission mode; 0 means unknown, 1 mission mode.
 _SUSPENDED = 2
 _NO_TOTAL = 65535
-"""MISSION_CURRENT.total without a mission; 0 comes from a vehicle that does not count."""
+"""MISSION_CURRENT.total without a mission; 0 means that the vehicle does not report the total."""
 
 
 class VehicleMonitor:
-    """Keeps the last telemetry of a vehicle."""
+    """Last telemetry of a vehicle."""
 
     def __init__(self) -> None:
-        self.vehicle_type = 0  # vehicle_type, autopilot: MAV_TYPE and MAV_AUTOPILOT of its heartbeat
-        self.autopilot = 0
-        # mode_heard_s, item_heard_s, position_heard_s: when mode, item and position were heard; -inf for
-        # never
+        self.vehicle_type = 0  # MAV_TYPE in the heartbeat
+        self.autopilot = 0  # MAV_AUTOPILOT in the heartbeat
+        # Times of the last HEARTBEAT, MISSION_CURRENT and GLOBAL_POSITION_INT, -inf before the first.
         self.mode_heard_s = self.item_heard_s = self.position_heard_s = -math.inf
-        self.heartbeat: m.MAVLink_heartbeat_message | None = None  # The last one
+        self.heartbeat: m.MAVLink_heartbeat_message | None = None
         self._position: m.MAVLink_global_position_int_message | None = None
         self._current: m.MAVLink_mission_current_message | None = None
         self.gps_fix: int | None = None
         self.satellites: int | None = None
         self._estimate: int | None = None
         self.battery = Battery()
-        self.lowest_battery = Battery()  # Since `begin_flight`
+        self.lowest_battery = Battery()  # lowest reading since `begin_flight`
         self._has_battery = False
-        self.battery_percent: int | None = None  # As told: the byte of the wire reaches to 127
-        # Whether it is off the ground, as EXTENDED_SYS_STATE tells; None when it is not told
-        self.flies: bool | None = None
-        self.clock = BootClock()  # Of its positions and of SYSTEM_TIME
+        self.battery_percent: int | None = None  # value on the wire, up to 127
+        self.flies: bool | None = None  # in the air by EXTENDED_SYS_STATE, None if unknown
+        self.clock = BootClock()  # clock of positions and of SYSTEM_TIME
         self._boot_ms = 0
         self._takes: dict[int, Callable[[Any, float], None]] = dict(
             (
@@ -183,7 +180,7 @@ class VehicleMonitor:
         )
 
     def receive(self, message: Message, now_s: float) -> None:
-        """Take any message of the vehicle's autopilot."""
+        """Handle any message of the vehicle's autopilot."""
         take = self._takes.get(type(message).id)
         if take is not None:
             take(message, now_s)
@@ -202,33 +199,33 @@ class VehicleMonitor:
     def _on_estimate(
         self, message: m.MAVLink_ekf_status_report_message | m.MAVLink_estimator_status_message, _now_s: float
     ) -> None:
-        """Take the estimator's flags; the lower bits mean the same in both messages."""
+        """Store the estimator flags; their lower bits are equal in EKF_STATUS_REPORT and ESTIMATOR_STATUS."""
         self._estimate = message.flags
 
     def _on_mission_current(self, message: m.MAVLink_mission_current_message, now_s: float) -> None:
         self._current, self.item_heard_s = message, now_s
 
     def _on_landed_state(self, message: m.MAVLink_extended_sys_state_message, _now_s: float) -> None:
-        told = message.landed_state != _LANDED_UNKNOWN
-        self.flies = message.landed_state != m.MAV_LANDED_STATE_ON_GROUND if told else None
+        known = message.landed_state != _LANDED_UNKNOWN
+        self.flies = message.landed_state != m.MAV_LANDED_STATE_ON_GROUND if known else None
 
     def _on_battery(self, message: m.MAVLink_battery_status_message, _now_s: float) -> None:
-        """Take the battery's fraction left and energy used; negative numbers are unknown."""
+        """Store the remaining fraction and the consumed energy; negative values are unknown."""
         remaining, consumed_wh = self.battery.remaining, self.battery.consumed_wh
         if message.battery_remaining >= 0:
             self._has_battery = True
-            remaining = self._told(message.battery_remaining)
+            remaining = self._fraction(message.battery_remaining)
         if message.energy_consumed >= 0:
             consumed_wh = message.energy_consumed * 100.0 / 3600.0
         self._note_battery(Battery(remaining, consumed_wh))
 
     def _on_sys_status(self, message: m.MAVLink_sys_status_message, _now_s: float) -> None:
-        """Take the battery's fraction left from a vehicle that sends no BATTERY_STATUS with it."""
+        """Store the remaining fraction, if BATTERY_STATUS does not report it."""
         if message.battery_remaining >= 0 and not self._has_battery:
-            self._note_battery(replace(self.battery, remaining=self._told(message.battery_remaining)))
+            self._note_battery(replace(self.battery, remaining=self._fraction(message.battery_remaining)))
 
-    def _told(self, percent: int) -> float:
-        """Note the percentage left; return it as a fraction."""
+    def _fraction(self, percent: int) -> float:
+        """Store the remaining percentage, and return it as a fraction."""
         self.battery_percent = percent
         return min(percent, 100) / 100.0
 
@@ -237,20 +234,20 @@ class VehicleMonitor:
         self.lowest_battery = self.lowest_battery.drained(reading, armed=self.is_armed)
 
     def begin_flight(self) -> None:
-        """Begin with the present reading of the battery; its lowest one is kept from now on."""
+        """Reset the lowest battery reading to the present one."""
         self.lowest_battery = self.battery
 
     @property
     def is_armed(self) -> bool:
-        """Whether its motors are running, as its heartbeat says."""
+        """Whether the last heartbeat shows the vehicle armed."""
         heartbeat = self.heartbeat
         return heartbeat is not None and bool(heartbeat.base_mode & m.MAV_MODE_FLAG_SAFETY_ARMED)
 
     @property
     def knows_position(self) -> bool:
-        """Whether the vehicle has a position: by its estimator, else by its fix.
+        """Whether the vehicle has a position, by its estimator flags or else by its GNSS fix.
 
-        ArduPilot sends positions, also 0/0, before that.
+        ArduPilot sends GLOBAL_POSITION_INT, even with 0/0, before it has a position.
         """
         position = self._position
         if position is None or position.lat == position.lon == 0:
@@ -262,55 +259,55 @@ class VehicleMonitor:
 
     @property
     def boot_s(self) -> float:
-        """The vehicle's own clock at its last position, across restarts; 0 before the first."""
+        """Continuous clock of the vehicle at its last position (s), 0 before the first."""
         return self._boot_ms / 1e3
 
     @property
     def custom_mode(self) -> int:
-        """The flight mode, in the autopilot's own number; 0 before any heartbeat."""
+        """Flight mode in the autopilot's numbering, 0 before the first heartbeat."""
         return 0 if self.heartbeat is None else int(self.heartbeat.custom_mode)
 
     @property
     def mode(self) -> str:
-        """Name of the flight mode; empty before any heartbeat."""
+        """Name of the flight mode, empty before the first heartbeat."""
         return "" if self.heartbeat is None else mode_name(self.heartbeat)
 
     @property
     def profile(self) -> Profile:
-        """Profile of its autopilot."""
+        """Profile of the autopilot."""
         return profile_for(self.autopilot)
 
     @property
     def modes(self) -> VehicleModes:
-        """The flight modes of such a vehicle."""
+        """Flight modes of the vehicle's autopilot and type."""
         return VehicleModes(self.autopilot, self.vehicle_type)
 
     @property
     def in_mission(self) -> bool:
-        """Whether the vehicle flies its mission by itself."""
+        """Whether the vehicle is in a mission mode."""
         return self.heartbeat is not None and is_in_mission(self.heartbeat)
 
     @property
     def left_mission(self) -> bool:
-        """Whether the vehicle reports its mission as suspended: it returns, holds, or is flown."""
+        """Whether the vehicle reports its mission as suspended, in any other mode."""
         current = self._current
         return current is not None and current.mission_mode == _SUSPENDED
 
     @property
     def seq(self) -> int | None:
-        """The number of the item that is flown or comes next, as MISSION_CURRENT counts; None if unknown."""
+        """Current item in the numbering of MISSION_CURRENT, None if unknown."""
         current = self._current
         return None if current is None or current.seq == UNKNOWN_ITEM else current.seq
 
     @property
     def home_altitude_m(self) -> float:
-        """How high home is above the sea; 0 before the first position."""
+        """Altitude of home above mean sea level (m), 0 before the first position."""
         position = self._position
         return 0.0 if position is None else (position.alt - position.relative_alt) / 1e3
 
     @property
     def state(self) -> VehicleState:
-        """All of it."""
+        """State of the vehicle as one value."""
         values: dict[str, Any] = {"battery": self.battery}
         heartbeat, position, current = self.heartbeat, self._position, self._current
         if heartbeat is not None:

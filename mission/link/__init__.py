@@ -1,4 +1,4 @@
-"""Links that carry MAVLink bytes: in memory, UDP, TCP."""
+"""MAVLink links in memory and over UDP, TCP and serial lines, with frame codec, signing and logs."""
 
 from typing import TYPE_CHECKING
 

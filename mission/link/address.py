@@ -1,4 +1,4 @@
-"""The interface of a link, the link inside a process, and the addresses of links."""
+"""The `Link` interface, an in-process link, and link addresses."""
 
 from __future__ import annotations
 
@@ -28,34 +28,34 @@ _URL = re.compile(r"(?P<scheme>[A-Za-z0-9]+):(//)?(?P<host>\[[^\[\]]*\]|[^:/\[\]
 
 
 class Link(Protocol):
-    """Something that carries bytes in both directions and never blocks.
+    """A two-way byte link that never blocks.
 
-    ``receive`` returns what has arrived: whole datagrams, or pieces of a stream cut anywhere. A link
-    without a peer (nobody has called yet) drops data, as a radio does.
+    ``receive`` returns whole datagrams, or pieces of a stream cut at arbitrary places. A link without a peer
+    drops the data sent on it, like a radio.
 
     Attributes
     ----------
     name : str
-        The link's address as the user would write it.
+        Link address, in the form that `parse_link_url` reads.
     """
 
     name: str
 
     def send(self, data: bytes) -> None:
-        """Send one frame (or datagram); raise LinkError if the link is broken for good."""
+        """Send one frame (or datagram); raise LinkError if the link has failed permanently."""
 
     def receive(self) -> list[bytes]:
-        """Return at once the data since the last call; LinkError if the link is broken for good."""
+        """Return the data received since the last call; raise LinkError if the link has failed."""
 
     def close(self) -> None:
-        """Close the link; closing twice is fine."""
+        """Close the link; a second call has no effect."""
 
     def fileno(self) -> int | None:
-        """Return the descriptor to wait on with ``select``, or None if there is none."""
+        """Return the file descriptor for ``select``, None if the link has none."""
 
 
 class MemoryLink:
-    """One end of a pair made by `memory_pair`: bytes arrive at the other end in order and whole."""
+    """One end of an in-process link made by `memory_pair`; the data arrive complete and in order."""
 
     __slots__ = ("_inbox", "_open", "_peer_inbox", "name")
 
@@ -66,14 +66,14 @@ class MemoryLink:
         self._open = True
 
     def send(self, data: bytes) -> None:
-        """Put the bytes into the other end's inbox."""
+        """Deliver the bytes to the other end of the pair."""
         if not self._open:
             msg = f"{self.name}: the link is closed"
             raise LinkError(msg)
         self._peer_inbox.append(data)
 
     def receive(self) -> list[bytes]:
-        """Return and forget what has arrived."""
+        """Return the data received since the last call."""
         if not self._inbox:
             return []
         arrived = self._inbox[:]
@@ -81,16 +81,16 @@ class MemoryLink:
         return arrived
 
     def close(self) -> None:
-        """Stop sending; what has already arrived can still be received."""
+        """Refuse further `send` calls; data that have arrived can still be received."""
         self._open = False
 
     def fileno(self) -> int | None:
-        """Return None: there is nothing to wait on."""
+        """Return None: a link in memory has no file descriptor."""
         return None
 
 
 def memory_pair(name: str = "memory") -> tuple[MemoryLink, MemoryLink]:
-    """Make two links that are connected to each other.
+    """Return two links that are connected to each other.
 
     Examples
     --------
@@ -99,9 +99,9 @@ def memory_pair(name: str = "memory") -> tuple[MemoryLink, MemoryLink]:
     >>> vehicle.receive()
     [b'hello']
     """
-    one: list[bytes] = []
-    other: list[bytes] = []
-    return MemoryLink(f"{name}:a", one, other), MemoryLink(f"{name}:b", other, one)
+    first: list[bytes] = []
+    second: list[bytes] = []
+    return MemoryLink(f"{name}:a", first, second), MemoryLink(f"{name}:b", second, first)
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,12 +111,13 @@ class LinkAddress:
     Parameters
     ----------
     scheme : str
-        ``udpin`` (bind, talk to whoever calls), ``udpout`` (call), ``tcp`` (connect), ``tcpin`` (listen) or
-        ``serial``.
+        ``udpin`` (bind and answer the last sender), ``udpout`` (send to a host), ``tcp`` (connect), ``tcpin``
+        (listen) or ``serial``.
     host : str
-        Host name or address; the device of a serial line.
+        Host name or IP address; for ``serial``, the device.
     port : int
-        Port, 0 lets the system choose one for ``udpin`` and ``tcpin``; bits per second of a serial line.
+        Port number, where 0 lets the system choose one for ``udpin`` and ``tcpin``; for ``serial``, the speed
+        (bit/s).
     """
 
     scheme: str
@@ -135,13 +136,13 @@ def parse_link_url(url: str) -> LinkAddress:
     ----------
     url : str
         ``SCHEME:HOST:PORT`` or ``SCHEME://HOST:PORT`` with the scheme udpin (or udp), udpout, tcp (or
-        tcpout) or tcpin. An empty host is the loopback address; IPv6 addresses stand in brackets. Or
-        ``serial:DEVICE[:BAUD]``, 57600 baud unless given.
+        tcpout) or tcpin. An empty host is the loopback address; write IPv6 addresses in brackets. For a
+        serial line, ``serial:DEVICE[:BAUD]``; the default is 57600 baud.
 
     Raises
     ------
     LinkError
-        If the text is no such address.
+        If ``url`` is not a link address.
 
     Examples
     --------

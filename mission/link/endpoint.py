@@ -1,4 +1,4 @@
-"""A MAVLink sender and receiver on a link."""
+"""MAVLink sender and receiver of one component on a link."""
 
 from __future__ import annotations
 
@@ -13,29 +13,29 @@ Tap = Callable[[bytes, bool], None]
 
 
 class MavlinkEndpoint:
-    """The sender and receiver of a MAVLink component on a link.
+    """MAVLink sender and receiver of one component on a link.
 
     Parameters
     ----------
     wanted : iterable of int, optional
-        Ids of the messages that `receive` returns; the others are checked and counted only. None: all.
+        Message ids that `receive` returns; None returns all. Other messages are only checked and counted.
     tap : callable, optional
-        Called with the bytes of each frame and whether it was sent (True) or received (False), for a log.
+        Called for each frame with the bytes and True if the frame was sent, False if received.
     signing : Signing, optional
-        Signs sent frames, and filters received ones.
+        Signs sent frames and checks the signatures of received frames.
 
     Attributes
     ----------
     reader : FrameReader
-        Which messages are `wanted`, and what was heard: `frames`, `sources`, `bad_frames`.
+        Decoder of received frames; holds ``wanted`` and the counters ``frames``, ``sources``, ``bad_frames``.
     system_id, component_id : int
-        The sender's.
+        System and component id of sent messages.
 
     Examples
     --------
     >>> from mission.link.address import memory_pair
-    >>> one, other = memory_pair()
-    >>> ground, vehicle = MavlinkEndpoint(one, 255, 190), MavlinkEndpoint(other, 1, 1)
+    >>> ground_link, vehicle_link = memory_pair()
+    >>> ground, vehicle = MavlinkEndpoint(ground_link, 255, 190), MavlinkEndpoint(vehicle_link, 1, 1)
     >>> ground.send(mavlink.MAVLink_mission_request_list_message(1, 1))
     >>> [(m.get_type(), m.get_srcSystem()) for m in vehicle.receive()]
     [('MISSION_REQUEST_LIST', 255)]
@@ -60,14 +60,14 @@ class MavlinkEndpoint:
         self._tap = tap
 
     def send(self, message: Message) -> None:
-        """Send one message; LinkError if the link is broken, struct.error if a field is out of range."""
+        """Send one message; raise LinkError if the link failed, struct.error if a field is out of range."""
         frame = self._writer.encode(message)
         self.link.send(frame)
         if self._tap is not None:
             self._tap(frame, True)
 
     def receive(self) -> list[Message]:
-        """Return the wanted messages that have arrived, at once; LinkError if the link is broken."""
+        """Return the wanted messages that have arrived; raise LinkError if the link failed."""
         return [message for data in self.link.receive() for message in self.reader.feed(data)]
 
     def close(self) -> None:

@@ -1,4 +1,4 @@
-"""A bad radio in virtual time: loses, delays, duplicates, reorders and damages what crosses it."""
+"""Simulated radio faults in virtual time: loss, delay, duplication, reordering and corruption of frames."""
 
 from __future__ import annotations
 
@@ -11,24 +11,20 @@ import numpy as np
 
 from mission.errors import LinkError
 
-_BUFFER_BYTES = 16384
-_BITS_A_BYTE = 10.0
+_BUFFER_BYTES = 16384  # typical transmit buffer of a telemetry radio
+_BITS_A_BYTE = 10.0  # 8N1: start bit, 8 data bits, stop bit
 
 
 @dataclass(frozen=True, slots=True)
 class Faults:
-    """Faults of a channel."""
+    """Faults of one channel direction."""
 
-    # loss, duplicate, corrupt: chance (0 to 1) that a frame is lost, comes twice, or has one byte changed
-    loss: float = 0.0
-    duplicate: float = 0.0
-    corrupt: float = 0.0
-    # delay_s, jitter_s: every frame takes ``delay_s`` and up to ``jitter_s`` more; with jitter, frames
-    # overtake each other
-    delay_s: float = 0.0
-    jitter_s: float = 0.0
-    # Bits per second of the line, ten for a byte (8N1). Frames beyond its buffer of 16 KiB are lost.
-    baud: float = math.inf
+    loss: float = 0.0  # probability (0 to 1) that a frame is lost
+    duplicate: float = 0.0  # probability that a frame arrives twice
+    corrupt: float = 0.0  # probability that one byte of a frame is changed
+    delay_s: float = 0.0  # delay of each frame
+    jitter_s: float = 0.0  # largest additional random delay, which reorders frames
+    baud: float = math.inf  # line speed (bit/s); frames that overflow a buffer of 16 KiB are lost
 
     def __post_init__(self) -> None:
         for name in ("loss", "duplicate", "corrupt"):
@@ -45,14 +41,14 @@ class Faults:
 
 
 class FaultyChannel:
-    """One direction of a bad link; the caller keeps the time.
+    """One direction of a faulty link; the caller passes the time.
 
     Parameters
     ----------
     faults : Faults
-        Its faults; a change applies to frames sent later.
+        Faults to apply. Assigning new faults affects only frames sent afterwards.
     rng : numpy.random.Generator
-        Its source of randomness.
+        Random numbers that decide the fate of each frame.
 
     Examples
     --------
@@ -72,7 +68,7 @@ class FaultyChannel:
         self._free_s = -math.inf
 
     def send(self, data: bytes, now_s: float) -> None:
-        """Put one frame on the air."""
+        """Transmit one frame at ``now_s``."""
         faults, rng = self.faults, self._rng
         starts_s = max(now_s, self._free_s)
         if faults.baud < math.inf:
@@ -93,12 +89,12 @@ class FaultyChannel:
         return bytes(damaged)
 
     def receive(self, now_s: float) -> list[bytes]:
-        """Return the frames that have arrived by now."""
+        """Return the frames that have arrived by ``now_s``."""
         arrived = []
         while self._flying and self._flying[0][0] <= now_s:
             arrived.append(heapq.heappop(self._flying)[2])
         return arrived
 
     def next_arrival(self) -> float | None:
-        """When the next frame arrives, None if nothing is on the air."""
+        """Return the arrival time of the next frame, None if no frame is in transit."""
         return self._flying[0][0] if self._flying else None

@@ -1,4 +1,4 @@
-"""Opening a link by its address; serial lines; links that reopen after a loss."""
+"""Opening a link by its address, serial links, and links that reconnect."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ from mission.errors import LinkError, LinkLostError
 from mission.link.address import SERIAL, Link, LinkAddress, parse_link_url
 from mission.link.sockets import Stream, TcpLink, TcpListener, UdpInLink, UdpOutLink
 
-_RETRY_S = 1.0
-_GIVE_UP_S = 5.0
+_RETRY_S = 1.0  # interval of reconnection attempts
+_GIVE_UP_S = 5.0  # timeout of one reconnection attempt
 _PENDING = frozenset({0, errno.EINPROGRESS, errno.EWOULDBLOCK, errno.EALREADY})
 _SERIAL_ERRORS = {
     errno.ENOENT: "there is none of that name; check the name, and that it is plugged in",
@@ -33,9 +33,9 @@ _SERIAL_READ_BYTES = 65536
 
 
 class SerialLink(Stream):
-    """A serial line, never blocking; it keeps up to 64 KiB.
+    """Non-blocking serial link with a transmit buffer of 64 KiB.
 
-    LinkError if pyserial is not installed or the device cannot be opened.
+    Raises LinkError if pyserial is not installed or the device cannot be opened.
     """
 
     def __init__(self, address: LinkAddress) -> None:
@@ -50,14 +50,14 @@ class SerialLink(Stream):
             raise LinkError(msg) from error
 
     def _write(self, data: bytearray) -> int:
-        # pyserial's own write waits for a line that takes nothing, whatever its time-out.
+        # Serial.write blocks while the line accepts no bytes, even with write_timeout=0.
         return os.write(self._port.fileno(), data)
 
     def _gone(self) -> LinkLostError:
         return LinkLostError(f"{self.name}: the device has gone; plug it in and start again")
 
     def receive(self) -> list[bytes]:
-        """Return the bytes that have arrived; LinkError once the device has gone."""
+        """Return the bytes that have arrived; raise LinkError if the device was removed."""
         self._flush()
         try:
             data = self._port.read(_SERIAL_READ_BYTES)
@@ -66,17 +66,17 @@ class SerialLink(Stream):
         return [data] if data else []
 
     def close(self) -> None:
-        """Close the line."""
+        """Close the serial port."""
         with contextlib.suppress(OSError):
             self._port.close()
 
     def fileno(self) -> int | None:
-        """Return the descriptor, None once closed."""
+        """Return the file descriptor, None after `close`."""
         return int(self._port.fileno()) if self._port.is_open else None
 
 
 def _serial_reason(error: BaseException) -> str:
-    """Return why a device cannot be opened, with advice; pyserial hides the system's error in texts."""
+    """Return why a device cannot be opened, with advice, from the error number in the exception chain."""
     cause: BaseException | None = error
     while cause is not None:
         number = getattr(cause, "errno", None)
@@ -93,14 +93,14 @@ _Link = TypeVar("_Link", bound=TcpLink | SerialLink)
 
 
 class _Returning(ABC, Generic[_Link]):
-    """A link whose other side may go away and come back; what is sent meanwhile is dropped."""
+    """Link that reconnects after a disconnection; data sent while disconnected are dropped."""
 
     def __init__(self, name: str, link: _Link | None = None) -> None:
         self.name = name
         self._link: _Link | None = link
 
     def send(self, data: bytes) -> None:
-        """Send, or drop it while nobody is there."""
+        """Send ``data``, or drop the data while disconnected."""
         link = self._link or self._try()
         if link is None:
             return
@@ -110,7 +110,7 @@ class _Returning(ABC, Generic[_Link]):
             self._lose()
 
     def receive(self) -> list[bytes]:
-        """Return the pieces that have arrived; nothing while nobody is there."""
+        """Return the pieces that have arrived, an empty list while disconnected."""
         link = self._link or self._try()
         if link is None:
             return []
@@ -121,11 +121,11 @@ class _Returning(ABC, Generic[_Link]):
             return []
 
     def close(self) -> None:
-        """Close it."""
+        """Close the connection."""
         self._lose()
 
     def fileno(self) -> int | None:
-        """Return the descriptor, None while there is none."""
+        """Return the file descriptor, None while disconnected."""
         return None if self._link is None else self._link.fileno()
 
     def _lose(self) -> None:
@@ -135,11 +135,11 @@ class _Returning(ABC, Generic[_Link]):
 
     @abstractmethod
     def _try(self) -> _Link | None:
-        """Open it again when it is time; None while that has not succeeded."""
+        """Try to reconnect if an attempt is due; return the connection, None while disconnected."""
 
 
 class TcpServerLink(_Returning[TcpLink]):
-    """A TCP link that listens and serves one client at a time; a new client replaces the old one."""
+    """Listening TCP link for one client at a time; a new client replaces the current one."""
 
     def __init__(self, address: LinkAddress) -> None:
         self._listener = TcpListener(address)
@@ -152,7 +152,7 @@ class TcpServerLink(_Returning[TcpLink]):
         return self._link
 
     def receive(self) -> list[bytes]:
-        """Return the pieces that have arrived; a client that goes away is no error."""
+        """Return the pieces that have arrived; a disconnected client is not an error."""
         self._try()
         return super().receive()
 
@@ -162,12 +162,15 @@ class TcpServerLink(_Returning[TcpLink]):
         self._listener.close()
 
     def fileno(self) -> int | None:
-        """Return the client's descriptor, or the listener's while nobody is connected; None once closed."""
+        """Return the file descriptor of the client, or of the listener without a client.
+
+        None after `close`.
+        """
         return self._listener.fileno() if self._link is None else self._link.fileno()
 
 
 class _Reopening(_Returning[_Link]):
-    """A link that we open again when it was lost: each second, without ever blocking. It counts openings."""
+    """Link that retries a lost connection each second without blocking; ``connections`` counts successes."""
 
     def __init__(self, address: LinkAddress, link: _Link, clock: Callable[[], float]) -> None:
         super().__init__(str(address), link)
@@ -178,7 +181,7 @@ class _Reopening(_Returning[_Link]):
         self._closed = False
 
     def close(self) -> None:
-        """Close it and stop trying."""
+        """Close the link and stop reconnecting."""
         self._closed = True
         super().close()
 
@@ -188,10 +191,7 @@ class _Reopening(_Returning[_Link]):
 
 
 class TcpClientLink(_Reopening[TcpLink]):
-    """A TCP link to a host that may go away and come back.
-
-    LinkError if the first connection cannot be made in ``timeout_s``.
-    """
+    """TCP client link that reconnects; raises LinkError if the first connection fails."""
 
     def __init__(
         self,
@@ -205,18 +205,18 @@ class TcpClientLink(_Reopening[TcpLink]):
 
     @property
     def connected(self) -> bool:
-        """Whether the host is there."""
+        """Whether the TCP connection is established."""
         return self._link is not None
 
     def close(self) -> None:
-        """Close the connection and stop trying."""
+        """Close the connection and stop reconnecting."""
         super().close()
         if self._trying is not None:
             self._trying.close()
             self._trying = None
 
     def _try(self) -> TcpLink | None:
-        """Go on with the connection that is being made, or begin one when it is time."""
+        """Check the connection attempt in progress, or start a new attempt if due."""
         now_s = self._clock()
         if self._closed:
             return None
@@ -252,10 +252,7 @@ class TcpClientLink(_Reopening[TcpLink]):
 
 
 class SerialClientLink(_Reopening[SerialLink]):
-    """A serial line whose device may disappear and come back, as that of a radio on USB does.
-
-    LinkError if it cannot be opened the first time.
-    """
+    """Serial link that reopens an unplugged device; raises LinkError if the first opening fails."""
 
     def __init__(self, address: LinkAddress, *, clock: Callable[[], float] = time.monotonic) -> None:
         super().__init__(address, SerialLink(address), clock)
@@ -279,10 +276,10 @@ def open_link(url: str, *, timeout_s: float = 5.0, reconnect: bool = False) -> L
     url : str
         See `mission.link.address.parse_link_url`.
     timeout_s : float
-        How long a TCP connection may take to be made.
+        Timeout of a TCP connection (s).
     reconnect : bool
-        A ``tcp`` link or serial line that is lost is made again as soon as the other side is there, and drops
-        what is sent in between; without, it raises LinkError.
+        Whether a lost ``tcp`` or serial link reconnects, dropping the data sent while disconnected. If False,
+        a lost link raises LinkError.
 
     Raises
     ------

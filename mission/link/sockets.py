@@ -1,4 +1,4 @@
-"""Links over UDP and TCP sockets, all non-blocking."""
+"""Non-blocking links over UDP and TCP sockets."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _Peer = Any
 
 
 def _why(address: LinkAddress, error: OSError) -> LinkError:
-    """Turn an operating system error into one line that says what to do."""
+    """Return the LinkError for an operating system error, with advice for the user."""
     where = str(address)
     if isinstance(error, socket.gaierror):
         text = f"{where}: the host {address.host!r} cannot be resolved; check its name or give its address"
@@ -47,7 +47,7 @@ def _why(address: LinkAddress, error: OSError) -> LinkError:
 
 
 def _resolve(address: LinkAddress, kind: socket.SocketKind) -> tuple[int, Any]:
-    """Return the address family and the socket address, IPv4 first."""
+    """Return the address family and the socket address of a host; IPv4 is preferred."""
     try:
         found = socket.getaddrinfo(address.host, address.port, type=kind)
     except (OSError, UnicodeError) as error:
@@ -59,7 +59,7 @@ def _resolve(address: LinkAddress, kind: socket.SocketKind) -> tuple[int, Any]:
 def _open(
     address: LinkAddress, kind: socket.SocketKind, prepare: Callable[[socket.socket, Any], None]
 ) -> socket.socket:
-    """Return a non-blocking socket for an address, bound or connected by ``prepare(socket, where)``."""
+    """Return a non-blocking socket that ``prepare(socket, where)`` has bound or connected to an address."""
     family, where = _resolve(address, kind)
     made = socket.socket(family, kind)
     try:
@@ -72,7 +72,7 @@ def _open(
 
 
 class _OnSocket:
-    """Base of the links on one socket."""
+    """Base class of links on one socket."""
 
     def __init__(self, made: socket.socket) -> None:
         self._socket = made
@@ -82,22 +82,22 @@ class _OnSocket:
         self._socket.close()
 
     def fileno(self) -> int | None:
-        """Return the descriptor, None once closed."""
+        """Return the file descriptor, None after `close`."""
         number = self._socket.fileno()
         return None if number < 0 else number
 
     def _bound(self, address: LinkAddress) -> LinkAddress:
-        """Return an address with the port that the system chose."""
+        """Return ``address`` with the port number that the system chose."""
         return LinkAddress(address.scheme, address.host, int(self._socket.getsockname()[1]))
 
 
 class _Datagrams(_OnSocket):
-    """A socket for datagrams; `at_once` a thread takes them from the system as they come, and keeps them.
+    """UDP socket; with ``at_once``, a thread moves arriving datagrams from the kernel into a large queue.
 
-    The system keeps few (Linux: 208 KiB with its bookkeeping, some 330), which is less than a second of a
-    vehicle's telemetry and images; who waits for the descriptor may be busy for longer than that.
+    The kernel's buffer is small (Linux: 208 KiB including bookkeeping, about 330 datagrams): less than a
+    second of a vehicle's telemetry and images. The caller may be busy for longer than that.
 
-    LinkError, and nothing stays open, if the thread cannot begin.
+    Raises LinkError, and closes the socket, if the thread's sockets cannot be created.
     """
 
     def __init__(self, made: socket.socket, address: LinkAddress, *, at_once: bool) -> None:
@@ -116,7 +116,7 @@ class _Datagrams(_OnSocket):
             self._reader.start()
 
     def fileno(self) -> int | None:
-        """Return a descriptor that is readable while there are datagrams, None once closed."""
+        """Return a file descriptor that is readable while datagrams are queued, None after `close`."""
         return super().fileno() if self._reader is None else self._reader.fileno()
 
     def close(self) -> None:
@@ -127,12 +127,12 @@ class _Datagrams(_OnSocket):
 
     @property
     def dropped(self) -> dict[str, int]:
-        """How many datagrams of which address were dropped because too many were kept already."""
+        """Number of datagrams dropped because the queue was full, by sender address."""
         with self._lock:
             return self._kept.dropped
 
     def _take(self) -> bool:
-        """Keep the arrived data; return whether the socket can be read."""
+        """Queue the datagrams that have arrived; return False if the socket failed."""
         with self._lock:
             for data, peer in self._incoming():
                 self._kept.put(data, peer)
@@ -140,12 +140,12 @@ class _Datagrams(_OnSocket):
             return self._error is None
 
     def _show(self) -> None:
-        """Make the descriptor readable while there is something to take, with the lock."""
+        """Make the descriptor readable if a datagram or an error is pending; the caller holds the lock."""
         if self._reader is not None:
             self._reader.show(bool(self._kept) or self._error is not None)
 
     def _incoming(self) -> Iterator[tuple[bytes, _Peer]]:
-        """Take at most 256 datagrams from the system, with the lock."""
+        """Yield at most 256 datagrams from the kernel; the caller holds the lock."""
         for _ in range(_BATCH):
             try:
                 yield self._socket.recvfrom(_DATAGRAM_BYTES)
@@ -158,7 +158,7 @@ class _Datagrams(_OnSocket):
                 return
 
     def _arrived(self) -> list[tuple[bytes, _Peer]]:
-        """Return the datagrams that have arrived (at most 256 a call); LinkError if the socket fails."""
+        """Return the arrived datagrams (at most 256 per call); raise LinkError if the socket failed."""
         if self._reader is not None:
             self._take()
         with self._lock:
@@ -173,7 +173,7 @@ class _Datagrams(_OnSocket):
 
 
 class _Reader:
-    """A thread that calls `take` whenever a socket is readable, and a descriptor for the kept data."""
+    """Thread that calls ``take`` when a socket is readable, and a descriptor that signals queued data."""
 
     def __init__(self, made: socket.socket, take: Callable[[], bool], name: str) -> None:
         self._socket, self._take = made, take
@@ -184,16 +184,16 @@ class _Reader:
         self._thread = threading.Thread(target=self._run, name=f"link {name}", daemon=True)
 
     def start(self) -> None:
-        """Begin to take."""
+        """Start the thread."""
         self._thread.start()
 
     def fileno(self) -> int | None:
-        """Return the descriptor that is readable while it is shown so, None once closed."""
+        """Return the descriptor that `show` makes readable, None after `close`."""
         number = self._ready.fileno()
         return None if number < 0 else number
 
     def show(self, waits: bool) -> None:
-        """Make the descriptor readable, or not; the caller holds the lock of the kept data."""
+        """Make the descriptor readable if ``waits``; the caller holds the lock of the queue."""
         if waits and not self._is_shown:
             self._signal.send(b"\0")
         elif self._is_shown and not waits:
@@ -201,7 +201,7 @@ class _Reader:
         self._is_shown = waits
 
     def close(self) -> None:
-        """End the thread; closing twice is fine."""
+        """End the thread; a second call has no effect."""
         self._closing.set()
         with contextlib.suppress(OSError):
             self._stopped.send(b"\0")
@@ -236,10 +236,10 @@ def _listen(made: socket.socket, where: Any) -> None:
 
 
 class UdpSocket(_Datagrams):
-    """A bound UDP socket that any number of peers may call; the piece that multi-client hosts build on.
+    """Bound UDP socket for any number of peers.
 
-    LinkError if it cannot be bound; port 0 lets the system choose. Who may be busy for long between two calls
-    of `receive_from` takes datagrams `at_once`, which costs a thread and five descriptors.
+    ``at_once`` is for callers that may be busy between two calls of `receive_from`; it costs a thread and
+    five file descriptors. Port 0 lets the system choose. Raises LinkError if the socket cannot be bound.
     """
 
     def __init__(self, address: LinkAddress, *, at_once: bool = False) -> None:
@@ -248,24 +248,24 @@ class UdpSocket(_Datagrams):
         self.name = str(self.address)
 
     def send_to(self, data: bytes, peer: _Peer) -> None:
-        """Send one datagram; it is lost if the network does not take it now, as on a radio."""
+        """Send one datagram; the datagram is lost if the network does not accept it now."""
         with contextlib.suppress(OSError):
             self._socket.sendto(data, peer)
 
     def receive_from(self) -> list[tuple[bytes, _Peer]]:
-        """Return the datagrams that have arrived (at most 256 a call) with their senders."""
+        """Return the datagrams that have arrived (at most 256 per call) with their senders."""
         return self._arrived()
 
 
 class UdpInLink(UdpSocket):
-    """A UDP link that waits for a caller and answers whoever called last."""
+    """Bound UDP link that sends to the peer of the last received datagram."""
 
     def __init__(self, address: LinkAddress) -> None:
         super().__init__(address, at_once=True)
         self._peer: _Peer | None = None
 
     def send(self, data: bytes) -> None:
-        """Send to the last caller; nobody has called: drop."""
+        """Send to the last peer; drop the datagram if no peer is known."""
         if self._peer is not None:
             self.send_to(data, self._peer)
 
@@ -278,27 +278,27 @@ class UdpInLink(UdpSocket):
 
 
 class UdpOutLink(_Datagrams):
-    """A UDP link that calls a host and hears only that host."""
+    """UDP link that sends to one host and receives only from that host."""
 
     def __init__(self, address: LinkAddress) -> None:
         super().__init__(_open(address, socket.SOCK_DGRAM, _connect_datagrams), address, at_once=True)
         self.name = str(address)
 
     def send(self, data: bytes) -> None:
-        """Send one datagram; a host that is not listening yet is no error."""
+        """Send one datagram; a host that is not listening is not an error."""
         with contextlib.suppress(OSError):
             self._socket.send(data)
 
     def receive(self) -> list[bytes]:
-        """Return the datagrams that have arrived (at most 256 a call)."""
+        """Return the datagrams that have arrived (at most 256 per call)."""
         return [data for data, _ in self._arrived()]
 
 
 class Stream(ABC):
-    """Base of streams; keeps the bytes that a line does not take at once.
+    """Base class of stream links with a transmit buffer of ``most_bytes``.
 
-    Beyond ``most_bytes`` whole frames are dropped and counted in ``dropped``; what is kept goes out with the
-    next `send` or `receive`.
+    The next `send` or `receive` transmits the buffered bytes. Frames that do not fit into the buffer are
+    dropped whole and counted in ``dropped``.
     """
 
     def __init__(self, name: str, most_bytes: int) -> None:
@@ -308,7 +308,7 @@ class Stream(ABC):
         self._most_bytes = most_bytes
 
     def send(self, data: bytes) -> None:
-        """Send one frame; LinkError once the other side has gone."""
+        """Send or buffer one frame; raise LinkError if the peer has disconnected."""
         self._flush()
         if self._backlog and len(self._backlog) + len(data) > self._most_bytes:
             self.dropped += 1
@@ -328,15 +328,15 @@ class Stream(ABC):
 
     @abstractmethod
     def _write(self, data: bytearray) -> int:
-        """Write as much as the line takes; return the number of bytes."""
+        """Write bytes without blocking; return the number written."""
 
     @abstractmethod
     def _gone(self) -> LinkLostError:
-        """Return the error of a line whose other side has gone."""
+        """Return the error for a disconnected peer."""
 
 
 class TcpLink(Stream, _OnSocket):
-    """A connected TCP stream."""
+    """Connected TCP link."""
 
     def __init__(self, connection: socket.socket, name: str) -> None:
         connection.setblocking(False)
@@ -348,7 +348,7 @@ class TcpLink(Stream, _OnSocket):
 
     @classmethod
     def connect(cls, address: LinkAddress, *, timeout_s: float = 5.0) -> TcpLink:
-        """Connect to a listening host; LinkError if that fails within ``timeout_s``."""
+        """Connect to a listening host; raise LinkError if that fails or takes longer than ``timeout_s``."""
         _resolve(address, socket.SOCK_STREAM)
         try:
             connection = socket.create_connection((address.host, address.port), timeout=timeout_s)
@@ -363,7 +363,7 @@ class TcpLink(Stream, _OnSocket):
         return LinkLostError(f"{self.name}: the other side closed the connection; connect again")
 
     def receive(self) -> list[bytes]:
-        """Return the pieces that have arrived; LinkError once the peer has gone and everything was read."""
+        """Return the arrived pieces; raise LinkError if all were read and the peer has disconnected."""
         if self._ended:
             raise self._gone()
         self._flush()
@@ -384,7 +384,7 @@ class TcpLink(Stream, _OnSocket):
         return arrived
 
     def close(self) -> None:
-        """Send the kept bytes if the network takes them, and close."""
+        """Send the buffered bytes that the network accepts now, and close the connection."""
         if self._socket.fileno() >= 0:
             with contextlib.suppress(LinkError):
                 self._flush()
@@ -393,10 +393,7 @@ class TcpLink(Stream, _OnSocket):
 
 
 class TcpListener(_OnSocket):
-    """A listening TCP socket; the piece that multi-client hosts build on.
-
-    LinkError if the port cannot be listened on; port 0 lets the system choose.
-    """
+    """Listening TCP socket for any number of clients; raises LinkError if the port cannot be opened."""
 
     def __init__(self, address: LinkAddress) -> None:
         super().__init__(_open(address, socket.SOCK_STREAM, _listen))
@@ -404,7 +401,7 @@ class TcpListener(_OnSocket):
         self.name = str(self.address)
 
     def accept(self) -> list[TcpLink]:
-        """Return the connections that were made since the last call (at most 16)."""
+        """Return the new connections since the last call (at most 16)."""
         accepted: list[TcpLink] = []
         for _ in range(16):
             try:

@@ -1,6 +1,6 @@
-"""Telemetry logs (.tlog) as MAVProxy, QGroundControl and pymavlink write and read them.
+"""Telemetry logs (.tlog) in the format of MAVProxy, QGroundControl and pymavlink.
 
-Each record is the time in microseconds since 1970 (8 bytes, big-endian) and one MAVLink frame.
+Each record is a Unix time in microseconds (8 bytes, big-endian) and one MAVLink frame.
 """
 
 from __future__ import annotations
@@ -22,18 +22,18 @@ from mission.link.codec.frames import FrameReader, valid_frame_end
 MAX_LOG_BYTES = 2**30
 _TIME = struct.Struct(">Q")
 _UNKNOWN_TIME = bytes(_TIME.size)
-_LATEST_US = 4_102_444_800_000_000  # the year 2100: later than that is not a time stamp
+_LATEST_US = 4_102_444_800_000_000  # the year 2100; larger values are not a time stamp
 
 
 class FrameSink(Protocol):
-    """Takes frames with their times."""
+    """Consumer of frames with their times."""
 
     def write(self, frame: bytes, time_s: float) -> None:
-        """Take one frame and its time in seconds."""
+        """Add one frame with its time (s)."""
 
 
 class TlogWriter(Closing):
-    """Writes frames to a log, in place of an existing one; LinkError if the file cannot be written."""
+    """Writer of a .tlog file; overwrites an existing file. Raises LinkError if the file cannot be opened."""
 
     def __init__(self, path: Path | str) -> None:
         self.path = Path(path)
@@ -46,23 +46,23 @@ class TlogWriter(Closing):
             raise LinkError(msg) from error
 
     def write(self, frame: bytes, time_s: float) -> None:
-        """Add one frame; ``time_s`` is in seconds since 1970. OSError, which names the file, if it cannot."""
-        if time_s != self._time_s:  # most frames are sent together with others
+        """Add one frame; ``time_s`` is the Unix time (s); OSError names the file."""
+        if time_s != self._time_s:  # most frames have the time of the previous one
             self._time_s, self._stamp = time_s, _stamp(time_s)
         self._put(self._stamp + frame)
         self.frames += 1
 
     def write_all(self, log: FrameLog, begin_s: float) -> None:
-        """Add the frames of a log that began at ``begin_s``, in seconds since 1970."""
+        """Add the frames of ``log``, which began at the Unix time ``begin_s``."""
         self._put(log.records(begin_s))
         self.frames += len(log)
 
     def close(self) -> None:
-        """Finish the file."""
+        """Flush and close the file; raise OSError with the file name if that fails."""
         try:
             self._file.close()
         except OSError as error:
-            error.filename = str(self.path)  # which a full disk does not tell
+            error.filename = str(self.path)  # the error of a full disk does not name the file
             raise
 
     def _put(self, data: bytes) -> None:
@@ -74,7 +74,7 @@ class TlogWriter(Closing):
 
 
 class FrameLog:
-    r"""Frames with times since a beginning that is not known yet.
+    r"""Frames with times relative to a start that is not known yet.
 
     Examples
     --------
@@ -93,19 +93,19 @@ class FrameLog:
         return len(self._times_s)
 
     def __iter__(self) -> Iterator[tuple[bytes, float]]:
-        """Yield each frame and its time in seconds since the beginning."""
+        """Yield each frame and its time since the start (s)."""
         ends = [*self._starts[1:], len(self._records)]
         for start, end, time_s in zip(self._starts, ends, self._times_s, strict=True):
             yield bytes(self._records[start + _TIME.size : end]), time_s
 
     def write(self, frame: bytes, time_s: float) -> None:
-        """Add one frame; ``time_s`` is in seconds since the beginning."""
+        """Add one frame; ``time_s`` is the time since the start (s)."""
         self._starts.append(len(self._records))
         self._times_s.append(time_s)
         self._records += _UNKNOWN_TIME + frame
 
     def records(self, begin_s: float) -> bytes:
-        """Return the records of a log file; the log began at ``begin_s``, in seconds since 1970."""
+        """Return the records of a .tlog file that starts at the Unix time ``begin_s``."""
         made = np.frombuffer(bytes(self._records), np.uint8).copy()
         times_us = np.rint((begin_s + np.array(self._times_s)) * 1e6).astype(">u8")
         places = np.array(self._starts)[:, None] + np.arange(_TIME.size)
@@ -114,7 +114,7 @@ class FrameLog:
 
 
 def tlog_record(frame: bytes, time_s: float) -> bytes:
-    r"""Return the record of one frame; ``time_s`` is in seconds since 1970.
+    r"""Return the .tlog record of one frame; ``time_s`` is the Unix time (s).
 
     Examples
     --------
@@ -129,16 +129,15 @@ def _stamp(time_s: float) -> bytes:
 
 
 def read_tlog(path: Path | str) -> Iterator[tuple[float, Message]]:
-    """Yield the time (s since 1970) and the message of each record.
+    """Yield the Unix time (s) and the message of each record of a .tlog file.
 
-    Records that are damaged are skipped up to the next one that makes sense; a cut last record ends the
-    log.
+    Damaged records are skipped up to the next valid record. A truncated last record is ignored.
 
     Raises
     ------
     LinkError
-        If the file cannot be read, is no regular file, or is larger than 1 GiB (about 20 hours of a vehicle's
-        telemetry at full rate).
+        If the file cannot be read, is not a regular file, or is larger than 1 GiB (about 20 hours of a
+        vehicle's telemetry at full rate).
     """
     try:
         data = read_file(Path(path), MAX_LOG_BYTES)

@@ -1,4 +1,4 @@
-"""Datagrams that wait to be received, with a fair share of the memory for each sender."""
+"""Queue of received datagrams with a fair share of the memory for each sender."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ from itertools import chain, islice
 from typing import Any
 
 _MOST_BYTES, _OVERHEAD_BYTES = 32 << 20, 256
-"""Memory for datagrams that nobody has taken yet; a short one costs much more than its bytes."""
+"""Queue memory, and the bookkeeping of Python charged for each datagram (bytes)."""
 _SHARES = 32
 _OTHERS = "other senders"
 
 
 class _Share:
-    """Datagrams of one sender, each with the number of its arrival."""
+    """Queued datagrams of one sender, each with its arrival number."""
 
     __slots__ = ("dropped", "held_bytes", "taken", "waiting")
 
@@ -23,12 +23,13 @@ class _Share:
 
 
 class WaitingDatagrams:
-    """A queue in the order of arrival that loses the datagrams of whoever sends too many.
+    """First-in, first-out queue of datagrams that limits the memory of each sender.
 
-    One sender may use all the memory. When it is full, the newest datagram of the sender that uses most is
-    dropped: a sender that uses at most its share, 1/32, loses nothing. The last share is that of all senders
-    beyond 31. Addresses can be forged, so a new sender replaces one of the 31 only where nothing of that
-    waits, and no other has sent fewer datagrams that were taken: never a vehicle that has long been heard.
+    One sender may fill the whole queue. When the queue is full, the newest datagram of the sender with the
+    most queued bytes is dropped, so a sender within its share (1/32) loses nothing. The last share holds all
+    senders after the first 31. Sender addresses can be forged, so a flood of new senders must not displace a
+    vehicle: a new sender replaces only the known sender with the fewest delivered datagrams, and only if none
+    of that sender's datagrams is queued.
     """
 
     def __init__(self) -> None:
@@ -41,13 +42,13 @@ class WaitingDatagrams:
 
     @property
     def dropped(self) -> dict[str, int]:
-        """How many datagrams of which address were dropped."""
+        """Number of dropped datagrams by sender address."""
         found = {f"{peer[0]}:{peer[1]}": share.dropped for peer, share in self._shares.items()}
         found[_OTHERS] = self._others.dropped
         return {name: count for name, count in found.items() if count}
 
     def put(self, data: bytes, peer: Any) -> None:
-        """Keep a datagram of a sender."""
+        """Queue a datagram from ``peer``."""
         share = self._shares.get(peer) or self._admit(peer)
         self._arrived += 1
         share.waiting.append((self._arrived, data, peer, share))
@@ -58,7 +59,7 @@ class WaitingDatagrams:
             self._hold(greatest, -len(greatest.waiting.pop()[1]) - _OVERHEAD_BYTES)
 
     def take(self, most: int) -> list[tuple[bytes, Any]]:
-        """Return the first datagrams, with their senders."""
+        """Remove and return the oldest datagrams with their senders, at most ``most``."""
         shares = (self._others, *self._shares.values())
         first = sorted(chain.from_iterable(islice(share.waiting, most) for share in shares))[:most]
         for _, data, _, share in first:
@@ -72,7 +73,7 @@ class WaitingDatagrams:
         self._held_bytes += more_bytes
 
     def _admit(self, peer: Any) -> _Share:
-        """Return the share of a new sender."""
+        """Return the share of a new sender: a share of its own, or the common share."""
         if len(self._shares) >= _SHARES - 1:
             weakest = min(self._shares, key=lambda known: self._shares[known].taken)
             if self._shares[weakest].waiting:

@@ -1,4 +1,4 @@
-"""The MAVLink mission protocol as sans-IO state machines, both roles."""
+"""Sans-IO state machines of the MAVLink mission protocol, for ground station and vehicle."""
 
 from typing import TYPE_CHECKING
 

@@ -1,4 +1,4 @@
-"""The common part of upload, download and clear on the ground station's side, sans-IO."""
+"""Base class of upload, download and clear on the ground station's side, sans-IO."""
 
 # ruff: noqa: ARG002 - the actions of the transition table share one signature
 
@@ -35,29 +35,28 @@ from mission.transfer.round_trip import RoundTrip
 _I = ClientInput
 _TROUBLE = frozenset({wire.ERROR, wire.INVALID_SEQUENCE, wire.DENIED})
 MORE_OPENINGS = 3
-"""Where frames are lost the opening message is repeated this many times as often."""
+"""Factor on the repetition rate of the opening message over a link that loses frames."""
 
 
 @dataclass(frozen=True, slots=True)
 class ClientTimers:
-    """The ground station's timers, by default those of the MAVLink specification.
+    """Timers of the ground station; the defaults are those of the MAVLink specification.
 
     Parameters
     ----------
     reply_s : float
-        Wait before COUNT, LIST or CLEAR_ALL is repeated. Once the round trip time is known the wait is
-        shorter, but at least twice ``item_s``; it is longer if the round trip is longer.
+        Timeout of COUNT, LIST and CLEAR_ALL (s). With a known round trip time, the timeout follows the round
+        trip and is at least twice ``item_s``.
     item_s : float
-        Repeat the request for an item. Once the round trip time is known: four times that, at least
+        Timeout of a request for an item (s). With a known round trip time, four round trips, at least
         ``floor_s`` (`RoundTrip.wait`).
     retries : int
-        COUNT, LIST and CLEAR_ALL are repeated for ``retries`` times ``reply_s``, or ``retries`` long round
-        trips.
+        Number of repetitions of COUNT, LIST and CLEAR_ALL.
     silence_s : float
-        Give up after this time without a new item (longer than the vehicle's own limit of 5 or 8 s;
-        on slow links up to 20 ``reply_s``, at least six times the wait for an item).
+        Timeout without a new item (s), longer than the vehicle's timeout of 5 or 8 s. On slow links up to 20
+        ``reply_s``, and at least six times the timeout of a request.
     floor_s : float
-        The shortest waiting time derived from the round trip.
+        Shortest timeout derived from the round trip time (s).
     """
 
     reply_s: float = 1.5
@@ -70,17 +69,17 @@ class ClientTimers:
 class ClientTransfer(ABC):
     """One upload, download or clear.
 
-    Feed it with `start`, `receive`, `poll` (at `next_deadline`) and `cancel`; send its output. It ends
-    with one event: a completion or `TransferFailed`; it always ends, whatever the vehicle does.
+    Call `start`, `receive`, `poll` (at `next_deadline`) and `cancel`, and send the messages of each output.
+    The transfer always ends, with one event: a completion or `TransferFailed`.
 
     Parameters
     ----------
     target : tuple of int
         System and component id of the vehicle.
     source : tuple of int
-        Our system and component id.
+        System and component id of the ground station.
     round_trip : RoundTrip, optional
-        Shared measurement of the link.
+        Round trip time of the link, shared with other transfers.
     """
 
     _opening_input: ClientInput
@@ -113,20 +112,18 @@ class ClientTransfer(ABC):
         self._messages_received = 0
         self._retries = 0
 
-    # Calls of the owner.
-
     @property
     def state(self) -> ClientState:
-        """Where the transfer is."""
+        """State of the transfer."""
         return self._state
 
     @property
     def done(self) -> bool:
-        """Whether the transfer is over, well or not."""
+        """Whether the transfer has ended, successfully or not."""
         return self._state is COMPLETE or self._state is FAILED
 
     def start(self, now_s: float) -> Output:
-        """Begin; LocalTransferError if it was started before."""
+        """Start the transfer; raise LocalTransferError if it was started before."""
         if self._state is not READY:
             msg = "this transfer was started before; make a new one"
             raise LocalTransferError(msg)
@@ -134,14 +131,14 @@ class ClientTransfer(ABC):
         return self._step(self._opening_input, None, now_s)
 
     def receive(self, message: Message, now_s: float) -> Output:
-        """Take one message; messages of other transfers are ignored."""
+        """Handle one message; ignore messages of other transfers."""
         if not wire.to_client(message) or not self._is_ours(message):
             return NOTHING
         self._messages_received += 1
         return self._step(_I.STRAY if self.done else self._input_of(message, now_s), message, now_s)
 
     def poll(self, now_s: float) -> Output:
-        """Act on the timers that are due."""
+        """Handle the timers that are due."""
         if self._state is READY or self.done:
             return NOTHING
         if now_s >= self._give_up_s():
@@ -151,20 +148,20 @@ class ClientTransfer(ABC):
         return NOTHING
 
     def next_deadline(self) -> float | None:
-        """When `poll` has something to do, None before the start and after the end."""
+        """Return the time of the next `poll` that has an effect, None before the start and after the end."""
         if self._state is READY or self.done:
             return None
         return min(self._give_up_s(), self._retry_s())
 
     def cancel(self, now_s: float) -> Output:
-        """Break the transfer off and tell the vehicle; LocalTransferError if it is over."""
+        """Cancel the transfer and notify the vehicle; raise LocalTransferError if the transfer has ended."""
         if self.done:
             msg = "this transfer is over; there is nothing to cancel"
             raise LocalTransferError(msg)
         return self._step(_I.CANCEL, None, now_s)
 
     def statistics(self, now_s: float | None = None) -> TransferStatistics:
-        """Cost of the transfer up to ``now_s``, which counts only while it runs."""
+        """Return the statistics; the duration of a running transfer counts up to ``now_s``."""
         end_s = self._ended_s if self._ended_s is not None else now_s
         return TransferStatistics(
             self.mission_type,
@@ -175,23 +172,21 @@ class ClientTransfer(ABC):
             0.0 if end_s is None or self._state is READY else end_s - self._started_s,
         )
 
-    # Methods of the kinds of transfer.
-
     @abstractmethod
     def _input_of(self, message: Message, now_s: float) -> ClientInput:
-        """Return the input of the table that the message is."""
+        """Classify a message as an input of the transition table."""
 
     @abstractmethod
     def _opening(self) -> Message:
-        """Return the message that begins the transfer."""
+        """Return the message that starts the transfer."""
 
     @abstractmethod
     def _complete(self, message: Any, now_s: float) -> Output:
-        """Act on success; ``message`` is the one that completes this kind of transfer."""
+        """Return the output of a successful transfer; ``message`` completed the transfer."""
 
     @abstractmethod
     def _item_count(self) -> int:
-        """Return how many items the plan has."""
+        """Return the number of items of the plan."""
 
     def _retry_s(self) -> float:
         return self._sent_s + self._retry_wait_s()
@@ -204,14 +199,14 @@ class ClientTransfer(ABC):
         return _I.RETRY
 
     def _opening_limit_s(self) -> float:
-        """When the opening message has been repeated in vain for long enough."""
+        """Return the time at which repeating the opening message ends."""
         timers = self.timers
         each_s = self.round_trip.wait(timers.reply_s, timers.reply_s, timers.reply_s)
         tries = (timers.retries + 1) * (MORE_OPENINGS if self.round_trip.is_lossy else 1)
         return self._opened_s + tries * each_s
 
     def _silence_s(self) -> float:
-        """Limit of the time without an item: on a slow link long enough for twenty attempts."""
+        """Return the timeout without a new item; on a slow link, time for up to twenty requests."""
         timers = self.timers
         wait_s = self.round_trip.wait(timers.item_s, timers.floor_s, timers.reply_s)
         return max(timers.silence_s, min(20.0 * wait_s, 20.0 * timers.reply_s), 6.0 * wait_s)
@@ -221,8 +216,6 @@ class ClientTransfer(ABC):
 
     def _plan_state(self, reason: FailureReason, result: int | None) -> PlanState:
         return PlanState.OLD
-
-    # The machinery.
 
     def _is_ours(self, message: wire.MissionMessage) -> bool:
         if message.target_system not in (self.source[0], 0):
@@ -239,9 +232,9 @@ class ClientTransfer(ABC):
         return _I.ACK_TROUBLE if message.type in _TROUBLE else _I.ACK_REFUSED
 
     def _step(self, found: ClientInput, message: Message | None, now_s: float) -> Output:
-        """Do what a row of the table says: the method of its name; the kinds of transfer add their own.
+        """Run the action of a row of the transition table (the method of that name) and change the state.
 
-        Each input belongs to messages of one kind or to a timer (None); ``message`` fits the action.
+        Each input has one message type, or None for a timer, so ``message`` has the type the action expects.
         """
         action, following = CLIENT_TABLE[self._state, found]
         output: Output = getattr(self, "_" + action.replace(" ", "_"))(message, now_s)
@@ -266,30 +259,33 @@ class ClientTransfer(ABC):
         return self._send_opening(None, now_s)
 
     def _measure_opening(self, now_s: float) -> None:
-        """Take the round trip from the answer to the opening; of one that was repeated it is only a bound."""
+        """Measure the round trip time of the opening message.
+
+        A repeated opening gives only an upper bound.
+        """
         if self._openings == 1:
             self.round_trip.sample(now_s - self._sent_s)
         else:
             self.round_trip.limit(now_s - self._opened_s)
 
     def _note_trouble(self, message: wire.AckMessage, now_s: float) -> Output:
-        """Note an ACK with the time of the first one: answers to repetitions would postpone the end."""
+        """Store an error ACK with the time of the first, since later ACKs must not postpone the timeout."""
         self._trouble = (message.type, now_s if self._trouble is None else self._trouble[1])
         return NOTHING
 
-    def _failed(self, reason: FailureReason, text: str, result: int | None, *, tell: bool) -> Output:
+    def _failed(self, reason: FailureReason, text: str, result: int | None, *, notify: bool) -> Output:
         item = self._refused_item() if reason is FailureReason.REFUSED else None
         held = self._plan_state(reason, result)
         failed = TransferFailed(self.mission_type, reason, text, result, held, item)
-        messages = (wire.ack(self.target, wire.OPERATION_CANCELLED, self.mission_type),) if tell else ()
+        messages = (wire.ack(self.target, wire.OPERATION_CANCELLED, self.mission_type),) if notify else ()
         return Output(messages, (failed,))
 
     def _fail_refused(self, message: wire.AckMessage, now_s: float) -> Output:
         text = f"{self._what()} was refused{self._at()}: {wire.result_text(message.type)}"
-        return self._failed(FailureReason.REFUSED, text, message.type, tell=False)
+        return self._failed(FailureReason.REFUSED, text, message.type, notify=False)
 
     def _fail_given_up(self, message: wire.AckMessage, now_s: float) -> Output:
-        """End as after a refusal, and cancel: a vehicle that goes on in spite of it takes no new COUNT."""
+        """Fail as refused, and cancel: a vehicle that is still receiving would refuse the next COUNT."""
         refused = self._fail_refused(message, now_s)
         return Output((wire.ack(self.target, wire.OPERATION_CANCELLED, self.mission_type),)) + refused
 
@@ -298,16 +294,16 @@ class ClientTransfer(ABC):
         if self._trouble is not None:
             result = self._trouble[0]
             text = f"{self._what()} failed{self._at() or ' ' + where}: {wire.result_text(result)}"
-            return self._failed(FailureReason.REFUSED, text, result, tell=True)
+            return self._failed(FailureReason.REFUSED, text, result, notify=True)
         text = f"{self._what()} failed {where}: the vehicle did not answer; check the link and try again"
-        return self._failed(FailureReason.TIMEOUT, text, None, tell=True)
+        return self._failed(FailureReason.TIMEOUT, text, None, notify=True)
 
     def _fail_cancelled(self, message: None, now_s: float) -> Output:
         text = f"{self._what()} was cancelled {self._where()}"
-        return self._failed(FailureReason.CANCELLED, text, None, tell=True)
+        return self._failed(FailureReason.CANCELLED, text, None, notify=True)
 
     def _fail_unstarted(self, message: None, now_s: float) -> Output:
-        return self._failed(FailureReason.CANCELLED, f"{self._what()} was cancelled", None, tell=False)
+        return self._failed(FailureReason.CANCELLED, f"{self._what()} was cancelled", None, notify=False)
 
     def _what(self) -> str:
         verb = type(self).__name__.removeprefix("Mission").lower()
@@ -317,9 +313,9 @@ class ClientTransfer(ABC):
         return "at the start"
 
     def _refused_item(self) -> int | None:
-        """Return the item that the vehicle has judged last, None before any."""
+        """Return the last item that the vehicle judged, None before the first."""
         return None
 
     def _at(self) -> str:
-        """Return which item the vehicle has judged last, for a text; empty before any."""
+        """Return the last item that the vehicle judged as text, empty before the first."""
         return ""

@@ -1,10 +1,10 @@
-"""The ground station's side of the mission protocol as one table.
+"""Transition table of the ground station's side of the mission protocol.
 
-Each row reads: in this state, on this input, do this (the method of that name) and go there. An input is a
-message already judged against the state, or a timer, or a call of the owner. After
-https://mavlink.io/en/services/mission.html; where real autopilots answer errors and carry on (ArduPilot: out
-of order; PX4: busy before an upload begins), such an ACK is only trouble, which ends the transfer if nothing
-better follows. An ERROR after an item was sent ends an upload at once: PX4 has given it up.
+Each row maps a state and an input to an action (the method of that name) and the next state. An input is a
+message classified for the state, a timer, or a call of the owner. Source:
+https://mavlink.io/en/services/mission.html. Real autopilots continue after some error ACKs (ArduPilot: out of
+order; PX4: busy before an upload starts). Such an ACK is "trouble": the transfer fails only if no progress
+follows. An ERROR after an item was sent ends an upload immediately, because PX4 has aborted the upload.
 """
 
 from __future__ import annotations
@@ -14,32 +14,32 @@ from typing import Final
 
 
 class ClientState(Enum):
-    """State of the ground station."""
+    """State of a transfer on the ground station."""
 
     READY = "not started"
     COUNTING = "upload: COUNT sent"
     UPLOADING = "upload: answering requests"
     CONFIRMING = "upload: every item sent, waiting for the ACK"
     LISTING = "download: LIST sent"
-    DOWNLOADING = "download: asking for items"
+    DOWNLOADING = "download: requesting items"
     CLEARING = "clear: CLEAR_ALL sent"
     COMPLETE = "complete"
     FAILED = "failed"
 
 
 class ClientInput(Enum):
-    """Inputs of the table."""
+    """Input of the transition table."""
 
     START_UPLOAD = "start of an upload"
     START_DOWNLOAD = "start of a download"
     START_CLEAR = "start of a clear, or of the upload of an empty plan"
     REQUEST = "REQUEST of an item"
-    REQUEST_LAST = "REQUEST of the only item that was never sent"
+    REQUEST_LAST = "REQUEST of the last unsent item"
     REQUEST_REPEATED = "REQUEST of an item that was answered less than a round trip ago"
     COUNT = "COUNT"
     COUNT_EMPTY = "COUNT 0"
-    ITEM = "an item that was missing"
-    ITEM_LAST = "the last item that was missing"
+    ITEM = "a missing item"
+    ITEM_LAST = "the last missing item"
     ITEM_BROKEN = "an item with impossible values"
     ACK_ACCEPTED = "ACK ACCEPTED"
     ACK_TROUBLE = "ACK ERROR, INVALID_SEQUENCE or DENIED"
@@ -47,7 +47,7 @@ class ClientInput(Enum):
     ACK_REFUSED = "any other ACK"
     STRAY = "anything else: echoes, other plan types, ACCEPTED too early"
     RETRY = "retry timer"
-    RESTART = "retry timer, and asking for the item again does not help"
+    RESTART = "retry timer after too many requests for an item"
     GIVE_UP = "no progress for too long"
     CANCEL = "the owner cancels"
 
@@ -102,7 +102,7 @@ CLIENT_TABLE: Final[dict[tuple[ClientState, ClientInput], tuple[str, ClientState
     (LISTING, _I.RETRY): ("repeat opening", LISTING),
     (LISTING, _I.GIVE_UP): ("fail silent", FAILED),
     (LISTING, _I.CANCEL): ("fail cancelled", FAILED),
-    # download: asking for items
+    # download: requesting items
     (DOWNLOADING, _I.ITEM): ("take item", DOWNLOADING),
     (DOWNLOADING, _I.ITEM_LAST): ("complete", COMPLETE),
     (DOWNLOADING, _I.ITEM_BROKEN): ("fail broken", FAILED),

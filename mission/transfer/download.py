@@ -1,4 +1,4 @@
-"""Downloading a plan, the ground station's side, sans-IO."""
+"""Download of a plan on the ground station's side, sans-IO."""
 
 # ruff: noqa: ARG002 - the actions of the transition table share one signature
 
@@ -21,13 +21,13 @@ _I = ClientInput
 
 
 class MissionDownload(ClientTransfer):
-    """Reads a plan; ends with `DownloadComplete` or `TransferFailed`.
+    """Download of a plan; ends with `DownloadComplete` or `TransferFailed`.
 
     Parameters
     ----------
     window : int, optional
-        How many items to ask for at once. More than 1 works only with vehicles that answer any request
-        (ArduPilot); default 10 for profiles that do, otherwise 1.
+        Maximum number of pending item requests. More than 1 works only with vehicles that answer requests in
+        any order (ArduPilot). Default: 10 for such profiles, otherwise 1.
     **options
         See `mission.transfer.client.ClientTransfer`.
 
@@ -138,7 +138,7 @@ class MissionDownload(ClientTransfer):
         return self.round_trip.wait(timers.item_s, timers.floor_s, timers.reply_s)
 
     def _again_s(self, asked_s: float, times: int) -> float:
-        """When to request an item again after ``times`` requests."""
+        """Return the time at which to repeat the request for an item after ``times`` requests."""
         copies, apart_s = self.round_trip.copies(self.profile.abort_s)
         if times % copies != 0:
             return asked_s + apart_s
@@ -168,7 +168,7 @@ class MissionDownload(ClientTransfer):
         return Output(tuple(self._ask(sequence, now_s, times + 1) for sequence, times in late))
 
     def _restart(self, message: None, now_s: float) -> Output:
-        """Ask for the list again: the vehicle has left the transfer."""
+        """Restart the download with a new LIST, because the vehicle has ended the transfer."""
         self._restarts += 1
         self._asked, self._openings = {}, 0
         return self._repeat_opening(None, now_s)
@@ -178,7 +178,7 @@ class MissionDownload(ClientTransfer):
         return min(limit_s, self._opening_limit_s()) if self._state is LISTING else limit_s
 
     def _fail_broken(self, message: wire.ItemMessage, now_s: float) -> Output:
-        return self._failed(FailureReason.BROKEN, self._broken, None, tell=True)
+        return self._failed(FailureReason.BROKEN, self._broken, None, notify=True)
 
     def _where(self) -> str:
         return f"after {self._most} of {len(self._items)} items" if self._items else "at the start"

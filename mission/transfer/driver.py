@@ -1,4 +1,4 @@
-"""Running transfers over a real link: the blocking side, with a clock and a socket to wait on."""
+"""Blocking driver that runs transfers over a real link, with a clock and a wait function."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ _CURRENT = mavlink.MAVLINK_MSG_ID_MISSION_CURRENT
 _WANTED = wire.CLIENT_MESSAGES | {_HEARTBEAT, _CURRENT}
 _STATUSTEXT = mavlink.MAVLINK_MSG_ID_STATUSTEXT
 _HEARTBEAT_S = 1.0
-_LAST_WORDS_S = 0.5
+_TEXT_WAIT_S = 0.5
 _LONGEST_WAIT_S = 0.25
 _BEAT_WAIT_S = 2.5
 _FEWEST_FRAMES = 5
@@ -46,7 +46,7 @@ _ORDER = (MissionType.FENCE, MissionType.RALLY, MissionType.MISSION)
 
 
 def wait_readable(link: Link, seconds: float) -> None:
-    """Wait until the link may have data, at most ``seconds``."""
+    """Wait until the link has data, at most ``seconds``."""
     number = link.fileno()
     if number is None:
         time.sleep(min(seconds, 0.001))
@@ -55,28 +55,29 @@ def wait_readable(link: Link, seconds: float) -> None:
 
 
 class TransferDriver(Closing):
-    """Transfers plans with one vehicle over an endpoint, blocking.
+    """Blocking transfers of plans with one vehicle.
 
-    It sends a ground station's heartbeat each second while it waits, as vehicles expect (and as a
-    ``udpout`` link needs to be found by the vehicle). When it is interrupted (Ctrl-C) it cancels
-    the transfer on the vehicle, too.
+    While waiting, the driver sends a ground station heartbeat each second. Vehicles expect this, and a
+    ``udpout`` link is unknown to the vehicle before the first datagram. Ctrl-C also cancels the running
+    transfer on the vehicle.
 
     Parameters
     ----------
     endpoint : MavlinkEndpoint
-        Sends and receives; its reader also passes on the messages that transfers need.
+        Endpoint to use. The message ids that transfers need are added to the wanted ids of its reader.
     clock : callable
-        Monotonic seconds.
+        Monotonic clock (s).
     wait : callable
-        ``wait(link, seconds)`` returns when something may have arrived, at the latest after that time.
+        ``wait(link, seconds)`` returns when data may have arrived, at the latest after ``seconds``.
     on_event : callable, optional
         Called with each event, for a progress bar.
     maker : TransferMaker
-        Who carries the plans up and down.
+        Factory of the transfers.
     heartbeat : bool
-        Send a ground station's heartbeat; False where the link does.
+        Whether to send ground station heartbeats; False if the link sends them.
     on_text : callable, optional
-        Called with each STATUSTEXT of the vehicle, and the time; after a failure it is waited for one.
+        Called with each STATUSTEXT of the vehicle and the time. After a failure, the driver waits briefly for
+        a text.
     """
 
     def __init__(
@@ -112,23 +113,9 @@ class TransferDriver(Closing):
     def wait_for_vehicle(
         self, timeout_s: float = 10.0, *, system_id: int | None = None, besides: Collection[int] = ()
     ) -> Vehicle:
-        """Wait for an autopilot's heartbeat.
+        """Wait for the heartbeat of an autopilot, with ``system_id`` or else not in ``besides``.
 
-        Parameters
-        ----------
-        timeout_s : float
-            How long to wait.
-        system_id : int, optional
-            Only this vehicle.
-        besides : collection of int
-            System ids of vehicles that are known already.
-
-        Raises
-        ------
-        NoVehicleError
-            If none is heard.
-        LinkError
-            If the link breaks.
+        Raises NoVehicleError if no such heartbeat arrives in time, LinkError if the link fails.
         """
         end_s = self._clock() + timeout_s
         search = VehicleSearch(system_id, besides)
@@ -144,31 +131,26 @@ class TransferDriver(Closing):
             self._wait(self.endpoint.link, min(end_s - now_s, _LONGEST_WAIT_S))
 
     def run(self, transfer: Transfer) -> tuple[Event, TransferStatistics]:
-        """Run one transfer to its end and return its last event and its statistics.
+        """Run one transfer to its end; return its last event and its statistics.
 
-        Raises
-        ------
-        RemoteTransferError
-            If it fails; the text is the event's.
-        LinkError
-            If the link breaks.
+        Raises RemoteTransferError with the text of `TransferFailed`, and LinkError if the link fails.
         """
         try:
-            last = self._hand_on(transfer.start(self._clock()))
+            last = self._emit(transfer.start(self._clock()))
             while not transfer.done:
                 last = self._turn(transfer) or last
         except KeyboardInterrupt:
             if not transfer.done:
-                self._hand_on(transfer.cancel(self._clock()))
+                self._emit(transfer.cancel(self._clock()))
             raise
         assert last is not None
         if isinstance(last, TransferFailed):
-            self._hear_last_words()
+            self._wait_for_text()
             raise RemoteTransferError(last.text, last)
         return last, transfer.statistics()
 
     def _measure_loss(self) -> None:
-        """Measure the loss of the vehicle's frames."""
+        """Update the frame loss of the link from the sequence numbers of the vehicle's frames."""
         vehicle = self.vehicle
         sources = self.endpoint.reader.sources
         heard = None if vehicle is None else sources.get((vehicle.system_id, vehicle.component_id))
@@ -180,9 +162,9 @@ class TransferDriver(Closing):
         self._measure_loss()
         for message in self.endpoint.receive():
             self._note(message)
-            last = self._hand_on(transfer.receive(message, self._clock())) or last
+            last = self._emit(transfer.receive(message, self._clock())) or last
         now_s = self._clock()
-        last = self._hand_on(transfer.poll(now_s)) or last
+        last = self._emit(transfer.poll(now_s)) or last
         deadline_s = transfer.next_deadline()
         if deadline_s is not None:
             self._beat(now_s)
@@ -190,7 +172,7 @@ class TransferDriver(Closing):
         return last
 
     def _note(self, message: Message) -> None:
-        """Note whether the vehicle is armed; pass on its STATUSTEXTs."""
+        """Update the armed state from a heartbeat, and forward a STATUSTEXT of the vehicle."""
         heard = vehicle_of(message)
         if heard is not None and heard == self.vehicle:
             self.vehicle = heard
@@ -203,9 +185,9 @@ class TransferDriver(Closing):
             self._on_text(message, self._clock())
 
     def _armed_now(self) -> bool:
-        """Whether the vehicle is armed by a heartbeat that comes now; a silent vehicle counts as armed.
+        """Whether the vehicle is armed according to a fresh heartbeat; a silent vehicle counts as armed.
 
-        Messages waiting on the link may be minutes old, as after a question to the operator.
+        Messages queued on the link may be minutes old, for example after a question to the operator.
         """
         end_s = self._clock() + _BEAT_WAIT_S
         fresh = False
@@ -221,15 +203,15 @@ class TransferDriver(Closing):
                 self._wait(self.endpoint.link, _LONGEST_WAIT_S)
         return True
 
-    def _hear_last_words(self) -> None:
-        """Wait a moment for the vehicle's text about a failure, which may come after its answer."""
-        end_s = self._clock() + _LAST_WORDS_S
+    def _wait_for_text(self) -> None:
+        """Wait briefly for the vehicle's STATUSTEXT about a failure, which may follow its ACK."""
+        end_s = self._clock() + _TEXT_WAIT_S
         while self._on_text is not None and (rest_s := end_s - self._clock()) > 0.0:
             self._wait(self.endpoint.link, rest_s)
             for message in self.endpoint.receive():
                 self._note(message)
 
-    def _hand_on(self, output: Output) -> Event | None:
+    def _emit(self, output: Output) -> Event | None:
         for message in output.messages:
             self.endpoint.send(message)
         if self._on_event is not None:
@@ -253,9 +235,9 @@ class TransferDriver(Closing):
         }
 
     def render(self, mission: Mission, *, parameters: Mapping[str, float] | None = None) -> Rendered:
-        """Return a mission as the vehicle's autopilot takes it, with remarks (`mission.transfer.rendering`).
+        """Return a mission converted for the autopilot, with remarks (`mission.transfer.rendering`).
 
-        ``parameters`` are the known ones of the vehicle; errors as of `wait_for_vehicle`.
+        ``parameters`` are the known parameters of the vehicle. Raises the errors of `wait_for_vehicle`.
         """
         vehicle = self.vehicle or self.wait_for_vehicle()
         return render(mission, vehicle.profile, vehicle.vehicle_type, parameters=parameters)
@@ -268,30 +250,30 @@ class TransferDriver(Closing):
         force: bool = False,
         parameters: Mapping[str, float] | None = None,
     ) -> tuple[TransferStatistics, ...]:
-        """Send the plans of a mission, read them back and compare.
+        """Upload the plans of a mission in the form that the autopilot accepts (`render`), and verify them.
 
-        They are sent as the vehicle's autopilot takes them (`render`). Fence and rally points go first, so
-        that the mission is never checked against an old fence; nor is the old mission against the new fence:
-        the old mission of a vehicle that would do so (PX4) is cleared first, if a fresh heartbeat says that
-        the vehicle is disarmed.
+        Fence and rally points are sent first, so the vehicle checks the new mission against the new fence.
+        PX4 would also check the old mission against the new fence. Therefore PX4's old mission is cleared
+        first, if a fresh heartbeat shows that the vehicle is disarmed.
 
         Parameters
         ----------
         types : iterable of MissionType, optional
-            Which plans; default the mission, and fence and rally points if there are any.
+            Plans to send. Default: the mission, and fence and rally points if the mission has any.
         force : bool
-            Send also items that the autopilot would refuse or not fly.
+            Whether to send items that the autopilot would refuse or not fly.
         parameters : mapping of str to float, optional
-            Known parameters of the vehicle; they decide which items it would not fly.
+            Known parameters of the vehicle, which decide on some of these items.
 
         Raises
         ------
         LocalTransferError
-            If a plan cannot be sent, or the autopilot would not take it; nothing has been sent then.
+            If a plan cannot be sent or would be refused by the autopilot. No message has been sent in that
+            case.
         RemoteTransferError
-            If the vehicle refuses, holds something else afterwards, or does not answer.
+            If the vehicle refuses, does not answer, or holds a different plan afterwards.
         LinkError
-            If the link breaks.
+            If the link fails.
         """
         wanted = {MissionType.MISSION, *(kind for kind in _ORDER if mission.plan(kind))}
         chosen = wanted if types is None else set(types)
@@ -302,7 +284,7 @@ class TransferDriver(Closing):
             refuse_errors(rendered)
         chosen_kinds = [kind for kind in _ORDER if kind in chosen]
         costs: list[TransferStatistics] = []
-        # MAVSDK answers a clear in ways of its own.
+        # MAVSDK has its own handling of clears.
         cleared = (
             self._maker is OWN_TRANSFERS
             and gives_up_mission(rendered.mission, chosen, vehicle.profile, armed=False)
@@ -325,17 +307,16 @@ class TransferDriver(Closing):
                 costs.append(self.run(upload)[1])
             except RemoteTransferError as error:
                 new = " and ".join(cost.mission_type.name.lower() for cost in costs)
-                told = [f"the vehicle holds the new {new}"] * bool(new) + [NO_MISSION_LEFT] * cleared
-                raise RemoteTransferError("; ".join([str(error), *told]), error.failure) from error
+                held = [f"the vehicle holds the new {new}"] * bool(new) + [NO_MISSION_LEFT] * cleared
+                raise RemoteTransferError("; ".join([str(error), *held]), error.failure) from error
         return tuple(costs)
 
     def mission_state(self, listen_s: float = 1.0) -> int | None:
-        """Request the vehicle's verdict on its mission, and pass on its texts about it.
+        """Return the last MISSION_STATE that arrives within ``listen_s``, None if none arrives.
 
-        PX4 judges a mission after it has confirmed it: one that it would not fly is stored, but its state is
-        MISSION_STATE_NO_MISSION, and its mission mode is refused.
-
-        Return the last MISSION_STATE that arrived within ``listen_s``; None without one.
+        PX4 acknowledges a mission before it checks feasibility. An infeasible mission is stored, but its
+        state is MISSION_STATE_NO_MISSION, and PX4 refuses the mission mode. The vehicle's STATUSTEXTs are
+        forwarded.
         """
         vehicle = self.vehicle or self.wait_for_vehicle()
         target = (vehicle.system_id, vehicle.component_id)
@@ -359,16 +340,10 @@ class TransferDriver(Closing):
     def download(
         self, *, types: Iterable[MissionType] = tuple(MissionType)
     ) -> tuple[Mission, tuple[TransferStatistics, ...]]:
-        """Read the vehicle's plans.
+        """Download the vehicle's plans.
 
-        A vehicle that has no fence or rally points at all (it answers UNSUPPORTED) has empty ones.
-
-        Raises
-        ------
-        RemoteTransferError
-            If the vehicle refuses or does not answer.
-        LinkError
-            If the link breaks.
+        If the vehicle answers UNSUPPORTED for fence or rally points, these plans are returned empty. Raises
+        RemoteTransferError if the vehicle refuses or does not answer, LinkError if the link fails.
         """
         plans: dict[MissionType, DownloadComplete] = {}
         costs: list[TransferStatistics] = []
@@ -395,7 +370,7 @@ class TransferDriver(Closing):
         return mission, tuple(costs)
 
     def clear(self, types: Iterable[MissionType] = tuple(MissionType)) -> tuple[TransferStatistics, ...]:
-        """Empty the plans; errors as in `download`."""
+        """Clear the plans; raises the errors of `download`."""
         options = self._options()
         return tuple(self.run(MissionClear(kind, **options))[1] for kind in types)
 

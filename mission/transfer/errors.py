@@ -1,11 +1,11 @@
-"""Errors of mission transfers: ours and theirs.
+"""Exceptions of mission transfers.
 
 ::
 
     TransferError
-    +-- LocalTransferError     this side was used wrongly; a mistake of the caller
-    +-- RemoteTransferError    the other side refused, misbehaved or fell silent
-        +-- NoVehicleError     no vehicle was heard at all
+    +-- LocalTransferError     wrong use by the caller
+    +-- RemoteTransferError    the vehicle refused, violated the protocol or did not answer
+        +-- NoVehicleError     no vehicle heartbeat was received
 """
 
 from __future__ import annotations
@@ -15,11 +15,11 @@ from mission.transfer.events import TransferFailed
 
 
 class LocalTransferError(TransferError):
-    """A transfer that was started twice, with a plan that cannot be sent, or used after its end."""
+    """A transfer was started twice, used after its end, or given a plan that cannot be sent."""
 
 
 class RemoteTransferError(TransferError):
-    """A transfer that the vehicle refused, broke or did not answer; `failure` is the event that ended it."""
+    """The vehicle refused, violated the protocol or did not answer; ``failure`` is the last event."""
 
     def __init__(self, text: str, failure: TransferFailed | None = None) -> None:
         super().__init__(text)
@@ -27,7 +27,7 @@ class RemoteTransferError(TransferError):
 
 
 class NoVehicleError(RemoteTransferError):
-    """No heartbeat of a vehicle was heard."""
+    """No vehicle heartbeat was received."""
 
 
 __all__ = ["LocalTransferError", "NoVehicleError", "RemoteTransferError", "TransferError"]

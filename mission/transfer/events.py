@@ -1,4 +1,4 @@
-"""The interface of a transfer: its methods, the output of one step, and its events."""
+"""Transfer interface, output of one step, and events of transfers."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from mission.model import GeoPoint, MissionItem, MissionType
 
 
 class FailureReason(Enum):
-    """Why a transfer failed."""
+    """Reason of a failed transfer."""
 
     REFUSED = "refused"
     TIMEOUT = "timeout"
@@ -21,10 +21,10 @@ class FailureReason(Enum):
 
 
 class PlanState(Enum):
-    """What the vehicle holds after a failed upload, as far as the client can know.
+    """Plan on the vehicle after a failed upload.
 
-    ``OLD``: the plan from before. ``UNKNOWN``: the old or the new one, since the last confirmation was
-    lost; on a vehicle that overwrites in place (ArduPilot) perhaps a mixture. Only a download can tell.
+    ``OLD``: the previous plan. ``UNKNOWN``: the previous or the new plan, since the final ACK may be lost. A
+    vehicle that overwrites items in place (ArduPilot) may hold a mixture. Only a download can find out.
     """
 
     OLD = "old"
@@ -33,14 +33,14 @@ class PlanState(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Event:
-    """Something that happened in a transfer of one kind of plan."""
+    """Base class of the events of a transfer of one plan type."""
 
     mission_type: MissionType
 
 
 @dataclass(frozen=True, slots=True)
 class Progress(Event):
-    """An item has crossed: ``done`` of ``total``."""
+    """An item was transferred: ``done`` of ``total`` items."""
 
     done: int
     total: int
@@ -48,14 +48,14 @@ class Progress(Event):
 
 @dataclass(frozen=True, slots=True)
 class UploadBegunAnew(Event):
-    """Client: the vehicle gave the upload up, and it is sent once more; ``text`` is the failure."""
+    """Client: the vehicle aborted the upload, and the client retries the upload; ``text`` is the failure."""
 
     text: str
 
 
 @dataclass(frozen=True, slots=True)
 class UploadComplete(Event):
-    """Client: the vehicle has confirmed the whole plan of ``count`` items."""
+    """Client: the vehicle acknowledged the complete plan of ``count`` items."""
 
     count: int
     opaque_id: int = 0
@@ -63,7 +63,7 @@ class UploadComplete(Event):
 
 @dataclass(frozen=True, slots=True)
 class DownloadComplete(Event):
-    """Client: the whole plan has arrived; ``home`` is item 0 of autopilots that have one."""
+    """Client: the complete plan has arrived; ``home`` is item 0 of autopilots that store home there."""
 
     items: tuple[MissionItem, ...]
     opaque_id: int = 0
@@ -72,28 +72,28 @@ class DownloadComplete(Event):
 
 @dataclass(frozen=True, slots=True)
 class ClearComplete(Event):
-    """Client: the vehicle has confirmed that the plan is empty."""
+    """Client: the vehicle acknowledged that the plan is empty."""
 
 
 @dataclass(frozen=True, slots=True)
 class UploadVerified(Event):
-    """Client: the plan was uploaded, read back and found equal."""
+    """Client: the plan was uploaded, and the plan read back from the vehicle is equal."""
 
     count: int
 
 
 @dataclass(frozen=True, slots=True)
 class TransferFailed(Event):
-    """The transfer has ended without success.
+    """The transfer failed.
 
     Parameters
     ----------
     text : str
-        One line for people.
+        Error message, one line.
     result : int or None
-        The MAV_MISSION_RESULT that was received or sent, if any.
+        MAV_MISSION_RESULT that was received or sent, if any.
     item : int or None
-        The item, from 0, that was sent last when a vehicle refused an upload.
+        Last item sent before the vehicle refused the upload, counted from 0.
     """
 
     reason: FailureReason
@@ -105,7 +105,7 @@ class TransferFailed(Event):
 
 @dataclass(frozen=True, slots=True)
 class TransferStarted(Event):
-    """Vehicle: a ground station has begun an upload (``count`` items) or a download."""
+    """Vehicle: a ground station has started an upload of ``count`` items, or a download."""
 
     upload: bool
     count: int
@@ -113,18 +113,18 @@ class TransferStarted(Event):
 
 @dataclass(frozen=True, slots=True)
 class PlanReplaced(Event):
-    """Vehicle: a plan is in force from now on.
+    """Vehicle: an uploaded plan has replaced the previous plan.
 
     Parameters
     ----------
     opaque_id : int
-        Its checksum; equal plans have equal ids.
+        Checksum of the plan; equal plans have equal ids.
     changed : bool
-        False if the same plan was sent again: progress along it should be kept.
+        False if the new plan equals the previous plan, so the vehicle keeps its progress along the mission.
     start_sequence : int or None
-        The item that was marked as current, None if none was.
+        Item marked as current, None if no item was.
     complete : bool
-        False if the upload was broken off on a vehicle that overwrites its plan in place.
+        False if the upload was aborted on a vehicle that overwrites its plan in place.
     """
 
     items: tuple[MissionItem, ...]
@@ -136,22 +136,22 @@ class PlanReplaced(Event):
 
 @dataclass(frozen=True, slots=True)
 class PlanPart(Event):
-    """Vehicle: a part of a plan has come and is in force already (`MissionServer.live_plan`)."""
+    """Vehicle: a received part of a plan is already in effect (`MissionServer.live_plan`)."""
 
 
 @dataclass(frozen=True, slots=True)
 class PlanCleared(Event):
-    """Vehicle: the plan is empty now."""
+    """Vehicle: a plan was cleared."""
 
 
 @dataclass(frozen=True, slots=True)
 class PlanSent(Event):
-    """Vehicle: a ground station has confirmed that it has the plan."""
+    """Vehicle: a ground station has acknowledged the download of a plan."""
 
 
 @dataclass(frozen=True, slots=True)
 class StatusText(Event):
-    """Vehicle: a text for a STATUSTEXT (at most 50 characters; MAV_SEVERITY)."""
+    """Vehicle: a STATUSTEXT to send (at most 50 characters) with its MAV_SEVERITY."""
 
     severity: int
     text: str
@@ -159,7 +159,7 @@ class StatusText(Event):
 
 @dataclass(frozen=True, slots=True)
 class Output:
-    """Output of one step of a state machine: messages to send, in order, and events."""
+    """Output of one step of a state machine: messages to send, in order, and events that happened."""
 
     messages: tuple[Message, ...] = ()
     events: tuple[Event, ...] = ()
@@ -173,19 +173,18 @@ NOTHING = Output()
 
 @dataclass(frozen=True, slots=True)
 class TransferStatistics:
-    """Cost of a transfer.
+    """Statistics of a transfer.
 
     Parameters
     ----------
     messages_sent, messages_received : int
         Mission messages of this transfer.
     retries : int
-        Messages sent again because no answer came in time, requests answered again, and transfers that were
-        begun anew.
+        Messages repeated after a timeout, repeated answers to requests, and restarts of the transfer.
     duration_s : float
-        From the start to the end.
+        Time from start to end (s).
     verified : bool
-        The plan was read back and found equal.
+        Whether the plan read back from the vehicle is equal.
     """
 
     mission_type: MissionType
@@ -198,26 +197,26 @@ class TransferStatistics:
 
 
 class Transfer(Protocol):
-    """An upload, download, clear or verified upload. It ends with one event, see `Output`."""
+    """Interface of uploads, downloads, clears and verified uploads; each ends with one completion event."""
 
     @property
     def done(self) -> bool:
-        """Whether it is over."""
+        """Whether the transfer has ended."""
 
     def start(self, now_s: float) -> Output:
-        """Begin."""
+        """Start the transfer."""
 
     def receive(self, message: Message, now_s: float) -> Output:
-        """Take one message."""
+        """Handle one message."""
 
     def poll(self, now_s: float) -> Output:
-        """Act on timers."""
+        """Handle the timers that are due."""
 
     def next_deadline(self) -> float | None:
-        """When to poll."""
+        """Return the time of the next `poll`, None if no timer runs."""
 
     def cancel(self, now_s: float) -> Output:
-        """Break off."""
+        """Cancel the transfer."""
 
     def statistics(self, now_s: float | None = None) -> TransferStatistics:
-        """Return the cost."""
+        """Return the statistics up to ``now_s``."""

@@ -1,4 +1,4 @@
-"""Remarks on a plan before it is sent: items that an autopilot would refuse, change or ignore."""
+"""Remarks on items of a plan that an autopilot would refuse, change or ignore."""
 
 from __future__ import annotations
 
@@ -27,23 +27,22 @@ _CIRCLES = frozenset({5003, 5004})
 
 @dataclass(frozen=True, slots=True)
 class Remark:
-    """One thing about a plan that an autopilot does not take as it is.
+    """Problem or change of an item, or of a plan as a whole, for an autopilot.
 
     Parameters
     ----------
     item : int or None
-        The item of the plan that was made, from 0 (a user counts from 1); None for the plan as a whole. Where
-        several items share a remark, the first.
+        Number of the (first) item in the original plan, from 0 (users count from 1); None for the whole plan.
     text : str
-        The problem, or the change that is made.
+        Problem, or change that is made.
     fix : str
-        An accepted alternative; empty if nothing has to be done.
+        Accepted alternative, empty if the user need not change anything.
     command : int or None
         MAV_CMD of the item.
     others : tuple of int
-        Further items that share the remark.
+        Further items with the same remark.
     parameter : str
-        The vehicle's parameter that decides it; empty if none does.
+        Vehicle parameter that causes the problem, empty if none.
 
     Examples
     --------
@@ -62,11 +61,11 @@ class Remark:
 
     @property
     def count(self) -> int:
-        """How many items it is about."""
+        """Number of items with this remark."""
         return 1 + len(self.others)
 
     def summary(self) -> dict[str, Any]:
-        """Return plain values for JSON; items count from 1."""
+        """Return the remark as JSON values; items are numbered from 1."""
         return {
             "plan": self.plan.name.lower(),
             "item": None if self.item is None else self.item + 1,
@@ -90,9 +89,9 @@ class Remark:
 
 
 def area_remarks(mission: Mission, profile: Profile) -> list[Remark]:
-    """Return remarks on fence and rally items that no autopilot takes, or not in this frame.
+    """Return remarks on invalid fence and rally items, and on frames that the autopilot refuses.
 
-    An autopilot of which nothing is known is taken to accept them all.
+    An unknown autopilot is assumed to accept all items.
     """
     if profile.placed is None:
         return []
@@ -105,10 +104,10 @@ def area_remarks(mission: Mission, profile: Profile) -> list[Remark]:
 
 
 def _problems(items: tuple[MissionItem, ...], profile: Profile) -> list[tuple[int, str, str]]:
-    """List item, text and fix."""
+    """Return item number, text and fix of each problem."""
     allowed = profile.frames or GLOBAL_FRAMES
     found = []
-    due = 0  # where the next polygon begins
+    due = 0  # index of the next polygon's first corner
     for k, item in enumerate(items):
         if item.frame not in allowed or not item.has_position:
             text = f"{profile.name} does not take frame {frame_name(item.frame)}"
@@ -134,26 +133,26 @@ def _same_polygon(item: MissionItem, other: MissionItem) -> bool:
 def count_remarks(
     mission: Mission, sent: int, profile: Profile, parameters: Mapping[str, float]
 ) -> list[Remark]:
-    """Return remarks on plans longer than the autopilot, or many of its boards, can hold."""
+    """Return remarks on plans with more items than the autopilot, or many of its boards, can store."""
     found = []
     for kind in MissionType:
         count = sent if kind is MissionType.MISSION else len(mission.plan(kind))
         fix = longer_plan_fix(count, kind, profile)
         most, warning = profile.most(kind), count_warning(profile, kind, count)
-        told = _told_room(profile, parameters) if kind is MissionType.MISSION else None
+        room = _room(profile, parameters) if kind is MissionType.MISSION else None
         if count > most:
             text = f"{count} items: {profile.name} holds at most {most}"
             found.append(Remark(kind, None, Severity.ERROR, text, fix))
-        elif told is not None and count > told[0]:
-            text = f"{count} items: this {profile.name} holds at most {told[0]} ({told[1]})"
+        elif room is not None and count > room[0]:
+            text = f"{count} items: this {profile.name} holds at most {room[0]} ({room[1]})"
             found.append(Remark(kind, None, Severity.ERROR, text, fix))
-        elif warning is not None and (told is None or told[2]):
+        elif warning is not None and (room is None or room[2]):
             found.append(Remark(kind, None, Severity.WARNING, warning, fix))
     return found
 
 
-def _told_room(profile: Profile, parameters: Mapping[str, float]) -> tuple[int, str, bool] | None:
-    """Upper limit of a vehicle's mission items, its reason, and whether the vehicle may hold fewer."""
+def _room(profile: Profile, parameters: Mapping[str, float]) -> tuple[int, str, bool] | None:
+    """Return the largest number of mission items, its reason, and whether the limit may be lower."""
     card = profile.card
     if card is None or card.parameter not in parameters:
         return None
@@ -163,7 +162,7 @@ def _told_room(profile: Profile, parameters: Mapping[str, float]) -> tuple[int, 
 
 
 def longer_plan_fix(count: int, mission_type: MissionType, profile: Profile) -> str:
-    """Return the advice for a plan that is too long.
+    """Return advice for a plan with more items than the vehicle can store.
 
     Examples
     --------
@@ -181,7 +180,7 @@ def longer_plan_fix(count: int, mission_type: MissionType, profile: Profile) -> 
 
 
 def frame_name(frame: int) -> str:
-    """Number and name of a MAV_FRAME.
+    """Return number and name of a MAV_FRAME.
 
     >>> frame_name(10)
     '10 (GLOBAL_TERRAIN_ALT)'
@@ -191,7 +190,7 @@ def frame_name(frame: int) -> str:
 
 
 def count_warning(profile: Profile, mission_type: MissionType, number: int) -> str | None:
-    """Return a warning if common boards of this autopilot hold fewer than `number` items.
+    """Return a warning if common boards of the autopilot store fewer than ``number`` items, else None.
 
     Examples
     --------

@@ -1,6 +1,6 @@
-"""A plan as an autopilot takes it, with remarks on the items that it would refuse, change or ignore.
+"""Conversion of a plan for an autopilot, with remarks on items that it would refuse, change or ignore.
 
-All remarks are made before the first byte is sent; nothing here knows a link.
+The conversion needs no link: all remarks are known before the first byte is sent.
 """
 
 from __future__ import annotations
@@ -27,17 +27,17 @@ _ROI_NONE = 0
 
 @dataclass(frozen=True, slots=True)
 class Rendered:
-    """A plan as an autopilot takes it.
+    """Plan converted for an autopilot.
 
     Parameters
     ----------
     mission : Mission
-        The plan to send, and to compare with the plan read back.
+        Plan to send, and to compare with the plan read back.
     remarks : tuple of Remark
-        In the order of the plans and their items, with the numbers of the given plan. A remark on several
-        equal items is made once, on the first.
+        Remarks in the order of plans and items, with the item numbers of the original plan. Equal remarks on
+        several items are merged into one, on the first item.
     origins : tuple of int
-        For each item of ``mission.items``, the number of its item in the given mission.
+        Number of the original item for each item of ``mission.items``.
     """
 
     mission: Mission
@@ -50,11 +50,11 @@ class Rendered:
         return tuple(remark for remark in self.remarks if remark.severity is Severity.ERROR)
 
     def origins_of(self, kind: MissionType) -> tuple[int, ...]:
-        """Return for each item of a plan the number of its item in the given plan."""
+        """Return the number of the original item for each item of a plan."""
         return self.origins if kind is MissionType.MISSION else tuple(range(len(self.mission.plan(kind))))
 
     def index_of(self, item: int) -> int:
-        """Return the number in the sent mission of an item of the given one, or of the next item kept."""
+        """Return the number in the converted mission of an original item, or of the next item kept."""
         return bisect_left(self.origins, item)
 
 
@@ -66,22 +66,22 @@ def render(
     parameters: Mapping[str, float] | None = None,
     planned: Mapping[str, float] | None = None,
 ) -> Rendered:
-    """Return a plan as an autopilot takes it, with remarks on all that it does not take as it is.
+    """Convert a plan for an autopilot, with remarks on changes and errors.
 
-    Frames, unset parameters and positions are written in the autopilot's way. Unknown commands are
-    replaced or left out, with a remark, if the flight stays the same. Everything else that it would refuse,
-    or fly as something else, is an error and stays as it is.
+    Frames, unset parameters and positions are converted to the autopilot's conventions. Unknown commands are
+    replaced or removed, with a remark, if that does not change the flight. Other items that the autopilot
+    would refuse or fly differently stay unchanged, with an error remark.
 
     Parameters
     ----------
     profile : Profile
-        The autopilot.
+        Autopilot profile.
     vehicle_type : int
-        MAV_TYPE.
+        MAV_TYPE of the vehicle.
     parameters : mapping of str to float, optional
         Known parameters of the vehicle.
     planned : mapping of str to float, optional
-        Parameters that the plan assumes if the vehicle's are unknown.
+        Parameter values that the plan assumes for unknown parameters.
 
     Examples
     --------
@@ -100,7 +100,7 @@ def render(
     writer.check_frames()
     writer.set_defaults()
     writer.renumber_jumps()
-    writer.tell_ignored()
+    writer.remark_ignored()
     for condition in profile.dialect.conditions:
         writer.check_condition(condition, parameters or {}, planned or {})
     items = tuple(item for _, item in writer.entries)
@@ -117,9 +117,9 @@ def render(
 
 
 def refuse_errors(rendered: Rendered, *, arming: bool = True) -> None:
-    """Refuse a plan that the autopilot would not take: LocalTransferError, which says what would be accepted.
+    """Raise LocalTransferError with the first error remark, if any.
 
-    With `arming` also what it takes and would not arm with, by its parameters.
+    ``arming`` includes errors that only prevent arming, because of the vehicle's parameters.
     """
     errors = [remark for remark in rendered.errors if arming or not remark.parameter]
     if errors:
@@ -142,7 +142,7 @@ def _merged(remarks: list[Remark]) -> list[Remark]:
 
 
 class _Writer:
-    """Writes the items of a mission anew, step by step; each entry is an item and its given number."""
+    """Converts the items of a mission step by step; ``entries`` are pairs of original number and item."""
 
     def __init__(self, mission: Mission, profile: Profile, vehicle_type: int) -> None:
         self.mission = mission
@@ -170,7 +170,7 @@ class _Writer:
         return placed is None or unplaced is None or command in placed or command in unplaced
 
     def replace_unknown(self) -> None:
-        """Replace or leave out the commands that the autopilot does not know, where that is the same."""
+        """Replace or remove unknown commands where that does not change the flight."""
         commands = {item.command for _, item in self.entries}
         unknown = {command for command in commands if not self._knows(command)}
         written = []
@@ -183,7 +183,7 @@ class _Writer:
             if made is not None:
                 written.append((number, made))
         self.entries = written
-        # A substitute may be the waypoint that takes the heading.
+        # Fold after substitution: the waypoint that receives the heading may itself be a substitute.
         turns = any(item.command == Command.CONDITION_YAW for _, item in self.entries)
         if turns and self._dialect.yaw_in_waypoints:
             self._fold_yaw()
@@ -197,14 +197,14 @@ class _Writer:
         self.entries = written
 
     def _plain_roi(self, item: MissionItem) -> MissionItem:
-        """Return DO_SET_ROI that looks at nothing without a position, as PX4 takes it."""
+        """Replace DO_SET_ROI of mode 0 (none) by DO_SET_ROI_NONE, the form that PX4 accepts."""
         modes = self._dialect.roi_modes
         if modes is None or item.command != Command.DO_SET_ROI or (item.param1 or 0.0) != _ROI_NONE:
             return item
         return MissionItem(Command.DO_SET_ROI_NONE, autocontinue=item.autocontinue)
 
     def _fold_yaw(self) -> None:
-        """Turn CONDITION_YAW into the heading of the waypoint that is flown to next."""
+        """Convert CONDITION_YAW into the heading (param4) of the next waypoint."""
         written: list[tuple[int, MissionItem]] = []
         pending: tuple[int, float] | None = None
         for number, item in self.entries:
@@ -225,12 +225,12 @@ class _Writer:
         self.entries = sorted(written, key=lambda entry: entry[0])
 
     def _keep_yaw(self, written: list[tuple[int, MissionItem]], number: int) -> None:
-        """Undo the folding of a heading into a waypoint; the rest is an error."""
+        """Restore a CONDITION_YAW without a suitable waypoint, for an error remark."""
         self.remarks = [remark for remark in self.remarks if remark.item != number]
         written.append((number, self.mission.items[number]))
 
     def place(self) -> None:
-        """Write positions in the autopilot's way: of DO_LAND_START, and of items that mean where it is."""
+        """Convert the positions of DO_LAND_START and of items at 0, 0 ("the current position")."""
         dialect = self._dialect
         home = self.mission.home
         before = None if home is None else (home.latitude_deg, home.longitude_deg)
@@ -255,14 +255,14 @@ class _Writer:
                 before = (item.x, item.y)
 
     def _position_after(self, k: int) -> tuple[float, float] | None:
-        """Return the first position after an entry."""
+        """Return the first position after entry ``k``, None without one."""
         for _, item in self.entries[k + 1 :]:
             if item.has_position and (item.x or item.y):
                 return item.x, item.y
         return None
 
     def _landing_start(self, k: int, item: MissionItem) -> MissionItem:
-        """Return DO_LAND_START with the position of the item after it, or without any."""
+        """Return DO_LAND_START with the next item's position, or without a position, for the autopilot."""
         if self._dialect.land_start_placed is False and item.frame != Frame.MISSION:
             return MissionItem(Command.DO_LAND_START, autocontinue=item.autocontinue)
         if self._dialect.land_start_placed and item.frame == Frame.MISSION:
@@ -272,7 +272,7 @@ class _Writer:
         return item
 
     def check_frames(self) -> None:
-        """Find positions in frames that the autopilot refuses or takes as another frame."""
+        """Add an error for each position in a frame that the autopilot refuses or misreads."""
         name, dialect = self._profile.name, self._dialect
         kinds = {(item.command, item.frame) for _, item in self.entries if has_position(item.command)}
         problems = {kind: self._frame_problem(*kind) for kind in kinds if self._knows(kind[0])}
@@ -296,7 +296,7 @@ class _Writer:
                 self._say(number, Severity.ERROR, text, "use DO_SET_ROI_LOCATION")
 
     def _frame_problem(self, command: int, frame: int) -> tuple[str, str] | None:
-        """The problem of a position command in a frame, and its fix; None without a problem."""
+        """Return the problem of a position command in a frame, and the fix; None without a problem."""
         profile = self._profile
         without = frame == Frame.MISSION and profile.unplaced is not None
         if without and command not in (profile.unplaced or ()):
@@ -313,14 +313,14 @@ class _Writer:
         return None
 
     def set_defaults(self) -> None:
-        """Give unset parameters a number where the autopilot refuses NaN."""
+        """Set unset parameters to their defaults where the autopilot refuses NaN."""
         if self._profile.nan_parameters is None:
             return
         for k, (number, item) in enumerate(self.entries):
             self.entries[k] = (number, _without_nan(item, self._profile))
 
     def renumber_jumps(self) -> None:
-        """Correct the targets of jumps after items were left out; find those without a target."""
+        """Renumber jump targets after items were removed; add an error for each invalid target."""
         origins = [number for number, _ in self.entries]
         count = len(self.mission.items)
         jumps = 0
@@ -330,8 +330,8 @@ class _Writer:
             jumps += 1
             target = item.param1
             if target is None or not 0.0 <= target < count or target != int(target):
-                told = "nowhere" if target is None else f"to item {target + 1:g}"
-                self._say(number, Severity.ERROR, f"jumps {told}", f"give an item from 1 to {count}")
+                where = "nowhere" if target is None else f"to item {target + 1:g}"
+                self._say(number, Severity.ERROR, f"jumps {where}", f"give an item from 1 to {count}")
                 continue
             there = float(bisect_left(origins, int(target)))
             if there != target:
@@ -341,26 +341,24 @@ class _Writer:
             text = f"{jumps} DO_JUMP items: many {self._profile.name} boards count only {most}"
             self._say(None, Severity.WARNING, text, "fly the mission in parts")
 
-    def tell_ignored(self) -> None:
-        """Find parameters that are ignored; of many equal items the first."""
+    def remark_ignored(self) -> None:
+        """Add remarks on parameters that the autopilot ignores."""
         for row in self._dialect.ignored:
             if row.vehicle_types is not None and self._type not in row.vehicle_types:
                 continue
-            found = [n for n, item in self.entries if item.command == row.command and getattr(item, row.name)]
-            self._say_of_all(found, row.severity, row.text, row.fix)
+            for number, item in self.entries:
+                if item.command == row.command and getattr(item, row.name):
+                    self._say(number, row.severity, row.text, row.fix)
         if MissionType.MISSION not in self._profile.keeps_autocontinue:
-            stops = [number for number, item in self.entries if not item.autocontinue]
             text = f"{self._profile.name} does not stop after an item (autocontinue)"
-            self._say_of_all(stops, Severity.WARNING, text, "use NAV_LOITER_UNLIM where it is to stay")
-
-    def _say_of_all(self, numbers: list[int], severity: Severity, text: str, fix: str) -> None:
-        for number in numbers:
-            self._say(number, severity, text, fix)
+            for number, item in self.entries:
+                if not item.autocontinue:
+                    self._say(number, Severity.WARNING, text, "use NAV_LOITER_UNLIM where it is to stay")
 
     def check_condition(
         self, condition: ArmingCondition, parameters: Mapping[str, float], planned: Mapping[str, float]
     ) -> None:
-        """Check the mission against the condition that a parameter of the vehicle sets."""
+        """Add a remark if the mission violates an arming condition set by a parameter of the vehicle."""
         if self._type not in condition.vehicle_types or not self.entries:
             return
         barred = [number for number, item in self.entries if item.command in condition.barred]
@@ -368,13 +366,13 @@ class _Writer:
         if not barred and (has_needed or not condition.needed):
             return
         name = condition.parameter
-        told, assumed = parameters.get(name), planned.get(name)
-        value = assumed if told is None else told
+        known, assumed = parameters.get(name), planned.get(name)
+        value = assumed if known is None else known
         first = barred[0] if barred else None
         if value in condition.refusing:
             text = condition.text.format(value=value)
             self._say(first, Severity.ERROR, text, condition.fix, parameter=name)
-        elif told is None and condition.usual in condition.refusing:
+        elif known is None and condition.usual in condition.refusing:
             text = condition.text.format(value=condition.usual) + ", its default"
             if assumed is None:
                 self._say(first, condition.unknown, text, condition.fix, parameter=name)
@@ -384,7 +382,7 @@ class _Writer:
 
 
 def _without_nan(item: MissionItem, profile: Profile) -> MissionItem:
-    """Return the item with the default for each unset parameter that the autopilot would refuse as NaN."""
+    """Return the item with defaults for the unset parameters that the autopilot would refuse as NaN."""
     allowed = (profile.nan_parameters or {}).get(item.command, frozenset())
     defaults = profile.dialect.defaults.get(item.command, {})
     unset: dict[str, Any] = {

@@ -1,4 +1,4 @@
-"""Round trip time and frame loss of a link, and the waits and repetitions that follow from them."""
+"""Round trip time and frame loss of a link, with the timeouts and repetitions derived from both."""
 
 from __future__ import annotations
 
@@ -6,20 +6,20 @@ import math
 
 __all__ = ["RoundTrip"]
 
-_GAIN = 0.125
-_SLOW = 1.1
-_FAILS = 0.01
-_MOST_COPIES = 4
-_SURE_LOSS = 0.02
+_GAIN = 0.125  # smoothing factor of TCP (RFC 6298)
+_SLOW = 1.1  # shortest timeout, in round trips
+_FAILS = 0.01  # accepted probability that all copies of a message are lost
+_MOST_COPIES = 4  # limit of the extra traffic
+_SURE_LOSS = 0.02  # a smaller measured loss may be chance
 
 
 class RoundTrip:
-    """A smoothed round trip time and the losses of a link, shared by the transfers over it.
+    """Smoothed round trip time and frame loss of a link, shared by all transfers on the link.
 
     Attributes
     ----------
     seconds : float or None
-        The round trip time; None before the first measurement.
+        Smoothed round trip time (s), None before the first measurement.
     loss : float
         Measured fraction of lost frames.
 
@@ -44,28 +44,29 @@ class RoundTrip:
         self._limit_s: float | None = None
 
     def sample(self, seconds: float) -> None:
-        """Add a measurement (smoothed by 1/8, as TCP does: RFC 6298)."""
+        """Add a measured round trip time, smoothed with gain 1/8 like TCP (RFC 6298)."""
         known = self.seconds
         self.seconds = seconds if known is None else known + (seconds - known) * _GAIN
 
     def limit(self, seconds: float) -> None:
-        """Note an upper bound of the round trip; it counts until a measurement."""
+        """Set an upper bound of the round trip time, used until the first measurement."""
         self._limit_s = seconds if self._limit_s is None else min(seconds, self._limit_s)
 
     @property
     def known_s(self) -> float | None:
-        """The round trip time, or its upper bound; None before any."""
+        """Round trip time or its upper bound (s), None if neither is known."""
         return self._limit_s if self.seconds is None else self.seconds
 
     @property
     def is_lossy(self) -> bool:
-        """Whether the link is known to lose frames."""
+        """Whether the measured frame loss is significant."""
         return self.loss > _SURE_LOSS
 
     def wait(self, default_s: float, floor_s: float, most_s: float) -> float:
-        """Return the wait before a message is repeated: four round trips, at least one.
+        """Return the timeout of a message: four round trips between ``floor_s`` and ``most_s``.
 
-        ``default_s`` while nothing is known; ``floor_s`` and ``most_s`` limit the four, not a single one.
+        The timeout is never shorter than 1.1 round trips. ``default_s`` is the timeout without a known round
+        trip time.
         """
         known_s = self.known_s
         if known_s is None:
@@ -73,11 +74,11 @@ class RoundTrip:
         return max(min(max(4.0 * known_s, floor_s), most_s), _SLOW * known_s)
 
     def copies(self, patience_s: float) -> tuple[int, float]:
-        """Return the number of copies of a message to send in a round trip, and their spacing in seconds.
+        """Return the number of copies of a message to send per round trip, and their spacing (s).
 
-        One copy, unless the link loses frames and the other side gives up, ``patience_s`` after the last new
-        message, before enough repetitions: then enough copies that all are lost once in a hundred times, at
-        most four.
+        The peer aborts the transfer ``patience_s`` after the last new message. If the link loses frames and
+        too few repetitions fit into that time, several copies are sent per round trip. Their number limits
+        the probability that all are lost to 1 %, with at most four copies.
 
         Examples
         --------

@@ -1,4 +1,4 @@
-"""The vehicle's side of the mission protocol, sans-IO."""
+"""Mission server: the vehicle's side of the mission protocol, sans-IO."""
 
 # ruff: noqa: ARG002 - the actions of the transition table share one signature
 
@@ -47,16 +47,16 @@ _Sender = tuple[int, int]
 
 
 class _Refusal(NamedTuple):
-    """An answer that changes nothing.
+    """Answer to a message that has no other effect.
 
-    ``result`` is the MAV_MISSION_RESULT to answer, None for no answer; ``text`` is said with it,
-    ``silent_text`` where there is none.
+    ``result`` returns the MAV_MISSION_RESULT to send, None for no ACK. ``text`` is a STATUSTEXT sent with the
+    ACK, ``silent_text`` one sent without an ACK.
     """
 
     result: Callable[[Profile], int | None]
     text: str = ""
     silent_text: str = ""
-    prefixed: bool = True  # The text begins as the autopilot's texts about commands do
+    prefixed: bool = True  # whether the autopilot's prefix for commands precedes the text
 
 
 def _always(result: int) -> Callable[[Profile], int]:
@@ -64,7 +64,7 @@ def _always(result: int) -> Callable[[Profile], int]:
 
 
 def _where_denied(result: int) -> Callable[[Profile], int | None]:
-    """Return the result for autopilots that deny messages while busy; the others only report busy."""
+    """Return ``result`` for autopilots that send DENIED while busy, None for those that send only a text."""
     return lambda profile: int(result) if profile.busy_result == wire.DENIED else None
 
 
@@ -88,31 +88,31 @@ _REFUSALS = {
 
 
 class MissionServer(ServerInputs):
-    """Stores the three plans of a vehicle and talks about them with ground stations.
+    """Mission server of a vehicle: stores its three plans, and transfers them from and to ground stations.
 
-    No socket and no clock: the owner feeds messages and the time, sends what comes out, and calls `poll` at
-    `next_deadline`. Nothing that arrives raises. The rules are in `mission.transfer.server_table`: an action
-    of it is a row of the refusals above, or the method of its name.
+    The server has no socket and no clock. The owner passes messages and the time, sends the messages of each
+    output, and calls `poll` at `next_deadline`. No received message makes the server raise. The rules are in
+    `mission.transfer.server_table`; an action is a row of ``_REFUSALS`` or the method of that name.
 
     Parameters
     ----------
     system_id, component_id : int
-        The vehicle's ids; messages for others are ignored.
+        Ids of the vehicle. Messages for other targets are ignored.
     profile : Profile
-        Whose behaviour to follow: `PX4` (atomic, strict) or `ARDUPILOT` (in place, stateless download).
+        Autopilot to simulate: `PX4` (atomic, strict) or `ARDUPILOT` (in place, stateless download).
     capacity : mapping of MissionType to int, optional
-        The most items per plan; default 65535.
+        Largest number of items per plan; default that of the profile.
     validator : callable, optional
-        Validates each mission item by itself: returns a MAV_MISSION_RESULT, 0 to accept.
+        Returns a MAV_MISSION_RESULT for each mission item, 0 to accept.
     home : GeoPoint, optional
-        Home, which profiles with a home item show as item 0; assign `home` when it changes.
+        Home position, item 0 of downloads for profiles with a home item. Assign `home` when it changes.
 
     Attributes
     ----------
     current_sequence : int
-        The item marked as current in downloads.
+        Item marked as current in downloads.
     locked : bool
-        The mission may not be cleared now (ArduPilot while it flies it).
+        Whether clearing the mission is refused (ArduPilot while flying the mission).
 
     Examples
     --------
@@ -140,7 +140,7 @@ class MissionServer(ServerInputs):
 
     @property
     def home(self) -> GeoPoint | None:
-        """Home, as profiles with a home item show it."""
+        """Home position, item 0 of downloads for profiles with a home item."""
         return self._store.home
 
     @home.setter
@@ -149,35 +149,35 @@ class MissionServer(ServerInputs):
 
     @property
     def state(self) -> ServerState:
-        """What the server is doing."""
+        """State of the server."""
         return self._session.state
 
     @property
     def busy(self) -> bool:
-        """Whether a transfer is running."""
+        """Whether a transfer is in progress."""
         return self._session.state is not IDLE
 
     def plan(self, mission_type: MissionType) -> StoredPlan:
-        """Return the plan in force, without home."""
+        """Return the stored plan without home."""
         return self._store.plan(mission_type)
 
     def live_plan(self, mission_type: MissionType) -> tuple[MissionItem, ...]:
-        """Return what a vehicle that overwrites in place would fly now, in the middle of an upload too."""
+        """Return the plan that the vehicle would fly now, including items received in a running upload."""
         session = self._session
         if session.state is not RECEIVING or session.type is not mission_type or self.profile.atomic:
             return self._store.plan(mission_type).items
         return self._merged()
 
     def set_card(self, mission_type: MissionType, kib: float) -> None:
-        """Take the room for a plan from the parameter of its card, as at a start of the vehicle."""
+        """Set the capacity of a plan from the storage size parameter (KiB), like the vehicle at boot."""
         self._store.capacity[mission_type] = self.profile.room(mission_type, kib)
 
     def count(self, mission_type: MissionType) -> int:
-        """Return how many items a download has (with home, where the autopilot counts it)."""
+        """Return the number of items of a download, with the home item if the profile has one."""
         return len(self._store.wire_items(mission_type))
 
     def items_on_wire(self, mission_type: MissionType) -> list[mavlink.MAVLink_mission_item_int_message]:
-        """Return the MISSION_ITEM_INT of all items of a plan, as a download has them, addressed to nobody."""
+        """Return the MISSION_ITEM_INT messages of a download, with target 0, 0."""
         items = []
         for seq, item in enumerate(self._store.wire_items(mission_type)):
             message = self._item_message(item, seq, mission_type, (0, 0), None, integer=True)
@@ -186,12 +186,12 @@ class MissionServer(ServerInputs):
         return items
 
     def set_plan(self, mission_type: MissionType, items: Sequence[MissionItem]) -> StoredPlan:
-        """Put a plan in force from inside the vehicle and return it with its id."""
+        """Store a plan without a transfer; return the plan with its id."""
         self._session.ended = None
         return self._store.put(mission_type, tuple(items))
 
     def receive(self, message: Message, now_s: float) -> Output:
-        """Take one message; what is not a mission message for this vehicle is ignored."""
+        """Handle one message; ignore messages that are not mission messages for this vehicle."""
         if not wire.to_server(message):
             return NOTHING
         if message.target_system not in (self.system_id, 0):
@@ -199,7 +199,7 @@ class MissionServer(ServerInputs):
         if message.target_component != self.component_id and message.target_component not in _COMPONENTS:
             return NOTHING
         sender = (message.get_srcSystem(), message.get_srcComponent())
-        if sender[0] == 0:  # an answer to system 0 would be a broadcast, which ends other stations' transfers
+        if sender[0] == 0:  # an ACK to system 0 is a broadcast and would end the transfers of other stations
             return NOTHING
         before = NOTHING
         while True:
@@ -213,7 +213,7 @@ class MissionServer(ServerInputs):
             before = output
 
     def poll(self, now_s: float) -> Output:
-        """Act on the timers that are due."""
+        """Handle the timers that are due."""
         session = self._session
         if session.state is IDLE:
             return NOTHING
@@ -224,13 +224,13 @@ class MissionServer(ServerInputs):
         return NOTHING
 
     def restart(self, now_s: float) -> Output:
-        """Forget the transfer that runs, without a word: the vehicle starts again. The plans stay."""
+        """Discard the current transfer without a message, for a reboot of the vehicle; the plans remain."""
         if self._session.state is IDLE:
             return NOTHING
         return Output((), self._step(_I.ABORT, None, self._session.partner, now_s).events)
 
     def next_deadline(self) -> float | None:
-        """Time of the next `poll`; None if no transfer runs."""
+        """Return the time of the next `poll`, None without a transfer in progress."""
         session = self._session
         if session.state is IDLE:
             return None
@@ -239,14 +239,12 @@ class MissionServer(ServerInputs):
             return abort_s
         return min(abort_s, session.asked_s + self.profile.re_request_s)
 
-    # The machinery.
-
     def _step(
         self, found: ServerInput, message: wire.MissionMessage | None, sender: _Sender, now_s: float
     ) -> Output:
-        """Do what a row of the table says, then change the state.
+        """Run the action of a row of the transition table and change the state.
 
-        Each input belongs to messages of one kind only, so the message is what the action takes.
+        Each input has one message type, or None for a timer, so ``message`` has the type the action expects.
         """
         action, following = SERVER_TABLE[self._session.state, found]
         refusal = _REFUSALS.get(action)
@@ -269,7 +267,7 @@ class MissionServer(ServerInputs):
         return self._answer(result, message.mission_type, sender, *said)
 
     def _answer(self, result: int, mission_type: int, target: _Sender, *events: Event) -> Output:
-        """A MISSION_ACK, with the plan's id where it is accepted."""
+        """Return a MISSION_ACK, with the plan id if accepted."""
         plan = wire.plan_type(mission_type)
         opaque_id = self._store.plan(plan).opaque_id if plan is not None and result == wire.ACCEPTED else 0
         return Output((wire.ack(target, result, mission_type, opaque_id),), events)
@@ -280,7 +278,7 @@ class MissionServer(ServerInputs):
     def _warn_of_floats(
         self, text: str, message: wire.ItemMessage | wire.RequestMessage, old: int
     ) -> tuple[Event, ...]:
-        """ArduPilot complains once a transfer about messages of the old kind ``old``."""
+        """Return ArduPilot's warning, once per transfer, if the message is of the deprecated type ``old``."""
         if self._session.warned or type(message).id != old or not self.profile.stateless_download:
             return ()
         self._session.warned = True
@@ -292,10 +290,10 @@ class MissionServer(ServerInputs):
     def _ignore(self, message: Any, sender: _Sender, now_s: float) -> Output:
         return NOTHING
 
-    # A plan comes.
+    # Uploads.
 
     def _ask_first(self, message: wire.CountMessage, sender: _Sender, now_s: float) -> Output:
-        """Begin the upload of a whole plan; a vehicle that overwrites in place forgets what is beyond it."""
+        """Start the upload of a whole plan; a vehicle that overwrites in place truncates its old plan."""
         session, before = self._session, self._kept()
         session.partner, session.type = sender, MissionType(message.mission_type)
         session.count = message.count
@@ -309,7 +307,7 @@ class MissionServer(ServerInputs):
     def _ask_part(
         self, message: mavlink.MAVLink_mission_write_partial_list_message, sender: _Sender, now_s: float
     ) -> Output:
-        """Begin the upload of a part of the plan."""
+        """Start a partial upload."""
         self._session.partner, self._session.type = sender, MissionType(message.mission_type)
         self._session.count = message.end_index + 1
         return self._begin(message.start_index, now_s, part=True)
@@ -323,7 +321,7 @@ class MissionServer(ServerInputs):
         return self._ask(now_s) + Output(events=(started,))
 
     def _ask(self, now_s: float) -> Output:
-        """Ask for the item that is expected."""
+        """Request the expected item."""
         session = self._session
         session.asked_s = now_s
         build = (
@@ -337,13 +335,13 @@ class MissionServer(ServerInputs):
         return self._ask(now_s)
 
     def _take_item(self, message: wire.ItemMessage, sender: _Sender, now_s: float) -> Output:
-        """Keep the item and ask for the next one."""
+        """Store the item and request the next one."""
         said = self._keep(message)
         part = () if self.profile.atomic else (PlanPart(self._session.type),)
         return self._ask(now_s) + Output(events=(*said, *part))
 
     def _take_last_item(self, message: wire.ItemMessage, sender: _Sender, now_s: float) -> Output:
-        """Keep the item and put the plan in force."""
+        """Store the last item and activate the plan."""
         session = self._session
         said = self._keep(message)
         last = session.candidate if message.seq or not self._store.home_items(session.type) else None
@@ -352,7 +350,7 @@ class MissionServer(ServerInputs):
         return self._answer(wire.ACCEPTED, session.type, sender, replaced, *said, *self._received())
 
     def _keep(self, message: wire.ItemMessage) -> tuple[Event, ...]:
-        """Keep the item that was validated; ArduPilot complains once about items of the old kind."""
+        """Store the validated item; return ArduPilot's warning about MISSION_ITEM, if any."""
         session = self._session
         assert session.candidate is not None
         own = message.seq - self._store.home_items(session.type)
@@ -362,17 +360,17 @@ class MissionServer(ServerInputs):
         return self._warn_of_floats("got MISSION_ITEM; GCS should send MISSION_ITEM_INT", message, wire.ITEM)
 
     def _refuse_item(self, message: wire.ItemMessage, sender: _Sender, now_s: float) -> Output:
-        """End the upload with the verdict on the item."""
+        """End the upload with the MAV_MISSION_RESULT of the item."""
         session = self._session
         session.ended = EndedUpload(sender, session.type, message.seq, None, session.verdict)
         text = f"item {message.seq}: {wire.result_text(session.verdict)}"
         failed = self._given_up(FailureReason.REFUSED, text, session.verdict)
-        told = None if session.verdict == wire.ERROR else self.profile.item_text
-        said = () if told is None else (StatusText(session.type, _CRITICAL, told),)
+        item_text = None if session.verdict == wire.ERROR else self.profile.item_text
+        said = () if item_text is None else (StatusText(session.type, _CRITICAL, item_text),)
         return self._answer(session.verdict, session.type, sender, *failed, *said)
 
     def _repeat_ack(self, message: wire.ItemMessage, sender: _Sender, now_s: float) -> Output:
-        """The answer to the last upload, once more."""
+        """Repeat the final ACK of the last upload."""
         ended = self._session.ended
         assert ended is not None
         return self._answer(ended.result, ended.mission_type, ended.sender)
@@ -384,7 +382,7 @@ class MissionServer(ServerInputs):
         return self._answer(wire.NO_SPACE, mission_type, sender, *said)
 
     def _clear(self, message: wire.MissionMessage, sender: _Sender, now_s: float) -> Output:
-        """Empty one plan or all."""
+        """Clear one plan or all plans."""
         everything = message.mission_type == wire.ALL_TYPES
         kinds = tuple(MissionType) if everything else (MissionType(message.mission_type),)
         self._store.clear(kinds)
@@ -393,18 +391,18 @@ class MissionServer(ServerInputs):
         return self._answer(wire.ACCEPTED, message.mission_type, sender, *cleared)
 
     def _clear_by_count(self, message: wire.CountMessage, sender: _Sender, now_s: float) -> Output:
-        """Empty a plan: a COUNT of 0."""
+        """Clear a plan after a COUNT of 0."""
         self._session.held_until_s = now_s + self.profile.empty_hold_s
         self._session.type = MissionType(message.mission_type)
         return self._clear(message, sender, now_s) + Output(events=self._received())
 
     def _end_cancelled(self, message: Any, sender: _Sender, now_s: float) -> Output:
-        """End the transfer, an upload or a download, for the ground station wants no more of it."""
+        """End a transfer that the ground station cancelled."""
         text = "the ground station cancelled the transfer"
         return Output(events=self._given_up(FailureReason.CANCELLED, text))
 
     def _abort_upload(self, message: None, sender: _Sender, now_s: float) -> Output:
-        """End the upload, for nothing comes any more."""
+        """End the upload after a timeout."""
         session = self._session
         item = f"item {session.expected} of {session.count}"
         text = f"{item} did not come in {self.profile.abort_s:g} s"
@@ -419,7 +417,7 @@ class MissionServer(ServerInputs):
         return () if texts is None else (StatusText(self._session.type, _INFO, texts[self._session.type]),)
 
     def _merged(self) -> tuple[MissionItem, ...]:
-        """Return the plan after what has come: the whole new one, or the old one with a part replaced."""
+        """Return the stored plan with the received items in place."""
         session = self._session
         came = tuple(session.items)
         if session.first or session.part or len(came) < session.count:
@@ -440,23 +438,26 @@ class MissionServer(ServerInputs):
         return PlanReplaced(session.type, items, plan.opaque_id, changed, start, complete)
 
     def _given_up(self, reason: FailureReason, text: str, result: int | None = None) -> tuple[Event, ...]:
-        """End the transfer; a vehicle that overwrites in place now holds what has come, and the old rest."""
+        """Return the events of a failed transfer.
+
+        A vehicle that overwrites in place keeps the received items.
+        """
         failed, kept = self._failed(reason, text, result), self._kept()
         self._session.items = []
         return (failed, *kept)
 
     def _kept(self) -> tuple[Event, ...]:
-        """Put in force what has come of an upload that is given up, where it overwrites in place."""
+        """Store the received items of an aborted upload on a vehicle that overwrites in place."""
         session = self._session
         came = session.items or session.cut
         if session.state is not RECEIVING or self.profile.atomic or not came:
             return ()
         return (self._put(self._merged(), complete=False),)
 
-    # A plan goes.
+    # Downloads.
 
     def _send_count(self, message: wire.MissionMessage, sender: _Sender, now_s: float) -> Output:
-        """Begin the download."""
+        """Start the download."""
         session = self._session
         session.partner, session.type = sender, MissionType(message.mission_type)
         session.outgoing, session.next, session.heard_s = self._store.wire_items(session.type), 0, now_s
@@ -466,7 +467,7 @@ class MissionServer(ServerInputs):
         return Output((reply,), (TransferStarted(session.type, upload=False, count=number),))
 
     def _send_item(self, message: wire.RequestMessage, sender: _Sender, now_s: float) -> Output:
-        """Send the item that is asked for, marked where it is the current one."""
+        """Send the requested item, marked if it is the current item."""
         session = self._session
         mission_type = MissionType(message.mission_type)
         items = session.outgoing if session.state is SENDING else self._store.wire_items(mission_type)
@@ -490,7 +491,7 @@ class MissionServer(ServerInputs):
         *,
         integer: bool,
     ) -> wire.ItemMessage:
-        """Return an item as it is read back; ``current`` is the number of the one that is marked."""
+        """Return the message of an item in a download; ``current`` is the number of the marked item."""
         item = as_read_back(item, self.profile)
         marked = self.profile.marks_current and mission_type == MissionType.MISSION and seq == current
         frame = frame_on_wire(item, self.profile, integer=integer)
@@ -499,7 +500,7 @@ class MissionServer(ServerInputs):
         )
 
     def _answer_beyond(self, message: wire.RequestMessage, sender: _Sender, now_s: float) -> Output:
-        """Answer a request for an item that the plan does not have."""
+        """Answer a request for an item beyond the end of the plan."""
         if self.profile.range_result is None:
             return NOTHING
         refused = self._answer(self.profile.range_result, message.mission_type, sender)
@@ -509,7 +510,7 @@ class MissionServer(ServerInputs):
         return Output((wire.count(sender, number, message.mission_type),)) + refused
 
     def _refuse_jump(self, message: wire.RequestMessage, sender: _Sender, now_s: float) -> Output:
-        """End the download: an item was asked for before the one that comes next."""
+        """End the download, because the request skips items."""
         following = self._session.next
         said = self._status(self.profile.text_prefix + f"REJ. request of {message.seq}: next is {following}")
         text = f"item {message.seq} was requested, {following} is next"
@@ -520,12 +521,12 @@ class MissionServer(ServerInputs):
         return Output(events=(PlanSent(self._session.type),))
 
     def _end_refused(self, message: wire.AckMessage, sender: _Sender, now_s: float) -> Output:
-        """End the download, for the ground station refuses it."""
+        """End the download, because the ground station sent an error ACK."""
         text = f"the ground station answers: {wire.result_text(message.type)}"
         return Output(events=(self._failed(FailureReason.REFUSED, text, message.type),))
 
     def _abort_download(self, message: None, sender: _Sender, now_s: float) -> Output:
-        """End the download, for nothing is asked for any more."""
+        """End the download after a timeout."""
         session = self._session
         if session.all_sent:
             return Output(events=(self._failed(FailureReason.TIMEOUT, "the last item was never confirmed"),))

@@ -1,4 +1,4 @@
-"""The memory of a vehicle: its plans and the running transfer; and the input that a message becomes."""
+"""Plan storage, transfer state and message classification of the vehicle's mission server."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ from mission.transfer.wire import home_items, to_wire_order
 
 @dataclass(frozen=True, slots=True)
 class StoredPlan:
-    """A plan as the vehicle holds it, with its id (0 for none)."""
+    """Plan stored on the vehicle, with its opaque id (0 for none)."""
 
     items: tuple[MissionItem, ...] = ()
     opaque_id: int = 0
 
 
 class PlanStore:
-    """The vehicle's three plans, how many items each may have, and how they look on the wire."""
+    """Storage of the vehicle's three plans, with their capacities and their form on the wire."""
 
     def __init__(
         self,
@@ -38,24 +38,24 @@ class PlanStore:
         self.capacity = dict(zip(MissionType, profile.capacity, strict=True)) | dict(capacity or {})
         self._profile = profile
         self._plans = {kind: StoredPlan() for kind in MissionType}
-        # A mission that was cleared shows no home either.
+        # A cleared mission has no home item in a download.
         self._cleared = home is None
         self._with_home: tuple[tuple[MissionItem, ...], GeoPoint | None, tuple[MissionItem, ...]] | None = (
             None
         )
 
     def plan(self, mission_type: MissionType) -> StoredPlan:
-        """Return the plan in force, without home."""
+        """Return the stored plan without home."""
         return self._plans[mission_type]
 
     def put(self, mission_type: MissionType, items: tuple[MissionItem, ...]) -> StoredPlan:
-        """Put a plan in force and return it with its id."""
+        """Store a plan; return the plan with its id."""
         plan = StoredPlan(items, wire.plan_checksum(items) if self._profile.opaque_ids else 0)
         self._plans[mission_type] = plan
         return plan
 
     def received(self, mission_type: MissionType, items: tuple[MissionItem, ...]) -> tuple[StoredPlan, bool]:
-        """Put a plan of a ground station in force; return also whether it differs from the old one."""
+        """Store an uploaded plan; return the plan and whether it differs from the previous plan."""
         before = self._plans[mission_type]
         plan = self.put(mission_type, items)
         self._cleared = False
@@ -63,17 +63,17 @@ class PlanStore:
         return plan, changed
 
     def clear(self, mission_types: Iterable[MissionType]) -> None:
-        """Empty plans."""
+        """Clear plans."""
         for mission_type in mission_types:
             self._plans[mission_type] = StoredPlan()
             self._cleared |= mission_type == MissionType.MISSION
 
     def home_items(self, mission_type: MissionType) -> int:
-        """Return how many items home takes on the wire: 0 or 1."""
+        """Return the number of home items on the wire, 0 or 1."""
         return int(self._profile.home_at_zero and mission_type == MissionType.MISSION)
 
     def room(self, mission_type: MissionType) -> int:
-        """Return how many items of a plan fit on the wire."""
+        """Return the capacity of a plan in items on the wire, with the home item."""
         return self.capacity[mission_type] + self.home_items(mission_type)
 
     def wire_items(self, mission_type: MissionType) -> tuple[MissionItem, ...]:
@@ -91,7 +91,7 @@ class PlanStore:
 
 
 class EndedUpload(NamedTuple):
-    """End of the last upload, to recognise its echoes: last item, its kept values, the answer."""
+    """Last item and result of the last upload, to recognise repeated messages of that upload."""
 
     sender: tuple[int, int]
     mission_type: MissionType
@@ -102,42 +102,40 @@ class EndedUpload(NamedTuple):
 
 @dataclass(slots=True)
 class ServerSession:
-    """State of the running transfer, or of the last one."""
+    """State of the current or the last transfer."""
 
     state: ServerState = IDLE
     partner: tuple[int, int] = (0, 0)
     type: MissionType = MissionType.MISSION
-    # count, first: upload: items on the wire, and the first one that is sent (above 0 in a partial upload)
-    count: int = 0
-    first: int = 0
-    part: bool = False  # Upload: whether it replaces a part of the plan
-    items: list[MissionItem] = field(default_factory=list)  # Upload: received items
-    cut: bool = False  # Upload: whether a smaller count has shortened the plan already
-    start: int | None = None  # Upload: the item marked as current
-    # candidate, verdict: upload: the item validated last, and the MAV_MISSION_RESULT for it
-    candidate: MissionItem | None = None
-    verdict: int = int(wire.ACCEPTED)
-    outgoing: tuple[MissionItem, ...] = ()  # Download: items to send
-    next: int = 0  # Download: one more than the highest item that was asked for
-    asked_int: bool = False  # Download: whether MISSION_REQUEST_INT was used
-    warned: bool = False  # Whether the float messages were complained about
-    heard_s: float = 0.0  # heard_s, asked_s: when the partner was heard, and when an item was asked for
-    asked_s: float = 0.0
-    held_until_s: float = -1.0  # Until when a COUNT is refused after an empty one
+    count: int = 0  # upload: number of items on the wire
+    first: int = 0  # upload: first item of a partial upload
+    part: bool = False  # upload: whether only a part of the plan is replaced
+    items: list[MissionItem] = field(default_factory=list)  # upload: received items
+    cut: bool = False  # upload: whether a smaller COUNT has already truncated the stored plan
+    start: int | None = None  # upload: item marked as current
+    candidate: MissionItem | None = None  # upload: last received item
+    verdict: int = int(wire.ACCEPTED)  # upload: MAV_MISSION_RESULT for `candidate`
+    outgoing: tuple[MissionItem, ...] = ()  # download: items to send
+    next: int = 0  # download: highest requested item plus one
+    asked_int: bool = False  # download: whether MISSION_REQUEST_INT was used
+    warned: bool = False  # whether the warning about deprecated float messages was sent
+    heard_s: float = 0.0  # time of the partner's last message
+    asked_s: float = 0.0  # time of the last request for an item
+    held_until_s: float = -1.0  # time until which COUNT is refused after an empty COUNT
     ended: EndedUpload | None = None
 
     @property
     def expected(self) -> int:
-        """Upload: the number of the item that is asked for."""
+        """Number of the item that the vehicle requests (upload)."""
         return self.first + len(self.items)
 
     @property
     def all_sent(self) -> bool:
-        """Download: whether every item was asked for."""
+        """Whether every item was requested (download)."""
         return self.next >= len(self.outgoing)
 
     def is_with(self, sender: tuple[int, int], mission_type: int) -> bool:
-        """Whether a transfer of this plan runs with this partner."""
+        """Whether a transfer of this plan type with this ground station is in progress."""
         return self.state is not IDLE and sender == self.partner and mission_type == self.type
 
 
@@ -148,7 +146,7 @@ _POLYGON = frozenset({Command.NAV_FENCE_POLYGON_VERTEX_INCLUSION, Command.NAV_FE
 
 
 class ServerInputs:
-    """The reading part of a server: classifies a message as an input; the session keeps the item read."""
+    """Base class of the server that classifies messages as inputs of the transition table."""
 
     def __init__(self, profile: Profile, store: PlanStore, validator: Validator | None) -> None:
         self.profile = profile
@@ -158,7 +156,7 @@ class ServerInputs:
         self._session = ServerSession()
 
     def _input_of(self, message: wire.MissionMessage, sender: tuple[int, int], now_s: float) -> ServerInput:
-        """Return the input of the table that a message is in the session's state."""
+        """Classify a message as an input of the transition table."""
         session = self._session
         if wire.is_item(message):
             return self._of_item(message, sender)
@@ -224,7 +222,7 @@ class ServerInputs:
         return _I.ITEM_LAST if message.seq == session.count - 1 else _I.ITEM_NEXT
 
     def _of_late_item(self, message: wire.ItemMessage, sender: tuple[int, int]) -> ServerInput:
-        """Distinguish an echo of the last upload from a stray item."""
+        """Distinguish a repeated item of the last upload from an unexpected item."""
         idle, ended = self._session.state is IDLE, self._session.ended
         unexpected = _I.ITEM_UNEXPECTED if idle else _I.ITEM_FOREIGN
         if ended is None or sender != ended.sender or message.mission_type != ended.mission_type:
@@ -279,7 +277,7 @@ class ServerInputs:
         return _I.ACK_DONE if session.all_sent else _I.ACK_OTHER
 
     def _read_item(self, message: wire.ItemMessage) -> tuple[MissionItem | None, int]:
-        """Return the item and the verdict on it."""
+        """Return the item of a message and its MAV_MISSION_RESULT."""
         kind = self._session.type
         if self._store.home_items(kind) and message.seq == 0:
             return MissionItem(Command.NAV_WAYPOINT), int(wire.ACCEPTED)
@@ -303,7 +301,7 @@ class ServerInputs:
         return as_stored(item, self.profile), verdict
 
     def _item_of(self, message: wire.ItemMessage) -> MissionItem | None:
-        """Read an item; None when its numbers make no sense and the autopilot would see that."""
+        """Return the item of a message, None if its numbers are invalid and the autopilot checks them."""
         try:
             return wire.item_from_message(message)
         except MissionError:

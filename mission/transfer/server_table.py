@@ -1,9 +1,9 @@
-"""The vehicle's side of the mission protocol as one table.
+"""Transition table of the vehicle's side of the mission protocol.
 
-Each row reads: in this state, on this input, do this (a refusal, or the method of that name) and go there. An
-input is a message already judged against the state (whose it is, whether it fits), or a timer. After
-https://mavlink.io/en/services/mission.html and PX4's ``mavlink_mission.cpp``; where ArduPilot does
-otherwise, the profile decides which input a message becomes.
+Each row maps a state and an input to an action (a refusal, or the method of that name) and the next state. An
+input is a timer, or a message classified by sender and state. Sources:
+https://mavlink.io/en/services/mission.html and PX4's ``mavlink_mission.cpp``. Where ArduPilot differs, the
+profile changes the classification of messages.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from typing import Final
 
 
 class ServerState(Enum):
-    """State of the vehicle."""
+    """State of the vehicle's mission server."""
 
     IDLE = "idle"
     RECEIVING = "receiving a plan"
@@ -21,7 +21,7 @@ class ServerState(Enum):
 
 
 class ServerInput(Enum):
-    """Inputs of the table."""
+    """Input of the transition table."""
 
     COUNT = "COUNT that fits"
     COUNT_EMPTY = "COUNT 0"
@@ -29,15 +29,15 @@ class ServerInput(Enum):
     COUNT_REPEATED = "COUNT again from the partner before item 0 (ArduPilot: at any time)"
     COUNT_BUSY = "COUNT while a transfer runs (PX4: also for a while after COUNT 0)"
     BAD_TYPE = "COUNT, LIST or CLEAR of an unknown plan type"
-    ITEM_NEXT = "the item that was asked for"
-    ITEM_LAST = "the last item that was missing"
-    ITEM_REFUSED = "the item that was asked for, but it cannot be flown"
-    ITEM_OUT_OF_ORDER = "another item than the one asked for"
+    ITEM_NEXT = "the requested item"
+    ITEM_LAST = "the last missing item"
+    ITEM_REFUSED = "the requested item, but invalid"
+    ITEM_OUT_OF_ORDER = "an item out of order"
     ITEM_WRONG_TYPE = "item of another plan type"
     ITEM_FOREIGN = "item from another ground station"
     ITEM_REPEATED = "the item that ended the last upload, again"
     ITEM_STALE = "an item of the plan that was just received, again"
-    ITEM_UNEXPECTED = "item that nobody asked for"
+    ITEM_UNEXPECTED = "unrequested item"
     LIST = "LIST"
     LIST_STATELESS = "LIST (stateless profile)"
     LIST_BUSY = "LIST while another transfer runs"
@@ -50,7 +50,7 @@ class ServerInput(Enum):
     ACK_DONE = "ACK ACCEPTED from the partner after the last item"
     ACK_CANCEL = "ACK OPERATION_CANCELLED from the partner"
     ACK_ERROR = "any other ACK from the partner"
-    ACK_OTHER = "ACK from somebody else, of another type, or too early"
+    ACK_OTHER = "ACK from another ground station, of another type, or too early"
     CLEAR = "CLEAR_ALL"
     CLEAR_UNSUPPORTED = "CLEAR_ALL of all types where the profile has none"
     CLEAR_LOCKED = "CLEAR_ALL while the plan is flown (ArduPilot)"

@@ -1,4 +1,4 @@
-"""How an autopilot stores mission items: which it accepts, and which values it keeps.
+"""Acceptance and storage of mission items by autopilots.
 
 Sources: PX4 ``mavlink_mission.cpp`` (parse_mavlink_mission_item), ArduPilot ``AP_Mission.cpp``
 (mavlink_int_to_mission_cmd, sanity_check_params), and observations of PX4 1.17 and ArduCopter 4.7.
@@ -21,7 +21,7 @@ _INT_FRAMES = {0: 5, 3: 6, 10: 11}
 
 
 class UncheckedItem(MissionItem):
-    """An item whose numbers make no sense, kept as it came, as PX4 does; no vehicle can fly it."""
+    """Item with invalid numbers, stored unchanged like PX4 stores it; no vehicle can fly such an item."""
 
     __slots__ = ()
 
@@ -30,7 +30,7 @@ class UncheckedItem(MissionItem):
 
     @classmethod
     def of(cls, message: wire.ItemMessage) -> UncheckedItem | None:
-        """Read an item message; None when its position does not fit the 32 bits of a MISSION_ITEM_INT."""
+        """Return the item of a message, None if the position does not fit into a MISSION_ITEM_INT."""
         placed = message.frame in (0, 3, 5, 6, 10, 11) and has_position(message.command)
         scale = 1e7 if placed and type(message).id == wire.ITEM_INT else 1.0
         x, y = message.x / scale, message.y / scale
@@ -45,7 +45,7 @@ class UncheckedItem(MissionItem):
 
 
 def validate_numbers(message: wire.ItemMessage, profile: Profile) -> int:
-    """Return the MAV_MISSION_RESULT for the parameters of an item as they came (NaN where it may not be)."""
+    """Return the MAV_MISSION_RESULT for the received parameters of an item, such as a forbidden NaN."""
     if profile.nan_parameters is None:
         return int(wire.ACCEPTED)
     allowed = profile.nan_parameters.get(message.command, frozenset())
@@ -59,9 +59,9 @@ def validate_numbers(message: wire.ItemMessage, profile: Profile) -> int:
 
 
 def validate_item(item: MissionItem, count: int, profile: Profile) -> int:
-    """Return the MAV_MISSION_RESULT for command, frame and jump target of an item.
+    """Return the MAV_MISSION_RESULT for command, frame and jump target of a received item.
 
-    The item as it came, jump targets as the autopilot counts, of a plan of ``count`` items on the wire.
+    ``count`` is the number of items of the plan on the wire. Jump targets use the autopilot's numbering.
 
     Examples
     --------
@@ -88,7 +88,7 @@ def validate_item(item: MissionItem, count: int, profile: Profile) -> int:
 
 
 def as_stored(item: MissionItem, profile: Profile) -> MissionItem:
-    """Return the item as the autopilot keeps it, and so reads it back and flies it.
+    """Return the item as the autopilot stores and flies it.
 
     Examples
     --------
@@ -116,13 +116,13 @@ def as_stored(item: MissionItem, profile: Profile) -> MissionItem:
 
 
 def _goes_on(item: MissionItem, profile: Profile) -> bool:
-    """Whether the autopilot goes on after the item, whatever the item says."""
+    """Whether the autopilot ignores autocontinue and always continues after the item."""
     kind = MissionType.MISSION
     return kind not in profile.keeps_autocontinue and plan_of(item.command) is kind
 
 
 def as_read_back(item: MissionItem, profile: Profile) -> MissionItem:
-    """Return a stored item as it comes back in a download.
+    """Return a stored item as the autopilot sends it in a download.
 
     Examples
     --------
@@ -143,5 +143,5 @@ def as_read_back(item: MissionItem, profile: Profile) -> MissionItem:
 
 
 def frame_on_wire(item: MissionItem, profile: Profile, *, integer: bool) -> int:
-    """Return the frame of an item in a download: PX4 gives the INT frames in MISSION_ITEM_INT."""
+    """Return the frame of an item in a download; PX4 uses the INT frames in MISSION_ITEM_INT."""
     return _INT_FRAMES.get(item.frame, item.frame) if integer and profile.int_frames else item.frame

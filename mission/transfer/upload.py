@@ -1,4 +1,4 @@
-"""Uploading a plan, the ground station's side, sans-IO."""
+"""Upload and clear of a plan on the ground station's side, sans-IO."""
 
 # ruff: noqa: ARG002 - the actions of the transition table share one signature
 
@@ -39,12 +39,12 @@ _I = ClientInput
 _SHORTEST_TRIP_S = 0.02
 START_S = 30.0
 _START_TRIPS = 6.6
-"""Six round trips, each with a margin of a tenth; they count where they take longer than `START_S`."""
+"""Round trips allowed until the first item is taken, if longer than `START_S`: six, plus 10 %."""
 
 
 @dataclass(slots=True)
 class _Answers:
-    """When an item was sent, first and last, in the round trip that runs, and how often in it."""
+    """First and last time an item was sent within the current round trip, and the number of copies."""
 
     first_s: float
     last_s: float
@@ -53,14 +53,9 @@ class _Answers:
 
 
 def check_plan(items: Sequence[MissionItem], mission_type: MissionType) -> None:
-    """Refuse a plan that cannot be sent, before anything is sent.
+    """Raise LocalTransferError for a plan with more than 65534 items or with items of another plan type.
 
-    Values are finite and in range since `MissionItem` takes no others.
-
-    Raises
-    ------
-    LocalTransferError
-        If there are more than 65534 items, or one that belongs into another kind of plan.
+    The values need no check: `MissionItem` accepts only finite values in range.
 
     Examples
     --------
@@ -80,22 +75,23 @@ def check_plan(items: Sequence[MissionItem], mission_type: MissionType) -> None:
 
 
 class MissionUpload(ClientTransfer):
-    """Sends a plan; ends with `UploadComplete` or `TransferFailed`. LocalTransferError if it cannot be sent.
+    """Upload of a plan; ends with `UploadComplete` or `TransferFailed`. Raises the error of `check_plan`.
 
-    An empty plan is sent as MISSION_CLEAR_ALL (PX4 hangs for a while after a COUNT of 0).
+    An empty plan is sent as MISSION_CLEAR_ALL, because PX4 is blocked for a while after a COUNT of 0.
 
     Parameters
     ----------
     items : sequence of MissionItem
-        The plan, without a home item, as the autopilot takes it (`mission.transfer.rendering`).
+        Plan without a home item, in the form that the autopilot accepts (`mission.transfer.rendering`).
     home : GeoPoint, optional
-        Home position for autopilots that want it as item 0.
+        Home position, for autopilots that store home as item 0.
     start_sequence : int or None
-        The item to mark as current, None for none.
+        Item to mark as current, None for none.
     origins : sequence of int, optional
-        For each item its number, from 0, in the plan that the user knows; without, its own.
+        Number of each item in the user's plan, from 0, for error messages. Default: the position in
+        ``items``.
     begun_s : float, optional
-        When the first upload of this plan was started, if this is a further one.
+        Start time of the first attempt, if this upload is a retry.
     **options
         See `mission.transfer.client.ClientTransfer`.
 
@@ -134,7 +130,7 @@ class MissionUpload(ClientTransfer):
 
     @property
     def under_way(self) -> bool:
-        """Whether the vehicle has shown that it took an item."""
+        """Whether the vehicle has accepted an item."""
         return self._highest > 0 or self._state in (CONFIRMING, COMPLETE)
 
     def _item_count(self) -> int:
@@ -147,14 +143,14 @@ class MissionUpload(ClientTransfer):
 
     def _input_of(self, message: Message, now_s: float) -> ClientInput:
         if wire.is_request(message) and self._state is not CLEARING:
-            # A request that skips items at the beginning of an upload belongs to an earlier one.
+            # A request that skips items at the start of an upload belongs to a previous upload.
             skips = message.seq > self._highest + 1 and (self._highest < 0 or self._begun_s is not None)
             if message.seq >= len(self._wire) or skips:
                 return _I.STRAY
             answers = self._answers[message.seq]
             if answers is None:
                 return _I.REQUEST_LAST if self._unsent == 1 else _I.REQUEST
-            return _I.REQUEST if self._is_worth_sending(answers, now_s) else _I.REQUEST_REPEATED
+            return _I.REQUEST if self._was_lost(answers, now_s) else _I.REQUEST_REPEATED
         if is_a(message, mavlink.MAVLink_mission_ack_message):
             if message.type == wire.ERROR and self._state in (UPLOADING, CONFIRMING):
                 return _I.ACK_GIVEN_UP
@@ -165,8 +161,8 @@ class MissionUpload(ClientTransfer):
     def _trip_s(self) -> float:
         return max(self.round_trip.known_s or 0.0, _SHORTEST_TRIP_S)
 
-    def _is_worth_sending(self, answers: _Answers, now_s: float) -> bool:
-        """Whether an item requested again was lost, and not just requested before it arrived."""
+    def _was_lost(self, answers: _Answers, now_s: float) -> bool:
+        """Whether a repeated request means that the item was lost, not that the item is still in transit."""
         if now_s >= answers.first_s + self._trip_s:
             return True
         copies, apart_s = self.round_trip.copies(self.profile.abort_s)
@@ -192,7 +188,7 @@ class MissionUpload(ClientTransfer):
         return Output(self._item(sequence, now_s).messages, events)
 
     def _measure(self, sequence: int, now_s: float) -> None:
-        """Take the round trip from messages that were sent once only (Karn's rule)."""
+        """Measure the round trip time from messages that were sent only once (Karn's algorithm)."""
         if sequence == 0:
             self._measure_opening(now_s)
             return
@@ -219,16 +215,16 @@ class MissionUpload(ClientTransfer):
         )
 
     def item_messages(self) -> list[wire.ItemMessage]:
-        """Return every item as it is sent, for other ways to the vehicle than this transfer."""
+        """Return the item messages of the plan, for transports other than this transfer."""
         return [self._item_message(sequence) for sequence in range(len(self._wire))]
 
     def _repeat_item(self, message: None, now_s: float) -> Output:
-        """Send the item again that was sent last: the item, or the answer to it, was lost."""
+        """Repeat the last item: the item, or the vehicle's next request, was lost."""
         self._retries += 1
         return self._item(self._last, now_s)
 
     def _retry_s(self) -> float:
-        if self._state is UPLOADING:  # the vehicle's timer asks again; ours is for vehicles that have none
+        if self._state is UPLOADING:  # usually the vehicle repeats its request before this timer ends
             return self._sent_s + max(self.timers.reply_s, self._retry_wait_s())
         return super()._retry_s()
 
@@ -239,7 +235,7 @@ class MissionUpload(ClientTransfer):
         return wait_s
 
     def _start_limit_s(self) -> float:
-        """When an upload that did not get under way is given up, however often it was begun."""
+        """Return the deadline for the vehicle to accept an item, counted from the first attempt."""
         trips_s = _START_TRIPS * (self.round_trip.known_s or 0.0)
         return (self._started_s if self._begun_s is None else self._begun_s) + max(START_S, trips_s)
 
@@ -262,7 +258,7 @@ class MissionUpload(ClientTransfer):
     def _plan_state(self, reason: FailureReason, result: int | None) -> PlanState:
         if self._state is CONFIRMING or self._state is CLEARING:
             return PlanState.UNKNOWN
-        # A vehicle that overwrites in place cuts its plan at a smaller COUNT, whose answer may be lost.
+        # A vehicle that overwrites in place truncates its plan at a smaller COUNT; its answer may be lost.
         refused = reason is FailureReason.REFUSED and result != wire.OPERATION_CANCELLED
         untouched = not self._openings or (self._highest < 0 and refused)
         return PlanState.OLD if self.profile.atomic or untouched else PlanState.UNKNOWN
@@ -283,7 +279,7 @@ class MissionUpload(ClientTransfer):
             f"{self._what()} was refused: it has no space for {len(self._wire)} items (MAV_MISSION_NO_SPACE):"
             f" {fix}"
         )
-        return self._failed(FailureReason.REFUSED, text, message.type, tell=False)
+        return self._failed(FailureReason.REFUSED, text, message.type, notify=False)
 
     def _refused_item(self) -> int | None:
         own = self._last - (len(self._wire) - len(self.items))
@@ -295,14 +291,14 @@ class MissionUpload(ClientTransfer):
         return f" at item {self._named_item()}"
 
     def _named_item(self) -> str:
-        """Return number, from 1, and command of the item that was sent last."""
+        """Return the number (from 1) and the command of the last item sent, as text."""
         number = self._refused_item()
         assert number is not None
         return f"{number + 1} ({wire.command_name(self._wire[self._last].command)})"
 
 
 class MissionClear(ClientTransfer):
-    """Empties one plan; ends with `ClearComplete` or `TransferFailed`."""
+    """Clear of one plan; ends with `ClearComplete` or `TransferFailed`."""
 
     _opening_input = ClientInput.START_CLEAR
 
@@ -325,16 +321,16 @@ class MissionClear(ClientTransfer):
 
 
 NO_MISSION_LEFT = "the old mission was cleared before: it holds none"
-"""Said of a vehicle whose mission was cleared for an upload that failed."""
+"""Message text for a vehicle with a mission that was cleared before a failed upload."""
 
 
 def gives_up_mission(
     mission: Mission, kinds: Collection[MissionType], profile: Profile, *, armed: bool
 ) -> bool:
-    """Whether a vehicle's old mission is cleared before new plans of these kinds go up.
+    """Whether to clear a vehicle's old mission before uploading new plans of these types.
 
-    Only on the ground, and only where it would be checked against a fence that is not its own: with the new
-    fence and without a mission the vehicle flies nothing, should the upload break off.
+    Only for a disarmed vehicle that would check the old mission against the new fence. If the upload is then
+    aborted, the vehicle has no mission to fly.
     """
     both = {MissionType.MISSION, MissionType.FENCE} <= set(kinds)
     return profile.checks_stored_mission and both and bool(mission.fence) and not armed

@@ -1,4 +1,4 @@
-"""Vehicles that are heard on a link, and the search for one of them."""
+"""Vehicles on a link, identified by their heartbeats, and the search for one vehicle."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ __all__ = ["Vehicle", "VehicleSearch", "vehicle_of"]
 
 @dataclass(frozen=True, slots=True)
 class Vehicle:
-    """A vehicle that was heard: ids of its autopilot, MAV_AUTOPILOT and MAV_TYPE, and whether it is armed."""
+    """Vehicle identified by a heartbeat: ids of its autopilot, MAV_AUTOPILOT, MAV_TYPE and armed state."""
 
     system_id: int
     component_id: int
@@ -26,7 +26,7 @@ class Vehicle:
 
     @property
     def profile(self) -> Profile:
-        """The autopilot's behaviour."""
+        """Profile of the autopilot."""
         return profile_for(self.autopilot)
 
     def __str__(self) -> str:
@@ -34,7 +34,7 @@ class Vehicle:
 
 
 def vehicle_of(message: Message) -> Vehicle | None:
-    """Return the vehicle whose autopilot's heartbeat this is, None if it is anything else."""
+    """Return the vehicle of an autopilot's heartbeat, None for any other message."""
     if (
         not is_a(message, mavlink.MAVLink_heartbeat_message)
         or message.autopilot == mavlink.MAV_AUTOPILOT_INVALID
@@ -49,15 +49,15 @@ def vehicle_of(message: Message) -> Vehicle | None:
 
 
 class VehicleSearch:
-    """Looks for a vehicle among the messages of a link: a certain one, or the first besides those known."""
+    """Search for the vehicle ``system_id``, or else for the first vehicle that is not in ``besides``."""
 
     def __init__(self, system_id: int | None = None, besides: Collection[int] = ()) -> None:
         self.found: Vehicle | None = None
-        self.others: dict[int, Vehicle] = {}  # Those that were heard and are not wanted, by system id
+        self.others: dict[int, Vehicle] = {}  # other vehicles that were heard, by system id
         self._wanted, self._besides = system_id, besides
 
     def take(self, message: Message) -> Vehicle | None:
-        """Take a message; return the wanted vehicle if this is the first heartbeat of it."""
+        """Handle a message; return the vehicle if the message is its first heartbeat."""
         heard = None if self.found is not None else vehicle_of(message)
         if heard is None:
             return None
@@ -68,7 +68,7 @@ class VehicleSearch:
         return None
 
     def failure(self, link: str, wait_s: float) -> NoVehicleError:
-        """Make the error for a vehicle that was not heard in time; it names those that were.
+        """Return the error for a timeout, with the vehicles that were heard.
 
         Examples
         --------
@@ -86,6 +86,6 @@ give the system id of one that is there
             return NoVehicleError(f"{link}: {who} was heard in {wait_s:g} s; start it, or fly fewer")
         text, advice = f"{link}: {who} was heard in {wait_s:g} s", "start the vehicle, or check the address"
         if self.others:
-            text += ", only " + ", ".join(str(one) for _, one in sorted(self.others.items()))
+            text += ", only " + ", ".join(str(vehicle) for _, vehicle in sorted(self.others.items()))
             advice = "give the system id of one that is there"
         return NoVehicleError(f"{text}; {advice}")

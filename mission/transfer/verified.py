@@ -1,16 +1,17 @@
-"""Upload, read back and compare: the upload that knows the plan of the vehicle at its end, sans-IO.
+"""Verified upload (upload, read back, compare), sans-IO.
 
-The last ACK of an upload can be lost, and then the client cannot know whether the plan is in force (the
-two generals' problem). Reading the plan back decides it. The outcomes are:
+The last ACK of an upload can be lost, and then the client cannot know whether the vehicle has the new plan
+(the two generals' problem). Reading the plan back resolves the uncertainty. The outcomes are:
 
 - `UploadVerified`: the vehicle holds the plan that was sent.
-- `TransferFailed` with ``vehicle_plan`` OLD: the vehicle never had the whole plan, or said no; it keeps
-  the old one.
+- `TransferFailed` with ``vehicle_plan`` OLD: the vehicle refused the plan or never received all items, and
+  keeps the old plan.
 - `TransferFailed` with reason REFUSED and ``vehicle_plan`` UNKNOWN: a vehicle that overwrites its plan in
-  place (ArduPilot) said no; the text tells what it holds now.
-- `TransferFailed` with reason DIFFERENT: it was read back and is not the plan that was sent.
-- `TransferFailed` with ``vehicle_plan`` UNKNOWN: the vehicle fell silent after the last item, or during
-the reading; one that overwrites in place also after the first message, which shortens its plan.
+  place (ArduPilot) refused an item; the text names the items that the vehicle holds.
+- `TransferFailed` with reason DIFFERENT: the plan read back differs from the plan that was sent.
+- `TransferFailed` with ``vehicle_plan`` UNKNOWN: the vehicle stopped answering after the last item or while
+  the plan was read back. For a vehicle that overwrites in place, also after the first message, which
+  truncates the old plan.
 """
 
 from __future__ import annotations
@@ -57,16 +58,16 @@ _FIELDS = ("command", "frame", "autocontinue", "param1", "param2", "param3", "pa
 
 @dataclass(frozen=True, slots=True)
 class Difference:
-    """One value that is not the same on both sides.
+    """One value that differs between the sent plan and the plan read back.
 
     Parameters
     ----------
     sequence : int
-        The item, from 0 (a user counts from 1); -1 for the plan as a whole.
+        Item number, from 0 (users count from 1); -1 for the plan as a whole.
     field : str
         ``count``, or a field of `MissionItem`.
     sent, received : float or None
-        The two values.
+        Sent value and value read back.
     """
 
     sequence: int
@@ -81,14 +82,14 @@ class Difference:
         return f"{sent}, the vehicle holds {self.received}"
 
 
-def _equal(name: str, one: MissionItem, other: MissionItem, profile: Profile) -> bool:
-    sent: float | None = getattr(one, name)
-    received: float | None = getattr(other, name)
-    if name == "frame" and not profile.keeps_frame and not one.has_position:
+def _equal(name: str, item: MissionItem, held: MissionItem, profile: Profile) -> bool:
+    sent: float | None = getattr(item, name)
+    received: float | None = getattr(held, name)
+    if name == "frame" and not profile.keeps_frame and not item.has_position:
         return True
-    if name == "autocontinue" and plan_of(one.command) not in profile.keeps_autocontinue:
+    if name == "autocontinue" and plan_of(item.command) not in profile.keeps_autocontinue:
         return True
-    known = profile.read_back.get(one.command, {}).get(name)
+    known = profile.read_back.get(item.command, {}).get(name)
     if known is not None and received is not None and known.of(sent) == received:
         return True
     if sent is None or received is None:
@@ -96,17 +97,17 @@ def _equal(name: str, one: MissionItem, other: MissionItem, profile: Profile) ->
     difference = abs(float(sent) - float(received))
     if name in ("command", "frame", "autocontinue"):
         return difference == 0.0
-    if one.has_position and name in ("x", "y"):
+    if item.has_position and name in ("x", "y"):
         return difference <= _PLACE_DEG
-    if one.has_position and name == "z":
+    if item.has_position and name == "z":
         return difference <= max(_ALTITUDE_M, _RELATIVE * abs(sent))
     if difference <= _RELATIVE * max(1.0, abs(sent)):
         return True
     if name in ("x", "y"):
         return int(sent) == int(received)
-    if one.command == Command.NAV_WAYPOINT and name == "param1" and profile.whole_seconds:
+    if item.command == Command.NAV_WAYPOINT and name == "param1" and profile.whole_seconds:
         return difference < 1.0
-    if one.command in _WITH_YAW and name == "param4":
+    if item.command in _WITH_YAW and name == "param4":
         return abs(math.remainder(difference, 360.0)) <= _YAW_DEG
     return False
 
@@ -118,21 +119,21 @@ def compare_plans(
     *,
     limit: int = 20,
 ) -> tuple[Difference, ...]:
-    """List the differences of two plans beyond the changes of the wire and the autopilot's storage.
+    """Return the differences between a sent plan and the plan read back, at most ``limit``.
 
-    Allowed are: 32-bit floats (1e-5 relative), 2.5e-7 degree, 1.1 cm of altitude, a yaw that differs by
-    full turns, the frames 5/6/11 for 0/3/10 (the same by `MissionItem`), and the profile's fields that an
-    autopilot does not keep, or keeps roughly.
+    Changes by the wire format and by the autopilot's storage are not differences: rounding to 32-bit floats
+    (1e-5 relative), 2.5e-7 degrees, 1.1 cm of altitude, full turns of yaw, the frames 5/6/11 in place of
+    0/3/10 (which `MissionItem` treats as equal), and fields that the profile marks as not stored or rounded.
     """
     if len(sent) != len(received):
         return (Difference(-1, "count", len(sent), len(received)),)
     found: list[Difference] = []
-    for sequence, (one, other) in enumerate(zip(sent, received, strict=True)):
-        if one != other:
+    for sequence, (item, held) in enumerate(zip(sent, received, strict=True)):
+        if item != held:
             found += [
-                Difference(sequence, name, getattr(one, name), getattr(other, name))
+                Difference(sequence, name, getattr(item, name), getattr(held, name))
                 for name in _FIELDS
-                if name not in profile.lossy.get(one.command, ()) and not _equal(name, one, other, profile)
+                if name not in profile.lossy.get(item.command, ()) and not _equal(name, item, held, profile)
             ]
         if len(found) >= limit:
             break
@@ -141,38 +142,37 @@ def compare_plans(
 
 _RESTARTS = 5
 _STUCK_S, _QUICK_S = 15.0, 1.0
-# Results after an upload was given up: PX4 answers later items so, ArduPilot sends it by itself.
+# Results of an aborted upload: ERROR is PX4's answer to further items, ArduPilot sends OPERATION_CANCELLED.
 _GIVEN_UP = frozenset({wire.ERROR, wire.OPERATION_CANCELLED})
 
 
 class VerifiedUpload:
-    """Sends a plan, reads it back and compares; used like any other transfer.
+    """Upload of a plan, followed by a download and a comparison; implements `Transfer`.
 
-    An upload that the vehicle gives up is sent again, five times at most, with the event `UploadBegunAnew`;
-    so is a transfer that fell silent over a link that loses so much that this may be bad luck
-    (`RoundTrip.copies`). An upload that has not got under way within 30 s is not sent again, nor one that is
-    refused twice at the same item without any sign of a bad link, nor one that over a good link gets no
-    farther for 15 s, however often it is begun.
-
-    Takes the parameters of `MissionUpload`, besides:
+    An upload aborted by the vehicle is retried up to five times, with the event `UploadBegunAnew`. A timeout
+    over a link with heavy frame loss (`RoundTrip.copies`) is retried too. Retries end if the vehicle accepts
+    no item within 30 s, if the vehicle refuses the same item twice without repetitions on the link, or if
+    retries over a good link make no progress for 15 s.
 
     Parameters
     ----------
     start_sequence : int, None, or callable
-        The item to mark as current, None for none; a callable is asked each time that the plan is sent.
+        Item to mark as current, None for none. A callable is called for each attempt.
     readings : int
-        How often to read back before a difference is believed (an echo of an older transfer can spoil one).
+        Number of downloads before a difference counts; an echo of an older transfer can spoil a download.
     send, read : callable
-        Make its transfers, from the parameters of `MissionUpload` and `MissionDownload`.
+        Factories of the transfers, with the parameters of `MissionUpload` and `MissionDownload`.
+    **options
+        See `MissionUpload`, also for the other parameters.
 
     Attributes
     ----------
     differences : tuple of Difference
-        Differences in the last reading.
+        Differences found in the last download.
     confirmed_s : float or None
-        When the vehicle confirmed the plan.
+        Time at which the vehicle acknowledged the plan.
     opaque_id : int
-        The plan's id, as the vehicle confirmed it; 0 for none.
+        Plan id from the vehicle's acknowledgement, 0 for none.
     """
 
     def __init__(
@@ -204,7 +204,7 @@ class VerifiedUpload:
         self._restarts = _RESTARTS
         self._started_s = 0.0
         self._sent = 0
-        # The most items that the vehicle ever took, and when it was first so.
+        # Largest number of items accepted in any attempt, and the time at which it was reached.
         self._most, self._most_s = 0, 0.0
         self._refused_at: tuple[int | None] | None = None
         self._cancelled = self._verified = False
@@ -213,36 +213,36 @@ class VerifiedUpload:
 
     @property
     def done(self) -> bool:
-        """Whether everything is over, well or not."""
+        """Whether the transfer has ended, successfully or not."""
         return self._part.done
 
     def start(self, now_s: float) -> Output:
-        """Begin the upload."""
+        """Start the upload."""
         self._started_s = self._most_s = now_s
         return self._part.start(now_s)
 
     def receive(self, message: Message, now_s: float) -> Output:
-        """Take one message."""
-        return self._go_on(self._part.receive(message, now_s), now_s)
+        """Handle one message."""
+        return self._continue(self._part.receive(message, now_s), now_s)
 
     def poll(self, now_s: float) -> Output:
-        """Act on the timers that are due."""
-        return self._go_on(self._part.poll(now_s), now_s)
+        """Handle the timers that are due."""
+        return self._continue(self._part.poll(now_s), now_s)
 
     def next_deadline(self) -> float | None:
-        """When `poll` has something to do, None before the start and after the end."""
+        """Return the time of the next `poll` that has an effect, None before the start and after the end."""
         return self._part.next_deadline()
 
     def cancel(self, now_s: float) -> Output:
-        """Break off and tell the vehicle; LocalTransferError if it is over."""
+        """Cancel the transfer and notify the vehicle; raise LocalTransferError if the transfer has ended."""
         if self.done:
             msg = "this upload is over; there is nothing to cancel"
             raise LocalTransferError(msg)
         self._cancelled = True
-        return self._go_on(self._part.cancel(now_s), now_s)
+        return self._continue(self._part.cancel(now_s), now_s)
 
     def statistics(self, now_s: float | None = None) -> TransferStatistics:
-        """Cost of upload and reading together."""
+        """Return the statistics of all uploads and downloads together."""
         parts = [part.statistics(now_s) for part in self._parts]
         return TransferStatistics(
             self.mission_type,
@@ -254,8 +254,8 @@ class VerifiedUpload:
             self._verified,
         )
 
-    def _go_on(self, output: Output, now_s: float) -> Output:
-        """Replace the end of a part by its consequences."""
+    def _continue(self, output: Output, now_s: float) -> Output:
+        """Replace the last event of an ended upload or download by the output of the next step."""
         for event in output.events:
             if isinstance(event, Progress) and self._part is self._upload:
                 self._sent = event.done
@@ -283,10 +283,11 @@ class VerifiedUpload:
         if self._part is self._upload:
             if self._is_given_up(failed, now_s) or (self._is_bad_luck(failed) and self._under_way):
                 return self._send_again(failed, now_s)
-            # A vehicle that took no item and fell silent cannot be read either.
-            tells = bool(self.items) and isinstance(self._upload, MissionUpload)  # how many items it took
-            worth_reading = self._under_way or failed.reason is not FailureReason.TIMEOUT or not tells
-            if failed.vehicle_plan is PlanState.UNKNOWN and not self._cancelled and worth_reading:
+            # A vehicle that accepted no item before the timeout would not answer a download either.
+            # Only `MissionUpload` reports the number of accepted items.
+            counts = bool(self.items) and isinstance(self._upload, MissionUpload)
+            can_read = self._under_way or failed.reason is not FailureReason.TIMEOUT or not counts
+            if failed.vehicle_plan is PlanState.UNKNOWN and not self._cancelled and can_read:
                 self._refusal = None if failed.reason is FailureReason.TIMEOUT else failed
                 return self._read_back(now_s)
             return Output(events=(failed,))
@@ -300,23 +301,23 @@ class VerifiedUpload:
         return Output(events=(replace(failed, text=text, vehicle_plan=PlanState.UNKNOWN),))
 
     def _is_bad_luck(self, failed: TransferFailed) -> bool:
-        """Whether too many frames in a row may have been lost."""
+        """Whether frame loss alone may explain the failure, so that a retry makes sense."""
         copies, _ = self._round_trip.copies(self._profile.abort_s)
         gave_up = failed.reason is FailureReason.TIMEOUT or failed.result in _GIVEN_UP
         return copies > 1 and gave_up and self._restarts > 0
 
     @property
     def _under_way(self) -> bool:
-        """Whether the vehicle asked for a second item of this upload; it has none where all are sent."""
+        """Whether the vehicle requested a second item of this upload, or all items were sent."""
         return self._sent > 1 or self._sent == len(self.items) > 0
 
     def _is_given_up(self, failed: TransferFailed, now_s: float) -> bool:
-        """Whether the vehicle gave up an upload that is worth sending again.
+        """Whether the vehicle aborted the upload and a retry makes sense.
 
-        PX4 answers so, too, to an item that it does not take: that one is refused again where nothing had to
-        be repeated.
+        PX4 sends the same result for an invalid item. Such an item is refused twice without repeated
+        messages.
         """
-        # An ERROR before any item was sent comes from a vehicle that is busy.
+        # A vehicle sends ERROR before the first item if it is busy.
         gave_up = failed.result == wire.OPERATION_CANCELLED or (failed.result == wire.ERROR and self._sent)
         trip = self._round_trip
         is_good = not trip.is_lossy and (trip.known_s or 0.0) <= _QUICK_S
@@ -329,13 +330,13 @@ class VerifiedUpload:
         return begins and (before is None or before != self._refused_at)
 
     def _send(self, begun_s: float | None = None) -> Transfer:
-        """Make the upload; a further one knows when the first one was begun."""
+        """Return a new upload; ``begun_s`` is the start time of the first attempt."""
         further = {} if begun_s is None else {"begun_s": begun_s}
         return self._make(start_sequence=self._marked(), **further)
 
     def _send_again(self, failed: TransferFailed, now_s: float) -> Output:
         self._restarts -= 1
-        # Only a vehicle that never takes an item makes the limit run on.
+        # The limit of 30 s restarts once the vehicle has accepted an item.
         self._started_s = now_s if self._under_way else self._started_s
         self._sent = 0
         self._part = self._upload = self._send(self._started_s)
@@ -376,28 +377,28 @@ class VerifiedUpload:
         return Output(events=(failed,))
 
     def _refused(self, refusal: TransferFailed, received: DownloadComplete) -> Output:
-        """End with the vehicle's refusal and its present plan."""
-        text = f"{refusal.text}; {_told_of_held(self.items, received.items, self._profile)}"
+        """Fail with the vehicle's refusal, and add the plan that the vehicle holds now to the text."""
+        text = f"{refusal.text}; {_held_text(self.items, received.items, self._profile)}"
         return Output(events=(replace(refusal, text=text),))
 
 
-def _told_of_held(sent: Sequence[MissionItem], held: Sequence[MissionItem], profile: Profile) -> str:
-    """Return what a vehicle that overwrites in place holds after a refusal, in words."""
+def _held_text(sent: Sequence[MissionItem], held: Sequence[MissionItem], profile: Profile) -> str:
+    """Describe the plan of a vehicle that overwrites items in place, after a refusal."""
     new = 0
-    for one, other in zip(sent, held, strict=False):
-        if compare_plans((one,), (other,), profile):
+    for sent_item, held_item in zip(sent, held, strict=False):
+        if compare_plans((sent_item,), (held_item,), profile):
             break
         new += 1
     if not held:
         return "the vehicle now holds no items"
-    told = "none" if not new else "all" if new == len(held) else f"the first {new}"
-    return f"the vehicle now holds {len(held)} items, {told} as sent: upload again before flying"
+    part = "none" if not new else "all" if new == len(held) else f"the first {new}"
+    return f"the vehicle now holds {len(held)} items, {part} as sent: upload again before flying"
 
 
 class TransferMaker(NamedTuple):
-    """Who carries plans between us and a vehicle: makes uploads, which are read back, and readings.
+    """Factory of verified uploads and of downloads.
 
-    Parameters are those of `VerifiedUpload` and `MissionDownload`; a maker uses the options that it knows.
+    The parameters are those of `VerifiedUpload` and `MissionDownload`; a factory ignores unsupported options.
     """
 
     upload: Callable[..., VerifiedUpload]
@@ -405,4 +406,4 @@ class TransferMaker(NamedTuple):
 
 
 OWN_TRANSFERS = TransferMaker(VerifiedUpload, MissionDownload)
-"""Our own state machines, which are used unless others are given."""
+"""Default factory: the state machines of this package."""

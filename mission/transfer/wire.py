@@ -1,7 +1,7 @@
-"""Mission items to and from MAVLink messages.
+"""Conversion between mission items and MAVLink messages.
 
-MISSION_ITEM_INT (73) carries positions in 1e-7 degrees, MISSION_ITEM (39) in 32-bit floats (0.4 to 1.7 m);
-fields as in https://mavlink.io/en/messages/common.html.
+MISSION_ITEM_INT (73) carries positions in 1e-7 degrees, MISSION_ITEM (39) in 32-bit floats (resolution 0.4 to
+1.7 m). Fields: https://mavlink.io/en/messages/common.html.
 """
 
 from __future__ import annotations
@@ -109,44 +109,44 @@ def ground_heartbeat() -> Message:
 
 
 def command_long(target: tuple[int, int], command: int, *params: float) -> Message:
-    """A COMMAND_LONG that is sent for the first time; parameters that are not given are 0."""
+    """Return a COMMAND_LONG with confirmation 0; missing parameters are 0."""
     values = (*params, *[0.0] * (7 - len(params)))
     return mavlink.MAVLink_command_long_message(*target, int(command), 0, *values)
 
 
 def to_server(message: Message) -> TypeIs[MissionMessage]:
-    """Tell whether a vehicle has to look at the message."""
+    """Whether a message is a mission message that vehicles handle."""
     return type(message).id in SERVER_MESSAGES
 
 
 def to_client(message: Message) -> TypeIs[ItemMessage | RequestMessage | CountMessage | AckMessage]:
-    """Tell whether a ground station has to look at the message."""
+    """Whether a message is a mission message that ground stations handle."""
     return type(message).id in CLIENT_MESSAGES
 
 
 def is_item(message: Message) -> TypeIs[ItemMessage]:
-    """Tell whether it is a MISSION_ITEM_INT or MISSION_ITEM."""
+    """Whether a message is a MISSION_ITEM_INT or MISSION_ITEM."""
     return type(message).id in (ITEM_INT, ITEM)
 
 
 def is_request(message: Message) -> TypeIs[RequestMessage]:
-    """Tell whether it is a MISSION_REQUEST_INT or MISSION_REQUEST."""
+    """Whether a message is a MISSION_REQUEST_INT or MISSION_REQUEST."""
     return type(message).id in (REQUEST_INT, REQUEST)
 
 
 def is_partial(message: Message) -> TypeIs[PartialMessage]:
-    """Tell whether it is a MISSION_REQUEST_PARTIAL_LIST or MISSION_WRITE_PARTIAL_LIST."""
+    """Whether a message is a MISSION_REQUEST_PARTIAL_LIST or MISSION_WRITE_PARTIAL_LIST."""
     return type(message).id in (PARTIAL_LIST, WRITE_PARTIAL)
 
 
 def enum_name(enum: str, value: int, otherwise: str) -> str:
-    """Return MAVLink's name of a value of an enumeration, ``otherwise`` where it has none."""
+    """Return MAVLink's name of an enum value, or ``otherwise`` for an unknown value."""
     entry = mavlink.enums[enum].get(value)
     return otherwise if entry is None else entry.name
 
 
 def result_text(result: int) -> str:
-    """Say in words what a MAV_MISSION_RESULT means.
+    """Return the meaning of a MAV_MISSION_RESULT as text.
 
     Examples
     --------
@@ -158,7 +158,7 @@ def result_text(result: int) -> str:
 
 
 def command_name(command: int) -> str:
-    """Name of a MAV_CMD without its prefix.
+    """Return the name of a MAV_CMD without the prefix.
 
     Examples
     --------
@@ -169,21 +169,21 @@ def command_name(command: int) -> str:
 
 
 def ack(target: tuple[int, int], result: int, mission_type: int, opaque_id: int = 0) -> AckMessage:
-    """A MISSION_ACK, with the plan's id (0 for none)."""
+    """Return a MISSION_ACK with the plan id (0 for none)."""
     return mavlink.MAVLink_mission_ack_message(
         *target, result, mission_type=mission_type, opaque_id=opaque_id
     )
 
 
 def count(target: tuple[int, int], number: int, mission_type: int, opaque_id: int = 0) -> CountMessage:
-    """A MISSION_COUNT, with the plan's id (0 for none)."""
+    """Return a MISSION_COUNT with the plan id (0 for none)."""
     return mavlink.MAVLink_mission_count_message(
         *target, number, mission_type=mission_type, opaque_id=opaque_id
     )
 
 
 def clear_all(target: tuple[int, int], mission_type: int) -> Message:
-    """A MISSION_CLEAR_ALL of one plan (255: of all)."""
+    """Return a MISSION_CLEAR_ALL of one plan type, or of all for 255."""
     return mavlink.MAVLink_mission_clear_all_message(*target, mission_type)
 
 
@@ -201,10 +201,10 @@ def item_to_message(
     integer: bool = True,
     frame: int | None = None,
 ) -> ItemMessage:
-    """Build MISSION_ITEM_INT, with positions in 1e-7 degrees, for an item; MISSION_ITEM if not ``integer``.
+    """Return the MISSION_ITEM_INT of an item, or the MISSION_ITEM if not ``integer``.
 
-    A parameter that is None goes out as NaN. ``current`` marks the item as the one to start with; ``frame``
-    is written instead of the item's own (5 and 6 mean the same as 0 and 3).
+    Parameters that are None are sent as NaN. ``current`` marks the item at which the mission starts.
+    ``frame`` overrides the frame of the item (5 and 6 mean the same as 0 and 3).
     """
     common = (
         target[0],
@@ -231,10 +231,10 @@ def _parameter(value: float) -> float | None:
 
 
 def item_from_message(message: ItemMessage) -> MissionItem:
-    """Read a MISSION_ITEM_INT or MISSION_ITEM.
+    """Return the mission item of a MISSION_ITEM_INT or MISSION_ITEM.
 
-    A NaN in parameters 5 to 7 of a command that has no position becomes 0 ("not used"). MissionError if a
-    number is infinite, or the position is none on the globe; `refusal` gives the answer to send.
+    NaN in parameters 5 to 7 of a command without a position becomes 0 ("not used"). Raises MissionError if a
+    number is infinite or the position is out of range; `refusal` returns the MAV_MISSION_RESULT to answer.
     """
     placed = message.frame in GLOBAL_FRAMES and has_position(message.command)
     x, y, z = message.x, message.y, message.z
@@ -258,7 +258,7 @@ def item_from_message(message: ItemMessage) -> MissionItem:
 
 
 def refusal(message: ItemMessage) -> int:
-    """Return the MAV_MISSION_RESULT that says why `item_from_message` refused the message."""
+    """Return the MAV_MISSION_RESULT for a message that `item_from_message` refused."""
     for offset, value in enumerate((message.param1, message.param2, message.param3, message.param4)):
         if abs(value) > FLOAT32_MAX:
             return int(INVALID_PARAM1) + offset
@@ -275,11 +275,11 @@ _ITEM_BYTES = struct.Struct("<BHB4fiif")
 
 
 def plan_checksum(items: Iterable[MissionItem]) -> int:
-    """Return the id of a plan, a CRC32 over its items.
+    """Return the opaque id of a plan, a CRC32 over its items.
 
-    The fields (frame, command, autocontinue, seven parameters) are those of PX4's mission id
-    (``mavlink_mission.cpp``). An empty plan has the id 0, which MAVLink reserves for "none"; no other plan
-    has it.
+    The hashed fields (frame, command, autocontinue, seven parameters) are those of PX4
+    (``mavlink_mission.cpp``). An empty plan has the id 0, which MAVLink reserves for "none"; other plans
+    never have the id 0.
     """
     checksum = 0
     empty = True
@@ -304,7 +304,7 @@ def plan_checksum(items: Iterable[MissionItem]) -> int:
 
 
 def plan_type(number: int) -> MissionType | None:
-    """Return the plan's kind, None if the number is none of the three."""
+    """Return the plan type of a MAV_MISSION_TYPE, None if unknown."""
     return MissionType(number) if 0 <= number <= 2 else None
 
 
@@ -315,7 +315,7 @@ def _shift_jump(item: MissionItem, by: int) -> MissionItem:
 
 
 def home_items(home: GeoPoint) -> tuple[MissionItem]:
-    """Return the item that stands for home, alone."""
+    """Return home as a plan with one waypoint."""
     return (
         MissionItem(
             Command.NAV_WAYPOINT, Frame.GLOBAL, x=home.latitude_deg, y=home.longitude_deg, z=home.altitude_m
@@ -326,7 +326,7 @@ def home_items(home: GeoPoint) -> tuple[MissionItem]:
 def to_wire_order(
     items: tuple[MissionItem, ...], mission_type: MissionType, profile: Profile, home: GeoPoint | None = None
 ) -> tuple[MissionItem, ...]:
-    """Return the items as the autopilot counts them: home in front and jump targets moved, if it does so."""
+    """Return the items in the autopilot's numbering, if necessary with home as item 0 and shifted jumps."""
     if not profile.home_at_zero or mission_type != MissionType.MISSION or not items:
         return items
     first = home_items(GeoPoint(0.0, 0.0, 0.0) if home is None else home)
@@ -336,7 +336,7 @@ def to_wire_order(
 def from_wire_order(
     items: tuple[MissionItem, ...], mission_type: MissionType, profile: Profile
 ) -> tuple[tuple[MissionItem, ...], GeoPoint | None]:
-    """Undo `to_wire_order`: return the items and the home position, if there was one in front."""
+    """Return the items and the home position, if any, from the autopilot's numbering (`to_wire_order`)."""
     if not profile.home_at_zero or mission_type != MissionType.MISSION or not items:
         return items, None
     home = GeoPoint(items[0].x, items[0].y, items[0].z) if items[0].has_position else None

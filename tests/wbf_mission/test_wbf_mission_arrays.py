@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import zarr
 
+from wbf_mission.results.differences import differences, sums
 from wbf_mission.results.storage import ArrayFileError, read_array, write_array
 
 FIELDS = ("tylcv", "ccr", "soil")
@@ -18,6 +19,27 @@ def test_an_array_comes_back_bit_for_bit(tmp_path, shape):
     write_array(path, array, FIELDS[: shape[0]])
     np.testing.assert_array_equal(read_array(path, shape).view(np.uint32), array.view(np.uint32))
     assert [entry.name for entry in tmp_path.iterdir()] == [path.name]
+
+
+def test_a_smooth_field_takes_a_quarter(tmp_path):
+    x, y = np.meshgrid(np.linspace(0.0, 1.0, 1000), np.linspace(0.0, 1.0, 900), indexing="ij")
+    smooth = (0.5 + 0.4 * np.sin(3.0 * x + 1.0) * np.cos(4.0 * y)).astype(np.float32)
+    write_array(tmp_path / "a.zarr.zip", smooth[None], FIELDS[:1])
+    assert (tmp_path / "a.zarr.zip").stat().st_size < 0.25 * smooth.nbytes
+
+
+def test_an_array_without_differences_is_read_as_before(tmp_path):
+    array = np.random.default_rng(2).random((2, 30, 20), np.float32)
+    with zarr.storage.ZipStore(tmp_path / "a.zarr.zip", mode="w") as store:
+        zarr.create_array(store, data=array, chunks=(1, 7, 20))
+    np.testing.assert_array_equal(read_array(tmp_path / "a.zarr.zip", array.shape), array)
+
+
+def test_the_differences_are_of_neighbours_along_both_axes():
+    cells = np.arange(6, dtype=np.uint32).reshape(2, 3) ** 2
+    found = differences(cells.view(np.float32)).view(np.uint32)
+    assert found.tolist() == [[0, 1, 3], [9, 6, 6]]
+    np.testing.assert_array_equal(sums(found.view(np.float32)).view(np.uint32), cells)
 
 
 def test_other_programs_read_it_with_names(tmp_path):

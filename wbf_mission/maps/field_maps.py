@@ -11,7 +11,7 @@ no look tells of: where every tenth plant is looked at, ten.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import ModuleType
 
 import numpy as np
@@ -21,7 +21,7 @@ from geo import Farm
 from sensors.dynamics.epidemic import Outbreak, outbreak_of
 from sensors.fields import PAPER_FIELDS, Field, FieldSet
 from sensors.observations import Observations
-from sensors.scoring.information import InformationModel, least_sick
+from sensors.scoring.information import InformationModel, column_strips, least_sick
 from wbf_mission.maps import blocks
 from wbf_mission.maps.blocks import COUNT, ILLNESS, SICK, SICK_BELOW, SPREAD, MapGrid
 
@@ -114,12 +114,9 @@ def field_maps(
             mask[seen_x, seen_y] = True
         may_be = None
         if field.name in probabilities:
-            healthy = probabilities[field.name][0]
-            made = _from_probabilities(grid, mask, healthy, model.value[k])
             open_ = mask.copy()
             open_[seen_x, seen_y] = False
-            open_[open_] = 1.0 - healthy[open_] >= least_sick(1.0 - healthy[open_])
-            may_be = pixel_sums(grid, open_, healthy)[0][..., COUNT]
+            made, may_be = _from_probabilities(grid, mask, open_, model, k)
         else:
             deviation = model.uncertainty[k] if states_deviation else None
             made = _from_values(grid, mask, model.value[k], deviation, seen_x, seen_y, seen, outbreak)
@@ -186,12 +183,25 @@ def pixel_means(grid: MapGrid, mask: NDArray[np.bool_], value: NDArray[np.float3
 
 
 def _from_probabilities(
-    grid: MapGrid, mask: NDArray[np.bool_], healthy: NDArray[np.float32], value: NDArray[np.float32]
-) -> tuple[Floats, Floats | None, Floats, Floats]:
-    """Return sick plants, their variance, the cells and the least value."""
-    sums, _ = pixel_sums(grid, mask, healthy)
+    grid: MapGrid, mask: NDArray[np.bool_], open_: NDArray[np.bool_], model: InformationModel, k: int
+) -> tuple[tuple[Floats, Floats | None, Floats, Floats], Floats]:
+    """Return (sick plants, their variance, cells, least value) and the plants that may be sick, by pixels.
+
+    `open_` marks the plants that were not observed. Afterwards it marks those that may be sick.
+    """
+    value = model.value[k]
+    parts, sick = [], []
+    # Strips of whole pixels save memory: the probabilities of a farm are as large as three fields.
+    for columns in column_strips(len(mask), grid.pixel):
+        (healthy, *_) = model.probabilities_in(model.fields[k], columns)
+        strip = replace(grid, shape=healthy.shape)
+        parts.append(pixel_sums(strip, mask[columns], healthy)[0])
+        sick.append(1.0 - healthy[open_[columns]])
+    sums, unseen = np.concatenate(parts), np.concatenate(sick)
+    open_[open_] = unseen >= least_sick(unseen)
+    may_be = pixel_sums(grid, open_, value)[0][..., COUNT]
     _, least = pixel_sums(grid, mask, value)
-    return sums[..., ILLNESS], sums[..., SPREAD], sums[..., COUNT], least
+    return (sums[..., ILLNESS], sums[..., SPREAD], sums[..., COUNT], least), may_be
 
 
 def _from_values(

@@ -7,6 +7,7 @@ import shutil
 from collections.abc import Iterable, Sequence
 from concurrent.futures import Executor, Future
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar, get_args, get_type_hints
 
@@ -38,6 +39,7 @@ from wbf_mission.results.storage import (
     read_table,
     write_array,
     write_maps,
+    write_strips,
     write_table,
 )
 from wbf_mission.run.record import DayRecord, FlightRecord, RunRecord, keeps_days
@@ -255,10 +257,11 @@ def write_arrays(result: RunRecord, folder: Path, pool: Executor) -> dict[Path, 
     probabilities = (model.probabilities if model is not None else None) or {}
     for disease in probabilities:
         path = _probabilities_path(folder, disease)
-        # One disease at a time: probabilities may be computed on access, and are large on large farms.
-        begun[path] = pool.submit(
-            lambda path=path, disease=disease: write_array(path, probabilities[disease], CLASSES)  # type: ignore[misc]
-        )
+        assert model is not None
+        # In strips: probabilities may be computed on access, and are large on large farms.
+        strip = partial(model.probabilities_in, disease)
+        shape = (len(CLASSES), *model.shape)
+        begun[path] = pool.submit(write_strips, path, strip, shape, CLASSES)
     return begun
 
 

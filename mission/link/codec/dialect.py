@@ -1,8 +1,8 @@
-"""The one place that chooses the MAVLink dialect; everything else imports ``mavlink`` from here.
+"""The MAVLink dialect of the project; all other modules import ``mavlink`` from here.
 
-``all`` of pymavlink holds the common, standard, development and ArduPilot messages;
-`mission.link.codec.additions` adds what it lacks (opaque plan ids, PROTOCOL_VERSION, COMPONENT_METADATA,
-events); and its messages are made without a header until somebody asks for it (`lighten`).
+pymavlink's dialect ``all`` has the common, standard, development and ArduPilot messages.
+`mission.link.codec.additions` adds opaque plan ids, PROTOCOL_VERSION, COMPONENT_METADATA and events.
+`lighten` makes the creation of messages faster.
 """
 
 from typing import Any
@@ -13,7 +13,7 @@ from mission.link.codec.additions import extend
 
 
 class _Header:
-    """The attribute ``_header``: made of the frame when it is first read, kept from then on."""
+    """Descriptor of the attribute ``_header``: built from the frame on first access, then cached."""
 
     def __init__(self, header_type: Any) -> None:
         self._type = header_type
@@ -32,12 +32,11 @@ class _Header:
 
 
 def lighten(dialect: Any) -> None:
-    """Make the messages of a module that pymavlink generated tell of their frames only when asked.
+    """Make the messages of a generated dialect build their headers on first access.
 
-    pymavlink gives each message a header object and eight more attributes of frames when it is made. One to
-    be packed by `mission.link.codec.frames.FrameWriter` needs none of them, and of most that are received
-    nobody asks for the header: without it a message is made in little more than half the time. The attributes
-    say the same.
+    pymavlink creates a header object and eight frame attributes with each message. `FrameWriter` needs none
+    of them, and the headers of most received messages are never read. Creating a message without a header
+    takes little more than half the time. The values of the attributes do not change.
     """
     base = dialect.MAVLink_message
     if isinstance(vars(base).get("_header"), _Header):
@@ -46,7 +45,7 @@ def lighten(dialect: Any) -> None:
 
     def initialise(self: Any, msgId: int, name: str) -> None:
         self._type = name
-        if msgId != self.id:  # what is no message of the dialect
+        if msgId != self.id:  # MAVLink_bad_data and MAVLink_unknown
             self._header = header_type(msgId)
 
     base.__init__ = initialise

@@ -1,11 +1,10 @@
-"""MAVLink frames out of bytes and bytes out of messages.
+"""Encoding and decoding of MAVLink frames.
 
-The messages, their field tables and the exact rules are those of pymavlink's generated codec; for the
-common case (not signed, no lone char) this module compiles the tables into functions that pack and unpack:
-making and packing a message is 3.7 times as fast, unpacking 3.5 times (processor time of six messages of
-telemetry and camera, against pymavlink 2.4.50). It reads and writes private attributes of the generated
-messages, so pyproject.toml pins pymavlink, and a test compares them. Everything else goes through the
-generated ``pack`` and ``decode``.
+Messages and field tables are those of pymavlink's generated codec. For unsigned messages without single-char
+fields, this module compiles the tables into pack and unpack functions. Creating and packing a message is 3.7
+times as fast, unpacking 3.5 times (CPU time of six telemetry and camera messages, against pymavlink 2.4.50).
+These functions use private attributes of the generated messages, so pyproject.toml pins pymavlink, and a test
+compares both codecs. All other frames use the generated ``pack`` and ``decode``.
 
 Frame layout: https://mavlink.io/en/guide/serialization.html.
 """
@@ -36,13 +35,13 @@ _CODE = re.compile(r"\d*[a-zA-Z]")
 
 
 def _codes(message_type: Any) -> list[str]:
-    """Return the format codes of the message's struct, one for each field."""
+    """Return the `struct` format code of each field of a message."""
     layout = message_type.unpacker.format
     return _CODE.findall(layout if isinstance(layout, str) else layout.decode())
 
 
 def _packer(message_type: Any) -> Callable[[Any], bytes]:
-    """Return a function that packs a message's fields in struct order: arrays spread out, text as bytes."""
+    """Return a function that packs the fields of a message in wire order."""
     values = []
     for name, code, length in zip(
         message_type.ordered_fieldnames, _codes(message_type), message_type.lengths, strict=True
@@ -55,7 +54,7 @@ def _packer(message_type: Any) -> Callable[[Any], bytes]:
 
 
 def _maker(message_type: Any) -> Callable[[tuple[Any, ...]], Any]:
-    """Return a function that makes a message of a struct's numbers: in field order, arrays as lists."""
+    """Return a function that makes a message from the unpacked values of its payload."""
     lengths, orders = message_type.lengths, message_type.orders
     values = []
     for k, kind in zip(orders, message_type.fieldtypes, strict=True):
@@ -70,13 +69,16 @@ def _maker(message_type: Any) -> Callable[[tuple[Any, ...]], Any]:
 
 
 def _compiled(source: str, **names: Any) -> Callable[[Any], Any]:
-    """Return a function of straight code: a loop over the field table takes twice as long."""
-    made: Callable[[Any], Any] = eval(source, names)  # noqa: S307 (all of it is from the pinned dialect)
+    """Compile ``source`` into a function; a loop over the field table would take twice as long."""
+    made: Callable[[Any], Any] = eval(source, names)  # noqa: S307 (the source comes from the pinned dialect)
     return made
 
 
 class _Kind:
-    """The data of a message type for the fast path."""
+    """Compiled codec of one message type.
+
+    ``make`` and ``pack`` are None for messages that need pymavlink's codec.
+    """
 
     __slots__ = ("crc_extra", "make", "number", "pack", "size", "unpack")
 
@@ -85,14 +87,14 @@ class _Kind:
         self.number: bytes = message_type.id.to_bytes(3, "little")
         self.size: int = message_type.unpacker.size
         self.unpack: Callable[[bytes], tuple[Any, ...]] = message_type.unpacker.unpack
-        # A single char is neither number nor text.
+        # Messages with single-char fields need pymavlink's codec.
         plain = "c" not in _codes(message_type)
         self.make = _maker(message_type) if plain else None
         self.pack = _packer(message_type) if plain else None
 
 
 class _Kinds(dict[int, "_Kind | None"]):
-    """The kinds by message id, made when first met (a dialect has hundreds)."""
+    """Compiled codecs by message id, built on first use because a dialect has hundreds of messages."""
 
     def __missing__(self, message_id: int) -> _Kind | None:
         message_type = mavlink.mavlink_map.get(message_id)
@@ -107,14 +109,14 @@ _CODEC: Any = mavlink.MAVLink(None)
 
 
 class FrameWriter:
-    """Packs messages as one sender, with its own sequence numbers.
+    """Encoder of the messages of one sender, with sequence numbers.
 
     Parameters
     ----------
     codec : mavlink.MAVLink, optional
-        The generated codec; its sequence number is used.
+        Generated codec that holds the sequence number.
     signing : Signing, optional
-        Signs every frame while it has a key.
+        Signs the frames if it has a key.
 
     Examples
     --------
@@ -132,7 +134,7 @@ class FrameWriter:
         self.codec.srcComponent = component_id
 
     def encode(self, message: Message) -> bytes:
-        """Return the MAVLink 2 frame, and count on; struct.error if a field does not fit its type."""
+        """Return the MAVLink 2 frame of a message; raise struct.error if a field is out of range."""
         codec = self.codec
         kind = _KINDS[type(message).id]
         sequence: int = codec.seq
@@ -150,7 +152,7 @@ class FrameWriter:
         return self.signing.sign(frame, bytes([type(message).crc_extra]), _crc)
 
     def renumber(self, frame: bytes) -> bytes:
-        """Return a MAVLink 2 frame with this writer's next sequence number and signature, and count on."""
+        """Return a MAVLink 2 frame with the next sequence number and a new signature."""
         end = len(frame) - (SIGNATURE_BYTES if frame[2] & SIGNED else 0) - 2
         kind = _KINDS[int.from_bytes(frame[7:10], "little")]
         assert kind is not None
@@ -160,13 +162,13 @@ class FrameWriter:
         return renumbered if self.signing is None else self.signing.sign(renumbered, kind.crc_extra, _crc)
 
     def skip(self) -> None:
-        """Count the sequence on for a frame that nobody needs."""
+        """Advance the sequence number for a frame that is not sent."""
         self.codec.seq = (self.codec.seq + 1) & 0xFF
 
 
 @dataclass(slots=True)
 class SourceStatistics:
-    """Frames of one sender: received, missing by their sequence numbers, come again or out of order."""
+    """Frame counts of one sender: received, lost by sequence number, and late (repeated or out of order)."""
 
     received: int = 0
     lost: int = 0
@@ -175,14 +177,14 @@ class SourceStatistics:
     _after_late: int = -1
 
     def count(self, sequence: int) -> None:
-        """Count one frame with this sequence number (0 to 255)."""
+        """Count one received frame with this sequence number (0 to 255)."""
         self.received += 1
         expected = self._next
         if sequence != expected and expected >= 0:
             gap = (sequence - expected) & 0xFF
             if gap < 128:
                 self.lost += gap
-            elif sequence == self._after_late:  # two in a row from there: the sender has started anew
+            elif sequence == self._after_late:  # two consecutive late frames: the sender has restarted
                 self._after_late = -1
             else:
                 self.late += 1
@@ -192,29 +194,29 @@ class SourceStatistics:
 
 
 class FrameReader:
-    """Finds the frames in whatever bytes come, and decodes those that are wanted.
+    """Decoder that finds the frames in a byte stream or in datagrams.
 
-    Garbage is skipped up to the next frame whose checksum holds; nothing that arrives makes it raise, grow
-    (it keeps less than one frame) or wait for more than one frame's length.
+    Bytes that are no valid frame are skipped. Whatever the input, the reader never raises and buffers less
+    than one frame.
 
     Parameters
     ----------
     wanted : frozenset of int, optional
-        Message ids to decode; the others are checked and counted only. None decodes all.
+        Message ids to decode; None decodes all. Other frames are only checked and counted.
     tap : callable, optional
-        Called with the bytes of every good frame, wanted or not.
+        Called with the bytes of every valid frame, wanted or not.
     codec : mavlink.MAVLink, optional
-        The generated codec, which decodes what is rare.
+        Generated codec for frames that the compiled functions cannot decode.
     signing : Signing, optional
-        While it has a key, frames that it does not accept count as bad.
+        If it has a key, frames with a missing or wrong signature count as bad.
 
     Attributes
     ----------
     sources : dict
         `SourceStatistics` by (system id, component id).
     frames, bad_frames, bad_bytes, unknown : int
-        Good frames; frames with a wrong checksum or signature; bytes that belong to no frame; frames of
-        messages that the dialect does not have.
+        Number of valid frames, of frames with a wrong checksum or signature, of bytes outside frames, and of
+        frames with message ids that the dialect lacks.
     """
 
     def __init__(
@@ -237,7 +239,7 @@ class FrameReader:
         self._pending = b""
 
     def feed(self, data: bytes) -> list[Message]:
-        """Take a datagram or a piece of a stream and return the wanted messages that are complete now."""
+        """Add a datagram or a piece of a stream; return the wanted messages that are now complete."""
         messages: list[Message] = []
         pending = self._pending
         if not pending and len(data) >= _V2_OVERHEAD and data[0] == _V2 and not data[2]:
@@ -257,7 +259,7 @@ class FrameReader:
         return messages
 
     def _scan(self, data: bytes, messages: list[Message], *, final: bool) -> None:
-        """Take all frames of the data; keep an incomplete one at the end unless this is final."""
+        """Handle all frames in ``data``; keep an incomplete frame at the end unless ``final``."""
         at = 0
         end = len(data)
         while at < end:
@@ -279,12 +281,12 @@ class FrameReader:
                 at = after
 
     def _take(self, data: bytes, at: int, after: int, messages: list[Message]) -> bool:
-        """Handle the frame in ``data[at:after]``; return False if it is none."""
+        """Handle the frame in ``data[at:after]``; return False if these bytes are not a frame."""
         newer = data[at] == _V2
         number = data[at + 7] | data[at + 8] << 8 | data[at + 9] << 16 if newer else data[at + 5]
         kind = _KINDS[number]
         if kind is None:
-            # Its checksum cannot be verified, so believe it only where another frame or the end follows.
+            # Without CRC_EXTRA the checksum cannot be verified: accept only if a frame or the end follows.
             if after < len(data) and data[after] not in (_V1, _V2):
                 return False
             self.unknown += 1
@@ -323,10 +325,10 @@ class FrameReader:
 
 
 def decode_frame(frame: bytes) -> Message | None:
-    """Return the message of a whole frame whose checksum is known to hold.
+    """Return the message of a complete frame without checking the checksum.
 
-    That is a frame packed by a `FrameWriter`, passed to a tap by a `FrameReader`, or approved by
-    `valid_frame_end`. None if the dialect lacks it or its content is refused.
+    For frames from a `FrameWriter`, from the tap of a `FrameReader`, or checked by `valid_frame_end`. Returns
+    None if the dialect lacks the message or the codec refuses the payload.
 
     Examples
     --------
@@ -339,7 +341,7 @@ def decode_frame(frame: bytes) -> Message | None:
 
 
 def _decode(frame: bytes, kind: _Kind, codec: Any) -> Message | None:
-    """Return the message of a frame whose checksum holds, None if its content is refused."""
+    """Return the message of a frame whose checksum holds, None if the codec refuses the payload."""
     make = kind.make
     if make is None or frame[0] != _V2 or frame[2]:
         try:
@@ -357,7 +359,7 @@ def _decode(frame: bytes, kind: _Kind, codec: Any) -> Message | None:
 
 
 def _frame_end(data: bytes, at: int) -> int:
-    """Return where the frame at ``at`` ends, 0 if it cannot be a frame, or beyond the data if unknown."""
+    """Return the end index of the frame at ``at``: 0 if not a frame, beyond the data if incomplete."""
     end = len(data)
     if data[at] == _V1:
         return at + _V1_OVERHEAD + data[at + 1] if at + 1 < end else end + 1
@@ -370,7 +372,7 @@ def _frame_end(data: bytes, at: int) -> int:
 
 
 def valid_frame_end(data: bytes, at: int = 0) -> int:
-    """Return where the frame at ``at`` ends; 0 unless it is whole, known and its checksum holds."""
+    """Return the end index of the frame at ``at``; 0 unless complete, known and with a valid checksum."""
     if at >= len(data) or data[at] not in (_V1, _V2):
         return 0
     after = _frame_end(data, at)

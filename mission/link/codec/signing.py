@@ -1,9 +1,10 @@
-"""Message signing: only senders with the key are heard.
+"""MAVLink message signing: only frames signed with the shared key are accepted.
 
-Frame and rules after https://mavlink.io/en/guide/message_signing.html: 13 bytes follow the checksum, the
-link's number, a time stamp of 48 bits (10 microseconds since 2015-01-01 UTC), and the first 48 bits of the
-SHA-256 of the key and all that comes before. A time stamp that is not newer than the last of its sender on
-its link is a replay; so is, from a sender that was not heard yet, one that is more than a minute old.
+Frame and rules: https://mavlink.io/en/guide/message_signing.html. The 13 signature bytes after the checksum
+are the link id, a time stamp of 48 bits (units of 10 microseconds since 2015-01-01 UTC), and the first 48
+bits of the SHA-256 of the key and all preceding bytes of the frame. A frame is a replay if its time stamp is
+not newer than the last from the same sender and link id. From a new sender, a time stamp older than one
+minute is a replay.
 """
 
 from __future__ import annotations
@@ -22,9 +23,9 @@ KEY_BYTES: Final = 32
 SIGNATURE_BYTES: Final = 13
 SIGNED: Final = 0x01
 SETUP_SIGNING: Final = 256
-"""The message that carries a key: never to be logged or passed on."""
+"""Id of SETUP_SIGNING, which carries a key and so must not be logged or forwarded."""
 UNSIGNED: Final = frozenset({109})
-"""Messages that are taken without a signature: RADIO_STATUS, which radios send that have no key."""
+"""Ids of messages accepted without a signature: RADIO_STATUS, sent by radios, which have no key."""
 
 _V2 = 0xFD
 _EPOCH_S = 1_420_070_400  # 2015-01-01T00:00:00Z in seconds since 1970
@@ -35,9 +36,9 @@ _LATEST = (1 << 48) - 1
 
 
 def key_from_text(text: str) -> bytes:
-    """Return the key of a typed text: 64 hexadecimal digits, or a phrase, hashed as MAVProxy does.
+    """Return the key for 64 hexadecimal digits, or for a passphrase (SHA-256, like MAVProxy).
 
-    LinkError if it is empty.
+    Raises LinkError if ``text`` is empty.
 
     Examples
     --------
@@ -60,7 +61,7 @@ def key_from_text(text: str) -> bytes:
 
 @dataclass(slots=True)
 class SigningStatistics:
-    """Frames with a right signature; those refused for having none, a wrong one, or as replays."""
+    """Number of accepted frames, and of frames refused as unsigned, wrongly signed, or replayed (``old``)."""
 
     good: int = 0
     unsigned: int = 0
@@ -69,25 +70,25 @@ class SigningStatistics:
 
 
 class Signing:
-    """Signs and checks frames with one key; one object serves all links of a host.
+    """Signs and checks frames with one key; all links of a host share one object.
 
     Parameters
     ----------
     key : bytes, optional
-        32 bytes; without, nothing is signed and everything is taken, until `setup`.
+        32 bytes. Without a key, frames are sent unsigned and all frames are accepted until `setup`.
     clock : callable, optional
-        Seconds since 1970, for the time stamps; without, they count on from ``start_unix_s``.
+        Unix time (s) for the time stamps. Without a clock, each frame increments the time stamp.
     start_unix_s : float
-        The earliest time stamp.
+        Earliest time stamp (Unix time, s).
     link_id : int
-        0 to 255; senders that share a key and an address need different ones.
+        Link id, 0 to 255. Senders with the same key and address need different link ids.
     may_setup : bool
-        Whether SETUP_SIGNING may change the key: only where nobody else can listen or send.
+        Whether SETUP_SIGNING may change the key. Only safe on links that no one else can read or write.
 
     Raises
     ------
     LinkError
-        If the key has not 32 bytes, or the link's number is out of range.
+        If the key is not 32 bytes long, or ``link_id`` is out of range.
 
     Examples
     --------
@@ -127,13 +128,13 @@ class Signing:
 
     @property
     def active(self) -> bool:
-        """Whether there is a key."""
+        """Whether a key is set, so that frames are signed and checked."""
         return self._key is not None
 
     def setup(self, key: bytes, initial_timestamp: int = 0) -> None:
-        """Take a new key (all zeros: none) and start no earlier than a time stamp.
+        """Set a new key (all zeros: no key) and raise the time stamp to at least ``initial_timestamp``.
 
-        LinkError if the key may not be changed, or has not 32 bytes.
+        Raises LinkError if the key may not be changed or is not 32 bytes long.
         """
         if not self.may_setup:
             msg = "signing: the key may not be changed over this link"
@@ -155,7 +156,7 @@ class Signing:
         return hashlib.sha256(self._key + signed).digest()[:6]
 
     def sign(self, frame: bytes, crc_extra: bytes, crc: Callable[..., int]) -> bytes:
-        """Return an unsigned MAVLink 2 frame with flag, checksum and signature; without a key as it is."""
+        """Return a MAVLink 2 frame with signing flag, new checksum and signature; unchanged without a key."""
         if self._key is None:
             return frame
         self._time = min(self._now() + 1, _LATEST)
@@ -165,7 +166,7 @@ class Signing:
         return body + self._tag(body)
 
     def accepts(self, frame: bytes, message_id: int) -> bool:
-        """Whether a sound frame may be heard; counts why not."""
+        """Whether to accept a frame whose checksum holds; update the statistics."""
         if self._key is None or message_id in UNSIGNED:
             return True
         if frame[0] != _V2 or not frame[2] & SIGNED:
@@ -174,7 +175,7 @@ class Signing:
         if not hmac.compare_digest(self._tag(frame[:-6]), frame[-6:]):
             self.statistics.wrong += 1
             return False
-        # Only now is the time stamp to be believed: a forged one must not lock its sender out.
+        # Read the time stamp only after the signature is verified: a forged stamp could lock out the sender.
         stamp = int.from_bytes(frame[-12:-6], "little")
         stream = (frame[5], frame[6], frame[-13])
         last = self._heard.get(stream)

@@ -1,6 +1,6 @@
-"""Messages of a known type: narrowing by message id, and handlers registered by message class.
+"""Type narrowing of messages by message id, and typed tables of message handlers.
 
-Ids are compared, not classes: a message of another generated dialect is the same message.
+The functions compare ids, not classes: each generated dialect has classes of its own for the same messages.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ R = TypeVar("R")
 
 
 def is_a(message: Message, kind: type[M]) -> TypeIs[M]:
-    """Whether a message is of this class.
+    """Whether the id of a message is that of message class ``kind``.
 
     Examples
     --------
@@ -42,7 +42,7 @@ def is_command(message: Message) -> TypeIs[CommandMessage]:
 def handler(
     kind: type[M], handle: Callable[Concatenate[M, P], R]
 ) -> tuple[int, Callable[Concatenate[Any, P], R]]:
-    """Return an entry of a table of handlers by message id; the type checker sees that the two fit.
+    """Return an entry (message id, handler) of a handler table; type checkers verify that both match.
 
     Examples
     --------

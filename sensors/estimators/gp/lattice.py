@@ -1,8 +1,8 @@
-"""A lattice of nodes with the posterior of a Gaussian process, and the interpolation of cells from it.
+"""A lattice of nodes for the posterior of a Gaussian process, and interpolation between the nodes.
 
-Nodes are a quarter of a length scale apart, or on every cell where that is less than two cells along both
-axes. Between nodes, mean and variance are interpolated by polynomials of degree five through six nodes along
-each axis; what that loses of a field with unit variance is 2e-5 of the mean and 1e-4 of the variance.
+Nodes are a quarter of a lengthscale apart, or on every cell if that is less than two cells along both axes.
+Between nodes, mean and variance are interpolated with polynomials of degree five through six nodes along each
+axis. The interpolation error for a field of unit variance is 2e-5 in the mean and 1e-4 in the variance.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geo.compiled import compiled
+from sensors.estimators.append_buffer import GrowingArray
 from sensors.estimators.gp.rbf import RbfKernel
 from sensors.scoring.information import tile_shape, tiles_of_boxes
 
@@ -27,9 +28,9 @@ Values = NDArray[np.float32]
 
 
 def lagrange_weights(step: int) -> Values:
-    """Return the weights of the six nodes around each of the cells between the middle two.
+    """Return the weights of the six nearest nodes for each cell between two nodes, float32[6, step].
 
-    float32[6, step]: of the nodes two before the cell to three after it.
+    The nodes are the last three up to the cell and the next three after it.
 
     Examples
     --------
@@ -61,18 +62,18 @@ def write_from_nodes(
     Parameters
     ----------
     posterior : float32[3, w, h]
-        At the nodes, of which the third along each axis is at cell 0: response to the values and to a
-        constant, and reduction of the variance.
+        Posterior at the nodes: response to the values, response to a constant, and reduction of the variance.
+        The third node along each axis is at cell 0.
     weights_x, weights_y : float32[6, step]
-        See `lagrange_weights`.
+        Interpolation weights from `lagrange_weights`.
     box : tuple of four ints
-        First and last-plus-one cell along x, and along y.
+        Half-open ranges of cells along x and along y: x0, x1, y0, y1.
     prior : tuple of three floats
         Mean, variance of the smooth part, variance of the noise.
     limits : tuple of two floats
-        Where the value is cut off.
+        Bounds to which the value is clipped.
     value, uncertainty : float32[W, H]
-        Changed in the box.
+        Maps that are changed in the box.
     """
     step_x, step_y = weights_x.shape[1], weights_y.shape[1]
     x0, x1, y0, y1 = box
@@ -104,24 +105,39 @@ def write_from_nodes(
 
 @compiled(nogil=True)
 def write_cells(
-    posterior: Values, box: Any, prior: Any, limits: Any, value: Values, uncertainty: Values
+    posterior: Values,
+    tiles: NDArray[np.int64],
+    prior: Any,
+    limits: Any,
+    value: Values,
+    uncertainty: Values,
 ) -> None:
-    """Write value and uncertainty in a box of cells that are nodes themselves; see `write_from_nodes`."""
-    x0, x1, y0, y1 = box
+    """Write value and uncertainty of tiles in which every cell is a node; see `write_from_nodes`.
+
+    Parameters
+    ----------
+    posterior : float32[slots, 3, w, h]
+        Posterior of each slot; its first node is that of the slot's tile.
+    tiles : int64[n, 5]
+        Slot of each tile, first and last-plus-one cell along x, and the same along y.
+    """
     mean, amplitude, noise = np.float32(prior[0]), np.float32(prior[1]), np.float32(prior[2])
     low, high = np.float32(limits[0]), np.float32(limits[1])
-    for x in range(x0, x1):
-        for y in range(y0, y1):
-            shifted = mean + posterior[0, x, y] - mean * posterior[1, x, y]
-            value[x, y] = min(high, max(low, shifted))
-            left = max(np.float32(0.0), amplitude - posterior[2, x, y])
-            uncertainty[x, y] = np.sqrt(left + noise)
+    for k in range(len(tiles)):
+        slot, x0, x1, y0, y1 = tiles[k]
+        for x in range(x0, x1):
+            for y in range(y0, y1):
+                i, j = x - x0, y - y0
+                shifted = mean + posterior[slot, 0, i, j] - mean * posterior[slot, 1, i, j]
+                value[x, y] = min(high, max(low, shifted))
+                left = max(np.float32(0.0), amplitude - posterior[slot, 2, i, j])
+                uncertainty[x, y] = np.sqrt(left + noise)
 
 
 NODES_PER_LENGTH = 4
 _COLUMNS_AT_ONCE = 256
 _STRIP_COLUMNS = 32
-_PARTS_PER_CORE = 8  # so that a core that is done early takes over
+_PARTS_PER_CORE = 8  # Several parts per core balance the load
 
 Box = tuple[int, int, int, int]
 Strip = tuple[slice, slice, NDArray[np.bool_] | None]
@@ -132,7 +148,7 @@ Item = TypeVar("Item")
 
 
 def in_parallel(work: Callable[[Sequence[Item]], None], items: Sequence[Item]) -> None:
-    """Call `work` with parts of the items, on all cores; it has to release the interpreter's lock."""
+    """Call `work` with parts of the items in threads on all cores; `work` must release the GIL."""
     cores = os.cpu_count() or 1
     if len(items) < 2 or cores == 1:
         work(items)
@@ -145,10 +161,11 @@ def in_parallel(work: Callable[[Sequence[Item]], None], items: Sequence[Item]) -
 
 
 class LatticeAxis:
-    """The nodes along one axis, in groups, the tiles.
+    """The nodes along one axis, grouped into tiles.
 
-    With `single` each node is a cell; otherwise there are margins to interpolate in. `edges` has the first
-    node of each tile and the end of the last one, `first` the place of the first node, cells.
+    `single`: each cell is a node. Otherwise there are additional nodes outside the farm for interpolation.
+    `edges` holds the first node of each tile and the end of the last tile. `first` is the position of the
+    first node, in cells.
     """
 
     def __init__(self, cells: int, step: int, *, single: bool, tile_cells: float) -> None:
@@ -163,11 +180,11 @@ class LatticeAxis:
 
     @property
     def places(self) -> NDArray[np.float64]:
-        """The nodes, cells."""
+        """Positions of the nodes, in cells."""
         return self.first + self.step * np.arange(self.nodes, dtype=np.float64)
 
     def reached(self, cells: NDArray[np.integer], reach: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """Return the first and last tile with a node within reach of each cell."""
+        """Return the first and the last tile with a node within `reach` of each cell."""
         places = cells.astype(np.int64)
         low = -((self.first - places + reach) // self.step)
         high = (places + reach - self.first) // self.step
@@ -178,20 +195,21 @@ class LatticeAxis:
         return a, b
 
     def span(self, first: int, last: int) -> tuple[int, int]:
-        """Return the cells that depend on the nodes of some tiles, the last not included."""
+        """Return the half-open range of cells that depend on the nodes of tiles `first` to `last`."""
         low, high = int(self.edges[first]), int(self.edges[last + 1])
         if self.single:
             return low, high
-        # A cell depends on the nodes from two before to three after its own.
+        # A cell depends on the last three nodes up to the cell and on the next three.
         return max(0, (low - POINTS + 1) * self.step), min(self.cells, high * self.step)
 
 
 class NodeLattice:
-    """The posterior at nodes, in tiles, and the tiles that are not written to the cells yet.
+    """The posterior at nodes, in tiles, with a record of the tiles not yet written to the cells.
 
-    `posterior`, float32[3, nodes along x, nodes along y], has the posterior mean under a zero prior mean, the
-    same for observations that are all one, and how much the variance of the smooth part is less than the
-    prior's. Whoever changes it calls `changed`.
+    The posterior of a node has three parts: the mean under a zero prior mean, the same for observations that
+    are all one, and the reduction of the smooth part's variance. `posterior` is float32[slots, 3, w, h]. If
+    every cell is a node, each solved tile has a slot; otherwise slot 0 holds all nodes. After a change of
+    `posterior`, `changed` must be called.
     """
 
     def __init__(self, shape: tuple[int, int], kernel: RbfKernel, tile_cells: tuple[float, float]) -> None:
@@ -203,13 +221,37 @@ class NodeLattice:
             LatticeAxis(cells, step, single=self._single, tile_cells=tile)
             for cells, step, tile in zip(shape, steps, tile_cells, strict=True)
         )
-        # Zeros: memory that nothing was written to is not taken.
-        self.posterior = np.zeros((3, self.x.nodes, self.y.nodes), np.float32)
         self._touched = np.zeros((self.x.tiles, self.y.tiles), np.bool_)
         self._unwritten = self._touched.copy()
+        self._slots = np.zeros(self._touched.shape, np.int64)
+        if self._single:
+            widest, highest = (int(np.diff(axis.edges).max()) for axis in (self.x, self.y))
+            self._tiles = GrowingArray((3, widest, highest), np.float32)
+        else:
+            self._tiles = GrowingArray((3, self.x.nodes, self.y.nodes), np.float32)
+            self._tiles.append(np.zeros((1, 3, self.x.nodes, self.y.nodes), np.float32))
+
+    @property
+    def posterior(self) -> Values:
+        """Posterior of all slots; `places_of` may replace the array."""
+        return self._tiles.array
+
+    def places_of(self, tiles: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Return the slot of each tile and the slot's first node along x and y, int64[n, 3].
+
+        `tiles` is int64[n, 2]. A tile without a slot gets one, filled with zeros.
+        """
+        i, j = tiles.T
+        if not self._single:
+            return np.zeros((len(tiles), 3), np.int64)
+        new = ~self._touched[i, j]
+        self._slots[i[new], j[new]] = len(self._tiles) + np.arange(np.count_nonzero(new))
+        self._touched[i, j] = True
+        self._tiles.append(np.zeros((np.count_nonzero(new), *self._tiles.array.shape[1:]), np.float32))
+        return np.column_stack([self._slots[i, j], self.x.edges[i], self.y.edges[j]])
 
     def changed(self, tiles: NDArray[np.bool_]) -> None:
-        """Note that the posterior changed in these tiles of nodes."""
+        """Mark tiles of nodes with a changed posterior."""
         self._touched |= tiles
         self._unwritten |= tiles
 
@@ -223,11 +265,10 @@ class NodeLattice:
         uncertainty: NDArray[np.float32],
         then: Then | None = None,
     ) -> NDArray[np.bool_]:
-        """Write value and standard deviation (noise included) of the cells.
+        """Write value and standard deviation (including noise) of the cells; return the written tiles.
 
-        With `whole` everything is written, otherwise the changes since the last time. The written tiles of
-        the farm are returned. After that, `then` is called with columns, rows and a mask of the written cells
-        in them (None: all), once for each cell.
+        `whole`: write all cells, not only those changed since the last call. `then` is called after writing
+        with columns, rows, and a mask of written cells (None: all); each written cell is in one call.
         """
         kernel = self.kernel
         limits = (0.0, 1.0) if clip else (-math.inf, math.inf)
@@ -235,38 +276,45 @@ class NodeLattice:
         if whole:
             value[:] = min(max(mean, limits[0]), limits[1])
             uncertainty[:] = math.sqrt(kernel.amplitude + kernel.noise)
+        tiles = np.argwhere(self._touched if whole else self._unwritten)
         boxes = list(self._boxes(self._touched if whole else self._unwritten))
         self._unwritten[:] = False
+        posterior = self.posterior
 
         def work(part: Sequence[Box]) -> None:
+            weights = self.x.weights, self.y.weights
             for box in part:
-                if self._single:
-                    write_cells(self.posterior, box, prior, limits, value, uncertainty)
-                else:
-                    weights = self.x.weights, self.y.weights
-                    write_from_nodes(self.posterior, *weights, box, prior, limits, value, uncertainty)
+                write_from_nodes(posterior[0], *weights, box, prior, limits, value, uncertainty)
 
-        in_parallel(work, boxes)
+        def work_of_cells(numbers: Sequence[int]) -> None:
+            part = cells[numbers[0] : numbers[-1] + 1] if numbers else cells
+            write_cells(posterior, part, prior, limits, value, uncertainty)
+
+        if self._single:
+            i, j = tiles.T
+            ends = [self.x.edges[i], self.x.edges[i + 1], self.y.edges[j], self.y.edges[j + 1]]
+            cells = np.column_stack([self._slots[i, j], *ends])
+            in_parallel(work_of_cells, range(len(cells)))
+        else:
+            in_parallel(work, boxes)
         if then is not None:
 
             def finish(parts: Sequence[Strip]) -> None:
                 for part in parts:
                     then(*part)
 
-            in_parallel(finish, list(self._strips() if whole else _apart(boxes)))
+            starts = range(0, self.shape[0], _STRIP_COLUMNS)
+            all_cells: list[Strip] = [(slice(x, x + _STRIP_COLUMNS), slice(None), None) for x in starts]
+            in_parallel(finish, all_cells if whole else list(_apart(boxes)))
         if whole:
             return np.ones(tile_shape(self.shape), np.bool_)
         return tiles_of_boxes(self.shape, *np.array(boxes, np.int64).reshape(-1, 4).T)
 
-    def _strips(self) -> Iterator[Strip]:
-        for start in range(0, self.shape[0], _STRIP_COLUMNS):
-            yield slice(start, min(start + _STRIP_COLUMNS, self.shape[0])), slice(None), None
-
     def _boxes(self, tiles: NDArray[np.bool_]) -> Iterator[Box]:
-        """Return the cells that depend on the nodes of some tiles, in boxes."""
+        """Yield boxes of the cells that depend on the nodes of some tiles."""
         for i in np.flatnonzero(tiles.any(axis=1)).tolist():
             x0, x1 = self.x.span(i, i)
-            # Where runs of neighbouring tiles begin and end.
+            # Begin and end of each run of neighbouring tiles.
             ends = np.flatnonzero(np.diff(tiles[i].astype(np.int8), prepend=0, append=0))
             for first, end in ends.reshape(-1, 2).tolist():
                 y0, y1 = self.y.span(first, end - 1)
@@ -275,15 +323,15 @@ class NodeLattice:
 
 
 def _apart(boxes: Sequence[Box]) -> Iterator[Strip]:
-    """Yield the cells of boxes, which may overlap, in strips that do not."""
+    """Yield the cells of possibly overlapping boxes as strips that do not overlap."""
     strips: dict[int, list[Box]] = {}
     for box in boxes:
         for strip in range(box[0] // _STRIP_COLUMNS, -(-box[1] // _STRIP_COLUMNS)):
             strips.setdefault(strip, []).append(box)
-    for strip, some in strips.items():
-        x0, x1 = strip * _STRIP_COLUMNS, min((strip + 1) * _STRIP_COLUMNS, max(box[1] for box in some))
-        y0, y1 = min(box[2] for box in some), max(box[3] for box in some)
+    for strip, inside in strips.items():
+        x0, x1 = strip * _STRIP_COLUMNS, min((strip + 1) * _STRIP_COLUMNS, max(box[1] for box in inside))
+        y0, y1 = min(box[2] for box in inside), max(box[3] for box in inside)
         written = np.zeros((x1 - x0, y1 - y0), np.bool_)
-        for box in some:
+        for box in inside:
             written[max(box[0] - x0, 0) : max(box[1] - x0, 0), box[2] - y0 : box[3] - y0] = True
         yield slice(x0, x1), slice(y0, y1), written

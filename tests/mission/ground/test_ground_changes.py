@@ -16,6 +16,7 @@ from mission.autopilots import ARDUPILOT, PX4
 from mission.autopilots.profile import NeededParameter
 from mission.errors import MissionError
 from mission.ground.change import ChangeOutcome, ChangeRequest
+from mission.ground.change_aside import AsideChange
 from mission.ground.change_whole import WholeListChange
 from mission.ground.contact import Contact
 from mission.ground.guard import FailsafeGuard
@@ -689,3 +690,27 @@ def test_what_was_passed_while_it_was_sent_before_is_not_flown_back_to():
     assert change.session._next_then() == resume_at
     change.hear(m.MAVLink_mission_current_message(5, len(old.items), 3, 1), 1.1)
     assert change.session._next_then() == resume_at + 1
+
+
+@pytest.mark.parametrize(("after_s", "orders"), [(5.0, [m.MAV_CMD_DO_SET_MODE]), (60.0, [])])
+def test_the_guided_mode_long_after_a_change_is_another_operators(after_s, orders):
+    contact = Contact((1, 1))
+
+    def hears(message, now_s):
+        message.pack(m.MAVLink(None, 1, 1))
+        contact.receive(message, now_s)
+        return change.receive(message, now_s)
+
+    def beats(mode, now_s):
+        return hears(m.MAVLink_heartbeat_message(2, m.MAV_AUTOPILOT_ARDUPILOTMEGA, 0x81, mode, 4, 3), now_s)
+
+    contact.receive(m.MAVLink_heartbeat_message(2, m.MAV_AUTOPILOT_ARDUPILOTMEGA, 0x81, 3, 4, 3), 9.9)
+    contact.receive(
+        m.MAVLink_global_position_int_message(0, 280_500_000, -821_500_000, 0, 12_000, 0, 0, 0, 0), 9.9
+    )
+    change = AsideChange(ChangeRequest(planned(), planned(NEW), 5, 2, contact, 0.1))
+    assert [message.command for message in change.start(10.0)] == [m.MAV_CMD_DO_REPOSITION]
+    assert beats(5, 11.0) == [] and change.record.outcome is ChangeOutcome.GIVEN_UP
+    found = beats(4, 11.0 + after_s)
+    assert [message.command for message in found] == orders
+    assert not found or found[0].param2 == 5, "the mode that the pilot had chosen"

@@ -39,8 +39,8 @@ def current(seq: int, state: int) -> Any:
     return m.MAVLink_mission_current_message(seq, 5, state, 1 if state == ACTIVE else 2)
 
 
-def flying(mission: Mission) -> GroundStation:
-    """A ground station whose vehicle has just begun its mission, before 10 s."""
+def ready(mission: Mission) -> GroundStation:
+    """A ground station that arms its vehicle at 2 s."""
     ground = GroundStation(mission, arming_gate=ArmingGate((1, 1), agreed=True))
     server = MissionServer(1, 1)
     queue = ground.receive(from_vehicle(beat(HOLD, armed=False)), 1.0)
@@ -56,13 +56,19 @@ def flying(mission: Mission) -> GroundStation:
     ground.receive(
         from_vehicle(m.MAVLink_sys_status_message(bit, bit, bit, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0)), 2.0
     )
+    return ground
+
+
+def flying(mission: Mission) -> GroundStation:
+    """A ground station whose vehicle has just begun its mission, before 10 s."""
+    ground = ready(mission)
     for tenth in range(20, 25):
         for message in ground.poll(tenth / 10):
             if message.get_type() == "COMMAND_LONG" and ground.phase is not Phase.FLIGHT:
                 queue = [m.MAVLink_command_ack_message(message.command, 0)]
                 while queue:
-                    for out in ground.receive(from_vehicle(queue.pop()), tenth / 10):
-                        queue.append(m.MAVLink_command_ack_message(out.command, 0))
+                    sent = ground.receive(from_vehicle(queue.pop()), tenth / 10)
+                    queue += [m.MAVLink_command_ack_message(out.command, 0) for out in sent]
     assert ground.phase is Phase.FLIGHT, ground.reason
     return ground
 
@@ -314,3 +320,11 @@ def test_a_vehicle_that_a_pilot_has_landed_is_not_back_in_its_mission():
         Outcome.PILOT_TOOK_OVER,
         "taken out of its mission: mode LOITER",
     )
+
+
+def test_a_vehicle_that_may_have_armed_unheard_is_disarmed() -> None:
+    ground = ready(Mission((MissionItem.waypoint(28.051, -82.15, 5.0),), GeoPoint(28.05, -82.15)))
+    sent = [message for second in range(2, 60) for message in ground.poll(float(second))]
+    arming = [one.param1 for one in sent if getattr(one, "command", 0) == m.MAV_CMD_COMPONENT_ARM_DISARM]
+    assert ground.outcome is Outcome.NO_ANSWER
+    assert len(arming) > 1 and arming[-1] == 0.0 and set(arming[:-1]) == {1.0}

@@ -337,8 +337,11 @@ def test_the_lowest_reading_with_running_motors_and_the_most_energy_count(
 # What the operator may order of a vehicle in flight: out of its mission and back, and another item of it.
 
 AUTOPILOTS = {
-    "px4": (m.MAV_AUTOPILOT_PX4, {"MISSION": 4 << 24 | 4 << 16, "LOITER": 3 << 24 | 4 << 16}),
-    "ardupilot": (m.MAV_AUTOPILOT_ARDUPILOTMEGA, {"MISSION": 3, "LOITER": 17}),
+    "px4": (
+        m.MAV_AUTOPILOT_PX4,
+        {"MISSION": 4 << 24 | 4 << 16, "LOITER": 3 << 24 | 4 << 16, "POSCTL": 3 << 16},
+    ),
+    "ardupilot": (m.MAV_AUTOPILOT_ARDUPILOTMEGA, {"MISSION": 3, "LOITER": 17, "POSCTL": 5}),
 }
 
 
@@ -365,6 +368,66 @@ class Flight:
         (order,) = self.ground.maneuver(kind, self.now_s)
         self.hears(m.MAVLink_command_ack_message(order.command, 0))
         return order
+
+
+@pytest.mark.parametrize("name", AUTOPILOTS)
+@pytest.mark.parametrize(("mode", "orders"), [("MISSION", 1), ("LOITER", 0), ("POSCTL", 0)])
+def test_an_unanswered_order_is_not_repeated_once_the_mode_has_changed(name, mode, orders):
+    flight = Flight(name)
+    (order,) = flight.ground.maneuver(Maneuver.HOLD, flight.now_s)
+    flight.beats(mode)
+    flight.now_s += 1.5
+    assert commands(flight.ground.poll(flight.now_s)) == [order.command] * orders
+    flight.beats(mode)
+    assert flight.ground.pilot.somebody_else_flies is (mode == "POSCTL")
+    assert any("did not take the order" in text for _, _, text in flight.ground.texts) is (mode == "POSCTL")
+
+
+@pytest.mark.parametrize("name", AUTOPILOTS)
+def test_an_order_is_repeated_after_the_mode_of_the_order_before_it(name):
+    flight = Flight(name)
+    flight.ground.maneuver(Maneuver.HOLD, flight.now_s)
+    (order,) = flight.ground.maneuver(Maneuver.LAND, flight.now_s)
+    flight.beats("LOITER")
+    assert commands(flight.ground.poll(flight.now_s + 1.5)) == [order.command]
+
+
+def test_an_answer_to_another_ground_station_is_no_answer():
+    flight = Flight()
+    (order,) = flight.ground.maneuver(Maneuver.HOLD, flight.now_s)
+    flight.hears(m.MAVLink_command_ack_message(order.command, m.MAV_RESULT_DENIED, 0, 0, 200, 190))
+    assert flight.ground.pilot.ordered is Maneuver.HOLD
+    flight.hears(m.MAVLink_command_ack_message(order.command, m.MAV_RESULT_DENIED, 0, 0, 255, 190))
+    assert flight.ground.pilot.ordered is None
+
+
+@pytest.mark.parametrize(
+    ("mode", "armed", "phase", "orders"),
+    [
+        ("LOITER", True, Phase.START, 1),
+        ("MISSION", True, Phase.FLIGHT, 0),
+        ("POSCTL", True, Phase.DONE, 0),
+        ("LOITER", False, Phase.DONE, 0),
+    ],
+)
+def test_an_unanswered_start_is_not_repeated_once_the_vehicle_flies_or_has_a_pilot(
+    mode, armed, phase, orders
+):
+    ground = GroundStation(MISSION)
+    uploaded(ground)
+    flags = m.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
+
+    def beats(name, is_armed, now_s):
+        base = flags | (m.MAV_MODE_FLAG_SAFETY_ARMED if is_armed else 0)
+        number = AUTOPILOTS["px4"][1][name]
+        beat = m.MAVLink_heartbeat_message(2, m.MAV_AUTOPILOT_PX4, base, number, 4, 3)
+        ground.receive(from_vehicle(beat), now_s)
+
+    beats("LOITER", True, 1.1)
+    assert commands(ground.receive(ack(m.MAV_CMD_COMPONENT_ARM_DISARM), 1.2)) == [m.MAV_CMD_MISSION_START]
+    beats(mode, armed, 1.5)
+    assert commands(ground.poll(2.5)) == [m.MAV_CMD_MISSION_START] * orders
+    assert ground.phase is phase
 
 
 @pytest.mark.parametrize("name", AUTOPILOTS)

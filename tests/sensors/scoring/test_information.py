@@ -63,16 +63,21 @@ def test_probabilities_are_of_fields_and_copied():
     zeros = np.zeros((3, 4, 5), np.float32)
     asked = []
 
-    def compute(disease):
+    def compute(disease, columns):
         asked.append(disease)
-        return zeros + len(asked)
+        return zeros[:, columns] + len(asked)
 
     lazy = LazyProbabilities(("tylcv", "ccr"), compute)
     model = InformationModel(zeros, zeros, probabilities=lazy)
-    assert (asked, len(lazy), "soil" in lazy) == ([], 2, False)
+    assert (asked, len(lazy), "soil" in lazy, "ccr" in lazy) == ([], 2, False, True)
     copy = model.copy()
     assert [copy.probabilities[name][0, 0, 0] for name in ("tylcv", "ccr")] == [1.0, 2.0]
     assert model.probabilities["ccr"][0, 0, 0] == 3.0
+    assert model.probabilities_in("ccr", slice(1, 3)).shape == (3, 2, 5) and asked[3:] == ["ccr"]
+    assert (copy.probabilities_in("tylcv", slice(1, 3)) == 1.0).all()
+    for of, name in ((model, "soil"), (InformationModel(zeros, zeros), "ccr")):
+        with pytest.raises(EstimatorError, match=f"no class probabilities of '{name}'"):
+            of.probabilities_in(name, slice(None))
     with pytest.raises(EstimatorError, match="probabilities of 'rust', expected some of tylcv, ccr, soil"):
         InformationModel(zeros, zeros, probabilities={"rust": zeros})
 

@@ -14,8 +14,8 @@ from mission.model import Command
 from sensors.camera.optics import Imaging, get_camera
 from wbf_mission import fly
 from wbf_mission.cli.app import main
-from wbf_mission.planning import plan
 from wbf_mission.planning.imaging import shown_share
+from wbf_mission.run.plan import plan
 from wbf_mission.scenario import Scenario, ScenarioError
 
 SURVEY = {

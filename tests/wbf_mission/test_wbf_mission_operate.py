@@ -16,7 +16,7 @@ from mission.outcome import Outcome
 from sim_vehicle.host.server import Server
 from tests.support.peer import running
 from wbf_mission.cli.app import main
-from wbf_mission.planning import plan
+from wbf_mission.run.plan import plan
 from wbf_mission.scenario import Scenario
 
 FAST = 8.0

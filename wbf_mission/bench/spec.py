@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING, Any, Self
 
 from geo.imports import load_entry
 from geo.texts import parse_whole
+from mission.planners import make_planner
 from mission.policies.policy import Policy, make_policy
 from sensors.field_files import load_field_set
 from wbf_mission.bench.digests import digest, meaning_of, own_digest
 from wbf_mission.bench.provenance import in_words
-from wbf_mission.planning import planner_of
 from wbf_mission.run.estimation import estimator_of
 from wbf_mission.scenario import (
     Choice,
@@ -332,7 +332,7 @@ def _code_of(choice: Choice, what: str) -> str:
 def require_mover(choice: Choice) -> None:
     """Raise an error if the planner or policy is unknown, or one of its parameters is."""
     if _is_planner(choice):
-        planner_of(choice)
+        make_planner(choice.chosen, **choice.params)
         return
     if choice.made is not None:
         make_policy(choice.made)

@@ -92,12 +92,12 @@ def plan_command(
     from mission.files import Firmware, writer_for
     from mission.transfer import Severity
     from wbf_mission.flight import check_flight
-    from wbf_mission.planning.batteries import batteries_in, plan_for_batteries
     from wbf_mission.planning.builder import budget_left, coverage_together, not_used
     from wbf_mission.planning.coverage import too_little_seen
     from wbf_mission.planning.fleet import single_vehicles
-    from wbf_mission.planning.plan import plan_fleet
     from wbf_mission.preflight.run import check_plans
+    from wbf_mission.run.batteries import batteries_in, plan_for_batteries
+    from wbf_mission.run.plan import plan_fleet
 
     given, sorties = sorties.with_rest(given)
     batteries = batteries_in(given.changes.get("budget"))

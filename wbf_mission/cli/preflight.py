@@ -86,8 +86,8 @@ class Surroundings:
         """Return the circumstances of a check from the command line, and print the notes of the farm."""
         from sim_vehicle.camera.component import MIN_INTERVAL_S
         from wbf_mission.planning.imaging import imaging_of
-        from wbf_mission.planning.plan import farm_of
         from wbf_mission.preflight.subject import Circumstances, level_of_plan
+        from wbf_mission.run.resolve import farm_of
 
         interval_s = self.camera_interval
         if interval_s is not None and not 0.0 < interval_s <= 3600.0:

@@ -5,10 +5,10 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from mission.errors import PlanningError
-from wbf_mission.planning import plan
 from wbf_mission.preflight.finding import Severity
 from wbf_mission.preflight.run import check_mission
 from wbf_mission.preflight.subject import Circumstances
+from wbf_mission.run.plan import plan
 from wbf_mission.scenario import Scenario
 
 PLANNERS = ("lawnmower", "adaptive-lawnmower", "spiral", "random-waypoint")

@@ -20,9 +20,9 @@ from sensors.scoring.score import ScoreWeights
 from wbf_mission.bench.rows import BenchRow
 from wbf_mission.planning.budget import PAPER_STEPS_PER_CELL, make_budget
 from wbf_mission.planning.fleet import vehicles_of
-from wbf_mission.planning.plan import farm_of
 from wbf_mission.run.estimation import readings_a_score
 from wbf_mission.run.record import MOST_BAD
+from wbf_mission.run.resolve import farm_of
 from wbf_mission.scenario import Scenario, load_scenario
 from wbf_mission.scenario.parts import UNLIMITED
 

@@ -19,10 +19,10 @@ from wbf_mission.addons.treatment.logs.telemetry import observations_in
 from wbf_mission.addons.treatment.readings import is_cells, join, read_readings
 from wbf_mission.addons.treatment.treatment_map import TreatmentMap
 from wbf_mission.addons.treatment.zones import costs_of
-from wbf_mission.planning.plan import farm_of
 from wbf_mission.progress import Progress, silent
 from wbf_mission.run.estimation import estimator_of, naming_estimator, require_run_memory
 from wbf_mission.run.record import RunRecord
+from wbf_mission.run.resolve import farm_of
 from wbf_mission.scenario import Scenario
 from wbf_mission.scenario.parts import LAST_DAY
 

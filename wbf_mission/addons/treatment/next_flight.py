@@ -15,14 +15,16 @@ from mission.policies.acquisition import Acquisition, ValueMap
 from mission.policies.observation import PolicyObservation
 from mission.policies.policy import Policy, make_policy, policy_parameters
 from sensors.camera.leaf_camera import footprint_offsets
-from sensors.scoring.score import ScoreWeights
 from wbf_mission.addons.treatment.treatment_map import TreatmentMap
 from wbf_mission.planning import PlanResult
 from wbf_mission.planning.coverage import image_places
-from wbf_mission.planning.fleet import SingleVehicle, vehicles_of
+from wbf_mission.planning.fleet import SingleVehicle
 from wbf_mission.progress import Progress, silent
-from wbf_mission.replanning.loop import DecisionLoop, Knowledge
+from wbf_mission.replanning.loop import Knowledge
+from wbf_mission.run.plan import plans_of, progress_events
+from wbf_mission.run.resolve import resolve
 from wbf_mission.scenario import Choice, Scenario
+from wbf_mission.scenario.scenario import PARTS
 
 _FAR = 1e6
 _WHOLE_FLIGHT = {"greedy": {"ahead": _FAR}, "orienteering": {"horizon": _FAR, "patience": _FAR}}
@@ -58,27 +60,20 @@ def plan_next(of: TreatmentMap, scenario: Scenario, *, progress: Progress = sile
     WbfMissionError
         If the policy finds no flight that saves anything, or no path fits the budget.
     """
-    farm, names = of.farm, scenario.vehicle.fleet
+    farm, fleet = of.farm, scenario.vehicle
     choice = scenario.mission.policy or Choice("greedy")
     policy, label = _policy(of, choice), f"policy {choice}"
-    single = SingleVehicle(
-        replace(scenario.vehicle, name=names[0], autopilot=scenario.vehicle.autopilots[0], vehicles=None),
-        replace(scenario.mission, policy=choice, file=None),
-        scenario.weather,
-        scenario.camera,
-    )
-    (vehicle,) = vehicles_of(single, farm, seed=scenario.seed, first_day=of.day, progress=progress)
-    progress("planning", 0, 1)
-    knowledge = Knowledge(
-        farm, of.day, of.fields, ScoreWeights.of(of.fields), lambda: of.model, lambda: of.observations
-    )
-    policy.start()
-    loop = DecisionLoop(policy, label, knowledge, records=[])
-    decision = loop.start([vehicle.task.report(steered=True)]).decision
+    parts = {name: getattr(scenario, name) for name in PARTS}
+    parts["farm"] = replace(scenario.farm, day=of.day, days=1)
+    parts["mission"] = replace(scenario.mission, policy=choice, file=None)
+    parts["vehicle"] = replace(fleet, name=fleet.fleet[0], autopilot=fleet.autopilots[0], vehicles=None)
+    single = Scenario(**parts, seed=scenario.seed)
+    run = resolve(single, to_fly=False, farm=farm, fields=of.fields, events=progress_events(progress))
+    run = replace(run, decider=replace(run.decider, policy=policy))
+    knowledge = Knowledge(farm, of.day, of.fields, run.weights, lambda: of.model, lambda: of.observations)
+    (plan,) = plans_of(run, knowledge, "another flight on this map")
+    (vehicle,) = run.vehicles
     budget = vehicle.task.budget_text
-    if not len(decision.paths[vehicle.task.system_id]):
-        raise PlanningError(f"{label} finds nothing worth another flight on this map within {budget}")
-    plan = vehicle.task.plan_of(decision, str(choice), steered=True)
     progress("planning", 1, 1)
     seen = _cells_shown(farm, image_places(farm, plan.mission, plan.prediction), scenario.camera.footprint)
     gain = gain_of_all = looked_at = 0.0
@@ -93,7 +88,7 @@ def plan_next(of: TreatmentMap, scenario: Scenario, *, progress: Progress = sile
         looked_at = max(looked_at, len(x) * farm.cell_size_m**2 / 1e4)
     if gain <= 0.0:
         raise PlanningError(f"{label} finds no path on which a look would save anything within {budget}")
-    return NextFlight(plan, single, str(choice), gain, gain_of_all, looked_at)
+    return NextFlight(plan, vehicle, str(choice), gain, gain_of_all, looked_at)
 
 
 def _policy(of: TreatmentMap, choice: Choice) -> Policy:

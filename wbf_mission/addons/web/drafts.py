@@ -26,14 +26,14 @@ from sensors.camera.optics import camera_names
 from sensors.field_files import field_names
 from wbf_mission.addons.web.newest import NewestOnly
 from wbf_mission.planning import PlanResult
-from wbf_mission.planning.batteries import batteries_in, plan_for_batteries
 from wbf_mission.planning.builder import coverage_together
 from wbf_mission.planning.fleet import SingleVehicle, single_vehicles
-from wbf_mission.planning.plan import plan_fleet
 from wbf_mission.planning.sorties import SortiePlan, is_too_long, sorties_of
 from wbf_mission.preflight.finding import Finding, Report
 from wbf_mission.preflight.run import check_plan
 from wbf_mission.progress import Progress
+from wbf_mission.run.batteries import batteries_in, plan_for_batteries
+from wbf_mission.run.plan import plan_fleet
 from wbf_mission.scenario import Scenario, scenario_with
 from wbf_mission.scenario.choice import names_of
 from wbf_mission.scenario.option import Option

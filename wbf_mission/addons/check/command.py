@@ -37,8 +37,8 @@ def check_command(
 ) -> None:
     """Check whether a vehicle does what ground software expects of a MAVLink autopilot.
 
-    It never arms unless --fly is given, and puts the vehicle's plans back. Exit code 1: something required
-    does not hold.
+    The vehicle is not armed unless --fly is given, and its plans are restored at the end. Exit code 1: a
+    required check failed.
     """
     from wbf_mission.addons.check import Verdict, all_checks, check_vehicle
 

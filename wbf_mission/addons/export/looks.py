@@ -1,4 +1,4 @@
-"""How other tools show a run: colours, sizes, and how often what grows is shown."""
+"""Colours, sizes and update rates shared by the exports."""
 
 from __future__ import annotations
 
@@ -8,13 +8,16 @@ from wbf_mission.pictures.plots import CROP_COLOURS, LINE_COLOURS
 OBSTACLE, FENCE = "#b22222", "#e69f00"
 _LAND = "#8c8c8c"
 SHOWN_AGAIN = 100
-"""What grows (tracks, readings) is shown as a whole about so often in a run: who jumps there sees it."""
+"""Approximate number of times per run that a growing track or set of readings is written again in full.
+
+A viewer that jumps to a moment then shows all of it.
+"""
 TRACK_POINTS = 1000
-"""Of a track that is shown, at most."""
+"""Maximum number of points of a displayed track."""
 
 
 def vehicle_size_m(farm: Farm) -> float:
-    """Return how large vehicles are drawn, so that they are seen over a whole farm."""
+    """Return the size of a vehicle's symbol (m), visible on a view of the whole farm."""
     return max(farm.width_cells, farm.height_cells) * farm.cell_size_m / 60
 
 
@@ -24,12 +27,12 @@ def vehicle_colour(system_id: int) -> str:
 
 
 def crop_colour(crop: str) -> str:
-    """Return the colour of a crop; others have that of bare land."""
+    """Return the colour of a crop; an unknown crop gets the colour of bare land."""
     return CROP_COLOURS.get(crop, _LAND)
 
 
 def rgb(colour: str) -> tuple[int, int, int]:
-    """Return the parts of a colour.
+    """Return the red, green and blue of ``#rrggbb``, 0 to 255.
 
     >>> rgb("#0072b2")
     (0, 114, 178)

@@ -1,4 +1,4 @@
-"""A run as a recording of Rerun: map, scene, layers, plots and log on one time line, and their layout."""
+"""Export to a Rerun recording: map, scene, layers, plots and log on one time line, with a blueprint."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ class ExportError(WbfMissionError, ValueError):
 
 
 class RerunRecording:
-    """Logs the events of a finished run to a recording."""
+    """Writer of a finished run's events to a Rerun recording."""
 
     def __init__(self, rr: Any, recording: Any, record: RunRecord, epoch_s: float) -> None:
         self._rr, self._recording = rr, recording
@@ -161,7 +161,7 @@ class RerunRecording:
         self._recording.log(f"scene/vehicle_{number}/body", body, static=True)
 
     def _log_flight(self, number: int) -> None:
-        """Log the states of a flight, and its track as it grows."""
+        """Log the states of a flight and its growing track."""
         rr, states = self._rr, self._states.pop(number, [])
         if len(states) < 2:
             return
@@ -196,7 +196,7 @@ class RerunRecording:
             self._log(states[end - 1].time_s, f"map/vehicle_{number}/track", track)
 
     def _log_readings(self, time_s: float) -> None:
-        """Log all readings of the day."""
+        """Log all readings of the current day."""
         self._readings = 0
         if not self._seen:
             return
@@ -224,18 +224,18 @@ class RerunRecording:
         for k, one in enumerate(self._fields):
             colours = layers.uncertainty_colours if what == "uncertainty" else layers.colours
             painted = colours(k, layers.means(k, values[k]))
-            # Pictures begin with their uppermost row.
+            # Image rows start at the top.
             rows = np.ascontiguousarray(painted.transpose(1, 0, 2)[::-1])
             self._log(time_s, f"layers/{one.name}/{what}", self._rr.Image(rows, "RGBA"))
 
 
 def _raised(points: NDArray[np.floating], height_m: float) -> NDArray[np.float64]:
-    """Return points, float64[n, 2], at a height."""
+    """Return points, float64[n, 2], with the height `height_m`."""
     return np.column_stack([points, np.full(len(points), height_m)])
 
 
 def _yaws(states: list[VehicleMoved], flown: NDArray[np.float64], rotation_deg: float) -> NDArray[np.float64]:
-    """Return where a vehicle looks, anticlockwise from the x axis: as it told, else along its track."""
+    """Return yaws, anticlockwise from the x axis: the heading if known, else the track direction."""
     steps = np.diff(flown[:, :2], axis=0, append=flown[-1:, :2])
     along = np.arctan2(steps[:, 1], steps[:, 0])
     told = np.array([math.nan if one.heading_rad is None else one.heading_rad for one in states])
@@ -244,7 +244,7 @@ def _yaws(states: list[VehicleMoved], flown: NDArray[np.float64], rotation_deg: 
 
 
 def blueprint_of(rrb: Any, result: RunRecord) -> Any:
-    """Return how Rerun lays a run out: map and log, scene and layers, plots."""
+    """Return the Rerun blueprint of a run: map and log, scene and layers, plots."""
     whats = ("truth", "estimate", "uncertainty")
     layers = [
         rrb.Horizontal(
@@ -273,12 +273,12 @@ def blueprint_of(rrb: Any, result: RunRecord) -> Any:
 
 
 def write_rrd(record: RunRecord, files: tuple[Path, ...], events: Iterable[Event], epoch_s: float) -> None:
-    """Write the events of a finished run as a recording of Rerun.
+    """Write the events of a finished run as a Rerun recording.
 
     Raises
     ------
     ExportError
-        If the library of the extra ``rerun`` is not installed.
+        If the packages of the extra ``rerun`` are not installed.
     """
     rr = load_extra("rerun", "rerun", "recordings of Rerun need", ExportError)
     rrb = load_extra("rerun.blueprint", "rerun", "recordings of Rerun need", ExportError)

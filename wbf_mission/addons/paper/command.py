@@ -1,4 +1,4 @@
-"""``wbf-mission bench paper``, in the group of `wbf_mission.cli.bench`."""
+"""``wbf-mission bench paper``, a command of the group ``bench``."""
 
 from __future__ import annotations
 
@@ -59,8 +59,8 @@ def paper_command(
 ) -> int:
     """Make the figures of the paper: farms, fifteen days, planners with estimators, costs.
 
-    With a page, paper.md and paper.html, of captions and numbers. Flights and costs are kept: a second call
-    only draws.
+    The captions and numbers are written to paper.md and paper.html. Flights and costs are kept, so a second
+    call only draws.
     """
     from wbf_mission.addons.paper.make import make_paper
     from wbf_mission.bench.benchmark import BenchmarkInterrupted

@@ -1,4 +1,4 @@
-"""The leaderboard as a page with pictures, and as plain values."""
+"""The leaderboard as a page with plots, and as JSON values."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ _ABOUT = (
 
 
 def board_page(board: Board, pictures: Mapping[int, Picture] | None = None) -> Page:
-    """Return the board as a page, with a picture beside the tables of these numbers."""
+    """Return the board as a page; `pictures` are keyed by the number of their table."""
     sections = [
         Section(
             title_of(table),
@@ -52,7 +52,7 @@ def board_page(board: Board, pictures: Mapping[int, Picture] | None = None) -> P
 
 
 def draw_board(board: Board, folder: Path) -> dict[int, Picture]:
-    """Draw the scores over the run of each table that has several methods, into a folder."""
+    """Draw the scores over the run of each table with several methods into `folder`."""
     found = {}
     for number, table in enumerate(board.tables):
         lines = [one for one in table.lines if math.isfinite(one.standing.score.low)][:_MOST_DRAWN]
@@ -83,7 +83,7 @@ def _label(line: Line) -> str:
 
 
 def title_of(table: BoardTable) -> str:
-    """Return what a table is about."""
+    """Return the scenario and environments of a table, as its title."""
     return f"{table.scenario}, {table.environments}"
 
 
@@ -93,7 +93,7 @@ def _flown_by(table: BoardTable) -> str:
 
 
 def board_table(table: BoardTable) -> Table:
-    """Return the methods of a table in texts, the best first."""
+    """Return the methods of a board table as texts, best first."""
     header = (*_NAMED, "run", "95 %", "end", "95 %", "failed", "bad", "flown again")
     rows = tuple(
         (
@@ -110,7 +110,7 @@ def board_table(table: BoardTable) -> Table:
 
 
 def difference_table(table: BoardTable) -> Table:
-    """Return by how much the methods of a table differ from its best frozen baseline, if it has one."""
+    """Return the differences of a table's methods from its best frozen baseline; no rows without one."""
     rows = tuple(
         (
             *_named(line),
@@ -142,7 +142,7 @@ def _again(line: Line) -> str:
 
 
 def short_table(table: BoardTable) -> Table:
-    """Return what of a table fits into a terminal."""
+    """Return the columns of a board table that fit a terminal."""
     rows = tuple(
         (
             *_named(one),
@@ -186,7 +186,7 @@ def _submissions(entries: Sequence[Entry]) -> Table:
 
 
 def board_values(board: Board) -> dict[str, Any]:
-    """Return the board in plain values, for JSON."""
+    """Return the board as JSON values."""
     return {
         "tables": [
             {

@@ -1,6 +1,6 @@
 """``wbf-mission bench submit``, ``board``, ``verify`` and ``seal``: results that others can check.
 
-They stand in the group of `wbf_mission.cli.bench`.
+All four are commands of the group ``bench``.
 """
 
 from __future__ import annotations
@@ -92,8 +92,8 @@ def submit_command(
 ) -> int:
     """Check the results of a benchmark, and pack them into one file that others can check.
 
-    All scenarios must be of the catalogue, all rows of the same behaviour numbers, no seed missing. Runs that
-    failed are allowed, and told.
+    All scenarios must be in the catalogue, all rows must have the same behaviour numbers, and no seed may be
+    missing. Failed runs are allowed, and reported.
     """
     from wbf_mission.addons.boards.audit import require_asked, require_whole
     from wbf_mission.addons.boards.submission import (
@@ -182,9 +182,9 @@ def _warn_of(output: Output, rows: Sequence[BenchRow], found: Verification) -> N
 
 
 def _own(code: Sequence[Path], rows: Sequence[BenchRow]) -> dict[str, Choice]:
-    """Return the own planners, policies and estimators of rows, by their digests.
+    """Return the submitted planners, policies and estimators of rows, by digest.
 
-    ResultError if the files and folders do not hold each as it flew.
+    Raises ResultError unless the files and folders have every one of them unchanged.
     """
     from wbf_mission.addons.boards.apart import held_by
     from wbf_mission.results.storage import ResultError
@@ -230,16 +230,15 @@ def board_command(
 ) -> int:
     """Make a leaderboard of submissions and frozen baselines.
 
-    Methods stand in one table where they were flown with the same behaviour numbers on the same environments.
-    What a file cannot prove is refused in a line, and the others go on; the exit code is 1 then. Code in a
-    pack is never run.
+    A table has the methods flown with the same behaviour numbers on the same environments. A file that fails
+    a check is left out with a warning; the exit code is then 1. Code in a pack is never run.
     """
     from wbf_mission.addons.boards.board import board_of, packs_of
     from wbf_mission.addons.boards.board_page import board_values, short_table
 
     opened = _secret(seal, secret)
     if out is not None:
-        bench_page()  # None to write: an error before anything is flown
+        bench_page()  # Fails before the flights if no page can be written
     with output.progress() as progress:
         board = board_of(packs_of(packs), verify=verify, secret=opened, progress=progress)
     if not board.entries:
@@ -296,9 +295,9 @@ def seal_command(
         str | None, option("Ids of the round's scenarios, separated by commas.  [default: any]")
     ] = None,
 ) -> int:
-    """Draw the secret of a round of held-out environments, and its seal, which is to be published now.
+    """Draw the secret of a round of held-out environments, and its seal, to be published at once.
 
-    NAME.secret, which only you may read, is for 'bench run --sealed', and is published when the round ends.
+    NAME.secret, readable only by you, is for 'bench run --sealed', and is published when the round ends.
     """
     from wbf_mission.bench.sealed import new_secret, write_round
 
@@ -326,12 +325,12 @@ def verify_command(
         option("How many fresh environments of each scenario.", parser=options.whole_number_in(2, 10_000)),
     ] = 20,
 ) -> int:
-    """Fly the own code of a submission on fresh environments, and compare its scores with those it has.
+    """Fly the own code of a submission on fresh environments, and compare with the submitted scores.
 
-    The seeds are drawn from the system's randomness, and told when all was flown. The code runs in a process
-    of its own that has neither the run nor its files: read it before, and see to it that it can do no harm
-    (a container without network). The exit code is 1 if a method is worse than its rows, or was not flown, 2
-    if none was.
+    The seeds are drawn from the system's randomness, and printed after the last flight. The code runs in a
+    process of its own that has neither the run nor its files. Read the code first, and make sure that it can
+    do no harm (a container without network). The exit code is 1 if a method is worse than its rows or was not
+    flown, 2 if no method was flown.
     """
     import tempfile
 

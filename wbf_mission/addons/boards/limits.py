@@ -126,7 +126,7 @@ class Limits:
         if not math.isfinite(expected):
             return 1
         points, ideal = self.scenario.score.points, self.readings_s > 0.0
-        # Without an estimator: estimators that are scored more often on a large farm exceed this number, too.
+        # Estimators that are scored more often on a large farm exceed this minimum, too.
         any_one = cast("Estimator", None)
         every = readings_a_score(points, self.farm, any_one, self.flights, expected, ideal=ideal)
         return max(1, math.floor(0.9 * readings / every))

@@ -1,6 +1,6 @@
-"""The summary of a run on one sheet of paper: what was flown, what is sick and where, what it cost.
+"""Summary of a run on one sheet of paper: the flight, sick plants and their places, and the cost.
 
-Of two runs it tells in what they differ.
+The summary of two runs shows their differences.
 """
 
 from __future__ import annotations
@@ -20,26 +20,26 @@ from wbf_mission.run.record import RunRecord
 
 _BEGIN = '<section id="summary" aria-label="Summary">'
 _STEPS = 100
-_LEAST_SCALE = 0.02  # Of a large farm's share of sick plants
+_LEAST_SCALE = 0.02  # Minimum colour scale, as a share of sick plants
 _MOST_PIXELS = 0.995
 _SICK = ("#e3ecd2", "#f6c66a", "#e2711d", "#8e1f1c", "#4a0b16")
-_PATH_M = 0.002  # Of the farm's side: the least step of a path that is drawn
-_DENSE_SIDES = 15.0  # Tracks of so many of the farm's sides cover its map
-_SHEET_MM, _LINE_MM = 262.0, 4.5  # Below the title, within the margins
-_LEAST_MM, _MOST_MM = 18.0, 84.0  # Of a map
-_KEY_MM, _HEAD_MM = 12.0, 7.0  # With the lines and gaps around a field
+_PATH_M = 0.002  # Minimum step of a drawn path, as a fraction of the farm's side
+_DENSE_SIDES = 15.0  # Track length, in sides of the farm, from which tracks cover the map
+_SHEET_MM, _LINE_MM = 262.0, 4.5  # Height available below the title, and of a line
+_LEAST_MM, _MOST_MM = 18.0, 84.0  # Minimum and maximum height of a map
+_KEY_MM, _HEAD_MM = 12.0, 7.0  # Height of a field's key and heading, with gaps
 _TOLD_WARNINGS = 4
 _LONGEST_WARNING = 220
 
 
 def run_title(record: RunRecord) -> str:
-    """Return what was flown, in a line: farm, planner or policy, estimator, vehicle."""
+    """Return the title of a run: farm, planner or policy, estimator, vehicle."""
     parts = (_chooser(record), record.estimator, record.plan.vehicle.name)
     return f"{record.farm.name}: {', '.join(parts)}, seed {record.scenario.seed}"
 
 
 def summary_of(record: RunRecord, *, notes: Sequence[str] = ()) -> str:
-    """Return the summary of a run, as the element of a page; the notes are about what is below it."""
+    """Return the summary of a run as an HTML element; `notes` concern the page below it."""
     told = _told(record)
     reports = _reports(record)
     shown = [one for one in record.maps if one.field.name in reports]
@@ -58,7 +58,7 @@ def summary_of(record: RunRecord, *, notes: Sequence[str] = ()) -> str:
 
 
 def comparison_of(first: RunRecord, second: RunRecord, *, notes: Sequence[str] = ()) -> str:
-    """Return the summary of two runs over the same farm: in what they differ, and both maps."""
+    """Return the summary of two runs over the same farm: their differences, and both maps."""
     told = [_told(one, short=True) for one in (first, second)]
     names = list(dict.fromkeys([*told[0], *told[1]]))
     rows = []
@@ -109,7 +109,7 @@ def _chooser(record: RunRecord) -> str:
 
 
 def _told(record: RunRecord, *, short: bool = False) -> dict[str, str]:
-    """Return the facts of a run in words, by what they are; the `short` ones are compared with another's."""
+    """Return the facts of a run in words, by name; `short` ones are for a comparison."""
     summary, scenario = record.summary(), record.scenario
     vehicles = list(dict.fromkeys(scenario.vehicle.names))
     count = summary["vehicles"]
@@ -123,7 +123,7 @@ def _told(record: RunRecord, *, short: bool = False) -> dict[str, str]:
         "when": when if short else f"{when}, {flights} flight{'s' if flights != 1 else ''}",
         **({"flights": str(flights)} if short else {}),
         "outcome": in_words(record.outcome, record.reason),
-        # Of a policy only the first path is known before.
+        # Only the first path of a policy is known before the flight.
         "flown": record.flown(predicted=not short and scenario.mission.policy is None),
         "battery": _battery(record),
         "seen": f"{summary['observations']:,} readings, {seen}",
@@ -155,7 +155,7 @@ def _facts(told: Mapping[str, str]) -> str:
 
 
 def _shown_warnings(record: RunRecord) -> list[str]:
-    """Return the first warnings, and how many more there are."""
+    """Return the first warnings, and the number of further ones."""
     warnings = record.warnings
     lines = [one if len(one) <= _LONGEST_WARNING else f"{one[:_LONGEST_WARNING]}..." for one in warnings]
     if len(lines) > _TOLD_WARNINGS:
@@ -169,18 +169,18 @@ def _warnings(record: RunRecord) -> str:
 
 
 def _lines(texts: Iterable[str], columns: int) -> int:
-    """Return about how many lines texts take, each in lines of its own."""
+    """Return the approximate number of lines of some texts."""
     return sum(-(-len(one) // columns) for one in texts)
 
 
 def _map_height_mm(lines: int, fields: int, beside_mm: float) -> float:
-    """Return how high maps may be, so that all is on one sheet: below some lines, one of each field."""
+    """Return the height of maps for which all lines and fields fit on one sheet (mm)."""
     room_mm = (_SHEET_MM - _LINE_MM * lines) / max(fields, 1) - beside_mm
     return min(max(room_mm, _LEAST_MM), _MOST_MM)
 
 
 def _about(report: FieldReport) -> str:
-    """Tell how much of a field is sick, how sure that is, and where it is worst."""
+    """Describe the sickness of a field, its uncertainty, and the worst places."""
     disease = report.kind == "disease"
     write = _writer(report)
     sure = "how sure that is, the estimator does not tell"
@@ -213,7 +213,7 @@ def _about(report: FieldReport) -> str:
 
 
 def _writer(report: FieldReport) -> Callable[[float], str]:
-    """Return what writes a field's numbers: a part of the plants, or a value in its unit."""
+    """Return a function that formats a field's numbers: a percentage of plants, or a value with unit."""
     if report.kind == "disease":
         return percent
     return lambda value: f"{value:.3g} {report.unit}".rstrip()
@@ -227,7 +227,7 @@ def _map(
     reports: Mapping[str, FieldReport],
     side: str = "",
 ) -> str:
-    """Draw the estimate of a field, the path that was flown, and the blocks that are told."""
+    """Draw the estimate of a field, the path flown, and the listed blocks."""
     drawing, grid, field = FarmDrawing.of(record.farm), of.grid, of.field
     share = of.share / scale
     pixels = np.zeros(share.shape, np.uint8)
@@ -244,7 +244,7 @@ def _map(
 
 
 def _flown(record: RunRecord, drawing: FarmDrawing) -> str:
-    """Draw the tracks of all flights, as fine as the map shows."""
+    """Draw the tracks of all flights at the map's resolution."""
     step_m, paths, points = _PATH_M * 100.0 * drawing.unit, [], 0
     for flight in record.flights:
         x, y = flight.track.x_m, flight.track.y_m
@@ -253,23 +253,23 @@ def _flown(record: RunRecord, drawing: FarmDrawing) -> str:
             _, kept = np.unique((along // step_m).astype(np.int64), return_index=True)
             points += len(kept)
             paths.append("M" + "L".join(f"{x[k]:.1f} {drawing.down(y[k]):.1f}" for k in kept))
-    # Tracks that cover the farm are not to hide what they found.
+    # Dense tracks must not hide the estimate.
     opacity = 0.55 if points * _PATH_M < _DENSE_SIDES else 0.2
     line = f'fill="none" stroke="#1f3b73" stroke-opacity="{opacity:g}"'
     return f'<path d="{"".join(paths)}" {line} stroke-width="{0.25 * drawing.unit:.3f}"/>'
 
 
 def _scale(maps: Sequence[FieldMap]) -> float:
-    """Return what the last colour stands for: of a disease at least a small share, else the whole range."""
+    """Return the value of the last colour: of a disease at least a small share, else the full range."""
     if maps[0].field.kind != "disease":
         return 1.0
-    # A pixel at a border has few plants: one sick one more is no scale for all others.
+    # A pixel at a border has few plants, so one sick plant there must not set the scale.
     highest = (float(np.nanquantile(one.share, _MOST_PIXELS)) for one in maps if np.isfinite(one.share).any())
     return max(_LEAST_SCALE, *highest, 0.0)
 
 
 def _ramp(field: Field) -> NDArray[np.uint8]:
-    """Return the colours of a field's map from nothing to its scale, uint8[`_STEPS`, 3]."""
+    """Return the colours of a field's map from 0 to its scale, uint8[`_STEPS`, 3]."""
     colours = _SICK if field.kind == "disease" else field.colours
     ends = np.array([[int(one[k : k + 2], 16) for k in (1, 3, 5)] for one in colours], np.float64)
     at, places = np.linspace(0.0, len(ends) - 1.0, _STEPS), np.arange(len(ends))
@@ -277,7 +277,7 @@ def _ramp(field: Field) -> NDArray[np.uint8]:
 
 
 def _key(field: Field, scale: float, told: str = "") -> str:
-    """Draw the scale of a map's colours."""
+    """Draw the colour key of a map."""
     bars = "".join(
         f'<rect x="{k}" width="1.05" height="1" fill="#{r:02x}{g:02x}{b:02x}"/>'
         for k, (r, g, b) in enumerate(_ramp(field)[:: _STEPS // 20].tolist())

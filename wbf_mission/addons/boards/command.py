@@ -52,13 +52,13 @@ wbf-mission bench run --sealed round.secret --scenarios WBF/Miniberry-30-v1 --ou
 _CHECKED = "What is checked"
 _SHOWN = 5
 
-_VERIFY = "Fly so many rows of each method again and compare them; 0: none."
+_VERIFY = "Number of rows of each method to fly again and compare; 0: none."
 _rows = options.whole_number_in(0, 10_000_000)
 SealFile = Annotated[
     Path | None, option("The seal of a round that has ended; with --secret.", panel=_CHECKED)
 ]
 SecretFile = Annotated[
-    Path | None, option("Its secret: says whether the environments are those of the round.", panel=_CHECKED)
+    Path | None, option("The secret of that round: identifies its environments.", panel=_CHECKED)
 ]
 
 
@@ -76,9 +76,9 @@ def submit_command(
     output: Output,
     folder: Annotated[Path, typer.Argument(help="Folder of the results.")],
     *,
-    name: Annotated[str, option("What it is called on boards.")],
-    by: Annotated[str, option("Who you are.")],
-    about: Annotated[str, option("A few words on it.")] = "",
+    name: Annotated[str, option("Title of the submission on boards.")],
+    by: Annotated[str, option("Author of the submission.")],
+    about: Annotated[str, option("Short description.")] = "",
     code: Annotated[
         list[Path] | None, option("A file or folder of your own code to be packed; several times.")
     ] = None,
@@ -287,9 +287,9 @@ def _write(output: Output, board: Board, out: Path) -> None:
 def seal_command(
     output: Output,
     *,
-    out: Annotated[Path, option("Beginning of the names of the two files.")],
+    out: Annotated[Path, option("First part of the names of the two files.")],
     environments: Annotated[
-        int, option("How many environments the round has.", parser=options.whole_number_in(1, 10_000))
+        int, option("Number of environments of the round.", parser=options.whole_number_in(1, 10_000))
     ] = 40,
     scenarios: Annotated[
         str | None, option("Ids of the round's scenarios, separated by commas.  [default: any]")
@@ -322,7 +322,7 @@ def verify_command(
     *,
     environments: Annotated[
         int,
-        option("How many fresh environments of each scenario.", parser=options.whole_number_in(2, 10_000)),
+        option("Number of fresh environments of each scenario.", parser=options.whole_number_in(2, 10_000)),
     ] = 20,
 ) -> int:
     """Fly the own code of a submission on fresh environments, and compare with the submitted scores.

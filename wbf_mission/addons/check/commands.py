@@ -86,7 +86,7 @@ def foreign_system(peer: Peer) -> None:
 
 
 @check(
-    "command.broadcast", required=False, suffers="scripts that send commands before they know who is there"
+    "command.broadcast", required=False, suffers="scripts that send commands before they know the system id"
 )
 def broadcast(peer: Peer) -> None:
     """A command for system 0, component 0 is answered."""

@@ -73,7 +73,9 @@ def version(peer: Peer) -> str:
     return f"firmware {number >> 24}.{number >> 16 & 255}.{number >> 8 & 255}"
 
 
-@check("identity.version-old", required=False, suffers="older clients; MAVSDK asks so each second time")
+@check(
+    "identity.version-old", required=False, suffers="older clients; MAVSDK uses it for every second request"
+)
 def version_old(peer: Peer) -> None:
     """AUTOPILOT_VERSION is sent on REQUEST_AUTOPILOT_CAPABILITIES."""
     peer.forget()
@@ -105,7 +107,7 @@ def capabilities(peer: Peer) -> str:
 @check(
     "identity.protocol-version",
     required=False,
-    suffers="clients that begin with MAVLink 1 and change to MAVLink 2 by it",
+    suffers="clients that start with MAVLink 1 and then switch to MAVLink 2",
 )
 def protocol_version(peer: Peer) -> str:
     """PROTOCOL_VERSION is sent on REQUEST_MESSAGE."""
@@ -168,7 +170,7 @@ for _name, _text, _stream in (
     ("gps", "GPS_RAW_INT comes", _Stream(m.MAVLink_gps_raw_int_message)),
     (
         "landed-state",
-        "EXTENDED_SYS_STATE says that it is on the ground",
+        "EXTENDED_SYS_STATE reports a vehicle on the ground",
         _Stream(m.MAVLink_extended_sys_state_message, problem=_landed_problem),
     ),
     (
@@ -211,7 +213,7 @@ def interval(peer: Peer) -> str:
     return f"{rate_hz:.1f} Hz"
 
 
-@check("telemetry.interval-off", required=False, suffers="ground stations that spare a slow radio")
+@check("telemetry.interval-off", required=False, suffers="ground stations on a slow radio")
 def interval_off(peer: Peer) -> None:
     """SET_MESSAGE_INTERVAL with -1 stops a message."""
     kind = m.MAVLink_attitude_message
@@ -223,7 +225,7 @@ def interval_off(peer: Peer) -> None:
         raise FailedError(f"{len(found)} messages in 2 s")
 
 
-@check("telemetry.interval-get", required=False, suffers="scripts that look at a rate before they change it")
+@check("telemetry.interval-get", required=False, suffers="scripts that read a rate before changing it")
 def interval_get(peer: Peer) -> str:
     """GET_MESSAGE_INTERVAL is answered by MESSAGE_INTERVAL."""
     kind = m.MAVLink_message_interval_message
@@ -250,7 +252,7 @@ def timesync(peer: Peer) -> None:
 @check(
     "telemetry.ping",
     required=False,
-    suffers="who measures the round trip so; MAVSDK pings all but ArduPilot every 5 s",
+    suffers="round-trip measurements; MAVSDK pings all but ArduPilot every 5 s",
 )
 def ping(peer: Peer) -> None:
     """A PING sent as a broadcast is answered to its sender."""
@@ -268,5 +270,5 @@ check(
     "telemetry.system-time",
     "SYSTEM_TIME comes",
     required=False,
-    suffers="who wants the date in a telemetry log",
+    suffers="telemetry logs, which need the date",
 )(_Stream(m.MAVLink_system_time_message, 1e6))

@@ -38,11 +38,14 @@ def _round_trip(number: int) -> Callable[[Peer], str]:
     return check_it
 
 
-check("mission.one-item", "a mission of 1 item goes up, comes down and is equal")(_round_trip(1))
+check("mission.one-item", "a mission of 1 item is uploaded and downloaded unchanged")(_round_trip(1))
 check(
-    "mission.ten-items", "a mission of 10 items (take-off, waypoints, return) goes up and comes down equal"
+    "mission.ten-items",
+    "a mission of 10 items (take-off, waypoints, return) is uploaded and downloaded unchanged",
 )(_round_trip(10))
-check("mission.hundred-items", "a mission of 100 items goes up, comes down and is equal")(_round_trip(100))
+check("mission.hundred-items", "a mission of 100 items is uploaded and downloaded unchanged")(
+    _round_trip(100)
+)
 check(
     "mission.five-hundred-items",
     "a mission of 500 items fits",
@@ -170,7 +173,7 @@ def part(peer: Peer) -> str:
     return f"not taken ({note}): MAVProxy cannot move a single waypoint"
 
 
-@check("mission.total", required=False, suffers="who shows the progress of a mission")
+@check("mission.total", required=False, suffers="displays of mission progress")
 def total(peer: Peer) -> str:
     """MISSION_CURRENT gives the number of items without home."""
     peer.upload(peer.items(7))
@@ -232,7 +235,7 @@ def _corner(peer: Peer, north: float, east: float) -> tuple[float, float]:
 
 @check("mission.fence")
 def fence(peer: Peer) -> None:
-    """A fence (polygon and circle) goes up, comes down and is equal."""
+    """A fence (polygon and circle) is uploaded and downloaded unchanged."""
     _needs(peer, _FENCE_BIT, "fence")
     corners = [_corner(peer, north, east) for north, east in ((-2, -2), (-2, 2), (2, 2), (2, -2))]
     items = [MissionItem(Command.NAV_FENCE_POLYGON_VERTEX_INCLUSION, 0, 4.0, x=x, y=y) for x, y in corners]
@@ -244,7 +247,7 @@ def fence(peer: Peer) -> None:
 
 @check("mission.rally")
 def rally(peer: Peer) -> None:
-    """Rally points go up, come down and are equal."""
+    """Rally points are uploaded and downloaded unchanged."""
     _needs(peer, _RALLY_BIT, "rally points")
     corners = [_corner(peer, 0.3, 0.3), _corner(peer, -0.3, 0.2)]
     items = [

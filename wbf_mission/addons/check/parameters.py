@@ -121,7 +121,7 @@ def read_name(peer: Peer) -> str:
 @check(
     "param.read-unknown",
     required=False,
-    suffers="clients that ask for a name to learn which autopilot or version it is",
+    suffers="clients that identify an autopilot or version by a parameter's name",
 )
 def read_unknown(peer: Peer) -> None:
     """A read request for a parameter that does not exist returns no value."""
@@ -155,7 +155,7 @@ def _set(peer: Peer, name: str, value: float, kind: int, tries: int = 3) -> _Val
     return peer.ask(question, _Value, where=lambda answer: _name(answer) == name, tries=tries)
 
 
-@check("param.set-unknown", required=False, suffers="who loads the parameter file of another version")
+@check("param.set-unknown", required=False, suffers="users who load the parameter file of another version")
 def set_unknown(peer: Peer) -> None:
     """PARAM_SET of an unknown name adds no parameter."""
     _set(peer, _NOBODYS, 1.0, m.MAV_PARAM_TYPE_REAL32, tries=1)

@@ -156,7 +156,7 @@ def cancel_download(peer: Peer) -> None:
 @check(
     "transfer.old-plan-kept",
     required=lambda profile: profile.atomic,
-    suffers="whoever's link breaks in an upload: what came of the new list is flown with the rest of the old",
+    suffers="users whose link breaks in an upload: a mix of the new and the old mission is flown",
 )
 def old_plan_kept(peer: Peer) -> None:
     """A cancelled upload leaves the old mission unchanged."""
@@ -196,7 +196,7 @@ def late_item(peer: Peer) -> None:
 @check(
     "transfer.last-ack-again",
     required=False,
-    suffers="clients that lost the last ACK: they tell of a failed upload",
+    suffers="clients that lost the last ACK and then report a failed upload",
 )
 def last_ack_again(peer: Peer) -> None:
     """The last item sent again is acknowledged again."""
@@ -227,7 +227,7 @@ def unknown_frame(peer: Peer) -> str:
 @check(
     "transfer.bad-latitude",
     required=False,
-    suffers="who does not check before sending: MAVSDK, scripts (PX4 stores it and does not fly it)",
+    suffers="clients without checks of their own: MAVSDK, scripts (PX4 stores it and does not fly it)",
 )
 def bad_latitude(peer: Peer) -> str:
     """A latitude of 95 degrees is refused."""
@@ -258,7 +258,7 @@ def nan(peer: Peer) -> str:
 @check(
     "transfer.too-many",
     required=False,
-    suffers="clients that do not know the limit: they send all of it first",
+    suffers="clients that do not know the limit and send the whole plan first",
 )
 def too_many(peer: Peer) -> str:
     """A COUNT of 65535 is refused or can be cancelled."""

@@ -38,7 +38,7 @@ def paper_command(
     spec: Annotated[
         Path | None,
         typer.Argument(
-            help="What is compared, in one scenario (TOML); the options below change it."
+            help="Planners and estimators to compare, in one scenario (TOML); the options below change it."
             "  [default: the paper's experiment in five environments]"
         ),
     ] = None,
@@ -46,12 +46,12 @@ def paper_command(
     formats: Annotated[str, option("Kinds of files: png, pdf or both.", "--format")] = "png",
     selected: dict[str, Any],
     cost_farms: Annotated[
-        str, option("Where costs are measured, separated by commas.", panel=RUN_PANEL)
+        str, option("Farms on which costs are measured, separated by commas.", panel=RUN_PANEL)
     ] = "miniberry-10,miniberry-30,miniberry-100,waterberry",
     dynamics_farms: Annotated[
         str,
         option(
-            "Whose fifteen days are drawn, separated by commas.  [default: the scenario's farm]",
+            "Farms whose fifteen days are drawn, separated by commas.  [default: the scenario's farm]",
             panel=RUN_PANEL,
         ),
     ] = "",

@@ -136,12 +136,12 @@ class RefiningLawnmower:
             return NO_CHANGE
         parts = shared(vehicles, STRIPS)
         self._rows, self._away = {}, set()
-        for one in vehicles:
-            self._terrains[one.system_id] = Terrain(
-                one.request.area, one.request.footprint_m, one.request.passable
+        for vehicle in vehicles:
+            self._terrains[vehicle.system_id] = Terrain(
+                vehicle.request.area, vehicle.request.footprint_m, vehicle.request.passable
             )
-            points = affordable(one, self._plan(one, parts[one.system_id], observation))
-            self._rows[one.system_id] = _Rows(points, np.asarray(one.position_m))
+            points = affordable(vehicle, self._plan(vehicle, parts[vehicle.system_id], observation))
+            self._rows[vehicle.system_id] = _Rows(points, np.asarray(vehicle.position_m))
         return Decision({system_id: rows.rest for system_id, rows in self._rows.items()}, reason="rows")
 
     def _plan(self, vehicle: VehicleReport, part: Area, observation: PolicyObservation) -> Points:
@@ -177,11 +177,15 @@ class RefiningLawnmower:
         fields, weights = observation.fields, observation.weights.field
         weight_of = {
             crop: max(
-                weights[k] for k, one in enumerate(fields) if one.kind == "disease" and crop in one.crops
+                weights[k]
+                for k, field in enumerate(fields)
+                if field.kind == "disease" and crop in field.crops
             )
-            for crop in {crop for one in fields.diseases for crop in one.crops}
+            for crop in {crop for disease in fields.diseases for crop in disease.crops}
         }
-        grown = [one for one in vehicle.request.crop_areas if weight_of.get(one.crop, 0.0) > 0.0]
+        grown = [
+            crop_area for crop_area in vehicle.request.crop_areas if weight_of.get(crop_area.crop, 0.0) > 0.0
+        ]
         grown.sort(key=lambda one: -weight_of[one.crop])
         lands = []
         for one in grown:
@@ -327,7 +331,7 @@ def detour(
 
 def _joined(windows: Sequence[Window], observation: PolicyObservation) -> AcquisitionMap | None:
     """Return the detour values over the whole farm; None if all are 0."""
-    worth = [one for one in windows if one.values.any()]
+    worth = [window for window in windows if window.values.any()]
     if not worth:
         return None
     shape = observation.model.shape

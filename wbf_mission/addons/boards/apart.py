@@ -190,8 +190,8 @@ class PolicyApart(Apart):
     def decide(self, observation: PolicyObservation) -> Decision:
         """Return the decision made in the other process."""
         vehicles = tuple(
-            replace(one, request=_alone(one.request), travel_cost=_sent_cost(one))
-            for one in observation.vehicles
+            replace(vehicle, request=_alone(vehicle.request), travel_cost=_sent_cost(vehicle))
+            for vehicle in observation.vehicles
         )
         self.said = self.call("decide", replace(observation, vehicles=vehicles))
         paths = {number: path.array() for number, path in self.said.paths.items()}
@@ -240,7 +240,9 @@ class EstimatorApart(Apart):
             said.value.array(),
             said.uncertainty.array(),
             fields=said.fields,
-            probabilities=None if chances is None else {key: one.array() for key, one in chances.items()},
+            probabilities=None
+            if chances is None
+            else {key: chance.array() for key, chance in chances.items()},
             loss_map=None if said.loss is None else said.loss.array(),
             correlation_length=said.correlation_length,
         )
@@ -403,7 +405,7 @@ def _believed(model: Any) -> Said:
         uncertainty=Array.of(model.uncertainty, "<f4"),
         probabilities=None
         if chances is None
-        else {key: Array.of(one, "<f4") for key, one in chances.items()},
+        else {key: Array.of(chance, "<f4") for key, chance in chances.items()},
         loss=None if loss is None else Array.of(loss, "<f4"),
         correlation_length=model.correlation_length,
     )

@@ -190,7 +190,7 @@ def _inconsistency(row: BenchRow, limits: Limits) -> str:
     losses = np.array(history)
     numbers = (scores, losses, np.array(row.times_s), np.array([row.score, row.final_score]))
     if (
-        not all(np.isfinite(one).all() for one in numbers)
+        not all(np.isfinite(number).all() for number in numbers)
         or not ((losses >= 0.0) & (losses <= _MOST_LOSS)).all()
     ):
         return "its history has values that are no losses"

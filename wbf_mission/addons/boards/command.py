@@ -354,17 +354,17 @@ def verify_command(
             raise ResultError(f"cannot be flown: {'; '.join(told[:_SHOWN])}")
     except ResultError as error:
         raise ResultError(f"{pack}: {error}") from None
-    values = [msgspec.to_builtins(one) | {"verdict": one.verdict} for one in found.gaps]
+    values = [msgspec.to_builtins(gap) | {"verdict": gap.verdict} for gap in found.gaps]
     table = [
         [
-            ", ".join(one.method),
-            score_text(float(np.mean(one.open_scores))),
-            score_text(float(np.mean(one.fresh_scores)))
-            + (f", {len(one.failed)} failed" if one.failed else ""),
-            *bench_output.difference(one.gap),
-            one.verdict,
+            ", ".join(gap.method),
+            score_text(float(np.mean(gap.open_scores))),
+            score_text(float(np.mean(gap.fresh_scores)))
+            + (f", {len(gap.failed)} failed" if gap.failed else ""),
+            *bench_output.difference(gap.gap),
+            gap.verdict,
         ]
-        for one in found.gaps
+        for gap in found.gaps
     ]
     header = ["scenario, planner, estimator", "open", "fresh", "gap", "95 %", "verdict"]
     title = f"{pack}: scores on open environments and on {environments} fresh ones"
@@ -375,12 +375,12 @@ def verify_command(
         output.table(None, header, table, title=title)
     for scenario, seeds in found.seeds.items():
         output.note(f"{scenario}: the seeds were {','.join(map(str, seeds))}")
-    for one in found.gaps:
-        for why in dict.fromkeys(one.failed):
-            output.warn(f"{', '.join(one.method)}: {why}")
+    for gap in found.gaps:
+        for why in dict.fromkeys(gap.failed):
+            output.warn(f"{', '.join(gap.method)}: {why}")
     for method, why in found.left_out:
         output.warn(f"{', '.join(method)}: not flown: {why}")
-    worse = any(one.gap.high < 0.0 for one in found.gaps)
+    worse = any(gap.gap.high < 0.0 for gap in found.gaps)
     return ExitCode.NOT_GOOD if worse or found.left_out else ExitCode.GOOD
 
 

@@ -148,6 +148,6 @@ def _welch(old: Sequence[float], new: Sequence[float], methods: int) -> Interval
     parts = [float(np.var(each, ddof=1)) / len(each) for each in (old, new)]
     if (error := sum(parts)) == 0.0:  # For example if all runs failed
         return Interval(mean, mean, mean)
-    freedom = error**2 / sum(one**2 / (len(each) - 1) for one, each in zip(parts, (old, new), strict=True))
+    freedom = error**2 / sum(part**2 / (len(each) - 1) for part, each in zip(parts, (old, new), strict=True))
     reach = float(stats.t.ppf(1.0 - _CHANCE / methods / 2.0, freedom)) * error**0.5
     return Interval(mean, mean - reach, mean + reach)

@@ -80,9 +80,9 @@ class Limits:
         scenario = load_scenario(name)
         farm, fields = farm_of(scenario.farm)
         vehicles = vehicles_of(scenario, farm, seed=0, first_day=scenario.farm.day)
-        builders = [one.task.builder for one in vehicles]
+        builders = [vehicle.task.builder for vehicle in vehicles]
         first, camera, text = builders[0], scenario.camera, scenario.mission.budget
-        ideal = all(one.vehicle.is_ideal for one in builders)
+        ideal = all(builder.vehicle.is_ideal for builder in builders)
         value, unit = math.inf, ""
         if text is None and ideal:
             value, unit = float(round(PAPER_STEPS_PER_CELL * farm.owner_cells)), "steps"
@@ -102,7 +102,7 @@ class Limits:
             flight_m=value * (farm.cell_size_m if unit == "steps" else 1.0)
             if unit in ("m", "steps")
             else math.inf,
-            speed_m_s=sum(one.vehicle.top_speed_m_s for one in builders)
+            speed_m_s=sum(builder.vehicle.top_speed_m_s for builder in builders)
             + len(builders) * scenario.weather.wind_speed_m_s,
             readings_s=len(builders) * seen / first.vehicle.step_s if ideal else 0.0,
             readings_m=seen / (camera.spacing_m or farm.cell_size_m * camera.footprint),

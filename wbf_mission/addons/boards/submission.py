@@ -170,7 +170,7 @@ def _submission(rows: Sequence[BenchRow], **given: Any) -> Submission:
         version=", ".join(sorted({row.versions.get("wbf-mission", "") for row in rows})),
         code=rows[0].codes.get("code", ""),
         versions={key: sorted({row.versions.get(key, "") for row in rows}) for key in sorted(keys)},
-        hardware=[dict(one) for one in sorted(machines)],
+        hardware=[dict(machine) for machine in sorted(machines)],
         own=[Own(kind=k, name=n, words=w, digest=d) for k, n, w, d in sorted(own)],
         **given,
     )

@@ -57,22 +57,22 @@ class Verification:
     @property
     def differing(self) -> tuple[FlownAgain, ...]:
         """Rows whose second flight differs or did not end."""
-        return tuple(one for one in self.rows if one.same in (OTHER, ENDLESS))
+        return tuple(row for row in self.rows if row.same in (OTHER, ENDLESS))
 
     def of(self, *method: str) -> Verification:
         """Return the results of one method: scenario, planner, estimator."""
         return Verification(
-            tuple(one for one in self.rows if one.method == method),
+            tuple(row for row in self.rows if row.method == method),
             tuple(one for one in self.left_out if one[0] == method),
         )
 
     def __str__(self) -> str:
         """Return, in words, the number of rows by result, and the methods not flown."""
-        counts = Counter(one.same for one in self.rows)
+        counts = Counter(row.same for row in self.rows)
         told = [f"{counts[same]} {same}" for same in (OTHER, ENDLESS, CLOSE, EQUAL) if counts[same]]
         if self.left_out:
             reasons = ", ".join(dict.fromkeys(why for _, why in self.left_out))
-            flown = len({one.method for one in self.rows})
+            flown = len({row.method for row in self.rows})
             of = f" ({len(self.left_out)} of {flown + len(self.left_out)} methods)" if flown else ""
             told.append(f"not flown again{of}: {reasons}")
         return "; ".join(told) or "not asked"

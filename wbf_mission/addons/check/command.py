@@ -44,7 +44,7 @@ def check_command(
 
     if list_checks:
         keys = ("id", "required_of", "text", "suffers")
-        rows = [[getattr(one, key) for key in keys] for one in all_checks()]
+        rows = [[getattr(check, key) for key in keys] for check in all_checks()]
         values = [dict(zip(keys, row, strict=True)) for row in rows]
         headings = ["check", "required of", "what must hold", "otherwise trouble for"]
         output.table(values, headings, rows, title="Checks", left=True)

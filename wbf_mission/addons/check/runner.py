@@ -165,12 +165,12 @@ def check_vehicle(
             raise CheckError(msg)
         _find_home(peer)
         kept = False
-        for one in checks:
-            if one.group in _MISSION_GROUPS and not kept:
+        for check in checks:
+            if check.group in _MISSION_GROUPS and not kept:
                 kept = True
                 _keep_plans(peer, stack, warnings)
-            result = _run(one, peer)
-            if one.group in _MISSION_GROUPS:
+            result = _run(check, peer)
+            if check.group in _MISSION_GROUPS:
                 peer.settle()
             results.append(result)
             if on_result is not None:

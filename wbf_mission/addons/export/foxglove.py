@@ -111,7 +111,7 @@ class FoxgloveFile:
         self._farm, self._fields, self._layers = record.farm, record.fields, Layers(record)
         self._size_m = vehicle_size_m(self._farm)
         self._vehicles: dict[int, _Vehicle] = {}
-        states = max((len(one.track.time_s) for one in record.flights), default=0)
+        states = max((len(flight.track.time_s) for flight in record.flights), default=0)
         self._states_a_show = max(1, states // SHOWN_AGAIN)
         self._points: list[bytes] = []
         self._readings_a_show = max(1, len(record.observations) // SHOWN_AGAIN)
@@ -210,9 +210,9 @@ class FoxgloveFile:
             for ring in _rings(patch.polygon)
         ]
         walls = [
-            _wall(ring, one.height_m or self._size_m)
-            for one in farm.obstacles
-            for ring in _rings(one.polygon)
+            _wall(ring, obstacle.height_m or self._size_m)
+            for obstacle in farm.obstacles
+            for ring in _rings(obstacle.polygon)
         ]
         self._write_scene("/farm/scene", 0.0, lines=lines, triangles=walls)
         about = {
@@ -413,12 +413,12 @@ class FoxgloveFile:
             "compute_s": record.compute_s,
             "observations": record.observations,
             "changes": [
-                {"vehicle": one.system_id, "points": len(one.path_m), "outcome": one.outcome}
-                for one in record.changes
+                {"vehicle": change.system_id, "points": len(change.path_m), "outcome": change.outcome}
+                for change in record.changes
             ],
             "candidates": [
-                {"vehicle": one.system_id, "value": one.value, "cost": one.cost}
-                for one in record.alternatives
+                {"vehicle": alternative.system_id, "value": alternative.value, "cost": alternative.cost}
+                for alternative in record.alternatives
             ],
         }
         self._write("/decision", "wbf_mission.Decision", event.time_s, decision)
@@ -433,7 +433,7 @@ def _point(x: float, y: float, z: float) -> _Json:
 
 def _points(points: NDArray[np.float64], height_m: float) -> list[_Json]:
     """Return points, float64[n, 2 or 3], as JSON; 2D points get the height `height_m`."""
-    return [_point(one[0], one[1], one[2] if len(one) > 2 else height_m) for one in points.tolist()]
+    return [_point(point[0], point[1], point[2] if len(point) > 2 else height_m) for point in points.tolist()]
 
 
 def _colour(colour: str, opacity: float = 1.0) -> _Json:
@@ -472,7 +472,7 @@ def _wall(ring: NDArray[np.float64], height_m: float) -> _Json:
         "points": _points(ring, 0.0) + _points(ring, height_m),
         "color": _colour(OBSTACLE, 0.5),
         "colors": [],
-        "indices": [number for one in corners for number in one],
+        "indices": [number for corner in corners for number in corner],
     }
 
 
@@ -523,7 +523,7 @@ def write_mcap(record: RunRecord, files: tuple[Path, ...], events: Iterable[Even
 
 def layout_of(result: RunRecord) -> _Json:
     """Return a Foxglove layout for a run: map, scene, plots and log panels."""
-    farm, numbers = result.farm, sorted({one.system_id for one in result.flights})
+    farm, numbers = result.farm, sorted({flight.system_id for flight in result.flights})
     width_m, height_m = farm.width_cells * farm.cell_size_m, farm.height_cells * farm.cell_size_m
     shown = [f"/layers/{result.fields[0].name}/estimate", "/farm/scene", "/readings"]
     shown += [
@@ -560,7 +560,7 @@ def layout_of(result: RunRecord) -> _Json:
         "RosOut!log": {"topicToRender": "/log"},
     }
     for title, paths in plots.items():
-        series = [{"value": one, "enabled": True, "timestampMethod": "receiveTime"} for one in paths]
+        series = [{"value": path, "enabled": True, "timestampMethod": "receiveTime"} for path in paths]
         panels[f"Plot!{title}"] = {"title": title, "paths": series, "isSynced": True, "xAxisVal": "timestamp"}
     return {
         "configById": panels,

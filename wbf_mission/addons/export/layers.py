@@ -77,7 +77,7 @@ def _tops(record: RunRecord, fields: FieldSet) -> list[float]:
 def _painted(shown: NDArray[np.floating], colours: Sequence[str]) -> NDArray[np.uint8]:
     """Map values from 0 to 1 to a colour scale; unknown values are transparent."""
     known = np.isfinite(shown)
-    scale = np.array([rgb(one) for one in colours], np.float64)
+    scale = np.array([rgb(colour) for colour in colours], np.float64)
     at = np.linspace(0.0, 1.0, len(colours))
     # Unknown pixels are white for tools that ignore opacity.
     painted = np.full((*shown.shape, 4), (255, 255, 255, 0), np.uint8)
@@ -92,5 +92,5 @@ def reading_colours(fields: FieldSet, values: NDArray[np.float32]) -> NDArray[np
 
     The colour is that of the worst disease, or of the first field if no disease is sensed.
     """
-    diseases = [k for k, one in enumerate(fields) if one.kind == "disease"] or [0]
+    diseases = [k for k, field in enumerate(fields) if field.kind == "disease"] or [0]
     return _painted(np.fmin.reduce(values[:, diseases], axis=1), fields[diseases[0]].colours)

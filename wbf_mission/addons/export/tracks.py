@@ -70,7 +70,7 @@ class _Tracks:
         for event in events:
             if isinstance(event, RunBegun):
                 self.title = printable(event.title)
-                names = {one.system_id: one.name for one in event.vehicles}
+                names = {vehicle.system_id: vehicle.name for vehicle in event.vehicles}
             elif isinstance(event, Seen):
                 self.seen.append(event)
             elif isinstance(event, Planned | VehicleMoved | FlightEnded):
@@ -86,7 +86,7 @@ class _Tracks:
     @property
     def flown(self) -> list[_Flight]:
         """Flights with a track of at least two points."""
-        return [one for one in self.flights.values() if len(one.states) > 1]
+        return [flight for flight in self.flights.values() if len(flight.states) > 1]
 
     def time(self, time_s: float) -> str:
         """Return a time of the run in ISO 8601."""
@@ -100,11 +100,11 @@ class _Tracks:
 
     def track(self, flight: _Flight) -> list[tuple[VehicleMoved, float, float, float]]:
         """Return the states of a flight with latitude, longitude and altitude above sea level."""
-        places = self.places(np.array([(one.x_m, one.y_m) for one in flight.states])).tolist()
+        places = self.places(np.array([(state.x_m, state.y_m) for state in flight.states])).tolist()
         sea_m = self.farm.frame.altitude_m
         return [
-            (one, latitude, longitude, round(sea_m + one.height_m, 3))
-            for one, (latitude, longitude) in zip(flight.states, places, strict=True)
+            (state, latitude, longitude, round(sea_m + state.height_m, 3))
+            for state, (latitude, longitude) in zip(flight.states, places, strict=True)
         ]
 
     def planned(self, flight: _Flight) -> list[tuple[float, float, float]]:
@@ -116,9 +116,9 @@ def waypoints_of(mission: Mission, farm: Farm) -> list[tuple[float, float, float
     """Return latitude, longitude and height above home of a mission's waypoints."""
     home_m = farm.frame.altitude_m if mission.home is None else mission.home.altitude_m
     return [
-        (one.x, one.y, one.z - (home_m if one.frame == Frame.GLOBAL else 0.0))
-        for one in mission.items
-        if one.command == Command.NAV_WAYPOINT
+        (item.x, item.y, item.z - (home_m if item.frame == Frame.GLOBAL else 0.0))
+        for item in mission.items
+        if item.command == Command.NAV_WAYPOINT
     ]
 
 
@@ -271,7 +271,10 @@ def _add_farm(top: ElementTree.Element, tracks: _Tracks) -> None:
     folder = add(top, "Folder")
     add(folder, "name", printable(farm.name))
     shapes = [(patch.name, patch.polygon, 0.0, crop_colour(str(patch.crop))) for patch in farm.patches]
-    shapes += [(one.name or "obstacle", one.polygon, one.height_m or 0.0, OBSTACLE) for one in farm.obstacles]
+    shapes += [
+        (obstacle.name or "obstacle", obstacle.polygon, obstacle.height_m or 0.0, OBSTACLE)
+        for obstacle in farm.obstacles
+    ]
     for name, polygon, height_m, colour in shapes:
         area = add(_mark(folder, printable(name), colour), "Polygon")
         if height_m:

@@ -136,8 +136,8 @@ class Market:
         spacings: dict[int, float] = {}
         vehicles = list(observation.steerable)
         while vehicles:
-            same = [one for one in vehicles if one.request.area == vehicles[0].request.area]
-            vehicles = [one for one in vehicles if one not in same]
+            same = [vehicle for vehicle in vehicles if vehicle.request.area == vehicles[0].request.area]
+            vehicles = [vehicle for vehicle in vehicles if vehicle not in same]
             flyable, footprint = self._terrain(same[0]).flyable, same[0].request.footprint_m
             cell_m = observation.farm.cell_size_m
             reach = sum(one.left * cell_m / LegCosts.of(one, cell_m).per_cell for one in same)
@@ -213,7 +213,7 @@ class Market:
         return paths
 
     def _is_pioneer(self, system_id: int, observation: PolicyObservation) -> bool:
-        return system_id in sorted(one.system_id for one in observation.vehicles)[: self._pioneers]
+        return system_id in sorted(vehicle.system_id for vehicle in observation.vehicles)[: self._pioneers]
 
     def _bidder(self, vehicle: VehicleReport, segments: Sequence[Segment], kept: list[Stretch]) -> Bidder:
         flyable = shapely.buffer(self._terrain(vehicle).flyable, TOLERANCE_M)
@@ -306,7 +306,7 @@ class Market:
 
 
 def _points(stretches: Sequence[Stretch]) -> Points:
-    return np.concatenate([one.points_m for one in stretches]) if stretches else NO_POINTS
+    return np.concatenate([stretch.points_m for stretch in stretches]) if stretches else NO_POINTS
 
 
 def _same(before: Points, after: Points) -> bool:

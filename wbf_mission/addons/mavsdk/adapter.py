@@ -116,7 +116,7 @@ class MavsdkOrders:
     def carry_out(self, message: Message) -> list[Message]:
         """Start a command, and return the messages that answer it at once."""
         assert isinstance(message, _Commanding)
-        if any(one.command == message.command for one in self._orders) and not _is_setting(message):
+        if any(order.command == message.command for order in self._orders) and not _is_setting(message):
             # The same command is pending, and MAVSDK retries by itself.
             return [self._ack(message.command, int(m.MAV_RESULT_IN_PROGRESS))]
         name, begin, arguments = self._function(message)

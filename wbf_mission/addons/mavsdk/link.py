@@ -123,10 +123,10 @@ class MavsdkLink:
             return self._systems[system_id]
         end_s = time.monotonic() + _KNOWN_S
         while time.monotonic() < end_s:
-            for one in self._mavsdk.get_systems():
-                if one.get_system_id() == system_id and one.has_autopilot() and one.is_connected():
-                    self._systems[system_id] = one
-                    return one
+            for system in self._mavsdk.get_systems():
+                if system.get_system_id() == system_id and system.has_autopilot() and system.is_connected():
+                    self._systems[system_id] = system
+                    return system
             time.sleep(_LOOK_S)
         msg = f"{self.name}: MAVSDK knows of no vehicle with system id {system_id}"
         raise NoVehicleError(msg)

@@ -88,7 +88,7 @@ def paper_command(
     tell_failures(output, made.rows)
     write_page(made.files[0].with_suffix(".html"), made.page, out)
     pages = [str(made.files[0].with_suffix(end)) for end in (".md", ".html")]
-    pictures = [str(one) for one in made.files[1:]]
+    pictures = [str(file) for file in made.files[1:]]
     output.result(
         {"pages": pages, "pictures": pictures, "runs": len(made.rows)},
         {"pages": "\n".join(pages), "pictures": "\n".join(pictures)},

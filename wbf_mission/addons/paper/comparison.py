@@ -172,7 +172,7 @@ def early_table(rows: Sequence[BenchRow]) -> Table:
 def lead_table(rows: Sequence[BenchRow]) -> Table:
     """Return the planner with the best mean score at fractions of the time, and the lead over the others.
 
-    Differences are of pairs of runs in the same environment. The 95 % intervals hold together.
+    Differences are of pairs of runs in the same environment. The 95 % intervals are simultaneous.
     """
     good = [row for row in rows if row.scores]
     last_s = max((row.times_s[-1] for row in good), default=0.0)
@@ -209,7 +209,7 @@ def lead_table(rows: Sequence[BenchRow]) -> Table:
 def pair_table(rows: Sequence[BenchRow]) -> Table:
     """Return the paired differences of planners' mean scores over parts of the time.
 
-    A difference is positive if the first planner is better. The 95 % intervals hold together.
+    A difference is positive if the first planner is better. The 95 % intervals are simultaneous.
     """
     good = [row for row in rows if row.scores]
     last_s = max((row.times_s[-1] for row in good), default=0.0)
@@ -250,10 +250,10 @@ def fall_table(rows: Sequence[BenchRow]) -> Table:
     lines = []
     for (planner, estimator), own in by_pair([row for row in rows if len(row.scores) > 1]).items():
         losses = [-np.array(row.scores) for row in own]
-        rises = [np.diff(one) / np.maximum(one[:-1], _LEAST_LOSS) for one in losses]
-        falls = (np.array([100.0 * (one > least).mean() for one in rises]) for least in (_TOLERANCE, _FALL))
-        worst = max(float(one.max()) for one in rises)
-        cells = (f"{one.mean():.1f} ({one.min():.1f} to {one.max():.1f})" for one in falls)
+        rises = [np.diff(loss) / np.maximum(loss[:-1], _LEAST_LOSS) for loss in losses]
+        falls = (np.array([100.0 * (rise > least).mean() for rise in rises]) for least in (_TOLERANCE, _FALL))
+        worst = max(float(rise.max()) for rise in rises)
+        cells = (f"{fall.mean():.1f} ({fall.min():.1f} to {fall.max():.1f})" for fall in falls)
         lines.append((f"{planner}, {estimator}", *cells, f"{100.0 * worst:.0f} %"))
     header = (
         "planner, estimator",

@@ -180,13 +180,13 @@ def plot_costs(costs: Sequence[Cost], paths: Sequence[Path], limit_s: float = LI
     """Draw the cost of estimates, one panel per estimator, and of scores against farm size."""
     from matplotlib.lines import Line2D
 
-    farms = sorted({one.farm: one.cells for one in costs}.items(), key=lambda one: one[1])
+    farms = sorted({cost.farm: cost.cells for cost in costs}.items(), key=lambda one: one[1])
     colours = {farm: _BLUES[k % len(_BLUES)] for k, (farm, _) in enumerate(farms)}
     figure = new_sheet(11.5, 3.9)
     *panels, last = figure.subplots(1, len(ESTIMATORS) + 1, sharey=True)
     for axes, method in zip(panels, ESTIMATORS, strict=True):
         for farm, colour in colours.items():
-            own = [one for one in costs if (one.method, one.farm) == (method, farm)]
+            own = [cost for cost in costs if (cost.method, cost.farm) == (method, farm)]
             done = [(one.observations, one.cpu_s) for one in own if one.cpu_s is not None]
             stopped = [(one.observations, limit_s) for one in own if one.cpu_s is None]
             axes.plot(*np.array(done).reshape(-1, 2).T, color=colour, marker="o", markersize=4, linewidth=1.6)
@@ -197,13 +197,15 @@ def plot_costs(costs: Sequence[Cost], paths: Sequence[Path], limit_s: float = LI
         axes.axhline(limit_s, color="#898781", linewidth=0.9)
         axes.set(xscale="log", yscale="log", xlabel="observations")
         axes.set_title(_TITLES[method], fontsize=9)
-    most = max((one.observations for one in costs), default=1)
+    most = max((cost.observations for cost in costs), default=1)
     for axes in panels:
         axes.set_xlim(0.7, 1.4 * max(most, 1))
-    scores = sorted((one.cells, one.cpu_s) for one in costs if one.method == SCORE and one.cpu_s is not None)
+    scores = sorted(
+        (cost.cells, cost.cpu_s) for cost in costs if cost.method == SCORE and cost.cpu_s is not None
+    )
     last.plot(*np.array(scores).reshape(-1, 2).T, color=_GREY, linewidth=1.2)
     for farm, cells in farms:
-        own_s = [one.cpu_s for one in costs if (one.method, one.farm) == (SCORE, farm)]
+        own_s = [cost.cpu_s for cost in costs if (cost.method, cost.farm) == (SCORE, farm)]
         last.plot([cells] * len(own_s), own_s, color=colours[farm], marker="o", markersize=5, linestyle="")
     last.set(xscale="log", yscale="log", xlabel="cells of the farm")
     last.set_title("score of three fields", fontsize=9)

@@ -61,7 +61,7 @@ class Dynamics:
                 values = environment.values(day)
                 if number == 0 and day in _SHOWN:
                     maps[day] = values.copy()
-                each = [one[mask] for one, mask in zip(values, masks, strict=True)]
+                each = [value[mask] for value, mask in zip(values, masks, strict=True)]
                 found += [[(one < 0.75).mean(), (one < 0.25).mean(), one.mean()] for one in each]
         sick, lost, level = np.moveaxis(
             np.array(found, np.float64).reshape(len(seeds), len(DAYS), len(fields), 3), -1, 0

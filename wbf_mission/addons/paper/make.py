@@ -178,7 +178,10 @@ def _geometry(work: _Work) -> Section:
 def _dynamics(work: _Work) -> Section:
     name, scenario = work.spec.scenarios[0]
     seeds, title = work.spec.seeds, f"{len(DAYS)} days of the environment"
-    drawn = {f"dynamics-{one}": scenario_with(scenario, {"farm": one}) for one in work.dynamics_farms}
+    drawn = {
+        f"dynamics-{dynamics_farm}": scenario_with(scenario, {"farm": dynamics_farm})
+        for dynamics_farm in work.dynamics_farms
+    }
     pictures, farms = [], []
     for file, one in (drawn or {"dynamics": scenario}).items():
         dynamics = Dynamics.of(one, seeds, work.progress)
@@ -205,7 +208,7 @@ def _comparison(work: _Work) -> tuple[Section, list[BenchRow]]:
         run for run in itertools.islice(spec.runs(), len(spec) // len(spec.seeds)) if run.key not in failed
     ]
     shown = shown_runs(runs, work.folder / "shown", jobs=work.jobs, progress=work.progress)
-    colours = {str(one): LINE_COLOURS[k % len(LINE_COLOURS)] for k, one in enumerate(spec.planners)}
+    colours = {str(planner): LINE_COLOURS[k % len(LINE_COLOURS)] for k, planner in enumerate(spec.planners)}
     # An estimator for which every run failed has no figure.
     estimators = [str(one) for one in spec.estimators if any(own == str(one) for _, own in shown)]
     if not estimators:
@@ -218,7 +221,7 @@ def _comparison(work: _Work) -> tuple[Section, list[BenchRow]]:
         plot_pairs(scenario, estimator, shown, of_first, colours, work.paths(file))
         pictures.append(work.picture(file, f"{estimator}: path, truth, estimate and score of each planner"))
     plot_scores(rows, estimators, colours, work.paths("comparison-scores"))
-    each = "; ".join(f"{one.file}: {of}" for one, of in zip(pictures, estimators, strict=True))
+    each = "; ".join(f"{picture.file}: {of}" for picture, of in zip(pictures, estimators, strict=True))
     pictures.append(work.picture("comparison-scores", "Mean score over time"))
     caption = (
         f"Planners with estimators in {name}. A picture for each estimator ({each}) shows the environment"

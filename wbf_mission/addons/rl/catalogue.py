@@ -86,11 +86,11 @@ def why_not_batched(scenario: Scenario) -> str:
 
 def register_all() -> None:
     """Register the new ids of the catalogue; `gymnasium.make` raises the reason for an unavailable one."""
-    for one in interfaces():
-        if one.name not in gymnasium.registry:
+    for interface in interfaces():
+        if interface.name not in gymnasium.registry:
             gymnasium.register(
-                one.name,
+                interface.name,
                 entry_point=f"{__package__}.env:SurveyEnv",
-                vector_entry_point=None if one.batched else f"{__package__}.vector_env:SurveyVectorEnv",
-                kwargs={"scenario": one.name},
+                vector_entry_point=None if interface.batched else f"{__package__}.vector_env:SurveyVectorEnv",
+                kwargs={"scenario": interface.name},
             )

@@ -226,6 +226,6 @@ def _pack(colours: NDArray[Any]) -> _Pixels:
 
 def _ramp(colours: Sequence[str]) -> _Pixels:
     """Return a gradient through the colours, uint32[_TONES]."""
-    stops = np.array([_rgb(one) for one in colours], np.float64)
+    stops = np.array([_rgb(colour) for colour in colours], np.float64)
     at = np.linspace(0.0, len(stops) - 1.0, _TONES)
     return _pack(np.column_stack([np.interp(at, np.arange(len(stops)), stops[:, part]) for part in range(3)]))

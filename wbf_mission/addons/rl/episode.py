@@ -131,10 +131,10 @@ class Episode:
         self.path.append(self.cells.copy())
         if self.moved == task.steps - 1:
             self._end_flight()
-        # The scores are complete once the estimate is.
+        # Waiting for the estimate also waits for its scores.
         self.model()
         entries = self._estimate.history.entries
-        reward = self.returns.add([one.loss for one in entries[self._scored :]])
+        reward = self.returns.add([entry.loss for entry in entries[self._scored :]])
         self._scored = len(entries)
         return reward + self.returns.rest(self.score) if self.ended else reward
 
@@ -191,8 +191,8 @@ class Episode:
 
 def _again(task: SurveyTask, seed: int, actions: list[list[int]]) -> Episode:
     episode = Episode(task, seed)
-    for one in actions:
-        episode.move(one)
+    for action in actions:
+        episode.move(action)
     return episode
 
 

@@ -149,7 +149,9 @@ def _allowed(farm: Farm, grid: FarmGrid) -> NDArray[np.bool_]:
         x, y = np.nonzero(allowed)
         size = farm.cell_size_m
         inside = shapely.intersects_xy(
-            shapely.union_all([one.polygon for one in farm.obstacles]), (x + 0.5) * size, (y + 0.5) * size
+            shapely.union_all([obstacle.polygon for obstacle in farm.obstacles]),
+            (x + 0.5) * size,
+            (y + 0.5) * size,
         )
         allowed[x, y] = ~inside
     allowed.flags.writeable = False

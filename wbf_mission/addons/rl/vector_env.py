@@ -167,7 +167,7 @@ class SurveyVectorEnv(VectorEnv[Observation, NDArray[np.int64], NDArray[Any]]):
         if not self._begun:
             raise TrainingError("no episode was begun: call reset")
         frames = [self._rendering.frame(self._batch.scene(run)) for run in range(self.num_envs)]
-        return None if self.render_mode is None else tuple(one for one in frames if one is not None)
+        return None if self.render_mode is None else tuple(frame for frame in frames if frame is not None)
 
     def _begin(self, run: int, seed: int | None) -> None:
         rng = self._rngs[run]

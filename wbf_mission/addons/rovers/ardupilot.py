@@ -46,7 +46,7 @@ _SKID = 73.0
 _FOLLOWS_M = 0.3
 # Rover stays armed at home: the longest delay possible.
 _NEVER_DISARM_S = 3599.0
-# Change of jerk of the S-curves, m/s^4 (AR_WPNAV_SNAP_MAX), and acceleration without a limit.
+# Maximum snap of the S-curves, m/s^4 (AR_WPNAV_SNAP_MAX), and acceleration used if none is limited.
 _SNAP = 15.0
 _ANY_ACCELERATION = 20.0
 # Time constants of speed after throttle, and of turns by tracks, from ArduPilot's simulator.

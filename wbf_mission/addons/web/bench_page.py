@@ -67,8 +67,8 @@ def _body(page: Page, folder: Path, whole: Table) -> Iterator[str]:
             yield _picture(picture, folder)
         if section.text:
             yield f"<p>{escape(section.text)}</p>"
-        for one in section.listings:
-            yield f'<h3>{escape(one.title)}</h3><pre tabindex="0">{escape(one.lines)}</pre>'
+        for listing in section.listings:
+            yield f'<h3>{escape(listing.title)}</h3><pre tabindex="0">{escape(listing.lines)}</pre>'
         for table in section.tables:
             if not (whole.rows and table.title == SCORES):
                 yield f"<h3>{escape(table.title)}</h3>"

@@ -54,7 +54,11 @@ class HurriedProtocol(H11Protocol):
             return
         limit_s = HEAD_S if missing is h11.IDLE else BODY_S
         self._deadline = self.loop.call_later(limit_s, self.transport.abort)
-        waiting = [one for one in self.connections if isinstance(one, HurriedProtocol) and one.waits]
+        waiting = [
+            connection
+            for connection in self.connections
+            if isinstance(connection, HurriedProtocol) and connection.waits
+        ]
         if len(waiting) > MAX_WAITING:
             min(waiting, key=lambda one: one.since_s).transport.abort()
 

@@ -90,7 +90,7 @@ class PlannedMission:
             return None
         farm, mission = self.plan.farm, self.plan.mission
         items = {"fence": mission.fence, "rally": mission.rally}.get(finding.plan, mission.items)
-        before = [one for one in items[: finding.item] if one.has_position and (one.x or one.y)]
+        before = [item for item in items[: finding.item] if item.has_position and (item.x or item.y)]
         if not before:
             return farm.home_m
         x, y = farm.frame.from_wgs84(before[-1].x, before[-1].y)
@@ -223,7 +223,11 @@ class Drafts:
             farm: Any = msgspec.json.decode(given.farm)
         except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
             raise DraftError(f"the draft cannot be read: {error}") from None
-        options = {key: self._option(key, one) for key, one in given.options.items() if one not in (None, "")}
+        options = {
+            key: self._option(key, option)
+            for key, option in given.options.items()
+            if option not in (None, "")
+        }
         if isinstance(farm, str):
             first = self.start.farm
             if farm != first.name:
@@ -327,7 +331,7 @@ def planned(draft: Draft, progress: Progress) -> PlannedDraft:
     batteries = batteries_in(scenario.mission.budget)
     if batteries is None:
         results = plan_fleet(scenario, farm=draft.farm, progress=progress)
-        cuts = tuple(cut(plan, one) for plan, one in zip(results, vehicles, strict=True))
+        cuts = tuple(cut(plan, vehicle) for plan, vehicle in zip(results, vehicles, strict=True))
     else:
         whole, sorties = plan_for_batteries(without_budget(scenario), batteries, cut)
         results, cuts = (whole,), (sorties,)
@@ -356,7 +360,11 @@ def _called(document: bytes) -> str:
 
 def written_suffixes() -> dict[str, str]:
     """Return the names of the writable mission formats by their usual file suffix."""
-    return {one.suffixes[0]: one.name for one in mission_formats() if one.dumps}
+    return {
+        mission_format.suffixes[0]: mission_format.name
+        for mission_format in mission_formats()
+        if mission_format.dumps
+    }
 
 
 def without_budget(scenario: Scenario) -> Scenario:

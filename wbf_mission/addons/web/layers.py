@@ -134,7 +134,8 @@ class Layers:
             if peak > scale:
                 scale, windows = _round_up(float(peak)), list(self._windows(None))
         drawn = [
-            (one, _bytes(layer.means[one[0] : one[1], one[2] : one[3]], scale or 1.0)) for one in windows
+            (window, _bytes(layer.means[window[0] : window[1], window[2] : window[3]], scale or 1.0))
+            for window in windows
         ]
         return Drawing(name, layer, scale, drawn)
 

@@ -75,9 +75,9 @@ def write_report(
     also shows the notes `told`. Data is omitted to stay below `most_bytes`.
     """
     if len(records) > 1:
-        _check_farms(*(one.farm for one in records))
-    kept = [_Kept.of(one, log, layers, progress) for one, log in zip(records, logs, strict=False)]
-    title = " | ".join(run_title(one) for one in records)
+        _check_farms(*(record.farm for record in records))
+    kept = [_Kept.of(record, log, layers, progress) for record, log in zip(records, logs, strict=False)]
+    title = " | ".join(run_title(record) for record in records)
     summary = comparison_of if len(records) > 1 else summary_of
     for reduced in _REDUCTIONS:
         recordings = [one.recording(reduced) for one in kept]
@@ -89,7 +89,7 @@ def write_report(
             break
     with atomic_write(path) as file:
         file.write(page)
-    return Report(title, size, tuple(len(one.moments) for one in recordings), notes)
+    return Report(title, size, tuple(len(recording.moments) for recording in recordings), notes)
 
 
 class RunPage(LiveLayers):
@@ -142,7 +142,7 @@ class _Kept:
     @classmethod
     def of(cls, record: RunRecord, log: Path | None, live: LiveLayers | None, progress: Progress) -> _Kept:
         """Replay a run and record its layers."""
-        diseases = [one.name for one in record.fields.diseases]
+        diseases = [disease.name for disease in record.fields.diseases]
         if live is not None:
             update, _, rasters = _replayed(record, 0, log, progress, live.decided_s)
             return cls(update, live.recorder, rasters, diseases)
@@ -156,7 +156,7 @@ class _Kept:
         shown = asdict(self.update)
         shown["moments"] = thinned_moments(
             self.layers.moments[reduced.longest],
-            [reduced.light and one for one in self.layers.decisions],
+            [reduced.light and decision for decision in self.layers.decisions],
             reduced.every,
         )
         if self.update.run:
@@ -203,5 +203,5 @@ def _replayed(
         rasters[longest] = update.run.raster if update.run else None
     update.tiles = update.scales = UNSET
     if update.states:
-        update.states = {name: thinned_states(one) for name, one in update.states.items()}
+        update.states = {name: thinned_states(state) for name, state in update.states.items()}
     return update, recorder, rasters

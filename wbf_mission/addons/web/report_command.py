@@ -96,11 +96,11 @@ def _runs(folders: list[Path], path: Path, progress: Progress) -> dict[str, Any]
     from wbf_mission.results.result import load_result
 
     results = []
-    for number, one in enumerate(folders):
+    for number, folder in enumerate(folders):
         progress("reading", number, len(folders))
-        results.append(load_result(one))
+        results.append(load_result(folder))
     progress("reading", len(folders), len(folders))
-    logs = [log if (log := one / "flight.tlog").is_file() else None for one in folders]
+    logs = [log if (log := folder / "flight.tlog").is_file() else None for folder in folders]
     report = write_report(path, results, logs=logs, progress=progress)
     told = {"title": report.title, "bytes": report.size, "moments": list(report.moments)}
     return {**told, "notes": list(report.notes)}

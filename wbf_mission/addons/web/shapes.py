@@ -31,11 +31,14 @@ def farm_shape(farm: Farm) -> schema.FarmShape:
     )
     simpler_m = max(width_m, height_m) / _SIMPLER
     patches = [
-        schema.PatchShape(one.name, str(one.crop), one.owner == farm.owner, _rings(one.polygon, simpler_m))
-        for one in farm.patches
+        schema.PatchShape(
+            patch.name, str(patch.crop), patch.owner == farm.owner, _rings(patch.polygon, simpler_m)
+        )
+        for patch in farm.patches
     ]
     obstacles = [
-        schema.ObstacleShape(one.name, one.height_m, _rings(one.polygon, simpler_m)) for one in farm.obstacles
+        schema.ObstacleShape(obstacle.name, obstacle.height_m, _rings(obstacle.polygon, simpler_m))
+        for obstacle in farm.obstacles
     ]
     return schema.FarmShape(
         farm.name, georeference, width_m, height_m, farm.home_m, patches, obstacles, list(farm.rally_m)

@@ -86,7 +86,7 @@ class Studio:
     def options(self, _request: Request, _body: bytes) -> Any:
         """Return the available options, and the initial ones."""
         return {
-            "options": [_told(key, one) for key, one in drafts.draft_options().items()],
+            "options": [_told(key, draft_option) for key, draft_option in drafts.draft_options().items()],
             "farms": names_of("farm"),
             "crops": [str(crop) for crop in Crop if crop is not Crop.NONE],
             "parameters": {
@@ -126,8 +126,8 @@ class Studio:
         found = self.drafts.plan(draft)
         return {
             "farm": farm_shape(found.draft.farm),
-            "notes": [worded(one) for one in found.draft.farm.notes],
-            "missions": [_mission(one) for one in found.missions],
+            "notes": [worded(note) for note in found.draft.farm.notes],
+            "missions": [_mission(mission) for mission in found.missions],
             "vehicles": [
                 result.summary() if cut is None else cut.summary()
                 for result, cut in zip(found.results, found.cuts, strict=True)
@@ -235,7 +235,7 @@ def _farm(farm: Farm, document: bytes) -> dict[str, Any]:
     return {
         "farm": farm_shape(farm),
         "document": msgspec.Raw(document),
-        "notes": [worded(one) for one in farm.notes],
+        "notes": [worded(note) for note in farm.notes],
     }
 
 
@@ -289,7 +289,7 @@ def _upload(
     return {
         **report.summary(),
         "vehicle": report.vehicle,
-        "findings": [worded(one) for one in checked.findings],
+        "findings": [worded(finding) for finding in checked.findings],
     }
 
 

@@ -97,7 +97,7 @@ def _reports(record: RunRecord) -> dict[str, FieldReport]:
 
 
 def _below(notes: Sequence[str]) -> str:
-    told = "".join(f"<li>{escape(one)}</li>" for one in notes)
+    told = "".join(f"<li>{escape(note)}</li>" for note in notes)
     return f'<nav class="below"><a href="#app">Replay it below</a><ul>{told}</ul></nav>\n'
 
 
@@ -113,7 +113,7 @@ def _told(record: RunRecord, *, short: bool = False) -> dict[str, str]:
     summary, scenario = record.summary(), record.scenario
     vehicles = list(dict.fromkeys(scenario.vehicle.names))
     count = summary["vehicles"]
-    days = [one.day for one in record.days] or [scenario.farm.day]
+    days = [day.day for day in record.days] or [scenario.farm.day]
     when = f"day {days[0]}" if len(days) == 1 else f"days {days[0]} to {days[-1]}"
     flights, seed = len(record.flights), str(scenario.seed)
     seen = f"{percent(summary['coverage'])} of the land to be seen"
@@ -141,7 +141,7 @@ def _told(record: RunRecord, *, short: bool = False) -> dict[str, str]:
 
 
 def _battery(record: RunRecord) -> str:
-    used = [one.battery_used for one in record.flights if one.battery_used is not None]
+    used = [flight.battery_used for flight in record.flights if flight.battery_used is not None]
     if not used:
         return "not told"
     if len(used) == 1:
@@ -157,20 +157,23 @@ def _facts(told: Mapping[str, str]) -> str:
 def _shown_warnings(record: RunRecord) -> list[str]:
     """Return the first warnings, and the number of further ones."""
     warnings = record.warnings
-    lines = [one if len(one) <= _LONGEST_WARNING else f"{one[:_LONGEST_WARNING]}..." for one in warnings]
+    lines = [
+        warning if len(warning) <= _LONGEST_WARNING else f"{warning[:_LONGEST_WARNING]}..."
+        for warning in warnings
+    ]
     if len(lines) > _TOLD_WARNINGS:
         lines[_TOLD_WARNINGS - 1 :] = [f"and {len(lines) - _TOLD_WARNINGS + 1} more warnings"]
     return lines
 
 
 def _warnings(record: RunRecord) -> str:
-    lines = "".join(f"<li>{escape(one)}</li>" for one in _shown_warnings(record))
+    lines = "".join(f"<li>{escape(shown_warning)}</li>" for shown_warning in _shown_warnings(record))
     return f'<ul class="warnings">{lines}</ul>\n' if lines else ""
 
 
 def _lines(texts: Iterable[str], columns: int) -> int:
     """Return the approximate number of lines of some texts."""
-    return sum(-(-len(one) // columns) for one in texts)
+    return sum(-(-len(text) // columns) for text in texts)
 
 
 def _map_height_mm(lines: int, fields: int, beside_mm: float) -> float:
@@ -192,17 +195,17 @@ def _about(report: FieldReport) -> str:
         sure = "of what nobody looked at nothing is known"
     main = f"{write(report.expected)} {what}"
     interval = [
-        "" if one.low is None or one.high is None else f"{write(one.low)} to {write(one.high)}"
-        for one in report.blocks
+        "" if block.low is None or block.high is None else f"{write(block.low)} to {write(block.high)}"
+        for block in report.blocks
     ]
     seen = f"{report.seen:,} of {report.cells:,} {'plants' if disease else 'cells'} were looked at"
     if disease:
         seen += f", {report.seen_sick:,} of these were sick"
     rows = "".join(
-        f'<tr><td><span class="dot">{number}</span> {escape(one.name)}</td>'
-        f'<td class="n">{one.latitude_deg:.5f}, {one.longitude_deg:.5f}</td>'
-        f'<td class="n">{write(one.expected)}</td><td class="n">{interval[number - 1]}</td></tr>'
-        for number, one in enumerate(report.blocks, start=1)
+        f'<tr><td><span class="dot">{number}</span> {escape(block.name)}</td>'
+        f'<td class="n">{block.latitude_deg:.5f}, {block.longitude_deg:.5f}</td>'
+        f'<td class="n">{write(block.expected)}</td><td class="n">{interval[number - 1]}</td></tr>'
+        for number, block in enumerate(report.blocks, start=1)
     )
     worst = "worst blocks" if disease else "lowest blocks"
     return (
@@ -235,7 +238,9 @@ def _map(
     pixels[known] = 1 + np.clip(np.rint(share[known] * (_STEPS - 1)), 0, _STEPS - 1).astype(np.uint8)
     palette = np.concatenate([np.zeros((1, 3), np.uint8), _ramp(field)])
     blocks = reports[field.name].blocks
-    dots = "".join(drawing.dot(one.x_m, one.y_m, str(number)) for number, one in enumerate(blocks, start=1))
+    dots = "".join(
+        drawing.dot(block.x_m, block.y_m, str(number)) for number, block in enumerate(blocks, start=1)
+    )
     over = _flown(record, drawing) + dots
     shows = f"Map of the estimate of {field.title}"
     name = f"{field.name}{side}"
@@ -271,7 +276,7 @@ def _scale(maps: Sequence[FieldMap]) -> float:
 def _ramp(field: Field) -> NDArray[np.uint8]:
     """Return the colours of a field's map from 0 to its scale, uint8[`_STEPS`, 3]."""
     colours = _SICK if field.kind == "disease" else field.colours
-    ends = np.array([[int(one[k : k + 2], 16) for k in (1, 3, 5)] for one in colours], np.float64)
+    ends = np.array([[int(colour[k : k + 2], 16) for k in (1, 3, 5)] for colour in colours], np.float64)
     at, places = np.linspace(0.0, len(ends) - 1.0, _STEPS), np.arange(len(ends))
     return np.rint(np.stack([np.interp(at, places, ends[:, k]) for k in range(3)], axis=1)).astype(np.uint8)
 

@@ -337,9 +337,12 @@ class View:
             run = schema.Run(
                 *(event.title, event.simulated, event.seed, event.estimator, event.planner),
                 farm=None if farm is None else farm_shape(farm),
-                fields=[_field(one) for one in self._fields],
+                fields=[_field(field) for field in self._fields],
                 raster=None if layers is None else layers.raster,
-                vehicles=[schema.VehicleInfo(one.system_id, one.name, one.kind) for one in event.vehicles],
+                vehicles=[
+                    schema.VehicleInfo(vehicle.system_id, vehicle.name, vehicle.kind)
+                    for vehicle in event.vehicles
+                ],
             )
             with self._lock:
                 if anew:
@@ -370,7 +373,7 @@ class View:
         """Publish decisions again whose outcomes have changed during their execution."""
         for number, told in tuple(self._open.items()):
             time_s, record = self._records[number - 1]
-            state = record.refused, tuple(one.outcome for one in record.changes)
+            state = record.refused, tuple(change.outcome for change in record.changes)
             if state != told:
                 self._decisions.drop(partial(_has_number, number))
                 self._decisions.add(_decision(number, time_s, record), self._hear(time_s))
@@ -454,11 +457,14 @@ def _decision(number: int, time_s: float, record: DecisionRecord) -> schema.Deci
         *(number, round(time_s, 2), record.day, record.flight, record.event, record.reason, record.refused),
         compute_s=round(record.compute_s, 4),
         candidates=[
-            schema.Candidate(one.system_id, ring(one.points_m), one.value, one.cost)
-            for one in record.alternatives[:MAX_CANDIDATES]
+            schema.Candidate(
+                alternative.system_id, ring(alternative.points_m), alternative.value, alternative.cost
+            )
+            for alternative in record.alternatives[:MAX_CANDIDATES]
         ],
         changes=[
-            schema.Change(one.system_id, ring(one.path_m), one.cost, one.outcome) for one in record.changes
+            schema.Change(change.system_id, ring(change.path_m), change.cost, change.outcome)
+            for change in record.changes
         ],
     )
 

@@ -206,7 +206,7 @@ class FixedWing(CompiledMotion):
         self._begin()
 
     def stopping_point(self) -> Position:
-        """Return the centre of the current circle, or the vehicle's position: the circle of a hold."""
+        """Return the centre of a hold: that of the current circle, or else the vehicle's position."""
         route = self._route
         if route is not None and self.state[Wing.DOING] == wing.FLYING:
             centred = route["kind"][-1] in (wing.CIRCLE, wing.LINE, wing.TAKEOFF)

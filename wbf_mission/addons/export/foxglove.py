@@ -28,12 +28,13 @@ from mission.outcome import in_words
 from sensors.fields import FieldSet
 from wbf_mission.addons.export.foxglove_schemas import SCHEMAS, score_schema
 from wbf_mission.addons.export.layers import Layers, reading_colours
-from wbf_mission.addons.export.looks import (
+from wbf_mission.addons.export.style import (
     FENCE,
     OBSTACLE,
     SHOWN_AGAIN,
     TRACK_POINTS,
     crop_colour,
+    places_of,
     rgb,
     vehicle_colour,
     vehicle_size_m,
@@ -482,9 +483,7 @@ def _rings(polygon: shapely.Polygon) -> list[NDArray[np.float64]]:
 
 
 def _feature(kind: str, farm: Farm, points_m: Any, **properties: object) -> _Json:
-    points = np.asarray(points_m, np.float64)
-    latitude, longitude = farm.frame.to_wgs84(points[:, 0].copy(), points[:, 1].copy())
-    places = np.round(np.column_stack([longitude, latitude]), 8).tolist()
+    places = np.round(places_of(farm, np.asarray(points_m, np.float64))[:, ::-1], 8).tolist()
     geometry = {"type": kind, "coordinates": places[0] if kind == "Point" else places}
     return {"type": "Feature", "properties": properties, "geometry": geometry}
 

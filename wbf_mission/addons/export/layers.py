@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sensors.fields import FieldSet
-from wbf_mission.addons.export.looks import rgb
+from wbf_mission.addons.export.style import rgb
 from wbf_mission.maps.blocks import MapGrid
 from wbf_mission.maps.field_maps import pixel_means
 from wbf_mission.run.record import RunRecord

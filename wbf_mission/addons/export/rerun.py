@@ -17,12 +17,13 @@ from geo.imports import load_extra
 from mission.files.fence import fence_rings
 from mission.outcome import in_words
 from wbf_mission.addons.export.layers import Layers, reading_colours
-from wbf_mission.addons.export.looks import (
+from wbf_mission.addons.export.style import (
     FENCE,
     OBSTACLE,
     SHOWN_AGAIN,
     TRACK_POINTS,
     crop_colour,
+    places_of,
     rgb,
     vehicle_colour,
     vehicle_size_m,
@@ -115,10 +116,6 @@ class RerunRecording:
     def _end(self, time_s: float, who: str, outcome: str, reason: str) -> None:
         self._say(time_s, "INFO", who, in_words(outcome, reason))
 
-    def _places(self, points: NDArray[np.floating]) -> NDArray[np.float64]:
-        """Return points of the farm frame as latitude and longitude."""
-        return np.column_stack(self._farm.frame.to_wgs84(points[:, 0].copy(), points[:, 1].copy()))
-
     def _log_farm(self) -> None:
         rr, farm, size = self._rr, self._farm, self._size_m
         shapes = [(patch.polygon, crop_colour(str(patch.crop)), 0.0) for patch in farm.patches]
@@ -129,9 +126,9 @@ class RerunRecording:
             for ring in (polygon.exterior, *polygon.interiors)
         ]
         colours = [colour for _, colour, _ in rings]
-        places = [self._places(ring) for ring, _, _ in rings]
+        places = [places_of(self._farm, ring) for ring, _, _ in rings]
         self._recording.log("map/farm", rr.GeoLineStrings(lat_lon=places, colors=colours), static=True)
-        home = self._places(np.array([farm.home_m]))
+        home = places_of(self._farm, np.array([farm.home_m]))
         self._recording.log("map/home", rr.GeoPoints(lat_lon=home, colors=[(0, 0, 0)]), static=True)
         strips, of_strips = [], []
         for ring, colour, height_m in rings:
@@ -149,7 +146,7 @@ class RerunRecording:
         colours = [colour] + [rgb(FENCE)] * len(rings)
         lines = [event.path_m, *rings] if len(event.path_m) else rings
         places = rr.GeoLineStrings(
-            lat_lon=[self._places(line) for line in lines], colors=colours[-len(lines) :]
+            lat_lon=[places_of(self._farm, line) for line in lines], colors=colours[-len(lines) :]
         )
         height_m = highest_m(event.mission, self._farm)
         heights = [height_m if line is event.path_m else 0.0 for line in lines]
@@ -167,7 +164,7 @@ class RerunRecording:
             return
         times = rr.TimeColumn(TIME_LINE, timestamp=np.array([self._at(state.time_s) for state in states]))
         flown = np.array([(state.x_m, state.y_m, state.height_m) for state in states])
-        places, yaws = self._places(flown), _yaws(states, flown, self._farm.frame.rotation_deg)
+        places, yaws = places_of(self._farm, flown), _yaws(states, flown, self._farm.frame.rotation_deg)
         turned = np.column_stack([np.zeros((len(yaws), 2)), np.sin(0.5 * yaws), np.cos(0.5 * yaws)])
         colour = rgb(vehicle_colour(number))
 

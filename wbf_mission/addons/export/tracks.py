@@ -23,7 +23,7 @@ from geo.texts import printable
 from mission.files.xml import add, decimal, document
 from mission.model import Command, Frame, Mission
 from mission.outcome import in_words
-from wbf_mission.addons.export.looks import OBSTACLE, crop_colour, vehicle_colour
+from wbf_mission.addons.export.style import OBSTACLE, crop_colour, places_of, vehicle_colour
 from wbf_mission.events import Event, FlightEnded, Planned, RunBegun, Seen, VehicleMoved
 
 if TYPE_CHECKING:
@@ -94,9 +94,8 @@ class _Tracks:
         return told.isoformat(timespec="milliseconds").replace("+00:00", "Z")
 
     def places(self, points_m: NDArray[np.floating]) -> NDArray[np.float64]:
-        """Return points, float64[n, 2 or more], as latitude and longitude, float64[n, 2]."""
-        latitude, longitude = self.farm.frame.to_wgs84(points_m[:, 0].copy(), points_m[:, 1].copy())
-        return np.round(np.column_stack([latitude, longitude]), 8)
+        """Return points, float64[n, 2 or more], as latitude and longitude to 8 digits, float64[n, 2]."""
+        return np.round(places_of(self.farm, points_m), 8)
 
     def track(self, flight: _Flight) -> list[tuple[VehicleMoved, float, float, float]]:
         """Return the states of a flight with latitude, longitude and altitude above sea level."""

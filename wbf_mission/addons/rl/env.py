@@ -22,7 +22,40 @@ Observation = dict[str, Any]
 _FIRST_DRAWN, _LAST_DRAWN = 2**32, 2**63
 
 
-class SurveyEnv(gymnasium.Env[Observation, Any]):
+class OneEpisode:
+    """The current episode of an environment, and its frames; shared by Gymnasium's and PettingZoo's."""
+
+    task: SurveyTask
+    render_mode: str | None
+    _rendering: Rendering
+    _episode: Episode | None = None
+
+    def render(self) -> NDArray[np.uint8] | None:
+        """Return a frame, uint8[height, width, 3]; None for a window or without a render mode."""
+        return self._rendering.frame(self._begun().scene())
+
+    def close(self) -> None:
+        """End the current run and close the window."""
+        self._end()
+        self._rendering.close()
+
+    def _begin(self, seed: int | None, rng: np.random.Generator) -> Episode:
+        self._end()
+        self._episode = Episode(self.task, run_seed(seed, rng))
+        return self._episode
+
+    def _begun(self) -> Episode:
+        if self._episode is None:
+            raise TrainingError("no episode was begun: call reset")
+        return self._episode
+
+    def _end(self) -> None:
+        if self._episode is not None:
+            self._episode.close()
+            self._episode = None
+
+
+class SurveyEnv(OneEpisode, gymnasium.Env[Observation, Any]):
     """A robot that surveys a farm; an episode is a run of the scenario, over all of its days.
 
     docs/training.md describes actions, observations and rewards.
@@ -71,7 +104,6 @@ class SurveyEnv(gymnasium.Env[Observation, Any]):
         self.shown = Shown(self.task, block)
         self.observation_space = self.shown.space()
         self.action_space = self.shown.action_space()
-        self._episode: Episode | None = None
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -87,8 +119,7 @@ class SurveyEnv(gymnasium.Env[Observation, Any]):
             Ignored.
         """
         super().reset(seed=seed, options=options)
-        self._end()
-        episode = self._episode = Episode(self.task, run_seed(seed, self.np_random))
+        episode = self._begin(seed, self.np_random)
         if self.render_mode == HUMAN:
             self.render()
         return observations_of(self.shown, episode)[0], {"environment": episode.seed}
@@ -111,25 +142,6 @@ class SurveyEnv(gymnasium.Env[Observation, Any]):
         """Return the actions that are "stay" or move the robot, bool[5], for MaskablePPO."""
         masks: NDArray[np.bool_] = self.task.possible(self._begun().cells)[0]
         return masks
-
-    def render(self) -> NDArray[np.uint8] | None:
-        """Return a frame, uint8[height, width, 3]; None for a window or without a render mode."""
-        return self._rendering.frame(self._begun().scene())
-
-    def close(self) -> None:
-        """End the current run and close the window."""
-        self._end()
-        self._rendering.close()
-
-    def _begun(self) -> Episode:
-        if self._episode is None:
-            raise TrainingError("no episode was begun: call reset")
-        return self._episode
-
-    def _end(self) -> None:
-        if self._episode is not None:
-            self._episode.close()
-            self._episode = None
 
 
 def run_seed(seed: int | None, rng: np.random.Generator) -> int:

@@ -13,7 +13,7 @@ from pettingzoo import ParallelEnv
 
 from geo.texts import one_line
 from sensors.estimators import Estimator
-from wbf_mission.addons.rl.env import Observation, end_info, observations_of, run_seed
+from wbf_mission.addons.rl.env import Observation, OneEpisode, end_info, observations_of
 from wbf_mission.addons.rl.episode import Episode
 from wbf_mission.addons.rl.errors import TrainingError
 from wbf_mission.addons.rl.observing import Shown
@@ -22,7 +22,7 @@ from wbf_mission.addons.rl.task import SurveyTask, checked_moves
 from wbf_mission.scenario import Scenario
 
 
-class SurveyParallelEnv(ParallelEnv):  # type: ignore[misc]  # PettingZoo is not typed
+class SurveyParallelEnv(OneEpisode, ParallelEnv):  # type: ignore[misc]  # PettingZoo is not typed
     """Robots that survey a farm together, with a common reward.
 
     Parameters
@@ -59,7 +59,6 @@ class SurveyParallelEnv(ParallelEnv):  # type: ignore[misc]  # PettingZoo is not
         self.observation_spaces = {agent: self.shown.space() for agent in self.possible_agents}
         self.action_spaces = {agent: self.shown.action_space() for agent in self.possible_agents}
         self._rng: np.random.Generator | None = None
-        self._episode: Episode | None = None
 
     def observation_space(self, agent: str) -> spaces.Dict:
         """Return the observation space of a robot."""
@@ -77,8 +76,7 @@ class SurveyParallelEnv(ParallelEnv):  # type: ignore[misc]  # PettingZoo is not
         """Start a run, as `wbf_mission.addons.rl.env.SurveyEnv.reset`."""
         if seed is not None or self._rng is None:
             self._rng, _ = seeding.np_random(seed)
-        self._end()
-        episode = self._episode = Episode(self.task, run_seed(seed, self._rng))
+        episode = self._begin(seed, self._rng)
         self.agents = list(self.possible_agents)
         if self.render_mode == HUMAN:
             self.render()
@@ -124,25 +122,10 @@ class SurveyParallelEnv(ParallelEnv):  # type: ignore[misc]  # PettingZoo is not
         """Return, by robot, the actions that are "stay" or move the robot, bool[5] each."""
         return dict(zip(self.possible_agents, self.task.possible(self._begun().cells), strict=True))
 
-    def render(self) -> NDArray[np.uint8] | None:
-        """As `wbf_mission.addons.rl.env.SurveyEnv.render`."""
-        return self._rendering.frame(self._begun().scene())
-
     def close(self) -> None:
         """End the current run and close the window."""
-        self._end()
+        super().close()
         self.agents = []
-        self._rendering.close()
-
-    def _begun(self) -> Episode:
-        if self._episode is None:
-            raise TrainingError("no episode was begun: call reset")
-        return self._episode
-
-    def _end(self) -> None:
-        if self._episode is not None:
-            self._episode.close()
-            self._episode = None
 
     def _by_agent(self, episode: Episode) -> dict[str, Observation]:
         return dict(zip(self.possible_agents, observations_of(self.shown, episode), strict=True))

@@ -1,6 +1,9 @@
-"""Colours, sizes and update rates shared by the exports."""
+"""Places, colours, sizes and update rates shared by the exports."""
 
 from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
 
 from geo import Farm
 from wbf_mission.pictures.plots import CROP_COLOURS, LINE_COLOURS
@@ -39,3 +42,8 @@ def rgb(colour: str) -> tuple[int, int, int]:
     """
     red, green, blue = bytes.fromhex(colour[1:])
     return red, green, blue
+
+
+def places_of(farm: Farm, points_m: NDArray[np.floating]) -> NDArray[np.float64]:
+    """Return points of the farm frame, float64[n, 2 or more], as latitude and longitude, float64[n, 2]."""
+    return np.column_stack(farm.frame.to_wgs84(points_m[:, 0].copy(), points_m[:, 1].copy()))

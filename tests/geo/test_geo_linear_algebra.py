@@ -141,7 +141,7 @@ ALLOWED = {
     "wbf_mission/addons/boards/audit.py": "compared to a tolerance",
     "wbf_mission/addons/paper/cost.py": "values to measure the time with",
     "wbf_mission/addons/export/rerun.py": "drawn",
-    "wbf_mission/maps/gis.py": "the georeference of a picture, checked to a tolerance",
+    "wbf_mission/addons/treatment/gis.py": "the georeference of a picture, checked to a tolerance",
 }
 
 

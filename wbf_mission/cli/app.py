@@ -16,7 +16,6 @@ from geo.errors import WbfMissionError, told_error, users_line
 from geo.texts import printable
 from wbf_mission.cli import (
     bench,
-    bench_replay,
     contracts,
     convert,
     farm,
@@ -30,7 +29,6 @@ from wbf_mission.cli import (
     vehicle,
     warm_up,
 )
-from wbf_mission.cli import map as treatment_map
 from wbf_mission.cli.command import Command, add_commands
 from wbf_mission.cli.help import HelpGroup
 from wbf_mission.cli.output import StdoutError, to_stdout
@@ -55,7 +53,6 @@ app = typer.Typer(
 _COMMANDS = {
     "plan": Command(plan.plan_command, plan.EXAMPLES, plan.BEGINNERS),
     "fly": Command(fly.fly_command, fly.EXAMPLES, fly.BEGINNERS),
-    "map": Command(treatment_map.map_command, treatment_map.EXAMPLES, treatment_map.BEGINNERS),
     "sim": Command(sim.sim_command, sim.EXAMPLES, sim.BEGINNERS),
     "convert": Command(convert.convert_command, convert.EXAMPLES),
     "preflight": Command(preflight.preflight_command, preflight.EXAMPLES, preflight.BEGINNERS),
@@ -71,7 +68,6 @@ _COMMANDS = {
 for _name, _command in _COMMANDS.items():
     # A height of -5 is a value of `command`, no option.
     _command.add_to(app, _name, **({"ignore_unknown_options": True} if _name == "command" else {}))
-Command(bench_replay.replay_command, bench_replay.EXAMPLES).add_to(bench.app, "replay")
 for _group in (farm, vehicle, bench):
     app.add_typer(_group.app, name=_group.__name__.rpartition(".")[2])
 add_commands({"": app, "bench": bench.app})

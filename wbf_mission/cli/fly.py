@@ -34,7 +34,6 @@ from wbf_mission.scenario.parts import CAMERA_OF_PLANS
 
 if TYPE_CHECKING:
     from wbf_mission.live.link import LiveLink
-    from wbf_mission.maps.treatment import TreatmentMap
     from wbf_mission.results.result import Result
     from wbf_mission.results.writing import ResultFolder
     from wbf_mission.run.orders import Orders
@@ -154,23 +153,23 @@ class _Saving:
         ),
     ] = False
 
-    def check_treatment_map(self, farm: FarmOptions) -> None:
-        """Refuse a treatment map that could not be written, before anything flies."""
-        from wbf_mission.maps.gis import UtmCells, require_gis
+    def products(self) -> list[str]:
+        """Return the names of the products that are written beside the results."""
+        from wbf_mission.results.products import ANIMATION, TREATMENT
 
-        if not self.files:
-            msg = "--treatment-map writes files, --no-files none: leave one of them out"
+        wanted = {ANIMATION: self.animate, TREATMENT: self.treatment_map}
+        return [name for name in wanted if wanted[name]]
+
+    def require_products(self, chosen: Scenario) -> None:
+        """Refuse a product that could not be written, before anything flies."""
+        from wbf_mission.results.products import product
+
+        if not self.files and (self.animate or self.treatment_map):
+            what = "--animate writes a file" if self.animate else "--treatment-map writes files"
+            msg = f"{what}, --no-files none: leave one of them out"
             raise ScenarioError(msg)
-        require_gis()
-        UtmCells.of(farm.load())
-
-    def treatment_of(self, result: Result) -> TreatmentMap | None:
-        """Return the treatment map of a run; None if it is not wanted, or the run saw nothing."""
-        if not self.treatment_map or not len(result.observations):
-            return None
-        from wbf_mission.treatment import treatment_of_result
-
-        return treatment_of_result(result, source="this flight")
+        for name in self.products():
+            product(name).require(chosen)
 
     def write(self, result: Result, folder: ResultFolder | None, progress: Progress) -> bool:
         """Write the results, if that is wanted; return False if Ctrl-C came between."""
@@ -179,8 +178,7 @@ class _Saving:
                 folder.write(
                     result,
                     plots=self.plots,
-                    animation=self.animate,
-                    treatment=self.treatment_of(result),
+                    products=self.products(),
                     release=True,
                     progress=progress,
                 )
@@ -273,15 +271,11 @@ def fly_command(
     if not 0.0 <= change_time <= 86_400.0:
         msg = f"--change-time {change_time:g} is out of range: give 0 to 86400"
         raise ScenarioError(msg)
-    if saving.animate and not saving.files:
-        msg = "--animate writes a file, --no-files none: leave one of them out"
-        raise ScenarioError(msg)
     base, in_file = (
         (Scenario(**given.defaults), ()) if given.file is None else load_broken_scenario(given.file)
     )
     chosen = links.counted(given).change(base)
-    if saving.treatment_map:
-        saving.check_treatment_map(chosen.farm)
+    saving.require_products(chosen)
     simulates = speed is not None or bool(fault or in_file)
     orders = page.orders(output)
     live = links.live(output, orders, force=force, simulates=simulates, change_s=change_time)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import bisect
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from heapq import merge
@@ -9,9 +10,14 @@ from itertools import groupby
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
+from mission.errors import LinkError
 from mission.ground.items import revised_mission
-from mission.logs.telemetry import StateLog, states_in
+from mission.ground.vehicle_state import VehicleMonitor, VehicleState
+from mission.link.codec.dialect import mavlink as m
+from mission.link.codec.typed import is_a
+from mission.link.tlog import read_tlog
 from mission.model import Command
 from wbf_mission.events import (
     DayBegun,
@@ -28,6 +34,7 @@ from wbf_mission.events import (
     VehicleSaid,
 )
 from wbf_mission.progress import Progress, silent
+from wbf_mission.results.storage import ResultError
 from wbf_mission.run.relearning import estimates_again, fresh_estimator, kept_truths
 
 if TYPE_CHECKING:
@@ -43,6 +50,10 @@ MOST_STATES = 20_000
 """Of longer tracks only every second, third, ... state is told."""
 _SEEN_S = 1.0
 """What was seen is told so often."""
+
+_SAME_S = 1e-3  # times of a log are whole microseconds
+_LONGEST_GAP_S = 5.0
+"""After a longer gap in the telemetry the state is unknown."""
 
 _Timed = tuple[float, Event]
 
@@ -92,7 +103,7 @@ def events_of(
     ------
     EstimatorError
         If the run's estimator cannot be made again: a loaded result does not hold one given as an object.
-    LogError
+    ResultError
         If the log cannot be read.
 
     Examples
@@ -298,3 +309,66 @@ def _estimated(
             progress("estimates", number + 1, count)
         due_s = max(due_s, time_s)
         yield due_s, Estimated(time_s, day, seen, next(again, None) or kept.get(number), score)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StateLog:
+    """States of a vehicle by its telemetry over some time.
+
+    Parameters
+    ----------
+    time_s : float64[n]
+        Seconds since the log began.
+    states : list of (VehicleState, str)
+        State and name of the flight mode at each time.
+    """
+
+    time_s: NDArray[np.float64]
+    states: list[tuple[VehicleState, str]]
+
+    def at(self, time_s: NDArray[np.float64]) -> list[tuple[VehicleState, str] | None]:
+        """Return state and mode at times; None without telemetry shortly before."""
+        last = np.searchsorted(self.time_s, time_s + _SAME_S, side="right") - 1
+        is_known = (last >= 0) & (time_s - self.time_s[np.maximum(last, 0)] <= _LONGEST_GAP_S)
+        return [
+            self.states[k] if known else None
+            for k, known in zip(last.tolist(), is_known.tolist(), strict=True)
+        ]
+
+
+def states_in(path: Path, begins_s: Sequence[float]) -> dict[tuple[int, int], StateLog]:
+    """Return the states of the vehicles of a .tlog, by system id and part.
+
+    Part k begins at `begins_s[k]`, in seconds since the log began. Telemetry before a part does not count in
+    it.
+
+    Raises
+    ------
+    ResultError
+        If the log cannot be read.
+    """
+    begun_s: float | None = None
+    monitors: dict[tuple[int, int], VehicleMonitor] = {}
+    found: dict[tuple[int, int], list[tuple[float, VehicleState, str]]] = {}
+    try:
+        for utc_s, message in read_tlog(path):
+            begun_s = utc_s if begun_s is None else begun_s
+            if message.get_srcComponent() != m.MAV_COMP_ID_AUTOPILOT1:
+                continue
+            time_s = utc_s - begun_s
+            key = message.get_srcSystem(), bisect.bisect_right(begins_s, time_s + _SAME_S) - 1
+            monitor = monitors.get(key) or monitors.setdefault(key, VehicleMonitor())
+            monitor.receive(message, time_s)
+            rows = found.setdefault(key, [])
+            state, mode = monitor.state, monitor.mode
+            # Arming, disarming and changes of the mode count between positions, too: one may come last.
+            changes = bool(rows) and (rows[-1][1].armed, rows[-1][2]) != (state.armed, mode)
+            if changes or is_a(message, m.MAVLink_global_position_int_message):
+                rows.append((time_s, state, mode))
+    except LinkError as error:
+        raise ResultError(str(error)) from None
+    return {
+        key: StateLog(np.array([row[0] for row in rows]), [row[1:] for row in rows])
+        for key, rows in found.items()
+        if rows
+    }

@@ -15,6 +15,7 @@ from sensors.scoring.information import InformationModel
 from wbf_mission.progress import Progress
 from wbf_mission.replanning.record import decision_table
 from wbf_mission.results.files import history_table, read_result, track_table
+from wbf_mission.results.products import ANIMATION, product
 from wbf_mission.results.storage import ResultError
 from wbf_mission.results.writing import ResultFolder, settle_result
 from wbf_mission.run.record import RunRecord
@@ -86,9 +87,9 @@ class Result(RunRecord):
         OSError
             If the file cannot be written.
         """
-        from wbf_mission.pictures.animation import animate
-
-        return animate(self, Path(path), frames=frames, estimator=estimator, progress=progress)
+        made: Any = product(ANIMATION)
+        made.write(self, Path(path), progress, frames=frames, estimator=estimator)
+        return Path(path)
 
     def save(self, path: str | Path, *, plots: bool = True, overwrite: bool = False) -> Path:
         """Save everything into a folder, from where `wbf_mission.load_result` loads an equal result.

@@ -7,7 +7,8 @@ import hashlib
 import itertools
 import re
 import shlex
-from collections.abc import Callable, Iterable, Iterator
+import shutil
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor, wait
 from functools import partial
 from pathlib import Path
@@ -30,9 +31,9 @@ from wbf_mission.results.files import (
     RECORD,
     WORLD,
     write_arrays,
-    write_json,
     write_result,
 )
+from wbf_mission.results.products import product, product_names
 from wbf_mission.results.storage import SUFFIX, ResultError
 from wbf_mission.run.estimation import resolved
 from wbf_mission.run.record import RunRecord
@@ -40,11 +41,6 @@ from wbf_mission.scenario import Scenario
 
 if TYPE_CHECKING:
     from wbf_mission.maps.field_maps import FieldMap
-    from wbf_mission.maps.treatment import TreatmentMap
-
-ANIMATION = "run.gif"
-TREATMENT = "treatment"
-"""The folder of the treatment map among the results."""
 
 
 class ResultFolder:
@@ -111,36 +107,33 @@ class ResultFolder:
         result: RunRecord,
         *,
         plots: bool = True,
-        animation: bool = False,
-        treatment: TreatmentMap | None = None,
+        products: Sequence[str] = (),
         release: bool = False,
         progress: Progress | None = None,
     ) -> list[Path]:
         """Write everything that the run has, put the folder in its place, and return the files.
 
-        A treatment map goes into the folder `TREATMENT` beside the others.
+        `products` are names of `wbf_mission.results.products`. Those that the run cannot fill are left out.
 
         With ``release`` truth and estimate leave the result once they are written: on a large farm the moving
-        picture, whose estimator takes as much, finds room there. The first Ctrl-C leaves out the pictures
-        that are not there yet, the second everything. The result of an interrupted flight, or one without its
-        pictures, goes beside an older result, into a folder whose name ends in ``.interrupted``.
+        picture, whose estimator takes as much, finds room there. The first Ctrl-C leaves out the pictures and
+        products that are not there yet, the second everything. The result of an interrupted flight, or one
+        without its pictures, goes beside an older result, into a folder whose name ends in ``.interrupted``.
         """
-        from wbf_mission.pictures.animation import animate
-
         progress = progress or silent
         filled = self._folder.filled
         jobs = _plot_jobs(result) if plots else []
-        if treatment is not None:
-            jobs.append((TREATMENT, lambda path: write_whole_map(treatment, path, progress)))
         interrupted = None
         with interrupts_noted() as answer:
-            if animation and any(len(one.track.time_s) for one in result.flights):
 
-                def frame(what: str, done: float, total: float) -> None:
-                    answer()
-                    progress(what, done, total)
+            def step(what: str, done: float, total: float) -> None:
+                answer()
+                progress(what, done, total)
 
-                jobs.append((ANIMATION, lambda path: animate(result, path, progress=frame)))
+            made = {name: product(name) for name in products}
+            possible = [name for name in made if made[name].is_possible(result)]
+            for name in sorted(possible, key=lambda name: not made[name].needs_estimate):
+                jobs.append((name, partial(made[name].write, result, progress=step)))
             progress("writing results", 0, len(jobs) + 1)
             with ThreadPoolExecutor(1) as pool:
                 arrays = write_arrays(result, filled, pool)
@@ -149,13 +142,14 @@ class ResultFolder:
                     for number, (name, job) in enumerate(jobs):
                         answer()
                         progress("writing results", number + 1, len(jobs) + 1)
-                        if release and name == ANIMATION:
+                        if release and name in made and not made[name].needs_estimate:
                             wait(arrays.values())
                             result.truth = result.model = None
                         job(filled / name)
                         written.append(filled / name)
                 except KeyboardInterrupt as error:
                     interrupted = error
+                    shutil.rmtree(filled / name, ignore_errors=True)  # a folder that is not whole
                 for path, done in arrays.items():
                     done.result()
                     written.append(path)
@@ -327,7 +321,9 @@ def _is_ours(name: str) -> bool:
         ("vehicle-", ".toml"),
         ("report-", ".html"),
     )
-    return name in _NAMES or any(name.startswith(start) and name.endswith(end) for start, end in many)
+    return name in _NAMES | product_names() or any(
+        name.startswith(start) and name.endswith(end) for start, end in many
+    )
 
 
 _NAMES = frozenset(
@@ -349,25 +345,9 @@ _NAMES = frozenset(
         WORLD,
         "path.png",
         "score.png",
-        TREATMENT,
-        ANIMATION,
         "report.html",
     }
 )
-
-
-def write_whole_map(treatment: TreatmentMap, folder: Path, progress: Progress) -> list[Path]:
-    """Write a treatment map and its summary into a folder; MapError as of `write_treatment_map`."""
-    from wbf_mission.maps.gis import gdal_errors
-    from wbf_mission.maps.treatment import SUMMARY, write_treatment_map
-
-    folder.mkdir(exist_ok=True)
-    with gdal_errors(folder):
-        files = write_treatment_map(treatment, folder, progress)
-    files += [folder / "observations.parquet", folder / SUMMARY]
-    treatment.observations.save(files[-2])
-    write_json(files[-1], treatment.summary())
-    return files
 
 
 def _plot_jobs(result: RunRecord) -> list[tuple[str, Any]]:

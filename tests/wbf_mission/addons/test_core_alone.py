@@ -44,9 +44,9 @@ def test_a_command_works_without_add_ons(tmp_path, command):
     assert done.returncode == 0, done.stderr
 
 
-@pytest.mark.parametrize("command", ["check", "export", "report", "studio"])
+@pytest.mark.parametrize("command", ["check", "export", "map", "report", "studio", "bench replay"])
 def test_what_add_ons_bring_is_not_there(tmp_path, command):
-    done = run(tmp_path, command)
+    done = run(tmp_path, *command.split())
     assert (done.returncode, "No such command" in done.stderr) == (2, True), done.stderr
 
 
@@ -115,7 +115,6 @@ def test_a_vehicle_has_no_files_and_heartbeats_of_other_kinds_are_not_taken_for_
     [
         ("fly --farm miniberry-10 --planner spiral --connect udpin:127.0.0.1:0 --yes --live 0", "live"),
         ("bench report rows --out written", "bench"),
-        ("bench replay rows spiral1 --out written", "run"),
     ],
 )
 def test_a_page_that_no_add_on_brings_is_refused_before_anything_is_done(tmp_path, command, page):
@@ -129,13 +128,32 @@ def test_a_page_that_no_add_on_brings_is_refused_before_anything_is_done(tmp_pat
     assert sorted(tmp_path.rglob("*")) == there
 
 
-@pytest.mark.parametrize("command", ["bench board no.zip --out written", "bench paper --out written"])
-def test_add_ons_ask_for_pages_as_the_core_does(tmp_path, monkeypatch, capsys, command):
+@pytest.mark.parametrize(("option", "name"), [("--animate", "run.gif"), ("--treatment-map", "treatment")])
+def test_a_product_that_no_add_on_makes_is_refused_before_anything_flies(tmp_path, option, name):
+    done = run(tmp_path, "fly", "--farm", "miniberry-10", "--planner", "spiral", option, "--out", "flown")
+    said = f"error: no package that is installed makes '{name}' (wbf_mission.products): "
+    assert (done.returncode, done.stderr) == (2, said + "install wbf-mission anew\n")
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("command", "page"),
+    [
+        ("bench board no.zip --out written", "bench"),
+        ("bench paper --out written", "bench"),
+        ("bench replay rows spiral1 --out written", "run"),
+    ],
+)
+def test_add_ons_ask_for_pages_as_the_core_does(tmp_path, monkeypatch, capsys, command, page):
+    store = BenchStore(tmp_path / "rows")
+    store.add(made_row("spiral", 1, [0.5], scenario="WBF/Miniberry-10-v1"))
+    store.close()
+    there = sorted(tmp_path.rglob("*"))
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(pages, "entry_points", lambda group: [])
     assert main(command.split()) == 2
-    assert "brings the page 'bench' (wbf_mission.pages)" in capsys.readouterr().err
-    assert list(tmp_path.iterdir()) == []
+    assert f"brings the page '{page}' (wbf_mission.pages)" in capsys.readouterr().err
+    assert sorted(tmp_path.rglob("*")) == there
 
 
 def test_every_part_says_on_a_short_page_what_it_is():

@@ -15,8 +15,8 @@ from geo.errors import WbfMissionError
 from geo.processes import Processes
 from geo.texts import one_line
 from wbf_mission.addons.boards.audit import FILES, names_files
+from wbf_mission.addons.boards.replay import causes, differences, run_of
 from wbf_mission.bench.engine import fly_run
-from wbf_mission.bench.replay import causes, differences, run_of
 from wbf_mission.bench.rows import BenchRow
 from wbf_mission.bench.spec import BenchRun
 from wbf_mission.progress import Progress, silent

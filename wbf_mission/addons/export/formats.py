@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING, TypeAlias
 
 from mission.errors import LinkError
 from mission.link.tlog import read_tlog
-from mission.logs.track import LogError
 from sim_vehicle.epoch import EPOCH_UNIX_S
 from wbf_mission.events import VehicleMoved
 from wbf_mission.progress import Progress, silent
 from wbf_mission.results.replay import events_of
+from wbf_mission.results.storage import ResultError
 
 if TYPE_CHECKING:
     from wbf_mission.events import Event
@@ -78,7 +78,7 @@ def export(
     ------
     EstimatorError
         If the run's estimator cannot be created.
-    LogError
+    ResultError
         If the log cannot be read.
     OSError
         If a file cannot be written.
@@ -107,4 +107,4 @@ def epoch_of(log: Path | None) -> float:
     try:
         return next((time_s for time_s, _ in read_tlog(log)), EPOCH_UNIX_S)
     except LinkError as error:
-        raise LogError(str(error)) from None
+        raise ResultError(str(error)) from None

@@ -14,11 +14,8 @@ from geo import get_farm
 from sensors.dynamics.continuous import Measured
 from sensors.dynamics.soil import SoilParameters
 from sensors.fields import ALL_CROPS, PAPER_FIELDS, Field, FieldSet
-from wbf_mission.maps.blocks import MapGrid
-from wbf_mission.maps.field_maps import FieldMap
-from wbf_mission.maps.gis import MapError
-from wbf_mission.maps.report import brief, report_of_maps
-from wbf_mission.maps.zones import (
+from wbf_mission.addons.treatment.gis import MapError
+from wbf_mission.addons.treatment.zones import (
     HEALTHY,
     LOOK,
     NOTHING,
@@ -29,6 +26,9 @@ from wbf_mission.maps.zones import (
     is_water,
     zone_map,
 )
+from wbf_mission.maps.blocks import MapGrid
+from wbf_mission.maps.field_maps import FieldMap
+from wbf_mission.maps.report import brief, report_of_maps
 
 COSTS = FieldCosts(treat=300.0, loss=4000.0, look=20.0)
 CELLS = 100.0

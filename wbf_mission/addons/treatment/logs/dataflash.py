@@ -8,7 +8,7 @@ import struct
 from pathlib import Path
 from typing import Any
 
-from mission.logs.track import LEAST_UTC_S, LogError, LogImages, LogTrack, parsing
+from wbf_mission.addons.treatment.logs.track import LEAST_UTC_S, LogError, LogImages, LogTrack, parsing
 
 _NAMES = ("POS", "GPS", "CAM", "TRIG")
 _HEAD_BYTES = 3

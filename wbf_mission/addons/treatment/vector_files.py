@@ -12,8 +12,8 @@ import numpy as np
 import shapely
 
 from geo import Farm
-from wbf_mission.maps.gis import gis
-from wbf_mission.maps.zone_shapes import Zone, to_wgs84
+from wbf_mission.addons.treatment.gis import gis
+from wbf_mission.addons.treatment.zone_shapes import Zone, to_wgs84
 
 _WGS84 = "EPSG:4326"
 _LAYER = "zones"

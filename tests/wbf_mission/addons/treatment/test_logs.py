@@ -9,8 +9,8 @@ from flight_logs import UTC_S, write_dataflash, write_picture, write_telemetry, 
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mission.logs import LogError, read_track, reading
-from mission.logs.track import LONGEST_GAP_S
+from wbf_mission.addons.treatment.logs import LogError, read_track, reading
+from wbf_mission.addons.treatment.logs.track import LONGEST_GAP_S
 
 NAN = math.nan
 FIXES = [(10.0 + k, -28.05 + 1e-5 * k, 151.5 + 2e-5 * k) for k in range(21)]

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from geo.texts import one_line
-from mission.logs.track import LogError, LogImages, LogTrack
+from wbf_mission.addons.treatment.logs.track import LogError, LogImages, LogTrack
 
 _SUFFIXES = (".jpg", ".jpeg", ".tif", ".tiff")
 _MOST_PICTURES = 50_000

@@ -14,11 +14,12 @@ from flight_logs import UTC_S, write_dataflash, write_picture, write_ulog
 from geo import get_farm, load_farm, save_farm
 from mission.errors import PlanningError
 from mission.files import read_mission
-from mission.logs import read_track
 from sensors.observations import Observations
 from wbf_mission import load_result, scenario_with
+from wbf_mission.addons.treatment.flights import treatment_of_result
+from wbf_mission.addons.treatment.logs import read_track
+from wbf_mission.addons.treatment.next_flight import plan_next
 from wbf_mission.cli.app import main
-from wbf_mission.treatment import plan_next, treatment_of_result
 
 FIELDS = ("tylcv", "ccr", "soil")
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
-from mission.logs.track import MAX_LOG_BYTES, LogError, LogTrack
+from wbf_mission.addons.treatment.logs.track import MAX_LOG_BYTES, LogError, LogTrack
 
 _ULOG = b"ULog\x01\x12\x35"
 _DATAFLASH = b"\xa3\x95"
@@ -32,7 +32,7 @@ def read_track(path: Path | str) -> LogTrack:
 
 def _reader(path: Path) -> Callable[[Path], LogTrack]:
     if path.is_dir():
-        from mission.logs.pictures import read_pictures
+        from wbf_mission.addons.treatment.logs.pictures import read_pictures
 
         return read_pictures
     try:
@@ -49,15 +49,15 @@ def _reader(path: Path) -> Callable[[Path], LogTrack]:
     except ValueError:  # a NUL in the name
         raise LogError(f"{str(path)!r}: cannot be read: there is a NUL character in its name") from None
     if begin.startswith(_ULOG):
-        from mission.logs.ulog import read_ulog
+        from wbf_mission.addons.treatment.logs.ulog import read_ulog
 
         return read_ulog
     if begin.startswith(_DATAFLASH):
-        from mission.logs.dataflash import read_dataflash
+        from wbf_mission.addons.treatment.logs.dataflash import read_dataflash
 
         return read_dataflash
     if path.suffix.lower() == ".tlog" or begin[_TIME_BYTES:] in _MAVLINK:
-        from mission.logs.telemetry import read_telemetry
+        from wbf_mission.addons.treatment.logs.telemetry import read_telemetry
 
         return read_telemetry
     kinds = "a .tlog, an ArduPilot .bin, a PX4 .ulg, or a folder of pictures"

@@ -1,6 +1,6 @@
 """Tracks and images of flights, from logs of autopilots or geotagged pictures."""
 
-from mission.logs.reading import read_track
-from mission.logs.track import LogError, LogImages, LogTrack
+from wbf_mission.addons.treatment.logs.reading import read_track
+from wbf_mission.addons.treatment.logs.track import LogError, LogImages, LogTrack
 
 __all__ = ["LogError", "LogImages", "LogTrack", "read_track"]

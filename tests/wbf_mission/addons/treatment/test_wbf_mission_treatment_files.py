@@ -22,13 +22,12 @@ from sensors.dynamics.continuous import Measured
 from sensors.fields import ALL_CROPS, PAPER_FIELDS, Field, FieldSet
 from sensors.observations import Observations
 from sensors.scoring.information import InformationModel
-from wbf_mission.maps.geotiff import NODATA, write_geotiff
-from wbf_mission.maps.gis import MapError, UtmCells
-from wbf_mission.maps.treatment import TreatmentMap
-from wbf_mission.maps.zone_shapes import zones_of
-from wbf_mission.maps.zones import HEALTHY, LOOK, TREAT, costs_of
+from wbf_mission.addons.treatment.geotiff import NODATA, write_geotiff
+from wbf_mission.addons.treatment.gis import MapError, UtmCells
+from wbf_mission.addons.treatment.treatment_map import TreatmentMap, write_whole_map
+from wbf_mission.addons.treatment.zone_shapes import zones_of
+from wbf_mission.addons.treatment.zones import HEALTHY, LOOK, TREAT, costs_of
 from wbf_mission.progress import silent
-from wbf_mission.results.writing import write_whole_map
 
 WIDTH, HEIGHT, CELL_M = 700, 540, 0.5
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -12,14 +12,16 @@ from geo import Farm
 from sensors.fields import FieldSet
 from sensors.observations import Observations
 from sensors.scoring.information import InformationModel
-from wbf_mission.maps.farmer_page import Page, write_page
+from wbf_mission.addons.treatment.farmer_page import Page, write_page
+from wbf_mission.addons.treatment.geotiff import write_geotiff
+from wbf_mission.addons.treatment.gis import MapError, gdal_errors
+from wbf_mission.addons.treatment.vector_files import write_prescription, write_zones
+from wbf_mission.addons.treatment.zone_shapes import Zone, zones_of
+from wbf_mission.addons.treatment.zones import HEALTHY, LOOK, TREAT, FieldCosts, ZoneMap, block_grid, zone_map
 from wbf_mission.maps.field_maps import field_maps
-from wbf_mission.maps.geotiff import write_geotiff
-from wbf_mission.maps.gis import MapError
 from wbf_mission.maps.report import FarmReport, report_of_maps
-from wbf_mission.maps.vector_files import write_prescription, write_zones
-from wbf_mission.maps.zone_shapes import Zone, zones_of
-from wbf_mission.maps.zones import HEALTHY, LOOK, TREAT, FieldCosts, ZoneMap, block_grid, zone_map
+from wbf_mission.progress import Progress
+from wbf_mission.results.files import write_json
 
 PAGE, SUMMARY = "report.html", "map.json"
 _VALUES, _RATES = ("map_", ".tif"), ("prescription_", ".zip")
@@ -38,7 +40,7 @@ class TreatmentMap:
     costs : mapping of str to FieldCosts
         By the names of the fields.
     block_m : float, optional
-        Side of the blocks that a sprayer can act on, see `wbf_mission.maps.zones.block_grid`.
+        Side of the blocks that a sprayer can act on, see `wbf_mission.addons.treatment.zones.block_grid`.
     source : str
         From what it was made, for the farmer.
     notes : tuple of str
@@ -133,9 +135,18 @@ def is_part(name: str) -> bool:
 _NAMES = frozenset({PAGE, "zones.geojson", "zones.gpkg", "observations.parquet", SUMMARY})
 
 
-def write_treatment_map(
-    of: TreatmentMap, folder: Path, progress: Callable[[str, float, float], None]
-) -> list[Path]:
+def write_whole_map(treatment: TreatmentMap, folder: Path, progress: Progress) -> list[Path]:
+    """Write a treatment map, its readings and its summary; MapError as of `write_treatment_map`."""
+    folder.mkdir(exist_ok=True)
+    with gdal_errors(folder):
+        files = write_treatment_map(treatment, folder, progress)
+    files += [folder / "observations.parquet", folder / SUMMARY]
+    treatment.observations.save(files[-2])
+    write_json(files[-1], treatment.summary())
+    return files
+
+
+def write_treatment_map(of: TreatmentMap, folder: Path, progress: Progress) -> list[Path]:
     """Write all files but the summary into a folder that is there, and return them.
 
     For each field map_NAME.tif and prescription_NAME.zip; zones.geojson, zones.gpkg, report.html.

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from bench_rows import made_row
 
-from wbf_mission.bench.replay import Replay, causes, differences, row_named, run_of
+from wbf_mission.addons.boards.replay import Replay, causes, differences, row_named, run_of
 from wbf_mission.bench.rows import BenchStore, read_rows
 from wbf_mission.cli.app import main
 from wbf_mission.results.storage import ResultError

@@ -11,8 +11,8 @@ import shapely
 from numpy.typing import NDArray
 
 from geo import Farm
-from wbf_mission.maps.gis import gis
-from wbf_mission.maps.zones import HEALTHY, LOOK, TREAT, ZoneMap
+from wbf_mission.addons.treatment.gis import gis
+from wbf_mission.addons.treatment.zones import HEALTHY, LOOK, TREAT, ZoneMap
 
 _LEAST_OF_A_BLOCK = 0.25
 
@@ -22,7 +22,7 @@ class Zone:
     """A piece of land that is treated alike."""
 
     field: str
-    zone: int  # `wbf_mission.maps.zones.TREAT` and others
+    zone: int  # `wbf_mission.addons.treatment.zones.TREAT` and others
     word: str
     polygon: shapely.Polygon  # Metres of the farm's frame
     latitude_deg: float  # Of a point inside

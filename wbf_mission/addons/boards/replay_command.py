@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from wbf_mission.cli import options
+from wbf_mission.cli.command import Command
 from wbf_mission.cli.options import TargetError, option
 from wbf_mission.cli.output import Output
 from wbf_mission.cli.pages import run_page
@@ -120,7 +121,7 @@ def _replay(
     planner: Choice | None,
     estimator: Choice | None,
 ) -> int:
-    from wbf_mission.bench.replay import replay, row_named, run_of
+    from wbf_mission.addons.boards.replay import replay, row_named, run_of
     from wbf_mission.bench.rows import KEY_DIGITS
 
     row = row_named(rows, key, folder)
@@ -143,7 +144,7 @@ def _replay(
             notes = list(page.write(path, again.result, log=own_log, notes=notes, progress=events.progress))
             files["page"] = str(path)
         if pictures:
-            from wbf_mission.pictures.decision_plot import plot_decisions
+            from wbf_mission.addons.boards.decision_plot import plot_decisions
 
             plot_decisions(again.result, again.acquisitions, pictures, title=row.named)
             files["pictures"] = [str(one) for one in pictures]
@@ -168,3 +169,6 @@ def _replay(
     }
     output.result(values, shown)
     return ExitCode.GOOD if again.equal else ExitCode.NOT_GOOD
+
+
+REPLAY = Command(replay_command, EXAMPLES)

@@ -2,30 +2,22 @@
 
 from __future__ import annotations
 
-import bisect
 import math
 from collections import Counter
-from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
-
-import numpy as np
-from numpy.typing import NDArray
 
 from geo import Farm
 from mission.errors import LinkError
-from mission.ground.vehicle_state import VehicleMonitor, VehicleState
 from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
 from mission.link.codec.typed import is_a
 from mission.link.tlog import read_tlog
-from mission.logs.track import LONGEST_GAP_S, LogError, LogImages, LogTrack
 from sensors.camera.wire import ObservationAssembler
 from sensors.observations import Observations
+from wbf_mission.addons.treatment.logs.track import LogError, LogImages, LogTrack
 
 _E7 = 1e7
 _NOWHERE = float("nan")
-_SAME_S = 1e-3  # times of a log are whole microseconds
 
 
 def read_telemetry(path: Path) -> LogTrack:
@@ -71,69 +63,6 @@ def _image(message: Message, time_s: float) -> tuple[float, ...] | None:
     if is_a(message, m.MAVLink_camera_trigger_message):
         return message.seq, _NOWHERE, time_s, _NOWHERE, _NOWHERE
     return None
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class StateLog:
-    """States of a vehicle by its telemetry over some time.
-
-    Parameters
-    ----------
-    time_s : float64[n]
-        Seconds since the log began.
-    states : list of (VehicleState, str)
-        State and name of the flight mode at each time.
-    """
-
-    time_s: NDArray[np.float64]
-    states: list[tuple[VehicleState, str]]
-
-    def at(self, time_s: NDArray[np.float64]) -> list[tuple[VehicleState, str] | None]:
-        """Return state and mode at times; None without telemetry shortly before."""
-        last = np.searchsorted(self.time_s, time_s + _SAME_S, side="right") - 1
-        is_known = (last >= 0) & (time_s - self.time_s[np.maximum(last, 0)] <= LONGEST_GAP_S)
-        return [
-            self.states[k] if known else None
-            for k, known in zip(last.tolist(), is_known.tolist(), strict=True)
-        ]
-
-
-def states_in(path: Path, begins_s: Sequence[float]) -> dict[tuple[int, int], StateLog]:
-    """Return the states of the vehicles of a .tlog, by system id and part.
-
-    Part k begins at `begins_s[k]`, in seconds since the log began. Telemetry before a part does not count in
-    it.
-
-    Raises
-    ------
-    LogError
-        If the log cannot be read.
-    """
-    begun_s: float | None = None
-    monitors: dict[tuple[int, int], VehicleMonitor] = {}
-    found: dict[tuple[int, int], list[tuple[float, VehicleState, str]]] = {}
-    try:
-        for utc_s, message in read_tlog(path):
-            begun_s = utc_s if begun_s is None else begun_s
-            if message.get_srcComponent() != m.MAV_COMP_ID_AUTOPILOT1:
-                continue
-            time_s = utc_s - begun_s
-            key = message.get_srcSystem(), bisect.bisect_right(begins_s, time_s + _SAME_S) - 1
-            monitor = monitors.get(key) or monitors.setdefault(key, VehicleMonitor())
-            monitor.receive(message, time_s)
-            rows = found.setdefault(key, [])
-            state, mode = monitor.state, monitor.mode
-            # Arming, disarming and changes of the mode count between positions, too: one may come last.
-            changes = bool(rows) and (rows[-1][1].armed, rows[-1][2]) != (state.armed, mode)
-            if changes or is_a(message, m.MAVLink_global_position_int_message):
-                rows.append((time_s, state, mode))
-    except LinkError as error:
-        raise LogError(str(error)) from None
-    return {
-        key: StateLog(np.array([row[0] for row in rows]), [row[1:] for row in rows])
-        for key, rows in found.items()
-        if rows
-    }
 
 
 def observations_in(

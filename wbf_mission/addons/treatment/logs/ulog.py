@@ -8,7 +8,14 @@ from typing import Any
 import numpy as np
 
 from geo.imports import load_extra
-from mission.logs.track import Floats, LogError, LogImages, LogTrack, is_position, parsing
+from wbf_mission.addons.treatment.logs.track import (
+    Floats,
+    LogError,
+    LogImages,
+    LogTrack,
+    is_position,
+    parsing,
+)
 
 _POSITION, _CAPTURE, _TRIGGER = "vehicle_global_position", "camera_capture", "camera_trigger"
 _GPS = ("vehicle_gps_position", "sensor_gps")

@@ -14,11 +14,11 @@ import numpy as np
 
 from geo import Farm
 from geo.atomic import atomic_write
+from wbf_mission.addons.treatment.zone_shapes import Zone
+from wbf_mission.addons.treatment.zones import HEALTHY, LOOK, TREAT, FieldCosts, ZoneMap, is_water
 from wbf_mission.maps.farm_drawing import FarmDrawing
 from wbf_mission.maps.html_page import html_document
 from wbf_mission.maps.report import FarmReport, percent
-from wbf_mission.maps.zone_shapes import Zone
-from wbf_mission.maps.zones import HEALTHY, LOOK, TREAT, FieldCosts, ZoneMap, is_water
 
 _COLOURS = {TREAT: "#b3261e", LOOK: "#f2b705", HEALTHY: "#8fc08b"}
 _TOLD = 3

@@ -14,10 +14,10 @@ from sensors.environment import Environment
 from sensors.estimators import make_estimator
 from sensors.observations import Observations
 from sensors.scoring.information import InformationModel
+from wbf_mission.addons.animation import animation
+from wbf_mission.addons.animation.animation import AnimationError, animate, moments
 from wbf_mission.cli.app import main
 from wbf_mission.flight import fly
-from wbf_mission.pictures import animation
-from wbf_mission.pictures.animation import AnimationError, animate, moments
 from wbf_mission.results.result import Result, load_result
 from wbf_mission.results.writing import ResultFolder
 from wbf_mission.scenario import Scenario
@@ -194,7 +194,7 @@ def test_truth_and_estimate_leave_the_result_before_the_animation_if_wanted(
     for release in (False, True):
         given = replace(result)
         with ResultFolder(tmp_path / f"run{release}") as folder:
-            folder.write(given, plots=False, animation=True, release=release)
+            folder.write(given, plots=False, products=["run.gif"], release=release)
         loaded = load_result(tmp_path / f"run{release}")
         assert loaded.truth is not None and loaded.model is not None
         np.testing.assert_array_equal(loaded.truth, result.truth)

@@ -7,11 +7,11 @@ import pytest
 from flight_logs import UTC_S, write_dataflash, write_picture, write_telemetry
 
 from geo import get_farm
-from mission.logs import LogError, read_track
 from sensors.dynamics.continuous import Measured
 from sensors.errors import ObservationError
 from sensors.fields import ALL_CROPS, PAPER_FIELDS, Field, FieldSet
-from wbf_mission.readings import is_cells, join, read_readings
+from wbf_mission.addons.treatment.logs import LogError, read_track
+from wbf_mission.addons.treatment.readings import is_cells, join, read_readings
 
 FARM = get_farm("miniberry-30")
 NAMES = PAPER_FIELDS.names

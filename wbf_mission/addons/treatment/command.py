@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from geo.texts import duration
 from wbf_mission.cli import options
+from wbf_mission.cli.command import Command
 from wbf_mission.cli.options import MISSION_SUFFIXES, Force, TargetError, option, refuse_overwrite
 from wbf_mission.cli.output import Output
 from wbf_mission.scenario import (
@@ -25,8 +26,8 @@ from wbf_mission.scenario import (
 from wbf_mission.scenario.scenario import PARTS
 
 if TYPE_CHECKING:
-    from wbf_mission.maps.treatment import TreatmentMap
-    from wbf_mission.treatment import NextFlight
+    from wbf_mission.addons.treatment.next_flight import NextFlight
+    from wbf_mission.addons.treatment.treatment_map import TreatmentMap
 
 EXAMPLES = """
 Examples
@@ -107,7 +108,7 @@ class _Costs:
     ] = None
 
     def given(self) -> dict[str, list[str]]:
-        """Return what was given, as `wbf_mission.maps.zones.costs_of` takes it."""
+        """Return what was given, as `wbf_mission.addons.treatment.zones.costs_of` takes it."""
         keys = {
             "treat": self.treat_cost,
             "loss": self.loss,
@@ -174,10 +175,9 @@ def map_command(
 ) -> None:
     """Make the treatment map of a flight: GeoTIFF, zones, prescriptions, a page for the farmer."""
     from mission.files import Firmware, write_mission
-    from wbf_mission.maps.gis import require_gis
-    from wbf_mission.maps.treatment import SUMMARY
+    from wbf_mission.addons.treatment.gis import require_gis
+    from wbf_mission.addons.treatment.treatment_map import SUMMARY, write_whole_map
     from wbf_mission.results.files import write_json
-    from wbf_mission.results.writing import write_whole_map
 
     require_gis()
     inputs = [given.file, log, observations]
@@ -189,7 +189,7 @@ def map_command(
             output.warn(note)
         flight = None
         if next_plan is not None:
-            from wbf_mission.treatment import plan_next
+            from wbf_mission.addons.treatment.next_flight import plan_next
 
             flight = plan_next(of, scenario, progress=progress)
             _check_plan(output, flight, force=force)
@@ -207,8 +207,8 @@ def _treatment(
     given: options.Given, log: Path | None, observations: Path | None, costs: _Costs, progress: Any
 ) -> tuple[TreatmentMap, Scenario]:
     """Return the map, and the scenario that it and the next flight are of."""
+    from wbf_mission.addons.treatment.flights import treatment_of_log, treatment_of_result
     from wbf_mission.results.files import RECORD
-    from wbf_mission.treatment import treatment_of_log, treatment_of_result
 
     wanted: dict[str, Any] = {"costs": costs.given(), "block_m": costs.block}
     if log is None or not (log / RECORD).is_file():
@@ -255,7 +255,7 @@ def _check_next(
 def _folder(out: Path, inputs: list[Path | None], *, overwrite: bool) -> Iterator[Any]:
     """Open the folder of the map, which holds no input, and nothing else unless it may be replaced."""
     from geo.atomic import AtomicFolder, FolderError
-    from wbf_mission.maps.treatment import SUMMARY, is_part
+    from wbf_mission.addons.treatment.treatment_map import SUMMARY, is_part
 
     if out.exists() and not out.is_dir():
         raise TargetError(f"{out}: is a file, not a folder for the map; give another name")
@@ -282,8 +282,8 @@ def _check_plan(output: Output, flight: NextFlight, *, force: bool) -> None:
 
 
 def _rows(of: TreatmentMap, flight: NextFlight | None, out: Path, plan: Path | None) -> dict[str, str]:
-    from wbf_mission.maps.farmer_page import area_in_words
-    from wbf_mission.maps.zones import HEALTHY, LOOK, TREAT
+    from wbf_mission.addons.treatment.farmer_page import area_in_words
+    from wbf_mission.addons.treatment.zones import HEALTHY, LOOK, TREAT
 
     rows = {
         "made from": f"{len(of.observations)} readings, day {of.day}, {of.estimator}",
@@ -301,3 +301,6 @@ def _rows(of: TreatmentMap, flight: NextFlight | None, out: Path, plan: Path | N
         )
     rows["files"] = str(out)
     return rows
+
+
+COMMAND = Command(map_command, EXAMPLES, BEGINNERS)

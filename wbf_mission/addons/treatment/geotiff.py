@@ -10,7 +10,7 @@ import numpy as np
 from geo import Farm
 from sensors.fields import Field
 from sensors.scoring.information import InformationModel
-from wbf_mission.maps.gis import UtmCells, gis, raster
+from wbf_mission.addons.treatment.gis import UtmCells, gis, raster
 
 NODATA = -9999.0
 _STRIP = 512

@@ -29,9 +29,9 @@ from geo import Farm
 from geo.texts import parse_number
 from sensors.dynamics.soil import SoilParameters
 from sensors.fields import Field, FieldSet
+from wbf_mission.addons.treatment.gis import MapError
 from wbf_mission.maps.blocks import MapGrid
 from wbf_mission.maps.field_maps import FieldMap
-from wbf_mission.maps.gis import MapError
 
 Floats: TypeAlias = NDArray[np.float64]
 

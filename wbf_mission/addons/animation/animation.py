@@ -43,6 +43,7 @@ if TYPE_CHECKING:
     from sensors.environment.environment import Environment
     from sensors.scoring.information import InformationModel
     from wbf_mission.run.record import RunRecord
+    from wbf_mission.scenario import Scenario
 
 MOST_FRAMES = 300
 _FRAMES = 150
@@ -153,8 +154,6 @@ def _check_kind(path: Path) -> None:
 
 def _writer(path: Path, sheet: _Sheet) -> Any:
     if path.suffix == ".gif":
-        from wbf_mission.pictures.animation import GifWriter
-
         return GifWriter(_FRAMES_A_SECOND, sheet.colour_maps, _VEHICLES)
     from matplotlib.animation import FFMpegWriter
 
@@ -412,3 +411,27 @@ def palette_of(maps: Sequence[Colormap], lines: Sequence[str]) -> NDArray[np.uin
     counts = [room // len(maps) + (k < room % len(maps)) for k in range(len(maps))]
     spread = [one(np.linspace(0.0, 1.0, count))[:, :3] for one, count in zip(maps, counts, strict=True)]
     return np.rint(255.0 * np.concatenate([fixed, *spread])).astype(np.uint8)
+
+
+class _Animation:
+    needs_estimate = False  # it is made again
+
+    def require(self, scenario: Scenario) -> None:
+        pass
+
+    def is_possible(self, run: RunRecord) -> bool:
+        return any(len(flight.track.time_s) for flight in run.flights)
+
+    def write(
+        self,
+        run: RunRecord,
+        path: Path,
+        progress: Progress | None,
+        *,
+        frames: int = _FRAMES,
+        estimator: Estimator | None = None,
+    ) -> None:
+        animate(run, path, frames=frames, estimator=estimator, progress=progress)
+
+
+ANIMATION = _Animation()

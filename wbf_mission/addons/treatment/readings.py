@@ -19,11 +19,11 @@ from geo import Farm
 from geo.attributes import DEGREES, LATITUDES, LONGITUDES, column_name
 from geo.reading import UnreadableError, read_text
 from geo.texts import parse_number, parse_whole
-from mission.logs import LogTrack
 from sensors.camera.leaf_camera import footprint_offsets
 from sensors.errors import ObservationError
 from sensors.fields import Field, FieldSet
 from sensors.observations import COLUMNS, Observations
+from wbf_mission.addons.treatment.logs import LogTrack
 
 Floats: TypeAlias = NDArray[np.float64]
 
@@ -43,7 +43,7 @@ class Readings:
     key : tuple of str
         One of `KEYS`.
     keys : list
-        Of each row: (latitude, longitude), name, image or seconds (`mission.logs.track.LEAST_UTC_S`).
+        Of each row: (latitude, longitude), name, image or seconds (`logs.track.LEAST_UTC_S`).
     values : list of list of float
         Of each row, by field; NaN where it was not sensed.
     """

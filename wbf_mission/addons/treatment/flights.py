@@ -1,0 +1,174 @@
+"""Treatment map of a flight's readings, or of a run."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from threadpoolctl import threadpool_limits
+
+from geo import Farm
+from sensors.errors import ObservationError
+from sensors.estimation import attribute_errors_to, believed, prepare_days
+from sensors.estimators import Estimator
+from sensors.fields import FieldSet
+from sensors.observations import Observations
+from sensors.scoring.information import InformationModel
+from wbf_mission.addons.treatment.logs import LogError, read_track
+from wbf_mission.addons.treatment.logs.telemetry import observations_in
+from wbf_mission.addons.treatment.readings import is_cells, join, read_readings
+from wbf_mission.addons.treatment.treatment_map import TreatmentMap
+from wbf_mission.addons.treatment.zones import costs_of
+from wbf_mission.planning.plan import farm_of
+from wbf_mission.progress import Progress, silent
+from wbf_mission.run.estimation import estimator_of, naming_estimator, require_run_memory
+from wbf_mission.run.record import RunRecord
+from wbf_mission.scenario import Scenario
+from wbf_mission.scenario.parts import LAST_DAY
+
+Costs = Mapping[str, Sequence[str]]
+"""Costs, as `wbf_mission.addons.treatment.zones.costs_of` takes them."""
+
+
+def treatment_of_log(
+    scenario: Scenario,
+    *,
+    log: Path | None,
+    observations: Path | None,
+    costs: Costs | None = None,
+    block_m: float | None = None,
+    progress: Progress = silent,
+) -> TreatmentMap:
+    """Return the treatment map of the readings of any flight.
+
+    Parameters
+    ----------
+    scenario : Scenario
+        Its farm, fields, day, footprint, estimator and seed.
+    log : Path, optional
+        As `wbf_mission.addons.treatment.logs.read_track` takes it. Without a log the readings need positions.
+    observations : Path, optional
+        A table of readings (`wbf_mission.addons.treatment.readings`), or a file of
+        `sensors.observations.Observations`. A .tlog of a flight with a leaf camera has them itself.
+    costs : mapping, optional
+        See `wbf_mission.addons.treatment.zones.costs_of`.
+    block_m : float, optional
+        See `wbf_mission.addons.treatment.zones.block_grid`.
+
+    Raises
+    ------
+    WbfMissionError
+        If something cannot be read or is out of range, or no reading lies on the farm.
+    """
+    farm, fields = farm_of(scenario.farm)
+    scenario = naming_estimator(scenario, farm, fields)
+    wanted = costs_of(fields, costs or {})
+    progress("reading", 0, 1)
+    seen, notes = _observed(scenario, farm, fields, log, observations)
+    progress("reading", 1, 1)
+    sensed = seen.sensed
+    notes += tuple(
+        f"{one.title} was not read anywhere: its map shows only what is assumed of it (leave it out of"
+        " --fields)"
+        for k, one in enumerate(fields)
+        if not sensed[:, k].any()
+    )
+    day = int(seen.day.max())
+    model, estimator = _estimate(scenario, farm, fields, seen, progress)
+    return TreatmentMap(
+        farm,
+        fields,
+        model,
+        seen,
+        day,
+        str(scenario.estimate.estimator),
+        getattr(estimator, "states_deviation", False),
+        wanted,
+        block_m,
+        " and ".join(one.name for one in (log, observations) if one is not None),
+        notes,
+        knows_only_seen=getattr(estimator, "knows_only_seen", False),
+    )
+
+
+def treatment_of_result(
+    result: RunRecord, *, costs: Costs | None = None, block_m: float | None = None, source: str = ""
+) -> TreatmentMap:
+    """Make the map of a run: its own estimate, at the end of its last day.
+
+    Raises
+    ------
+    WbfMissionError
+        If costs cannot be read, or the run saw nothing.
+    """
+    if result.model is None or not len(result.observations):
+        raise ObservationError("the run saw nothing of the farm: there is no estimate to map")
+    estimator = estimator_of(result.scenario.estimate.estimator, result.scenario.seed, result.fields)
+    return TreatmentMap(
+        result.farm,
+        result.fields,
+        result.model,
+        result.observations,
+        result.days[-1].day if result.days else int(result.observations.day.max()),
+        result.estimator,
+        getattr(estimator, "states_deviation", False),
+        costs_of(result.fields, costs or {}),
+        block_m,
+        source,
+        knows_only_seen=getattr(estimator, "knows_only_seen", False),
+    )
+
+
+def _observed(
+    scenario: Scenario, farm: Farm, fields: FieldSet, log: Path | None, table: Path | None
+) -> tuple[Observations, tuple[str, ...]]:
+    names = fields.names
+    day, footprint = scenario.farm.day, scenario.camera.footprint
+    track = None if log is None else read_track(log)
+    notes = () if track is None else track.notes
+    if table is None:
+        if log is None or track is None:
+            raise LogError("there is nothing to map: give --log, --observations or both")
+        if track.kind != "telemetry log":
+            raise LogError(
+                f"{log}: a {track.kind} says where the camera was, not what it saw; give --observations"
+            )
+        seen, lost = observations_in(log, farm, day, names)
+        if not len(seen):
+            text = "has no observations of a leaf camera on the farm"
+            raise LogError(f"{log}: {text} {farm.name}; give --observations, or another --farm")
+        return seen, (*notes, *lost)
+    if is_cells(table):
+        seen = Observations.load(table, names)
+        seen.check_inside(farm.grid().shape)
+        if not len(seen):
+            raise ObservationError(f"{table}: holds no observations")
+        if not 0 <= seen.day.min() <= seen.day.max() <= LAST_DAY:
+            days = f"{seen.day.min()} to {seen.day.max()}"
+            raise ObservationError(f"{table}: the days {days} are not within 0 to {LAST_DAY}")
+        return seen, ()
+    try:
+        seen, left_out = join(read_readings(table, fields), track, farm, names, footprint, day)
+    except (LogError, ObservationError) as error:
+        if str(error).startswith(str(table)):
+            raise
+        raise ObservationError(f"{table}: {error}") from None
+    return seen, (*notes, *left_out)
+
+
+def _estimate(
+    scenario: Scenario, farm: Farm, fields: FieldSet, seen: Observations, progress: Progress
+) -> tuple[InformationModel, Estimator]:
+    """Return the estimate after these observations, and the estimator."""
+    estimator = estimator_of(scenario.estimate.estimator, scenario.seed, fields)
+    require_run_memory(farm, estimator, len(seen))
+    first = int(seen.day.min())
+    # As in a flight: sums of code of the user's own do not depend on the number of cores then.
+    with threadpool_limits(1, user_api="blas"), attribute_errors_to(estimator):
+        estimator.fit(farm.grid())
+        prepare_days(estimator, first, int(seen.day.max()) - first + 1, progress)
+        progress("estimating", 0, 1)
+        estimator.partial_fit(seen)
+        model = believed(estimator)
+        progress("estimating", 1, 1)
+    return model, estimator

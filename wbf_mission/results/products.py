@@ -1,0 +1,53 @@
+"""Files and folders that add-ons write beside the results of a run: entry points by their names."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Protocol
+
+from geo.imports import entry_points, load_entry
+from wbf_mission.results.storage import ResultError
+
+if TYPE_CHECKING:
+    from wbf_mission.progress import Progress
+    from wbf_mission.run.record import RunRecord
+    from wbf_mission.scenario import Scenario
+
+GROUP = "wbf_mission.products"
+ANIMATION, TREATMENT = "run.gif", "treatment"
+
+
+class Product(Protocol):
+    """A file or folder that an add-on makes of a run.
+
+    Attributes
+    ----------
+    needs_estimate : bool
+        Whether the run's estimate must still be in memory. The other products are written last, without it.
+    """
+
+    needs_estimate: bool
+
+    def require(self, scenario: Scenario) -> None:
+        """Raise WbfMissionError, before anything flies, if the product of this scenario cannot be made."""
+
+    def is_possible(self, run: RunRecord) -> bool:
+        """Return whether the run has what the product shows."""
+
+    def write(self, run: RunRecord, path: Path, progress: Progress) -> None:
+        """Write the file or folder; `progress` may raise KeyboardInterrupt."""
+
+
+def product_names() -> frozenset[str]:
+    """Return the names of the files and folders that the installed add-ons can make."""
+    return frozenset(entry.name for entry in entry_points(GROUP))
+
+
+def product(name: str) -> Product:
+    """Return the product of a name; ResultError if no installed package brings it."""
+    entry = next((entry for entry in entry_points(GROUP) if entry.name == name), None)
+    if entry is None:
+        msg = f"no package that is installed makes '{name}' ({GROUP}): install wbf-mission anew"
+        raise ResultError(msg)
+    made: Product = load_entry(entry, f"the product {name}", ResultError)
+    return made

@@ -183,9 +183,7 @@ class RefiningLawnmower:
             )
             for crop in {crop for disease in fields.diseases for crop in disease.crops}
         }
-        grown = [
-            crop_area for crop_area in vehicle.request.crop_areas if weight_of.get(crop_area.crop, 0.0) > 0.0
-        ]
+        grown = [land for land in vehicle.request.crop_areas if weight_of.get(land.crop, 0.0) > 0.0]
         grown.sort(key=lambda one: -weight_of[one.crop])
         lands = []
         for one in grown:

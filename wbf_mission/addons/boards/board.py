@@ -1,8 +1,7 @@
 """Leaderboard of submissions and frozen baselines, compared if flown on the same environments.
 
-There is one table for each scenario, behaviour of the program and set of environments. A table has every
-method that was flown on all of its environments. A submission with few environments therefore does not narrow
-the comparison of others.
+There is one table for each scenario, behaviour of the program and set of environments. It has the methods
+flown on all of its environments, so a submission with few environments does not narrow other tables.
 """
 
 from __future__ import annotations
@@ -158,8 +157,7 @@ def _entry(path: Path, *, frozen: bool, verify: int | None, progress: Progress) 
         require_whole(pack.rows, sealed=bool(pack.submission.seal))
     except ResultError as error:
         raise ResultError(f"{path}: {error}") from None
-    # Packs of the folder that this version does not list are baselines, too, but rows of theirs are flown
-    # again.
+    # Packs of the folder that this version does not list are baselines, too, but are verified.
     listed = frozen and is_frozen(path, pack.digest)
     count = verify if verify is not None else 0 if listed else VERIFIED
     verification = fly_again(pack.rows, count, progress=progress)

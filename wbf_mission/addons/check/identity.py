@@ -73,9 +73,7 @@ def version(peer: Peer) -> str:
     return f"firmware {number >> 24}.{number >> 16 & 255}.{number >> 8 & 255}"
 
 
-@check(
-    "identity.version-old", required=False, suffers="older clients; MAVSDK uses it for every second request"
-)
+@check("identity.version-old", required=False, suffers="older clients; MAVSDK for every second request")
 def version_old(peer: Peer) -> None:
     """AUTOPILOT_VERSION is sent on REQUEST_AUTOPILOT_CAPABILITIES."""
     peer.forget()

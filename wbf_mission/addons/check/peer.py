@@ -177,8 +177,7 @@ class Peer:
     ) -> M | None:
         """Return the first message of one of these kinds, or None after `seconds`.
 
-        `to`: accept only messages addressed to this system. By default, messages to the other ground stations
-        of `send_as` are ignored.
+        `to`: accept only messages to this system. By default, those to other ground stations are ignored.
         """
         wanted = kinds if isinstance(kinds, tuple) else (kinds,)
         for _, message in self.heard(seconds):

@@ -8,15 +8,9 @@ from numpy.typing import NDArray
 from geo import Farm
 from wbf_mission.pictures.plots import CROP_COLOURS, LINE_COLOURS
 
-OBSTACLE, FENCE = "#b22222", "#e69f00"
-_LAND = "#8c8c8c"
-SHOWN_AGAIN = 100
-"""Approximate number of times per run that a growing track or set of readings is written again in full.
-
-A viewer that jumps to a moment then shows all of it.
-"""
-TRACK_POINTS = 1000
-"""Maximum number of points of a displayed track."""
+OBSTACLE, FENCE, _LAND = "#b22222", "#e69f00", "#8c8c8c"
+SHOWN_AGAIN = 100  # Approximate full rewrites of growing tracks and readings per run, for viewers that jump
+TRACK_POINTS = 1000  # Maximum of a displayed track
 
 
 def vehicle_size_m(farm: Farm) -> float:

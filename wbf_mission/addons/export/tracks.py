@@ -270,10 +270,7 @@ def _add_farm(top: ElementTree.Element, tracks: _Tracks) -> None:
     folder = add(top, "Folder")
     add(folder, "name", printable(farm.name))
     shapes = [(patch.name, patch.polygon, 0.0, crop_colour(str(patch.crop))) for patch in farm.patches]
-    shapes += [
-        (obstacle.name or "obstacle", obstacle.polygon, obstacle.height_m or 0.0, OBSTACLE)
-        for obstacle in farm.obstacles
-    ]
+    shapes += [(it.name or "obstacle", it.polygon, it.height_m or 0.0, OBSTACLE) for it in farm.obstacles]
     for name, polygon, height_m, colour in shapes:
         area = add(_mark(folder, printable(name), colour), "Polygon")
         if height_m:

@@ -58,9 +58,8 @@ class FileTree:
     """Directories and files of a vehicle; methods raise FileError on failure.
 
     Files can be written in ``directories`` and below. ``made`` maps a path to a function that returns the
-    contents when the file is read. ``taken`` maps a path to a function that receives the written contents and
-    returns whether the vehicle accepts them. ``mounted`` maps a directory to a function that returns its
-    read-only files by path.
+    contents when read; ``taken`` maps a path to one that receives the written contents and returns whether
+    they are accepted; ``mounted`` maps a directory to one that returns its read-only files by path.
     """
 
     def __init__(

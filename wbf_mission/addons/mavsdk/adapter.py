@@ -73,9 +73,8 @@ class MavsdkOrders:
     LOITER on an ArduCopter, which sinks without a stick), message rates, and the start of an ArduCopter's
     mission, which takes off only at MISSION_START (MAVSDK's start_mission sets the mode).
 
-    MISSION_SET_CURRENT is not sent by MAVSDK. Its set_current_mission_item repeats the message at each
-    MISSION_CURRENT with another item, which never ends if a vehicle advances from a command to its next
-    waypoint at once.
+    MAVSDK does not send MISSION_SET_CURRENT. Its set_current_mission_item repeats the message at each other
+    MISSION_CURRENT, without end if a vehicle advances from a command to its next waypoint at once.
     """
 
     def __init__(

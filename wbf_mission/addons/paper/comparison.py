@@ -32,8 +32,7 @@ _WIDTH = 55  # Characters per line of a panel title
 _PARTS = (0.1, 0.2, 0.5, 1.0)
 _EARLY = 0.2
 _STEPS = 501
-# Thresholds relative to the previous loss: above rounding, and visible in a plot
-_TOLERANCE, _FALL = 1e-6, 0.01
+_TOLERANCE, _FALL = 1e-6, 0.01  # Relative to the previous loss: above rounding, and visible in a plot
 _LEAST_LOSS = 1e-12
 """Lower limit of a loss, against division by zero."""
 _COLUMNS = ("path", "truth", "estimate", "score, 0 is perfect")

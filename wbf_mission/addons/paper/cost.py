@@ -200,9 +200,7 @@ def plot_costs(costs: Sequence[Cost], paths: Sequence[Path], limit_s: float = LI
     most = max((cost.observations for cost in costs), default=1)
     for axes in panels:
         axes.set_xlim(0.7, 1.4 * max(most, 1))
-    scores = sorted(
-        (cost.cells, cost.cpu_s) for cost in costs if cost.method == SCORE and cost.cpu_s is not None
-    )
+    scores = sorted((row.cells, row.cpu_s) for row in costs if row.method == SCORE and row.cpu_s is not None)
     last.plot(*np.array(scores).reshape(-1, 2).T, color=_GREY, linewidth=1.2)
     for farm, cells in farms:
         own_s = [cost.cpu_s for cost in costs if (cost.method, cost.farm) == (SCORE, farm)]

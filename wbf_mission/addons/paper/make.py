@@ -178,10 +178,7 @@ def _geometry(work: _Work) -> Section:
 def _dynamics(work: _Work) -> Section:
     name, scenario = work.spec.scenarios[0]
     seeds, title = work.spec.seeds, f"{len(DAYS)} days of the environment"
-    drawn = {
-        f"dynamics-{dynamics_farm}": scenario_with(scenario, {"farm": dynamics_farm})
-        for dynamics_farm in work.dynamics_farms
-    }
+    drawn = {f"dynamics-{farm}": scenario_with(scenario, {"farm": farm}) for farm in work.dynamics_farms}
     pictures, farms = [], []
     for file, one in (drawn or {"dynamics": scenario}).items():
         dynamics = Dynamics.of(one, seeds, work.progress)

@@ -32,8 +32,7 @@ _PIECE = re.compile(r"[^\s/:,=-]{1,24}[/:,=-]*|[/:,=-]+|\s+")
 def write_bench_page(path: Path, page: Page, folder: Path, rows: Sequence[BenchRow] = ()) -> None:
     """Write a page as one HTML file: a `wbf_mission.cli.pages.BenchPage`.
 
-    Pictures from `folder` are embedded, but PDFs are linked. `rows` add one table of all standings, which
-    replaces the tables of the sections.
+    Pictures of `folder` are embedded, PDFs linked. `rows`: one table of all standings replaces the sections'.
     """
     groups = list(scored(apart(rows)))
     found = [(group, standings_of(group)) for group in groups]

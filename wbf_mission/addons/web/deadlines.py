@@ -54,11 +54,7 @@ class HurriedProtocol(H11Protocol):
             return
         limit_s = HEAD_S if missing is h11.IDLE else BODY_S
         self._deadline = self.loop.call_later(limit_s, self.transport.abort)
-        waiting = [
-            connection
-            for connection in self.connections
-            if isinstance(connection, HurriedProtocol) and connection.waits
-        ]
+        waiting = [peer for peer in self.connections if isinstance(peer, HurriedProtocol) and peer.waits]
         if len(waiting) > MAX_WAITING:
             min(waiting, key=lambda one: one.since_s).transport.abort()
 

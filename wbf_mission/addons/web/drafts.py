@@ -142,8 +142,7 @@ class PlannedDraft:
     def flown(self, folder: Path) -> Scenario:
         """Return the scenario that flies the plan; DraftError if the simulator cannot fly it.
 
-        A number of batteries and a survey camera affect only planning: the planned mission with its images is
-        flown.
+        A number of batteries and a survey camera affect only the planned mission, not how it is flown.
         """
         scenario = self.draft.scenario
         if self.not_flown:
@@ -223,11 +222,7 @@ class Drafts:
             farm: Any = msgspec.json.decode(given.farm)
         except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
             raise DraftError(f"the draft cannot be read: {error}") from None
-        options = {
-            key: self._option(key, option)
-            for key, option in given.options.items()
-            if option not in (None, "")
-        }
+        options = {key: self._option(key, to) for key, to in given.options.items() if to not in (None, "")}
         if isinstance(farm, str):
             first = self.start.farm
             if farm != first.name:
@@ -360,11 +355,7 @@ def _called(document: bytes) -> str:
 
 def written_suffixes() -> dict[str, str]:
     """Return the names of the writable mission formats by their usual file suffix."""
-    return {
-        mission_format.suffixes[0]: mission_format.name
-        for mission_format in mission_formats()
-        if mission_format.dumps
-    }
+    return {known.suffixes[0]: known.name for known in mission_formats() if known.dumps}
 
 
 def without_budget(scenario: Scenario) -> Scenario:

@@ -43,8 +43,7 @@ class Guard:
         if refused is None:
             await self._app(scope, receive, _with_headers(send))
         elif scope["type"] == "websocket":
-            # Closed before it is accepted, which sends a 403
-            await send({"type": "websocket.close", "code": 1008})
+            await send({"type": "websocket.close", "code": 1008})  # Before acceptance: sends a 403
         else:
             await refused(scope, receive, _with_headers(send))
 

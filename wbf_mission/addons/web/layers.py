@@ -73,8 +73,7 @@ class Layers:
     """Layers over one farm.
 
     `put` is slow and is called by one thread at a time. `draw`, `show` and `scales` are fast and need the
-    lock of the shared layers. Arrays have the farm's cells. There are at most `longest` pixels along the
-    farm's longer side.
+    lock of the shared layers. Arrays have the farm's cells. A side has at most `longest` pixels.
     """
 
     def __init__(self, farm: Farm, longest: int = LONGEST) -> None:
@@ -134,8 +133,7 @@ class Layers:
             if peak > scale:
                 scale, windows = _round_up(float(peak)), list(self._windows(None))
         drawn = [
-            (window, _bytes(layer.means[window[0] : window[1], window[2] : window[3]], scale or 1.0))
-            for window in windows
+            (box, _bytes(layer.means[box[0] : box[1], box[2] : box[3]], scale or 1.0)) for box in windows
         ]
         return Drawing(name, layer, scale, drawn)
 

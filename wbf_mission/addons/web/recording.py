@@ -69,8 +69,7 @@ class Recorder:
 class LiveLayers:
     """Layers of a run in flight: its estimates, and the acquisition map of each decision.
 
-    About `MOMENTS` of the `scored` times are kept. `decided_s` is the time of each decision, by the `id` of
-    its record.
+    About `MOMENTS` of the `scored` times are kept. `decided_s` maps the `id` of a decision to its time.
     """
 
     def __init__(self, events: EventStream, scored: int) -> None:
@@ -142,8 +141,7 @@ def thinned_states(states: schema.States) -> schema.States:
     """Return the states without those that lie, within `_TOLERANCES`, on straight lines over time.
 
     Algorithm of D. H. Douglas and T. K. Peucker, "Algorithms for the reduction of the number of points
-    required to represent a digitized line or its caricature", Cartographica 10 (1973) 112-122, with distances
-    at equal times.
+    required to represent a digitized line or its caricature", Cartographica 10 (1973), at equal times.
     """
     columns: dict[str, list[Any]] = asdict(states)
     kept = np.zeros(len(states.time_s), bool)

@@ -285,8 +285,7 @@ class Beat(Struct):
 class Update(Struct, omit_defaults=True):
     """New data; a missing member is unchanged.
 
-    Lists and columns are appended to. Other members are replaced; `tiles` and `decisions` are replaced one by
-    one.
+    Lists and columns are appended to. Other members are replaced; `tiles` and `decisions` item by item.
     """
 
     time_s: float

@@ -68,8 +68,7 @@ class LiveServer:
     a random one, which `url` contains. Without `orders`, pages only show the run. `tiles` are a background
     map. `routes` are protected by the guard (`wbf_mission.addons.web.guard`), at any path except "/live",
     "/beats" and "/tiles/..."; they must limit the request bodies themselves. `home` is the page of
-    ``static/`` at "/". MapTilesError if the tiles cannot be used; ``with`` raises LinkError if the port is
-    taken.
+    ``static/`` at "/". MapTilesError if the tiles are unusable; ``with``: LinkError if the port is taken.
 
     >>> with LiveServer(View()) as server:
     ...     server.url.startswith("http://127.0.0.1:")

@@ -32,9 +32,9 @@ def farm_shape(farm: Farm) -> schema.FarmShape:
     simpler_m = max(width_m, height_m) / _SIMPLER
     patches = [
         schema.PatchShape(
-            patch.name, str(patch.crop), patch.owner == farm.owner, _rings(patch.polygon, simpler_m)
+            land.name, str(land.crop), land.owner == farm.owner, _rings(land.polygon, simpler_m)
         )
-        for patch in farm.patches
+        for land in farm.patches
     ]
     obstacles = [
         schema.ObstacleShape(obstacle.name, obstacle.height_m, _rings(obstacle.polygon, simpler_m))

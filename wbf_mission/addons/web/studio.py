@@ -62,8 +62,7 @@ class Studio:
     def begin(self, server: LiveServer) -> None:
         """Connect to the server: its live page shows the flights, and its map tiles are the background.
 
-        The initial scenario is planned in the background, which also compiles the code before the first
-        request.
+        The initial scenario is planned in the background, which also compiles the code for later requests.
         """
         self._flight.show, self._background = server.show, server.background
         body = msgspec.json.encode({"farm": self.drafts.start.farm.name, "options": self._given()})

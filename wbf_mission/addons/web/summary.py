@@ -157,10 +157,7 @@ def _facts(told: Mapping[str, str]) -> str:
 def _shown_warnings(record: RunRecord) -> list[str]:
     """Return the first warnings, and the number of further ones."""
     warnings = record.warnings
-    lines = [
-        warning if len(warning) <= _LONGEST_WARNING else f"{warning[:_LONGEST_WARNING]}..."
-        for warning in warnings
-    ]
+    lines = [text if len(text) <= _LONGEST_WARNING else f"{text[:_LONGEST_WARNING]}..." for text in warnings]
     if len(lines) > _TOLD_WARNINGS:
         lines[_TOLD_WARNINGS - 1 :] = [f"and {len(lines) - _TOLD_WARNINGS + 1} more warnings"]
     return lines
@@ -238,9 +235,7 @@ def _map(
     pixels[known] = 1 + np.clip(np.rint(share[known] * (_STEPS - 1)), 0, _STEPS - 1).astype(np.uint8)
     palette = np.concatenate([np.zeros((1, 3), np.uint8), _ramp(field)])
     blocks = reports[field.name].blocks
-    dots = "".join(
-        drawing.dot(block.x_m, block.y_m, str(number)) for number, block in enumerate(blocks, start=1)
-    )
+    dots = "".join(drawing.dot(block.x_m, block.y_m, str(n)) for n, block in enumerate(blocks, start=1))
     over = _flown(record, drawing) + dots
     shows = f"Map of the estimate of {field.title}"
     name = f"{field.name}{side}"

@@ -130,9 +130,8 @@ class View:
     """State of a run as shown by pages; a listener of its events.
 
     The run's threads call `take`, which is fast. Any number of viewers call `update` at any time, without
-    state here. Estimates are drawn in at most `share` of the wall time (1 draws every one), and always at the
-    end of a flight. Layers have at most `longest` pixels along the farm's longer side. `clock` measures the
-    age of vehicle states.
+    state here. Estimates are drawn in at most `share` of the wall time (1: all), and always at the end of a
+    flight. Layers have at most `longest` pixels per side. `clock` measures the age of vehicle states.
 
     >>> view = View()
     >>> view.take(events.Noted("the vehicle is heard"))
@@ -145,15 +144,13 @@ class View:
         self, *, share: float = 0.2, longest: int = LONGEST, clock: Callable[[], float] = steady_s
     ) -> None:
         self._share, self._longest, self._clock = share, longest, clock
-        # The first lock is held for a whole drawing, the second one briefly for every read or change of the
-        # state.
+        # The first lock is held for a whole drawing, the second one briefly for each access to the state.
         self._drawing, self._lock = threading.RLock(), threading.RLock()
         self._begun: events.RunBegun | None = None
         self._fields: tuple[Field, ...] = ()
         self._skipped: InformationModel | None = None  # Latest estimate, if not drawn
         self._stale: Bools | None = None  # bool[n, tiles along x, y]: tiles changed since the last drawing
-        # Values and revision of the latest estimate
-        self._followed: tuple[weakref.ref[Any], int] | None = None
+        self._followed: tuple[weakref.ref[Any], int] | None = None  # Values and revision of the latest one
         self._draw_at_s = 0.0
 
         self._layers: Layers | None = None
@@ -169,10 +166,8 @@ class View:
         self._readings = _Readings()
         self._scores = _Rows[_Scored]("scores", MAX_STATES, thins=True)
         self._decisions = _Rows[schema.Decision]("decisions", MAX_DECISIONS)
-        # A record's own times count from the start of its flight
-        self._records: list[tuple[float, DecisionRecord]] = []
-        # Decisions in progress by number, with their last published state
-        self._open: dict[int, tuple[str, tuple[str, ...]] | None] = {}
+        self._records: list[tuple[float, DecisionRecord]] = []  # Record times: from the flight's start
+        self._open: dict[int, tuple[str, tuple[str, ...]] | None] = {}  # In progress: last state sent
         self._said = _Rows[schema.Said]("said", MAX_SAID)
 
     # Output
@@ -457,10 +452,8 @@ def _decision(number: int, time_s: float, record: DecisionRecord) -> schema.Deci
         *(number, round(time_s, 2), record.day, record.flight, record.event, record.reason, record.refused),
         compute_s=round(record.compute_s, 4),
         candidates=[
-            schema.Candidate(
-                alternative.system_id, ring(alternative.points_m), alternative.value, alternative.cost
-            )
-            for alternative in record.alternatives[:MAX_CANDIDATES]
+            schema.Candidate(other.system_id, ring(other.points_m), other.value, other.cost)
+            for other in record.alternatives[:MAX_CANDIDATES]
         ],
         changes=[
             schema.Change(change.system_id, ring(change.path_m), change.cost, change.outcome)

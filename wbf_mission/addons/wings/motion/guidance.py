@@ -269,8 +269,7 @@ def circles(state: Record, row: Record, arrived: bool) -> bool:
 def _comes_along_line(state: Record, row: Record, limits: Record) -> bool:
     """Return whether ArduPlane approaches a mission's circle along the line from the previous waypoint.
 
-    The line is followed until near the circle (``Plane::update_loiter``); a return goes to the circle
-    directly.
+    It follows the line until near the circle (``Plane::update_loiter``); a return flies directly to it.
     """
     of_mission = row.kind == at.CIRCLE and row.at_once == 0.0
     return bool(limits.law != NPFG and of_mission and isnan(state.bearing) and state.direct == 0.0)

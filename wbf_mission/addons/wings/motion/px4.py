@@ -124,8 +124,7 @@ def _approach(state: Record, row: Record, limits: Record) -> float:
         # The line continues below the ground, to avoid slowing down before the flare.
         height = min(slope * to_go, max(state.begin_z, 0.0))
     else:
-        # Circular descent: the demanded height is below the vehicle by an offset that yields the slope's sink
-        # rate.
+        # Circular descent: the demanded height is below the vehicle, by an offset for the slope's sink rate.
         height = state.position_z - row.slope * ground * limits.height_s
     if state.position_z <= max(limits.flare_height, limits.flare_s * max(-state.velocity_z, 0.0)):
         state.doing = FLARE

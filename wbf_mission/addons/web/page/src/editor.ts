@@ -14,9 +14,7 @@ export type Tool = "select" | "field" | "hole" | "pond" | "obstacle" | "no-fly" 
 const CLOSE_PX = 14;
 /** Distance from the last corner within which a click belongs to a double click (pixels). */
 const SAME_PX = 4;
-/**
- * Maximum number of corners with handles for new corners, and with handles at all; the table has all corners.
- */
+/** Maximum number of corners with handles for new corners, and with any handle; the table has all. */
 const [MOST_MIDDLES, MOST_CORNERS] = [150, 600];
 /** Step of an arrow key when moving a corner (pixels). */
 const STEP_PX = 4;
@@ -122,9 +120,7 @@ export class Editor {
       L.circleMarker(latLng(place), { radius: 9, weight: 3, color: themed("danger"), fill: false, interactive: false, className: "crossing" }).addTo(this.crossed);
   }
 
-  /**
-   * Keys: space sets a corner at the map's centre, Enter closes, Backspace removes a corner, Escape cancels.
-   */
+  /** Space sets a corner at the map's centre, Enter closes, Backspace removes a corner, Escape cancels. */
   key(event: KeyboardEvent): void {
     if (event.key === "Escape" && (this.drawing || this.tool !== "select")) {
       if (this.drawing) this.take(this.tool);

@@ -182,8 +182,7 @@ function table(model: Model, { candidates, changes }: Decision): HTMLElement {
     .slice(0, 12)
     .map((one) => {
       const taken = changes.some((change) => String(change.path) === String(one.path));
-      // Some candidates have only an end point
-      const length = one.path.length > 2 ? metres(lengthOf(one.path)) : "–";
+      const length = one.path.length > 2 ? metres(lengthOf(one.path)) : "–"; // Some have only an end point
       const cells = [`${model.nameOf(one.system_id)}${taken ? " ✓" : ""}`, figure(one.value), figure(one.cost), length];
       return element("tr", taken ? { class: "taken" } : {}, ...cells.map((text) => element("td", {}, text)));
     });

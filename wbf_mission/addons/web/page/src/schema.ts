@@ -251,7 +251,7 @@ export interface Beat {
 }
 
 /** New data; a missing member is unchanged. Lists and columns are appended to. Other members are replaced; `tiles`
- * and `decisions` are replaced one by one. */
+ * and `decisions` item by item. */
 export interface Update {
   time_s: number;
   /** Members to empty first: "plans", "said", "decisions", "scores" and "states/SYSTEM_ID", if older rows were

@@ -102,9 +102,7 @@ export function withRing(sketch: Sketch, number: number, ring: number, positions
   return withShape(sketch, number, { rings });
 }
 
-/**
- * Remove a corner; a ring needs three, so a smaller hole is removed, and a smaller outline with its shape.
- */
+/** Remove a corner; a ring of two is removed: a hole alone, an outline with its whole shape. */
 export function withoutCorner(sketch: Sketch, number: number, ring: number, corner: number): Sketch {
   const shape = sketch.shapes[number]!;
   const positions = shape.rings[ring]!.filter((_, k) => k !== corner);

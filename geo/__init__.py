@@ -1,4 +1,4 @@
-"""Where things are: units, the local frame, farms, their cells and farm files."""
+"""Geography: units, the local frame, farms, crop maps and farm files."""
 
 from typing import TYPE_CHECKING
 

@@ -1,9 +1,9 @@
-"""Files and folders that appear complete or not at all, and locks.
+"""Atomic writes: files and folders that appear complete or not at all.
 
-A file is written to a temporary neighbour in the same folder. When the ``with`` block ends well, the
-neighbour is brought to the disk (``fsync``), takes the target's place in one step (``os.replace``), and the
-folder is brought to the disk too: even a power cut leaves the old file or the new one. When the block ends
-with an exception, Ctrl-C included, the neighbour is removed and an older target stays as it was.
+A file is written under a temporary name in the target's folder. When the ``with`` block ends without an
+exception, the temporary file is flushed to the disk (``fsync``) and renamed to the target (``os.replace``),
+and the folder is flushed too: even a power cut leaves the old file or the new one. After an exception, Ctrl-C
+included, the temporary file is removed and an older target is unchanged.
 
 >>> import tempfile
 >>> from pathlib import Path
@@ -29,19 +29,15 @@ from pathlib import Path
 from typing import IO, Literal, Self, TextIO, overload
 
 from geo.errors import WbfMissionError
-
-if sys.platform == "win32":
-    import msvcrt
-else:
-    import fcntl
+from geo.locks import lock_held
 
 DISK_ERRORS = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO})
-"""Errors of a write whose OSError names no file."""
+"""Error numbers of a failed write for which the OSError names no file."""
 
 
 @contextlib.contextmanager
 def disk_errors_named(path: Path, temporary: Path | None = None) -> Iterator[None]:
-    """Make an OSError of a full disk, or of the temporary neighbour, name the target."""
+    """Make an OSError of a full disk or of the file `temporary` name the target `path`."""
     try:
         yield
     except OSError as error:
@@ -52,14 +48,14 @@ def disk_errors_named(path: Path, temporary: Path | None = None) -> Iterator[Non
 
 
 def to_disk(path: Path) -> None:
-    """Wait until a file, or the names in a folder, are on the disk."""
+    """Flush a file, or the names in a folder, to the disk."""
     if sys.platform == "win32" and path.is_dir():  # Windows opens no folders
         return
     descriptor = os.open(path, os.O_RDWR if sys.platform == "win32" else os.O_RDONLY)
     try:
         os.fsync(descriptor)
     except OSError as error:
-        # Some file systems cannot do it for folders, or at all.
+        # Some file systems have no fsync for folders, or none for files either.
         if error.errno not in (errno.EINVAL, errno.ENOTSUP):
             raise
     finally:
@@ -70,8 +66,9 @@ def to_disk(path: Path) -> None:
 def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
     """Yield a temporary path with the same suffix, for writers that open files by name.
 
-    A symbolic link stays and its target is replaced; permissions of an older file are kept. A target that is
-    no regular file (a pipe, ``/dev/stdout``) is yielded itself. The block has to create the file.
+    The ``with`` block has to create the file. If `path` is a symbolic link, the file that it points to is
+    replaced. The permissions of an older file are kept. A target other than a regular file (a pipe,
+    ``/dev/stdout``) is yielded itself.
     """
     target = Path(path).resolve()
     if target.is_dir():
@@ -79,7 +76,7 @@ def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
     if target.exists() and not target.is_file():
         yield Path(path)
         return
-    # The suffix stays, because libraries choose the format by it; the stem is cut to stay under 255 bytes.
+    # Libraries choose the format by the suffix. The stem is cut because file systems allow 255 bytes.
     name = f".{target.stem[:40]}-{secrets.token_hex(6)}{target.suffix[:20]}"
     temporary = target.with_name(name)
     with disk_errors_named(Path(path), temporary):
@@ -111,9 +108,9 @@ def atomic_write(
 def atomic_write(
     path: str | os.PathLike[str], mode: Literal["w", "wb"] = "w", *, newline: str | None = None
 ) -> Iterator[IO[str] | IO[bytes]]:
-    """Open a file for writing that appears under its name only when the block ends well.
+    """Open a file for writing that appears under its name when the block ends without an exception.
 
-    Text is UTF-8; the ``filename`` of an OSError is the target.
+    Text is encoded as UTF-8. The ``filename`` of an OSError is `path`.
     """
     with atomic_path(path) as temporary:
         if mode == "wb":
@@ -124,51 +121,20 @@ def atomic_write(
                 yield text
 
 
-def lock_file(descriptor: int, *, wait: bool) -> bool:
-    """Lock an open file for this process; False if another process has it and `wait` is false.
-
-    OSError if the file system has no locks.
-    """
-    if sys.platform == "win32":
-        while True:
-            try:
-                msvcrt.locking(descriptor, msvcrt.LK_LOCK if wait else msvcrt.LK_NBLCK, 1)
-            except PermissionError:
-                return False
-            except OSError as error:  # LK_LOCK gives up after ten seconds
-                if error.errno != errno.EDEADLK:
-                    raise
-            else:
-                return True
-    try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX if wait else fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        return False
-    return True
-
-
-def unlock_file(descriptor: int) -> None:
-    """Unlock an open file, also for processes that were forked meanwhile."""
-    if sys.platform == "win32":
-        msvcrt.locking(descriptor, msvcrt.LK_UNLCK, 1)
-    else:
-        fcntl.flock(descriptor, fcntl.LOCK_UN)
-
-
-_LONGEST_NAME = 240  # Leaves room for the hidden folders' names: file systems allow 255 bytes
+_LONGEST_NAME = 240  # File systems allow 255 bytes; suffixes of the hidden folders are added
 
 
 class FolderError(WbfMissionError, ValueError):
-    """A folder that cannot be written now; the text is the reason, without the folder's name."""
+    """A folder that cannot be written now. The text is the reason, without the folder's name."""
 
 
 class AtomicFolder:
-    """A folder whose content one process replaces as a whole.
+    """Atomic replacement of a folder's content by one process at a time.
 
-    New content is filled into a hidden folder beside the target. `commit` renames that to a name for complete
-    content and puts it in place by renames: the older content goes aside, the new one in, then the older one
-    is removed. A process killed anywhere leaves one of them whole; the next process that opens the folder, or
-    `settle`, completes what was committed.
+    New content is written into a hidden folder beside the target. `commit` renames the hidden folder to mark
+    it complete, moves the older content aside, moves the new content into place and removes the older
+    content. A process killed at any step leaves the older content or the new content complete. The next
+    process that opens the folder, or `settle`, completes a commit that was interrupted.
 
     >>> import tempfile
     >>> target = Path(tempfile.mkdtemp()) / "result"
@@ -178,25 +144,25 @@ class AtomicFolder:
     >>> [path.name for path in target.parent.iterdir()], (target / "mark").read_text()
     (['result'], 'whole')
 
-    Within the ``with`` block no other process can enter one for the same folder; the lock ends with the
-    process, however it ends.
+    A lock keeps other processes from entering a ``with`` block for the same folder. The lock ends with the
+    process, however that ends.
 
     Parameters
     ----------
     path : Path
-        The folder. It and its parents may be missing. A mount, or this process's working folder, stays, and
-        only its content is replaced.
+        The folder; missing parents are made. A mount point or this process's working folder is kept, and only
+        its content is replaced.
     mark : str
-        A file that whole content holds.
+        Name of a file that complete content always holds.
     is_part : callable
-        Whether a name belongs to the content that is replaced.
+        Returns whether a file of this name belongs to the replaced content; other files are kept.
     rescue : callable
-        Called on entering, before remains of a killed process in `filled` are removed.
+        Called on entering if a killed process left files in `filled`, before they are removed.
 
     Raises
     ------
     FolderError
-        On entering, if another process has the folder, or it cannot be written.
+        On entering, if another process writes the folder, or the folder cannot be written.
     """
 
     def __init__(
@@ -213,49 +179,53 @@ class AtomicFolder:
         name = self.target.name
         if len(os.fsencode(name)) > _LONGEST_NAME:
             name = hashlib.sha256(os.fsencode(name)).hexdigest()
-        hidden = self.target if self.target.is_mount() else self.target.parent
+        hidden = self.target if os.path.ismount(self.target) else self.target.parent
         self.filled = hidden / f".{name}.partial"
-        """Where the new content is written."""
+        """Folder into which the block writes the new content."""
         self._ready, self._older = hidden / f".{name}.ready", hidden / f".{name}.older"
         self._lock_path = hidden / f".{name}.lock"
-        self._lock: int | None = None
-        self._made: list[Path] = []
+        self._held = contextlib.ExitStack()
 
     @property
     def is_unsettled(self) -> bool:
-        """Whether a process was killed while it put new content in place."""
+        """Whether a process was killed in the middle of a commit."""
         return self._ready.is_dir() or self._older.is_dir()
 
     @property
     def hidden_names(self) -> frozenset[str]:
-        """Names of the entries that are neither old nor new content."""
+        """Names of the hidden folders and of the lock file."""
         return frozenset(path.name for path in (self.filled, self._ready, self._older, self._lock_path))
 
     def __enter__(self) -> Self:
         try:
             parent = self._lock_path.parent
-            self._made = [folder for folder in (parent, *parent.parents) if not folder.exists()]
+            made = [folder for folder in (parent, *parent.parents) if not folder.exists()]
+            self._held.callback(_remove_empty, made)
             parent.mkdir(parents=True, exist_ok=True)
-            self._take_lock()
+            try:
+                self._held.enter_context(lock_held(self._lock_path))
+            except BlockingIOError:
+                msg = "another run writes into this folder; wait for it, or give another one"
+                raise FolderError(msg) from None
             self.settle()
             if self.filled.is_dir():
                 self._rescue()
             shutil.rmtree(self.filled, ignore_errors=True)
             self.filled.mkdir()
         except OSError as error:
-            self._release()
+            self._held.close()
             raise FolderError(f"it cannot be written: {(error.strerror or str(error)).lower()}") from error
         except BaseException:
-            self._release()
+            self._held.close()
             raise
         return self
 
     def __exit__(self, *_: object) -> None:
         shutil.rmtree(self.filled, ignore_errors=True)
-        self._release()
+        self._held.close()
 
     def commit(self, filled: Path | None = None) -> None:
-        """Put new content in the folder's place; `filled` is its folder, if elsewhere on the disk."""
+        """Replace the folder's content by that of `filled` (default: `self.filled`), on the same disk."""
         filled = filled or self.filled
         for entry in filled.iterdir():
             to_disk(entry)
@@ -268,14 +238,14 @@ class AtomicFolder:
             raise
 
     def settle(self) -> None:
-        """Complete what was committed, at whatever step it stopped; only with the lock."""
+        """Complete an interrupted commit, whichever step it had reached. The caller holds the lock."""
         target, ready, older = self.target, self._ready, self._older
         if ready.is_dir():
             none_placed = (ready / self._mark).is_file()
-            in_use = target.is_mount() or _works_in(target)
+            in_use = os.path.ismount(target) or _holds_working_folder(target)
             if target.exists() and (in_use or older.exists() or not none_placed):
-                # A folder in use cannot be exchanged, but its content can. The mark goes in first: while it
-                # is in `ready`, none of the new content is in place.
+                # A folder in use cannot be renamed, but its entries can. The mark is moved first: while the
+                # mark is in `ready`, none of the new content is in place.
                 if none_placed:
                     older.mkdir(exist_ok=True)
                     for entry in [entry for entry in target.iterdir() if self._is_part(entry.name)]:
@@ -302,7 +272,7 @@ class AtomicFolder:
         to_disk(self._lock_path.parent)
 
     def _undo(self) -> None:
-        """Put back the older content, while none of the new content is in place."""
+        """Restore the older content after a failed commit, unless new content is in place already."""
         if not (self._ready / self._mark).is_file():
             return
         if self._older.is_dir():
@@ -314,52 +284,24 @@ class AtomicFolder:
                 self._older.replace(self.target)
         shutil.rmtree(self._ready, ignore_errors=True)
 
-    def _take_lock(self) -> None:
-        while self._lock is None:
-            lock = os.open(self._lock_path, os.O_RDWR | os.O_CREAT, 0o666)
-            try:
-                if not lock_file(lock, wait=False):
-                    raise FolderError("another run writes into this folder; wait for it, or give another one")
-                # The process that had the lock may have removed its file in the meantime.
-                if self._lock_path.stat().st_ino == os.fstat(lock).st_ino:
-                    self._lock = lock
-            except FileNotFoundError:
-                pass
-            except OSError as error:
-                # Some network disks have no locks; there several processes may write.
-                if error.errno not in (errno.ENOLCK, errno.ENOTSUP, errno.ENOSYS):
-                    raise
-                self._lock = lock
-            finally:
-                if self._lock is None:
-                    os.close(lock)
 
-    def _release(self) -> None:
-        if self._lock is not None:
-            if sys.platform == "win32":  # It removes no open file
-                os.close(self._lock)
-                with contextlib.suppress(PermissionError):
-                    self._lock_path.unlink(missing_ok=True)
-            else:
-                self._lock_path.unlink(missing_ok=True)
-                os.close(self._lock)
-            self._lock = None
-        for parent in self._made:
-            with contextlib.suppress(OSError):  # it is not empty
-                parent.rmdir()
+def _remove_empty(folders: list[Path]) -> None:
+    for folder in folders:
+        with contextlib.suppress(OSError):  # The folder has other files
+            folder.rmdir()
 
 
-def _works_in(folder: Path) -> bool:
+def _holds_working_folder(folder: Path) -> bool:
     try:
         return Path.cwd().is_relative_to(folder)
-    except FileNotFoundError:  # the working folder was removed
+    except FileNotFoundError:  # The working folder was removed
         return False
 
 
 def settle(path: Path, mark: str, is_part: Callable[[str], bool]) -> None:
-    """Complete what a killed process committed to a folder; FolderError while another process writes it.
+    """Complete the commit of a process that was killed; FolderError while another process writes the folder.
 
-    Parameters are those of `AtomicFolder`.
+    The parameters are those of `AtomicFolder`.
     """
     folder = AtomicFolder(path, mark, is_part)
     if folder.is_unsettled:

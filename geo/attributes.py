@@ -1,4 +1,4 @@
-"""Attribute names of farm files, and the names and spellings that other programs use for them."""
+"""Property names of farm files, and their names and spellings in files of other programs."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ ATTRIBUTES: Mapping[str, tuple[str, ...]] = {
     "height_m": ("height_m", "height"),
     "margin_m": ("margin_m", "margin"),
 }
-"""Each property of a farm file with its names, in any case, in other files; the first one found counts."""
+"""Each property of a farm file with its names in other files, in order of preference; case is ignored."""
 LATITUDES = ("latitude", "lat", "latitude_deg", "lat_deg", "gps_latitude", "gpslatitude", "gps_lat")
 LONGITUDES = (
     *("longitude", "lon", "lng", "long", "longitude_deg", "lon_deg", "gps_longitude", "gpslongitude"),
     *("gps_lon", "gps_lng", "gps_long"),
 )
-"""Names of position columns in tables, as `column_name` returns them."""
+"""Names of longitude columns in tables, as `column_name` returns them; `LATITUDES` has those of latitude."""
 DEGREES = ("", "deg", "degrees", "°")
 """Units of position columns."""
 KNOWN = frozenset(name for names in ATTRIBUTES.values() for name in names)
@@ -37,7 +37,7 @@ _KINDS = {
     "rally": r"rally([-_ ]points?)?",
 }
 _WORDS = {"true": True, "yes": True, "1": True, "false": False, "no": False, "0": False}
-_MAX_TEXT = 200  # As `geo.features.text_member` takes
+_MAX_TEXT = 200  # The limit of `geo.features.text_member`
 
 
 def column_name(text: str) -> tuple[str, str]:
@@ -52,7 +52,7 @@ def column_name(text: str) -> tuple[str, str]:
 
 
 def kind_of(text: object) -> str:
-    """Return the kind of feature that a property, a layer's name or a point's name gives; else empty.
+    """Return the kind of feature named by a property, a layer or a point; empty if `text` names none.
 
     >>> [kind_of(text) for text in ("No-fly zones", "Rally 2", "obstacle", "maize", None)]
     ['no-fly', 'rally', 'obstacle', '', '']
@@ -63,13 +63,13 @@ def kind_of(text: object) -> str:
     return next((kind for kind, pattern in _KINDS.items() if re.fullmatch(pattern, plain)), "")
 
 
-def meant(properties: Mapping[str, Any], *, literal: bool) -> dict[str, Any]:
-    """Return a feature's properties under a farm file's names, without empty ones.
+def farm_properties(properties: Mapping[str, Any], *, literal: bool) -> dict[str, Any]:
+    """Return the non-empty properties of a feature, renamed as in farm files.
 
-    With `literal` a property that has a farm file's name keeps its value. Others are converted: other formats
-    have no true and false, and write numbers as text.
+    Values are converted, because other formats have no booleans and write numbers as text. `literal`:
+    properties that already have a farm file's name keep their values.
 
-    >>> meant({"CROP_NAME": "Maize (silage)", "Height": "6.5", "id": 4}, literal=True)
+    >>> farm_properties({"CROP_NAME": "Maize (silage)", "Height": "6.5", "id": 4}, literal=True)
     {'crop': 'maize silage', 'height_m': 6.5}
     """
     lowered: dict[str, Any] = {}
@@ -101,7 +101,7 @@ def _converted(key: str, value: Any) -> Any:
 
 
 def crop_of(text: str) -> str:
-    """Return a crop's name in another program as a crop name of ours.
+    """Return a valid crop name for a crop's name in another program.
 
     >>> crop_of("Mais/Silomais"), crop_of("115")
     ('mais silomais', 'crop 115')

@@ -1,4 +1,4 @@
-"""The base of classes that are closed."""
+"""Base class of objects with a ``close`` method."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ from typing import Self
 
 
 class Closing(ABC):
-    """An object that a ``with`` statement closes at its end."""
+    """Context manager that calls `close` at the end of the ``with`` block."""
 
     @abstractmethod
     def close(self) -> None:
-        """Close it; a second call does nothing."""
+        """Close the object; a second call does nothing."""
 
     def __enter__(self) -> Self:
         return self

@@ -1,8 +1,7 @@
-"""Compiled functions (numba) whose cache sees a change in any module that they use.
+"""Compiled functions (numba), with a cache that is invalidated by a change in any module they use.
 
-numba keeps compiled code while a function's own file is unchanged, whatever happens to the files of functions
-that it calls. Here the key is a digest of the function's module and of all modules of the same distribution
-that it imports, directly or not.
+numba's own cache checks only the file of the function, not the files of the functions that it calls. Here the
+cache key is a digest of the function's module and of all modules that it imports from this project.
 """
 
 from __future__ import annotations
@@ -19,7 +18,8 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any, Literal, TypeVar, overload
 
-from geo.user_cache import made_by_one, user_cache_folder
+from geo.locks import made_by_one
+from geo.user_cache import user_cache_folder
 
 _Inline = Literal["never", "always", "late"]
 _Function = TypeVar("_Function", bound=Callable[..., Any])
@@ -27,7 +27,7 @@ _IMPORT = re.compile(
     r"^(?:from[ ]+([\w.]+)[ ]+import[ ]+(\([^)]*\)|[^\n]*)|import[ ]+([\w.]+))", re.MULTILINE
 )
 
-_VERSIONS_KEPT = 8  # Of a module: branches that are worked on by turns
+_VERSIONS_KEPT = 8  # Cached versions per module, so that changing between branches does not recompile
 
 _listeners: list[Callable[[str], None]] = []
 _refused: list[OSError] = []
@@ -35,9 +35,9 @@ _refused: list[OSError] = []
 
 @contextmanager
 def compile_notices(listener: Callable[[str], None]) -> Iterator[None]:
-    """Call `listener` before each function that has to be compiled, which takes seconds.
+    """Call ``listener(name)`` before each compilation of a function, which takes seconds.
 
-    It gets a name such as ``sim_vehicle.motion.px4.kernel.advance``.
+    A name is for example ``sim_vehicle.motion.px4.kernel.advance``.
     """
     _listeners.append(listener)
     try:
@@ -59,35 +59,36 @@ def compiled(
     nogil: bool = False,
     allocates: bool = True,
 ) -> Any:
-    """Compile a function at its first call (`numba.njit`), and keep the result for the next process.
+    """Compile a function at its first call (`numba.njit`) and cache the machine code for later processes.
 
-    The cache is in the user's cache folder, or in ``NUMBA_CACHE_DIR``. If it cannot be written, there is one
-    warning, and every process compiles for itself. With ``NUMBA_DISABLE_JIT`` functions stay Python.
+    The cache is in the user's cache folder or in ``NUMBA_CACHE_DIR``. If the folder cannot be written, a
+    warning is given and every process compiles again. With ``NUMBA_DISABLE_JIT`` functions are not compiled.
 
     Parameters
     ----------
     function : callable
-        A function defined inside another one may close over compiled functions only, and needs a
-        ``__qualname__`` of its own, by which numba keeps the code of several such functions apart.
+        The function. A closure may refer to compiled functions only, and needs a unique ``__qualname__``,
+        which is part of numba's cache key.
     inline : {"never", "always", "late"}
-        Whether it becomes part of its callers: "always" as Python, compiled anew in each; "late" as machine
-        code, for large functions called at few places (a call hands over five to ten numbers an array).
+        Whether callers inline the function: "always" inlines the Python code, which each caller compiles
+        again; "late" inlines the machine code, for large functions with few callers (a call passes five to
+        ten numbers per array).
     nogil : bool
-        Whether other threads run meanwhile.
+        Whether the function releases the GIL.
     allocates : bool
-        Whether it makes arrays. A function that makes none skips counting the users of its arrays, an atomic
-        operation each; compiling fails if it makes one all the same.
+        Whether the function makes arrays. Without them the atomic reference counting of arrays is left out;
+        then compiling a function that makes an array fails.
     """
     if function is None:
         return partial(compiled, inline=inline, nogil=nogil, allocates=allocates)
     from numba import njit
 
-    # All are given: an option left out is that of the caller for which the function is first compiled.
+    # numba would take a missing option from the caller for which the function is first compiled.
     options: dict[str, Any] = {
         "inline": "always" if inline == "always" else "never",
         "forceinline": inline == "late",
         "nogil": nogil,
-        "fastmath": False,  # The same sums on every processor
+        "fastmath": False,  # Results must be equal on every processor
         "_nrt": allocates,
     }
     dispatcher: Any = njit(**options)(function)
@@ -95,17 +96,17 @@ def compiled(
         _remember_operators()
         _take_longer_records()
         _without_literals(dispatcher)
-        # As numba's ``enable_caching`` does it.
+        # numba's ``enable_caching`` sets the same attribute.
         dispatcher._cache = _cache_class()(function)
         _one_process_at_a_time(dispatcher)
     return dispatcher
 
 
 def _one_process_at_a_time(dispatcher: Any) -> None:
-    """Let one process compile a function, while others that need it wait, and find it in the cache then.
+    """Let one process compile a function; other processes wait, then read the machine code from the cache.
 
-    No two processes wait for each other, as calls have no circle; numba's own lock, taken first, orders the
-    threads of a process.
+    Calls between functions form no cycle, so processes cannot deadlock. numba's own lock, taken first,
+    excludes other threads of this process.
     """
     own_lock = import_module("numba.core.compiler_lock").global_compiler_lock
     compile_it = dispatcher.compile
@@ -113,7 +114,7 @@ def _one_process_at_a_time(dispatcher: Any) -> None:
 
     def compile_alone(signature: Any) -> Any:
         with own_lock:
-            if running:  # it calls itself with other types
+            if running:  # A recursive call with other types
                 return compile_it(signature)
             running.append(signature)
             try:
@@ -126,7 +127,7 @@ def _one_process_at_a_time(dispatcher: Any) -> None:
 
 
 def _without_literals(dispatcher: Any) -> None:
-    """Compile a function once for all integers, in place of once for each constant argument."""
+    """Compile a function once for all integers, not once for each constant argument."""
     types: Any = import_module("numba.core.types")
     template = dispatcher.get_call_template
 
@@ -139,18 +140,18 @@ def _without_literals(dispatcher: Any) -> None:
 
 @cache
 def _take_longer_records() -> None:
-    """Silence numba where a function is given a record with further columns."""
+    """Silence numba's warning about records with more columns than the function uses."""
     numba: Any = import_module("numba")
     warnings.filterwarnings("ignore", r"Record\(", numba.NumbaExperimentalFeatureWarning)
 
 
 @cache
 def _remember_operators() -> None:
-    """Have numba resolve an operator or built-in function once for the same argument types.
+    """Cache numba's type resolution of operators and built-in functions by argument types.
 
-    It would try a dozen candidates anew for each ``+`` of a function: a third of the time of compiling.
-    Candidates that are compiled themselves depend on the caller's options and are not remembered. A numba
-    with another way of resolving is left alone.
+    Without the cache numba tries a dozen candidates for each ``+``, a third of the compile time. Candidates
+    that are compiled functions depend on the caller's options and are not cached. If a version of numba
+    resolves types in another way, nothing is changed.
     """
     functions: Any = import_module("numba.core.types.functions")
     look_up = getattr(functions.BaseFunction, "get_call_type", None)
@@ -172,11 +173,11 @@ def _remember_operators() -> None:
 
 @cache
 def _cache_class() -> Any:
-    """Return the class of a function's cache; defined here because importing numba takes a second."""
+    """Return the cache class, which is defined here because importing numba takes a second."""
     caching: Any = import_module("numba.core.caching")
 
     class Locator(caching._CacheLocator):  # type: ignore[misc]
-        """The cache folder of a function, and the digest of its sources."""
+        """Cache folder of a function, and digest of the sources that the function depends on."""
 
         def __init__(self, function: Callable[..., Any], file: str) -> None:
             self._module = function.__module__
@@ -216,19 +217,19 @@ def _cache_class() -> Any:
             over = _closed_over(self._py_func)
             if not over:
                 return super()._index_key(signature, codegen)
-            # numba's own key has a number of each inner function, which is another in each process.
+            # numba's own key holds ids of the inner functions, which differ between processes.
             names = tuple(f"{inner.__module__}.{inner.__qualname__}" for inner in over)
             return signature, codegen.magic_tuple(), names
 
         def path_of_function(self) -> Path:
-            with suppress(OSError):  # save_overload warns of it
+            with suppress(OSError):  # save_overload warns about it later
                 self._impl.locator.ensure_cache_path()
             return Path(self._cache_path, self._py_func.__qualname__)
 
         def load_overload(self, signature: Any, context: Any) -> Any:
             try:
                 found = super().load_overload(signature, context)
-            except Exception:  # a damaged file: compiled again
+            except Exception:  # A damaged cache file: compile again
                 found = None
                 with suppress(OSError):
                     self.flush()
@@ -256,20 +257,20 @@ def _cache_class() -> Any:
 
 
 def compiled_folder() -> Path:
-    """Return the folder in which compiled functions are kept; it may not exist yet."""
+    """Return the cache folder of compiled functions, which may not exist yet."""
     folder = os.environ.get("NUMBA_CACHE_DIR")
     return Path(folder) if folder else user_cache_folder("compiled")
 
 
 def _closed_over(function: Callable[..., Any]) -> list[Any]:
-    """Return the compiled functions in a function's closure, and in theirs."""
+    """Return the compiled functions in a function's closure, and recursively in the closures of those."""
     cells = [cell.cell_contents for cell in function.__closure__ or ()]
     over = [value for value in cells if hasattr(value, "py_func")]
     return over + [deeper for inner in over for deeper in _closed_over(inner.py_func)]
 
 
 def _modified(path: Path) -> float:
-    """Return the time of the last change; a folder that was removed meanwhile counts as oldest."""
+    """Return the modification time of a folder; 0, the oldest, if another process removed the folder."""
     try:
         return path.stat().st_mtime
     except OSError:
@@ -278,7 +279,7 @@ def _modified(path: Path) -> float:
 
 @cache
 def sources_digest(file: Path) -> str:
-    """Return a digest of a module and all modules of its distribution that its top level leads to."""
+    """Return a digest of a module and all modules of this project that it imports, directly or indirectly."""
     found: dict[Path, bytes] = {}
     left = [file]
     while left:
@@ -294,7 +295,7 @@ def sources_digest(file: Path) -> str:
 
 @cache
 def _imported(file: Path) -> tuple[Path, ...]:
-    """Return the files that a module imports from packages beside its own."""
+    """Return the files of this project that a module imports directly."""
     root = file.parent
     while (root / "__init__.py").exists():
         root = root.parent

@@ -1,7 +1,7 @@
-"""The root of the project's errors, the errors of farms, and whose code an error came from.
+"""Base class of the project's errors, errors of farm files, and the line of user code that raised an error.
 
-Every error that a user can mend derives from `WbfMissionError`. A package has its errors in ``errors.py``, or
-beside the code that raises them.
+Every error that a user can mend derives from `WbfMissionError`. Error classes are in a package's
+``errors.py`` or beside the code that raises them.
 """
 
 from __future__ import annotations
@@ -15,11 +15,11 @@ from geo.texts import one_line
 
 
 class WbfMissionError(Exception):
-    """An error that a user can mend; its one line says what was wrong, where, and what to do."""
+    """An error that a user can mend. The text is one line: the fault, its place and the remedy."""
 
 
 class GroundError(WbfMissionError, ValueError):
-    """A raster of the ground's heights that cannot be read or does not cover the flight."""
+    """An elevation raster that cannot be read or does not cover the flight."""
 
 
 class FarmError(WbfMissionError, ValueError):
@@ -27,17 +27,17 @@ class FarmError(WbfMissionError, ValueError):
 
 
 PACKAGES = ("geo", "mission", "sensors", "sim_vehicle", "wbf_mission")
-"""The packages of this project."""
+"""Names of this project's top-level packages."""
 _CYTHON = frozenset({".pyx", ".pxi", ".pxd"})
 
 
 @cache
 def is_users_file(file: str) -> bool:
-    """Return whether a source is a user's: not this project's, nor an installed package's, nor Python's."""
+    """Return whether a source file is user code: not of this project, an installed package or Python."""
     path = Path(file).absolute()
     if file.startswith("<frozen") or {"site-packages", "dist-packages"} & set(path.parts):
         return False
-    if path.suffix in _CYTHON:  # compiled libraries name their sources without their folder
+    if path.suffix in _CYTHON:  # Tracebacks of compiled libraries name sources without their folder
         return False
     here = Path(__file__).absolute().parents[1]
     inside = [here / name for name in PACKAGES] + [Path(sysconfig.get_path("stdlib"))]
@@ -45,7 +45,7 @@ def is_users_file(file: str) -> bool:
 
 
 def users_line(error: BaseException) -> str | None:
-    """Return the last file and line of a user's code in an error's traceback; None if there is none.
+    """Return file and line of the innermost user code in an error's traceback; None if there is none.
 
     Examples
     --------
@@ -60,7 +60,7 @@ def users_line(error: BaseException) -> str | None:
 
 
 def told_error(error: BaseException) -> str:
-    """Return an error in one line: its class, its text, and the user's line where it came from one."""
+    """Return an error as one line: class, text and, if user code raised the error, its line."""
     line = users_line(error)
     text = one_line(str(error))
     return type(error).__name__ + (f": {text}" if text else "") + (f" ({line})" if line else "")

@@ -23,18 +23,18 @@ if TYPE_CHECKING:
 Land: TypeAlias = shapely.Polygon | shapely.MultiPolygon
 
 MAX_CELLS = 200_000_000
-"""The largest grid that is accepted: six times Waterberry; a map of it takes 0.4 GB."""
+"""Largest number of cells accepted: six times Waterberry. A map of this size takes 0.4 GB."""
 _NOT_SEEN = "not to be seen, as none of the fields is of that crop; name a field of it to have it flown"
-_SNAP_M = 1e-6  # Joins borders that differ by rounding only
-_ARC_SEGMENTS = 16  # Of a quarter: off by a thousandth of the radius
-_EDGE_CELLS = 1e-9  # More than the rounding of a multiple of the cell size
+_SNAP_M = 1e-6  # Grid step that joins borders with different rounding errors
+_ARC_SEGMENTS = 16  # Segments per quarter circle; the error is a thousandth of the radius
+_EDGE_CELLS = 1e-9  # Exceeds the rounding error of multiples of the cell size
 
 
 @dataclass(frozen=True, slots=True)
 class Patch:
-    """A piece of land with one crop and one owner; the polygon is in metres of the farm's frame.
+    """A polygon of land with one crop and one owner, in metres of the farm's frame.
 
-    A crop is one of `geo.grid.Crop` or any other name in lower case.
+    `crop` is a value of `geo.grid.Crop` or any other lower-case name.
     """
 
     name: str
@@ -65,15 +65,15 @@ class Obstacle:
     name: str = ""
 
     def margin(self, default_m: float) -> float:
-        """Return its own margin, or the default."""
+        """Return the distance that flights keep from the obstacle (m): `margin_m`, or the default if None."""
         return default_m if self.margin_m is None else self.margin_m
 
     def widened(self, margin_m: float, more_m: float = 0.0) -> shapely.Polygon:
-        """Return its outline widened by its margin (or the default) and `more_m`."""
+        """Return the outline, buffered by `more_m` plus the obstacle's margin (default: `margin_m`)."""
         return shapely.buffer(self.polygon, self.margin(margin_m) + more_m, quad_segs=_ARC_SEGMENTS)
 
     def bars(self, altitude_m: float, margin_m: float) -> bool:
-        """Return whether a flight at this altitude above the ground has to go round it.
+        """Return whether a flight at this altitude above the ground has to go round the obstacle.
 
         Examples
         --------
@@ -97,7 +97,7 @@ class Farm:
     width_cells, height_cells : int
         Size of the grid along x and y.
     patches : tuple of Patch
-        In order of painting: where patches overlap, the later one counts.
+        Patches in painting order: a later patch covers an earlier one.
     owner : str
         Owner of the land that is scouted and scored.
     home_m : tuple of float
@@ -107,19 +107,19 @@ class Farm:
     obstacles : tuple of Obstacle
         Obstacles and no-fly zones.
     scouted : tuple of str
-        Crops to be scouted; empty: all that the owner grows.
+        Crops to be scouted; if empty, all crops of the owner.
     rally_m : tuple of tuple of float
-        Places where a vehicle may land when it cannot come home, metres of the frame.
+        Rally points, where a vehicle may land if it cannot return home, metres of the frame.
     degrees : float64[n, 2]
-        Longitude and latitude of corners, home and rally points in the farm's file; `geo.save_farm` writes
-        them again. Not compared.
+        Longitude and latitude of corners, home and rally points as in the farm's file, for `geo.save_farm`.
+        Ignored by ``==``.
     notes : tuple of str
-        What was decided or mended when the farm's file was read. Not compared.
+        Notes on assumptions and repairs from reading the farm's file. Ignored by ``==``.
 
     Raises
     ------
     FarmError
-        If the size is not positive or too large, or the owner has no patch.
+        If the grid is empty or too large, or no patch belongs to `owner`.
     """
 
     name: str
@@ -154,22 +154,22 @@ class Farm:
 
     @cached_property
     def owner_area(self) -> Land:
-        """The owner's land, ponds and wetlands included, metres."""
+        """The owner's land including ponds and wetlands, metres."""
         return self.crop_area(*self.crops)
 
     @cached_property
     def crops(self) -> tuple[str, ...]:
-        """Crop names, by whose index `grid` has them: the benchmark's, then further ones."""
+        """Crop names by crop index of the grid: first those of the benchmark, then other crops."""
         return tuple(dict.fromkeys((*map(str, Crop), *(str(patch.crop) for patch in self.patches))))
 
     @cached_property
     def grown(self) -> tuple[str, ...]:
-        """The crops that the owner grows: neither ponds nor wetlands nor unpainted land."""
+        """The owner's crops, without ponds, wetlands and unpainted land."""
         own = dict.fromkeys(str(patch.crop) for patch in self.patches if patch.owner == self.owner)
         return tuple(crop for crop in own if crop not in NOT_GROWN)
 
     def scouting(self, crops: Iterable[str]) -> Farm:
-        """Return the same farm with only these crops scouted; with all, if it grows none of them."""
+        """Return a farm on which only these crops are scouted; all crops if the owner grows none of these."""
         wanted = set(crops)
         scouted = tuple(crop for crop in self.grown if crop in wanted)
         if len(scouted) in (0, len(self.grown)):
@@ -184,18 +184,18 @@ class Farm:
 
     @cached_property
     def scouted_area(self) -> Land:
-        """The owner's land with scouted crops, less obstacles, metres."""
+        """The owner's land with scouted crops, without obstacles, metres."""
         return self.without_obstacles(self.crop_area(*(self.scouted or self.grown)))
 
     def without_obstacles(self, area: Land) -> Land:
-        """Return an area less the outlines of the obstacles, whatever their heights, metres."""
+        """Return an area (metres) minus the outlines of all obstacles, regardless of their heights."""
         if not self.obstacles:
             return area
         return shapely.difference(area, shapely.union_all([obstacle.polygon for obstacle in self.obstacles]))
 
     @cached_property
     def scouted_cells(self) -> NDArray[np.bool_]:
-        """The cells to be scouted, bool[W, H], not writable."""
+        """Mask of the cells to be scouted, bool[W, H], not writable."""
         grid = self.grid()
         if not (self.scouted or self.obstacles):
             return grid.planted
@@ -213,11 +213,11 @@ class Farm:
         return int(np.count_nonzero(self.scouted_cells))
 
     def crop_area(self, *crops: str) -> Land:
-        """Return the owner's land of some crops, metres; an empty polygon where there is none."""
+        """Return the owner's land with these crops, metres; an empty polygon if there is none."""
         shapes = np.array([patch.polygon for patch in self.patches])
         wanted = np.array([patch.owner == self.owner and patch.crop in crops for patch in self.patches])
-        # Each patch less the later ones over it, then all joined at once: joining one by one takes time that
-        # grows with the square of their number.
+        # Later patches are cut out of each patch, then all are joined in one call: joining them one by one
+        # takes quadratic time.
         tree = shapely.STRtree(shapes)
         pieces = []
         for number in np.nonzero(wanted)[0]:
@@ -227,7 +227,7 @@ class Farm:
                 piece = shapely.difference(piece, shapes[over], grid_size=_SNAP_M)
             pieces.append(piece)
         land = pieces[0] if len(pieces) == 1 else shapely.union_all(pieces, grid_size=_SNAP_M)
-        # Otherwise GEOS would round everything derived from it, even a buffer of less than the grid's step.
+        # GEOS would keep the grid and round every derived geometry, even a buffer narrower than a grid step.
         land = shapely.set_precision(shapely.simplify(land, _SNAP_M), 0.0)
         parts = [part for part in shapely.get_parts(land) if part.geom_type == "Polygon" and part.area > 0]
         if len(parts) == 1:
@@ -240,7 +240,7 @@ class Farm:
         return int(np.count_nonzero(self.grid().owned))
 
     def grid(self) -> FarmGrid:
-        """Return the crop map; it is made at the first call and kept."""
+        """Return the crop map, which is made at the first call and cached."""
         return self._grid
 
     @cached_property
@@ -266,8 +266,9 @@ class Farm:
     def cell_of(self, x_m: Any, y_m: Any) -> tuple[Any, Any]:
         """Return the cell of a point in metres: ints for scalars, int64 arrays for arrays.
 
-        The cell may lie outside the grid; a point that is not finite has the cell -1. A point up to 1e-9
-        cells below an edge is on it, so that a multiple of the cell size is in the cell that begins there.
+        The cell may be outside the grid; the cell of a non-finite point is -1. A point up to 1e-9 cells below
+        an edge belongs to the cell above the edge, so that rounding does not move a multiple of the cell
+        size.
         """
         return self._index(x_m), self._index(y_m)
 
@@ -287,5 +288,5 @@ class Farm:
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]: ...
 
     def cell_centre(self, ix: Any, iy: Any) -> tuple[Any, Any]:
-        """Return the centre of a cell, metres (scalars or arrays)."""
+        """Return the x and y of a cell's centre, metres (scalars or arrays)."""
         return (ix + 0.5) * self.cell_size_m, (iy + 0.5) * self.cell_size_m

@@ -1,4 +1,4 @@
-"""Farms from files of any format, with the same checks for all; see docs/farm-files.md."""
+"""Reading of farm files of all formats, with the same checks; see docs/farm-files.md."""
 
 from __future__ import annotations
 
@@ -36,15 +36,15 @@ from geo.texts import one_line
 from geo.units import FOOT_M
 
 _MAX_RALLY = 100
-_MAX_RASTER_STEPS = 20_000_000  # Edges across columns of cells; painting more takes minutes
-_MAX_SPAN_M = 20_000.0  # Farther apart, features are not of one farm, or broken
-_SENSIBLE_CELLS = 4_000_000  # More cells of one foot become larger ones, unless the file gives their size
+_MAX_RASTER_STEPS = 20_000_000  # Crossings of polygon edges and cell columns; more take minutes to paint
+_MAX_SPAN_M = 20_000.0  # Features farther apart belong to several farms, or have wrong coordinates
+_SENSIBLE_CELLS = 4_000_000  # Larger farms get larger cells, unless the file gives the cell size
 _ROUND_CELLS_M = (FOOT_M, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0)
 _MIN_CELL_M = 0.01
 _MAX_CELL_M = 1000.0
-_COUNT_SLACK = 1e-6  # A border this little (in cells) beyond a cell needs no further cell
-_ORIGIN_SLACK_M = 1e-3  # PROJ moves positions within 1e-10 of the earth's radius to the origin
-_THIN_M = 1e-3  # Area over perimeter of a sliver
+_COUNT_SLACK = 1e-6  # Cells by which a border may exceed the grid's edge, for rounding errors
+_ORIGIN_SLACK_M = 1e-3  # PROJ snaps positions within 1e-10 earth radii to the origin
+_THIN_M = 1e-3  # A polygon with a smaller ratio of area to perimeter is refused
 
 
 def load_farm(
@@ -54,23 +54,25 @@ def load_farm(
     crs: str | None = None,
     repair: bool = False,
 ) -> Farm:
-    """Read a farm from a file: GeoJSON, Mission Planner's ``.poly``, or what `geo.vector_files` reads.
+    """Read a farm from a file: GeoJSON, Mission Planner's ``.poly``, or a format of `geo.vector_files`.
 
     Parameters
     ----------
     path : path-like
-        The file; ``FILE|layername=LAYER`` takes one layer of several.
+        The file; ``FILE|layername=LAYER`` reads only this layer.
     crop : str, optional
-        The crop of patches without one in the file.
+        Crop of the patches for which the file gives none.
     crs : str, optional
-        The coordinate system of a file without one, such as ``EPSG:32617``.
+        Coordinate system, such as ``EPSG:32617``, for a file that gives none.
     repair : bool
-        Whether broken geometry is mended where that is safe (`geo.repair`); `Farm.notes` lists the repairs.
+        Whether invalid geometry is repaired where that is safe (`geo.repair`); `Farm.notes` lists the
+        repairs.
 
     Raises
     ------
     FarmError
-        If the file cannot be read, is no farm file, or a feature, which is named, cannot be used.
+        If the file cannot be read or is no farm file, or a feature cannot be used; the text names the
+        feature.
     """
     text = os.fspath(path)
     try:
@@ -102,7 +104,7 @@ def _document(file: Path, layer: str | None, crs: str | None) -> Document:
 
 
 VECTOR_SUFFIXES = (".kml", ".kmz", ".shp", ".zip", ".gpkg", ".gpx")
-"""Suffixes of files that GDAL reads."""
+"""Suffixes of files that are read by GDAL."""
 POLY_SUFFIX = ".poly"
 FARM_SUFFIXES = (
     *(".geojson", ".json", ".geojsonl", ".geojsons", ".ndjson", ".jsonl"),
@@ -112,7 +114,7 @@ FARM_SUFFIXES = (
 
 
 def split_layer(text: str) -> tuple[Path, str | None]:
-    """Split ``FILE|layername=LAYER``, as QGIS writes it; the layer is None without one.
+    """Split QGIS's ``FILE|layername=LAYER`` into file and layer; the layer is None if `text` names none.
 
     >>> split_layer("farm.gpkg|layername=fields 2026"), split_layer("farm.gpkg")
     ((PosixPath('farm.gpkg'), 'fields 2026'), (PosixPath('farm.gpkg'), None))
@@ -132,7 +134,7 @@ def _farm_of(document: Document, default_name: str, crop: str | None, *, repair:
     if repair:
         features = [part for feature in features for part in mended(feature, notes)]
     systems = dict.fromkeys(entry.crs for entry in document.entries if entry.crs is not None)
-    # The layers of a file each have a Coordinates object of their own, with the same note.
+    # Each layer has a Coordinates object; layers of one coordinate system give the same note.
     notes.extend(filter(None, dict.fromkeys(crs.accuracy_note() for crs in systems)))
     features = _completed(features, crop, notes)
     fields = [feature for feature in features if not feature.obstacle]
@@ -176,7 +178,7 @@ def _farm_of(document: Document, default_name: str, crop: str | None, *, repair:
 
 
 def _contents(document: Document, *, repair: bool) -> tuple[list[Feature], list[Place]]:
-    """Return the features and places of a file, with notes on what is left out."""
+    """Return the features and places of a file; add notes on entries that are left out."""
     features: list[Feature] = []
     places: list[Place] = []
     vertices = 0
@@ -206,7 +208,7 @@ def _contents(document: Document, *, repair: bool) -> tuple[list[Feature], list[
 
 
 def _completed(features: list[Feature], crop: str | None, notes: list[str]) -> list[Feature]:
-    """Give the patches a crop and an owner if the file has none; FarmError if only some patches have one."""
+    """Return features with default crops and owners if no patch has any; FarmError if only some have one."""
     patches = [feature for feature in features if not feature.obstacle]
     given = {"crop": crop, "owner": None}
     for key, default in (("crop", DEFAULT_CROP), ("owner", DEFAULT_OWNER)):
@@ -241,7 +243,7 @@ def _home(document: Document, places: list[Place]) -> tuple[float, float] | None
 
 
 def _cell_size(members: dict[str, Any], bounds: Any, notes: list[str]) -> float:
-    """Return the size of a cell: the file's, else a foot, or more where that makes too many cells."""
+    """Return the cell size (m): that of the file, else one foot, or more if that makes too many cells."""
     if members.get("cell_size_m") is not None or members.get("size_cells") is not None:
         return number_member(members, "cell_size_m", FOOT_M, _MIN_CELL_M, _MAX_CELL_M)
     area_m2 = float(bounds[2] * bounds[3])
@@ -273,10 +275,10 @@ def _rally(document: Document, places: list[Place], frame: LocalFrame) -> list[t
 def _near(
     features: list[Feature], home: tuple[float, float] | None, notes: list[str], *, repair: bool
 ) -> list[Feature]:
-    """Return the features if all lie near home or, without one, near the first; FarmError if not.
+    """Return the features if all are near `home` (default: near the first feature); else raise FarmError.
 
-    With `repair`, features with swapped latitude and longitude are turned. Without a home, the feature next
-    to the median of all counts as right.
+    `repair`: swapped latitudes and longitudes are exchanged; without a home, features then must be near the
+    feature closest to the median of all.
     """
     anchor, is_sure = ('the farm\'s "home"', True) if home is not None else ("the first feature", False)
     longitude_deg, latitude_deg = features[0].rings[0][0] if home is None else home
@@ -316,7 +318,7 @@ def _reach_m(frame: LocalFrame, latitude_deg: Any, longitude_deg: Any) -> float:
 
 
 def _frame(document: Document, patches: list[Feature]) -> tuple[LocalFrame, bool]:
-    """Return the frame, and whether its origin is the file's (otherwise it is the corner of the patches)."""
+    """Return the frame, and whether the file gives the origin (else it is the corner of the patches)."""
     members = document.members
     altitude_m = number_member(members, "ground_altitude_m", 0.0, -1000.0, 9000.0)
     rotation_deg = number_member(members, "rotation_deg", 0.0, -360.0, 360.0)
@@ -329,7 +331,7 @@ def _frame(document: Document, patches: list[Feature]) -> tuple[LocalFrame, bool
         return frame, True
     points = np.concatenate([patch.rings[0] for patch in patches])
     frame = LocalFrame(float(points[0, 1]), float(points[0, 0]), altitude_m, rotation_deg)
-    # North turns with the origin (meridian convergence): four rounds from corner to corner converge.
+    # North depends on the origin (meridian convergence), and the corner on north: four iterations converge.
     for _ in range(4):
         x_m, y_m = frame.from_wgs84(points[:, 1], points[:, 0])
         latitude_deg, longitude_deg = frame.to_wgs84(float(x_m.min()), float(y_m.min()))
@@ -382,7 +384,7 @@ def _size(members: dict[str, Any], right: float, top: float, cell_size_m: float)
 
 
 def _check_detail(polygons: list[shapely.Polygon], cell_size_m: float) -> None:
-    """Refuse polygons whose edges cross so many columns of cells that painting them would take minutes."""
+    """Refuse polygons with edges across too many columns of cells: painting would take minutes."""
     columns = (np.abs(np.diff(shapely.get_coordinates(polygon)[:, 0])).sum() for polygon in polygons)
     steps = float(sum(columns)) / cell_size_m
     if steps > _MAX_RASTER_STEPS:

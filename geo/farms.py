@@ -1,7 +1,8 @@
-"""The farms of the Waterberry Farms benchmark, placed in the strawberry country near Plant City, Florida.
+"""Built-in farms: those of the Waterberry Farms benchmark, placed near Plant City, Florida.
 
-Sizes and patches are the benchmark's, in feet: one cell is one square foot. Every farm has its south-west
-corner at the origin below, its x axis to the east (rotation 0), and its ground 30 m above mean sea level.
+Sizes and patches are those of the benchmark, in feet: one cell is one square foot. The south-west corner of a
+farm is at the position below, the x axis points east (rotation 0), and the ground is 30 m above mean sea
+level.
 
 ================  ==========  ===========  =====================
 farm              latitude    longitude    size in cells
@@ -14,7 +15,7 @@ miniberry-10      28.0370     -82.1500     10 x 10
 
 Source: L. Boloni et al., the Waterberry Farms benchmark for multi-robot information gathering.
 
-Farms are made when they are first asked for: the names alone need neither numpy nor shapely.
+A farm is made at its first use, so listing the names imports neither numpy nor shapely.
 """
 
 from __future__ import annotations
@@ -31,7 +32,7 @@ if TYPE_CHECKING:
     from geo.farm import Farm
 
 _Corners = list[tuple[float, float]]
-_Patches = list[tuple[str, str, str, _Corners]]  # Name, crop, owner, corners in feet; in order of painting
+_Patches = list[tuple[str, str, str, _Corners]]  # Name, crop, owner, corners in feet; painting order
 
 _GROUND_ALTITUDE_M = 30.0
 _LONGITUDE_DEG = -82.1500
@@ -66,7 +67,7 @@ _WATERBERRY: _Patches = [
     ("N4-tomatoes", "tomato", "N4", _box(0, 1000, 1000, 4000)),
 ]
 
-# Latitude, width and height, the cell of home along both axes, patches
+# Latitude; width and height in cells; cell of home along both axes; patches
 _FARMS: dict[str, tuple[float, tuple[int, int], int, _Patches]] = {
     "miniberry-10": (28.0370, (10, 10), 0, _miniberry(10)),
     "miniberry-30": (28.0380, (30, 30), 0, _miniberry(30)),
@@ -91,7 +92,7 @@ def get_farm(
 ) -> Farm:
     """Return a built-in farm by name (in any case), or read a farm file by path.
 
-    The other parameters are those of `geo.load_farm`; a built-in farm has no use for them.
+    The other parameters are those of `geo.load_farm` and are ignored for a built-in farm.
 
     Raises
     ------
@@ -127,7 +128,7 @@ def _built_in(name: str) -> Farm:
     latitude_deg, (width, height), home, patches = _FARMS[name]
     made = []
     for patch, crop, owner, corners in patches:
-        # Rounded, as other libraries of C have other last bits of sines.
+        # C libraries differ in the last bits of sines; rounding makes the corners equal.
         corners_m = [(round(x, 6) * FOOT_M, round(y, 6) * FOOT_M) for x, y in corners]
         made.append(Patch(patch, Crop(crop), owner, shapely.Polygon(corners_m)))
     return Farm(

@@ -1,4 +1,4 @@
-"""Features of a farm file, checked one by one: patches, obstacles, home and rally points."""
+"""Checked features of a farm file: patches, obstacles, home and rally points."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
-from geo.attributes import crop_of, kind_of, meant
+from geo.attributes import crop_of, farm_properties, kind_of
 from geo.errors import FarmError
 from geo.frame import Coordinates
 from geo.grid import Crop, is_crop_name
@@ -15,28 +15,28 @@ from geo.grid import Crop, is_crop_name
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-# Limits on hostile files; a farm has tens of features and thousands of vertices.
+# Limits against hostile files; a usual farm has tens of features and thousands of vertices.
 MAX_FEATURES = 10_000
 MAX_VERTICES = 100_000
-MAX_LATITUDE_DEG = 75.0  # No crop grows beyond
+MAX_LATITUDE_DEG = 75.0  # Crops do not grow at higher latitudes
 DEFAULT_CROP = "crop"
 DEFAULT_OWNER = "owner"
 
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """A feature as the file has it, unchecked."""
+    """An unchecked feature of a file."""
 
-    number: int  # In its layer, from 1
+    number: int  # Number within the layer, from 1
     properties: dict[str, Any]
-    geometry: object  # GeoJSON's; None: the file has none
-    crs: Coordinates | None = None  # None: WGS 84
-    layer: str = ""  # Name of its layer at the start of messages
-    useless: str = ""  # Reason to leave it out, if the reader of the file knows one
+    geometry: object  # GeoJSON geometry; None if the feature has none
+    crs: Coordinates | None = None  # None for WGS 84
+    layer: str = ""  # Prefix of messages that names the layer
+    useless: str = ""  # Reason to leave the feature out, found by the file's reader
 
     @property
     def where(self) -> str:
-        """Its name in messages."""
+        """Name of the feature in messages."""
         return f"{self.layer}feature {self.number}"
 
 
@@ -47,7 +47,7 @@ class Document:
     members: dict[str, Any]
     entries: list[Entry]
     crs: Coordinates | None = None
-    notes: list[str] = field(default_factory=list)  # For the user: how it was read
+    notes: list[str] = field(default_factory=list)  # Notes for the user on how the file was read
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,7 +56,7 @@ class Feature:
 
     where: str
     name: str
-    crop: str | None  # None: the file gives none
+    crop: str | None  # None if the file gives no crop
     owner: str | None
     obstacle: bool
     height_m: float | None
@@ -66,7 +66,7 @@ class Feature:
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """A point: "home" or "rally"."""
+    """A home or rally point; `kind` is "home" or "rally"."""
 
     where: str
     kind: str
@@ -83,14 +83,14 @@ GEOMETRIES = (*_NO_AREA, *_AREAS, "GeometryCollection")
 
 
 def read_entry(entry: Entry, notes: list[str], *, repair: bool) -> list[Feature] | Place | str:
-    """Return the polygons or the place of a feature, or the reason to leave it out.
+    """Return the polygons or the point of an entry, or the reason to leave the entry out.
 
-    FarmError, naming the feature, if it cannot be read. With `repair` swapped latitudes and longitudes are
-    turned. Rings may be open (`geo.repair.closed`).
+    FarmError, with the feature's name, if the feature cannot be read. `repair`: swapped latitudes and
+    longitudes are exchanged. Rings may still be open (`geo.repair.closed` closes them).
     """
     if entry.useless or entry.geometry is None:
         return entry.useless or _WITHOUT
-    properties = meant(entry.properties, literal=True)
+    properties = farm_properties(entry.properties, literal=True)
     geometry = entry.geometry if isinstance(entry.geometry, dict) else {}
     kind, called = kind_of(properties.get("kind")), properties.get("name")
     is_place = geometry.get("type") == "Point" and (kind or kind_of(called)) in ("home", "rally")
@@ -153,7 +153,7 @@ def _members(geometry: dict[str, Any]) -> list[dict[str, Any]] | None:
 
 
 def _no_area(geometry: dict[str, Any]) -> str:
-    """Return the reason to leave out a geometry that is no land; empty for land and for broken geometry."""
+    """Return the reason to leave out a geometry without area; empty for polygons and invalid geometry."""
     inner = _members(geometry)
     if inner is not None:
         reasons = [_NO_AREA.get(str(member.get("type")), "") for member in inner]
@@ -164,7 +164,7 @@ def _no_area(geometry: dict[str, Any]) -> str:
 
 
 def _parts(geometry: dict[str, Any], where: str) -> list[list[Any]]:
-    """Return the coordinates of each polygon of a geometry, without a collection's points and lines."""
+    """Return the coordinates of each polygon of a geometry; points and lines of a collection are left out."""
     kind, inner = geometry.get("type"), _members(geometry)
     parts: list[Any]
     if inner is not None:
@@ -197,13 +197,13 @@ def _ring(ring: object, where: str, crs: Coordinates | None) -> NDArray[np.float
 
 
 def _only_swapped(rings: list[NDArray[np.float64]]) -> bool:
-    """Return whether positions make sense only as latitude, longitude."""
+    """Return whether positions are valid only if read as latitude, longitude."""
     first, second = np.abs(np.concatenate(rings)).T
     return bool((second > MAX_LATITUDE_DEG).any() and (first <= MAX_LATITUDE_DEG).all())
 
 
 def position_of(position: object, where: str, crs: Coordinates | None = None) -> tuple[float, float]:
-    """Return the longitude and latitude of a position; FarmError if it is none."""
+    """Return the longitude and latitude of a GeoJSON position; FarmError if the value is no position."""
     place = np.array([_numbers(position, where)])
     if crs is not None:
         place = _converted(place, where, crs)
@@ -247,7 +247,7 @@ def check_degrees(longitude_deg: float, latitude_deg: float, where: str) -> None
 
 
 def text_member(members: dict[str, Any], key: str, default: str, where: str) -> str:
-    """Return a member that is a short line of text, its default if it is missing, or raise FarmError."""
+    """Return a member that is a short line of text, or `default` if it is missing; else FarmError."""
     value = members.get(key)
     if value is None:
         return default
@@ -262,7 +262,7 @@ T = TypeVar("T", float, None)
 def number_member(
     members: dict[str, Any], key: str, default: T, low: float, high: float, what: str = "member"
 ) -> float | T:
-    """Return a member that is a number in low..high, its default if it is missing, or raise FarmError."""
+    """Return a member that is a number in low..high, or `default` if it is missing; else FarmError."""
     value = members.get(key)
     if value is None:
         return default
@@ -272,6 +272,6 @@ def number_member(
 
 
 def shortened(value: object) -> str:
-    """Return a value cut to 60 characters, for errors."""
+    """Return a value as text of at most 60 characters, for errors."""
     text = value if isinstance(value, str) else repr(value)[:200]
     return text if len(text) <= 60 else text[:57] + "..."

@@ -1,4 +1,4 @@
-"""The local frame of a farm, coordinate systems of files, and attitudes as angles and quaternions."""
+"""Local frames of farms, coordinate systems of files, and attitudes as angles and quaternions."""
 
 from __future__ import annotations
 
@@ -36,10 +36,11 @@ def _projection(latitude_deg: float, longitude_deg: float) -> Transformer:
 
 @dataclass(frozen=True, slots=True)
 class LocalFrame:
-    """A plane of metres about an origin on the WGS84 ellipsoid.
+    """A plane in metres around an origin on the WGS84 ellipsoid.
 
     The projection is azimuthal equidistant on the ellipsoid (PROJ ``aeqd``): distances and azimuths from the
-    origin are those of the geodesic. Within 2 km of the origin other distances are true to 2e-8.
+    origin are those of the geodesic. Within 2 km of the origin, all other distances have a relative error
+    below 2e-8.
 
     Parameters
     ----------
@@ -53,7 +54,7 @@ class LocalFrame:
     Raises
     ------
     FarmError
-        If a number is not finite, or the origin is no position on the globe.
+        If a number is not finite or out of range.
 
     Examples
     --------
@@ -100,7 +101,7 @@ class LocalFrame:
     def from_wgs84(self, latitude_deg: Values, longitude_deg: Values) -> tuple[Values, Values]:
         """Return x and y, metres, of positions in degrees (scalars or arrays).
 
-        They are not finite where there is no such position.
+        Coordinates of an impossible position are not finite.
         """
         east_m, north_m = _projection(self.latitude_deg, self.longitude_deg).transform(
             longitude_deg, latitude_deg
@@ -108,7 +109,7 @@ class LocalFrame:
         return self.from_east_north(east_m, north_m)
 
     def from_east_north(self, east: Values, north: Values) -> tuple[Values, Values]:
-        """Return the x and y components of directions or velocities at the origin (scalars or arrays).
+        """Convert east and north components at the origin to x and y of the frame (scalars or arrays).
 
         Examples
         --------
@@ -117,20 +118,20 @@ class LocalFrame:
         (4.0, -3.0)
         """
         if self._sin:
-            # Numbers that are not finite stay so.
+            # Non-finite components are allowed; numpy would warn about them.
             with np.errstate(invalid="ignore"):
                 return east * self._cos + north * self._sin, north * self._cos - east * self._sin
         return east, north
 
 
 def _within_date_line(longitude_deg: Any) -> Any:
-    """Return longitudes from -180 to 180: PROJ leaves those of the date line up to 6e-11 degrees beyond."""
+    """Clip longitudes to -180..180: at the date line PROJ exceeds the limits by up to 6e-11 degrees."""
     if isinstance(longitude_deg, np.ndarray):
         return np.clip(longitude_deg, -180.0, 180.0)
     return min(max(longitude_deg, -180.0), 180.0)
 
 
-EXAMPLE_CRS = "EPSG:32617"  # UTM 17N, where the benchmark's farms are
+EXAMPLE_CRS = "EPSG:32617"  # UTM zone 17N, the zone of the benchmark's farms
 _CODE = re.compile(
     r"(?:urn:ogc:def:crs:|https?://www\.opengis\.net/def/crs/)?"
     r"(EPSG|ESRI|IGNF|OGC)[:/]+(?:[\d.]*[:/])?([A-Za-z0-9_]+)",
@@ -138,24 +139,24 @@ _CODE = re.compile(
 )
 _WGS84 = re.compile(r"(OGC:CRS84|EPSG:4326)|WGS ?84", re.IGNORECASE)
 _BORDER_ACCURACY_M = (
-    1.5  # Borders drawn from pictures are hardly better; a conversion this good needs no note
+    1.5  # Borders drawn from aerial pictures are no better, so such a conversion needs no note
 )
 
 
 class Coordinates:
-    """A coordinate reference system that PROJ knows, used without network.
+    """A coordinate reference system known to PROJ, used without network access.
 
-    Axes are x and y (east, north; longitude, latitude).
+    The axis order is x, y: east, north or longitude, latitude.
 
     Parameters
     ----------
     name : str
-        A code such as ``EPSG:32617``, a URN of one, or the text of a .prj file (WKT).
+        A code such as ``EPSG:32617``, its URN, or the text of a .prj file (WKT).
 
     Raises
     ------
     FarmError
-        If there is no such system, or it has no way to WGS 84.
+        If PROJ does not know the system, or cannot convert it to WGS 84.
     """
 
     def __init__(self, name: str) -> None:
@@ -163,20 +164,20 @@ class Coordinates:
         try:
             crs = pyproj.CRS.from_user_input(name)
             self.name = crs.name
-            self._accuracy_m = -1.0  # Of the last conversion; -1: unknown
+            self._accuracy_m = -1.0  # Accuracy of the last conversion; -1 if unknown
             self._transformer = Transformer.from_crs(crs, "EPSG:4326", always_xy=True)
         except pyproj.exceptions.ProjError as error:
             problem = " ".join(str(error).split())[:120]
             raise FarmError(f"coordinate system {name[:60]!r} cannot be used: {problem}") from None
 
     def to_wgs84(self, xy: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return float64[n, 2] longitude, latitude of x, y; not finite where there is no such place."""
+        """Return longitude, latitude of x, y as float64[n, 2]; not finite for points outside the system."""
         positions = np.column_stack(self._transformer.transform(xy[:, 0], xy[:, 1]))
         self._accuracy_m = self._transformer.get_last_used_operation().accuracy
         return positions
 
     def accuracy_note(self) -> str:
-        """Return a note on the last conversion's accuracy; empty if borders are known no better."""
+        """Return a note on the accuracy of the last conversion; empty if it is within 1.5 m."""
         if self._accuracy_m <= _BORDER_ACCURACY_M:
             return ""
         return f"{self.name} is converted to WGS 84 to within {self._accuracy_m:g} m"
@@ -184,7 +185,7 @@ class Coordinates:
 
 @lru_cache(maxsize=32)
 def coordinates_of(name: str) -> Coordinates | None:
-    """Return the coordinate system of a code; None for longitude and latitude of WGS 84.
+    """Return the coordinate system of a code; None for WGS 84 longitude and latitude.
 
     >>> coordinates_of("urn:ogc:def:crs:OGC:1.3:CRS84"), coordinates_of("EPSG:32617").name
     (None, 'WGS 84 / UTM zone 17N')
@@ -221,7 +222,7 @@ def quaternion_of(roll_rad: float, pitch_rad: float, yaw_rad: float) -> Quaterni
 
 
 def angles_of(quaternion: Sequence[float]) -> tuple[float, float, float]:
-    """Return roll, pitch and yaw (rad) of a quaternion (w, x, y, z) of length 1.
+    """Return roll, pitch and yaw (rad) of a unit quaternion (w, x, y, z).
 
     Examples
     --------

@@ -1,7 +1,7 @@
-"""Farm files as GeoJSON (RFC 7946), read into entries and written; see docs/farm-files.md.
+"""Reading and writing of farm files as GeoJSON (RFC 7946); see docs/farm-files.md.
 
-A file holds a feature collection, a feature or a geometry, or several of them: one a line, or between record
-separators (RFC 8142; GDAL's GeoJSONSeq, ``.geojsonl``).
+A file holds a feature collection, a feature or a geometry, or several of these: one per line, or divided by
+record separators (RFC 8142; GDAL's GeoJSONSeq, ``.geojsonl``).
 """
 
 from __future__ import annotations
@@ -23,13 +23,13 @@ from geo.features import GEOMETRIES, MAX_FEATURES, Document, Entry, shortened
 from geo.frame import EXAMPLE_CRS, Coordinates, coordinates_of
 from geo.reading import UnreadableError, json_texts, not_json, read_text
 
-MAX_FILE_BYTES = 32 * 2**20  # Room for MAX_VERTICES with their properties
+MAX_FILE_BYTES = 32 * 2**20  # Enough for MAX_VERTICES vertices with properties
 
 
 def read_geojson(path: Path, crs: str | None = None) -> Document:
-    """Return the content of a GeoJSON file; ``crs`` is the coordinate system of a file without one.
+    """Return the content of a GeoJSON file; `crs` is the coordinate system if the file gives none.
 
-    FarmError if the file is no GeoJSON, or has a coordinate system and ``crs`` is given.
+    FarmError if the file is no GeoJSON, or both the file and `crs` give a coordinate system.
     """
     given = None if crs is None else coordinates_of(crs)
     members: dict[str, Any] = {}
@@ -51,7 +51,7 @@ def read_geojson(path: Path, crs: str | None = None) -> Document:
 
 
 def _features(document: dict[str, Any]) -> list[Any] | None:
-    """Take the features out of a collection; None if the document is no collection."""
+    """Remove and return the features of a collection; None if the document is no collection."""
     if document.get("type") != "FeatureCollection":
         return None
     features = document.pop("features", None)
@@ -79,7 +79,7 @@ def _entry(feature: Any, number: int, own: Coordinates | None) -> Entry:
 
 
 def _crs(holder: dict[str, Any], where: str, default: Coordinates | None) -> Coordinates | None:
-    """Return the coordinate system of the member "crs" (GeoJSON of 2008, not in RFC 7946), or the default."""
+    """Return the coordinate system of the member "crs" (in GeoJSON 2008, not in RFC 7946), or the default."""
     crs = holder.get("crs")
     if crs is None:
         return default
@@ -118,7 +118,7 @@ def _documents(path: Path) -> Iterator[dict[str, Any]]:
 
 
 def save_farm(farm: Farm, path: str | os.PathLike[str]) -> None:
-    """Write a farm as a GeoJSON file that `load_farm` reads back; the file appears whole or not at all.
+    """Write a farm atomically as a GeoJSON file that `load_farm` reads back.
 
     Raises
     ------
@@ -134,7 +134,7 @@ def save_farm(farm: Farm, path: str | os.PathLike[str]) -> None:
 
 
 def farm_document(farm: Farm) -> dict[str, Any]:
-    """Return the GeoJSON document of a farm, as `save_farm` writes it."""
+    """Return the GeoJSON document that `save_farm` writes."""
     frame, degrees_of = farm.frame, _DegreesOf(farm)
     patches = [
         _feature(degrees_of, patch.polygon, name=patch.name, crop=str(patch.crop), owner=patch.owner)
@@ -167,9 +167,10 @@ def farm_document(farm: Farm) -> dict[str, Any]:
 
 
 class _DegreesOf:
-    """Converts places of a farm to longitude and latitude; places of its file come back as the file has them.
+    """Conversion of a farm's points to degrees, which returns points of the farm's file unchanged.
 
-    Projecting and back moves a place by a nanometre, which is enough to turn a planner's comparison.
+    A projection and its inverse move a point by a nanometre, which can change the result of a comparison in a
+    planner.
     """
 
     def __init__(self, farm: Farm) -> None:

@@ -1,4 +1,4 @@
-"""The crop map of a farm: which crop grows on each cell, and whether the cell is the owner's."""
+"""Crop maps of farms: crop and ownership of each cell."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 class Crop(StrEnum):
-    """The crops of the benchmark; a farm may have others, by their names. `NONE` is unpainted land."""
+    """Crops of the benchmark; `NONE` is unpainted land. A farm may have other crops too."""
 
     NONE = "none"
     STRAWBERRY = "strawberry"
@@ -30,14 +30,14 @@ class Crop(StrEnum):
 
 
 NOT_GROWN = frozenset({Crop.NONE, Crop.POND, Crop.WETLAND})
-"""Land without a crop, which is not scouted."""
-MAX_CROPS = 100  # Their numbers are int8
+"""Kinds of land without a crop, which are not scouted."""
+MAX_CROPS = 100  # Crop indices are int8
 CROP_NAMES = "names of crops are up to 40 lower-case letters, digits, spaces, hyphens and underscores"
 _CROP_NAME = re.compile(r"[^\W\d_][\w -]{0,39}")
 
 
 def is_crop_name(name: str) -> bool:
-    """Return whether a text is the name of a crop, of the benchmark or not.
+    """Return whether a text is a valid crop name.
 
     >>> is_crop_name("sweet potato"), is_crop_name("Potato"), is_crop_name("")
     (True, False, False)
@@ -47,7 +47,7 @@ def is_crop_name(name: str) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class FarmGrid:
-    """The crop map of a farm, one value a cell.
+    """Crop map of a farm, with one value per cell.
 
     Parameters
     ----------
@@ -56,11 +56,11 @@ class FarmGrid:
     cell_size_m : float
         Side of a cell, metres.
     crop : int8[W, H]
-        Each cell's crop, an index of `crops`.
+        Crop of each cell, as an index of `crops`.
     owned : bool[W, H]
         Whether the cell is the owner's.
     crops : tuple of str
-        Crop names: the benchmark's first, then those that only this farm has.
+        Crop names: those of the benchmark, then further crops of this farm.
 
     Arrays and masks are shared and not writable.
     """
@@ -82,17 +82,17 @@ class FarmGrid:
 
     @cached_property
     def tomato(self) -> NDArray[np.bool_]:
-        """The owner's tomatoes, bool[W, H]."""
+        """Mask of the owner's tomato cells, bool[W, H]."""
         return self._owned_crop(Crop.TOMATO)
 
     @cached_property
     def strawberry(self) -> NDArray[np.bool_]:
-        """The owner's strawberries, bool[W, H]."""
+        """Mask of the owner's strawberry cells, bool[W, H]."""
         return self._owned_crop(Crop.STRAWBERRY)
 
     @cached_property
     def planted(self) -> NDArray[np.bool_]:
-        """The owner's planted land, bool[W, H]."""
+        """Mask of the owner's cells with a crop, bool[W, H]."""
         mask = self.of_crops([crop for crop in self.crops if crop not in NOT_GROWN])
         mask &= self.owned
         mask.flags.writeable = False
@@ -100,12 +100,12 @@ class FarmGrid:
 
     @property
     def further_crops(self) -> str:
-        """Its crops beyond the benchmark's, as a text for digests."""
+        """Names of this farm's crops that the benchmark does not have, as a text for digests."""
         return "".join(f"{name};" for name in self.crops[len(Crop) :])
 
     def of_crops(self, names: Iterable[str]) -> NDArray[np.bool_]:
-        """Return a new mask of the cells with one of these crops, whoever owns them: bool[W, H]."""
-        # np.isin would take eight bytes a cell.
+        """Return a new mask of the cells with one of these crops, of all owners: bool[W, H]."""
+        # np.isin would take eight bytes per cell.
         mask = np.zeros(self.shape, np.bool_)
         for name in names:
             if name in self.crops:
@@ -128,9 +128,10 @@ def rasterise(
     """Paint patches in order onto a grid of cells.
 
     A cell belongs to the last patch that covers its centre. Vertices are rounded to a millionth of a cell, so
-    that a border through a centre falls the same way on every machine.
+    that a cell with its centre on a border belongs to the same patch on every machine.
 
-    Patches are (polygon, index of `crops`, owned), polygons in metres from the grid's corner, holes allowed.
+    A patch is (polygon, index of `crops`, owned). Polygons are in metres from the grid's corner and may have
+    holes.
     """
     crop_map = np.zeros(shape, np.int8)
     owned_map = np.zeros(shape, np.bool_)
@@ -142,14 +143,14 @@ def rasterise(
     return FarmGrid(shape, cell_size_m, crop_map, owned_map, crops)
 
 
-_TIE_CELLS = 1e-9  # A centre this near to an edge is on it; float64 errors of a crossing stay below 1e-11
-_CROSSINGS_AT_ONCE = 2_000_000  # Some 200 MB of arrays
+_TIE_CELLS = 1e-9  # Tolerance for a cell's centre on an edge; rounding errors are below 1e-11
+_CROSSINGS_AT_ONCE = 2_000_000  # Crossings per batch, with about 200 MB of arrays
 
 Runs = tuple["NDArray[np.int64]", "NDArray[np.int64]", "NDArray[np.int64]"]
 
 
 def _edges(polygon: shapely.Polygon, cell_size_m: float) -> NDArray[np.float64]:
-    """Return the edges of all rings in cells, rounded to a millionth: float64[n, 4] x1 y1 x2 y2."""
+    """Return the edges of all rings as float64[n, 4] x1 y1 x2 y2, in cells, rounded to 1e-6."""
     edges = []
     for ring in (polygon.exterior, *polygon.interiors):
         xy = np.round(shapely.get_coordinates(ring) / cell_size_m, 6)
@@ -158,14 +159,14 @@ def _edges(polygon: shapely.Polygon, cell_size_m: float) -> NDArray[np.float64]:
 
 
 def _cell_runs(edges: NDArray[np.float64], width: int, height: int) -> Iterator[Runs]:
-    """Yield the cells whose centres a polygon covers: runs ``first <= y < stop`` of column x.
+    """Yield the cells with centres inside a polygon, as runs ``first <= y < stop`` of column x.
 
-    The rule is even-odd over all rings; boundaries, those of holes too, belong to the polygon. Runs of one
-    column may overlap; land outside the grid is cut off.
+    The fill rule is even-odd over all rings. Boundaries, also of holes, belong to the polygon. Runs of a
+    column may overlap. Parts outside the grid are cut off.
     """
     flip = edges[:, 0] > edges[:, 2]
     edges = np.where(flip[:, None], edges[:, [2, 3, 0, 1]], edges)
-    # Columns whose centre line meets the closed edge.
+    # Columns with a centre line that the edge, ends included, meets.
     first = np.clip(np.ceil(edges[:, 0] - 0.5 - _TIE_CELLS), 0, width).astype(np.int64)
     stop = np.clip(np.floor(edges[:, 2] - 0.5 + _TIE_CELLS) + 1, first, width).astype(np.int64)
     yield from _runs_between(edges, first, stop, 0, width, height)
@@ -197,10 +198,10 @@ def _runs_between(
     upright = x1 == x2
     slope = np.divide(y2 - y1, x2 - x1, out=np.zeros(total), where=~upright)
     y = np.clip(y1 + (centre - x1) * slope, low_y, high_y)
-    # The boundary: the one cell whose centre an edge passes, or the whole of an edge along the centre line.
+    # The boundary: the cell with its centre on an edge, or all cells of an edge along the centre line.
     reach = np.where(upright, np.inf, _TIE_CELLS * np.abs(slope))
     yield _clipped(x, np.maximum(y - reach, low_y), np.minimum(y + reach, high_y), height)
-    # The interior: the half-open rule counts a vertex on the centre line once.
+    # The interior: the half-open interval counts a vertex on the centre line once.
     inside = (centre >= x1) & (centre < x2)
     x, y = x[inside], y[inside]
     order = np.lexsort((y, x))

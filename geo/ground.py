@@ -1,4 +1,4 @@
-"""Heights of the ground from rasters: GeoTIFF in any coordinate system, SRTM tiles (.hgt)."""
+"""Terrain heights from rasters: GeoTIFF in any coordinate system, SRTM tiles (.hgt)."""
 
 from __future__ import annotations
 
@@ -18,29 +18,29 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 _MAX_PIXELS = 50_000_000  # 0.4 GB of float64
-_HIGHEST_M = 9000.0  # Above every mountain: larger numbers mark missing heights
-_MARGIN_PX = 2  # For the interpolation at the edge, and the curve of the border in another system
+_HIGHEST_M = 9000.0  # Higher than all mountains: larger numbers mark missing heights
+_MARGIN_PX = 2  # Extra pixels for interpolation, and for borders that are curved in the raster's system
 _FOOT = {"foot": 0.3048, "feet": 0.3048, "ft": 0.3048, "us survey foot": 1200.0 / 3937.0}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Tile:
-    """A part of a raster."""
+    """A rectangular part of a raster."""
 
-    heights_m: NDArray[np.float64]  # [row, column]; NaN: no height
-    to_pixel: tuple[float, ...]  # Affine from x, y to column, row
-    transformer: Transformer  # Longitude, latitude to x, y
+    heights_m: NDArray[np.float64]  # [row, column]; NaN for no height
+    to_pixel: tuple[float, ...]  # Affine transform from x, y to column, row
+    transformer: Transformer  # From longitude, latitude to x, y
 
     def at(
         self, latitude_deg: NDArray[np.float64], longitude_deg: NDArray[np.float64]
     ) -> NDArray[np.float64]:
-        """Return the heights, bilinear between the centres of pixels; NaN outside."""
+        """Return the heights (m), bilinear between pixel centres; NaN outside the tile."""
         x, y = self.transformer.transform(longitude_deg, latitude_deg)
         a, b, c, d, e, f = self.to_pixel
         with np.errstate(invalid="ignore"):
             column, row = a * x + b * y + c - 0.5, d * x + e * y + f - 0.5
         rows, columns = self.heights_m.shape
-        # Half a pixel beyond the outermost centres is still the raster's.
+        # The raster extends half a pixel beyond the outermost centres.
         inside = (column >= -0.5) & (column <= columns - 0.5) & (row >= -0.5) & (row <= rows - 0.5)
         column = np.clip(np.where(inside, column, 0.0), 0.0, columns - 1.0)
         row = np.clip(np.where(inside, row, 0.0), 0.0, rows - 1.0)
@@ -54,7 +54,7 @@ class _Tile:
         shares = np.stack(
             [(1 - across) * (1 - down), across * (1 - down), (1 - across) * down, across * down]
         )
-        # The weights of pixels without a height go to the others.
+        # Pixels without a height have weight 0; the other weights are scaled up.
         shares = np.where(np.isnan(corners), 0.0, shares)
         total = shares.sum(axis=0)
         with np.errstate(invalid="ignore", divide="ignore"):
@@ -64,29 +64,29 @@ class _Tile:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Ground:
-    """Heights of the ground above mean sea level from rasters; the first with a height at a place counts."""
+    """Terrain heights above mean sea level, each from the first raster with a height at the point."""
 
     tiles: tuple[_Tile, ...]
-    step_m: float  # Width of the narrowest pixels
-    names: str  # In messages
+    step_m: float  # Width of the smallest pixel
+    names: str  # Names of the rasters, for messages
 
     @classmethod
     def read(cls, paths: Iterable[str], bounds_deg: tuple[float, float, float, float]) -> Ground:
-        """Read the part of rasters within bounds.
+        """Read the parts of rasters that are within bounds.
 
         Parameters
         ----------
         paths : iterable of str
-            GeoTIFF or another file that GDAL reads, with one band of heights in metres, or in feet if the
-            band's unit says so. The name of an SRTM tile gives its place (N28W083.hgt).
+            GeoTIFF or another file that GDAL reads, with one band of heights in metres, or in feet if that is
+            the band's unit. The name of an SRTM tile gives its position (N28W083.hgt).
         bounds_deg : tuple of float
             South, west, north, east: degrees of WGS84.
 
         Raises
         ------
         GroundError
-            If rasterio is not installed, a file cannot be read, has no coordinate system or too many pixels,
-            or none of the files has a pixel in the bounds.
+            If rasterio is not installed; if a file cannot be read, has no coordinate system or too many
+            pixels; or if no file has a pixel within the bounds.
         """
         names = [str(path) for path in paths]
         found = [_read(name, bounds_deg) for name in names]
@@ -103,7 +103,7 @@ class Ground:
     def heights(
         self, latitude_deg: NDArray[np.float64], longitude_deg: NDArray[np.float64]
     ) -> NDArray[np.float64]:
-        """Return the heights at places, metres above mean sea level; GroundError if a place has none."""
+        """Return the heights at points, metres above mean sea level; GroundError if a point has none."""
         found = np.full(np.shape(latitude_deg), np.nan)
         for tile in self.tiles:
             missing = np.isnan(found)
@@ -121,7 +121,7 @@ class Ground:
 
 
 def _read(name: str, bounds_deg: tuple[float, float, float, float]) -> tuple[_Tile, float] | None:
-    """Return the part of a raster in the bounds and its pixels' width, metres; None outside."""
+    """Return the part of a raster within the bounds and the pixel width (m); None if it is outside."""
     rasterio, errors = (
         load_extra(module, "gis", "heights of the ground need", GroundError)
         for module in ("rasterio", "rasterio.errors")
@@ -176,9 +176,9 @@ def _part(
 
 
 def _pixel_m(raster: Any, transformer: Transformer, latitude_deg: float, longitude_deg: float) -> float:
-    """Return the width of a pixel at a place, metres, roughly: the narrower side."""
-    metres_deg = 111_320.0  # Of the equator
-    small = 1e-4  # Degrees: some 11 m
+    """Return the approximate length of the shorter side of a pixel at a point (m)."""
+    metres_deg = 111_320.0  # Metres per degree at the equator
+    small = 1e-4  # Degrees, about 11 m
     x0, y0 = transformer.transform(longitude_deg, latitude_deg)
     x1, y1 = transformer.transform(longitude_deg + small, latitude_deg)
     x2, y2 = transformer.transform(longitude_deg, latitude_deg + small)

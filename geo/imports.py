@@ -1,7 +1,7 @@
-"""Imports at first use: public names of packages (PEP 562), entry points, and libraries of extras.
+"""Lazy imports: public names of packages (PEP 562), entry points, and optional libraries.
 
-Importing a light module of a package then imports neither numpy nor shapely. A package names its public names
-once, one a line, for the type checker, and `attach` reads these lines::
+Importing a light module of a package then imports neither numpy nor shapely. A package lists its public names
+for the type checker, one per line, and `attach` reads these lines::
 
     if TYPE_CHECKING:
         from geo.farm import Farm as Farm
@@ -27,17 +27,17 @@ _PUBLIC = re.compile(r"^    from ([\w.]+) import (\w+) as \2$", re.MULTILINE)
 
 
 def attach(package: str) -> tuple[Callable[[str], object], Callable[[], list[str]], list[str]]:
-    """Make ``__getattr__``, ``__dir__`` and ``__all__`` of a package from the names in its source."""
+    """Return ``__getattr__``, ``__dir__`` and ``__all__`` for the public names in a package's source."""
     source = Path(str(sys.modules[package].__file__)).read_text(encoding="utf-8")
     homes = {name: module for module, name in _PUBLIC.findall(source)}
     public = sorted(homes)
 
-    def __getattr__(name: str) -> object:  # noqa: N807 (is put into the package)
+    def __getattr__(name: str) -> object:  # noqa: N807 (assigned in the package)
         if name not in homes:
             msg = f"module {package!r} has no attribute {name!r}"
             raise AttributeError(msg, name=name, obj=sys.modules[package])
         value = getattr(importlib.import_module(homes[name]), name)
-        # The next use finds it without this function.
+        # Python calls __getattr__ only for names that are not set yet.
         setattr(sys.modules[package], name, value)
         return value
 
@@ -48,7 +48,7 @@ def attach(package: str) -> tuple[Callable[[str], object], Callable[[], list[str
 
 
 def entry_points(group: str) -> metadata.EntryPoints:
-    """Return the entry points of a group; kept until ``sys.path`` or one of its folders changes.
+    """Return the entry points of a group, cached until ``sys.path`` or one of its folders changes.
 
     Examples
     --------
@@ -59,7 +59,7 @@ def entry_points(group: str) -> metadata.EntryPoints:
 
 
 def load_extra(module: str, extra: str, what: str, error: type[Exception]) -> Any:
-    """Import a library of an extra; `error` if it is not installed, with `what` ("maps need") and the remedy.
+    """Import an optional library; raise `error` if it is missing. `what` begins the text ("maps need").
 
     Examples
     --------
@@ -76,16 +76,16 @@ def load_extra(module: str, extra: str, what: str, error: type[Exception]) -> An
 
 
 def load_entry(entry: metadata.EntryPoint, what: str, error: type[Exception]) -> Any:
-    """Return the object of an entry point, named `what`; `error` if it cannot be imported."""
+    """Return the object of an entry point; raise `error` if the import fails. `what` begins the text."""
     try:
         return entry.load()
-    except Exception as problem:  # code of others runs
+    except Exception as problem:  # The imported code may raise anything
         raise error(f"{what} ({entry.value}) cannot be loaded: {problem}") from problem
 
 
 @lru_cache(maxsize=16)
 def _entry_points(group: str, _path: tuple[tuple[str, int], ...]) -> metadata.EntryPoints:
-    # Its import takes longer than all else here.
+    # This import takes longer than the rest of the module.
     from importlib import metadata
 
     return metadata.entry_points(group=group)

@@ -1,9 +1,9 @@
-"""Linear algebra and elementary functions with the same last bits on every processor.
+"""Linear algebra and elementary functions that are equal to the last bit on every processor.
 
-OpenBLAS and numpy choose code by the processor, and each adds in another order or rounds otherwise. Here a
-sum runs term after term in the order of the index, and functions are those of the library of C. Blocks fit
-the cache and change no bit: a product of some rows is those rows of the product. Code whose results are
-recorded uses these functions.
+OpenBLAS and numpy choose code by the processor, and their orders of summation and rounding differ. Here terms
+are added in the order of the index, and elementary functions are those of the C library. Processing in blocks
+for the cache does not change the results: a product of selected rows equals these rows of the full product.
+Code with recorded results uses these functions.
 """
 
 from __future__ import annotations
@@ -19,10 +19,10 @@ from numpy.typing import ArrayLike, NDArray
 Floats = NDArray[Any]
 _Values = TypeVar("_Values", bound=NDArray[Any])
 
-# Small products and arrays need no compiled code, whose import takes a second; the bits are the same.
-_SHALLOW = 4  # Terms of a sum
-_LIGHT = 100_000  # Multiplications, while the compiled code is not loaded
-_FEW = 64  # Numbers for an elementary function
+# Small products and arrays run in numpy or Python, as importing the compiled code takes a second.
+_SHALLOW = 4  # Largest number of terms per sum for numpy
+_LIGHT = 100_000  # Largest number of multiplications for which compiled code is not loaded
+_FEW = 64  # Largest number of arguments for elementary functions in Python
 
 
 def _kernels() -> Any:
@@ -38,7 +38,7 @@ def _are_loaded() -> bool:
 def product(a: Floats, b: Floats, out: _Values | None = None) -> Any:
     """Return ``a @ b`` in float32 or float64 for a stack of vectors `a` and a vector or matrix `b`.
 
-    The product is written to `out`, [n, m] in C order, if that is given.
+    `out`: an array [n, m] in C order that receives the product.
 
     Examples
     --------
@@ -73,13 +73,13 @@ def cholesky(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def solve_lower(factor: NDArray[np.float64], right: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Solve ``factor x = right`` in place: lower triangular `factor`, `right` float64[n, k] in C order."""
+    """Solve ``factor x = right`` in place; `factor` is lower triangular, `right` float64[n, k] in C order."""
     _kernels().substitute_forward(factor, right, right.shape[1])
     return right
 
 
 def solve_positive(matrix: NDArray[np.float64], right: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Solve ``matrix x = right``, a vector or matrix, for a symmetric matrix.
+    """Solve ``matrix x = right`` for a symmetric `matrix`; `right` is a vector or matrix.
 
     Raises
     ------
@@ -89,14 +89,14 @@ def solve_positive(matrix: NDArray[np.float64], right: NDArray[np.float64]) -> N
     factor = cholesky(matrix)
     columns = np.array(right[:, None] if right.ndim == 1 else right, np.float64, order="C")
     solve_lower(factor, columns)
-    # The transposed factor in reversed order is lower triangular, too.
+    # The transposed factor in reversed order is again lower triangular.
     turned = np.ascontiguousarray(factor.T[::-1, ::-1])
     found = solve_lower(turned, np.ascontiguousarray(columns[::-1]))[::-1]
     return np.ascontiguousarray(found).reshape(right.shape)
 
 
 def inverse_of_factor(factor: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the inverse of the matrix with this lower Cholesky factor."""
+    """Return the inverse of the matrix with the lower Cholesky factor `factor`."""
     inverse: NDArray[np.float64] = _kernels().inverse_of_factor(factor)
     return inverse
 
@@ -107,7 +107,7 @@ def inverse_positive(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _elementwise(function: Callable[[float], float], kernel: str = "") -> Callable[..., Any]:
-    """Make a function of arrays from one of `math`, in Python or, for many numbers, by a kernel."""
+    """Return the array version of a function of `math`; `kernel` is its compiled loop for many numbers."""
 
     def of_arrays(x: ArrayLike, out: NDArray[Any] | None = None) -> Any:
         values = np.asarray(x)
@@ -129,12 +129,12 @@ def _elementwise(function: Callable[[float], float], kernel: str = "") -> Callab
 
 
 def _is_tame(values: Floats) -> bool:
-    """Return whether no value overflows `exp`, which it does above 709, and none is 0, which has no `log`."""
+    """Return whether `exp` and `log` can take all values: `exp` overflows above 709, `log` fails at 0."""
     return bool((np.abs(values) < 700.0).all()) and bool((values != 0.0).all())
 
 
 def arctan2(y: NDArray[np.float64], x: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return ``math.atan2`` of each pair of numbers of two vectors."""
+    """Return ``math.atan2`` of two vectors, element by element."""
     return np.array([math.atan2(*pair) for pair in zip(y.tolist(), x.tolist(), strict=True)])
 
 

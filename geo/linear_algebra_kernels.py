@@ -1,4 +1,4 @@
-"""The compiled part of `geo.linear_algebra`: sums in the order of the index, in blocks that fit the cache."""
+"""Compiled kernels of `geo.linear_algebra`: sums in the order of the index, in blocks that fit the cache."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from geo.compiled import compiled
 
 Floats = NDArray[Any]
 
-# Rows and columns at a time, so that they stay in the cache; by trial.
+# Rows and columns per block, chosen by measurements so that a block stays in the cache.
 _BLOCK = 48
 _PANEL = 512
 
@@ -21,9 +21,10 @@ _PANEL = 512
 def add_product(
     scale: float, a: Floats, b: Floats, out: Floats, i0: int, i1: int, k0: int, k1: int, j0: int, j1: int
 ) -> None:
-    """Add ``scale a[i, k] b[k, j]`` to ``out[i, j]``, k after k; `scale` is 1 or -1, of the arrays' type.
+    """Add ``scale a[i, k] b[k, j]`` to ``out[i, j]`` in the order of k; `scale` is 1 or -1.
 
-    Four rows and four terms at a time: each number is loaded once for four sums.
+    `scale` has the type of the arrays. Rows and terms are processed four at a time, so that a number loaded
+    once is used in four sums.
     """
     for first in range(j0, j1, _PANEL):
         last = min(first + _PANEL, j1)
@@ -84,9 +85,9 @@ def add_product(
 
 @compiled(nogil=True, allocates=False)
 def substitute_forward(factor: Floats, right: Floats, columns: int, triangular: bool = False) -> None:
-    """Solve ``factor x = right``, lower triangular, for the first `columns` columns, in place.
+    """Solve ``factor x = right`` in place for the first `columns` columns; `factor` is lower triangular.
 
-    With `triangular`, `right` is a lower triangular matrix of the same size.
+    `triangular`: `right` is a lower triangular matrix of the size of `factor`.
     """
     n, minus = len(factor), right.dtype.type(-1.0)
     for first in range(0, n, _BLOCK):
@@ -129,7 +130,7 @@ def factor_of(matrix: Floats) -> Floats:
 
 @compiled(nogil=True)
 def inverse_of_factor(factor: Floats) -> Floats:
-    """Return the inverse of a matrix with this lower Cholesky factor."""
+    """Return the inverse of the matrix with the lower Cholesky factor `factor`."""
     n = len(factor)
     half, inverse = np.eye(n), np.zeros((n, n))
     substitute_forward(factor, half, n, True)
@@ -146,20 +147,20 @@ def inverse_of_factor(factor: Floats) -> Floats:
 
 @compiled(nogil=True, allocates=False)
 def each_exp(x: Floats, out: Floats) -> None:
-    """Write ``math.exp`` of each number."""
+    """Write ``math.exp`` of each number of `x` to `out`."""
     for i in range(len(x)):
         out[i] = math.exp(x[i])
 
 
 @compiled(nogil=True, allocates=False)
 def each_log(x: Floats, out: Floats) -> None:
-    """Write ``math.log`` of each number."""
+    """Write ``math.log`` of each number of `x` to `out`."""
     for i in range(len(x)):
         out[i] = math.log(x[i])
 
 
 @compiled(nogil=True, allocates=False)
 def each_sin(x: Floats, out: Floats) -> None:
-    """Write ``math.sin`` of each number."""
+    """Write ``math.sin`` of each number of `x` to `out`."""
     for i in range(len(x)):
         out[i] = math.sin(x[i])

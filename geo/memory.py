@@ -1,7 +1,7 @@
-"""Memory that is left, checked before work begins instead of being killed half-way.
+"""Available memory, checked before a task begins, so that the system does not kill the process halfway.
 
-The least limit counts: what the machine has free, the control groups of this process (containers, batch
-systems; versions 1 and 2), and its limit of address space (``ulimit -v``).
+The smallest limit applies: free memory of the machine, control groups of this process (containers, batch
+systems; versions 1 and 2), and the address space limit (``ulimit -v``).
 """
 
 from __future__ import annotations
@@ -17,21 +17,21 @@ from geo.errors import WbfMissionError
 
 
 class NotEnoughMemoryError(WbfMissionError, MemoryError):
-    """A task that would not fit into memory; its text gives the memory that it needs."""
+    """A task that needs more memory than is available; the text gives the memory it needs."""
 
 
 @dataclass(frozen=True, slots=True)
 class AvailableMemory:
-    """Memory that this process may still take, and the limit in words."""
+    """Memory that this process may still allocate, and the name of the limit."""
 
     bytes: int
     limited_by: str
 
 
 def available_memory(root: Path = Path("/")) -> AvailableMemory | None:
-    """Return how much memory this process may still take, None where that is unknown.
+    """Return the memory that this process may still allocate, or None if it is unknown.
 
-    Control groups are read below `root`.
+    `root`: folder below which the files of control groups are read.
     """
     limits = [*_machine(), *_control_groups(root), *_address_space()]
     return min(limits, key=lambda limit: limit.bytes, default=None)
@@ -39,9 +39,10 @@ def available_memory(root: Path = Path("/")) -> AvailableMemory | None:
 
 @contextlib.contextmanager
 def memory_bounded(more: int) -> Iterator[None]:
-    """Let this process take at most `more` bytes; beyond them there is a MemoryError.
+    """Limit later allocations of this process to `more` bytes in total; beyond, MemoryError is raised.
 
-    For files of others, which may claim any size. Only Linux and FreeBSD have such a bound.
+    The limit is meant for reading untrusted files, which may declare any size. Systems other than Linux and
+    FreeBSD have no such limit.
     """
     taken = _address_space_taken()
     if taken is None:
@@ -58,10 +59,10 @@ def memory_bounded(more: int) -> Iterator[None]:
 
 
 def require_memory(what: str, parts: Mapping[str, int], *, available: AvailableMemory | None = None) -> None:
-    """Raise NotEnoughMemoryError if a task's parts, in bytes, do not fit into memory together.
+    """Raise NotEnoughMemoryError if the sum of `parts` (bytes) exceeds the available memory.
 
-    `what` is the subject of the error's sentence; it names parts of at least a tenth of the sum. Where the
-    limits are unknown, nothing is checked.
+    `what` is the subject of the error's sentence, which lists the parts of at least a tenth of the sum. If
+    the available memory is unknown, nothing is checked.
 
     Examples
     --------
@@ -84,7 +85,7 @@ def require_memory(what: str, parts: Mapping[str, int], *, available: AvailableM
 
 
 def human_bytes(size: float) -> str:
-    """Return a number of bytes in decimal units.
+    """Return a number of bytes as text in decimal units.
 
     Examples
     --------
@@ -97,7 +98,7 @@ def human_bytes(size: float) -> str:
 
 
 def _machine() -> Iterator[AvailableMemory]:
-    with contextlib.suppress(OSError):  # /proc is not mounted
+    with contextlib.suppress(OSError):  # /proc may not be mounted
         yield AvailableMemory(psutil.virtual_memory().available, "what the machine has free")
 
 
@@ -116,11 +117,11 @@ def _control_groups(root: Path) -> Iterator[AvailableMemory]:
 def _groups(
     base: Path, path: str, limit_file: str, usage_file: str, reclaimable: str
 ) -> Iterator[AvailableMemory]:
-    # A limit of any group above counts too; in a container the own group is mounted as the root.
+    # Limits of parent groups apply too; in a container the process's group is mounted as the root.
     own = PurePosixPath(path.lstrip("/"))
     for group in (own, *own.parents):
         limit, usage = _text(base / group / limit_file).strip(), _text(base / group / usage_file).strip()
-        if not (limit.isdecimal() and usage.isdecimal()):  # "max", or no such group
+        if not (limit.isdecimal() and usage.isdecimal()):  # The limit is "max", or the group does not exist
             continue
         statistics = dict(line.split() for line in _text(base / group / "memory.stat").splitlines())
         free = int(limit) - max(0, int(usage) - int(statistics.get(reclaimable, 0)))
@@ -136,8 +137,8 @@ def _address_space() -> Iterator[AvailableMemory]:
 
 
 def _address_space_taken() -> int | None:
-    """Return the bytes of address space of this process; None where it cannot be limited or is unknown."""
-    with contextlib.suppress(OSError, psutil.Error):  # /proc is not mounted
+    """Return the address space of this process (bytes); None if it is unknown or cannot be limited."""
+    with contextlib.suppress(OSError, psutil.Error):  # /proc may not be mounted
         if hasattr(psutil, "RLIMIT_AS"):
             return int(psutil.Process().memory_info().vms)
     return None

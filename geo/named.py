@@ -1,11 +1,11 @@
-"""A name with parameters in one text, such as ``lawnmower:direction=0.3``.
+"""Names with parameters, such as ``lawnmower:direction=0.3``.
 
-After the name and a colon come ``key=value`` pairs with commas between them. A value is
+A colon and comma-separated ``key=value`` pairs follow the name. A value is
 
 - a number: ``3``, ``0.3``, ``-1e-3``;
 - ``true``, ``false`` or ``none``;
 - a list of values in brackets, ``[1, 10]``, which becomes a tuple;
-- any other text, in double quotes if it holds a comma or bracket or would be read as one of the above.
+- any other text, in double quotes if it contains a comma or bracket or looks like one of the above.
 """
 
 from __future__ import annotations
@@ -28,14 +28,14 @@ _HINT = "write NAME or NAME:key=value,key=value"
 
 
 class ParameterError(WbfMissionError, ValueError):
-    """Parameters that cannot be read, or that a planner, policy or estimator does not have."""
+    """Parameters that cannot be parsed, or that a planner, policy or estimator does not have."""
 
 
 def parse_named(text: str) -> tuple[str, dict[str, Parameter]]:
-    """Read a name and its parameters.
+    """Parse a name and its parameters.
 
-    Blanks around names, keys and values do not count. ParameterError if the name is missing, a pair is no
-    ``key=value``, a key comes twice, or a value is not finite.
+    Spaces around names, keys and values are ignored. ParameterError if the name is missing, a pair is no
+    ``key=value``, a key is repeated, or a value is not finite.
 
     Examples
     --------
@@ -61,10 +61,10 @@ def parse_named(text: str) -> tuple[str, dict[str, Parameter]]:
 
 
 def format_named(name: str, parameters: Mapping[str, object]) -> str:
-    """Write a name and its parameters as `parse_named` reads them.
+    """Return a name and its parameters as one text for `parse_named`.
 
-    Values that `parse_named` gives come back equal: finite numbers, true, false and none, texts without
-    quotation marks, and sequences of these.
+    All values that `parse_named` returns keep their value: finite numbers, true, false and none, texts
+    without quotation marks, and sequences of these.
 
     Examples
     --------
@@ -78,9 +78,9 @@ def format_named(name: str, parameters: Mapping[str, object]) -> str:
 
 
 def split_named(text: str) -> list[str]:
-    """Split a comma-separated list of names, whose parameters have commas, too.
+    """Split a comma-separated list of names with parameters; commas within parameters do not split.
 
-    ParameterError if a quotation mark is not closed, or brackets do not pair.
+    ParameterError if a quotation mark or bracket is not closed.
 
     Examples
     --------
@@ -89,7 +89,7 @@ def split_named(text: str) -> list[str]:
     """
     found: list[str] = []
     for part in (piece.strip() for piece in _split(text, text)):
-        # A further parameter of the last name is key=value without a name and a colon.
+        # key=value without a name and a colon is another parameter of the preceding name.
         if found and "=" in part and ":" not in part.partition("=")[0]:
             found[-1] += f",{part}"
         elif part:
@@ -98,7 +98,7 @@ def split_named(text: str) -> list[str]:
 
 
 def check_parameters(owner: str, given: Iterable[str], known: Collection[str]) -> None:
-    """Raise ParameterError for parameters that `owner`, such as ``planner spiral``, does not have."""
+    """Raise ParameterError for unknown names in `given`; `owner` names their object (``planner spiral``)."""
     unknown = sorted(set(given).difference(known))
     if unknown:
         which = f"parameter {unknown[0]!r}" if len(unknown) == 1 else f"parameters {', '.join(unknown)}"
@@ -106,7 +106,7 @@ def check_parameters(owner: str, given: Iterable[str], known: Collection[str]) -
 
 
 def _split(text: str, whole: str) -> list[str]:
-    """Split at commas outside brackets and quotes."""
+    """Split a text at commas outside brackets and quotation marks."""
     parts, inside, position = [""], False, 0
     unpaired = ParameterError(f"{whole!r}: brackets do not pair; a list is written [1, 10]")
     while position < len(text):

@@ -1,6 +1,6 @@
-"""Processes of our own that can be given up at any time, and the signals that end them.
+"""Worker processes that can be stopped at any time, and the signals that interrupt a command.
 
-Ctrl-C comes at any moment and reaches every process of the terminal.
+Ctrl-C may arrive at any moment, and the terminal sends it to all processes of the command.
 """
 
 from __future__ import annotations
@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 import os
 import signal
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -23,22 +24,21 @@ _T = TypeVar("_T")
 
 # Windows has no SIGHUP.
 INTERRUPTS = (signal.SIGINT, signal.SIGTERM, *([signal.SIGHUP] if hasattr(signal, "SIGHUP") else ()))
-_REPEATED_S = (
-    1.0  # Longer than `timeout` takes for both signals, shorter than a user who means a second Ctrl-C
-)
+# GNU `timeout` sends its two signals within a second; a user takes longer for a second Ctrl-C.
+_REPEATED_S = 1.0
 _POLL_S = 0.01
-_HAND_OVER_S = 5.0  # loky hands a call over in milliseconds
+_HAND_OVER_S = 5.0  # loky passes a call to a process within milliseconds
 _PARENT_POLL_S = 2.0
 
 
 class Repeats:
-    """Recognises a signal that repeats the last one: GNU `timeout` signals the process and its group."""
+    """Detection of repeated signals: GNU `timeout` sends one to the process and one to its group."""
 
     def __init__(self) -> None:
         self._counted_s = -math.inf
 
     def is_repeat(self) -> bool:
-        """Return whether the signal of now comes within a second of the last one that was no repeat."""
+        """Return whether the present signal repeats another one that arrived within the last second."""
         now_s = time.monotonic()
         if now_s < self._counted_s + _REPEATED_S:
             return True
@@ -47,7 +47,7 @@ class Repeats:
 
 
 def ignore_interrupts() -> None:
-    """Leave the signals, which reach the whole group, to the parent: the first thing that a worker does."""
+    """Ignore interrupts in a worker process: the whole group receives them, and the parent handles them."""
     for number in INTERRUPTS:
         signal.signal(number, signal.SIG_IGN)
 
@@ -56,18 +56,19 @@ def ignore_interrupts() -> None:
 def interrupts_noted(
     wake: Callable[[], None] | None = None, *, at_once: bool = False
 ) -> Iterator[Callable[[], None]]:
-    """Note the KeyboardInterrupt of the first signal, and raise it at the end of the block.
+    """Defer the KeyboardInterrupt of the first signal to the end of the block.
 
-    The yielded function raises a noted interrupt earlier. An exception raised by the signal's handler itself
-    can be lost: compiled extensions drop some, as `hasattr` of the C API does. The second signal raises at
-    once; signals within a second count as one. In other threads than the main one nothing is noted.
+    The yielded function raises a deferred interrupt earlier. An exception raised in a signal handler can be
+    lost: compiled extensions drop some, for example in `hasattr` of the C API. The second signal raises
+    immediately; signals within a second count as one. Outside the main thread nothing is deferred.
 
     Parameters
     ----------
     wake : callable, optional
-        Called when a signal has come, to end a wait.
+        Called after a signal, to end a wait.
     at_once : bool
-        Whether the first signal raises at once, too; it is noted in case that the exception is lost.
+        Whether the first signal raises immediately. The interrupt is deferred too, in case the exception is
+        lost.
     """
     noted: list[KeyboardInterrupt] = []
     before: dict[int, Callable[[int, FrameType | None], object]] = {}
@@ -100,7 +101,7 @@ def interrupts_noted(
         yield answer
     finally:
         for number, handler in before.items():
-            # The second signal may have put the system's handler in place.
+            # The handler of a second signal may have restored the system's default handler.
             if signal.getsignal(number) is note:
                 signal.signal(number, handler)
     answer()
@@ -108,18 +109,19 @@ def interrupts_noted(
 
 @contextmanager
 def interrupts_held() -> Iterator[None]:
-    """Hold signals back while processes start, which inherit that; they are answered afterwards.
+    """Block signals while processes start; the new processes inherit the mask.
 
-    Otherwise a signal would end a process that has not called `ignore_interrupts` yet.
+    Without the mask a signal would end a process that has not called `ignore_interrupts` yet. Signals of this
+    process are handled after the block.
     """
-    # Windows has no mask of signals.
-    if not hasattr(signal, "pthread_sigmask"):
+    # Windows has no signal masks.
+    if sys.platform == "win32" or not hasattr(signal, "pthread_sigmask"):
         with interrupts_noted():
             yield
         return
-    # It starts with the first process, and would let the signal through then.
+    # The tracker starts with the first worker and would unblock the signals.
     resource_tracker.ensure_running()
-    # The mask is this thread's and that of processes it starts; another thread may get the signal.
+    # The mask holds for this thread and its processes only: another thread may receive the signal.
     with interrupts_noted():
         before = signal.pthread_sigmask(signal.SIG_BLOCK, INTERRUPTS)
         try:
@@ -129,12 +131,12 @@ def interrupts_held() -> Iterator[None]:
 
 
 class Processes:
-    """A pool of processes that make calls.
+    """A pool of worker processes.
 
-    They leave Ctrl-C to this process, do not run the caller's script again, as the standard library's do, and
-    end soon after this process was killed.
+    The workers ignore Ctrl-C, end soon after this process is killed, and do not run the caller's script
+    again, unlike those of the standard library.
 
-    At most `most` calls may be open: closed with more, loky ends with a traceback.
+    At most `most` calls may be pending: with more, loky prints a traceback when the pool is closed.
     """
 
     def __init__(self, workers: int) -> None:
@@ -145,7 +147,7 @@ class Processes:
         self._open: set[Future[Any]] = set()
 
     def submit(self, function: Callable[..., _T], *arguments: Any) -> Future[_T]:
-        """Have a call made, pickled by cloudpickle; BrokenProcessPool if a process was killed before."""
+        """Submit a call, pickled by cloudpickle; BrokenProcessPool if a worker has been killed."""
         with interrupts_held():
             future: Future[_T] = self._pool.submit(function, *arguments)
             self._open.add(future)
@@ -153,7 +155,7 @@ class Processes:
         return future
 
     def close(self) -> None:
-        """End the processes, whatever they do."""
+        """End the processes, including those with unfinished calls."""
         until_s = time.monotonic() + _HAND_OVER_S
         while any(not (future.running() or future.done()) for future in tuple(self._open)):
             if time.monotonic() >= until_s:
@@ -163,9 +165,9 @@ class Processes:
 
 
 class CallsAhead(Generic[_T]):
-    """Makes calls in processes, by default one process a core, before their results are asked for.
+    """Calls that run ahead in worker processes, by default one per core, before their results are needed.
 
-    KeyboardInterrupt if it came while the processes started; they have ended then.
+    If Ctrl-C arrives while the processes start, the constructor ends them and raises KeyboardInterrupt.
     """
 
     def __init__(
@@ -185,10 +187,10 @@ class CallsAhead(Generic[_T]):
             raise
 
     def result(self, number: int) -> _T:
-        """Wait for a call, and return its result or raise its exception.
+        """Wait for call `number`, and return its result or raise its exception.
 
-        Results are given once, in their order, from 0; those left out are dropped. BrokenProcessPool if a
-        process was killed.
+        Calls count from 0. Each result is returned once, in increasing order; skipped results are discarded.
+        BrokenProcessPool if a worker was killed.
         """
         while True:
             for skipped in [earlier for earlier in self._futures if earlier < number]:
@@ -201,12 +203,12 @@ class CallsAhead(Generic[_T]):
         return found
 
     def close(self) -> None:
-        """End the processes, whatever they do."""
+        """End the processes, including those with unfinished calls."""
         self._processes.close()
         self._futures = {}
 
     def _submit(self) -> None:
-        """Hand over as many calls as the processes take."""
+        """Submit calls until `most` are pending."""
         ahead = sum(not future.done() for future in self._futures.values())
         for arguments in self._arguments[self._submitted :][: self._processes.most - ahead]:
             self._futures[self._submitted] = self._processes.submit(self._function, *arguments)
@@ -219,7 +221,7 @@ def _begin(parent: int) -> None:
 
 
 def _end_with(parent: int) -> None:
-    """End this process soon after its parent; a killed one leaves its children to another parent."""
+    """End this process soon after its parent: the parent id changes when the parent dies."""
     while os.getppid() == parent:
         time.sleep(_PARENT_POLL_S)
     os._exit(1)

@@ -1,4 +1,4 @@
-"""Files and ZIP archives of users, read with limits; faults of JSON and TOML documents in words."""
+"""Size-limited reading of users' files and ZIP archives, and readable errors of JSON and TOML."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ from geo.texts import one_line
 if TYPE_CHECKING:
     import msgspec
 
-MAX_TEXT_BYTES = 1 << 20  # Texts that people write are far smaller
-MAX_MEMBERS = 1000  # Of an archive
-_MEMBER = b"PK\x01\x02"  # Begins a member's entry in an archive's directory
+MAX_TEXT_BYTES = 1 << 20  # Far larger than texts written by hand
+MAX_MEMBERS = 1000  # Files per archive
+_MEMBER = b"PK\x01\x02"  # Signature of an entry in an archive's directory
 _UNZIP_ERRORS = (zipfile.BadZipFile, zlib.error, OSError, EOFError, RuntimeError, ValueError)
 
 
 class UnreadableError(WbfMissionError, ValueError):
-    """A file that cannot be read; the text is the reason, without the file's name."""
+    """A file that cannot be read. The text is the reason, without the file's name."""
 
 
 def read_file(path: Path, max_bytes: int) -> bytes:
@@ -47,7 +47,7 @@ def read_file(path: Path, max_bytes: int) -> bytes:
         raise UnreadableError((error.strerror or str(error)).lower()) from error
     except UnreadableError:
         raise
-    except ValueError as error:  # a NUL in the name
+    except ValueError as error:  # The name contains a NUL character
         raise UnreadableError("there is a NUL character in its name") from error
     if len(data) > max_bytes:
         raise UnreadableError(f"it is larger than {max_bytes / 2**20:g} MiB")
@@ -55,7 +55,7 @@ def read_file(path: Path, max_bytes: int) -> bytes:
 
 
 def read_text(path: Path, max_bytes: int = MAX_TEXT_BYTES) -> str:
-    """Return the text of a regular UTF-8 file; UnreadableError as of `read_file`, or if it is not UTF-8."""
+    """Return the text of a regular file; UnreadableError as in `read_file`, or if it is not UTF-8."""
     try:
         return read_file(path, max_bytes).decode("utf-8-sig")
     except UnicodeDecodeError as error:
@@ -63,7 +63,7 @@ def read_text(path: Path, max_bytes: int = MAX_TEXT_BYTES) -> str:
 
 
 def read_toml(path: Path) -> dict[str, Any]:
-    """Return the table of a TOML file; UnreadableError as of `read_text`, or if it is not TOML."""
+    """Return the table of a TOML file; UnreadableError as in `read_text`, or if it is not TOML."""
     text = read_text(path)
     try:
         return tomllib.loads(text)
@@ -78,26 +78,26 @@ class ArchiveError(ValueError):
 
 
 class Archive(Closing):
-    """A user's ZIP archive; members are read into memory, and no file is written to their names.
+    """A user's ZIP archive. Members are read into memory only; their names are never used as paths.
 
     Parameters
     ----------
     source : Path or bytes
-        Its file or its content.
+        The archive's file or content.
     room : int
-        Bytes that its members may unpack to together.
+        Limit on the unpacked bytes of all members together.
 
     Attributes
     ----------
     names : list of str
-        Its members' names in their order, without those that macOS adds (``__MACOSX/``, ``._x``).
+        Names of the members in their order, without those that macOS adds (``__MACOSX/``, ``._x``).
     room : int
-        Bytes that are left of the room.
+        Bytes that may still be unpacked.
 
     Raises
     ------
     ArchiveError
-        If it is no archive, or holds more than `MAX_MEMBERS` files.
+        If `source` is no archive, or holds more than `MAX_MEMBERS` files.
     """
 
     def __init__(self, source: Path | bytes, room: int) -> None:
@@ -115,7 +115,7 @@ class Archive(Closing):
         self.names = [name for name in names if not _is_of_macos(name)]
 
     def read(self, name: str) -> bytes:
-        """Return a member's content; ArchiveError if it is damaged, or larger than the room that is left."""
+        """Return a member's content; ArchiveError if the member is damaged or exceeds `room`."""
         try:
             with self._zip.open(name) as member:
                 data = member.read(self.room + 1)
@@ -127,12 +127,12 @@ class Archive(Closing):
         return data
 
     def close(self) -> None:
-        """Close the file."""
+        """Close the archive's file."""
         self._zip.close()
 
 
 def _is_of_macos(name: str) -> bool:
-    """Return whether macOS added a member, to carry attributes of another.
+    """Return whether macOS added this member, which holds attributes of another member.
 
     >>> [_is_of_macos(name) for name in ("__MACOSX/My Farm/._a.shp", "My Farm/._a.shp", "My Farm/a.shp")]
     [True, True, False]
@@ -145,7 +145,7 @@ def _damaged(error: Exception) -> ArchiveError:
 
 
 def archive_of(members: Mapping[str, str | bytes]) -> bytes:
-    """Return a ZIP archive of members by their names; the same members give the same bytes.
+    """Return a ZIP archive of members by name; equal members give equal bytes.
 
     >>> archive_of({"a.txt": "one"}) == archive_of({"a.txt": b"one"})
     True
@@ -167,7 +167,7 @@ _TYPES = {
     "bool": "true or false",
     "null": "null",
 }
-_SEPARATOR = b"\x1e"  # Of RFC 8142
+_SEPARATOR = b"\x1e"  # Record separator of RFC 8142
 _NO_NUMBER = re.compile(rb"-?(NaN|nan|Infinity|inf)\b")
 _BYTE = re.compile(r"\(byte (\d+)\)")
 _SYNTAX = {
@@ -182,9 +182,9 @@ _SYNTAX = {
 
 
 def place_in_words(path: str) -> str:
-    """Return a place in a document in words; entries of lists count from 1.
+    """Return a path in a document as readable text, with list entries counted from 1.
 
-    `path` is names joined by dots, and entries from 0 in brackets.
+    `path` consists of names joined by dots and of indices from 0 in brackets.
 
     Examples
     --------
@@ -205,9 +205,9 @@ def place_in_words(path: str) -> str:
 
 
 def misfit(error: msgspec.ValidationError, path: str = "") -> str:
-    """Return msgspec's complaint about a document, and the place, in words.
+    """Return msgspec's validation error as readable text with the place of the fault.
 
-    `path` is the place of the part that was converted, as of `place_in_words`.
+    `path` is the path of the converted part in the document, in the notation of `place_in_words`.
 
     Examples
     --------
@@ -230,9 +230,9 @@ def misfit(error: msgspec.ValidationError, path: str = "") -> str:
 
 
 def not_json(error: msgspec.DecodeError | ValueError, data: bytes, line: int = 1) -> str:
-    r"""Return the reason and the place of an error of `msgspec.json.decode`.
+    r"""Return an error of `msgspec.json.decode` as readable text with line and column.
 
-    `line` is the line of its file on which the document begins.
+    `line` is the line of the file on which the document begins.
 
     Examples
     --------
@@ -254,7 +254,7 @@ def not_json(error: msgspec.DecodeError | ValueError, data: bytes, line: int = 1
     at = int(found[1])
     message = str(error).removeprefix("JSON is malformed: ").removesuffix(found[0]).strip()
     if message == "trailing characters" or data[at - 1 : at] == b"-":
-        at -= 1  # msgspec has read one byte more
+        at -= 1  # msgspec gives the position of the following byte
     line, column = data.count(b"\n", 0, at) + line, at - data.rfind(b"\n", 0, at)
     number = _NO_NUMBER.match(data, at)
     if number is not None:
@@ -268,7 +268,7 @@ def not_json(error: msgspec.DecodeError | ValueError, data: bytes, line: int = 1
 
 
 def not_toml(error: tomllib.TOMLDecodeError) -> str:
-    """Return the place and the reason of an error of `tomllib`.
+    """Return an error of `tomllib` as readable text, with the place first.
 
     Examples
     --------
@@ -286,7 +286,7 @@ def not_toml(error: tomllib.TOMLDecodeError) -> str:
 
 
 def _in_words(text: str) -> str:
-    """Return a message of msgspec, without the place, in our words."""
+    """Return a message of msgspec, without the place, as readable text."""
     if found := re.fullmatch(r"Object missing required field `(.*)`", text):
         return f"{found[1]} is missing"
     if found := re.fullmatch(r"Object contains unknown field `(.*)`", text):
@@ -311,9 +311,10 @@ def _in_words(text: str) -> str:
 
 
 def json_texts(data: bytes) -> Iterator[tuple[int, bytes]]:
-    r"""Yield the JSON texts of a file, mostly one, each with its first line's number.
+    r"""Yield the JSON texts of a file, usually one, each with the number of its first line.
 
-    There are several if the first line is a whole text, or between record separators (RFC 8142).
+    A file has several texts if the first line is a complete text, or if record separators (RFC 8142) divide
+    it.
 
     Examples
     --------

@@ -1,12 +1,13 @@
-"""Repair of broken polygons, with a note for each feature that changes.
+"""Repair of invalid polygons, with a note for each changed feature.
 
-Open rings are always closed: many programs leave out the last position, which repeats the first (DJI Pilot 2,
-scripts). If the closing side is more than twice as long as the longest side, part of the ring is missing.
+Open rings are always closed: many programs (DJI Pilot 2, scripts) leave out the last position, which repeats
+the first. If the closing side is more than twice as long as the longest side, part of the ring is missing,
+and the feature is refused.
 
-The rest is done on request. A ring that crosses or touches itself becomes the land that it encloses (GEOS's
-"structure" method); overlapping holes are joined and end where the land ends; corners move to whole
-millimetres; parts below a thousandth of the land are dropped. If all this changes more than a hundredth of
-the land, the polygon is refused: corners in a wrong order cannot be mended safely.
+Other repairs are made on request. A ring that crosses or touches itself is replaced by the land it encloses
+(GEOS's "structure" method). Overlapping holes are joined and clipped to the land. Corners are rounded to
+whole millimetres. Parts smaller than a thousandth of the land are dropped. If these repairs change more than
+a hundredth of the area, the polygon is refused: corners in a wrong order cannot be repaired safely.
 """
 
 from __future__ import annotations
@@ -25,14 +26,14 @@ from geo.frame import LocalFrame
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-_MAX_CHANGE = 0.01  # Of the area: less than fields are measured to
-_MAX_GAP = 2.0  # Closing side over longest side
-_SLIVER = 0.001  # Of the land: crumbs where sides cross
-_GRID_M = 1e-3  # Coarser than the rounding of degrees in files
+_MAX_CHANGE = 0.01  # Share of the area; fields are not measured more accurately
+_MAX_GAP = 2.0  # Largest ratio of the closing side to the longest side
+_SLIVER = 0.001  # Share of the land, more than slivers between crossing sides have
+_GRID_M = 1e-3  # Grid step of repaired corners, coarser than the rounding of degrees in files
 
 
 def closed(feature: Feature, notes: list[str]) -> Feature:
-    """Return a feature with its rings closed; FarmError if part of one is missing."""
+    """Return a feature with closed rings; FarmError if part of a ring is missing."""
     if all(np.array_equal(ring[0], ring[-1]) for ring in feature.rings):
         return feature
     rings = []
@@ -52,9 +53,9 @@ def closed(feature: Feature, notes: list[str]) -> Feature:
 
 
 def mended(feature: Feature, notes: list[str]) -> list[Feature]:
-    """Return a feature with closed rings unchanged if it is valid, else its mended parts.
+    """Return the repaired parts of a feature with closed rings, or the unchanged feature if it is valid.
 
-    FarmError if the area would change by more than a hundredth.
+    FarmError if the repair would change the area by more than a hundredth.
     """
     frame = _frame(feature.rings[0])
     changes: list[str] = []
@@ -105,12 +106,12 @@ def _degrees(ring: shapely.LinearRing, frame: LocalFrame) -> NDArray[np.float64]
 
 
 def _parts(shell: NDArray[np.float64], holes: list[NDArray[np.float64]], where: str) -> list[shapely.Polygon]:
-    """Return the polygons that broken rings enclose, the largest first."""
+    """Return the polygons that invalid rings enclose, largest first."""
     within = [_land(ring) for ring in (shell, *holes)]
     drawn = [shapely.Polygon(ring).area for ring in (shell, *holes)]
     changed = sum(abs(land.area - area) for land, area in zip(within, drawn, strict=True))
     land = within[0].difference(shapely.union_all(within[1:])) if holes else within[0]
-    # On a grid, corners and sides are far enough apart to stay valid when positions are rounded.
+    # On a grid, corners and sides are far enough apart that rounding of positions keeps the polygon valid.
     land = shapely.set_precision(land, _GRID_M)
     every = sorted(_polygons(land), key=lambda part: -part.area)
     kept = [part for part in every if part.area > max(_SLIVER * land.area, _GRID_M * part.length)]

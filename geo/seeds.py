@@ -1,19 +1,19 @@
 """Named random streams: one seed per run, one independent stream per purpose.
 
-A run has one `numpy.random.SeedSequence`. Each consumer of randomness takes the stream of its own name, so
-that a further consumer, or a further draw in one of them, never changes the numbers of another::
+A run has one `numpy.random.SeedSequence`. Each consumer of randomness has a named stream of its own, so that
+additional consumers, or additional draws from a stream, do not change the numbers of other streams::
 
     child_seed(7, "environment")                  the environment's seed
     stream(7, "environment", "tylcv")             a generator for one of its parts
     stream(child_seed(7, "environment"), "tylcv") the same generator
 
-From name to stream: the first eight bytes of the SHA-256 of the name in UTF-8, read as two little-endian
-32-bit words, are appended to the spawn key of the seed. Each name adds exactly two words, so no two paths of
-names have one key, and the words do not collide with the small counters of ``SeedSequence.spawn``. Nothing
-depends on the machine, on ``PYTHONHASHSEED`` or on the order of calls.
+A name appends two little-endian 32-bit words to the spawn key of the seed: the first eight bytes of the
+SHA-256 of the name in UTF-8. As each name adds exactly two words, different paths of names have different
+keys, and the words do not collide with the small counters of ``SeedSequence.spawn``. The streams do not
+depend on the machine, ``PYTHONHASHSEED`` or the order of calls.
 
-A child seed carries the run's seed (``entropy``), which opens every other stream of the run. Code that must
-not know the truth, a planner or an estimator, gets a `sealed_seed`.
+A child seed contains the run's seed (``entropy``), which opens all streams of the run. Planners and
+estimators must not know the truth, so they get a `sealed_seed`.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from numpy.random import PCG64, Generator, SeedSequence
 
 from geo.errors import WbfMissionError
 
-_SEALED_WORDS = 8  # 512 bits, more than a seed has
+_SEALED_WORDS = 8  # 512 bits, more than the entropy of a seed
 _HINT = "give a non-negative integer or a numpy.random.SeedSequence"
 
 
@@ -35,7 +35,7 @@ class SeedError(WbfMissionError, ValueError):
 
 
 def root_seed(seed: SeedSequence | int) -> SeedSequence:
-    """Return the seed sequence of a seed; SeedError if it is negative or not an integer."""
+    """Return the seed sequence of a seed; SeedError if the seed is negative or not an integer."""
     if isinstance(seed, SeedSequence):
         return seed
     try:
@@ -48,10 +48,10 @@ def root_seed(seed: SeedSequence | int) -> SeedSequence:
 
 
 def child_seed(seed: SeedSequence | int, *names: str) -> SeedSequence:
-    """Derive the seed of a named part from the seed and the names alone; SeedError as of `root_seed`.
+    """Derive the seed of a named part from `seed` and `names` alone; SeedError as in `root_seed`.
 
-    The seed is that of the run or of an enclosing part; its spawn counter stays. The names are the path to
-    the part, for example ``"vehicle-1", "wind"``; no names give the seed itself.
+    `seed` belongs to the run or to an enclosing part; its spawn counter does not change. `names` is the path
+    to the part, for example ``"vehicle-1", "wind"``; without names the result is `seed` itself.
 
     >>> a = child_seed(7, "environment", "soil")
     >>> b = child_seed(child_seed(7, "environment"), "soil")
@@ -69,9 +69,9 @@ def child_seed(seed: SeedSequence | int, *names: str) -> SeedSequence:
 
 
 def stream(seed: SeedSequence | int, *names: str) -> Generator:
-    """Open the random stream of a named part at its beginning; seed and names are those of `child_seed`.
+    """Return a new generator at the beginning of a named part's stream; parameters as in `child_seed`.
 
-    The bit generator is PCG64, whatever numpy's default becomes.
+    The bit generator is PCG64, even if numpy's default changes.
 
     >>> float(stream(7, "wind").random()) == float(stream(7, "wind").random())
     True
@@ -82,11 +82,11 @@ def stream(seed: SeedSequence | int, *names: str) -> Generator:
 
 
 def sealed_seed(seed: SeedSequence | int, *names: str) -> SeedSequence:
-    """Derive a seed for code that must not learn the run's seed; seed and names are those of `child_seed`.
+    """Derive a seed for code that must not know the run's seed; parameters as in `child_seed`.
 
-    Its entropy is the SHA-256 of the child seed's state, read as a little-endian integer, and its spawn key
-    is empty, so neither the run's seed nor another stream can be computed from it. A run's seed that is
-    easily guessed (0, 1, 2, ...) can still be found by trying: take 128 random bits where that matters.
+    The entropy of the result is the SHA-256 of the child seed's state, read as a little-endian integer, and
+    the spawn key is empty. The run's seed and other streams thus cannot be computed from the result. A small
+    seed (0, 1, 2, ...) can still be found by trial: use 128 random bits where that matters.
 
     >>> sealed = sealed_seed(7, "planner")
     >>> sealed.entropy == sealed_seed(7, "planner").entropy, sealed.entropy == 7

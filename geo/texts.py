@@ -1,17 +1,17 @@
-"""Texts from outside made printable, numbers read strictly, and times and lengths written for people."""
+"""Escaping of untrusted text, strict parsing of numbers, and formatting of times and lengths."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from typing import TypeVar
 
-MAX_SHOWN = 500  # Characters: some five lines of a terminal
+MAX_SHOWN = 500  # Characters, about five lines of a terminal
 
 _Number = TypeVar("_Number", int, float)
 
 
 def printable(text: str) -> str:
-    r"""Return a text with control characters and undecodable bytes escaped; line ends stay.
+    r"""Return a text with control characters and undecodable bytes escaped; newlines are kept.
 
     >>> printable("a\x1b[31mred\x07 farm")
     'a\\x1b[31mred\\x07 farm'
@@ -25,7 +25,7 @@ def printable(text: str) -> str:
 
 
 def one_line(text: str, max_characters: int = MAX_SHOWN) -> str:
-    r"""Return a text as `printable` does, in one line of bounded length.
+    r"""Return a text as one printable line of at most `max_characters`.
 
     >>> one_line("a\x00b.plan:\n  damaged")
     'a\\x00b.plan: damaged'
@@ -35,10 +35,10 @@ def one_line(text: str, max_characters: int = MAX_SHOWN) -> str:
 
 
 def parse_number(text: str) -> float:
-    """Return the number of a text, infinity and NaN included; ValueError if it is no number.
+    """Return the number that a text holds, also infinity or NaN; ValueError if the text is no number.
 
-    Unlike ``float`` it takes no grouped digits (``1_000``) and no digits of other scripts: no ground station
-    and no autopilot reads them, so they are slips of the keyboard.
+    Unlike ``float``, grouped digits (``1_000``) and digits of other scripts are refused: no ground station or
+    autopilot reads them, so they are typing errors.
 
     >>> parse_number(" 2.5e3 ")
     2500.0
@@ -51,7 +51,7 @@ def parse_number(text: str) -> float:
 
 
 def decimal_point(text: str) -> str:
-    """Return a number's decimal comma as a point; any other text unchanged.
+    """Return a number with its decimal comma replaced by a point; other texts are unchanged.
 
     >>> decimal_point("-33,508"), decimal_point("1,5,2")
     ('-33.508', '1,5,2')
@@ -62,7 +62,7 @@ def decimal_point(text: str) -> str:
 
 
 def parse_whole(text: str) -> int:
-    """Return the whole number of a text; ValueError as of `parse_number`.
+    """Return the whole number that a text holds; ValueError as in `parse_number`.
 
     >>> parse_whole("-12")
     -12
@@ -80,7 +80,7 @@ def _parsed(text: str, kind: Callable[[str], _Number], what: str) -> _Number:
 
 
 def duration(seconds: float) -> str:
-    """Return seconds as people write them.
+    """Return seconds as readable text.
 
     >>> duration(75.4)
     '1 min 15 s'
@@ -95,7 +95,7 @@ def duration(seconds: float) -> str:
 
 
 def distance(metres: float) -> str:
-    """Return metres as people write them.
+    """Return metres as readable text.
 
     >>> distance(12345)
     '12.35 km'

@@ -1,8 +1,8 @@
 """Farm files of other programs: KML, KMZ, Shapefile, GeoPackage and GPX by GDAL; Mission Planner's ``.poly``.
 
-No file is trusted. GDAL gets plain local files only, whose first bytes are their format's: it would follow a
-list of web addresses named as a GeoPackage. Archives are unpacked here, with a limit; XML with entities or
-links to elsewhere is refused.
+Files are not trusted. GDAL opens only local files that begin with the bytes of their format: it would follow
+the links of a list of web addresses named ``.gpkg``. Archives are unpacked here, with a size limit. XML with
+entities or external links is refused.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ import msgspec
 import numpy as np
 import shapely
 
-from geo.attributes import KNOWN, kind_of, meant
+from geo.attributes import KNOWN, farm_properties, kind_of
 from geo.errors import FarmError
 from geo.features import MAX_FEATURES, MAX_VERTICES, Document, Entry
 from geo.frame import EXAMPLE_CRS, Coordinates, LocalFrame, coordinates_of
@@ -39,26 +39,26 @@ _MAX_BYTES = 128 * 2**20
 _MAX_TEXT_BYTES = 32 * 2**20  # XML and .poly
 _MAX_LAYERS = 100
 _MAX_DEPTH = 100  # Of XML
-_MAX_GAP_M = 5.0  # Between the ends of a track round a field: the error of a handheld receiver
-_SHOWN_GAP_M = 0.05  # Less is rounding
+_MAX_GAP_M = 5.0  # Between the ends of a track round a field; the error of a handheld receiver
+_SHOWN_GAP_M = 0.05  # Smaller gaps are rounding errors
 _SHAPEFILE = (".shp", ".shx", ".dbf", ".prj", ".cpg")
 _WKB = dict(enumerate(("Point", "LineString", "Polygon", "MultiPoint", "MultiLineString", "MultiPolygon"), 1))
 _WKB[7] = "GeometryCollection"
-_GPX_LAYERS = ("routes", "tracks", "waypoints")  # The others hold their points once more
+_GPX_LAYERS = ("routes", "tracks", "waypoints")  # The other layers repeat the points of these
 _POLY_WORDS = re.compile(r"(name|color):(.*)", re.IGNORECASE)
 
 
 def read_vector(path: Path, layer: str | None = None, crs: str | None = None) -> Document:
-    """Return the features of all layers of a file, or of one layer.
+    """Return the features of a file, of all layers or of one.
 
     Parameters
     ----------
     path : Path
         The file; a .zip holds a Shapefile.
     layer : str, optional
-        The only layer that is read.
+        The layer to read; all if None.
     crs : str, optional
-        The coordinate system of a file without one.
+        The coordinate system, if the file gives none.
 
     Raises
     ------
@@ -85,7 +85,7 @@ def read_vector(path: Path, layer: str | None = None, crs: str | None = None) ->
                 _read_layer(pyogrio, plain, name, where, crs, document)
         except FarmError:
             raise
-        except Exception as error:  # A broken file makes pyogrio raise anything, even NameError
+        except Exception as error:  # For a broken file pyogrio may raise any error, even NameError
             is_coding = isinstance(error, UnicodeError)
             text = "it holds bytes that are no text" if is_coding else str(error) or type(error).__name__
             reason = one_line(text.replace(str(plain), path.name), 200)
@@ -95,7 +95,7 @@ def read_vector(path: Path, layer: str | None = None, crs: str | None = None) ->
 
 @contextlib.contextmanager
 def _plain(path: Path) -> Iterator[tuple[Path, str]]:
-    """Yield a checked file that GDAL may open, and its name for users."""
+    """Yield the path of a checked file that GDAL may open, and its name for messages."""
     suffix = path.suffix.lower()
     try:
         if suffix in (".kml", ".gpx"):
@@ -117,7 +117,7 @@ def _plain(path: Path) -> Iterator[tuple[Path, str]]:
 
 
 def _check_head(path: Path, head: bytes, what: str) -> None:
-    """Refuse a file that is too large, or does not begin with its format's bytes."""
+    """Refuse a file that is too large, or does not begin with the bytes of its format."""
     try:
         if path.exists() and not path.is_file():
             raise FarmError("cannot be read: it is a folder, a pipe or a device, no file")
@@ -146,7 +146,7 @@ def _check_shapefile(path: Path) -> None:
 
 
 def _check_xml(data: bytes, suffix: str) -> None:
-    """Refuse XML that is no KML or GPX, has entities, is nested too deeply or links to elsewhere."""
+    """Refuse XML that is no KML or GPX, has entities, is nested too deeply, or has external links."""
     parser = expat.ParserCreate(namespace_separator=" ")
     open_elements: list[str] = []
     names: set[str] = set()
@@ -176,7 +176,7 @@ def _check_xml(data: bytes, suffix: str) -> None:
 
 
 def _unpacked(path: Path, folder: Path) -> tuple[Path, str]:
-    """Unpack the KML of a .kmz, or the Shapefile of a .zip, with a limit."""
+    """Unpack the KML of a .kmz, or the Shapefile of a .zip, with a size limit."""
     kmz = path.suffix.lower() == ".kmz"
     wanted = (".kml",) if kmz else _SHAPEFILE
     _check_head(path, b"PK", "archive")
@@ -205,9 +205,9 @@ def _unpacked(path: Path, folder: Path) -> tuple[Path, str]:
 
 
 def _layers(plain: Path, list_layers: Any) -> list[str]:
-    """Return the names of the layers that may hold features."""
+    """Return the names of the layers with features."""
     if plain.suffix.lower() == ".gpkg":
-        # Tables only: views may compute for ever, and need GDAL's own functions.
+        # Views are not read: a query may never finish, and may need functions of GDAL.
         base = sqlite3.connect(f"{plain.as_uri()}?mode=ro&immutable=1", uri=True)
         with contextlib.closing(base):
             found = base.execute(
@@ -252,7 +252,7 @@ def _read_layer(
     kind = kind_of(name)
     for row, shape in enumerate(shapes):
         values = (_value(column[row]) for column in columns)
-        properties = meant(dict(zip(map(str, meta["fields"]), values, strict=True)), literal=False)
+        properties = farm_properties(dict(zip(map(str, meta["fields"]), values, strict=True)), literal=False)
         if kind:
             properties.setdefault("kind", kind)
         geometry: dict[str, Any] | None = None
@@ -271,7 +271,7 @@ def _read_layer(
 
 
 def _border(line: Any) -> tuple[Any, str, str]:
-    """Return the polygon inside a closed line, a note on its gap, and the reason if there is none."""
+    """Return the polygon of a closed line, a note on the gap, and the reason if the line is not closed."""
     xy = np.concatenate([shapely.get_coordinates(part) for part in shapely.get_parts(line)])
     east_m, north_m = LocalFrame(xy[0, 1], xy[0, 0]).from_wgs84(float(xy[-1, 1]), float(xy[-1, 0]))
     gap_m = float(np.hypot(east_m, north_m))
@@ -282,7 +282,7 @@ def _border(line: Any) -> tuple[Any, str, str]:
 
 
 def _as_written(wkb: bytes, at: int) -> tuple[dict[str, Any], int]:
-    """Return a geometry of well-known binary as GeoJSON, its rings as they are, and the end of its bytes."""
+    """Return a geometry in well-known binary as GeoJSON with unchanged rings, and the offset of its end."""
     order = "<>"[wkb[at] == 0]
     kind, count = struct.unpack_from(f"{order}II", wkb, at + 1)
     name = _WKB.get(kind, "")
@@ -331,10 +331,10 @@ def _coordinates(
 
 
 def read_poly(path: Path) -> Document:
-    """Return the polygons of Mission Planner's ``.poly``; FarmError if it cannot be read.
+    """Return the polygons of a ``.poly`` file of Mission Planner; FarmError if it cannot be read.
 
-    A line has a corner's latitude and longitude; the first corner stands at the end again; ``#`` begins a
-    comment. Files of regions have a line ``Name:...`` and a line ``Color:...`` above each polygon. Source:
+    Each line has the latitude and longitude of a corner; the last corner repeats the first; ``#`` begins a
+    comment. Files of regions have lines ``Name:...`` and ``Color:...`` above each polygon. Source:
     ArduPilot/MissionPlanner, FlightPlanner.cs and Regions.cs.
     """
     try:

@@ -1,1 +1,1 @@
-"""What to fly: missions, planners, files, the MAVLink mission protocol and links."""
+"""Missions: planners, mission files, the MAVLink mission protocol and links."""

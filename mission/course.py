@@ -1,4 +1,4 @@
-"""The course of a mission: its legs, and places on them."""
+"""Legs of a mission, and places along them."""
 
 from __future__ import annotations
 
@@ -30,13 +30,13 @@ _TAKEOFFS = frozenset({int(Command.NAV_TAKEOFF), 84})
 
 
 def takes_image(item: MissionItem) -> bool:
-    """Return whether an item takes a single image where it stands."""
+    """Return whether an item triggers a single image."""
     shots = shots_ordered(item)
     return item.command == _DIGICAM or (shots is not None and math.isinf(shots.interval_ms))
 
 
 def turns_camera(item: MissionItem) -> bool | None:
-    """Return whether an item has the camera take images from then on, or none any more; None: neither."""
+    """Return True if an item starts a series of images, False if it stops one, None otherwise."""
     shots = shots_ordered(item)
     return None if shots is None or takes_image(item) else not shots.is_off
 
@@ -45,14 +45,14 @@ def turns_camera(item: MissionItem) -> bool | None:
 class Place:
     """A place on a leg of a mission.
 
-    At fraction 0 all commands before the item are done, those after the item before included. The end of a
-    leg is the beginning of the next.
+    Fraction 0 is the end of the previous leg, after all commands between the two legs. A place at the end of
+    a leg has the number of the next leg and fraction 0.
     """
 
     item: int
-    """Number of the item at the end of the leg, from 0."""
+    """Index of the item at the end of the leg, from 0."""
     fraction: float = 0.0
-    """Part of the leg that is flown, below 1."""
+    """Flown fraction of the leg, from 0 to below 1."""
 
     def __str__(self) -> str:
         return f"item {self.item + 1}" + (f", {self.fraction:.0%} of its leg" if self.fraction else "")
@@ -60,31 +60,33 @@ class Place:
 
 @dataclass(frozen=True, slots=True)
 class Leg:
-    """The leg to an item."""
+    """A leg: the path flown to one navigation item."""
 
     item: int
     begin: tuple[float, float, float]
-    """Latitude and longitude in degrees, and the altitude as in the items."""
+    """Latitude and longitude (degrees), and altitude (m) in the frame of the leg's item."""
     end: tuple[float, float, float]
     straight: bool
-    """Whether it can be cut: no spline, no loiter, no condition to be waited for."""
+    """Whether a mission can be cut on the leg: no spline, no loiter, no CONDITION command to wait for."""
     works: bool
-    """Whether images are taken on it or at its end."""
+    """Whether images are taken on the leg or at its end."""
 
 
 class Course:
-    """The legs of a mission, between its take-off and its landing.
+    """The legs of a mission between take-off and landing.
 
     Parameters
     ----------
     mission : Mission
     frame : LocalFrame, optional
-        Frame of the distances; by default about the mission's home, else about its first position.
+        Local frame for distances. By default its origin is the mission's home, or without a home the first
+        position.
 
     Raises
     ------
     MissionError
-        If the mission has jumps (`unrolled` takes them out), lands on its way, or leads nowhere.
+        If the mission has jumps (`unrolled` writes them out), a landing before its last waypoint, or no
+        waypoint.
 
     Examples
     --------
@@ -104,15 +106,15 @@ class Course:
         takeoffs = [k for k, item in enumerate(items) if item.command in _TAKEOFFS]
         first = flown[0] if flown else len(items)
         self.begin: int = max((k + 1 for k in takeoffs if k < first), default=0)
-        """The first item after the take-off."""
+        """Index of the first item after the take-off."""
         landings = [k for k, item in enumerate(items) if k >= self.begin and item.command in _LANDINGS]
         self.end: int = landings[0] if landings else len(items)
-        """The first item of the return or the landing; the number of items without one."""
+        """Index of the first item of the return or landing; the number of items if there is none."""
         lands = items[self.end].command if landings else None
         if any(k > first for k in takeoffs) or (
             lands not in (None, Command.DO_LAND_START) and any(k > self.end for k in flown)
         ):
-            msg = f"item {self.end + 1}: the mission lands on its way; make a mission of each of its flights"
+            msg = f"item {self.end + 1}: the mission lands before its last waypoint; split it at its landings"
             raise MissionError(msg)
         flown = [k for k in flown if k < self.end]
         if not flown:
@@ -150,16 +152,16 @@ class Course:
             for command in between:
                 turned = turns_camera(command)
                 on = on if turned is None else turned
-            stays = not item.has_position or (item.command in _HERE and not (item.x or item.y))
+            in_place = not item.has_position or (item.command in _HERE and not (item.x or item.y))
             begin = at or (item.x, item.y, item.z)
             if frame != item.frame:
                 begin = (*begin[:2], item.z)
-            end = begin if stays else (item.x, item.y, item.z)
+            end = begin if in_place else (item.x, item.y, item.z)
             ends = flown[number + 1] if number + 1 < len(flown) else self.end
             straight = item.command == Command.NAV_WAYPOINT and not any(
                 command.command in _CONDITIONS for command in between
             )
-            # A spline bends the leg before it, too.
+            # A spline item also curves the leg before it.
             straight = straight and not (
                 number + 1 < len(flown) and items[ends].command == Command.NAV_SPLINE_WAYPOINT
             )
@@ -170,7 +172,7 @@ class Course:
 
     @cached_property
     def _ends(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Where each leg begins and ends in the frame, float64[n, 2]."""
+        """Starts and ends of the legs in the frame (m), float64[n, 2] each."""
         begin, end = (
             np.column_stack(self.frame.from_wgs84(*np.array([place[:2] for place in places]).T))
             for places in ([leg.begin for leg in self.legs], [leg.end for leg in self.legs])
@@ -179,24 +181,24 @@ class Course:
 
     @cached_property
     def lengths_m(self) -> NDArray[np.float64]:
-        """Length of each leg over ground, float64[n]."""
+        """Horizontal length of each leg, float64[n]."""
         begin, end = self._ends
         lengths: NDArray[np.float64] = np.hypot(*(end - begin).T)
         return lengths
 
     @cached_property
     def ends_m(self) -> NDArray[np.float64]:
-        """Metres from the beginning to the end of each leg, float64[n]."""
+        """Distance from the start of the course to the end of each leg, float64[n]."""
         return np.cumsum(self.lengths_m)
 
     @property
     def length_m(self) -> float:
-        """Length of all legs over ground."""
+        """Horizontal length of the whole course."""
         return float(self.ends_m[-1])
 
     @property
     def start(self) -> Place:
-        """Its first place."""
+        """First place of the course."""
         return Place(self.legs[0].item)
 
     @cached_property
@@ -204,11 +206,11 @@ class Course:
         return [leg.item for leg in self.legs]
 
     def leg_of(self, place: Place) -> int:
-        """Return the number of the leg of a place; the number of legs for a place beyond the last."""
+        """Return the index of the leg of a place; the number of legs if the place is past the last leg."""
         return bisect.bisect_left(self._flown_items, place.item)
 
     def metres(self, place: Place) -> float:
-        """Return the distance from the beginning to a place."""
+        """Return the distance from the start of the course to a place."""
         number = self.leg_of(place)
         if number == len(self.legs):
             return self.length_m
@@ -216,7 +218,7 @@ class Course:
         return float(self.ends_m[number] - (1.0 - behind) * self.lengths_m[number])
 
     def place(self, metres: float) -> Place | None:
-        """Return the place at a distance from the beginning; None at the end."""
+        """Return the place at a distance from the start of the course; None at the end of the course."""
         number = int(np.searchsorted(self.ends_m, metres, side="right"))
         if number >= len(self.legs):
             return None
@@ -224,7 +226,7 @@ class Course:
         return Place(self.legs[number].item, min(max(part, 0.0), math.nextafter(1.0, 0.0)))
 
     def position(self, place: Place) -> tuple[float, float, float]:
-        """Return latitude, longitude and altitude of a place, as the items of its leg give them."""
+        """Return latitude, longitude and altitude of a place, in the frame of the leg's item."""
         number = self.leg_of(place)
         if number == len(self.legs):
             return self.legs[-1].end
@@ -233,7 +235,7 @@ class Course:
         return x, y, z
 
     def after(self, place: Place) -> Place | None:
-        """Return the place, or the beginning of the next leg if its own has no images; None without any."""
+        """Return `place` if its leg has images, else the start of the next leg with images, else None."""
         number = self.leg_of(place)
         if number < len(self.legs) and self.legs[number].works:
             return place
@@ -241,7 +243,10 @@ class Course:
         return None if following is None else Place(following.item)
 
     def back(self, place: Place, overlap_m: float) -> Place:
-        """Return the place `overlap_m` before another, as far as images are taken on the legs before it."""
+        """Return the place `overlap_m` metres before `place`.
+
+        The overlap does not extend into a leg without images. On a curved leg the result is the leg's start.
+        """
         number, left = self.leg_of(place), overlap_m
         part = place.fraction
         while True:
@@ -257,22 +262,22 @@ class Course:
             number, part = number - 1, 1.0
 
     def along(self, items: ArrayLike, east_m: ArrayLike, north_m: ArrayLike) -> NDArray[np.float64]:
-        """Return the distances from the beginning to positions in the frame, float64[n].
+        """Return the distance from the start of the course to each position, float64[n].
 
-        Each position is projected onto the leg to its item.
+        Each position (m in the frame) is projected onto the leg of its item.
         """
         numbers, part, _ = self._projected(items, east_m, north_m)
         metres: NDArray[np.float64] = self.ends_m[numbers] - (1.0 - part) * self.lengths_m[numbers]
         return metres
 
     def aside_m(self, items: ArrayLike, east_m: ArrayLike, north_m: ArrayLike) -> NDArray[np.float64]:
-        """Return the distances of positions to the legs to their items, float64[n]; 0 beyond the last leg."""
+        """Return the distance of each position from the leg of its item, float64[n]; 0 past the last leg."""
         return self._projected(items, east_m, north_m)[2]
 
     def _projected(
         self, items: ArrayLike, east_m: ArrayLike, north_m: ArrayLike
     ) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
-        """Return the leg of each position, the fraction of it that is flown, and the distance to it."""
+        """Return leg index, flown fraction of the leg and distance from the leg of each position."""
         numbers = np.searchsorted(self._flown_items, np.asarray(items))
         ended = numbers >= len(self.legs)
         numbers = np.minimum(numbers, len(self.legs) - 1)
@@ -286,12 +291,12 @@ class Course:
 
 
 def unrolled(mission: Mission) -> Mission:
-    """Return a mission with its jumps written out.
+    """Return a mission with each DO_JUMP replaced by the items that the jump repeats.
 
     Raises
     ------
     MissionError
-        If a jump is endless or leads nowhere, or the mission gets longer than MAVLink can number.
+        If a jump is endless, its target does not exist, or the result has more than `MAX_ITEMS` items.
     """
     items = mission.items
     if not any(item.command == Command.DO_JUMP for item in items):

@@ -4,16 +4,16 @@ from geo.errors import WbfMissionError
 
 
 class PlanningError(WbfMissionError, ValueError):
-    """A planning request that has no solution or makes no sense."""
+    """A planning request that is invalid or has no solution."""
 
 
 class AnswerError(PlanningError):
-    """An answer of a policy that cannot be flown.
+    """A policy's answer that cannot be flown.
 
     Parameters
     ----------
     kind : str
-        The fault in a word or two, for counts.
+        Short name of the fault, for statistics.
     """
 
     def __init__(self, text: str, kind: str) -> None:
@@ -41,8 +41,8 @@ class LinkError(WbfMissionError, OSError):
 
 
 class NoPeerError(LinkError):
-    """Nobody answers at the other end of a link."""
+    """A link without an answer from its other end."""
 
 
 class LinkLostError(LinkError):
-    """A link that was open and broke."""
+    """A link that broke after it was opened."""

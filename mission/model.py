@@ -1,6 +1,6 @@
-"""The mission model: missions as they are planned, written to files, and sent over MAVLink.
+"""Mission model shared by planners, mission files and the MAVLink mission protocol.
 
-A parameter that is ``None`` means "the vehicle's default": NaN on the wire, ``null`` in a .plan file.
+A parameter of ``None`` is the vehicle's default: NaN on the wire, ``null`` in a .plan file.
 """
 
 from __future__ import annotations
@@ -91,7 +91,7 @@ def has_position(command: int) -> bool:
 
 
 def plan_of(command: int) -> MissionType:
-    """Return the plan in which a command stands.
+    """Return the plan that a command belongs to.
 
     >>> plan_of(5100).name
     'RALLY'
@@ -127,29 +127,29 @@ def check_place(latitude_deg: float, longitude_deg: float, altitude_m: float, wh
 
 @dataclass(frozen=True, slots=True)
 class MissionItem:
-    """One MAVLink mission item.
+    """A MAVLink mission item.
 
     Parameters
     ----------
     command : int
         MAV_CMD.
     frame : int
-        MAV_FRAME; the INT frames 5, 6 and 11 are folded to 0, 3 and 10, which mean the same.
+        MAV_FRAME. The INT frames 5, 6 and 11 become the equivalent frames 0, 3 and 10.
     param1, param2, param3, param4 : float or None
-        As the command defines them; None is the vehicle's default (NaN). The target of a DO_JUMP (param1)
-        counts the items of `Mission.items` from 0, whatever the autopilot or the file counts from.
+        Parameters of the command; None is the vehicle's default (NaN). The target of a DO_JUMP (param1) is
+        an index into `Mission.items`, from 0, for every autopilot and file format.
     x, y : float
-        Latitude and longitude in degrees (kept to 1e-7 degree, as on the wire) when the frame is global and
-        the command has a position, otherwise parameters 5 and 6.
+        Latitude and longitude in degrees, rounded to 1e-7 degree, if the frame is global and the command has
+        a position. Otherwise parameters 5 and 6.
     z : float
-        Altitude in metres in the frame, otherwise parameter 7.
+        Altitude in metres in the frame if x and y are a position, otherwise parameter 7.
     autocontinue : bool
-        Go on to the next item when this one is complete.
+        Whether the vehicle continues with the next item when this item is complete.
 
     Raises
     ------
     MissionError
-        If a number is not finite, out of its field's range, or no position on the globe.
+        If a number is not finite or out of its field's range, or the position is not on the globe.
 
     Examples
     --------
@@ -214,7 +214,7 @@ class MissionItem:
         acceptance_radius_m: float = 0.0,
         yaw_deg: float | None = None,
     ) -> MissionItem:
-        """A NAV_WAYPOINT at an altitude above home; yaw None leaves the heading to the vehicle."""
+        """Return a NAV_WAYPOINT at an altitude above home; None as `yaw_deg` is the default heading."""
         return cls(
             Command.NAV_WAYPOINT,
             Frame.GLOBAL_RELATIVE_ALT,
@@ -228,9 +228,10 @@ class MissionItem:
         )
 
     def in_standard_frame(self) -> MissionItem:
-        """Return the item in frame MISSION when its command has no position.
+        """Return the item, in frame MISSION if its command has no position.
 
-        ArduPilot's tools give such items frame 0 or 3, PX4 refuses that, and every autopilot takes MISSION.
+        ArduPilot's tools write commands without a position in frame 0 or 3, which PX4 refuses. Every
+        autopilot accepts frame MISSION.
 
         >>> MissionItem(Command.DO_CHANGE_SPEED, frame=3, param2=5.0).in_standard_frame().frame
         2
@@ -240,33 +241,33 @@ class MissionItem:
         return replace(self, frame=Frame.MISSION)
 
     def wire_x(self) -> int:
-        """``x`` as MISSION_ITEM_INT carries it: degE7 for a position, otherwise the parameter itself."""
+        """Return ``x`` for MISSION_ITEM_INT: degE7 for a position, otherwise the parameter itself."""
         return round(self.x * DEGREES_E7) if self.has_position else int(self.x)
 
     def wire_y(self) -> int:
-        """``y`` as MISSION_ITEM_INT carries it: degE7 for a position, otherwise the parameter itself."""
+        """Return ``y`` for MISSION_ITEM_INT: degE7 for a position, otherwise the parameter itself."""
         return round(self.y * DEGREES_E7) if self.has_position else int(self.y)
 
 
 @dataclass(frozen=True, slots=True)
 class Mission:
-    """A whole plan: the mission, the fence and the rally points, and where home is expected.
+    """Mission items, geofence, rally points and planned home of a vehicle.
 
     Parameters
     ----------
     items : tuple of MissionItem
-        The mission, without a home item (ArduPilot's item 0 is added on transfer and in WPL files only).
+        Mission items without home. ArduPilot's home item 0 is added only on transfer and in WPL files.
     home : GeoPoint or None
-        Planned home position; relative altitudes count from it.
+        Planned home position; relative altitudes are altitudes above home.
     fence, rally : tuple of MissionItem
         Geofence items (commands 5000 to 5004) and rally points (5100).
     cruise_speed_m_s, hover_speed_m_s : float
-        Speeds that a ground station uses for its time estimates.
+        Speeds for a ground station's time estimates.
 
     Raises
     ------
     MissionError
-        If one of the plans has more items than MAVLink can number, or a speed is negative or not finite.
+        If a plan has more than `MAX_ITEMS` items, or a speed is negative or not finite.
     """
 
     items: tuple[MissionItem, ...]

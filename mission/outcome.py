@@ -1,4 +1,4 @@
-"""Outcomes of flights, and the phases of a ground station."""
+"""Outcomes of a flight, and phases of a ground station during a flight."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ _WORDS = {
     "pilot_took_over": "a pilot took over",
     "autopilot_restarted": "autopilot restarted in flight",
 }
-"""Outcomes that their name alone does not explain."""
+"""Texts of the outcomes with names that need an explanation."""
 
 
 def in_words(outcome: Outcome | str, reason: str = "") -> str:
-    """Return an outcome in words, with its reason unless that says no more.
+    """Return the text of an outcome, with its reason if the reason adds anything.
 
     Examples
     --------
@@ -36,51 +36,51 @@ def in_words(outcome: Outcome | str, reason: str = "") -> str:
 
 
 class Outcome(Enum):
-    """How a flight ended, or that it has not.
+    """Outcome of a flight.
 
-    A vehicle knows those from `COMPLETED` to `FLIGHT_ABORTED`; the others are of a ground station only.
+    Vehicles have the outcomes `COMPLETED` to `FLIGHT_ABORTED`; a ground station has all outcomes.
     """
 
     RUNNING = "running"
-    """Not over yet (also: never armed)."""
+    """The flight is in progress, or the vehicle has not armed."""
     COMPLETED = "completed"
     """The mission was flown to its end and the vehicle is on the ground, disarmed."""
     ARMING_REFUSED = "arming_refused"
     """The last request to arm was refused, and the vehicle never flew."""
     MISSION_REJECTED = "mission_rejected"
-    """The mission, as uploaded or at its start, is none that this vehicle can fly."""
+    """The vehicle rejected the mission at upload or at the start."""
     CANNOT_FLY_ITEM = "cannot_fly_item"
-    """An item stopped the mission in flight."""
+    """The vehicle stopped the mission in flight at an item that it cannot fly."""
     BATTERY_LOW = "battery_low"
     """The battery failsafe ended the mission; the vehicle returned or landed in time."""
     BATTERY_DEPLETED = "battery_depleted"
     """The battery was empty in the air; the vehicle came down where it was."""
     FENCE_BREACHED = "fence_breached"
-    """The vehicle left the geofence, and its action ended the mission."""
+    """The vehicle left the geofence, and the fence action ended the mission."""
     LINK_LOST = "link_lost"
-    """The ground station was lost, and the failsafe ended the mission."""
+    """The vehicle lost the link to the ground station, and the failsafe ended the mission."""
     POSITION_LOST = "position_lost"
-    """There was no position any more; the vehicle landed where it was."""
+    """The vehicle lost its position estimate and landed where it was."""
     CRASHED = "crashed"
     """The vehicle lost its thrust in the air."""
     FLIGHT_ABORTED = "flight_aborted"
     """The vehicle came down and disarmed before its mission was complete."""
     NO_CONTACT = "no_contact"
-    """No vehicle was heard."""
+    """No message of a vehicle arrived."""
     UPLOAD_FAILED = "upload_failed"
-    """The vehicle did not take the mission."""
+    """The upload of the mission failed."""
     NO_ANSWER = "no_answer"
-    """The vehicle was heard and then fell silent; its fate is not known."""
+    """The messages of the vehicle stopped; the state of the vehicle is unknown."""
     TIME_LIMIT = "time_limit"
-    """The flight took much longer than it should."""
+    """The flight exceeded its time limit."""
     NOT_STARTED = "not_started"
-    """The operator did not let it start."""
+    """The operator refused the start."""
     PILOT_TOOK_OVER = "pilot_took_over"
-    """Somebody else took the vehicle out of its mission, and it came down so."""
+    """A pilot or another ground station took the vehicle out of its mission, and the vehicle landed."""
     AUTOPILOT_RESTARTED = "autopilot_restarted"
-    """The autopilot started again in flight, and that ended the mission."""
+    """The autopilot restarted in flight, which ended the mission."""
     INTERRUPTED = "interrupted"
-    """Somebody stopped the run (Ctrl-C)."""
+    """The user stopped the run (Ctrl-C)."""
 
     @property
     def is_over(self) -> bool:
@@ -89,7 +89,7 @@ class Outcome(Enum):
 
     @property
     def loses_vehicle(self) -> bool:
-        """Whether there is no vehicle to fly again: it fell, or nobody knows where it is."""
+        """Whether the vehicle cannot fly again: it crashed, or its state is unknown."""
         return self in (
             Outcome.CRASHED,
             Outcome.BATTERY_DEPLETED,
@@ -105,7 +105,7 @@ class Outcome(Enum):
 
 
 class Phase(Enum):
-    """Phase of a ground station's work."""
+    """Phase of a ground station during a flight."""
 
     CONTACT = "waiting for the vehicle"
     UPLOAD = "uploading"

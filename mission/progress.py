@@ -1,4 +1,4 @@
-"""Progress of a vehicle along its mission, from its telemetry: live, or from a log."""
+"""Progress of a vehicle along its mission, from live or logged telemetry."""
 
 from __future__ import annotations
 
@@ -12,20 +12,20 @@ from mission.link.codec.dialect import mavlink as m
 
 __all__ = ["MissionProgress"]
 
-# A vehicle farther from its leg comes from elsewhere, or flies another mission.
+# A vehicle farther from its leg is on the approach, or flies another mission.
 _ON_LEG_M = 50.0
 
 
 class MissionProgress:
-    """Follows a vehicle along the course of the mission that it flies by itself.
+    """Progress of a vehicle along the course of its mission.
 
-    A position counts once a later HEARTBEAT shows that the vehicle was still in its mission: on its way home
-    it is not. Feed it with the messages of the vehicle's autopilot.
+    A position counts after a later HEARTBEAT confirms the mission mode; positions of the return home are
+    discarded. `receive` expects only messages of the vehicle's autopilot.
 
     Parameters
     ----------
     course : Course
-        Of the mission that the vehicle holds.
+        Course of the mission on the vehicle.
     """
 
     def __init__(self, course: Course) -> None:
@@ -36,7 +36,7 @@ class MissionProgress:
         self._reached = -1
 
     def receive(self, message: Message, now_s: float) -> None:
-        """Take one message of the vehicle."""
+        """Process a message of the vehicle."""
         self.monitor.receive(message, now_s)
         if isinstance(message, m.MAVLink_heartbeat_message):
             if self._flies:
@@ -54,9 +54,9 @@ class MissionProgress:
         return self.monitor.in_mission and self.monitor.state.armed and not self.monitor.left_mission
 
     def place(self) -> Place | None:
-        """Return how far the mission is flown; None if it is flown to its end.
+        """Return the farthest place flown; None if the mission was flown to its end.
 
-        MissionError if it was never flown.
+        MissionError if the vehicle never flew its mission.
         """
         if not self._flown:
             msg = "the vehicle is never seen to fly its mission by itself"
@@ -74,6 +74,6 @@ class MissionProgress:
         east, north = course.frame.from_wgs84(latitude, longitude)
         on_leg = course.aside_m(items, east, north) <= _ON_LEG_M
         if not on_leg.any():
-            msg = "the vehicle never is on the way that its mission leads: it is another mission"
+            msg = f"the vehicle was never within {_ON_LEG_M:g} m of its leg: it is another mission"
             raise MissionError(msg)
         return course.place(float(course.along(items, east, north)[on_leg].max()))

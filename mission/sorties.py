@@ -1,4 +1,4 @@
-"""A part of a mission as a mission of its own: take-off, the way there, the part as it was, the way home."""
+"""Sorties of a mission: a part of the mission with its own take-off, approach, return and landing."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from mission.model import Command, Frame, GeoPoint, Mission, MissionItem
 __all__ = ["Way", "image_spacing_m", "part_of", "resumed_at"]
 
 Way: TypeAlias = Callable[[tuple[float, float], tuple[float, float]], Sequence[tuple[float, float]]]
-"""Takes two positions (latitude, longitude) and returns the corners of a way round obstacles."""
+"""Function from two positions (latitude, longitude) to the corners of a path round obstacles."""
 
 _VIDEO_START, _VIDEO_STOP = 2500, 2501
-# Settings by command: the last one of each name still holds when a part begins.
+# Names of settings by command. The last command of each name is in force when a part begins.
 _SETTINGS: dict[int, str] = {
     183: "servo",
     181: "relay",
@@ -37,9 +37,9 @@ _SETTINGS: dict[int, str] = {
     _VIDEO_START: "video",
     _VIDEO_STOP: "video",
 }
-# Outlets, each of which has a setting of its own by its number (param1).
+# Servos and relays: each output number (param1) is a separate setting.
 _BY_NUMBER = frozenset({183, 181})
-# Set again where the part begins, not before: the camera would record the approach.
+# Settings repeated at the first position of the part, so that the approach is not recorded.
 _AT_THE_PLACE = frozenset({"images", "video", "yaw"})
 _STOPS = {
     int(Command.DO_SET_CAM_TRIGG_DIST): int(Command.DO_SET_CAM_TRIGG_DIST),
@@ -60,34 +60,34 @@ def part_of(
     home: GeoPoint | None = None,
     way: Way | None = None,
 ) -> Mission:
-    """Return the part of a mission between two places, as a mission that takes off, flies it and lands.
+    """Return a mission that takes off, flies the part of `course` between two places, and lands.
 
-    Settings that hold at its beginning are made again: speeds, region of interest and gimbal after the
-    take-off, camera and heading at its first position. At its end the camera is stopped. Fence, rally points,
-    altitude frames, take-off and landing are those of the whole mission. Legs without images at its beginning
-    are left out.
+    Settings in force at `begin` are repeated: speeds, region of interest and gimbal after the take-off,
+    camera and heading at the first position of the part. The camera is stopped at `end`. Fence, rally
+    points, altitude frames, take-off and landing are copied from the whole mission. Leading legs without
+    images are left out.
 
     Parameters
     ----------
     course : Course
-        Of the whole mission.
+        Course of the whole mission.
     begin : Place
     end : Place, optional
-        By default the mission's end.
+        Last place of the part; by default the end of the mission.
     overlap_m : float
-        Length before its beginning that is flown again, as far as images were taken there.
+        Length before `begin` that is flown again; legs without images are not flown again.
     hold_s : float
-        Hold at its first position before the camera starts: a vehicle that turns onto a row swings wide. A
-        fixed wing would circle there.
+        Hold at the first position of the part, before the camera starts. Without a hold a vehicle overshoots
+        when it turns onto a row. A fixed wing would circle during the hold.
     home : GeoPoint, optional
-        Another home, to which take-off and landing are moved.
+        New home; take-off and landing are moved with it.
     way : callable, optional
-        See `Way`.
+        Route round obstacles for the approach and the return, see `Way`.
 
     Raises
     ------
     MissionError
-        If nothing is left to fly between the places.
+        If there is nothing to fly between the places.
 
     Examples
     --------
@@ -128,7 +128,7 @@ def part_of(
         last = _settings([*head, *body])
         body += [MissionItem(_STOPS[item.command]) for item in last.values() if _is_on(item)]
         if way is not None and here is not None:
-            body += _led(
+            body += _detour(
                 way, course.position(end)[:2], (here.latitude_deg, here.longitude_deg), items[cut.item]
             )
         tail = tail or [MissionItem(Command.NAV_RETURN_TO_LAUNCH)]
@@ -136,9 +136,10 @@ def part_of(
 
 
 def resumed_at(course: Course, begin: Place, overlap_m: float) -> Place | None:
-    """Return the place from which a part is flown; None if no leg with images is left.
+    """Return the first place of the part that begins at `begin`; None if no leg with images remains.
 
-    It lies `overlap_m` before the part's beginning, or where the next leg with images begins.
+    The first place is `overlap_m` before `begin`. If the leg of `begin` has no images, the first place is the
+    start of the next leg with images.
     """
     following = course.after(begin)
     if following is None or following != begin:
@@ -147,7 +148,7 @@ def resumed_at(course: Course, begin: Place, overlap_m: float) -> Place | None:
 
 
 def image_spacing_m(mission: Mission, speed_m_s: float) -> float | None:
-    """Return the rough distance between two images of a mission; None if it has no camera trigger.
+    """Return the approximate image spacing of a mission (m); None without a camera trigger.
 
     >>> image_spacing_m(Mission((MissionItem(206, param1=3.0),)), 5.0)
     3.0
@@ -162,7 +163,7 @@ def image_spacing_m(mission: Mission, speed_m_s: float) -> float | None:
 def _approach(
     course: Course, first: Place, hold_s: float, home: GeoPoint | None, way: Way | None
 ) -> list[MissionItem]:
-    """Return the items from the take-off to a place, with the settings that hold there."""
+    """Return the items between take-off and `first`, with the settings in force at `first`."""
     items = course.mission.items
     leg = course.leg_of(first)
     since = course.legs[leg - 1].item if leg else course.begin - 1
@@ -179,14 +180,14 @@ def _approach(
     resume = _waypoint(template, place)
     made = [item for name, item in held.items() if name not in _AT_THE_PLACE]
     if way is not None and home is not None:
-        made += _led(way, (home.latitude_deg, home.longitude_deg), place[:2], resume)
+        made += _detour(way, (home.latitude_deg, home.longitude_deg), place[:2], resume)
     made.append(replace(resume, param1=hold_s))
     made += [item for name, item in held.items() if name == "yaw" or (name in _AT_THE_PLACE and _is_on(item))]
     return made
 
 
 def _settings(items: Iterable[MissionItem]) -> dict[str, MissionItem]:
-    """Return the settings that hold after some items, by name, in the order of the items."""
+    """Return the settings in force after `items`, by name, in the order of the items."""
     held: dict[str, MissionItem] = {}
     for item in items:
         name = _SETTINGS.get(item.command)
@@ -202,12 +203,12 @@ def _settings(items: Iterable[MissionItem]) -> dict[str, MissionItem]:
 
 
 def _is_on(item: MissionItem) -> bool:
-    """Return whether a setting starts the camera."""
+    """Return whether an item starts images or video."""
     return item.command == _VIDEO_START or turns_camera(item) is True
 
 
 def _is_for_next(item: MissionItem) -> bool:
-    """Return whether an item between two legs concerns only the second."""
+    """Return whether an item between two legs affects only the second leg."""
     return _is_on(item) or item.command in (
         Command.CONDITION_DELAY,
         Command.CONDITION_DISTANCE,
@@ -216,8 +217,8 @@ def _is_for_next(item: MissionItem) -> bool:
 
 
 def _reachable(course: Course, first: Place, end: Place | None) -> Place | None:
-    """Return the place at which a part can end; None for the mission's end."""
-    # A leg that is not straight is flown whole; legs without images at the end are left out.
+    """Return the last place that can be flown of a part to `end`; None for the end of the mission."""
+    # A curved leg cannot be cut and is flown whole. Trailing legs without images are left out.
     if end is None or (number := course.leg_of(end)) >= len(course.legs):
         return None
     if end.fraction > 0.0 and not course.legs[number].works:
@@ -236,7 +237,7 @@ def _reachable(course: Course, first: Place, end: Place | None) -> Place | None:
 
 
 def _waypoint(like: MissionItem, place: tuple[float, float, float]) -> MissionItem:
-    """Return a waypoint at a place, with radius, heading and frame of another item and no hold."""
+    """Return a waypoint at `place` without hold; radius, heading and frame are those of `like`."""
     radius_m = like.param2 if like.command == _WAYPOINT else 0.0
     yaw = like.param4 if like.command == _WAYPOINT else None
     frame = like.frame if like.has_position else Frame.GLOBAL_RELATIVE_ALT
@@ -244,15 +245,15 @@ def _waypoint(like: MissionItem, place: tuple[float, float, float]) -> MissionIt
     return MissionItem(_WAYPOINT, frame, 0.0, radius_m, 0.0, yaw, latitude, longitude, altitude)
 
 
-def _led(
+def _detour(
     way: Way, begin: tuple[float, float], end: tuple[float, float], like: MissionItem
 ) -> list[MissionItem]:
-    """Return the waypoints of a way round obstacles, at the height of another item."""
+    """Return the waypoints of a path round obstacles, at the altitude of `like`."""
     return [_waypoint(like, (latitude, longitude, like.z)) for latitude, longitude in way(begin, end)]
 
 
 def _moved(item: MissionItem, old: GeoPoint | None, new: GeoPoint | None) -> MissionItem:
-    """Return an item of the take-off or landing, moved with the home."""
+    """Return a take-off or landing item, moved by the offset between the two homes."""
     if old is None or new is None or not item.has_position or not (item.x or item.y):
         return item
     about_old = LocalFrame(old.latitude_deg, old.longitude_deg)

@@ -8,7 +8,7 @@ class FieldError(WbfMissionError, ValueError):
 
 
 class CameraError(WbfMissionError, ValueError):
-    """A camera that is unknown or cannot be, or a camera file."""
+    """A camera that is unknown or has impossible values, or a camera file that cannot be used."""
 
 
 class EnvironmentDataError(WbfMissionError, ValueError):

@@ -1,4 +1,4 @@
-"""Estimation and scoring of a run while its observations come in."""
+"""Estimation and scoring of a run while its observations arrive."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from sensors.scoring.score import RunningScore, Score
 
 @dataclass(slots=True)
 class ScoreHistory:
-    """The scores of a run, one entry for each scored time: seconds since the run began, and the day."""
+    """Scores of a run; each scored time has an entry in every list. Times are seconds since the run began."""
 
     times_s: list[float] = field(default_factory=list)
     observations: list[int] = field(default_factory=list)
@@ -40,13 +40,13 @@ class ScoreHistory:
 
     @property
     def field_losses(self) -> NDArray[np.float64]:
-        """The mean loss a cell of each field, float64[c, n]."""
+        """Mean loss per cell of each field at each scored time, float64[times, n]."""
         losses = [entry.field_loss for entry in self.entries]
         return np.array(losses, dtype=np.float64) if losses else np.empty((0, 0))
 
     @property
     def score(self) -> float | None:
-        """The paper's score of the run, averaged over the scored times; None before the first."""
+        """The paper's score of the run, the mean over the scored times; None before the first."""
         return float(np.mean(self.scores)) if self.entries else None
 
     def of_day(self, day: int) -> ScoreHistory:
@@ -57,23 +57,23 @@ class ScoreHistory:
 
 
 class RunEstimate:
-    """The estimate of a run and its scores, computed in a thread of its own beside the flight.
+    """Estimate and scores of a run, computed in a separate thread during the flight.
 
-    Observations between two scored times are learned together, in the order in which they were added, so the
-    outcome depends neither on the speed of either side nor on the parts in which they arrive. An error of the
-    estimator is raised by a later call; a run ends with `close`.
+    Observations between two scored times are learned together, in the order in which they were added. The
+    results depend neither on the speed of the threads nor on the parts in which observations arrive. An error
+    of the estimator is raised by a later call. The caller ends the thread with `close`.
 
-    Scored times are after each `every` observations of a flight, and at its end; on later days also before
-    the first observation. A flight that is not made is scored as often by the present estimate (`hold`).
-    `ready` is called in the thread before each learning, and may wait there.
+    Scored times are after each `every` observations of a flight and at its end; on later days also before the
+    first observation. For a cancelled flight, `hold` scores the present estimate as often as the flight would
+    have been scored. `ready` is called in the thread before observations are learned, and may wait.
 
     Attributes
     ----------
     history : ScoreHistory
-        The scores; complete after `end_flight`.
+        The scores, complete after `end_flight`.
     model : InformationModel or None
-        The latest scored estimate, valid after `end_flight`; its arrays may be the estimator's own, which
-        change with the next observations.
+        The latest scored estimate, valid after `end_flight`. Its arrays may belong to the estimator, which
+        changes them with the next observations.
     """
 
     def __init__(
@@ -93,8 +93,8 @@ class RunEstimate:
         self.every = max(1, every)
         self.day = day
         self._ready = ready
-        # Called with each scored time and the model.
-        self.told: Callable[[float, InformationModel], None] = lambda _time_s, _model: None
+        # Callback for each scored time, with the time and the model.
+        self.on_score: Callable[[float, InformationModel], None] = lambda _time_s, _model: None
         self._seen = 0
         self._seen_before = 0
         self._held: list[Observations] = []
@@ -103,7 +103,7 @@ class RunEstimate:
         self._waiting: deque[Future[Any]] = deque()
 
     def add(self, parts: Sequence[Observations], offset_s: float = 0.0) -> None:
-        """Add observations; those up to a scored time are learned when they are complete."""
+        """Add observations, which are learned as soon as those up to the next scored time are complete."""
         while self._waiting and self._waiting[0].done():
             self._waiting.popleft().result()
         for part in parts:
@@ -115,34 +115,33 @@ class RunEstimate:
                 start += due
                 self._given += len(self._held[-1])
                 if len(self._held[-1]) == due:
-                    self._hand_over(offset_s + float(self._held[-1].time_s[-1]))
+                    self._submit(offset_s + float(self._held[-1].time_s[-1]))
 
     def current(self) -> InformationModel:
-        """Wait until all observations are learned, and return the estimate in the estimator's own arrays."""
-        self._catch_up()
-        return self._believed()
+        """Wait until all observations are learned, and return the estimate without copying its arrays."""
+        self._wait()
+        return self._predict()
 
     def snapshot(self) -> Future[InformationModel]:
-        """Return at once a future of the estimate after all added observations, in arrays of its own.
+        """Return a future for a copy of the estimate after all observations added before this call.
 
-        The estimate's thread makes it in its turn, so a thread that waits for it shares nothing with the
-        estimator.
+        The copy is made in the estimate's thread, so a waiting thread shares no arrays with the estimator.
         """
-        self._hand_over()
+        self._submit()
         before = tuple(self._waiting)
 
         def take() -> InformationModel:
             for done in before:
                 done.result()
             with attribute_errors_to(self.estimator):
-                return self._believed().copy()
+                return self._predict().copy()
 
         self._waiting.append(taken := self._worker.submit(take))
         return taken
 
     def begin_day(self, day: int, truth: NDArray[np.float32], time_s: float) -> None:
-        """Go on to another day, and score the estimate against its truth before anything is observed."""
-        self._catch_up()
+        """Advance to a later day, and score the estimate against its `truth` before the first observation."""
+        self._wait()
         self.day = day
         self._score.advance(truth)
         with attribute_errors_to(self.estimator):
@@ -150,16 +149,16 @@ class RunEstimate:
         self._evaluate(time_s)
 
     def end_flight(self, time_s: float) -> None:
-        """Wait until all observations are learned; score them unless there are none or that was done."""
-        self._catch_up()
+        """Wait until all observations are learned, and score the estimate unless it is scored already."""
+        self._wait()
         history = self.history
         if self._seen and (history.observations[-1:], history.days[-1:]) != ([self._seen], [self.day]):
             self._evaluate(time_s)
         self._seen_before = self._seen
 
     def hold(self, times: int, time_s: float) -> None:
-        """Score the present estimate `times` times, in place of a flight that is not made."""
-        self._catch_up()
+        """Add the score of the present estimate `times` times, for a cancelled flight."""
+        self._wait()
         self._evaluate(time_s)
         history, again = self.history, times - 1
         history.entries += again * history.entries[-1:]
@@ -167,20 +166,20 @@ class RunEstimate:
         history.observations += again * [self._seen]
         history.days += again * [self.day]
 
-    def _hand_over(self, score_at_s: float | None = None) -> None:
-        """Start learning the held observations, and scoring the estimate then if a time is given."""
+    def _submit(self, score_at_s: float | None = None) -> None:
+        """Submit the held observations to the thread; then score the estimate if `score_at_s` is given."""
         if self._held:
             held = Observations.concatenate(self._held, self._held[0].fields)
             self._held = []
             self._waiting.append(self._worker.submit(self._learn, held, score_at_s))
 
-    def _catch_up(self) -> None:
-        self._hand_over()
+    def _wait(self) -> None:
+        self._submit()
         while self._waiting:
             self._waiting.popleft().result()
 
     def close(self) -> None:
-        """End the thread; observations that are not learned yet are dropped."""
+        """End the thread; pending observations are discarded."""
         self._worker.shutdown(wait=False, cancel_futures=True)
 
     def _learn(self, observations: Observations, score_at_s: float | None) -> None:
@@ -193,26 +192,26 @@ class RunEstimate:
         if score_at_s is not None:
             self._evaluate(score_at_s)
 
-    def _believed(self) -> InformationModel:
+    def _predict(self) -> InformationModel:
         begin = time.perf_counter()
-        model = believed(self.estimator)
+        model = checked_prediction(self.estimator)
         self.estimate_s += time.perf_counter() - begin
         return model
 
     def _evaluate(self, time_s: float) -> None:
-        self.model = self._believed()
+        self.model = self._predict()
         begin = time.perf_counter()
         self.history.entries.append(self._score.add(self.model))
         self.history.times_s.append(time_s)
         self.history.observations.append(self._seen)
         self.history.days.append(self.day)
         self.score_s += time.perf_counter() - begin
-        self.told(time_s, self.model)
+        self.on_score(time_s, self.model)
 
 
 @contextmanager
 def attribute_errors_to(estimator: Estimator) -> Iterator[None]:
-    """Name the estimator whose own code failed; the cause stays attached for its author."""
+    """Turn an unexpected error of an estimator into an EstimatorError with its name; the cause is kept."""
     try:
         yield
     except (WbfMissionError, MemoryError):
@@ -226,8 +225,8 @@ def attribute_errors_to(estimator: Estimator) -> Iterator[None]:
         raise EstimatorError(msg) from error
 
 
-def believed(estimator: Estimator) -> InformationModel:
-    """Return an estimator's prediction, checked unless the estimator is of this program."""
+def checked_prediction(estimator: Estimator) -> InformationModel:
+    """Return an estimator's prediction, checked if the estimator is not part of this project."""
     with attribute_errors_to(estimator):
         model = estimator.predict()
     if type(estimator).__module__.partition(".")[0] not in PACKAGES:
@@ -240,7 +239,7 @@ def believed(estimator: Estimator) -> InformationModel:
 
 @dataclass(slots=True)
 class Evidence:
-    """The observations of all flights, and the estimate that learns from them."""
+    """The observations of all flights of a run, and its estimate."""
 
     farm: Farm
     fields: FieldSet
@@ -252,7 +251,7 @@ class Evidence:
         return self._count
 
     def add(self, *parts: Observations, offset_s: float) -> None:
-        """Add observations, whose times count from `offset_s` seconds after the beginning of the run."""
+        """Add observations with times relative to `offset_s` seconds after the beginning of the run."""
         filled = [part for part in parts if len(part)]
         if not filled:
             return
@@ -263,11 +262,11 @@ class Evidence:
 
     @property
     def parts(self) -> tuple[Observations, ...]:
-        """All observations, in the parts and the order in which they arrived."""
+        """All observations as separate parts, in the order of arrival."""
         return tuple(part for part in self._parts if len(part))
 
     def observations(self) -> Observations:
-        """Return all observations, in the order in which they arrived."""
+        """Return all observations joined, in the order of arrival."""
         if len(self._parts) != 1:
             self._parts = [Observations.concatenate(self._parts, self.fields.names)]
         return self._parts[0]
@@ -279,7 +278,7 @@ class Evidence:
         return InformationModel.unknown(self.farm.grid().shape, self.fields)
 
     def snapshot(self) -> Callable[[], InformationModel]:
-        """Return what gives that model as it is now, in any thread and however much is learned meanwhile."""
+        """Return a function that returns the present estimate, callable later and in any thread."""
         return self.model if self.estimate is None else self.estimate.snapshot().result
 
 

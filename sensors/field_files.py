@@ -1,10 +1,9 @@
 """Field sets by name and from files.
 
-A field file is TOML with one or more tables ``[[field]]``; `field_from_table` says what is in one. Names are
-those of the benchmark's fields and of fields that packages register under the entry point group
-``wbf_mission.fields`` (each entry a `sensors.fields.Field`). What a file calls ``kind`` is "disease",
-"continuous", "smooth", "measured" (if there is none) or the `ContinuousDynamics.kind` of a class registered
-under ``wbf_mission.dynamics``.
+A field file is TOML with one or more tables ``[[field]]``, which `field_from_table` describes. Field names
+are those of the benchmark and those that packages register under the entry point group ``wbf_mission.fields``
+(each entry is a `sensors.fields.Field`). The key ``kind`` is "disease", "continuous", "smooth", "measured"
+(the default) or the `ContinuousDynamics.kind` of a class registered under ``wbf_mission.dynamics``.
 
 >>> load_field_set(["soil", "tylcv"])
 FieldSet(soil, tylcv)
@@ -35,11 +34,11 @@ _DYNAMICS: dict[str, type[Dynamics]] = {
     dynamics.kind: dynamics for dynamics in (EpidemicParameters, SoilParameters, SmoothParameters, Measured)
 }
 _REQUIRED = ("name", "kind", "crops", "default")
-"""Keys of a simulated field; a field that is only measured needs its name."""
+"""Keys that a simulated field needs; a field that is only measured needs ``name``."""
 
 
 class _Table(msgspec.Struct, forbid_unknown_fields=True, omit_defaults=True):
-    """A field in plain values."""
+    """A field as plain values."""
 
     name: str
     kind: str = Measured.kind
@@ -56,19 +55,19 @@ class _Table(msgspec.Struct, forbid_unknown_fields=True, omit_defaults=True):
 
 
 def load_field_set(names_or_paths: Iterable[str], folder: str | Path = ".") -> FieldSet:
-    """Return a field set by names and files.
+    """Return a field set from names and field files.
 
     Parameters
     ----------
     names_or_paths : iterable of str
         Names of fields (`field_names`), and field files, which end in ``.toml``.
     folder : path-like
-        Where relative paths begin.
+        Folder to which relative paths refer.
 
     Raises
     ------
     FieldError
-        If a name is unknown, a file cannot be used, or a field is there twice.
+        If a name is unknown, a file cannot be used, or a field is given twice.
     """
     found: list[Field] = []
     for item in names_or_paths:
@@ -78,7 +77,7 @@ def load_field_set(names_or_paths: Iterable[str], folder: str | Path = ".") -> F
 
 
 def field_names() -> tuple[str, ...]:
-    """Return the names of all registered fields: the benchmark's first, then those of packages, sorted."""
+    """Return the names of all fields: those of the benchmark, then the registered ones, sorted."""
     others = {point.name for point in entry_points(group=ENTRY_POINT_GROUP)} - set(PAPER_FIELDS.names)
     return (*PAPER_FIELDS.names, *sorted(others))
 
@@ -89,7 +88,7 @@ def read_fields(path: str | Path) -> tuple[Field, ...]:
     Raises
     ------
     FieldError
-        If it cannot be read, is no field file, or a field cannot be used; the text names file and field.
+        If the file cannot be read or is no field file, or a field cannot be used; the text names both.
     """
     path = Path(path)
     try:
@@ -110,15 +109,15 @@ def field_from_table(table: Mapping[str, Any], where: str) -> Field:
     Parameters
     ----------
     table : mapping
-        ``name``, ``kind`` (of its dynamics), ``crops`` and ``default``; if wanted ``weight``,
-        ``cost_above``, ``cost_below``, ``title``, ``unit``, ``range`` and ``colours`` as of
-        `sensors.fields.Field`; and a table ``dynamics`` with the parameters of
-        `sensors.dynamics.epidemic.EpidemicParameters` (of which a disease needs ``likelihood`` and
-        ``duration_days``), `sensors.dynamics.soil.SoilParameters` or `sensors.dynamics.continuous.Measured`,
-        which is what a field without a ``kind`` has; that needs its ``name`` only. The default is in the
-        field's unit, else the middle of its range.
+        Required keys: ``name``, ``kind`` (of the dynamics), ``crops`` and ``default``; a field without a
+        ``kind`` is only measured and needs only ``name``. Optional keys, as in `sensors.fields.Field`:
+        ``weight``, ``cost_above``, ``cost_below``, ``title``, ``unit``, ``range`` and ``colours``. The table
+        ``dynamics`` has the parameters of the dynamics, for example of
+        `sensors.dynamics.epidemic.EpidemicParameters` (a disease needs ``likelihood`` and ``duration_days``)
+        or `sensors.dynamics.soil.SoilParameters`. ``default`` is in the field's unit; if missing, it is the
+        middle of the range.
     where : str
-        File and position in it, which begin the text of an error.
+        File and position in it, with which the text of an error begins.
 
     Raises
     ------
@@ -150,14 +149,14 @@ def field_from_table(table: Mapping[str, Any], where: str) -> Field:
 
 
 def field_to_table(field: Field) -> dict[str, Any]:
-    """Return a field as plain values, from which `field_from_table` makes an equal one.
+    """Return a field as a table of plain values; `field_from_table` is the inverse.
 
-    Parameters of its dynamics that have no value are left out, as TOML has none for them.
+    Parameters of the dynamics that are None are left out, as TOML has no null.
     """
     table = {key.name: getattr(field, key.name) for key in fields(field)}
     table["kind"] = field.dynamics.kind
     table["crops"], table["colours"] = list(field.crops), list(field.colours)
-    # Digits that are noise of the conversion would make another field of the same file.
+    # Rounding removes the error of the unit conversion, so that the file gives an equal field again.
     table["default"] = float(f"{field.to_unit(field.default):.12g}")
     table["range"] = list(field.range)
     if field.range == (0.0, 1.0):
@@ -168,7 +167,7 @@ def field_to_table(field: Field) -> dict[str, Any]:
 
 
 def _part(default: float | None, limits: tuple[float, float]) -> float:
-    """Return a default that is in the unit as a part of the range."""
+    """Return a default value, in the field's unit, as a fraction of the range."""
     low, high = limits
     if default is None or not low < high:
         return 0.5
@@ -214,7 +213,7 @@ def _registered_dynamics(kind: str) -> type[Dynamics]:
 
 
 def _load(group: str, name: str, what: str) -> tuple[Any, str]:
-    """Load a registered object; with it comes its description for errors, empty if none is registered."""
+    """Return a registered object and its description for errors; (None, "") if no object has this name."""
     points = [point for point in entry_points(group=group) if point.name == name]
     if not points:
         return None, ""

@@ -1,10 +1,11 @@
-"""Fields: the quantities that are sensed on a farm, their dynamics, and the costs of errors.
+"""Fields: the quantities sensed on a farm, their dynamics, and the costs of estimation errors.
 
-Arrays, columns and readings of fields are in the order of a `FieldSet`. The benchmark's three fields are
-`PAPER_FIELDS`; `sensors.field_files` reads further ones from a file.
+Arrays, columns and readings have the order of a `FieldSet`. `PAPER_FIELDS` are the three fields of the
+benchmark; `sensors.field_files` reads other fields from files.
 
-All values lie in 0..1. A disease is 1 where plants are healthy, 0.5 where they are infected and 0 where they
-are lost. A continuous field is 0 at its least and 1 at its most; `Field.range` gives both in its unit.
+All values are in 0..1. A disease is 1 where plants are healthy, 0.5 where they are infected and 0 where they
+are lost. A continuous field is scaled from its minimum (0) to its maximum (1), which `Field.range` gives in
+its unit.
 
 >>> PAPER_FIELDS.names, PAPER_FIELDS["ccr"].kind, PAPER_FIELDS["soil"].kind
 (('tylcv', 'ccr', 'soil'), 'disease', 'continuous')
@@ -35,16 +36,16 @@ Kind = Literal["disease", "continuous"]
 Dynamics = EpidemicParameters | ContinuousDynamics
 
 ALL_CROPS = "all"
-"""In place of the names of crops: every crop of a farm."""
+"""Stands for all crops of a farm in `Field.crops`."""
 MAX_FIELDS = 16
-"""A cell's readings of this many fields fit into one MAVLink message with room to spare."""
+"""Largest number of fields: a cell's readings of all of them fit into one MAVLink message."""
 HEALTH_COLOURS = ("#5a0f14", "#f08a24", "#4f9d5d")
-"""Lost, infected, healthy."""
+"""Colours for lost, infected and healthy plants."""
 WATER_COLOURS = (
     *("#ffffd9", "#edf8b1", "#c7e9b4", "#7fcdbb", "#41b6c4"),
     *("#1d91c0", "#225ea8", "#253494", "#081d58"),
 )
-"""Dry to wet: ColorBrewer's YlGnBu."""
+"""Colours from dry to wet: ColorBrewer's YlGnBu."""
 
 _NAME = re.compile(r"[a-z][a-z0-9_]{0,23}")
 _RESERVED = ("x", "y", "day", "time_s")
@@ -54,33 +55,33 @@ _MAX_TEXT = 60
 
 @dataclass(frozen=True, slots=True)
 class Field:
-    """A quantity that is sensed.
+    """A sensed quantity.
 
     Parameters
     ----------
     name : str
-        Lower-case letters, digits and underscores, at most 24; the name of columns, arrays and streams of
-        random numbers.
+        Name of columns, arrays and random streams: at most 24 lower-case letters, digits and underscores.
     dynamics : EpidemicParameters or ContinuousDynamics
-        How it develops; the class decides the kind of the field. `Measured` is for fields that are not
+        The dynamics; their class decides the kind of the field. `Measured` is for fields that are not
         simulated.
     crops : tuple of str
-        Names of the crops that it concerns: those of the benchmark (`geo.Crop`), those of a farm, or
-        `ALL_CROPS`. A disease infects them on everybody's land; errors count on the owner's cells with them.
+        Crops with this field: those of the benchmark (`geo.Crop`), those of a farm, or `ALL_CROPS`. A disease
+        infects these crops on the land of all owners; errors are scored on the owner's cells with these
+        crops.
     default : float
-        Value assumed where nothing is known, 0..1.
+        Value assumed without observations, 0..1.
     weight : float
-        Weight of its errors in the score, >= 0.
+        Weight of the field's errors in the score, >= 0.
     cost_above, cost_below : float
-        Cost of a squared error where the estimate is above and below the truth, >= 0.
+        Cost of the squared error of an estimate above and below the truth, >= 0.
     title : str
         Name in pictures and tables; `name` if empty.
     unit : str
-        Unit of its values, for pictures.
+        Unit of the values, for pictures.
     colours : tuple of str
-        Two or more colours ``#rrggbb`` from 0 to 1; colours of its kind if empty.
+        Two or more colours ``#rrggbb`` for values from 0 to 1; if empty, those of the field's kind.
     range : tuple of float
-        The values 0 and 1 in the unit, the lower first; of a disease always (0, 1).
+        The values 0 and 1 in `unit`, the lower first; always (0, 1) for a disease.
 
     Raises
     ------
@@ -147,45 +148,45 @@ class Field:
 
     @property
     def kind(self) -> Kind:
-        """Whether it is a disease, with three values, or a continuous field."""
+        """Kind of the field: a disease, with three values, or a continuous field."""
         return "disease" if isinstance(self.dynamics, EpidemicParameters) else "continuous"
 
     @property
     def epidemic(self) -> EpidemicParameters:
-        """The parameters of a disease; FieldError for other fields."""
+        """The epidemic parameters of a disease; FieldError for continuous fields."""
         if not isinstance(self.dynamics, EpidemicParameters):
             raise self._error("is no disease")
         return self.dynamics
 
     @property
     def continuous(self) -> ContinuousDynamics:
-        """The dynamics of a continuous field; FieldError if it is a disease."""
+        """The dynamics of a continuous field; FieldError for diseases."""
         if not isinstance(self.dynamics, ContinuousDynamics):
             raise self._error("is a disease, not a continuous field")
         return self.dynamics
 
     @property
     def is_simulated(self) -> bool:
-        """Whether it has dynamics; otherwise it is only measured."""
+        """Whether the field is simulated; otherwise it is only measured."""
         return not isinstance(self.dynamics, Measured)
 
     def to_unit(self, values: Any) -> Any:
-        """Return values of 0..1 (scalar or array) in its unit."""
+        """Convert values of 0..1 (scalar or array) to the field's unit."""
         low, high = self.range
         return low + values * (high - low)
 
     def from_unit(self, values: Any) -> Any:
-        """Return values in its unit (scalar or array) as 0..1 of its range, clipped; NaN stays."""
+        """Convert values in the field's unit (scalar or array) to 0..1, clipped; NaN is kept."""
         low, high = self.range
         return np.clip((np.asarray(values, np.float64) - low) / (high - low), 0.0, 1.0)
 
     def hosts(self, grid: FarmGrid) -> NDArray[np.bool_]:
-        """Mark the cells with its crops, whoever owns them: bool[W, H], a new array."""
+        """Return a new mask of the cells with the field's crops, of all owners: bool[W, H]."""
         every = ALL_CROPS in self.crops
         return grid.of_crops([crop for crop in grid.crops if crop not in NOT_GROWN] if every else self.crops)
 
     def mask(self, grid: FarmGrid) -> NDArray[np.bool_]:
-        """Mark the owner's cells with its crops, those whose error costs something: bool[W, H]."""
+        """Return a new mask of the scored cells, the owner's cells with the field's crops: bool[W, H]."""
         cells = self.hosts(grid)
         cells &= grid.owned
         return cells
@@ -193,14 +194,12 @@ class Field:
 
 @dataclass(frozen=True, slots=True, repr=False)
 class FieldSet:
-    """Fields in the order of all arrays.
-
-    From one to `MAX_FIELDS`, each with a name of its own.
+    """Fields in the order of all arrays: 1 to `MAX_FIELDS` fields with different names.
 
     Raises
     ------
     FieldError
-        If there is none, there are too many, or two have one name.
+        If there are no fields or too many, or two have the same name.
 
     Examples
     --------
@@ -231,29 +230,29 @@ class FieldSet:
         return name in self.names
 
     def __getitem__(self, key: str | int) -> Field:
-        """Return a field by its name or number."""
+        """Return a field by name or index."""
         return self.fields[self.index(key) if isinstance(key, str) else key]
 
     def index(self, name: str) -> int:
-        """Return the number of a field by its name; FieldError if it is not there."""
+        """Return the index of a field; FieldError if no field has this name."""
         if name not in self.names:
             raise FieldError(f"no field {name!r}, expected one of {', '.join(self.names)}")
         return self.names.index(name)
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The names, in order."""
+        """Names of the fields, in order."""
         return tuple(field.name for field in self.fields)
 
     @property
     def crops(self) -> tuple[str, ...]:
-        """The crops of all fields, each once; empty if a field concerns all crops."""
+        """Crops of all fields without repetitions; empty if a field has `ALL_CROPS`."""
         named = tuple(dict.fromkeys(crop for field in self.fields for crop in field.crops))
         return () if ALL_CROPS in named else named
 
     @property
     def defaults(self) -> tuple[float, ...]:
-        """The value of each field where nothing is known."""
+        """Value of each field that is assumed without observations."""
         return tuple(field.default for field in self.fields)
 
     @property
@@ -263,11 +262,11 @@ class FieldSet:
 
     @property
     def continuous(self) -> tuple[Field, ...]:
-        """The fields that are not diseases."""
+        """The continuous fields."""
         return tuple(field for field in self.fields if field.kind == "continuous")
 
     def require_simulated(self) -> None:
-        """Raise FieldError if a field is only measured, which a simulated camera cannot see."""
+        """Raise FieldError if a field is only measured: a simulated camera cannot read it."""
         measured = ", ".join(field.name for field in self.fields if not field.is_simulated)
         if measured:
             raise FieldError(
@@ -276,14 +275,14 @@ class FieldSet:
             )
 
     def masks(self, grid: FarmGrid) -> NDArray[np.bool_]:
-        """Mark the scored cells of each field, bool[n, W, H]: never those of the neighbours."""
+        """Return the mask of each field's scored cells, without those of neighbours: bool[n, W, H]."""
         masks = np.empty((len(self.fields), *grid.shape), np.bool_)
         for field, mask in zip(self.fields, masks, strict=True):
             mask[...] = field.mask(grid)
         return masks
 
     def with_dynamics(self, **dynamics: Dynamics) -> FieldSet:
-        """Return the same fields, with other dynamics for those that are named.
+        """Return the fields with new dynamics for the fields that are given as keywords.
 
         Examples
         --------
@@ -316,4 +315,4 @@ PAPER_FIELDS = FieldSet(
         ),
     )
 )
-"""Tomato yellow leaf curl virus, charcoal rot of strawberries and soil humidity: those of the benchmark."""
+"""The benchmark's fields: tomato yellow leaf curl virus, charcoal rot of strawberries and soil humidity."""

@@ -1,4 +1,4 @@
-"""Observations: what the leaf camera saw, where and when, as a struct of arrays; their files."""
+"""Observations of the leaf camera as a struct of arrays, and files of them."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from sensors.errors import ObservationError
 from sensors.fields import PAPER_FIELDS
 
 COLUMNS = ("x", "y", "time_s", "day")
-"""Columns of a file; a column for each field, with its name, follows."""
+"""First columns of an observation file; a column for each field, with the field's name, follows."""
 MAX_FILE_ROWS = 100_000_000
 _ARRAYS = (*COLUMNS, "values")
 _INT32 = np.iinfo(np.int32)
@@ -27,7 +27,7 @@ _INT32 = np.iinfo(np.int32)
 class Observations:
     """Observations in the order in which they were made.
 
-    Anything array-like of the right shape is accepted; the stored arrays are read-only.
+    Array-likes of the right shape are accepted; the stored arrays are read-only.
 
     Parameters
     ----------
@@ -38,9 +38,9 @@ class Observations:
     day : int32[n]
         Day of the environment.
     values : float32[n, k]
-        What was measured of each field; NaN where that field was not sensed.
+        Measured value of each field; NaN where the field was not sensed.
     fields : tuple of str
-        The names of the k fields; those of the benchmark by default.
+        Names of the k fields; by default those of the benchmark.
 
     Raises
     ------
@@ -91,7 +91,7 @@ class Observations:
         return len(self.x)
 
     def __getitem__(self, key: slice | NDArray[Any]) -> Observations:
-        """Select some of the observations by a slice, a boolean mask or an index array."""
+        """Select observations by a slice, a boolean mask or an index array."""
         if not isinstance(key, slice | np.ndarray):
             msg = f"observations: indexed by {type(key).__name__}, expected a slice or an array"
             raise ObservationError(msg)
@@ -100,12 +100,12 @@ class Observations:
 
     @property
     def sensed(self) -> NDArray[np.bool_]:
-        """Which fields were sensed, bool[n, k]."""
+        """Mask of the sensed fields, bool[n, k]."""
         return ~np.isnan(self.values)
 
     @classmethod
     def empty(cls, fields: tuple[str, ...] = PAPER_FIELDS.names) -> Observations:
-        """Make a set of no observations."""
+        """Return an empty set of observations."""
         nothing = np.empty(0, np.int32)
         values = np.empty((0, len(fields)), np.float32)
         return cls(nothing, nothing, np.empty(0), nothing, values, fields)
@@ -114,7 +114,7 @@ class Observations:
     def concatenate(
         cls, parts: Iterable[Observations], fields: tuple[str, ...] = PAPER_FIELDS.names
     ) -> Observations:
-        """Join observations of some fields, one part after the other.
+        """Join parts of observations, in order; all must have the fields `fields`.
 
         Raises
         ------
@@ -136,13 +136,13 @@ class Observations:
         return cls(x, y, time_s, day, values, fields)
 
     def check_fields(self, fields: tuple[str, ...]) -> None:
-        """Raise ObservationError unless these are observations of just these fields."""
+        """Raise ObservationError unless the observations have exactly these fields, in this order."""
         if self.fields != fields:
             msg = f"observations: they are of {', '.join(self.fields)}, expected {', '.join(fields)}"
             raise ObservationError(msg)
 
     def check_inside(self, shape: tuple[int, int]) -> None:
-        """Raise ObservationError, naming the first offender, unless all cells lie on a farm of `shape`."""
+        """Raise ObservationError, with the first cell at fault, unless all cells are on a farm of `shape`."""
         width, height = shape
         outside = (self.x < 0) | (self.x >= width) | (self.y < 0) | (self.y >= height)
         if outside.any():
@@ -152,19 +152,19 @@ class Observations:
             raise ObservationError(msg)
 
     def to_table(self) -> Any:
-        """Return the observations as a pyarrow table, in the columns that `save` writes."""
+        """Return the observations as a pyarrow table with the columns that `save` writes."""
         import pyarrow as pa
 
         arrays = [pa.array(column) for column in (self.x, self.y, self.time_s, self.day)]
-        # from_pandas turns NaN into null, so that other tools see "not sensed" and not a number.
+        # from_pandas turns NaN into null, so that other tools do not take "not sensed" for a number.
         arrays += [pa.array(column, from_pandas=True) for column in np.ascontiguousarray(self.values.T)]
         return pa.table(dict(zip((*COLUMNS, *self.fields), arrays, strict=True)))
 
     def save(self, path: str | Path) -> None:
-        """Write a `.parquet` or `.csv` file; an existing file is replaced only once the new one is complete.
+        """Write a `.parquet` or `.csv` file atomically.
 
-        The columns are x, y, time_s, day and one for each field with its name; a field that was not sensed is
-        null (CSV: empty).
+        The columns are x, y, time_s, day and one for each field, with the field's name. A field that was not
+        sensed is null (in CSV: empty).
         """
         path = Path(path)
         save, _ = _format_of(path)
@@ -176,19 +176,21 @@ class Observations:
 
     @classmethod
     def load(cls, path: str | Path, fields: tuple[str, ...] = PAPER_FIELDS.names) -> Observations:
-        """Read a `.parquet` or `.csv` file with the columns that `save` writes (others are ignored).
+        """Read a `.parquet` or `.csv` file with the columns that `save` writes; other columns are ignored.
 
         Parameters
         ----------
         path : path-like
             The file.
         fields : tuple of str
-            The fields to read, by the names of their columns.
+            Names of the fields, and thus of the columns, to read.
 
         Raises
         ------
         ObservationError
-            If the file is missing, is not what its suffix says, lacks a column or holds anything but numbers.
+            If the file is missing, lacks a column, has values that are not numbers, or is not of the format
+            of
+        its suffix.
         """
         path = Path(path)
         _, load = _format_of(path)
@@ -253,7 +255,7 @@ def _first_line(error: BaseException) -> str:
 
 def _save_csv(observations: Observations, path: Path) -> None:
     columns = [observations.x, observations.y, observations.time_s, observations.day, *observations.values.T]
-    # str() of a numpy scalar is its shortest exact form, so float32 values survive the round trip.
+    # str() of a numpy scalar is its shortest exact form, so that float32 values are read back unchanged.
     texts = [["" if v != v else str(v) for v in column] for column in columns]
 
     with atomic_write(path, newline="\n") as stream:

@@ -1,1 +1,1 @@
-"""The simulated vehicle: motion, battery, mission execution, MAVLink, and its camera."""
+"""Simulated vehicle: motion, battery, mission execution, camera, MAVLink."""

@@ -1,7 +1,7 @@
-"""The interface of every MAVLink component: a state machine without sockets and without a clock.
+"""Interface of a MAVLink component: a state machine without sockets and without a clock.
 
-The vehicle, its camera and the ground station have this one shape, so the same object runs on the virtual
-clock (`sim_vehicle.host.simulation`) and over sockets (`sim_vehicle.host.server`).
+Vehicle, camera and ground station implement this interface. The same object runs on the virtual clock
+(`sim_vehicle.host.simulation`) and over sockets (`sim_vehicle.host.server`).
 """
 
 from __future__ import annotations
@@ -13,33 +13,33 @@ from mission.link.codec.dialect import mavlink
 __all__ = ["NEVER", "UNHEARD", "Component", "KeepsLog", "SaysGoodbye", "SaysMuch", "Serves", "Streams"]
 
 NEVER = float("inf")
-"""Value of ``next_deadline`` when nothing is to be done until a message arrives."""
+"""Value of ``next_deadline`` for a component that only reacts to messages."""
 
 
 @runtime_checkable
 class Component(Protocol):
-    """One MAVLink component. Times are monotone seconds of the host's clock.
+    """A MAVLink component, the source of the messages that `receive` and `poll` return.
 
-    Its system and component are the source of everything that it sends.
+    Times are monotone seconds of the host's clock.
     """
 
     @property
     def system_id(self) -> int:
-        """The MAVLink system, 1 to 255."""
+        """MAVLink system id, 1 to 255."""
         ...
 
     @property
     def component_id(self) -> int:
-        """The MAVLink component, 1 to 255."""
+        """MAVLink component id, 1 to 255."""
         ...
 
     @property
     def wanted(self) -> frozenset[int] | None:
-        """Message ids that `receive` handles, None for all; the host does not parse others. Read once."""
+        """Ids of the messages that the host parses for `receive`, None for all; the host reads it once."""
         ...
 
     def receive(self, message: mavlink.MAVLink_message, now_s: float) -> list[mavlink.MAVLink_message]:
-        """Take one message and return the messages to send. A bad message is ignored, never raised."""
+        """Process a message and return the messages to send; an invalid message is ignored."""
         ...
 
     def poll(self, now_s: float) -> list[mavlink.MAVLink_message]:
@@ -47,60 +47,60 @@ class Component(Protocol):
         ...
 
     def next_deadline(self) -> float:
-        """When `poll` should be called next: monotone seconds, `NEVER` for only after a message."""
+        """Return the time of the next `poll` (s); `NEVER` if no poll is due before a message arrives."""
         ...
 
 
 @runtime_checkable
 class SaysGoodbye(Protocol):
-    """A component that has something to say when its host ends."""
+    """A component that sends messages when its host stops."""
 
     def goodbye(self) -> list[mavlink.MAVLink_message]:
-        """Messages to send last."""
+        """Return the messages to send before the host stops."""
         ...
 
 
 @runtime_checkable
 class KeepsLog(Protocol):
-    """A component that keeps a log which peers can ask it for; the server hands it its frames."""
+    """A component with a log for download; the server passes the frames to the log."""
 
     def log_frame(self, frame: bytes, message_id: int, now_s: float) -> None:
-        """Take a frame that the component sent or heard."""
+        """Log a frame that the component sent or received."""
         ...
 
 
 @runtime_checkable
 class Serves(Protocol):
-    """A component that is there for one vehicle, which is not its own system: it meets that one only."""
+    """A component with another system id than the only vehicle that it exchanges messages with."""
 
     @property
     def vehicle_system_id(self) -> int:
-        """The vehicle's MAVLink system."""
+        """MAVLink system id of the vehicle."""
         ...
 
 
 UNHEARD: Any = object()
-"""In the place of a message of a `SaysMuch` that nobody listens to; it counts as a frame."""
+"""Placeholder for a message of a `SaysMuch` without a listener; it counts as a frame."""
 
 
 @runtime_checkable
 class SaysMuch(Protocol):
-    """A component of many messages, which need not make those that nobody listens to."""
+    """A component that can skip building messages without a listener."""
 
     def only_heard(self, message_ids: frozenset[int] | None) -> None:
-        """Make messages of these ids only, of others `UNHEARD`; None is all. Answers are always made."""
+        """Build only answers and messages of these ids (None: all), and return `UNHEARD` for the others."""
         ...
 
 
 @runtime_checkable
 class Streams(Protocol):
-    """A component whose telemetry differs between links."""
+    """A component with different telemetry on different links."""
 
     link: str
-    """Name of the link that the next message comes from; empty for any without a name."""
+    """Name of the link from which the next message comes; empty for a link without a name."""
 
     def open_links(self, names: frozenset[str]) -> None:
-        """Stream on these links, too: telemetry is in `streamed` from now on, no longer in `poll`."""
+        """Add links for streaming; afterwards `streamed` returns the telemetry in place of `poll`."""
         ...
 
     def streamed(self) -> list[tuple[str, list[mavlink.MAVLink_message]]]:

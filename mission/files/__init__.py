@@ -1,6 +1,6 @@
-"""Mission files: QGroundControl plans, WPL 110, fence and rally texts, our own JSON, and formats of packages.
+"""Mission files: QGroundControl plans, WPL 110, fence and rally files, native JSON, and formats of packages.
 
-`read_mission` and `write_mission` choose the format by the ending of the file's name.
+`read_mission` and `write_mission` choose the format by the suffix of the file name.
 """
 
 from typing import TYPE_CHECKING

@@ -1,4 +1,4 @@
-"""Common parts of the mission file formats: limits, strict JSON, kinds of files, jumps and home."""
+"""Functions shared by the mission file formats: strict JSON, file kinds, items, jumps, home."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ _TEXT_KINDS = {
     rb"rally\s.*": RALLY_KIND,
     rb"[-+]?\d[\d.,e+-]*\s+[-+]?\d[\d.,e+-]*": FENCE_KIND,
 }
-"""Patterns of the first line that is no comment, in lower case."""
+"""Kinds of text files, by a pattern of the first non-comment line in lower case."""
 _XML_KINDS = {b"kml": KML_KIND, b"gpx": GPX_KIND, b"html": "an HTML page"}
 _XML_PROLOGUE = 100_000
 BOM = b"\xef\xbb\xbf"
@@ -58,7 +58,7 @@ Place: TypeAlias = tuple[float | None, float | None, float | None]
 
 
 class Firmware(IntEnum):
-    """The autopilot that will fly a file (MAV_AUTOPILOT)."""
+    """Autopilot that a mission file is written for (MAV_AUTOPILOT)."""
 
     GENERIC = 0
     ARDUPILOT = 3
@@ -75,7 +75,7 @@ _GEOJSON_TYPES = frozenset(
 
 
 class _Header(msgspec.Struct):
-    # Raw, because a hostile file may hold anything here.
+    # Values stay undecoded, because a hostile file may hold any JSON under these keys.
     file_type: msgspec.Raw = msgspec.field(default=msgspec.Raw(b"null"), name="fileType")
     format: msgspec.Raw = msgspec.Raw(b"null")
     type: msgspec.Raw = msgspec.Raw(b"null")
@@ -88,12 +88,12 @@ _ANY_JSON = msgspec.json.Decoder(msgspec.Raw)
 
 
 def is_json(data: bytes) -> bool:
-    """Return whether the content starts like a JSON object or array, or several (RFC 8142)."""
+    """Return whether the content starts like JSON: an object, an array, or a text sequence (RFC 8142)."""
     return data[:1000].removeprefix(BOM).lstrip(_BEFORE_JSON)[:1] in (b"{", b"[")
 
 
 def kind_of(data: bytes) -> str:
-    """Return the kind of a file in words, by its first characters and keys."""
+    """Return a description of the kind of a file, detected from its first bytes and JSON keys."""
     start = data[:2000].removeprefix(BOM).lstrip().lower()
     is_utf_16 = data.startswith(_UTF_16_BOMS)
     if is_utf_16:
@@ -142,7 +142,7 @@ def _kind_of_json(data: bytes) -> str:
 
 
 def wrong_kind(data: bytes, expected: str) -> MissionFileError:
-    """Make the error for content that is not of the expected kind."""
+    """Return the error for content that is not of the expected kind."""
     found = kind_of(data)
     advice = "give a mission, such as a .plan or .waypoints"
     if suffix := _SUFFIX_OF_KIND.get(found):
@@ -153,9 +153,10 @@ def wrong_kind(data: bytes, expected: str) -> MissionFileError:
 
 
 def decode_json(data: bytes, decoder: msgspec.json.Decoder[T], path: str = "", line: int = 1) -> T:
-    """Decode strict JSON (no NaN, Infinity or comments): a file, or its part that stands at a path or a line.
+    """Decode strict JSON (no NaN, Infinity or comments).
 
-    MissionFileError names the line of a syntax error, or the path of a value of the wrong type.
+    `path` or `line` is the location of `data` in its file, for error messages. MissionFileError names the
+    line of a syntax error, or the path of a value of the wrong type.
     """
     data = data.removeprefix(BOM)
     try:
@@ -169,7 +170,7 @@ def decode_json(data: bytes, decoder: msgspec.json.Decoder[T], path: str = "", l
 
 
 def check_json(data: bytes, expected: str) -> None:
-    """Refuse content that is not JSON of the expected kind; a syntax error goes before a wrong kind."""
+    """Raise MissionFileError unless the content is JSON of the expected kind; syntax is checked first."""
     if is_json(data) and kind_of(data) == expected:
         return
     if is_json(data):
@@ -188,10 +189,10 @@ def make_item(
     autocontinue: bool,
     keep_frame: bool = False,
 ) -> MissionItem:
-    """Make an item in its standard frame, or with `keep_frame` in its own; an error begins with `where`.
+    """Return a mission item in its standard frame, or with `keep_frame` in `frame`.
 
-    ``None`` in `place` is a number that the file leaves out: 0 for a command without a position, an error for
-    a command with one.
+    Error messages begin with `where`. ``None`` in `place` (x, y, z) is a number missing from the file: it
+    counts as 0 for a command without a position, and is an error for a command with a position.
     """
     try:
         x, y, z = (0.0 if value is None else value for value in place)
@@ -206,13 +207,13 @@ def make_item(
 
 
 def rally_item(where: str, place: Place) -> MissionItem:
-    """Make a rally point with its altitude above home."""
+    """Return a rally point with its altitude above home."""
     frame = Frame.GLOBAL_RELATIVE_ALT
     return make_item(where, Command.NAV_RALLY_POINT, frame, (0.0, 0.0, 0.0, 0.0), place, autocontinue=False)
 
 
 def make_mission(items: Iterable[MissionItem], home: GeoPoint | None, **more: Any) -> Mission:
-    """Make a mission; MissionFileError in place of the model's MissionError."""
+    """Return a mission; an invalid value raises MissionFileError in place of MissionError."""
     try:
         return Mission(tuple(items), home, **more)
     except MissionError as error:
@@ -220,7 +221,7 @@ def make_mission(items: Iterable[MissionItem], home: GeoPoint | None, **more: An
 
 
 def jump_target(item: MissionItem, where: str) -> int:
-    """Return param1 of a DO_JUMP as a whole number."""
+    """Return the target (param1) of a DO_JUMP as a whole number."""
     target = item.param1
     if target is None or not float(target).is_integer():
         raise MissionFileError(f"{where}: DO_JUMP to {target}; param1 has to be the number of an item")
@@ -230,7 +231,11 @@ def jump_target(item: MissionItem, where: str) -> int:
 def resolve_jumps(
     numbers: Sequence[int | None], items: Iterable[tuple[str, MissionItem]], numbering: str
 ) -> tuple[MissionItem, ...]:
-    """Replace a file's numbers in jump targets by indices; each item comes with its place in the file."""
+    """Return the items with jump targets as indices.
+
+    `numbers` are the item numbers in the file; `numbering` is their name in error messages. Each item is
+    paired with its location in the file.
+    """
     index_of, counts = {number: index for index, number in enumerate(numbers)}, Counter(numbers)
     resolved = []
     for where, item in items:
@@ -245,7 +250,7 @@ def resolve_jumps(
 
 
 def check_jumps(mission: Mission) -> None:
-    """Refuse a mission with a DO_JUMP to an item that does not exist."""
+    """Raise MissionFileError if the target of a DO_JUMP does not exist."""
     for index, item in enumerate(mission.items):
         if item.command == Command.DO_JUMP:
             target = jump_target(item, f"item {index + 1}")
@@ -259,17 +264,17 @@ def check_jumps(mission: Mission) -> None:
 
 @dataclass(frozen=True, slots=True)
 class WithNotes:
-    """A mission, with notes on how its file was understood."""
+    """A mission read from a file, with notes on the interpretation of the file."""
 
     mission: Mission
     notes: tuple[str, ...]
 
 
 def home_for_file(mission: Mission) -> GeoPoint:
-    """Return the home for a format that requires one.
+    """Return the home position to write in a format that requires a home.
 
-    An unknown home becomes the mission's first position at 0 m; without any it is 0, 0, 0, which is read as
-    unknown.
+    An unknown home is written as the mission's first position at 0 m. Without any position it is written as
+    0, 0, 0, which readers take for unknown.
     """
     if mission.home is not None:
         return mission.home
@@ -278,7 +283,7 @@ def home_for_file(mission: Mission) -> GeoPoint:
 
 
 def home_of(where: str, latitude_deg: float, longitude_deg: float, altitude_m: float) -> GeoPoint:
-    """Make the home position of a file."""
+    """Return the home position from the numbers in a file."""
     try:
         return GeoPoint(latitude_deg, longitude_deg, altitude_m)
     except MissionError as error:
@@ -288,14 +293,14 @@ def home_of(where: str, latitude_deg: float, longitude_deg: float, altitude_m: f
 def home_from_file(
     where: str, latitude_deg: float, longitude_deg: float, altitude_m: float
 ) -> GeoPoint | None:
-    """Make the home position of a file whose format requires one; 0, 0, 0 is none."""
+    """Return the home position for a format that requires a home; 0, 0, 0 is None."""
     if latitude_deg == longitude_deg == altitude_m == 0.0:
         return None
     return home_of(f"{where}: home", latitude_deg, longitude_deg, altitude_m)
 
 
 def file_parameters(item: MissionItem, firmware: Firmware) -> Parameters:
-    """Return parameters 1 to 4 for a file; ArduPilot refuses NaN, so there a default is written as 0."""
+    """Return parameters 1 to 4 for a file. Unset is None, or 0 for ArduPilot, which refuses NaN."""
     default = 0.0 if firmware == Firmware.ARDUPILOT else None
     first, second, third, fourth = (
         default if value is None else float(value)

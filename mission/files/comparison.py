@@ -1,4 +1,4 @@
-"""Losses of a mission in a file, in words."""
+"""Losses of a mission that is written to a file and read back."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ _SAME_PLACE_DEG = 1e-7  # The resolution of MAVLink
 
 @dataclass(frozen=True, slots=True)
 class Loss:
-    """A part of a mission that is not kept, and whether that changes the flight."""
+    """Description of a part of a mission that a file does not keep."""
 
     text: str
     changes_flight: bool = False
 
 
 def differences(mission: Mission, kept: Mission) -> list[Loss]:
-    """Return the differences of a mission to that which is read back from its file."""
+    """Return the differences between a mission and `kept`, the mission read back from its file."""
     found = [loss for name in _PLANS for loss in _of_plan(name, getattr(mission, name), getattr(kept, name))]
     if not _are_near(mission.home, kept.home):
         found.append(Loss(f"home, which is {_shown(mission.home)}, is written as {_shown(kept.home)}"))
@@ -40,7 +40,7 @@ def differences(mission: Mission, kept: Mission) -> list[Loss]:
 
 
 def dropped(what: str, count: int, of: int) -> list[Loss]:
-    """Return the loss of some items of a kind; none if `count` is 0.
+    """Return the loss of `count` out of `of` items; an empty list if `count` is 0.
 
     >>> dropped("fence item", 4, 4)[0].text
     'fence items are not kept (4 of 4)'
@@ -70,7 +70,7 @@ def _change(field: str, old: MissionItem, new: MissionItem) -> Loss:
 
 
 def numbered(what: str, numbers: Sequence[int]) -> str:
-    """Return the numbers of items, from 1, in words of bounded length.
+    """Return a text with the numbers of up to five items.
 
     >>> numbered("mission item", [1, 2, 5, 6, 7, 9, 10]), numbered("rally point", [2])
     ('mission items 1, 2, 5, 6, 7 and 2 more', 'rally point 2')

@@ -1,4 +1,4 @@
-"""Missions of drawn or recorded paths: their points as waypoints, and nothing else."""
+"""Missions made from drawn or recorded paths: each point becomes a waypoint."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _MOST_NAMES = 8
 
 @dataclass(frozen=True, slots=True)
 class Point:
-    """A position in degrees, its altitude in metres, and the frame of this; None if not in the file."""
+    """A position (degrees), its altitude (m) and the altitude frame; None if the file has no altitude."""
 
     latitude_deg: float
     longitude_deg: float
@@ -27,7 +27,7 @@ class Point:
 
 @dataclass(frozen=True, slots=True)
 class DrawnPath:
-    """A path: its name in the file, and its points in order."""
+    """A drawn path, with its name in the file and its points in order."""
 
     name: str
     points: Sequence[Point]
@@ -35,15 +35,15 @@ class DrawnPath:
 
 @dataclass(frozen=True, slots=True)
 class Drawing:
-    """The paths of a file that is no mission.
+    """The paths in a file of drawings or tracks.
 
     Parameters
     ----------
     paths : sequence of DrawnPath
     areas : int
-        Number of polygons besides.
+        Number of polygons in the file, which are not read.
     no_altitudes : str
-        Reason of missing altitudes, for the error.
+        Reason for missing altitudes, for the error message.
     """
 
     paths: Sequence[DrawnPath]
@@ -51,9 +51,9 @@ class Drawing:
     no_altitudes: str = "the file gives none"
 
     def mission(self, altitude_m: float | None = None, name: str | None = None) -> tuple[Mission, list[str]]:
-        """Make a mission of the only path, or of the path of a name; return it with notes.
+        """Return a mission of the path `name` (default: the only path) and notes on the mission.
 
-        MissionFileError if there is no such path, or an altitude is missing and none is given.
+        MissionFileError if there is no such path, or a point has no altitude and `altitude_m` is None.
         """
         path = self._chosen(name)
         if len(path.points) > MAX_ITEMS:
@@ -101,7 +101,7 @@ class Drawing:
                 " farm (wbf-mission plan --farm FILE)"
             )
             raise MissionFileError(msg)
-        raise MissionFileError("there is no path in it; draw a line, or give a mission")
+        raise MissionFileError("the file has no path; draw a line, or give a mission")
 
 
 def _above(mission: Mission) -> str:

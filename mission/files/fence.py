@@ -1,4 +1,4 @@
-"""The ``geoFence`` of a QGroundControl plan: polygons and circles from MAVLink fence items, and back."""
+"""Conversion between MAVLink fence items and the ``geoFence`` of a QGroundControl plan."""
 
 from __future__ import annotations
 
@@ -21,11 +21,12 @@ _POLYGONS = {
 }
 POLYGON_COMMANDS = frozenset(_POLYGONS.values())
 CIRCLE_CORNERS = 48
+"""Corners of a circle drawn as a polygon; the sides are within 0.2 % of the radius."""
 _CIRCLES = {True: Command.NAV_FENCE_CIRCLE_INCLUSION, False: Command.NAV_FENCE_CIRCLE_EXCLUSION}
 
 
 class Polygon(msgspec.Struct):
-    """A polygon of [latitude, longitude] vertices; inclusion means stay inside."""
+    """A polygon of [latitude, longitude] vertices; the vehicle stays inside if `inclusion`, else outside."""
 
     polygon: list[tuple[float, float]]
     inclusion: bool = True
@@ -39,7 +40,7 @@ class CircleShape(msgspec.Struct):
 
 
 class Circle(msgspec.Struct):
-    """A circle; inclusion means stay inside."""
+    """A circle; the vehicle stays inside if `inclusion`, else outside."""
 
     circle: CircleShape
     inclusion: bool = True
@@ -51,12 +52,12 @@ class GeoFence(msgspec.Struct):
     polygons: list[Polygon] = []
     circles: list[Circle] = []
     breach_return: tuple[float, float, float] | None = msgspec.field(default=None, name="breachReturn")
-    # Version 1, which QGroundControl itself no longer reads.
+    # The fence of version 1, which QGroundControl itself no longer reads.
     polygon: msgspec.Raw = msgspec.Raw(b"[]")
 
 
 def fence_items(fence: GeoFence) -> tuple[MissionItem, ...]:
-    """Make MAVLink fence items: polygons, circles, then the return point, as QGroundControl sends them."""
+    """Return MAVLink fence items in QGroundControl's order: polygons, circles, return point."""
     if bytes(fence.polygon) not in (b"[]", b"null"):
         msg = "geoFence: a fence of version 1 is too old to be read; draw it again in QGroundControl"
         raise MissionFileError(msg)
@@ -98,7 +99,7 @@ def _place(
 
 
 def geo_fence(items: Sequence[MissionItem]) -> dict[str, Any]:
-    """Make the object ``geoFence`` from MAVLink fence items; MissionFileError for other items."""
+    """Return the object ``geoFence`` for MAVLink fence items; MissionFileError for other items."""
     fence: dict[str, Any] = {"circles": [], "polygons": [], "version": 2}
     index = 0
     while index < len(items):
@@ -132,10 +133,10 @@ def geo_fence(items: Sequence[MissionItem]) -> dict[str, Any]:
 
 
 def fence_rings(items: Sequence[MissionItem], frame: LocalFrame) -> list[tuple[NDArray[np.float64], bool]]:
-    """Return the outlines of a fence, float64[n, 2] in metres of a frame, and whether to stay inside.
+    """Return each outline of a fence (float64[n, 2], m in `frame`), and whether it is an inclusion zone.
 
-    Circles have `CIRCLE_CORNERS` corners. Items that are no fence, or have no place in the frame, are left
-    out.
+    Circles become polygons of `CIRCLE_CORNERS` corners. Outlines beyond the range of the frame are left out.
+    Invalid fence items give an empty list.
     """
     try:
         fence = geo_fence(items)
@@ -154,7 +155,7 @@ def fence_rings(items: Sequence[MissionItem], frame: LocalFrame) -> list[tuple[N
 
 
 def polygon_at(items: Sequence[MissionItem], start: int) -> Sequence[MissionItem]:
-    """Return the vertices of the polygon that starts at an index of the fence items."""
+    """Return the vertices of the polygon that starts at index `start` of the fence items."""
     first = items[start]
     count = first.param1 or 0.0
     if not float(count).is_integer() or count < 3.0:

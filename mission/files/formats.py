@@ -1,7 +1,7 @@
-"""Reading and writing mission files; the ending of the name chooses the format.
+"""Readers and writers of mission files; the suffix of the file name chooses the format.
 
-Packages bring further formats by entry points of the group ``wbf_mission.mission_formats``; an entry is a
-list of `MissionFormat`.
+Packages add formats by entry points of the group ``wbf_mission.mission_formats``. An entry point names a list
+of `MissionFormat`.
 """
 
 from __future__ import annotations
@@ -29,23 +29,23 @@ Dumps: TypeAlias = Callable[[Mission, Firmware], str | bytes]
 
 @dataclass(frozen=True, slots=True)
 class MissionFormat:
-    """A file format.
+    """A format of mission files.
 
     Parameters
     ----------
     name : str
-        As a person would call it.
+        Name for messages.
     suffixes : tuple of str
-        In lower case, with the dot; the first is the usual one.
+        Suffixes in lower case, with the dot; the first is the usual suffix.
     loads : callable or None
-        Makes a mission, perhaps with notes, or a drawing from the content of a file; None if the format is
-        only written.
+        Function from the content of a file to a mission, a mission with notes, or a drawing; None if the
+        format cannot be read.
     dumps : callable or None
-        Makes the content of a file from a mission and a firmware; None if the format is only read.
+        Function from a mission and a firmware to the content of a file; None if the format cannot be written.
     hold : callable or None
-        Returns the part of a mission that one file can hold; None if that is all of it.
+        Function that returns the part of a mission that one file can hold; None if a file holds all parts.
     losses : callable or None
-        Returns the losses of a mission, for a format that is only written.
+        Function that returns the losses of a mission, for a format that cannot be read back.
     """
 
     name: str
@@ -67,12 +67,12 @@ _CORE = (
 )
 _FARM = "this is a farm file, no mission; plan a flight over it (wbf-mission plan --farm FILE)"
 _FOREIGN = dict.fromkeys((".poly", ".shp", ".zip", ".gpkg", ".ndjson", ".jsonl"), _FARM)
-"""Advice for files that are no missions, by their ending."""
+"""Advice for files without missions, by suffix."""
 _OLD = ".mission"
 
 
 def _refuse(data: bytes) -> Mission:
-    """Name the kind of a file that may be a mission of QGroundControl 3."""
+    """Raise MissionFileError for a .mission file (QGroundControl 3), which cannot be read."""
     raise wrong_kind(data, "a mission of a kind that is read")
 
 
@@ -86,7 +86,7 @@ def mission_formats() -> tuple[MissionFormat, ...]:
 
 
 def _known(*, strict: bool = False) -> dict[str, MissionFormat]:
-    """Return all formats by suffix; a package that cannot be loaded is left out, or an error if strict."""
+    """Return all formats by suffix; a broken package is left out, or with `strict` raises its error."""
     formats = list(_CORE)
     for entry in entry_points(ENTRY_POINT_GROUP):
         try:
@@ -102,7 +102,7 @@ def _known(*, strict: bool = False) -> dict[str, MissionFormat]:
 
 
 def ending(path: str | os.PathLike[str]) -> str:
-    """Return the ending of a name that chooses its format, in lower case.
+    """Return the suffix that chooses the format of a file, in lower case.
 
     >>> ending("field.PLAN"), ending("my.field.wpml.kmz"), ending("field.doc")
     ('.plan', '.wpml.kmz', '.doc')
@@ -113,7 +113,7 @@ def ending(path: str | os.PathLike[str]) -> str:
 
 
 def _found(path: str | os.PathLike[str], *, writing: bool) -> MissionFormat:
-    """Return the format of a file's name, or raise MissionFileError where it is not read or not written."""
+    """Return the format of a file name; MissionFileError if reading (`writing`: writing) is unsupported."""
     suffix = ending(path)
     found = _known().get(suffix)
     if found is None or (found.dumps if writing else found.loads) is None:
@@ -130,7 +130,7 @@ def _found(path: str | os.PathLike[str], *, writing: bool) -> MissionFormat:
 
 
 def reader_for(path: str | os.PathLike[str]) -> Loads:
-    """Return the function that reads files of this name, or raise MissionFileError."""
+    """Return the `MissionFormat.loads` of a file name, or raise MissionFileError."""
     if ending(path) == _OLD:
         return _refuse
     loads = _found(path, writing=False).loads
@@ -139,7 +139,7 @@ def reader_for(path: str | os.PathLike[str]) -> Loads:
 
 
 def writer_for(path: str | os.PathLike[str]) -> Dumps:
-    """Return the function that writes files of this name, or raise MissionFileError."""
+    """Return the `MissionFormat.dumps` of a file name, or raise MissionFileError."""
     dumps = _found(path, writing=True).dumps
     assert dumps is not None
     return dumps
@@ -148,22 +148,22 @@ def writer_for(path: str | os.PathLike[str]) -> Dumps:
 def read_mission(
     path: str | os.PathLike[str], *, altitude_m: float | None = None, drawn_path: str | None = None
 ) -> Mission:
-    """Read a mission file, or make a mission of a path that somebody has drawn or recorded.
+    """Read a mission file, or make a mission from a drawn or recorded path.
 
     Parameters
     ----------
     path : path-like
-        ``.plan`` (QGroundControl), ``.waypoints``, ``.wpl``, ``.txt`` (QGC WPL 110), ``.json`` (ours), or a
+        ``.plan`` (QGroundControl), ``.waypoints``, ``.wpl``, ``.txt`` (QGC WPL 110), ``.json`` (native), or a
         suffix of another of the `mission_formats`.
     altitude_m : float or None
-        Metres above home of the waypoints of a drawn path, in place of what the file says.
+        Altitude above home for the waypoints of a drawn path; it overrides the altitudes in the file.
     drawn_path : str or None
         Name of a drawn path, for a file that holds several.
 
     Returns
     -------
     Mission
-        Of a drawn path waypoints only: no take-off, no landing, no home.
+        The mission. A drawn path gives waypoints only: no take-off, no landing, no home.
 
     Raises
     ------
@@ -177,7 +177,7 @@ def read_mission(
 def open_mission(
     path: str | os.PathLike[str], *, altitude_m: float | None = None, drawn_path: str | None = None
 ) -> tuple[Mission, list[str]]:
-    """Read a mission file as `read_mission` does; return it with notes on how it was understood."""
+    """Read a mission file like `read_mission`; return the mission and notes on the file."""
     loads = reader_for(path)
     try:
         found = loads(read_file(Path(path), MAX_BYTES))
@@ -198,15 +198,15 @@ def open_mission(
 def losses(
     mission: Mission, path: str | os.PathLike[str], *, firmware: Firmware = Firmware.PX4
 ) -> list[Loss]:
-    """Return the losses of a mission in a file of this name.
+    """Return the parts of a mission that a file of this name would not keep.
 
-    For a format that is also read, these are the differences to the mission that is read back; plans for
-    which the file has no room (`fitted`) are among them.
+    For a format that can be read, the losses are the differences between the mission and the mission read
+    back, including plans that the file cannot hold (`fitted`).
 
     Raises
     ------
     MissionFileError
-        If the format cannot hold the mission at all.
+        If the format cannot hold the mission.
 
     Examples
     --------
@@ -232,7 +232,7 @@ def fitted(mission: Mission, path: str | os.PathLike[str]) -> Mission:
 def write_mission(
     mission: Mission, path: str | os.PathLike[str], *, firmware: Firmware = Firmware.PX4
 ) -> None:
-    """Write a mission file; an older file of that name is replaced only when the new one is complete.
+    """Write a mission file; an existing file is replaced only when the new file is complete.
 
     Parameters
     ----------
@@ -240,7 +240,7 @@ def write_mission(
     path : path-like
         ``.plan``, ``.waypoints``, ``.wpl``, ``.txt``, ``.json``, or a suffix of other `mission_formats`.
     firmware : Firmware
-        The autopilot that will fly a ``.plan`` or waypoint list.
+        Autopilot that a ``.plan`` or waypoint list is written for.
 
     Raises
     ------

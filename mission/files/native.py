@@ -1,4 +1,4 @@
-"""Our own mission file: JSON that holds everything a `Mission` holds, exactly.
+"""Native mission file: JSON that keeps every value of a `Mission` exactly.
 
 ::
 
@@ -113,7 +113,7 @@ def _items(items: list[_Item], name: str) -> tuple[MissionItem, ...]:
 
 
 def dumps(mission: Mission, firmware: Firmware = Firmware.GENERIC) -> str:  # noqa: ARG001  one signature for all
-    """Write a mission as text; the firmware makes no difference in this format.
+    """Return a mission as text; `firmware` has no effect in this format.
 
     >>> loads(dumps(Mission((MissionItem.waypoint(28.05, -82.15, 10.0),))).encode()).items[0].z
     10.0
@@ -139,7 +139,7 @@ def _text(value: object) -> str:
 def _list_text(items: tuple[MissionItem, ...]) -> str:
     if not items:
         return "[]"
-    # One item a line: short files, and differences that a person can read.
+    # One item per line keeps files short and diffs readable.
     return "[\n    " + ",\n    ".join(_text(_struct(item)) for item in items) + "\n  ]"
 
 

@@ -1,6 +1,7 @@
-"""The complex items of QGroundControl plans that hold no commands: landing patterns and structure scans.
+"""Landing patterns and structure scans: complex items of QGroundControl plans that store no commands.
 
-Their commands are made from the same keys as in QGroundControl, which makes them when it loads a plan.
+QGroundControl generates the commands of these items when it loads a plan. This module generates the
+same commands from the same keys.
 Sources: QGroundControl, src/MissionManager: LandingComplexItem, FixedWingLandingComplexItem (versions 1 and
 2), VTOLLandingComplexItem, StructureScanComplexItem (version 3), QGCMapPolygon::offset, CameraSection.
 """
@@ -25,13 +26,13 @@ Step: TypeAlias = tuple[int, int, Values]
 _VTOL_LAND, _ROI_OFFSET = 85, 196
 _VIDEO_STOP = 2501
 _NOTHING: Values = (0.0,) * 7
-_PLAIN: Values = (0.0, 0.0, 0.0, None)  # of a waypoint: no hold, usual radius, heading left to the vehicle
+_PLAIN: Values = (0.0, 0.0, 0.0, None)  # a waypoint without hold, with default radius and heading
 _UNSET: Values = (0.0, *(None,) * 6)
 _Place = tuple[float, float, float] | None
 
 
 class Camera(msgspec.Struct):
-    """The ``CameraCalc`` of a structure scan: metres."""
+    """The ``CameraCalc`` of a structure scan, in metres."""
 
     side_m: float = msgspec.field(name="AdjustedFootprintSide")
     frontal_m: float = msgspec.field(name="AdjustedFootprintFrontal")
@@ -39,7 +40,7 @@ class Camera(msgspec.Struct):
 
 
 class Pattern(msgspec.Struct, rename="camel"):
-    """The keys of a landing pattern and of a structure scan; None where one is not there."""
+    """Keys of landing patterns and structure scans; a missing key is None."""
 
     version: int | None = None
     # Landing patterns.
@@ -72,7 +73,7 @@ KINDS = frozenset(_KNOWN_VERSIONS)
 
 
 def commands_of(where: str, kind: str, pattern: Pattern) -> Iterator[Step]:
-    """Yield the commands of a complex item of one of the `KINDS`, as QGroundControl makes them.
+    """Yield the commands that QGroundControl generates for a complex item of one of the `KINDS`.
 
     MissionFileError names a key that is missing or impossible.
     """
@@ -133,7 +134,7 @@ def _is_relative(where: str, pattern: Pattern, *, is_vtol: bool) -> bool:
 
 
 def _structure_scan(where: str, pattern: Pattern) -> Iterator[Step]:
-    """Yield the commands of a scan in layers around a structure, which begins at the first vertex."""
+    """Yield the commands of a scan in layers round a structure, starting at the first vertex."""
     camera = _need(where, "CameraCalc", pattern.camera)
     from_top = _need(where, "StartFromTop", pattern.start_from_top)
     start_m = (
@@ -169,7 +170,7 @@ def _structure_scan(where: str, pattern: Pattern) -> Iterator[Step]:
 def _flight_polygon(
     where: str, polygon: Sequence[tuple[float, float]], distance_m: float
 ) -> list[tuple[float, float]]:
-    """Return a structure's polygon (latitude, longitude) with its edges moved outwards by a distance."""
+    """Return a structure's polygon (latitude, longitude) with its edges moved outwards by `distance_m`."""
     if len(polygon) < 3:
         raise MissionFileError(f"{where}: polygon has {len(polygon)} vertices; a structure has at least 3")
     for number, (latitude_deg, longitude_deg) in enumerate(polygon, 1):
@@ -190,7 +191,7 @@ def _flight_polygon(
         raise MissionFileError(msg)
     area = np.sum(corners[:, 0] * np.roll(corners[:, 1], -1) - corners[:, 1] * np.roll(corners[:, 0], -1))
     outwards = np.column_stack([edges[:, 1], -edges[:, 0]]) / lengths[:, None] * np.sign(area) * distance_m
-    # The corner where the edge before and this edge meet when both are moved outwards.
+    # Each new corner is the intersection of two adjacent edges after their shift.
     shift = outwards - np.roll(outwards, 1, axis=0)
     along = (shift[:, 0] * edges[:, 1] - shift[:, 1] * edges[:, 0]) / turns
     moved = corners + np.roll(outwards, 1, axis=0) + along[:, None] * before

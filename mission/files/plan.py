@@ -1,8 +1,8 @@
 """QGroundControl plans (``.plan``): JSON with the mission, the fence and the rally points.
 
-It writes simple items only, with every key that QGroundControl's loaders require. It reads simple items,
-complex items with their commands (surveys, corridor scans), and landing patterns and structure scans, whose
-commands are made as in QGroundControl (`mission.files.patterns`). Sources: the loaders of QGroundControl
+Written plans hold simple items only, with every key that QGroundControl's loaders require. Three kinds of
+items are read: simple items, complex items that store their commands (surveys, corridor scans), and landing
+patterns and structure scans (`mission.files.patterns`). Sources: the loaders of QGroundControl
 (MissionController, SimpleMissionItem, TransectStyleComplexItem, GeoFenceController, RallyPointController) and
 docs.qgroundcontrol.com, "Plan file format".
 """
@@ -46,7 +46,7 @@ class _Simple(msgspec.Struct, tag_field="type", tag="SimpleItem"):
     command: Annotated[int, Meta(ge=0, le=65535)]
     frame: Annotated[int, Meta(ge=0, le=255)]
     params: Annotated[list[_Number], Meta(min_length=4, max_length=7)]
-    # Until QGroundControl 3.3 the place stood here, and params were four.
+    # QGroundControl up to 3.3 wrote the position in `coordinate`, and only four entries in `params`.
     coordinate: tuple[_Number, _Number, _Number] | None = None
     autocontinue: bool = msgspec.field(default=True, name="autoContinue")
     jump_id: int | None = msgspec.field(default=None, name="doJumpId")
@@ -96,19 +96,19 @@ _PLAN = msgspec.json.Decoder(_Plan)
 _PATTERNS = msgspec.json.Decoder(_PatternsOfPlan)
 _FENCE = msgspec.json.Decoder(GeoFence | None)
 _RALLY = msgspec.json.Decoder(_Rally | None)
-# A hostile file could hold millions of vertices, which are short; autopilots store some hundreds.
+# A hostile file could hold millions of vertices; autopilots store a few hundred.
 _MAX_PART_BYTES = 8 * 2**20
 
 
 def loads(data: bytes) -> Mission:
     """Read a mission from the content of a plan file.
 
-    It is UTF-8 JSON with fileType "Plan", version 1, and a mission of version 2. Items get their standard
-    frames; a survey becomes its saved commands, a landing pattern or structure scan the commands that
-    QGroundControl makes; jump targets are indices of the items.
+    The file is UTF-8 JSON with fileType "Plan", version 1, and a mission of version 2. Items get their
+    standard frames. A survey becomes its stored commands. A landing pattern or structure scan becomes the
+    commands that QGroundControl generates. Jump targets become indices of the items.
 
-    MissionFileError names the item and the field that is damaged, impossible, of another version, or a
-    complex item whose commands are not known.
+    MissionFileError names the item and the field that is damaged, invalid or of another version. A complex
+    item without known commands is an error, too.
     """
     check_json(data, PLAN_KIND)
     plan = decode_json(data, _PLAN)
@@ -140,7 +140,7 @@ def _part(raw: msgspec.Raw, decoder: msgspec.json.Decoder[T], name: str) -> T:
 
 
 def _flat(items: list[_Simple | _Complex], data: bytes) -> Iterator[tuple[str, _Simple]]:
-    """Yield every simple item with its place in the file."""
+    """Yield every simple item with its location in the file."""
     patterns: list[Pattern] | None = None
     for index, item in enumerate(items):
         where = f"mission, item {index + 1}"
@@ -204,13 +204,13 @@ def _home(position: list[float | None] | None) -> GeoPoint | None:
 
 
 def dumps(mission: Mission, firmware: Firmware = Firmware.PX4) -> str:
-    """Write a mission as the text of a plan file.
+    """Return a mission as the text of a plan file.
 
-    Fence items need MAVLink's order (the vertices of a polygon in a row, each with their number as param1);
-    rally points need altitudes above home, or a known home. An unknown home is written as the first position
-    of the mission. For ArduPilot a default parameter is written as 0, otherwise as null.
+    Fence items need MAVLink's order: the vertices of a polygon follow each other, each with the vertex count
+    as param1. Rally points need altitudes above home, or a known home. An unknown home is written as the
+    first position of the mission. A default parameter is written as null, for ArduPilot as 0.
 
-    MissionFileError for a jump to nowhere, or if the fence or a rally point cannot be written.
+    MissionFileError if the target of a jump does not exist, or the fence or a rally point cannot be written.
 
     Examples
     --------
@@ -257,7 +257,7 @@ def _simple(index: int, item: MissionItem, firmware: Firmware) -> dict[str, Any]
         "type": "SimpleItem",
     }
     if item.has_position:
-        # All three or none: QGroundControl refuses an item with only some of them.
+        # QGroundControl refuses an item with only one or two of the altitude keys.
         simple |= {
             "AMSLAltAboveTerrain": None,
             "Altitude": float(item.z),

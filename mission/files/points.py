@@ -1,9 +1,10 @@
-"""Fences and rally points of MAVProxy and Mission Planner: a line of text for each point.
+"""Fence and rally files of MAVProxy and Mission Planner: text files with one point per line.
 
-The first point of a fence (``.fen``, MAVProxy's ``fence.txt``) is the return point; the others are corners,
-the first corner repeated at the end. A rally point (``.ral``, ``rally.txt``) is ``RALLY``, latitude,
-longitude, altitude above home, break altitude, landing direction, flags; the last three have no place in a
-MAVLink item. Sources: pymavlink, mavwp.py; ArduPilot/MissionPlanner, FlightPlanner.cs.
+The first point of a fence (``.fen``, MAVProxy's ``fence.txt``) is the return point. The other points are
+corners, and the first corner is repeated at the end. A line of a rally file (``.ral``, ``rally.txt``) is
+``RALLY``, latitude, longitude, altitude above home, break altitude, landing direction, flags. A MAVLink item
+has no room for break altitude, landing direction and flags. Sources: pymavlink, mavwp.py;
+ArduPilot/MissionPlanner, FlightPlanner.cs.
 """
 
 from __future__ import annotations
@@ -32,7 +33,7 @@ _RALLY_WORDS = (4, 7)
 
 
 def loads(data: bytes) -> WithNotes:
-    """Read a fence or rally points; MissionFileError names a wrong line."""
+    """Read a fence or rally points; MissionFileError names the invalid line."""
     kind = kind_of(data)
     if kind == FENCE_KIND:
         return _fence([_numbers(words, number, 2) for number, words in _lines(data)])
@@ -42,7 +43,7 @@ def loads(data: bytes) -> WithNotes:
 
 
 def _lines(data: bytes) -> Iterator[tuple[int, list[str]]]:
-    """Yield the words of each line that is no comment, with its number."""
+    """Yield number and words of each line except comments."""
     for number, line in enumerate(io.StringIO(decode_text(data), newline=None), start=1):
         if len(line) > _LONGEST_LINE or number > _MOST_LINES:
             raise MissionFileError(f"line {number}: longer than such a file is; it is damaged")
@@ -65,7 +66,7 @@ def _numbers(words: list[str], line: int, count: int) -> list[float]:
 def _fence(points: list[list[float]]) -> WithNotes:
     corners, back = points[1:], points[0]
     if points[0] == points[-1]:
-        corners, note = points[:-1], "the fence has no return point: its first corner stands at the end again"
+        corners, note = points[:-1], "the fence has no return point: its first corner is repeated at the end"
     else:
         if corners[0] == corners[-1]:
             del corners[-1]

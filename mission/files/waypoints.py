@@ -2,8 +2,8 @@ r"""QGC WPL 110 waypoint lists, the text files of Mission Planner, MAVProxy and 
 
 The first line is ``QGC WPL 110``; a row has twelve columns: seq, current, frame, command, param1 to param4, x
 (latitude), y (longitude), z (altitude), autocontinue. Row 0 is home (frame 0, altitude above mean sea level).
-A file holds one plan: a mission, a fence (commands 5000 to 5004) or rally points (5100); the last two have no
-home row.
+A file holds one plan: a mission, a fence (commands 5000 to 5004) or rally points (5100). Only a mission has
+a home row.
 
 >>> from mission.model import GeoPoint
 >>> mission = Mission((MissionItem.waypoint(28.05, -82.15, 10.0),), home=GeoPoint(28.0, -82.0, 30.0))
@@ -52,7 +52,7 @@ _COLUMNS = (
     *("seq", "current", "frame", "command", "param1", "param2", "param3", "param4"),
     *("x (latitude)", "y (longitude)", "z (altitude)", "autocontinue"),
 )
-# The numbers that QGroundControl gave its actions before MAV_CMD existed (pymavlink, mavwp.py).
+# MAV_CMD by action number of WPL 100, which is older than MAV_CMD (pymavlink, mavwp.py).
 _ACTIONS_100 = {2: 22, 3: 20, 4: 21, 24: 22, 26: 21, 25: 16, 27: 17}
 
 
@@ -80,15 +80,15 @@ class _Row:
 def loads(data: bytes) -> Mission | WithNotes:
     """Read a mission, a fence or rally points from the content of a file.
 
-    It also reads comments (``#``), any white space between columns, CRLF, the headers of versions 100 and
-    120, files with and without a home row, gaps in seq, a home row with command 0, commands without a
-    position in frame 0 or 3, and files of `mission.files.points`. The first row is home if its seq is 0 and
-    it is a waypoint in frame 0 (or has command 0). Version 120, of old QGroundControls, has no home; other
-    programs write it as the only row in frame 0.
+    The reader also accepts comments (``#``), any white space between columns, CRLF, headers of versions 100
+    and 120, a missing home row, gaps in seq, a home row with command 0, commands without a position in frame
+    0 or 3, and files of `mission.files.points`. Jump targets become indices of the mission's items.
 
-    Jump targets become indices of the mission's items.
+    The first row is home if its seq is 0 and it is a waypoint in frame 0 or has command 0. Version 120,
+    written by old QGroundControl, has no home. Other programs write version 120 with home as the only row in
+    frame 0.
 
-    MissionFileError names the line and the column that is damaged or impossible.
+    MissionFileError names the line and the column that is damaged or invalid.
     """
     kind = kind_of(data)
     if kind in (FENCE_KIND, RALLY_KIND):
@@ -96,9 +96,7 @@ def loads(data: bytes) -> Mission | WithNotes:
     if kind != WAYPOINTS_KIND:
         raise wrong_kind(data, WAYPOINTS_KIND)
     if data.count(b"\n") + data.count(b"\r") > _MOST_LINES:
-        raise MissionFileError(
-            f"more than {_MOST_LINES} lines; no mission of {MAX_ITEMS} items needs so many"
-        )
+        raise MissionFileError(f"more than {_MOST_LINES} lines; a mission has at most {MAX_ITEMS} items")
     version, rows = _rows(decode_text(data))
     home, notes = None, list[str]()
     if rows and _is_home(rows[0]):
@@ -147,7 +145,7 @@ def _rows(text: str) -> tuple[str, list[_Row]]:
 
 
 def _columns_of_100(words: list[str], line: int) -> list[str]:
-    """Put the columns of a version 100 row in the order of version 110."""
+    """Return the columns of a version 100 row in the order of version 110."""
     action = _whole(words[2], line, "action")
     if action not in _ACTIONS_100:
         raise MissionFileError(
@@ -175,7 +173,7 @@ def _row(words: list[str], line: int) -> _Row:
 
 
 def _number(word: str, line: int, column: str) -> float | None:
-    """Read a number; NaN is None."""
+    """Return the number in a column; None for NaN."""
     try:
         value = parse_number(word)
     except ValueError:
@@ -202,14 +200,14 @@ def _home(row: _Row) -> GeoPoint | None:
 
 
 def dumps(mission: Mission, firmware: Firmware = Firmware.PX4) -> str:
-    """Write a mission, or a fence, or rally points, as text.
+    """Return a mission, a fence or rally points as text.
 
-    The format holds one plan: a mission, or only a fence, or only rally points. Speeds are not kept; an
-    unknown home is written as the first position of the mission. For ArduPilot a default parameter is written
-    as 0, otherwise as NaN. Numbers have at least eight decimals, and enough to be read back exactly.
+    The format holds one plan: a mission, a fence or rally points. Speeds are not kept. An unknown home is
+    written as the first position of the mission. A default parameter is written as NaN, for ArduPilot as 0.
+    Numbers have at least eight decimals and are read back exactly.
 
-    MissionFileError if the mission holds more than one plan, a fence command among its items, or a jump to
-    nowhere.
+    MissionFileError if the mission holds more than one plan, a fence command among its items, or a jump to a
+    missing item.
     """
     plans = {"mission items": mission.items, "fence items": mission.fence, "rally points": mission.rally}
     held = [f"{len(items)} {name}" for name, items in plans.items() if items]
@@ -235,7 +233,7 @@ def dumps(mission: Mission, firmware: Firmware = Firmware.PX4) -> str:
 
 
 def one_plan(mission: Mission) -> Mission:
-    """Return the part of a mission in a file: its items, else the fence, else the rally points."""
+    """Return the plan that a file can hold: the mission items, else the fence, else the rally points."""
     if mission.items:
         return replace(mission, fence=(), rally=())
     return replace(mission, rally=()) if mission.fence else mission
@@ -248,7 +246,7 @@ def _home_item(home: GeoPoint) -> MissionItem:
 
 
 def _line(seq: int, item: MissionItem, firmware: Firmware) -> str:
-    # NaN in this spelling is read by Qt, Python, C and .NET alike; .NET Framework reads no other.
+    # NaN in this spelling can be read by Qt, Python, C and .NET. .NET Framework reads no other spelling.
     numbers = (*file_parameters(item, firmware), item.x, item.y, item.z)
     texts = ("NaN" if number is None else _decimal(number) for number in numbers)
     head = f"{seq}\t{int(seq == 0)}\t{item.frame}\t{item.command}\t"

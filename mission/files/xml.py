@@ -1,4 +1,4 @@
-"""XML as mission files and exports write it."""
+"""XML output of mission files and exports."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 
 
 def decimal(value: float) -> str:
-    """Return a number as XML's decimals are written: no exponent, and exact when read back.
+    """Return a number as an XML decimal: without exponent, and exact when read back.
 
     >>> decimal(1e-7), decimal(30)
     ('0.0000001', '30.0')
@@ -17,7 +17,7 @@ def decimal(value: float) -> str:
 
 
 def document(root: ElementTree.Element) -> str:
-    """Return the text of a document, one element a line."""
+    """Return an XML document as text, with one element per line."""
     ElementTree.indent(root, " ")
     return ElementTree.tostring(root, encoding="unicode", xml_declaration=True) + "\n"
 
@@ -25,7 +25,7 @@ def document(root: ElementTree.Element) -> str:
 def add(
     parent: ElementTree.Element, tag: str, text: str | None = None, **attributes: str
 ) -> ElementTree.Element:
-    """Add an element and return it."""
+    """Add a child element to `parent` and return the child."""
     made = ElementTree.SubElement(parent, tag, attributes)
     made.text = text
     return made

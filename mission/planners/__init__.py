@@ -1,4 +1,4 @@
-"""Planners: a farm, a start and a budget in, a path within the budget out."""
+"""Planners: turn an area, a start and a budget into a path within the budget."""
 
 from typing import TYPE_CHECKING
 

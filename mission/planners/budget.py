@@ -1,4 +1,4 @@
-"""Budgets of flights, in metres, seconds, watt hours or steps of the paper's robot."""
+"""Flight budgets in metres, seconds, watt hours or timesteps of the paper's robot."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import math
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Protocol, TypeAlias, runtime_checkable
+from typing import ClassVar, Protocol, TypeAlias, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -37,64 +37,66 @@ def _straight(path_xy_m: NDArray[np.float64]) -> NDArray[np.float64]:
 
 @runtime_checkable
 class Budget(Protocol):
-    """Limit and cost of paths.
+    """Cost of paths, and its limit.
 
     The cost need not be a length: the application predicts seconds or watt hours with the vehicle's model. A
-    planner assumes only that denser paths cost roughly more, and checks every path that it returns. A budget
-    that prices several paths at once in less time is also a `BatchBudget`.
+    planner assumes only that denser paths usually cost more, and checks the cost of each path that it
+    returns. A budget that evaluates several paths faster together than one by one is also a `BatchBudget`.
     """
 
     @property
     def limit(self) -> float:
-        """The most that a path may cost, in `unit`."""
+        """Greatest cost of a path, in `unit`."""
 
     @property
     def unit(self) -> str:
-        """The unit of `limit` and `cost`: ``m``, ``s``, ``Wh`` or ``steps``."""
+        """Unit of `limit` and `cost`: ``m``, ``s``, ``Wh`` or ``steps``."""
 
     def cost(self, path_xy_m: NDArray[np.float64]) -> float:
         """Return the cost of flying ``path_xy_m``, float64[n, 2] in metres of the farm frame, n >= 1.
 
-        The first row is the start of the flight, the others are the points of the planned path. The path
-        leaves out the way home: a budget that pays for it adds it.
+        The first row is the start of the flight, the others are the points of the planned path. The array
+        does not include the return leg: a budget that counts the return adds the leg home.
         """
 
 
 @runtime_checkable
 class BatchBudget(Budget, Protocol):
-    """A budget that prices many paths at once."""
+    """A budget that evaluates many paths in one call."""
 
     def costs(self, paths_xy_m: Sequence[NDArray[np.float64]]) -> list[float]:
-        """Return the `cost` of each path, equal to the last bit."""
+        """Return the `cost` of each path, bit for bit."""
 
 
 @runtime_checkable
 class ExplainedBudget(Budget, Protocol):
-    """A budget that gives the reason of an infinite cost."""
+    """A budget that explains infinite costs."""
 
     def reason(self, path_xy_m: NDArray[np.float64]) -> str:
-        """Return in words why a path (as for `cost`) cannot be flown; empty if it can."""
+        """Return the reason why the vehicle cannot fly a path (as for `cost`); empty if it can."""
 
 
 @dataclass(frozen=True, slots=True)
 class LengthBudget:
-    """A budget of flown metres over ground.
+    """A budget of metres flown over ground.
 
     Parameters
     ----------
     limit_m : float
-        The greatest length of start, path and return together.
+        Greatest length of approach, path and return together.
     return_to : tuple of float, optional
-        End of the flight; the leg there is part of the cost. None: the flight ends with the path.
+        End of the flight; the cost includes the leg to this position. None: the flight ends with the path.
     way : callable
-        Takes the path, the return included, float64[n, 2], and returns the line as it is flown; by default
-        straight from point to point.
+        Maps a path including the return, float64[n, 2], to the line that the vehicle flies. Default: straight
+        legs.
 
     Examples
     --------
     >>> LengthBudget(100.0, return_to=(0.0, 0.0)).cost([[0.0, 0.0], [3.0, 4.0]])
     10.0
     """
+
+    unit: ClassVar[str] = "m"
 
     limit_m: float
     return_to: tuple[float, float] | None = None
@@ -105,13 +107,8 @@ class LengthBudget:
 
     @property
     def limit(self) -> float:
-        """The limit in metres."""
+        """Greatest length in metres."""
         return self.limit_m
-
-    @property
-    def unit(self) -> str:
-        """``m``."""
-        return "m"
 
     def cost(self, path_xy_m: ArrayLike) -> float:
         """Return the length from the start through the path and back to `return_to`."""
@@ -123,27 +120,29 @@ class LengthBudget:
 
 @dataclass(frozen=True, slots=True)
 class StepBudget:
-    """A budget of timesteps of the paper's robot, which moves at most one cell in a timestep.
+    """A budget of timesteps of the paper's robot, which moves at most one cell per timestep.
 
-    The robot takes a new step at every waypoint, so a leg costs its length in cells rounded up, and a
-    waypoint at the robot's own position costs one step too.
+    The robot starts a new step at every waypoint. A leg therefore costs its length in cells, rounded up, and
+    a waypoint at the robot's own position also costs one step.
 
     Parameters
     ----------
     limit_steps : float
-        The number of steps.
+        Greatest number of steps.
     step_m : float
-        Length of a step: one cell.
+        Length of a step: the width of a cell.
     return_to : tuple of float, optional
-        End of the way. None: it ends with the path, as in the paper.
+        End of the flight. None: the flight ends with the path, as in the paper.
     way : callable
-        As for `LengthBudget`.
+        The flown line, as for `LengthBudget`.
 
     Examples
     --------
     >>> StepBudget(360, step_m=1.0).cost([[0.0, 0.0], [0.0, 0.0], [2.5, 0.0]])
     4.0
     """
+
+    unit: ClassVar[str] = "steps"
 
     limit_steps: float
     step_m: float = FOOT_M
@@ -158,13 +157,8 @@ class StepBudget:
 
     @property
     def limit(self) -> float:
-        """The number of steps."""
+        """Greatest number of steps."""
         return self.limit_steps
-
-    @property
-    def unit(self) -> str:
-        """``steps``."""
-        return "steps"
 
     def cost(self, path_xy_m: ArrayLike) -> float:
         """Return the number of steps from the start through the path and back to `return_to`."""
@@ -183,7 +177,7 @@ def check_limit(limit: float, unit: str) -> None:
 
 
 def parse_budget(text: str) -> tuple[float, str]:
-    """Read a budget such as ``8000m``.
+    """Parse a budget such as ``8000m``.
 
     Parameters
     ----------
@@ -198,7 +192,7 @@ def parse_budget(text: str) -> tuple[float, str]:
     Raises
     ------
     PlanningError
-        If the text is no number with a known unit, or the number is not finite and above zero.
+        If the text is not a number with a known unit, or the number is not finite and positive.
 
     Examples
     --------

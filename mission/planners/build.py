@@ -1,4 +1,4 @@
-"""The mission of a planned path."""
+"""Building a mission from a planned path."""
 
 from __future__ import annotations
 
@@ -29,15 +29,15 @@ class WingPattern:
     Parameters
     ----------
     heading_rad : float
-        Compass heading of take-off and landing, best into the wind.
+        Compass heading of take-off and landing, preferably into the wind.
     climb_out_m : float
-        Distance of the take-off item's position from home.
+        Distance from home to the position of the take-off item.
     approach_m, approach_altitude_m : float
-        Length of the final approach, and its height above home at the beginning.
+        Length of the final approach, and height above home at its start.
     radius_m : float
-        Radius of the circle for the descent to this height.
+        Radius of the loiter circle for the descent to `approach_altitude_m`.
     placed_start : bool
-        Whether ``DO_LAND_START`` has a position, as for ArduPilot; PX4 wants none.
+        Whether ``DO_LAND_START`` has a position. ArduPilot needs a position, PX4 accepts none.
     """
 
     heading_rad: float
@@ -66,25 +66,26 @@ def build_mission(
 ) -> Mission:
     """Return the mission of a path.
 
-    The items are, in this order:
+    The mission has these items, in this order:
 
-    1. ``NAV_TAKEOFF`` to the altitude, above home;
-    2. ``DO_CHANGE_SPEED`` to the ground speed;
+    1. ``NAV_TAKEOFF`` to `altitude_m` above home;
+    2. ``DO_CHANGE_SPEED`` to `speed_m_s` as ground speed;
     3. ``NAV_WAYPOINT`` at the first point of the path;
-    4. camera start: ``DO_SET_CAM_TRIGG_DIST`` (param1 metres, param3 1: one image at once) or
-       ``DO_SET_CAM_TRIGG_INTERVAL`` (param1 milliseconds); left out when neither distance nor interval is
+    4. camera start: ``DO_SET_CAM_TRIGG_DIST`` (param1 metres, param3 1: take an image immediately) or
+       ``DO_SET_CAM_TRIGG_INTERVAL`` (param1 milliseconds); omitted if neither distance nor interval is
        given;
     5. ``NAV_WAYPOINT`` at each further point;
     6. camera stop: the camera command again with param1 0;
-    7. ``NAV_RETURN_TO_LAUNCH``, which also lands; left out without `return_home`: the vehicle then holds.
+    7. ``NAV_RETURN_TO_LAUNCH``, which also lands. Without `return_home` this item is omitted, and the vehicle
+       holds at the last waypoint.
 
-    A fixed wing, which has a `pattern`, takes off towards a position ahead, keeps an airspeed, and lands in
-    place of the return: ``DO_LAND_START``, ``NAV_LOITER_TO_ALT`` on a circle that touches the final approach,
-    ``NAV_LAND`` at home.
+    With a `pattern`, for a fixed wing, the take-off item has a position ahead and the speed is an airspeed.
+    A landing replaces the return: ``DO_LAND_START``, ``NAV_LOITER_TO_ALT`` on a circle tangent to the final
+    approach, and ``NAV_LAND`` at home.
 
-    Points closer than 1 cm to the point before are loiters there: with a camera interval each lengthens the
-    hold (param1) by an interval, for another image; with a camera distance they are dropped. Legs overshoot
-    for autopilots that turn early (`mission.planners.cornering.Cornering`). The vehicle chooses the heading.
+    A point within 1 cm of the previous point means a loiter. With a camera interval, each such point adds an
+    interval to the hold (param1), for another image. With a camera distance, such points are dropped. Legs
+    overshoot for autopilots that turn early (`mission.planners.cornering.Cornering`). No item sets a yaw.
 
     Parameters
     ----------
@@ -93,32 +94,32 @@ def build_mission(
     frame : geo.frame.LocalFrame
         The farm frame.
     home_xy_m : tuple of float
-        Place of the take-off, in metres of the farm frame.
+        Take-off position, in metres of the farm frame.
     altitude_m : float
-        Height of the flight above home.
+        Flight altitude above home.
     speed_m_s : float
-        Ground speed.
+        Ground speed; airspeed with a `pattern`.
     camera_distance_m, camera_interval_s : float, optional
-        Distance or time between two images; at most one of them.
+        Distance or time between two images. Give at most one of them.
     cornering : Cornering, optional
-        Turns of the autopilot; by default waypoints are the points of the path, with its own acceptance
-        radius.
+        How the autopilot turns at corners. None: each point of the path is a waypoint, with the autopilot's
+        own acceptance radius.
     avoid : Polygon or MultiPolygon, optional
         Land that must not be flown over, in metres of the farm frame.
     camera_on_approach : bool
-        Start the camera before the first point of the path: item 4 comes before item 3.
+        Start the camera before the first point of the path: item 4 precedes item 3.
     return_home : bool
         End with a return to launch.
     pattern : WingPattern, optional
-        For a fixed wing.
+        Take-off and landing of a fixed wing. None: a vehicle that hovers.
     heights : HeightProfile, optional
-        Height over the ground: further waypoints keep the height of the legs, also from home and, except for
-        a fixed wing, back. None: all waypoints are at the altitude.
+        Terrain following: adds waypoints to the legs so that they keep a height above the ground, also on the
+        legs from home and, except for a fixed wing, back. None: all waypoints are at `altitude_m`.
 
     Returns
     -------
     Mission
-        With home at `home_xy_m` on the ground.
+        A mission with home at `home_xy_m` on the ground.
 
     Raises
     ------
@@ -131,14 +132,14 @@ def build_mission(
     route = (cornering or Cornering()).waypoints(path.points_m, home_xy_m, avoid=avoid)
     points, altitudes_m = route.points_m, np.full(len(route.points_m), altitude_m)
     holds_s = route.loiters * (camera_interval_s or 0.0)
-    before = after = 0  # Numbers of waypoints from home to the path, and back
+    before = after = 0  # Waypoints on the leg from home to the path, and on the leg back
     if heights is not None:
         homewards = return_home and pattern is None
         points, altitudes_m, holds_s, before, after = _followed(
             heights, points, holds_s, home_xy_m, homewards=homewards
         )
     ending = 3 if pattern is not None else 1
-    # The camera starts at the first point, before the hold there: the point is a waypoint twice.
+    # The camera must start before the hold at the first point, so that point needs two waypoints.
     twice = bool(holds_s[before : before + 1].any()) and not camera_on_approach
     count = len(points) + twice + 2 + (2 if camera else 0) + (ending if return_home else 0)
     if count > MAX_ITEMS:
@@ -173,7 +174,7 @@ def build_mission(
     first = (*start, *approach, waypoints[0]) if camera_on_approach else (*approach, waypoints[0], *start)
     if twice:
         assert camera_interval_s is not None
-        # The second waypoint takes an interval, too.
+        # Reaching the second waypoint at the same place already takes an interval.
         again = replace(waypoints[0], param1=float(holds_s[before]) - camera_interval_s)
         first = (*approach, replace(waypoints[0], param1=0.0), *start, again)
     return Mission(
@@ -192,12 +193,12 @@ def _followed(
     *,
     homewards: bool,
 ) -> tuple[Points, NDArray[np.float64], NDArray[np.float64], int, int]:
-    """Return waypoints over uneven ground: points, altitudes, holds, and their numbers before and after."""
+    """Return points, altitudes and holds over uneven ground, and waypoint counts of approach and return."""
     way = np.vstack((home_xy_m, points, *([home_xy_m] if homewards else [])))
     places, altitudes, owner = heights.follow(way)
-    # Home is the place of the take-off.
+    # The take-off item replaces a waypoint at home.
     places, altitudes, owner = places[1:], altitudes[1:], owner[1:]
-    # The last waypoint with an owner is the owner itself.
+    # The last waypoint of each owner lies at the path's point.
     is_point = np.append(np.diff(owner) > 0, True)
     holds = np.where(is_point, np.append(holds_s, 0.0)[np.minimum(owner - 1, len(holds_s))], 0.0)
     before = int(np.count_nonzero(owner == 1)) - 1
@@ -209,7 +210,7 @@ def _pattern_items(
     pattern: WingPattern, frame: LocalFrame, home_xy_m: tuple[float, float], altitude_m: float
 ) -> tuple[MissionItem, tuple[MissionItem, ...]]:
     """Return the take-off and the landing of a fixed wing."""
-    # The compass heading in the farm frame, whose x-axis may be turned from east.
+    # The farm frame's x-axis may be rotated from east.
     angle = 0.5 * math.pi - pattern.heading_rad - math.radians(frame.rotation_deg)
     ahead = (math.cos(angle), math.sin(angle))
     right = (ahead[1], -ahead[0])

@@ -1,4 +1,4 @@
-"""The conformance kit: the contract of planners, for planners of other packages too."""
+"""Conformance tests of the planner contract, also for planners of other packages."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _INSIDE_M = 1e-6
 
 
 class _TurnBudget:
-    """A budget like a flight time: seconds of flight at 5 m/s and 1.5 s for every turn, with the way back."""
+    """A budget of flight time: legs at 5 m/s, and 1.5 s per turn, with the return leg."""
 
     unit = "s"
 
@@ -36,24 +36,28 @@ class _TurnBudget:
 
 
 LANDS = ("convex", "concave", "pierced", "apart")
-"""The kinds of land of the kit: convex, concave, with a hole, in separate parts."""
+"""Kinds of land in the test problems: convex, concave, with a hole, in separate parts."""
 
 
 def check_planner(planner: str | Planner, lands: Collection[str] = LANDS, /, **parameters: Any) -> None:
-    """Check that a planner keeps the contract.
+    """Check that a planner fulfils the contract.
 
-    Over convex, concave, pierced and disconnected areas, with budgets of several units and starts inside and
-    outside: the result is a `PlannedPath` whose cost is within the budget; it lies in the area, except for
-    transits between separate parts; equal requests give equal paths; numpy's global generator and the request
-    do not change; a budget that is too small gives a path within it or a `PlanningError` of one line. Its
-    parameters are keyword-only arguments, each with a name and a default.
+    The problems have convex, concave, pierced and disconnected areas, budgets in several units, and starts
+    inside and outside the area. The contract has these rules:
+
+    - The result is a `PlannedPath` within the budget.
+    - The path stays in the area, except for transits between separate parts.
+    - Equal requests give equal paths.
+    - The planner changes neither the request nor numpy's global generator.
+    - A budget that is too small gives a path within the budget, or a `PlanningError` of one line.
+    - Parameters are keyword-only arguments, each with a name and a default.
 
     Parameters
     ----------
     planner : str or Planner
         A name or a planner, as for `mission.planners.registry.make_planner`.
     lands : collection of str
-        Those of the `LANDS` that the planner is made for.
+        Kinds of land (from `LANDS`) that the planner supports.
     **parameters
         Parameters of the planner.
 
@@ -62,7 +66,7 @@ def check_planner(planner: str | Planner, lands: Collection[str] = LANDS, /, **p
     AssertionError
         If a rule is broken; the text names the rule and the problem.
     PlanningError, ParameterError
-        If it is no planner, it does not have one of the parameters, or there is no such land.
+        If the object is not a planner, a parameter is unknown, or a kind of land is unknown.
 
     Examples
     --------
@@ -83,7 +87,7 @@ def check_planner(planner: str | Planner, lands: Collection[str] = LANDS, /, **p
 
 
 def conformance_requests(lands: Collection[str] = LANDS) -> Iterator[tuple[str, PlanningRequest]]:
-    """Yield the problems of the kit on some kinds of land, with a description of each."""
+    """Yield the test problems on some kinds of land, each as a description and a request."""
     areas: dict[str, tuple[str, Area]] = {
         "square": ("convex", shapely.box(0, 0, 60, 60)),
         "oblong off the origin": ("convex", shapely.box(1000, -500, 1100, -440)),
@@ -142,7 +146,7 @@ def _check_one(planner: Planner, what: str, request: PlanningRequest) -> None:
     _require(math.isfinite(cost) and cost <= limit, what, f"the path costs {cost}, the budget is {limit}")
     points = path.points_m
     line = LineString(points) if len(points) > 1 else Point(points[0])
-    # Between separate parts the path may be straight.
+    # A path may cross from one separate part to another in a straight line.
     room = request.room.convex_hull if isinstance(request.room, MultiPolygon) else request.room
     _require(bool(room.buffer(_INSIDE_M).covers(line)), what, "the path leaves the area")
 

@@ -1,4 +1,4 @@
-"""Waypoints of a planned path for autopilots that turn before they reach a waypoint."""
+"""Waypoints for autopilots that turn before they reach a waypoint."""
 
 from __future__ import annotations
 
@@ -15,44 +15,42 @@ from mission.planners.path import COINCIDENT_M, Area, Points, distinct
 
 __all__ = ["Cornering", "Waypoints"]
 
-_LEAST_LEG = 0.15  # Legs shorter than this many radii never overshoot
-# Legs shorter than this many radii do not overshoot in a curve (at most 40 degrees a point), nor from a row
-# to the next: between two longer legs there and back.
-_SHORT_LEG = 0.75
-_CURVED = math.cos(math.radians(40.0))
+# Leg lengths are in multiples of the acceptance radius.
+_LEAST_LEG = 0.15  # Shorter legs never overshoot
+_SHORT_LEG = 0.75  # Shorter legs do not overshoot within a curve, or between two antiparallel rows
+_CURVED = math.cos(math.radians(40.0))  # Smaller turns are part of a curve
 _BACK = -math.cos(math.radians(30.0))
-# Nor do legs overshoot at a corner between two legs longer than this many radii: the part cut off is small,
-# and a stop costs a vehicle seconds.
+# A corner between two longer legs has no overshoot: little is cut off, and a stop costs seconds.
 _LONG_LEG = 10.0
-_BEFORE_M = 0.5  # Overshoot is the radius less this: a vehicle that turns before the corner swings less wide
-_STRAIGHT = math.cos(math.radians(15.0))  # At smaller turns hardly anything is cut off
+_BEFORE_M = 0.5  # Radius less overshoot: a vehicle that turns before the corner swings less wide
+_STRAIGHT = math.cos(math.radians(15.0))  # Smaller turns cut off almost nothing
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Waypoints:
     """The waypoints of a path."""
 
-    points_m: Points  # float64[n, 2]: in metres of the farm frame
-    of_point: NDArray[np.int64]  # int64[n]: number of the path's point of each waypoint, ascending
+    points_m: Points  # Positions in metres of the farm frame, float64[n, 2]
+    of_point: NDArray[np.int64]  # Index of the path point behind each waypoint, ascending, int64[n]
     radius_m: float  # Acceptance radius; 0: the autopilot's own
-    loiters: NDArray[np.int64]  # int64[n]: number of times that the path repeats each point at once
+    loiters: NDArray[np.int64]  # Number of immediate repetitions of each point in the path, int64[n]
 
 
 @dataclass(frozen=True, slots=True)
 class Cornering:
-    """Turns of an autopilot at the corners of a path.
+    """How an autopilot turns at the corners of a path.
 
-    PX4 turns to the next waypoint within the acceptance radius of a waypoint. The radius cannot be small,
-    because the error of the height estimate counts in it: with 0.5 m a real PX4 hangs at waypoints for
-    seconds. So that the camera still sees a path up to its corners, legs overshoot: they begin before their
-    start and end beyond their end, by the radius less half a metre.
+    PX4 turns to the next waypoint once inside the acceptance radius. The radius cannot be small, because it
+    also has to contain the error of the height estimate: with 0.5 m a real PX4 waits at waypoints for
+    seconds. Legs therefore overshoot, so that the camera sees the path up to its corners: each leg starts
+    earlier and ends later by the radius less half a metre.
 
     Parameters
     ----------
     radius_m : float
         Acceptance radius of the waypoints; 0: the autopilot's own.
     overshoots : bool
-        Whether legs overshoot, because the vehicle turns within the radius.
+        Whether legs overshoot, for a vehicle that turns inside the radius.
 
     Raises
     ------
@@ -76,15 +74,15 @@ class Cornering:
 
     @property
     def overshoot_m(self) -> float:
-        """Length by which legs overshoot."""
+        """Length of the overshoot at each end of a leg."""
         return max(self.radius_m - _BEFORE_M, 0.0) if self.overshoots else 0.0
 
     def waypoints(
         self, path_m: Points, start_m: tuple[float, float] | None = None, *, avoid: Area | None = None
     ) -> Waypoints:
-        """Return the waypoints of a path flown from `start_m`; no leg overshoots into the land to `avoid`.
+        """Return the waypoints of a path flown from `start_m`, without overshoots into the land `avoid`.
 
-        Points closer than 1 cm to the point before are loiters there.
+        A point within 1 cm of the previous point counts as a loiter at that point.
         """
         of_point = distinct(path_m)
         points = path_m[of_point]
@@ -92,7 +90,7 @@ class Cornering:
         if self.overshoot_m > 0.0 and len(points):
             places, overshot = self._overshot(points, start_m, avoid)
             kept = distinct(overshot)
-            # It stays at the last waypoint of a point.
+            # Of the waypoints of a path point, only the last has the loiter.
             last = np.diff(places[kept], append=len(of_point)) > 0
             points, of_point, loiters = (
                 overshot[kept],
@@ -104,9 +102,9 @@ class Cornering:
     def _overshot(
         self, points: Points, start_m: tuple[float, float] | None, avoid: Area | None
     ) -> tuple[NDArray[np.int64], Points]:
-        """Return the waypoints of overshooting legs, and the number of the point of each."""
+        """Return the index of the point behind each waypoint, and the waypoints of overshooting legs."""
         come, go = self._directions(points, start_m)
-        # The end of the leg before, the start of the leg after, and the point itself.
+        # Candidates per point: end of the incoming leg, start of the outgoing leg, and the point itself.
         places = np.stack((points + self.overshoot_m * come, points - self.overshoot_m * go, points), axis=1)
         use = np.stack((come.any(axis=1), go.any(axis=1), np.ones(len(points), np.bool_)), axis=1)
         if avoid is not None:
@@ -116,15 +114,15 @@ class Cornering:
         return np.nonzero(use)[0], places[use]
 
     def _directions(self, points: Points, start_m: tuple[float, float] | None) -> tuple[Points, Points]:
-        """Return the directions of the legs to and from each point; zero for legs that do not overshoot."""
+        """Return the unit vectors of the legs to and from each point; zero where a leg does not overshoot."""
         flown = points if start_m is None else np.vstack((start_m, points))
         steps = np.diff(flown, axis=0)
         length_m = np.hypot(steps[:, 0], steps[:, 1])
-        # A vehicle at the first point has no leg to it.
+        # A start at the first point makes a leg of zero length, without direction.
         every = np.where((length_m < COINCIDENT_M)[:, None], 0.0, steps / np.maximum(length_m, 1e-9)[:, None])
         as_planned = (length_m < _LEAST_LEG * self.radius_m) | self._between_rows(every, length_m)
         overshot = np.where(as_planned[:, None], 0.0, every)
-        # Without a known start there is no leg to the first point; there is none from the last.
+        # The first point has no incoming leg if the start is unknown, the last point no outgoing leg.
         before = 0 if start_m is not None else 1
         come, go = _at_both_ends(overshot, before)
         come_far, go_far = _at_both_ends(length_m > _LONG_LEG * self.radius_m, before)
@@ -132,13 +130,13 @@ class Cornering:
         along = (come * go).sum(axis=1)
         as_it_is, curved = (along > _STRAIGHT) | (come_far & go_far), along > _CURVED
         come[as_it_is | (curved & come_short)] = go[as_it_is | (curved & go_short)] = 0.0
-        # The last point is no corner.
+        # The last point is not a corner, so the leg to it always overshoots.
         if len(every):
             come[-1] = every[-1]
         return come, go
 
     def _between_rows(self, every: Points, length_m: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """Return whether each leg is the short way from the end of a row to the beginning of the next."""
+        """Return whether each leg is the short connection from the end of a row to the start of the next."""
         between = length_m < _SHORT_LEG * self.radius_m
         back = (every[:-2] * every[2:]).sum(axis=1) < _BACK
         between[1:-1] &= back & ~between[:-2] & ~between[2:]
@@ -147,6 +145,6 @@ class Cornering:
 
 
 def _at_both_ends(of_leg: NDArray[Any], before: int) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Return the values of the legs to and from each point; zero without a leg."""
+    """Return the values of the legs to and from each point; zero where there is no leg."""
     none = np.zeros((1, *of_leg.shape[1:]), of_leg.dtype)
     return np.concatenate((none[:before], of_leg)), np.concatenate((of_leg[1 - before :], none))

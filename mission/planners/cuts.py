@@ -1,4 +1,4 @@
-"""Cuts of concave land into parts with fewer rows, and the directions of rows."""
+"""Decomposition of concave land into parts that need fewer rows, and candidate row directions."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ from mission.planners.terrain import parts_of, polygons_of
 _MOST_CORNERS = 12
 _MOST_CUTS = 3
 _CANDIDATES = 2
-_WORTH = 0.97  # A cut is worth its turns if it lessens the sum of widths to this part
-_SHORTEST_EDGE = 1e-3  # Of the land's size: shorter edges have no direction that counts
-_MOST_OF_IT = 0.9  # Part of a hull's outline whose edges have to be long, or the hull is simplified
+_WORTH = 0.97  # A cut pays for its additional turns if it reduces the sum of widths to this fraction
+_SHORTEST_EDGE = 1e-3  # Shorter edges have a random direction (fraction of the land's size)
+_MOST_OF_IT = 0.9  # The hull is simplified if long edges make up a smaller fraction of its outline
 
 
 def hull_angles(area: Area) -> list[float]:
-    """Return the directions of the convex hull's edges, radians in [0, pi), the narrowest width first.
+    """Return the directions of the convex hull's edges, in radians in [0, pi), narrowest width first.
 
-    The least width of an area is that across one of these edges (Freeman and Shapira 1975).
+    The least width of an area is always measured across an edge of its hull (Freeman and Shapira 1975).
 
     Examples
     --------
@@ -51,7 +51,7 @@ def _long_edges(points: Points, shortest_m: float) -> Points:
 
 
 def width(part: Polygon) -> float:
-    """Return the least width of a part: it decides the number of rows."""
+    """Return the least width of a part, which decides the number of rows."""
     angle = hull_angles(part)[0]
     return float(
         np.ptp(product(shapely.get_coordinates(part), np.array([-math.sin(angle), math.cos(angle)])))
@@ -59,10 +59,10 @@ def width(part: Polygon) -> float:
 
 
 def cut_parts(part: Polygon, spacing_m: float) -> list[list[Polygon]]:
-    """Return some ways to cut a concave part, along the sides of its reflex corners, the best first.
+    """Return candidate decompositions of a concave part, the best of each round of cuts first.
 
-    The sum of the widths decides the number of rows (the minimal sum of altitudes of Huang 2001); each way
-    lessens it, and its parts have at least a row.
+    Cuts extend the sides of reflex corners. The sum of the widths decides the number of rows (minimal sum of
+    altitudes, Huang 2001). Each decomposition reduces this sum, and each of its parts has at least one row.
     """
     found: list[tuple[float, list[Polygon]]] = []
     parts, whole = [part], width(part)
@@ -82,7 +82,7 @@ def cut_parts(part: Polygon, spacing_m: float) -> list[list[Polygon]]:
 
 
 def _cuts(part: Polygon, spacing_m: float) -> Iterator[list[Polygon]]:
-    """Yield the parts of a polygon, cut along a side of a reflex corner."""
+    """Yield the pieces of a polygon for each cut along a side of a reflex corner."""
     simple = shapely.simplify(part, 0.5 * spacing_m)
     if not isinstance(simple, Polygon) or simple.is_empty:
         return
@@ -102,13 +102,13 @@ def _cuts(part: Polygon, spacing_m: float) -> Iterator[list[Polygon]]:
 
 
 def _longer(ends: Points) -> Points:
-    """Return a line that is a little longer at both ends."""
+    """Return the line extended by 1 mm at both ends, so that a split cuts through the border."""
     along = (ends[-1] - ends[0]) / max(math.dist(ends[0], ends[-1]), 1e-9)
     return np.array([ends[0] - 1e-3 * along, ends[-1] + 1e-3 * along])
 
 
 def _inward(polygon: Polygon) -> list[tuple[Points, list[Points]]]:
-    """Return the reflex corners, sharpest first, with the directions of both sides."""
+    """Return the reflex corners, sharpest first, with the unit vectors of both sides."""
     found = []
     for part in parts_of(polygon):
         oriented = orient(part)

@@ -1,4 +1,4 @@
-"""Terrain following: waypoints whose straight legs keep a height above uneven ground."""
+"""Terrain following: additional waypoints that keep a height above uneven ground."""
 
 from __future__ import annotations
 
@@ -13,28 +13,28 @@ from mission.errors import PlanningError
 from mission.planners.path import Points
 
 TOLERANCE_M = 1.0
-"""Greatest difference between the height above ground and the wanted height."""
-_AT_SAMPLES = 0.7  # Part of the tolerance for sampled ground; the rest is for the ground between samples
-_MOST_SAMPLES = 2_000_000
+"""Greatest difference between the wanted and the actual height above ground (m)."""
+_AT_SAMPLES = 0.7  # Fraction of the tolerance used at samples; the rest is for the ground between samples
+_MOST_SAMPLES = 2_000_000  # Limits memory and time
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class HeightProfile:
-    """Height of a path over the ground.
+    """Terrain following at a height above the ground.
 
     Parameters
     ----------
     ground : callable
-        Takes float64[n, 2], metres of the farm frame, and returns the heights of the ground, metres.
+        Maps positions, float64[n, 2] in metres of the farm frame, to ground elevations in metres.
     height_m : float
         Wanted height above the ground.
     step_m : float
         Greatest distance between samples of the ground.
     climb, descent : float
-        The steepest slopes that the vehicle flies, metres up or down per metre over ground, above zero. Over
-        steeper ground the flight climbs earlier and is higher, never lower.
+        Steepest slopes of the vehicle, metres up or down per metre over ground, above zero. Over steeper
+        ground the flight starts its climb earlier, and is higher than wanted, never lower.
     home_m : tuple of float
-        Home: altitudes are above its ground.
+        Home position. Altitudes are relative to the ground at home.
     """
 
     ground: Callable[[Points], NDArray[np.float64]]
@@ -47,14 +47,14 @@ class HeightProfile:
     def follow(self, path_m: Points) -> tuple[Points, NDArray[np.float64], NDArray[np.int64]]:
         """Return the waypoints of a path: points, altitudes above home, owners.
 
-        The owner of a waypoint is the number of the path's point to which its leg leads. All points of the
-        path are kept. Between waypoints altitudes are linear.
+        The owner of a waypoint is the index of the path point at the end of its leg. The waypoints include
+        all points of the path. Altitudes are linear between waypoints.
         """
         places, leg, at = _sampled(path_m, self.step_m)
         home = float(self.ground(np.array([self.home_m]))[0])
         wanted = self.ground(places) + self.height_m - home
         smooth = _slopes_limited(wanted, at, self.climb, self.descent)
-        # A point of the path is the last sample of its leg.
+        # The last sample of each leg is a point of the path.
         fixed = np.append(np.flatnonzero(np.diff(leg)), len(leg) - 1)
         kept = np.zeros(len(places), dtype=bool)
         kept[0] = True
@@ -67,7 +67,7 @@ class HeightProfile:
 
 
 def _sampled(path_m: Points, step_m: float) -> tuple[Points, NDArray[np.int64], NDArray[np.float64]]:
-    """Return places along a path, the number of the point after each, and the distance to each."""
+    """Return samples along a path, the index of the path point after each, and their distances flown."""
     lengths = np.hypot(*np.diff(path_m, axis=0).T)
     counts = np.maximum(np.ceil(lengths / step_m), 1).astype(np.int64)
     if counts.sum() > _MOST_SAMPLES:
@@ -91,11 +91,11 @@ def _sampled(path_m: Points, step_m: float) -> tuple[Points, NDArray[np.int64], 
 def _slopes_limited(
     wanted: NDArray[np.float64], at: NDArray[np.float64], climb: float, descent: float
 ) -> NDArray[np.float64]:
-    """Return the lowest altitudes that are nowhere below the wanted ones, within the slopes."""
+    """Return the lowest altitudes that keep the slopes and are nowhere below `wanted`."""
     if not (climb > 0.0 and descent > 0.0):
         msg = f"terrain: slopes of {climb:g} up and {descent:g} down must be above zero"
         raise PlanningError(msg)
-    # Before a rise the flight climbs, after it the flight descends.
+    # A climb must start before the rise, a descent may only end after the fall.
     rise = np.maximum.accumulate((wanted - climb * at)[::-1])[::-1] + climb * at
     fall = np.maximum.accumulate(wanted + descent * at) - descent * at
     limited: NDArray[np.float64] = np.maximum(rise, fall)
@@ -110,7 +110,7 @@ def _keep_within(
     tolerance_m: float,
     kept: NDArray[np.bool_],
 ) -> None:
-    """Mark samples with straight lines between them within the tolerance (Douglas and Peucker 1973)."""
+    """Mark in `kept` the samples that keep straight lines within the tolerance (Douglas and Peucker 1973)."""
     open_ = [(begin, end)]
     while open_:
         first, last = open_.pop()
@@ -127,7 +127,7 @@ def _keep_within(
 
 
 def slope(rate_m_s: float, speed_m_s: float) -> float:
-    """Return the slope of a climb or descent at a rate and a ground speed.
+    """Return the slope (m per m) of a climb or descent from its rate and the ground speed.
 
     >>> slope(2.0, 8.0)
     0.25

@@ -1,4 +1,4 @@
-"""The lawnmower and the adaptive lawnmower: parallel rows, as many as the budget allows."""
+"""The planners lawnmower and adaptive-lawnmower: as many parallel rows as the budget allows."""
 
 from __future__ import annotations
 
@@ -23,26 +23,26 @@ def lawnmower(
     min_spacing_m: float | None = None,
     max_spacing_m: float | None = None,
 ) -> PlannedPath:
-    """Plan equidistant rows from border to border, flown to and fro, as many as the budget allows.
+    """Plan as many equidistant parallel rows from border to border as the budget allows.
 
-    Any number of rows from two upwards is possible (the paper's implementation has only odd ones), until rows
-    are a footprint apart; an area narrower than the footprint has one row. Over areas that are not convex the
-    rows are cut into boustrophedon cells, which are flown nearest first. Rows lead over passable land between
-    the parts of the area, unless without it they are closer by a twentieth.
+    The number of rows is any number from two up to rows a footprint apart (the paper's implementation has
+    only odd numbers). An area narrower than the footprint has one row. A non-convex area is decomposed into
+    boustrophedon cells, flown in nearest-first order. Rows cross passable land between the parts of the area,
+    unless they are at least 5 % closer without it.
 
     Parameters
     ----------
     direction : str or float, optional
-        Direction of the rows, see `mission.planners.sweep.sweep_angle`; by default along x over a
-        rectangle along the axes, as in the paper, otherwise the direction with the fewest turns.
+        Direction of the rows, see `mission.planners.sweep.sweep_angle`. Default: along x for an axis-aligned
+        rectangle, as in the paper, otherwise the direction with the fewest turns.
     min_spacing_m, max_spacing_m : float, optional
-        Least and greatest distance of rows. Default: a footprint, no limit.
+        Least and greatest row spacing. Default: a footprint, no limit.
 
     Raises
     ------
     PlanningError
-        If the budget does not suffice for two rows, or for rows at `max_spacing_m`; the text gives the least
-        budget. If a parameter is out of its range.
+        If the budget is too small for two rows, or for rows at `max_spacing_m`; the text gives the least
+        budget. If a parameter is out of range.
 
     Examples
     --------
@@ -77,6 +77,7 @@ def _rows(
 TOMATO_SHARE = 2 / 3
 LEAST_ROWS = 1
 NAME = "adaptive-lawnmower"
+_SPARSEST = f"{NAME} with one row over each crop"
 
 
 def adaptive_lawnmower(
@@ -89,40 +90,38 @@ def adaptive_lawnmower(
 ) -> PlannedPath:
     """Plan rows over the tomatoes with two thirds of the budget, then over the strawberries with the rest.
 
-    The paper gives the tomatoes two thirds of the budget, and the strawberries a third less a safety margin
-    of a tenth, for the legs to the first row and between the crops, which it does not count. Here they are
-    counted, with the return, and no margin is needed. Each crop has the most rows that its share allows. The
-    tomatoes get the rest of a budget that is larger than the strawberries need (rows a footprint apart), and
-    fewer rows if the rest is too small for the strawberries.
+    The paper's shares are two thirds of the budget for the tomatoes, and a third less a safety margin of a
+    tenth for the strawberries, because the paper does not count the legs to the first row and between the
+    crops. This planner counts all legs and needs no margin. Each crop has as many rows as its share allows.
+    The tomatoes get budget that the strawberries cannot use (rows a footprint apart), and give up rows if the
+    remaining budget is too small for the strawberries.
 
-    A single crop gets the whole budget; without crop areas the rows are over the whole area. The spacing of
-    the path is the smaller one of the two crops.
+    A farm with a single crop spends the whole budget on that crop. Without crop areas the rows cover the
+    whole area. `PlannedPath.spacing_m` is the smaller spacing of the two crops.
 
     Parameters
     ----------
     tomato_share : float
-        Share of the budget for the tomatoes, approach included, between 0 and 1.
+        Share of the budget for the tomatoes, including the approach, between 0 and 1.
     direction, min_spacing_m
-        As of `lawnmower`.
+        Direction and least spacing of the rows, as for `lawnmower`.
 
     Raises
     ------
     PlanningError
-        If the budget does not suffice for one row over each crop; the text gives the least budget.
+        If the budget is too small for one row over each crop; the text gives the least budget.
     """
     if not (is_number(tomato_share) and 0 < tomato_share < 1):
         msg = f"{NAME}: tomato_share must be between 0 and 1, not {tomato_share!r}"
         raise PlanningError(msg)
     least, _ = spacing_limits(NAME, request.footprint_m, min_spacing_m, None)
     lands = [land for crop in (Crop.TOMATO, Crop.STRAWBERRY) if (land := _land(request, crop)) is not None]
-    plan = _Plan(
-        request,
-        Terrain(request.area, request.footprint_m, request.passable, request.least_leg_m),
-        [_sweep(land, request.footprint_m, least, direction) for land in lands or [request.area]],
-    )
+    terrain = Terrain(request.area, request.footprint_m, request.passable, request.least_leg_m)
+    flyable = [inset(land, request.footprint_m / 2) for land in lands or [request.area]]
+    plan = _Plan(request, terrain, [Sweep(land, least, sweep_angle(land, direction)) for land in flyable])
     if len(plan.sweeps) == 1:
         most = plan.sweeps[0].most_rows
-        found = densest_feasible(request, lambda rows: plan.path(rows), LEAST_ROWS, most, what=plan.what)
+        found = densest_feasible(request, lambda rows: plan.path(rows), LEAST_ROWS, most, what=_SPARSEST)
         return plan.result(found, found.index)
     return _both(plan, tomato_share)
 
@@ -133,12 +132,8 @@ class _Plan:
     terrain: Terrain
     sweeps: list[Sweep]
 
-    @property
-    def what(self) -> str:
-        return f"{NAME} with one row over each crop"
-
     def path(self, *rows: int) -> Points:
-        """The path with the numbers of rows over the first crops."""
+        """Return the path with the given number of rows over each crop, in the order of `sweeps`."""
         pieces: list[Points] = []
         here = self.request.start_xy_m
         for sweep, count in zip(self.sweeps, rows, strict=False):
@@ -157,7 +152,7 @@ def _both(plan: _Plan, tomato_share: float) -> PlannedPath:
 
     def most_tomatoes(strawberries: int, highest: int) -> Found:
         return densest_feasible(
-            request, lambda rows: plan.path(rows, strawberries), LEAST_ROWS, highest, what=plan.what
+            request, lambda rows: plan.path(rows, strawberries), LEAST_ROWS, highest, what=_SPARSEST
         )
 
     def most_strawberries(tomatoes: int) -> Found:
@@ -166,7 +161,7 @@ def _both(plan: _Plan, tomato_share: float) -> PlannedPath:
             lambda rows: plan.path(tomatoes, rows),
             LEAST_ROWS,
             strawberry.most_rows,
-            what=plan.what,
+            what=_SPARSEST,
         )
 
     share = request.budget.limit * tomato_share
@@ -189,12 +184,7 @@ def _both(plan: _Plan, tomato_share: float) -> PlannedPath:
 
 
 def _land(request: PlanningRequest, crop: Crop) -> Area | None:
-    """Return the crop's land in the area of the request, or None."""
+    """Return the part of the request's area that the crop covers, or None."""
     areas = [land.area for land in request.crop_areas if land.crop == crop]
     parts = polygons_of(shapely.intersection(shapely.union_all(areas), request.area))
     return area_of(parts) if parts else None
-
-
-def _sweep(land: Area, footprint_m: float, spacing_m: float, direction: str | float | None) -> Sweep:
-    flyable = inset(land, footprint_m / 2)
-    return Sweep(flyable, spacing_m, sweep_angle(flyable, direction))

@@ -1,4 +1,4 @@
-"""Partitions of an area among several vehicles: strips, or the cells of a power diagram."""
+"""Partitions of an area among several vehicles, as strips or as cells of a power diagram."""
 
 from __future__ import annotations
 
@@ -17,23 +17,23 @@ from mission.planners.path import Area, Points
 from mission.planners.terrain import area_of, polygons_of
 
 Divide: TypeAlias = Callable[[Area, Sequence[float]], list[Area]]
-"""Divides an area into parts of given shares, which add up to 1."""
+"""Function that divides an area into parts with given shares, which add up to 1."""
 
 STRIPS, VORONOI = "strips", "voronoi"
-_SAMPLES = 4000  # Points that stand for the area: shares are right to about 0.1 %
+_SAMPLES = 4000  # Grid points in the area: cell shares are accurate to about 0.1 %
 _LLOYD_ROUNDS = 60
 _WEIGHT_ROUNDS = 12
 _BALANCE_ROUNDS = 25
-_MOVED = 1e-3  # Of the area's size: sites that move less stay
-_LEAST_SHARE = 0.02  # Share of a reach that is left for rows, however long the ways are
-_LEAST_M2 = 1e-9  # Smaller pieces come of rounding
+_MOVED = 1e-3  # Lloyd's algorithm stops when no site moves further (fraction of the area's size)
+_LEAST_SHARE = 0.02  # Share of a reach reserved for rows, however long approach and return are
+_LEAST_M2 = 1e-9  # Smaller pieces are artefacts of rounding
 _ROUNDING = 1e-8
-# From the plastic number: a sequence that fills the plane evenly (Roberts 2018, "R2").
+# Low-discrepancy sequence R2, based on the plastic number (Roberts 2018).
 _EVEN = (0.7548776662466927, 0.5698402909980532)
 
 
 def strips(area: Area, shares: Sequence[float]) -> list[Area]:
-    """Return strips across the longer side of an area, in their order along this side.
+    """Return strips across the longer side of an area, in order along this side.
 
     Examples
     --------
@@ -53,9 +53,10 @@ def strips(area: Area, shares: Sequence[float]) -> list[Area]:
 def power_cells(area: Area, shares: Sequence[float]) -> list[Area]:
     """Return the compact cells of a centroidal power diagram.
 
-    A point belongs to the site with the least squared distance less the site's weight (Aurenhammer 1987).
-    The weights give each cell its share of the area; then the sites move to the centroids of their cells,
-    as in Lloyd's algorithm, until they stay (Balzer, Schloemer and Deussen 2009 do so for equal shares).
+    A point belongs to the site with the least power distance: squared distance less the site's weight
+    (Aurenhammer 1987). Each round chooses the weights so that each cell has its share of the area, then moves
+    the sites to the centroids of their cells, as in Lloyd's algorithm (for equal shares: Balzer, Schloemer
+    and Deussen 2009).
 
     Examples
     --------
@@ -88,11 +89,11 @@ PARTITIONS: Mapping[str, Divide] = {STRIPS: strips, VORONOI: power_cells}
 def balanced(
     area: Area, divide: Divide, reach_m: Sequence[float], ways_m: Callable[[int, Area], float]
 ) -> list[Area]:
-    """Return parts that take the same share of the reach of each vehicle.
+    """Return parts that use the same fraction of each vehicle's reach.
 
-    Rows at a common spacing s over a part of area A are A / s long, plus the way there and back. The shares
-    are corrected until the shares of the reach differ by less than 4 %; else the best partition found is
-    returned.
+    Rows at a common spacing s over a part of area A are A / s long. `ways_m` returns the length of approach
+    and return for a vehicle's number and its part. The areas are corrected until the used fractions differ by
+    less than 4 %, or the rounds are used up. The result is the partition with the least difference.
     """
     reach = np.asarray(reach_m, dtype=np.float64)
     shares = reach / reach.sum()
@@ -113,9 +114,9 @@ def balanced(
 
 
 def shares_of_reach(parts: Sequence[Area], reach_m: ArrayLike, ways_m: ArrayLike) -> NDArray[np.float64]:
-    """Return the share of its reach that each vehicle flies, with rows of a common spacing over all parts.
+    """Return the fraction of its reach that each vehicle flies, with a common row spacing over all parts.
 
-    At this spacing all vehicles together fly the sum of their reaches.
+    The common spacing is the spacing at which the vehicles together fly the sum of their reaches.
     """
     areas = np.array([part.area for part in parts])
     reach, ways = np.asarray(reach_m, dtype=np.float64), np.asarray(ways_m, dtype=np.float64)
@@ -134,11 +135,11 @@ def _checked(shares: Sequence[float]) -> list[float]:
 
 
 def _axes(area: Area) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the directions of the area's shorter and longer side; the longer one points to +x or +y."""
+    """Return unit vectors along the area's shorter and longer side; the latter points to +x or +y."""
     low_x, low_y, high_x, high_y = area.bounds
     box = np.array([[low_x, low_y], [high_x, low_y], [high_x, high_y], [low_x, high_y]])
     tight = shapely.get_coordinates(shapely.oriented_envelope(area))[:4]
-    # An upright rectangle that is nearly as small is preferred.
+    # Prefer an axis-aligned rectangle unless the oriented one is clearly smaller.
     if len(tight) == 4 and _extent(tight) < 0.9 * _extent(box):
         box = tight
     first, second = box[1] - box[0], box[2] - box[1]
@@ -154,7 +155,7 @@ def _extent(corners: Points) -> float:
 
 
 def _cut(turned: Area, low: float, high: float, share: float) -> float:
-    """Return the x of the cut that leaves a share of an area, turned along the x-axis, on the left."""
+    """Return the x of the vertical cut with the given share of the turned area on its left."""
     _, below, _, above = turned.bounds
     begin, end, wanted = low, high, share * turned.area
     for _ in range(60):
@@ -174,7 +175,7 @@ def _slab(
 
 
 def _samples(area: Area) -> Points:
-    """Return points on a square grid inside the area."""
+    """Return the points of a square grid inside the area, at least one."""
     low_x, low_y, high_x, high_y = area.bounds
     step = math.sqrt(area.area / _SAMPLES)
     x, y = (
@@ -190,7 +191,7 @@ def _samples(area: Area) -> Points:
 
 
 def _spread(area: Area, points: Points, count: int) -> Points:
-    """Return `count` places spread over the area, or else some of the points."""
+    """Return `count` positions spread evenly over the area; fall back to `points` on very thin areas."""
     low_x, low_y, high_x, high_y = area.bounds
     found: list[Points] = []
     for number in range(1, 1000 * count):
@@ -208,7 +209,7 @@ def _spread(area: Area, points: Points, count: int) -> Points:
 
 
 def _distances(points: Points, sites: Points) -> NDArray[np.float64]:
-    """Return the squared distances, float64[sites, points]."""
+    """Return the squared distances between sites and points, float64[sites, points]."""
     squared: NDArray[np.float64] = ((points[None, :, :] - sites[:, None, :]) ** 2).sum(axis=-1)
     return squared
 
@@ -221,7 +222,7 @@ def _owners(points: Points, sites: Points, weights: NDArray[np.float64]) -> NDAr
 def _weights(
     points: Points, sites: Points, weights: NDArray[np.float64], shares: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return the weights that give the cells their shares, set in turn for a few rounds."""
+    """Return the weights that give the cells their shares, by coordinate-wise updates."""
     if len(sites) == 1:
         return weights
     distances = _distances(points, sites)
@@ -238,7 +239,7 @@ def _weights(
 
 
 def _power_cell(area: Area, sites: Points, weights: NDArray[np.float64], k: int) -> shapely.Polygon:
-    """Return the whole cell of a site in a box around the area."""
+    """Return the cell of a site, clipped to a box around the area."""
     low_x, low_y, high_x, high_y = area.bounds
     ring = [
         np.array(corner)
@@ -252,7 +253,7 @@ def _power_cell(area: Area, sites: Points, weights: NDArray[np.float64], k: int)
     for other in range(len(sites)):
         if other == k or not len(ring):
             continue
-        # Nearer to the site than to the other: normal . x <= bound.
+        # Half-plane of points that belong to site k rather than to the other site: normal . x <= bound.
         normal = 2.0 * (sites[other] - sites[k])
         bound = float((sites[other] ** 2).sum() - (sites[k] ** 2).sum() - weights[other] + weights[k])
         ring = _clipped(ring, normal, bound)
@@ -260,7 +261,7 @@ def _power_cell(area: Area, sites: Points, weights: NDArray[np.float64], k: int)
 
 
 def _clipped(ring: list[NDArray[np.float64]], normal: NDArray[np.float64], bound: float) -> list[Points]:
-    """Return the convex ring on one side of a line (Sutherland and Hodgman 1974)."""
+    """Return the convex ring clipped to a half-plane (Sutherland and Hodgman 1974)."""
     kept: list[Points] = []
     for here, there in zip(ring, [*ring[1:], ring[0]], strict=True):
         before, after = (float((normal * end).sum()) - bound for end in (here, there))
@@ -272,26 +273,31 @@ def _clipped(ring: list[NDArray[np.float64]], normal: NDArray[np.float64], bound
 
 
 def _parts(area: Area, cells: Sequence[shapely.Polygon]) -> list[Area]:
-    """Return the area in the cells; parts of a connected area are connected as far as possible."""
+    """Return the area of each cell; parts of a connected area are connected where possible."""
     pieces = [polygons_of(shapely.intersection(area, cell), _LEAST_M2) for cell in cells]
-    if any(not each for each in pieces):
-        msg = "partition: the area is too small for so many vehicles; take fewer, or a larger area"
+    if not all(pieces):
+        msg = f"partition: the area is too small for {len(cells)} vehicles; take fewer, or a larger area"
         raise PlanningError(msg)
     if isinstance(area, shapely.Polygon):
         pieces = _connected(pieces)
-    return [area_of(each) for each in pieces]
+    return [area_of(polygons) for polygons in pieces]
 
 
 def _connected(pieces: list[list[shapely.Polygon]]) -> list[list[shapely.Polygon]]:
-    """Give pieces apart from the largest piece of their part to a part that they touch."""
-    largest = [max(each, key=lambda piece: piece.area) for each in pieces]
-    loose = [piece for each, main in zip(pieces, largest, strict=True) for piece in each if piece is not main]
+    """Move each piece apart from its part's largest piece to the part that it borders most."""
+    largest = [max(polygons, key=lambda piece: piece.area) for polygons in pieces]
+    loose = [
+        piece
+        for polygons, main in zip(pieces, largest, strict=True)
+        for piece in polygons
+        if piece is not main
+    ]
     parts: list[shapely.Geometry] = list(largest)
-    # The two sides of a border differ by rounding.
+    # The copies of a shared border in two pieces differ by rounding.
     near_m = _ROUNDING * max(math.sqrt(piece.area) for piece in largest)
     for piece in sorted(loose, key=lambda piece: -piece.area):
         around = [shapely.intersection(piece.boundary, shapely.buffer(part, near_m)) for part in parts]
         taker = int(np.argmax(shapely.length(around)))
-        # The grid is that of this union alone: see `geo.Farm.crop_area`.
+        # Reset the precision grid, or later operations would snap to it (see `geo.Farm.crop_area`).
         parts[taker] = shapely.set_precision(shapely.union(parts[taker], piece, grid_size=near_m), 0.0)
     return [polygons_of(part, _LEAST_M2) for part in parts]

@@ -1,4 +1,4 @@
-"""The planned path and the geometry of paths: length and coincident points."""
+"""Planned paths, their length and their coincident points."""
 
 from __future__ import annotations
 
@@ -16,27 +16,28 @@ Area: TypeAlias = Polygon | MultiPolygon
 Points: TypeAlias = NDArray[np.float64]
 
 COINCIDENT_M = 0.01
-"""Points closer than this are one: GNSS errors are 100 times as large."""
+"""Points closer than this distance coincide: GNSS errors are 100 times as large."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlannedPath:
-    """A path in straight legs: the answer of a planner.
+    """A path of straight legs, the result of a planner.
 
     Parameters
     ----------
     points_m : float64[n, 2]
-        The points, x and y in metres of the farm frame, n >= 1; stored read-only. The leg from the request's
-        start to the first point is not part of the path.
+        Points of the path, x and y in metres of the farm frame, n >= 1; stored read-only. The leg from the
+        request's start to the first point is not part of the path.
     spacing_m : float or None
         Distance between neighbouring rows or rings; None for a path without rows.
     planner : str
-        The planner's name.
+        Name of the planner.
 
     Raises
     ------
     PlanningError
-        If there are no points, they are no finite pairs, or the spacing is negative or not finite.
+        If there are no points, a coordinate is not finite, the array has another shape, or the spacing is
+        negative or not finite.
     """
 
     points_m: Points
@@ -64,7 +65,7 @@ class PlannedPath:
 
 
 def path_length(path_xy_m: ArrayLike) -> float:
-    """Return the length of the polyline.
+    """Return the length of a polyline.
 
     Examples
     --------
@@ -77,7 +78,7 @@ def path_length(path_xy_m: ArrayLike) -> float:
 
 
 def drop_coincident(path_xy_m: ArrayLike, tolerance_m: float = COINCIDENT_M) -> Points:
-    """Return the path without points closer than the tolerance to the last point kept.
+    """Return the path without the points closer than `tolerance_m` to the last kept point.
 
     Examples
     --------
@@ -89,7 +90,7 @@ def drop_coincident(path_xy_m: ArrayLike, tolerance_m: float = COINCIDENT_M) -> 
 
 
 def distinct(path_xy_m: Points, tolerance_m: float = COINCIDENT_M) -> NDArray[np.int64]:
-    """Return the numbers of the points that `drop_coincident` keeps, int64[n]."""
+    """Return the indices of the points that `drop_coincident` keeps, int64[n]."""
     steps = np.diff(path_xy_m, axis=0)
     count = len(path_xy_m)
     if count < 2 or bool((np.hypot(steps[:, 0], steps[:, 1]) >= tolerance_m).all()):

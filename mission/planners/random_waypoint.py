@@ -1,4 +1,4 @@
-"""The random waypoint planner: straight to one random position after the other until the budget is used."""
+"""The planner random-waypoint: straight legs between random positions until the budget is used."""
 
 from __future__ import annotations
 
@@ -16,23 +16,23 @@ from mission.planners.terrain import TOLERANCE_M, Terrain, draw_places
 
 MAX_WAYPOINTS = 30_000
 _FIRST_BLOCK = 16
-_CUTS = 10  # Trials of the last leg's length
-_UNUSED = 1e-6  # Part of the budget that may be left
-# On land where the least leg round a place covers more than this part of the area, near places are skipped.
+_CUTS = 10  # Trials for the length of the last leg
+_UNUSED = 1e-6  # Fraction of the budget that may remain unused
+# Skip near positions if a circle with the least leg as radius covers more than this fraction of the area.
 _OFTEN = 1 / 6
-_MOST_PASSED = 64  # After skipping this many in a row the farthest of them is taken
-# Nor does the path turn straight back there, to within this sum of the two directions.
+_MOST_PASSED = 64  # After this number of rejected draws, take the farthest of them
+# A leg turns straight back if the sum of its unit vector and that of the previous leg is shorter.
 _BACK = 0.03
 
 
 def random_waypoint(request: PlanningRequest, /, *, waypoints: int | None = None) -> PlannedPath:
     """Plan straight legs between uniformly distributed random positions of the area.
 
-    A leg that would leave the area is the shortest way inside. The last leg is cut so that the budget is used
-    up. A seed gives the same positions in the same order for every budget. On land so small that legs would
-    often be shorter than the autopilot flies, near positions are skipped.
+    A leg that would leave the area is replaced by the shortest path inside the area. The last leg is cut to
+    use up the budget. A seed gives the same positions in the same order for every budget. On land where many
+    legs would be shorter than `PlanningRequest.least_leg_m`, near positions are skipped.
 
-    The path begins at the start, or at the nearest place of the (inset) area if the start is outside.
+    The path begins at the start, or at the nearest point of the inset area if the start is outside.
 
     Parameters
     ----------
@@ -42,8 +42,8 @@ def random_waypoint(request: PlanningRequest, /, *, waypoints: int | None = None
     Raises
     ------
     PlanningError
-        If the budget does not suffice to reach the area (and return); the text gives the least budget. If
-        `waypoints` is out of its range.
+        If the budget is too small to reach the area (and return); the text gives the least budget. If
+        `waypoints` is out of range.
 
     Examples
     --------
@@ -74,7 +74,7 @@ def random_waypoint(request: PlanningRequest, /, *, waypoints: int | None = None
 
 
 class _Walk:
-    """An endless walk, drawn as far as it is needed."""
+    """An endless random walk, drawn on demand."""
 
     def __init__(self, request: PlanningRequest) -> None:
         self._terrain = Terrain(request.area, request.footprint_m, request.passable, request.least_leg_m)
@@ -91,12 +91,12 @@ class _Walk:
         self._lengths = [path_length(np.vstack((self._start, self.legs[0])))]
 
     def path(self, waypoints: int) -> Points:
-        """Return the path through the first `waypoints`."""
+        """Return the path through the first `waypoints` random positions."""
         self._extend(waypoints)
         return np.vstack(self.legs[: waypoints + 1])
 
     def length(self, waypoints: int) -> float:
-        """Return the length of the path from the start through the first `waypoints`."""
+        """Return the length of `path(waypoints)`, including the leg from the start."""
         self._extend(waypoints)
         return self._lengths[waypoints]
 
@@ -118,7 +118,7 @@ class _Walk:
         return places
 
     def _places_apart(self, count: int) -> Points:
-        """Return the next places that are not too near to the place before."""
+        """Return the next positions without legs that are too short or turn straight back."""
         found = [self.legs[-2][-1] if len(self.legs) > 1 else self._start, self.legs[-1][-1]]
         while len(found) < count + 2:
             drawn = self._places(_MOST_PASSED)
@@ -129,13 +129,13 @@ class _Walk:
             far = np.flatnonzero(away_m >= self._apart_m)
             taken = int(far[0] if len(far) else np.argmax(away_m))
             found.append(drawn[taken])
-            # The places after a far one are drawn again.
+            # Return unused draws to the stream.
             self._drawn = np.vstack((drawn[taken + 1 :] if len(far) else drawn[:0], self._drawn))
         return np.array(found[2:])
 
 
 def _use_up(request: PlanningRequest, points: Points, leg: Points, spent: float) -> Points:
-    """Return the path with the part of the next leg that the budget allows."""
+    """Return the path extended by as much of the next leg as the budget allows."""
     limit = request.budget.limit
     way = np.vstack((points[-1], leg))
     reach = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(way, axis=0).T))))
@@ -156,7 +156,7 @@ def _use_up(request: PlanningRequest, points: Points, leg: Points, spent: float)
         cost = request.cost(candidate)
         if cost <= limit:
             good, good_cost = middle, cost
-            # A leg between separate parts may lead over forbidden land, where no path may end.
+            # A leg between separate parts may cross forbidden land, and no path may end there.
             if shapely.dwithin(request.room, Point(cut), TOLERANCE_M):
                 best = candidate
         else:

@@ -1,6 +1,6 @@
-"""Planners with their parameters, by name or as objects.
+"""Look-up of planners by name, and planners with fixed parameters.
 
-Names are found through the entry point group ``wbf_mission.planners``; an entry is a planner.
+Each entry point of the group ``wbf_mission.planners`` is a planner.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ ENTRY_POINT_GROUP = "wbf_mission.planners"
 
 
 class Registered(NamedTuple):
-    """An entry point: its name, its name in messages, its object, and the parameters given with the name."""
+    """A loaded entry point: name, name in error messages, object, and parameters given in the text."""
 
     name: str
     what: str
@@ -30,14 +30,14 @@ class Registered(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class ConfiguredPlanner:
-    """A planner with its name, for messages and results, and parameters; called with a request alone."""
+    """A planner with fixed parameters; its name appears in error messages and results."""
 
     name: str
     planner: Callable[..., PlannedPath]
     parameters: dict[str, Any]
 
     def __call__(self, request: PlanningRequest, /) -> PlannedPath:
-        """Plan, or raise PlanningError; AnswerError if the planner returns something else than a path."""
+        """Return the planner's path; raise AnswerError if the planner does not return a PlannedPath."""
         path: object = self.planner(request, **self.parameters)
         if not isinstance(path, PlannedPath):
             msg = f"planner {self.name} returned a {type(path).__name__}, not a PlannedPath"
@@ -57,22 +57,22 @@ def planner_names() -> tuple[str, ...]:
 
 
 def make_planner(planner: str | Planner, /, **parameters: Any) -> ConfiguredPlanner:
-    """Make a planner ready to be called with a request.
+    """Return a planner with fixed parameters.
 
     Parameters
     ----------
     planner : str or Planner
-        A name, in which case does not matter, with parameters if wanted: ``lawnmower:direction=0.3`` (see
-        `geo.named.parse_named`). Or a planner of your own.
+        Your own planner, or the name of an installed planner, optionally with parameters:
+        ``lawnmower:direction=0.3`` (see `geo.named.parse_named`). Names are case-insensitive.
     **parameters
-        Further parameters, see `planner_parameters`; over those that a `ConfiguredPlanner` has already.
+        Further parameters, see `planner_parameters`. They override those of a `ConfiguredPlanner`.
 
     Raises
     ------
     PlanningError
-        If there is no planner of that name, its package cannot be imported, or it is no planner.
+        If no planner has the name, its package cannot be imported, or the object is not a planner.
     ParameterError
-        If the text cannot be read, or a parameter is unknown or given twice.
+        If the text cannot be parsed, or a parameter is unknown or given twice.
 
     Examples
     --------
@@ -95,7 +95,7 @@ def make_planner(planner: str | Planner, /, **parameters: Any) -> ConfiguredPlan
 
 
 def planner_parameters(planner: Callable[..., PlannedPath]) -> dict[str, Any]:
-    """Return the parameters of a planner, its keyword-only arguments, with their defaults.
+    """Return the parameters of a planner (its keyword-only arguments) with their defaults.
 
     Examples
     --------
@@ -113,7 +113,7 @@ def planner_parameters(planner: Callable[..., PlannedPath]) -> dict[str, Any]:
 
 
 def load_registered(kind: str, group: str, text: str, parameters: Mapping[str, Any]) -> Registered:
-    """Return the entry of the name in a text (`geo.named.parse_named`), in upper or lower case."""
+    """Return the entry point that a text names (see `geo.named.parse_named`); names are case-insensitive."""
     name, given = parse_named(text)
     entry = next((found for found in entry_points(group=group) if found.name.lower() == name.lower()), None)
     if entry is None:

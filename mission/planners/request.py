@@ -1,4 +1,4 @@
-"""The planning request: area, start, budget and footprint."""
+"""The request to a planner: area, start, budget and footprint."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ class CropArea:
     Parameters
     ----------
     crop : str
-        `geo.Crop` or another name.
+        A `geo.Crop` or the name of another crop.
     area : shapely Polygon or MultiPolygon
-        In metres of the farm frame.
+        Land of the crop, in metres of the farm frame.
     """
 
     crop: str
@@ -36,10 +36,10 @@ class CropArea:
 
 
 SearchProgress: TypeAlias = Callable[[int, int], None]
-"""Takes the number of rounds that a search has done, and an estimate of the number that it will do."""
+"""Callback of a search: takes the number of rounds done and the estimated total number of rounds."""
 
 
-_ROUNDING_M = 1e-3  # Where the area leaves the passable land by less, the two outlines were rounded
+_ROUNDING_M = 1e-3  # Rounded outlines may let the area leave the passable land by this distance
 
 
 def _no_progress(_done: int, _total: int) -> None:
@@ -53,35 +53,36 @@ class PlanningRequest:
     Parameters
     ----------
     area : shapely Polygon or MultiPolygon
-        The land to be seen; without `passable` also the land where the path may go. The caller leaves out
-        land that must not be flown over (holes are respected).
+        Land to cover. Without `passable` the path must stay inside this land, too. The caller removes land
+        that must not be flown over; holes are respected.
     start_xy_m : tuple of float
-        Start of the flight; it may lie outside the area.
+        Start of the flight, inside or outside the area.
     budget : Budget
-        Limit and cost of start, path and return together.
+        Limit and cost of approach, path and return together.
     footprint_m : float
-        Width of an image on the ground. The path keeps half of it away from the area's border, and rows are
-        never closer to each other. 0: no inset and no limit of the density.
+        Width of an image on the ground. The path stays half a footprint inside the area's border, and rows
+        are at least a footprint apart. 0: no inset and no least spacing.
     crop_areas : tuple of CropArea
-        The land of each crop, for planners that treat crops differently.
+        Land of each crop, for planners that treat crops differently.
     seed : int or numpy.random.SeedSequence
         Seed of random planners.
     progress : callable
-        Called by planners with long searches, see `SearchProgress`.
+        Progress callback of long searches, see `SearchProgress`.
     passable : shapely Polygon or MultiPolygon, optional
-        The land where the path may go, the area included. None: the area only. `room` is either.
+        Land that the path may cross, including the area. None: the area only.
     row_spacing_m : float, optional
-        Distance between rows for the overlap of the images, for planners that see the whole area. None: a
+        Row spacing that gives the wanted image overlap, for planners that cover the whole area. None: the
         footprint.
     footprint_along_m : float, optional
-        Length of an image on the ground, in the direction of the flight. None: as its width.
+        Length of an image on the ground, in the direction of flight. None: equal to `footprint_m`.
     least_leg_m : float
-        An autopilot leaves out several shorter legs in a row.
+        Shortest leg that the autopilot flies reliably. An autopilot skips waypoints when several legs in a
+        row are shorter.
 
     Raises
     ------
     PlanningError
-        If the area is empty or invalid, or a number is not finite or out of its range.
+        If the area is empty or invalid, or a number is not finite or out of range.
     """
 
     area: Area
@@ -110,10 +111,11 @@ class PlanningRequest:
             limit = f"{self.budget.limit} {self.budget.unit}"
             msg = f"planning request: a budget must be a finite number above zero, not {limit}"
             raise PlanningError(msg)
-        self._check_room()
-        self._check_camera()
-
-    def _check_room(self) -> None:
+        for name in ("row_spacing_m", "footprint_along_m"):
+            value = getattr(self, name)
+            if value is not None and not (math.isfinite(value) and value > 0):
+                msg = f"planning request: {name} {value} m must be a finite number above zero"
+                raise PlanningError(msg)
         if self.passable is None:
             return
         check_area(self.passable, "passable land")
@@ -122,16 +124,9 @@ class PlanningRequest:
             msg = f"planning request: {outside.area:.3g} m2 of the area lie outside the passable land"
             raise PlanningError(msg)
 
-    def _check_camera(self) -> None:
-        for name in ("row_spacing_m", "footprint_along_m"):
-            value = getattr(self, name)
-            if value is not None and not (math.isfinite(value) and value > 0):
-                msg = f"planning request: {name} {value} m must be a finite number above zero"
-                raise PlanningError(msg)
-
     @property
     def room(self) -> Area:
-        """The land where the path may go."""
+        """The land that the path may cross: `passable`, or `area` if that is None."""
         return self.area if self.passable is None else self.passable
 
     def cost(self, points_m: Points) -> float:
@@ -139,14 +134,14 @@ class PlanningRequest:
         return float(self.budget.cost(self._flight(points_m)))
 
     def costs(self, paths_m: Sequence[Points]) -> list[float]:
-        """Return the `cost` of each of several paths."""
+        """Return the `cost` of each path."""
         flights = [self._flight(points) for points in paths_m]
         if len(flights) > 1 and isinstance(self.budget, BatchBudget):
             return [float(cost) for cost in self.budget.costs(flights)]
         return [float(self.budget.cost(flight)) for flight in flights]
 
     def reason(self, points_m: Points) -> str:
-        """Return why a path of infinite cost cannot be flown; empty if the budget gives no reason."""
+        """Return the reason for the infinite cost of a path; empty if the budget gives no reason."""
         return self.budget.reason(self._flight(points_m)) if isinstance(self.budget, ExplainedBudget) else ""
 
     def _flight(self, points_m: Points) -> Points:
@@ -154,14 +149,14 @@ class PlanningRequest:
 
 
 class Planner(Protocol):
-    """A planner: a callable that turns a request into a path whose cost is within the request's budget."""
+    """A planner: a callable that turns a request into a path within the request's budget."""
 
     def __call__(self, request: PlanningRequest, /) -> PlannedPath:
-        """Plan, or raise PlanningError."""
+        """Return a path for the request, or raise PlanningError."""
 
 
 def check_area(area: Area, what: str) -> None:
-    """Raise PlanningError unless the area is a valid, finite Polygon or MultiPolygon that is not empty."""
+    """Raise PlanningError unless the area is a valid, finite and non-empty Polygon or MultiPolygon."""
     if not isinstance(area, shapely.Polygon | shapely.MultiPolygon):
         msg = f"planning request: the {what} must be a Polygon or MultiPolygon, not {type(area).__name__}"
         raise PlanningError(msg)

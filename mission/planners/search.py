@@ -1,4 +1,4 @@
-"""The densest path that a budget allows, over an area with or without its gaps."""
+"""Search for the densest path within a budget, over an area with or without its gaps."""
 
 from __future__ import annotations
 
@@ -16,20 +16,20 @@ from mission.planners.request import PlanningRequest
 from mission.planners.terrain import area_of, parts_of, polygons_of
 
 LOOK_AHEAD = (1, 2, 3)
-# The second guess of a round halves the interval beyond the first.
+# The second guess of a round is the midpoint between the first guess and the upper bound.
 _APART = 2
-_SLOPE_OVER = 0.9
-_LEAST_SHARE = 1e-6  # Of the area: smaller gaps come of rounding
-_WORTH = 1.05  # Turns are flown worse than rows: a path with more of them has to be denser by this factor
+_SLOPE_OVER = 0.9  # Cost slopes are measured over densities at least 10 % apart: closer ones are noisy
+_LEAST_SHARE = 1e-6  # Smaller gaps are artefacts of rounding (fraction of the area)
+_WORTH = 1.05  # Vehicles fly turns worse than rows: a path with more turns must be denser by this factor
 
 
 @dataclass(frozen=True, slots=True)
 class Found:
-    """The result of a search."""
+    """The densest candidate path within a budget."""
 
-    index: int  # The densest candidate within the budget
-    points_m: Points  # float64[n, 2]: its points
-    cost: float  # Its cost
+    index: int  # Index of the candidate
+    points_m: Points  # Points of the path, float64[n, 2]
+    cost: float  # Cost of the path
 
 
 def densest_feasible(
@@ -43,18 +43,18 @@ def densest_feasible(
     limit: float | None = None,
     look_ahead: tuple[int, ...] = LOOK_AHEAD,
 ) -> Found:
-    """Return the largest index whose candidate costs no more than the limit, by default that of the budget.
+    """Return the candidate with the largest index that costs at most `limit` (default: the budget's limit).
 
-    The cost is only roughly monotone (rows that end on the far side have a longer way home). So the search
-    brackets the last feasible index by interpolation and bisection, then tries a few candidates beyond it
-    (`look_ahead`), and goes on from a feasible one. The cost of the returned candidate is known to be within
-    the limit.
+    The cost grows only roughly with the index: rows that end on the far side have a longer return. The search
+    therefore brackets the last feasible index by interpolation and bisection, then tries a few candidates
+    beyond it (`look_ahead`), and continues from a feasible one. The cost of the returned candidate has been
+    evaluated and is within the limit.
 
-    A budget that prices many paths at once gets them in rounds: a guess with an index a little beyond it,
-    which bound the last feasible index if the guess is good; and all candidates of `look_ahead`.
+    A `BatchBudget` evaluates candidates in rounds: first a guess together with a larger index, which bracket
+    the last feasible index if the guess is good; finally all candidates of `look_ahead`.
 
-    The cost is about linear in the `density` of an index. PlanningError if not even the sparsest candidates
-    are within the limit; it names them (`what`: ``lawnmower with 2 rows``) and the least budget.
+    The cost should be roughly linear in `density(index)`. If even the sparsest candidates cost more than the
+    limit, PlanningError names them (`what`, such as ``lawnmower with 2 rows``) and the least budget.
     """
     bound = request.budget.limit if limit is None else limit
     seen: dict[int, float] = {}
@@ -65,10 +65,10 @@ def densest_feasible(
     at_once = isinstance(request.budget, BatchBudget)
 
     def feasible(*indices: int) -> bool:
-        """Return whether any index is feasible; price new ones, in one round if the budget can."""
+        """Return whether any index is feasible; evaluate new indices, in one round for a `BatchBudget`."""
         nonlocal best, cheapest, rounds
-        for some in [indices] if at_once else [(index,) for index in indices]:
-            new = [index for index in dict.fromkeys(some) if index not in seen]
+        for batch in [indices] if at_once else [(index,) for index in indices]:
+            new = [index for index in dict.fromkeys(batch) if index not in seen]
             paths = [build(index) for index in new]
             for index, points, cost in zip(new, paths, request.costs(paths), strict=True):
                 seen[index] = cost
@@ -79,7 +79,7 @@ def densest_feasible(
             if new:
                 rounds += 1
                 request.progress(rounds, rounds + _rounds_left(best, seen, highest))
-            if any(seen[index] <= bound for index in some):
+            if any(seen[index] <= bound for index in batch):
                 return True
         return False
 
@@ -116,7 +116,7 @@ def densest_feasible(
 
 
 def _rounds_left(best: Found | None, seen: dict[int, float], highest: int) -> int:
-    """Return the number of rounds that bisection would take from here, and one to look ahead."""
+    """Return the number of rounds that bisection would still take, plus one to look ahead."""
     if best is None:
         return 1
     bad = min((index for index in seen if index > best.index), default=highest + 1)
@@ -133,7 +133,7 @@ def _guess(
     *,
     bisect: bool,
 ) -> int:
-    """Return an index strictly between good and bad (beyond good while no bad one is known)."""
+    """Return an index strictly between `good` and `bad`, or above `good` if `bad` is None."""
     if bad is not None and bisect:
         return (good + bad) // 2
     last = highest if bad is None else bad - 1
@@ -141,7 +141,7 @@ def _guess(
     if bad is not None:
         slope = (seen[bad] - low) / (density(bad) - low_density)
     else:
-        # Between neighbours the slope is mostly noise.
+        # The slope between neighbouring indices is mostly noise.
         apart = [index for index in seen if density(index) <= _SLOPE_OVER * low_density]
         below = max(apart, default=None)
         rise = low - (seen[below] if below is not None else 0.0)
@@ -152,7 +152,7 @@ def _guess(
 
 
 def _last_below(density: Callable[[int], float], wanted: float, first: int, last: int) -> int:
-    """Return the largest index in first..last whose density is not above the wanted one, at least first."""
+    """Return the largest index in first..last with a density of at most `wanted`, or `first`."""
     while first < last:
         middle = (first + last + 1) // 2
         if density(middle) <= wanted * (1 + 1e-12):
@@ -163,7 +163,7 @@ def _last_below(density: Callable[[int], float], wanted: float, first: int, last
 
 
 def cannot_be_flown(request: PlanningRequest, points_m: Points, what: str) -> PlanningError:
-    """Return the error of the sparsest path, ``what``, if its cost is infinite."""
+    """Return the error for a sparsest path of infinite cost; `what` names the path."""
     budget = request.budget
     reason = request.reason(points_m) or "the vehicle cannot come back from it"
     return PlanningError(
@@ -173,9 +173,10 @@ def cannot_be_flown(request: PlanningRequest, points_m: Points, what: str) -> Pl
 
 
 def too_small(request: PlanningRequest, points_m: Points, least: float, what: str) -> PlanningError:
-    """Return the error of a budget below the least cost, that of the points.
+    """Return the error for a budget below `least`, the cost of the cheapest path `points_m`.
 
-    If the vehicle cannot fly the points at all, the least cost is that up to there, and the error adds why.
+    If the vehicle cannot fly this path to its end, `least` is the cost of the part that it can fly, and the
+    error adds the reason.
     """
     budget = request.budget
     reason = request.reason(points_m)
@@ -191,7 +192,7 @@ def too_small(request: PlanningRequest, points_m: Points, least: float, what: st
 
 
 def gaps_of(area: Area, passable: Area) -> list[Polygon]:
-    """Return the passable land within the convex hull of an area that is not in it, largest first.
+    """Return the passable land inside the convex hull of an area but outside the area, largest first.
 
     Examples
     --------
@@ -205,14 +206,14 @@ def gaps_of(area: Area, passable: Area) -> list[Polygon]:
 
 
 def with_gaps(area: Area, gaps: Sequence[Polygon]) -> Area:
-    """Return an area with gaps."""
+    """Return the union of an area and gaps."""
     return area_of(polygons_of(shapely.union_all([area, *gaps])))
 
 
 def swept_lands(request: PlanningRequest) -> list[Area]:
-    """Return the lands for rows: the area, the area with enclosed gaps, and the area with all gaps.
+    """Return candidate lands for rows: the area, the area with enclosed gaps, and the area with all gaps.
 
-    Only their costs decide: a row that leaves out a pond is shorter and has two more turns.
+    The cost of the rows decides between the lands: a row that skips a pond is shorter but has two more turns.
     """
     area = request.area
     if request.passable is None or not (gaps := gaps_of(area, request.passable)):
@@ -230,7 +231,7 @@ def swept_lands(request: PlanningRequest) -> list[Area]:
 def densest_over(request: PlanningRequest, plan: Callable[[Area], PlannedPath]) -> PlannedPath:
     """Return the path of `plan` with the least spacing over the `swept_lands`.
 
-    A path in more pieces has to be denser by a twentieth. PlanningError if there is none.
+    A path in more pieces wins only if it is denser by 5 %. PlanningError if `plan` fails on every land.
     """
     lands = swept_lands(request)
     if len(lands) == 1:
@@ -243,7 +244,7 @@ def densest_over(request: PlanningRequest, plan: Callable[[Area], PlannedPath]) 
             refused.append(error)
     if not paths:
         raise refused[0]
-    # The land with all gaps, in the fewest pieces, comes last.
+    # The last land includes all gaps, so its rows are in the fewest pieces.
     best = paths.pop()
     for path in reversed(paths):
         if _density(path) > _WORTH * _density(best):
@@ -258,7 +259,7 @@ def _density(path: PlannedPath) -> float:
 def spacing_limits(
     planner: str, footprint_m: float, min_spacing_m: float | None, max_spacing_m: float | None
 ) -> tuple[float, float]:
-    """Return the least and the greatest spacing that a planner may choose, metres."""
+    """Return the least and the greatest spacing that a planner may choose (m)."""
     for name, value in (("min_spacing_m", min_spacing_m), ("max_spacing_m", max_spacing_m)):
         if value is not None and not (is_number(value) and value > 0):
             msg = f"{planner}: {name} {value!r} is no distance in metres; give a number above zero"
@@ -273,5 +274,5 @@ def spacing_limits(
 
 
 def is_number(value: object) -> bool:
-    """Return whether a planner's parameter is a finite number; True and False are none."""
+    """Return whether a planner's parameter is a finite number; a bool is not."""
     return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)

@@ -1,4 +1,4 @@
-"""Paths without legs that an autopilot leaves out: several in a row within its acceptance radius."""
+"""Removal of short legs: an autopilot skips waypoints when several fall within its acceptance radius."""
 
 from __future__ import annotations
 
@@ -10,19 +10,19 @@ from numpy.typing import NDArray
 from mission.planners.path import Points, path_length
 from mission.planners.terrain import Terrain
 
-# Moves of a corner that are tried, beside the way and along it, in least legs.
+# Candidate shifts of a corner, across and along the transit, in multiples of the least leg.
 _ASIDE = (0.25, 0.5, 1.0, 1.5, 2.0)
 _ALONG = (0.0, -0.5, 0.5, -1.0, 1.0)
-# In least legs: the path passes a point that is as near in any case.
+# Points closer to the direct leg are dropped: the autopilot cuts corners by as much anyway (in least legs).
 _NEAR = 0.5
 
 
 def without_short_legs(points: Points, corner: NDArray[np.bool_], least_m: float, terrain: Terrain) -> Points:
-    """Return a path with no short leg beside a corner of a way or beside another short leg.
+    """Return the path without short legs next to a transit corner or next to another short leg.
 
-    Corners of ways, which lie on the border, are moved into the land; points near the path are left out.
-    Where neither is possible the path stays as it is. Short ways from row to row are kept. `corner`, bool[n],
-    marks the points that are corners of ways between rows; legs below `least_m` are short.
+    `corner`, bool[n], marks the points that are corners of transits between rows. Legs below `least_m` are
+    short. Transit corners on the border are moved into the land, and points close to the path are removed.
+    Short legs remain where neither is possible. A single short leg from row to row is kept.
     """
     k = 0
     while k < len(points) - 1:
@@ -45,7 +45,7 @@ def without_short_legs(points: Points, corner: NDArray[np.bool_], least_m: float
 
 
 def _bad(points: Points, corner: NDArray[np.bool_], least_m: float) -> NDArray[np.bool_]:
-    """Return whether each leg is short beside a corner of a way or another short leg, bool[n - 1]."""
+    """Return whether each leg is short and next to a transit corner or another short leg, bool[n - 1]."""
     short = np.hypot(*np.diff(points, axis=0).T) < least_m
     beside = corner[:-1] | corner[1:]
     beside[1:] |= short[:-1]
@@ -57,13 +57,13 @@ def _bad(points: Points, corner: NDArray[np.bool_], least_m: float) -> NDArray[n
 def _changed(
     points: Points, corner: NDArray[np.bool_], k: int, least_m: float, terrain: Terrain
 ) -> Iterator[tuple[Points, NDArray[np.bool_]]]:
-    """Yield paths with a change at leg k."""
+    """Yield paths that differ at leg k, with their `corner` arrays."""
     for j in (k, k + 1):
         if not 0 < j < len(points) - 1:
             continue
         first, last = j, j
         if corner[j]:
-            # The whole way between two rows is one corner.
+            # All corners of a transit between two rows are replaced by a single corner.
             while first > 1 and corner[first - 1]:
                 first -= 1
             while last < len(points) - 2 and corner[last + 1]:
@@ -80,7 +80,7 @@ def _changed(
 
 
 def _moved(before: Points, way: Points, after: Points, least_m: float, terrain: Terrain) -> Points:
-    """Return places of a corner that replaces those of a way, not too near to its ends, float64[n, 2]."""
+    """Return candidate positions for one corner that replaces a transit, `least_m` from its ends."""
     along = after - before
     along = along / max(float(np.hypot(*along)), 1e-9)
     across = np.array((-along[1], along[0]))
@@ -101,7 +101,7 @@ def _moved(before: Points, way: Points, after: Points, least_m: float, terrain: 
 
 
 def _distance(point: Points, start: Points, end: Points) -> float:
-    """Return the distance of a point to a leg."""
+    """Return the distance from a point to a leg."""
     leg = end - start
     share = float(((point - start) * leg).sum()) / max(float((leg * leg).sum()), 1e-12)
     return float(np.hypot(*(start + min(max(share, 0.0), 1.0) * leg - point)))

@@ -1,4 +1,4 @@
-"""The spiral: from the border inwards, as tight as the budget allows."""
+"""The planner spiral: from the border inwards, as tight as the budget allows."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ from mission.planners.search import densest_feasible, densest_over, spacing_limi
 from mission.planners.terrain import Terrain, is_rectangle, parts_of
 
 SPACING_RATIO = 1e-3
-"""Neighbouring spacings of the search differ by this fraction: the result is the densest to within 0.1 %."""
+"""Relative difference between neighbouring spacings of the search."""
 
-_SMALLEST = 1e-4  # Least spacing of the search by the widest: more rings than a mission has items
-_LEAST_AREA_M2 = 1e-9  # Smaller pieces of an offset come of rounding
+_SMALLEST = 1e-4  # Ratio of the least to the widest spacing: more rings than a mission has items
+_LEAST_AREA_M2 = 1e-9  # Smaller pieces of an offset are artefacts of rounding
 
 
 def spiral(
@@ -31,24 +31,24 @@ def spiral(
 ) -> PlannedPath:
     """Plan a spiral from the border inwards, with the smallest spacing that the budget allows.
 
-    Over a rectangle along the axes it is the paper's: anticlockwise from the corner nearest to the start;
-    after each corner the bound behind it moves in by the spacing. Any other area is flown in rings at inward
-    offsets of the spacing, round holes, and piece by piece where the offset falls apart. Rings lead over
-    passable land between the parts of the area, unless without it they are closer by a twentieth.
+    An axis-aligned rectangle gets the paper's spiral, see `rectangle_spiral`, from the corner nearest to the
+    start. Any other area gets rings at inward offsets of the spacing, also round holes, and in each piece
+    where an offset splits the area. Rings cross passable land between the parts of the area, unless they are
+    at least 5 % closer without it.
 
-    The spacing is searched on a grid of 0.1 % steps down to the footprint: a spacing 0.1 % smaller than
-    the result's would exceed the budget.
+    The search tries spacings in steps of 0.1 % down to the footprint: a spacing 0.1 % smaller than the
+    result's would exceed the budget.
 
     Parameters
     ----------
     min_spacing_m, max_spacing_m : float, optional
-        Least and greatest distance of rings. Default: a footprint, no limit.
+        Least and greatest distance between rings. Default: a footprint, no limit.
 
     Raises
     ------
     PlanningError
-        If the budget does not suffice for the outer ring, or for rings at `max_spacing_m`; the text gives the
-        least budget. If a parameter is out of its range.
+        If the budget is too small for the outer ring, or for rings at `max_spacing_m`; the text gives the
+        least budget. If a parameter is out of range.
 
     Examples
     --------
@@ -92,12 +92,12 @@ def _spiral(request: PlanningRequest, land: Area, limits: tuple[float, float]) -
 
 
 def _steps(ratio: float) -> int:
-    """Return the number of search steps that make a spacing smaller by a factor."""
+    """Return the number of search steps that divide the spacing by `ratio`."""
     return math.ceil(math.log(ratio) / -math.log1p(-SPACING_RATIO) - 1e-9)
 
 
 def _half_width(part: Polygon) -> float:
-    """Return about the least spacing at which there is only the outer ring."""
+    """Return the least spacing that leaves only the outer ring, to about 2 %."""
     x_min, y_min, x_max, y_max = part.bounds
     high = float(min(x_max - x_min, y_max - y_min)) / 2
     if is_rectangle(part):
@@ -116,10 +116,10 @@ def _half_width(part: Polygon) -> float:
 def rectangle_spiral(
     bounds_m: tuple[float, float, float, float], spacing_m: float, corner: int = 0
 ) -> Points:
-    """Return the paper's spiral over a rectangle.
+    """Return the corners of the paper's anticlockwise inward spiral over a rectangle.
 
-    Corners inwards, anticlockwise; after each corner the bound behind it moves in by the spacing. It ends
-    where a bound passes the centre.
+    After each corner the bound behind it moves in by the spacing. The spiral ends when a bound passes the
+    centre. `corner` is the first corner: 0 is (x_min, y_min), the others follow anticlockwise.
 
     Examples
     --------
@@ -160,7 +160,7 @@ def rectangle_spiral(
 
 
 def spiral_pieces(area: Area, spacing_m: float, start_m: ArrayLike) -> list[Points]:
-    """Return the spirals or rings of the area in the order of the flight, nearest part first."""
+    """Return the spirals or rings over the area in flight order, nearest part first."""
     here = np.asarray(start_m, dtype=np.float64)
     parts = parts_of(area)
     borders = np.array([part.exterior for part in parts])
@@ -182,7 +182,7 @@ def spiral_pieces(area: Area, spacing_m: float, start_m: ArrayLike) -> list[Poin
 
 
 def _rings(polygon: Polygon, spacing_m: float, here: Points) -> Iterator[Points]:
-    """Yield the rings of a polygon inwards, branch by branch, the nearest branch first."""
+    """Yield the rings of a polygon inwards, branch by branch, nearest branch first."""
     branches: list[list[Polygon]] = [[polygon]]
     while branches:
         if not branches[-1]:
@@ -192,21 +192,19 @@ def _rings(polygon: Polygon, spacing_m: float, here: Points) -> Iterator[Points]
         piece = branches[-1].pop(int(np.argmin(distances)))
         lines = [shapely.get_coordinates(ring) for ring in (piece.exterior, *piece.interiors)]
         while lines:
-            gaps = [0.0] if len(lines) > len(piece.interiors) else [_gap(line, here) for line in lines]
-            yield (ring := ring_from(lines.pop(int(np.argmin(gaps))), here, spacing_m))
+            # The outer ring comes first, then the nearest hole.
+            gaps = [np.hypot(*(line - here).T).min() for line in lines]
+            nearest = 0 if len(lines) > len(piece.interiors) else int(np.argmin(gaps))
+            yield (ring := ring_from(lines.pop(nearest), here, spacing_m))
             here = ring[-1]
         inner = shapely.buffer(piece, -spacing_m, join_style="mitre", mitre_limit=2.0)
         branches.append([part for part in parts_of(inner) if part.area > _LEAST_AREA_M2])
 
 
-def _gap(line: Points, here: Points) -> float:
-    return float(np.hypot(*(line - here).T).min())
-
-
 def ring_from(ring_m: NDArray[np.float64], start_m: ArrayLike, gap_m: float) -> Points:
-    """Return a turn along a closed ring, anticlockwise, from its point nearest to the start.
+    """Return an anticlockwise turn along a closed ring from the ring's point nearest to the start.
 
-    The turn ends `gap_m` short of its beginning (at most half a turn short), where the next ring begins.
+    The turn stops `gap_m` (at most half a turn) short of its first point, to continue on the next ring.
 
     Examples
     --------

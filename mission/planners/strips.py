@@ -1,4 +1,4 @@
-"""Rows that see a whole area: parallel rows, rings along its border, and lines through narrow land."""
+"""Rows that cover a whole area: parallel rows, rings along the border, and lines through narrow land."""
 
 from __future__ import annotations
 
@@ -17,59 +17,59 @@ from mission.planners.path import Area, Points, path_length
 from mission.planners.sweep import rotation, row_chains
 from mission.planners.terrain import TOLERANCE_M, parts_of, polygons_of
 
-_LEAST_M2 = 1e-9  # Smaller pieces come of rounding
-_LEAST_UNSEEN = 0.25  # Part of a footprint, or of a square of the spacing, that is worth a row
-_TOUCH_M = 1e-6  # Intervals closer than this are one
-# Points of the border for the middle line: their distance in widths of the land, and their greatest number.
+_LEAST_M2 = 1e-9  # Smaller pieces are artefacts of rounding
+_LEAST_UNSEEN = 0.25  # Smaller unseen pieces get no row (fraction of a footprint, or of the spacing squared)
+_TOUCH_M = 1e-6  # Intervals closer than this distance are merged
+# Border points for the middle line: distance in widths of the land, and greatest number.
 _STEP, _MOST_POINTS = 0.5, 3000
-# Tolerances of the middle line, in widths of an image: the coarsest that sees as much is taken.
+# Tolerances for simplifying the middle line, in image widths. The coarsest line that sees enough is used.
 _COARSENESS = (0.5, 0.25, 0.12, 0.06, 0.03, 0.015)
-_AS_MUCH = 0.003  # Part of the land that a coarser line may miss
+_AS_MUCH = 0.003  # Fraction of the land that a coarser line may additionally miss
 _MOST_BRANCHES = 100
-_ARM = 2.0  # Least length of an arm in widths of an image: rows beside a shorter arm see it, too
+_ARM = 2.0  # Least length of an arm in image widths: rows next to a shorter arm see the arm, too
 
 
 @dataclass(frozen=True, slots=True)
 class Swath:
-    """Footprint of a camera along a row, and distance of rows, metres."""
+    """Camera footprint along a row, and row spacing, in metres."""
 
     across_m: float  # Width of the footprint
-    along_m: float  # Its length in the direction of the flight
-    spacing_m: float  # Greatest distance of rows
-    overshoot_m: float = 0.0  # Length of a row beyond its strip; below zero it ends before
-    # Land within this distance of a row sets its length; None: the land of its strip
+    along_m: float  # Length of the footprint in the direction of flight
+    spacing_m: float  # Greatest row spacing
+    overshoot_m: float = 0.0  # Length of a row beyond its strip; a negative value shortens the row
+    # Land within this distance of a row sets the row's length; None: the land of the row's strip
     reach_m: float | None = None
 
     @property
     def end_m(self) -> float:
-        """Distance from the end of a row to the end of its strip."""
+        """Distance from the end of a row to the end of the row's strip."""
         return 0.5 * self.along_m - self.overshoot_m
 
     @property
     def least_m2(self) -> float:
-        """Least unseen area that is worth a row of its own."""
+        """Least unseen area that gets an additional row."""
         return _LEAST_UNSEEN * max(self.across_m, self.spacing_m) * max(self.along_m, self.spacing_m)
 
     def seen_from(self, path: Points) -> shapely.Geometry:
-        """Return the area seen from a path, with square images; less at turns sharper than 97 degrees."""
+        """Return the area seen from a path with square images; too small at turns sharper than 97 degrees."""
         line = shapely.LineString(path) if path_length(path) > TOLERANCE_M else shapely.Point(path[0])
         return shapely.buffer(
             line, 0.5 * self.across_m, cap_style="square", join_style="mitre", mitre_limit=1.5
         )
 
     def seen_along(self, left: float, right: float, y: float) -> Polygon:
-        """Return the area seen along a horizontal row, or its strip if that is wider."""
+        """Return the area seen along a horizontal row, at least one row spacing wide."""
         ahead, aside = max(0.5 * self.along_m, self.end_m), 0.5 * max(self.across_m, self.spacing_m)
         return shapely.box(left - ahead, y - aside, right + ahead, y + aside)
 
 
 def rows_that_see(part: Polygon, room: Area, swath: Swath, angle_rad: float) -> list[NDArray[np.float64]]:
-    """Return rows that see a part of the area, as cells that no border splits.
+    """Return rows that cover a part of the area, grouped into cells that no border splits.
 
-    The outermost rows lie half a footprint within the part, the others at equal distances between. A row is
-    as long as its strip: at an oblique border it goes on beyond the border, as far as the room allows. Pieces
-    of a strip that the row cannot reach have rows of their own. Rows lie in the room, at an angle
-    anticlockwise from x. A cell is float64[n, 2, 2]: row, end, (x, y).
+    The rows have the angle `angle_rad`, anticlockwise from x. The outermost rows lie half a footprint inside
+    the part, the others at equal distances between them. A row is as long as its strip of land: at an oblique
+    border the row extends beyond the border, but not beyond `room`. Pieces of a strip that the row does not
+    see get rows of their own. A cell is float64[n, 2, 2]: row, end, (x, y).
     """
     turn = rotation(angle_rad)
     turned, turned_room = (shapely.transform(land, lambda xy: product(xy, turn.T)) for land in (part, room))
@@ -80,7 +80,7 @@ def rows_that_see(part: Polygon, room: Area, swath: Swath, angle_rad: float) -> 
 
 
 def _heights(turned: Polygon, swath: Swath) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the heights of the rows, and the bounds of their strips."""
+    """Return the heights (y) of the rows, float64[n], and the bounds of their strips, float64[2, n]."""
     _, low, _, high = turned.bounds
     inner = high - low - swath.across_m
     if inner <= 0.0:
@@ -94,7 +94,7 @@ def _heights(turned: Polygon, swath: Swath) -> tuple[NDArray[np.float64], NDArra
 
 
 def _strips(heights: NDArray[np.float64], bounds: NDArray[np.float64], swath: Swath) -> NDArray[np.float64]:
-    """Return the lower and the upper bounds of the rows' strips, float64[2, n]."""
+    """Return the lower and upper bounds (y) of each row's strip, float64[2, n]."""
     if swath.reach_m is None:
         return np.stack((bounds[:-1], bounds[1:]))
     return np.stack((heights - swath.reach_m, heights + swath.reach_m))
@@ -107,7 +107,7 @@ def _intervals(
     heights: NDArray[np.float64],
     bounds: NDArray[np.float64],
 ) -> tuple[NDArray[np.intp], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Return number, left and right end and height of the rows' pieces, sorted by row, then by x."""
+    """Return row index, left end, right end and height of each piece of a row, sorted by row, then by x."""
     x0, _, x1, _ = turned.bounds
     strips = shapely.intersection(turned, shapely.box(x0 - 1.0, bounds[0], x1 + 1.0, bounds[1]))
     pieces, owners = shapely.get_parts(strips, return_index=True)
@@ -135,7 +135,7 @@ def _intervals(
 def _shortened(
     low: NDArray[np.float64], high: NDArray[np.float64], end_m: float
 ) -> list[tuple[float, float]]:
-    """Return intervals without their ends; a short one becomes its middle."""
+    """Return the intervals shortened by `end_m` at both ends; a short interval becomes its midpoint."""
     middle = 0.5 * (low + high)
     return list(
         zip(np.minimum(low + end_m, middle).tolist(), np.maximum(high - end_m, middle).tolist(), strict=True)
@@ -154,7 +154,7 @@ def _merged(spans: list[tuple[float, float]]) -> list[tuple[float, float]]:
 
 
 def _within(room: Area, spans: list[tuple[float, float]], y: float) -> list[tuple[float, float, float]]:
-    """Return the parts of horizontal rows that lie in the room: left, right, height."""
+    """Return the pieces of horizontal rows inside `room`, as (left, right, height)."""
     lines = shapely.linestrings([[(left, y), (right, y)] for left, right in spans])
     points = np.array([right - left < _TOUCH_M for left, right in spans])
     shapes = np.where(points, shapely.points([(left, y) for left, _ in spans]), lines)
@@ -165,10 +165,10 @@ def _within(room: Area, spans: list[tuple[float, float]], y: float) -> list[tupl
 
 
 def ring_strips(area: Area, swath: Swath, passes: int) -> tuple[list[NDArray[np.float64]], list[Polygon]]:
-    """Return closed rings along the borders of an area, outermost first, and the land left for rows.
+    """Return closed rings along the borders of an area, outermost first, and the remaining land for rows.
 
-    The first ring sees the border, each further one lies a spacing within. Land too narrow for a ring is left
-    for rows, too. Rows overlap with the rings as with each other.
+    The first ring sees the border, and each further ring lies a row spacing inside the previous ring. Land
+    too narrow for a ring remains for rows. Rows overlap the rings as much as they overlap each other.
     """
     rings: list[NDArray[np.float64]] = []
     for number in range(passes):
@@ -186,7 +186,7 @@ def ring_strips(area: Area, swath: Swath, passes: int) -> tuple[list[NDArray[np.
 
 
 def is_narrow(part: Polygon, swath: Swath) -> bool:
-    """Return whether a line along the middle of a part sees the whole part.
+    """Return whether a line along the middle of a part sees the part's full width.
 
     Examples
     --------
@@ -197,7 +197,7 @@ def is_narrow(part: Polygon, swath: Swath) -> bool:
 
 
 def without_arms(part: Polygon, swath: Swath) -> list[Polygon]:
-    """Split a part into pieces wider than an image and narrow arms; empty without arms.
+    """Split a part into pieces wider than an image, and narrow arms; return [] if there are no arms.
 
     Examples
     --------
@@ -216,7 +216,7 @@ def without_arms(part: Polygon, swath: Swath) -> list[Polygon]:
 
 
 def strip_lines(part: Polygon, room: Area, swath: Swath) -> list[Points]:
-    """Return the rows of a narrow part, float64[n, 2] each: the main row, and one for each unseen branch.
+    """Return the rows of a narrow part, float64[n, 2] each: the main row, and a row for each unseen branch.
 
     Examples
     --------
@@ -231,13 +231,13 @@ def strip_lines(part: Polygon, room: Area, swath: Swath) -> list[Points]:
         line = _best_line(piece, tolerant, swath)
         lines.append(shapely.get_coordinates(line))
         unseen = polygons_of(shapely.difference(piece, swath.seen_from(lines[-1])), swath.least_m2)
-        # A line that sees nothing new would be found again.
+        # Drop a piece of which the line saw almost nothing, or the same line would be found forever.
         waiting += [rest for rest in unseen if rest.area < 0.99 * piece.area]
     return lines
 
 
 def _best_line(part: Polygon, room: Area, swath: Swath) -> LineString:
-    """Return the line with the fewest corners among those that see most of a part."""
+    """Return the line with the fewest corners among the lines that see the most of a part."""
     middle = _middle(part)
     lines = [_straight(part), *(shapely.simplify(middle, share * swath.across_m) for share in _COARSENESS)]
     lines = [_with_ends(line, swath.end_m) for line in lines]
@@ -252,7 +252,7 @@ def _best_line(part: Polygon, room: Area, swath: Swath) -> LineString:
 
 
 def _straight(part: Polygon) -> LineString:
-    """Return the line along the middle of the narrowest rectangle about a part."""
+    """Return the middle line of the narrowest rectangle around a part."""
     turn = rotation(hull_angles(part)[0])
     turned = product(shapely.get_coordinates(part), turn.T)
     (left, low), (right, high) = turned.min(axis=0), turned.max(axis=0)
@@ -261,8 +261,8 @@ def _straight(part: Polygon) -> LineString:
 
 
 def _middle(part: Polygon) -> LineString:
-    """Return the longest way along the edges of the Voronoi cells of points of the border."""
-    # Slow to import, and only for narrow land.
+    """Return the middle line: the longest path along the Voronoi edges of points on the border."""
+    # Imported here because scipy.sparse is slow to import, and only narrow land needs it.
     from scipy.sparse import csr_array
     from scipy.sparse.csgraph import connected_components, dijkstra
 
@@ -280,7 +280,7 @@ def _middle(part: Polygon) -> LineString:
     graph = csr_array((lengths, (first, second)), shape=(len(nodes), len(nodes)))
     _, component = connected_components(graph, directed=False)
     longest = int(np.argmax(np.bincount(component[first], weights=lengths)))
-    # The farthest node from any node is an end of the longest way, the farthest from that end the other.
+    # In a tree, the node farthest from any node is an end of the longest path: two searches find both ends.
     begin, end = -1, int(np.flatnonzero(component == longest)[0])
     for _ in range(2):
         begin = end
@@ -293,7 +293,7 @@ def _middle(part: Polygon) -> LineString:
 
 
 def _with_ends(line: LineString, end_m: float) -> LineString:
-    """Return a line shortened at both ends, at most to its middle, or lengthened if `end_m` is negative."""
+    """Return the line shortened by `end_m` at both ends, at most to its midpoint; extended if negative."""
     if end_m >= 0.0:
         cut_m = min(end_m, 0.5 * line.length)
         cut = substring(line, cut_m, line.length - cut_m)

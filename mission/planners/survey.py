@@ -1,4 +1,4 @@
-"""The survey: rows that see a whole area, in the direction of the least cost."""
+"""The planner survey: rows that cover a whole area, in the direction of the least cost."""
 
 from __future__ import annotations
 
@@ -35,19 +35,18 @@ NAME = "survey"
 BEST = "best"
 SEEN, OVERLAP = "seen", "overlap"
 MOST_PASSES = 20
-# Directions of the search besides those of the hull's edges, and the steps of the refinement, degrees.
-_EVERY_DEG = 30
-_FINER_DEG = (12.0, 6.0, 3.0)
+_EVERY_DEG = 30  # Step of the initial directions, besides those of the hull's edges
+_FINER_DEG = (12.0, 6.0, 3.0)  # Steps for refining the best direction
 _HULL_ANGLES = 6
-# Longer paths are compared by their lengths and turns: to predict all their flights would take minutes.
+# Longer paths are compared by length and number of turns: predicting all their flights would take minutes.
 _PRICED_M = 400_000.0
-_TURN_M = 20.0  # Length of a row that costs as much as a turn, roughly
-_LONGER = 2.5  # Layouts longer than this many times the shortest are not priced
-_AS_MUCH = 0.02  # Layouts that see less of the area by this share are not chosen
-_ROW_M = 0.01  # Half the width of a row itself
-_FINALISTS = 3  # Layouts for which the best order of cells is sought
-_SMOOTHED = 0.125  # Part of an image by which borders of many vertices may be smoothed
-_MOST_TOGGLED = 6  # Gaps, parts and cuts that are tried singly: each takes a prediction or two
+_TURN_M = 20.0  # Row length with about the cost of a turn
+_LONGER = 2.5  # Layouts longer than this multiple of the shortest layout are not evaluated
+_AS_MUCH = 0.02  # Fraction of the area that the chosen layout may see less than the best layout sees
+_ROW_M = 0.01  # Half the width of the line that stands for a row
+_FINALISTS = 3  # Number of layouts for which the best order of cells is computed
+_SMOOTHED = 0.125  # Greatest smoothing of borders with many vertices (fraction of an image)
+_MOST_TOGGLED = 6  # Gaps, parts and cuts tried one by one: each takes one or two predictions
 
 
 def survey(
@@ -61,34 +60,35 @@ def survey(
     headland: str = "first",
     border: str = SEEN,
 ) -> PlannedPath:
-    """Plan rows that see the whole area, at the distance for the overlap of the images.
+    """Plan rows that cover the whole area, with the row spacing for the wanted image overlap.
 
-    Borders split the rows into cells, which are flown in an order with short ways between them. Where it
-    costs less, parts of the area have rows in directions of their own, a concave part is cut into parts, and
-    rows lead over passable land that is not to be seen.
+    Borders split the rows into cells, flown in an order with short transits. Where this costs less, parts of
+    the area have rows in different directions, concave parts are cut, and rows cross passable land outside
+    the area.
 
     Parameters
     ----------
     angle : str or float
-        Direction of the rows, degrees anticlockwise from the x axis; ``"best"``: the direction of the least
-        cost, the wind included.
+        Direction of the rows in degrees anticlockwise from the x axis, or ``"best"``: the direction of the
+        least cost. The cost includes the wind.
     spacing_m : float, optional
-        Distance between rows; by default that of the request, from the side overlap.
+        Row spacing. Default: the request's row spacing, from the side overlap.
     overshoot_m : float
-        Length of rows beyond their strips, also over the border; below zero they end before.
+        Length of rows beyond their strips, also across the border. A negative value shortens the rows.
     headland_passes : int
-        Number of passes along the borders of the area and round its holes.
+        Number of passes along the area's borders and round its holes.
     headland : str
-        ``"first"`` or ``"last"``: before the rows, or after them.
+        When the headland passes are flown: ``"first"`` before the rows, ``"last"`` after the rows.
     border : str
-        ``"seen"``: the area is seen up to its border; ``"overlap"``: at the border as often as within, for
-        maps from images. The outermost rows then lie half a spacing within, and rows end at the border.
+        ``"seen"``: images cover the area up to its border. ``"overlap"``: images overlap at the border as
+        much as inside, for photogrammetry; the outermost rows then lie half a spacing inside, and rows end
+        at the border.
 
     Raises
     ------
     PlanningError
-        If the whole area takes more than the budget; the text gives the cost. If a parameter is out of its
-        range.
+        If covering the whole area costs more than the budget; the text gives the cost. If a parameter is out
+        of range.
 
     Examples
     --------
@@ -101,7 +101,10 @@ def survey(
     swath = _swath(request, spacing_m, overshoot_m, border)
     request = _smooth(request, swath)
     plans = _Plans(request, swath, headland_passes, last=headland == "last")
-    layouts = _Search(plans).best() if angle == BEST else [plans.common(request.area, _radians(angle))]
+    if angle == BEST:
+        layouts = _Search(plans).best()
+    else:
+        layouts = [plans.common(request.area, math.radians(float(angle)))]
     finals = [
         plans.path(layout, exact=True, returns=returns) for layout in layouts for returns in (True, False)
     ]
@@ -135,7 +138,7 @@ def _swath(request: PlanningRequest, spacing_m: float | None, overshoot_m: float
 
 
 def _smooth(request: PlanningRequest, swath: Swath) -> PlanningRequest:
-    """Return a request over land with borders smoothed to the resolution of its rows."""
+    """Return the request with borders smoothed to the resolution of the rows."""
     most_m = _SMOOTHED * min(swath.across_m, swath.along_m or swath.across_m, swath.spacing_m)
     area = smoothed(request.area, most_m, request.least_leg_m)
     if request.passable is None:
@@ -161,16 +164,12 @@ def _check(angle: str | float, headland_passes: int, headland: str, border: str)
         raise PlanningError(msg)
 
 
-def _radians(angle: str | float) -> float:
-    return math.radians(float(angle))
-
-
 Layout: TypeAlias = tuple[tuple[Polygon, float], ...]
-"""Parts of the area, each with the direction of its rows."""
+"""Parts of the area, each with its row direction (rad)."""
 
 
 class _Plans:
-    """Paths of layouts; with ``last`` the headland is flown after the rows."""
+    """Paths of layouts. `last`: the headland passes are flown after the rows."""
 
     def __init__(self, request: PlanningRequest, swath: Swath, passes: int, *, last: bool) -> None:
         self.request, self.swath = request, swath
@@ -181,15 +180,15 @@ class _Plans:
         self._ring_lines = ring_strips(request.area, swath, passes)[0]
 
     def common(self, land: Area, angle_rad: float) -> Layout:
-        """Return the layout of a land with rows in a common direction."""
+        """Return the layout of the land with the same row direction in all parts."""
         return tuple((part, 0.0 if self.is_narrow(part) else angle_rad) for part in self.core(land))
 
     def core(self, land: Area) -> list[Polygon]:
-        """Return the parts of a land that are left for rows."""
+        """Return the parts of the land inside the headland passes."""
         return ring_strips(land, self.swath, self._passes)[1]
 
     def is_narrow(self, part: Polygon) -> bool:
-        """Return whether a part is a strip, whose row has a given direction."""
+        """Return whether a single row along the middle covers the part, so that its direction is fixed."""
         return self._lines_of(part) is not None
 
     def _lines_of(self, part: Polygon) -> list[Points] | None:
@@ -203,7 +202,11 @@ class _Plans:
         return rows_that_see(part, self._room, self.swath, angle) if lines is None else lines
 
     def path(self, layout: Layout, *, exact: bool = False, returns: bool = True) -> Points:
-        """Return the path of a layout; ``exact`` and ``returns`` as for `fly_cells`."""
+        """Return the path of a layout.
+
+        `exact`: measure transits round corners and remove short legs. `returns`: the order of the cells takes
+        the return to the start into account.
+        """
         start = np.asarray(self.request.start_xy_m)
         pieces = [] if self._last else self._rings(start)
         cells = [rows for part, angle in layout for rows in self._rows(part, angle)]
@@ -226,7 +229,7 @@ class _Plans:
         return without_short_legs(points[kept], corner[kept], least_m, self._terrain)
 
     def rough_m(self, layout: Layout) -> float:
-        """Return roughly the length of a layout's rows, the cost of turns included."""
+        """Return the approximate length of a layout's rows, with turns as additional length."""
         length_m = 0.0
         for part, angle in layout:
             across = np.array([-math.sin(angle), math.cos(angle)])
@@ -236,12 +239,12 @@ class _Plans:
         return length_m
 
     def seen_share(self, path: Points) -> float:
-        """Return the share of the area that is seen from a path."""
+        """Return the fraction of the area that a flight along the path sees."""
         seen = self.swath.seen_from(path)
         return float(shapely.intersection(self.request.area, seen).area / self.request.area.area)
 
     def _rings(self, start_m: Points) -> list[Points]:
-        """Return the rings of the headland as turns, the nearest first."""
+        """Return the headland passes from `start_m`, nearest ring first."""
         here, waiting, turns = start_m, list(self._ring_lines), []
         while waiting:
             lines = [shapely.linestrings(ring) for ring in waiting]
@@ -252,7 +255,7 @@ class _Plans:
 
 
 def _room(room: Area, overshoot_m: float) -> Area:
-    """Return the land for rows that overshoot: beyond the border, but not over holes."""
+    """Return the land that rows may cross: they may overshoot the outer border, but not into holes."""
     if overshoot_m <= 0.0:
         return room
     holes = [Polygon(ring) for part in parts_of(room) for ring in part.interiors]
@@ -266,13 +269,15 @@ class _Search:
     def __init__(self, plans: _Plans) -> None:
         self._plans, self._request = plans, plans.request
         self._known: dict[Layout, float] = {}
-        self._seen: dict[Layout, float] = {}  # Share of the area that each layout sees
+        self._seen: dict[Layout, float] = {}  # Fraction of the area that each layout sees
         self._rough, self._shortest_m = False, math.inf
 
     def best(self) -> list[Layout]:
-        """Return the cheapest layouts, with a rough order of cells."""
+        """Return the cheapest layouts, judged with an approximate order of their cells."""
         lands = swept_lands(self._request)
-        self._price([self._plans.common(lands[0], angle) for angle in self._angles(lands[0])])
+        even = [math.radians(degrees) for degrees in range(0, 180, _EVERY_DEG)]
+        angles = [*hull_angles(lands[0])[:_HULL_ANGLES], *even]
+        self._price([self._plans.common(lands[0], angle) for angle in angles])
         self._refine(lands[0])
         angle = self._angle(self._best())
         for land in lands[1:]:
@@ -288,19 +293,19 @@ class _Search:
         return self._ranked()[0]
 
     def _ranked(self) -> list[Layout]:
-        """Return the layouts that see about as much as any, the cheapest first, then the others."""
+        """Return the layouts that see nearly the most, cheapest first, then the other layouts."""
         enough = max(self._seen.values(), default=0.0) - _AS_MUCH
         return sorted(self._known, key=lambda layout: (self._seen[layout] < enough, self._known[layout]))
 
     def _angle(self, layout: Layout) -> float:
-        """Return the direction of the rows of a layout's first part that is no strip."""
+        """Return the row direction of the layout's first part with more than one row."""
         return next((angle for part, angle in layout if not self._plans.is_narrow(part)), 0.0)
 
     def _price(self, layouts: Sequence[Layout]) -> None:
         new = [layout for layout in dict.fromkeys(layouts) if layout and layout not in self._known]
         rough_m = [self._plans.rough_m(layout) for layout in new]
         self._shortest_m = min([self._shortest_m, *rough_m])
-        # Many short rows are never the cheapest, and to order them takes long.
+        # Layouts with many short rows are never the cheapest, and ordering their rows is slow.
         new = [layout for layout, m in zip(new, rough_m, strict=True) if m <= _LONGER * self._shortest_m]
         paths = [self._plans.path(layout) for layout in new]
         if not self._known:
@@ -314,20 +319,15 @@ class _Search:
         done = len(self._known)
         self._request.progress(done, done + len(new))
 
-    def _angles(self, land: Area) -> list[float]:
-        """Return the first directions of the search."""
-        even = [math.radians(degrees) for degrees in range(0, 180, _EVERY_DEG)]
-        return [*hull_angles(land)[:_HULL_ANGLES], *even]
-
     def _refine(self, land: Area) -> None:
-        """Search for a better direction near the best one."""
+        """Search for a better direction near the best direction."""
         for step in _FINER_DEG:
             angle = self._angle(self._best())
             beside = (angle - math.radians(step), angle + math.radians(step))
             self._price([self._plans.common(land, turned % math.pi) for turned in beside])
 
     def _toggle_gaps(self, land: Area, angle: float) -> None:
-        """Try rows over single gaps."""
+        """Try rows across each gap, then across all gaps that reduced the cost."""
         passable = self._request.room
         gaps = gaps_of(land, passable)[:_MOST_TOGGLED]
         alone = {k: self._plans.common(with_gaps(land, [gap]), angle) for k, gap in enumerate(gaps)}
@@ -338,7 +338,7 @@ class _Search:
             self._price([self._plans.common(with_gaps(land, better), angle)])
 
     def _turn_parts(self) -> None:
-        """Try directions of their own for separate parts."""
+        """Try the directions of each part's own hull edges."""
         for number in range(min(len(self._best()), _MOST_TOGGLED)):
             layout = self._best()
             if number < len(layout) > 1 and not self._plans.is_narrow(part := layout[number][0]):
@@ -350,7 +350,7 @@ class _Search:
                 )
 
     def _cut(self, ways: Callable[[Polygon], list[list[Polygon]]]) -> None:
-        """Try parts cut in some ways, with directions of their own."""
+        """Try the decompositions of each part that `ways` returns, with common and with own directions."""
         layout = self._best()
         angle = self._angle(layout)
         found: list[Layout] = []

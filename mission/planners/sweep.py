@@ -1,4 +1,4 @@
-"""Rows through polygons, and their order in flight (boustrophedon cells)."""
+"""Parallel rows over polygons, as boustrophedon cells in flight order."""
 
 from __future__ import annotations
 
@@ -16,18 +16,18 @@ from mission.planners.path import Area, Points
 from mission.planners.search import is_number
 from mission.planners.terrain import is_rectangle, parts_of
 
-_EDGE_M = 1e-7  # Outermost rows are scanned this far within: along the very edge no crossing is sure
-_MERGE_M = 1e-9  # Pieces of a row closer than this are one
-_MAX_ROWS = 50_000  # More than a mission can number
+_EDGE_M = 1e-7  # Outermost rows are scanned this far inside: crossings exactly on an edge are unreliable
+_MERGE_M = 1e-9  # Pieces of a row closer than this distance are merged
+_MAX_ROWS = 50_000  # More rows than a mission has items
 _ROUNDED_RAD = 5.1e-5  # Error of an angle rounded to four decimals
 
 
 class Sweep:
     """Parallel rows over an inset area, for any number of rows.
 
-    Every part of the area has rows from border to border, so that none is missed; all parts have about the
-    same spacing, not below the least. The greatest spacing is that of the highest part. PlanningError if no
-    number of rows lies between the limits.
+    Each part of the area has rows from border to border. All parts have about the same row spacing, at least
+    `min_spacing_m`. The part with the greatest extent across the rows sets the spacing. PlanningError if no
+    number of rows satisfies both limits.
     """
 
     def __init__(
@@ -58,13 +58,13 @@ class Sweep:
         return min(_MAX_ROWS, math.floor(height_m / self._min_spacing_m + 1e-9) + 1)
 
     def spacing_m(self, rows: int) -> float:
-        """Return the distance between neighbouring rows; with a single row, the height of the area."""
+        """Return the distance between neighbouring rows; for a single row, the height of the area."""
         return self._height_m / max(rows - 1, 1)
 
     def pieces(self, rows: int, start_m: ArrayLike) -> list[Points]:
-        """Return the rows in the order of the flight, cell by cell.
+        """Return the rows in flight order, cell by cell.
 
-        A cell is a stack of rows that no border splits; it is flown to and fro.
+        A cell is a stack of rows that no border splits, flown to and fro.
         """
         spacing = self.spacing_m(rows)
         cells: list[NDArray[np.float64]] = []
@@ -92,7 +92,7 @@ class _Part:
         self.height_m = float(self._high[1] - self._low[1])
 
     def cells(self, rows: int) -> list[NDArray[np.float64]]:
-        """Return the boustrophedon cells, each float64[n, 2, 2]: row, left and right end, (x, y)."""
+        """Return the boustrophedon cells, each float64[n, 2, 2]: row, (left end, right end), (x, y)."""
         low, high = self._low, self._high
         heights = np.linspace(low[1], high[1], rows) if rows > 1 else np.array([(low[1] + high[1]) / 2])
         if self._rectangle:
@@ -109,7 +109,7 @@ class _Part:
     def _scan(
         self, heights: NDArray[np.float64]
     ) -> tuple[NDArray[np.intp], NDArray[np.float64], NDArray[np.float64]]:
-        """Return row number, left end and right end of the rows' pieces, sorted by row, then by x."""
+        """Return row index, left end and right end of each piece of a row, sorted by row, then by x."""
         rows: list[NDArray[np.intp]] = []
         crossings: list[NDArray[np.float64]] = []
         for (x_0, y_0), (x_1, y_1) in zip(self._from, self._to, strict=True):
@@ -130,7 +130,7 @@ class _Part:
 def row_chains(
     row: NDArray[np.intp], left: NDArray[np.float64], right: NDArray[np.float64]
 ) -> list[list[int]]:
-    """Return the cells: chains of pieces in successive rows that overlap only each other."""
+    """Return the cells, as chains of pieces in successive rows without a fork or a merge."""
     pieces: dict[int, list[int]] = {}
     for index, number in enumerate(row.tolist()):
         pieces.setdefault(number, []).append(index)
@@ -161,8 +161,8 @@ def row_chains(
 def order_cells(
     cells: Sequence[NDArray[np.float64]], owners: Sequence[int], start: NDArray[np.float64]
 ) -> list[Points]:
-    """Return the cells as ways to and fro, nearest entry corner first, part by part."""
-    # Entry corners of each cell: first row left, first row right, last row left, last row right.
+    """Return the cells as to-and-fro paths, part by part, the cell with the nearest entry corner next."""
+    # Entry corners of each cell, in this order: first row left and right, last row left and right.
     entries = np.array([[cell[0, 0], cell[0, 1], cell[-1, 0], cell[-1, 1]] for cell in cells])
     owner = np.asarray(owners)
     left = np.ones(len(cells), dtype=bool)
@@ -182,7 +182,7 @@ def order_cells(
 
 
 def boustrophedon(ends: NDArray[np.float64], *, from_last: bool = False, from_right: bool = False) -> Points:
-    """Return the path to and fro along rows.
+    """Return the to-and-fro path along rows.
 
     Examples
     --------
@@ -195,12 +195,18 @@ def boustrophedon(ends: NDArray[np.float64], *, from_last: bool = False, from_ri
 
 
 def sweep_angle(area: Area, direction: str | float | None = None) -> float:
-    """Return the angle of the rows, radians anticlockwise from the x axis; PlanningError if it is none.
+    """Return the angle of the rows, in radians anticlockwise from the x axis.
 
-    ``"x"``: along the x axis. ``"longest-side"``: along the longest straight side. ``"fewest-turns"``: along
-    the convex hull's edge across which the area is narrowest. A number is the angle; within its rounding to
-    four decimals it snaps to an edge of the hull, because rows not quite along a border lose the outermost
-    one. None: ``"x"`` for a rectangle along the axes, as in the paper, else ``"fewest-turns"``.
+    `direction` is one of:
+
+    - ``"x"``: along the x axis.
+    - ``"longest-side"``: along the longest straight side.
+    - ``"fewest-turns"``: along the edge of the convex hull across which the area is narrowest.
+    - A number: the angle itself. An angle equal to a hull edge's when rounded to four decimals snaps to this
+      edge, because rows almost parallel to a border lose the outermost row.
+    - None: ``"x"`` for an axis-aligned rectangle, as in the paper, otherwise ``"fewest-turns"``.
+
+    Any other value raises PlanningError.
 
     Examples
     --------
@@ -238,7 +244,7 @@ def sweep_angle(area: Area, direction: str | float | None = None) -> float:
 
 
 def rotation(angle_rad: float) -> NDArray[np.float64]:
-    """Return the matrix into a frame whose x axis has the angle (``points @ matrix.T``)."""
+    """Return the matrix into a frame with its x axis at the angle (``points @ matrix.T``)."""
     if angle_rad == 0.0:
         return np.eye(2)
     cosine, sine = math.cos(angle_rad), math.sin(angle_rad)

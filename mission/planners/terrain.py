@@ -1,4 +1,4 @@
-"""The land of a path: the inset area, straight legs, shortest ways round corners, random places."""
+"""The land of a path: inset area, visibility of straight legs, shortest paths, random positions."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ from mission.planners.path import Area, Points
 
 TOLERANCE_M = 5e-7
 MAX_VERTICES = 500
-_MOST_SEEN = 60_000  # Pairs of a visibility graph that is drawn whole: about a second
+_MOST_SEEN = 60_000  # Greatest number of pairs in a complete visibility graph: takes about a second
 _NO_POINTS: Points = np.empty((0, 2))
 
 
 def parts_of(area: Area) -> tuple[Polygon, ...]:
-    """Return the polygons of the area."""
+    """Return the polygons of an area."""
     return tuple(area.geoms) if isinstance(area, MultiPolygon) else (area,)
 
 
@@ -35,14 +35,14 @@ def polygons_of(geometry: shapely.Geometry, least_m2: float = 0.0) -> list[Polyg
 
 
 def area_of(polygons: Sequence[Polygon]) -> Area:
-    """Return polygons as one area; an empty polygon for no polygons."""
+    """Return the polygons as one area; an empty polygon if there are none."""
     if not polygons:
         return Polygon()
     return polygons[0] if len(polygons) == 1 else MultiPolygon(polygons)
 
 
 def is_rectangle(area: Area) -> bool:
-    """Return whether the area is a rectangle with sides along the axes."""
+    """Return whether the area is an axis-aligned rectangle."""
     if not isinstance(area, Polygon) or area.interiors:
         return False
     x_min, y_min, x_max, y_max = area.bounds
@@ -51,14 +51,14 @@ def is_rectangle(area: Area) -> bool:
 
 
 def inset(area: Area, distance_m: float, least_leg_m: float = 0.0) -> Area:
-    """Return the area less a margin along its border.
+    """Return the area without a margin of `distance_m` along its border.
 
-    A border of more than 500 vertices is smoothed inward by at most the distance; a border with several edges
-    in a row shorter than the least leg by at most half the least leg.
+    For a part too narrow for the margin, the margin is halved until some land remains, so that the path can
+    visit every part. Convex corners stay sharp. Reflex corners are bevelled inward, so that the result lies
+    inside the exact inset.
 
-    A part too narrow for the margin gets half of it, and half again, until some land is left; so every part
-    can be visited. Convex corners stay sharp, reflex corners are bevelled inward: the result lies within the
-    true inset.
+    A border of more than 500 vertices is smoothed inward by at most `distance_m`. A border with successive
+    edges shorter than `least_leg_m` is smoothed inward by at most half of `least_leg_m`.
 
     Examples
     --------
@@ -79,7 +79,7 @@ def inset(area: Area, distance_m: float, least_leg_m: float = 0.0) -> Area:
 
 
 def smoothed(area: Area, most_m: float, least_leg_m: float = 0.0) -> Area:
-    """Return an area smoothed inward as by `inset`; the area itself if it needs no smoothing."""
+    """Return the area smoothed inward as in `inset`; the same object if it needs no smoothing."""
     parts = parts_of(area)
     found = [piece for part in parts for piece in _smoothed(part, most_m, _has_many)]
     if least_leg_m > 0.0:
@@ -93,7 +93,7 @@ def _has_many(parts: Sequence[Polygon]) -> bool:
 
 
 def _is_rough(parts: Sequence[Polygon], least_leg_m: float) -> bool:
-    """Return whether two edges in a row are shorter than a leg should be."""
+    """Return whether two successive edges are shorter than `least_leg_m`."""
     for part in parts:
         for ring in (part.exterior, *part.interiors):
             short = np.hypot(*np.diff(shapely.get_coordinates(ring), axis=0).T) < least_leg_m
@@ -103,11 +103,11 @@ def _is_rough(parts: Sequence[Polygon], least_leg_m: float) -> bool:
 
 
 def _smoothed(part: Polygon, most_m: float, needs: Callable[[Sequence[Polygon]], bool]) -> Sequence[Polygon]:
-    """Return the part with fewer vertices, within itself; the strip cut off is at most `2 most_m` wide."""
+    """Return polygons inside the part with fewer vertices, at most `2 most_m` from its border."""
     tolerance = most_m / 64
     pieces: Sequence[Polygon] = [part]
     while needs(pieces) and 0.0 < tolerance <= most_m:
-        # Simplify moves borders by at most the tolerance, so the shrunk part stays within the part.
+        # `simplify` moves the border by at most the tolerance, so the shrunk part stays inside the part.
         simple = shapely.simplify(shapely.buffer(part, -tolerance, quad_segs=2), tolerance)
         found = [piece for piece in parts_of(simple) if piece.area > 0]
         if not found:
@@ -127,10 +127,10 @@ def _shrunk(part: Polygon, margin: float) -> Area:
 
 
 class Region:
-    """A polygon with tests of straight legs, and detours.
+    """A polygon with visibility tests and shortest paths.
 
-    A detour is the shortest way through reflex corners: A* over the visibility graph, whose edges are
-    computed when they are needed and kept.
+    A shortest path turns only at reflex corners. It is found by A* over the visibility graph; edges of the
+    graph are computed on demand and cached.
     """
 
     def __init__(self, polygon: Polygon) -> None:
@@ -140,12 +140,12 @@ class Region:
 
     @cached_property
     def corners(self) -> Points:
-        """The corners at which a shortest way can turn, float64[n, 2]."""
+        """Corners at which a shortest path can turn, float64[n, 2]."""
         return reflex_corners(self.polygon)
 
     @cached_property
     def _edges(self) -> NDArray[np.int8]:
-        """Visibility of two corners: 1 yes, 0 no, -1 not yet known."""
+        """Visibility between each pair of corners: 1 yes, 0 no, -1 unknown."""
         return np.full((len(self.corners), len(self.corners)), -1, dtype=np.int8)
 
     def contains(self, points_m: ArrayLike) -> NDArray[np.bool_]:
@@ -160,7 +160,7 @@ class Region:
         return np.asarray(shapely.covers(self.tolerant, shapely.linestrings(legs)))
 
     def route(self, start_m: Points, end_m: Points) -> Points | None:
-        """Return the corners between two points of the polygon, float64[n, 2], or None if there is no way."""
+        """Return the corners of the shortest path between two points, float64[n, 2]; None if none exists."""
         if bool(self.sees(start_m[None], end_m[None])[0]):
             return _NO_POINTS
         from_start = np.hypot(*(self.corners - start_m).T)
@@ -168,7 +168,7 @@ class Region:
         detour = from_start + to_end
         longest = 1.5 * math.dist(start_m, end_m)
         while len(detour):
-            # A way no longer than this lies in the ellipse about both ends: only its corners are searched.
+            # Only corners in an ellipse with both ends as foci can be part of a path of at most `longest`.
             longest = max(longest, float(detour.min()))
             near = np.nonzero(detour <= longest)[0]
             found, length = self._search(near, start_m, end_m, from_start[near], to_end[near])
@@ -187,7 +187,7 @@ class Region:
         from_start: Points,
         to_end: Points,
     ) -> tuple[Points | None, float]:
-        """Return the shortest way through the corners ``near``, and its length."""
+        """Return the shortest path through the corners `near`, and its length."""
         corners = self.corners[near]
         reaches_end = self.sees(corners, end_m)
         spent = np.where(self.sees(corners, start_m), from_start, math.inf)
@@ -219,7 +219,7 @@ class Region:
         return None, math.inf
 
     def _visible(self, node: int, others: NDArray[np.intp]) -> NDArray[np.bool_]:
-        """Return which of the other corners are visible from the corner."""
+        """Return whether each of the corners `others` is visible from the corner `node`."""
         unknown = others[self._edges[node, others] < 0]
         if len(unknown):
             seen = self.sees(self.corners[unknown], self.corners[node])
@@ -229,7 +229,7 @@ class Region:
 
 
 def reflex_corners(polygon: Polygon) -> Points:
-    """Return the corners with an inside angle above 180 degrees, float64[n, 2].
+    """Return the corners with an interior angle above 180 degrees, float64[n, 2].
 
     Examples
     --------
@@ -248,7 +248,7 @@ def reflex_corners(polygon: Polygon) -> Points:
 
 
 class _Regions:
-    """The parts of an area as regions, with a spatial index."""
+    """The parts of an area as `Region` objects, with a spatial index."""
 
     def __init__(self, area: Area) -> None:
         self._regions: tuple[Region, ...] = tuple(Region(part) for part in parts_of(area))
@@ -256,7 +256,7 @@ class _Regions:
         self._bounds = shapely.bounds(self._tree.geometries)
 
     def near(self, starts_m: Points, ends_m: Points) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-        """Return the numbers of legs and of regions whose bounds hold both ends of the leg, by region."""
+        """Return leg and region indices where the region's bounds contain both ends, sorted by region."""
         legs, numbers = self._tree.query(shapely.points(starts_m))
         low, high = self._bounds[numbers, :2], self._bounds[numbers, 2:]
         held = ((low <= ends_m[legs]) & (ends_m[legs] <= high)).all(axis=1)
@@ -264,17 +264,18 @@ class _Regions:
         return legs[held][order], numbers[held][order]
 
     def sees(self, starts_m: Points, ends_m: Points) -> NDArray[np.bool_]:
-        """Return whether the straight leg between each pair of points stays in a region."""
+        """Return whether the straight leg between each pair of points stays inside one region."""
         seen = np.zeros(len(starts_m), dtype=bool)
         legs, numbers = self.near(starts_m, ends_m)
-        for some in np.split(np.arange(len(legs)), np.nonzero(np.diff(numbers))[0] + 1):
-            if len(some):
-                open_legs = legs[some][~seen[legs[some]]]
-                seen[open_legs] = self._regions[numbers[some[0]]].sees(starts_m[open_legs], ends_m[open_legs])
+        for pairs in np.split(np.arange(len(legs)), np.nonzero(np.diff(numbers))[0] + 1):
+            if len(pairs):
+                open_legs = legs[pairs][~seen[legs[pairs]]]
+                region: Region = self._regions[numbers[pairs[0]]]
+                seen[open_legs] = region.sees(starts_m[open_legs], ends_m[open_legs])
         return seen
 
     def route(self, start_m: Points, end_m: Points) -> Points | None:
-        """Return the corners between two points of a region, or None: see `Region.route`."""
+        """Return the corners of a path between two points inside one region, or None: see `Region.route`."""
         both = np.vstack((start_m, end_m))
         for number in self.near(both[:1], both[1:])[1]:
             region: Region = self._regions[int(number)]
@@ -288,7 +289,7 @@ class _Regions:
 class Terrain:
     """The land of a path: the area inset by half a footprint.
 
-    Ways between its pieces may lead over all the `passable` land.
+    Transits between pieces of a path may cross all the `passable` land.
     """
 
     def __init__(
@@ -302,19 +303,20 @@ class Terrain:
 
     @cached_property
     def _outer(self) -> _Regions:
-        # A path may pass a neck narrower than the footprint, along the land's very border.
+        # A transit may pass a neck narrower than the footprint, along the exact border of the land.
         return _Regions(self._room)
 
     def join(self, pieces: Sequence[Points], start_m: ArrayLike) -> Points:
-        """Return the path through the pieces, see `legs`."""
+        """Return the path through the pieces in order, with the transits that `legs` adds."""
         return np.vstack(self.legs(pieces, start_m))
 
     def legs(self, pieces: Sequence[Points], start_m: ArrayLike) -> list[Points]:
-        """Return the pieces, which lie in the inset area, each after the corners of the way to it.
+        """Return the pieces, each preceded by the corners of the transit to the piece.
 
-        The way is a straight leg if that stays in the inset land, else the shortest way in the inset land,
-        else the shortest way in the land (the area, or the passable land); between separate parts it is a
-        straight transit. So is the way from the start, which may lie anywhere and is not in the result.
+        The pieces lie in the inset area. A transit is a straight leg if that stays in the inset land, else
+        the shortest path in the inset land, else the shortest path in the full land (the area, or the
+        passable land). A transit between separate parts is straight. The start may lie anywhere and is not
+        part of the result.
         """
         start = np.asarray(start_m, dtype=np.float64)
         leaves = np.vstack((start, *(piece[-1] for piece in pieces[:-1])))
@@ -326,15 +328,16 @@ class Terrain:
         ]
 
     def sees(self, starts_m: Points, ends_m: Points) -> NDArray[np.bool_]:
-        """Return whether the leg between each pair of points, float64[n, 2], stays in the inset land."""
+        """Return whether the leg between each pair of points, float64[n, 2], stays inside the inset land."""
         return self._inner.sees(np.atleast_2d(starts_m), np.atleast_2d(ends_m))
 
     def lengths(self, places_m: Points) -> NDArray[np.float64]:
-        """Return the lengths of the shortest ways between places, float64[n, n].
+        """Return the lengths of the shortest paths between positions, float64[n, n].
 
-        They are those of straight legs if the visibility graph would be large, and between separate parts.
+        The lengths are straight distances between separate parts, and everywhere if the visibility graph
+        would be large.
         """
-        # Slow to import, and only for this.
+        # Imported here because scipy.sparse is slow to import, and only this method needs it.
         from scipy.sparse import csr_array
         from scipy.sparse.csgraph import dijkstra
 
@@ -362,7 +365,7 @@ class Terrain:
 
 
 def straight_lengths(places_m: Points) -> NDArray[np.float64]:
-    """Return the distances between places, float64[n, n]."""
+    """Return the straight distances between positions, float64[n, n]."""
     steps = places_m[:, None] - places_m[None]
     lengths: NDArray[np.float64] = np.hypot(steps[..., 0], steps[..., 1])
     return lengths
@@ -372,9 +375,10 @@ _ATTEMPTS = 1000
 
 
 def draw_places(area: Area, count: int, rng: np.random.Generator) -> Points:
-    """Return about `count` uniformly distributed positions of the area, at least one, drawn from its bounds.
+    """Return about `count` uniformly distributed positions in the area, at least one.
 
-    Rejected draws are part of the stream, so the positions do not depend on `count`.
+    Positions outside the area are rejected. Rejected draws also advance `rng`, so the sequence of positions
+    does not depend on `count`.
     """
     x_min, y_min, x_max, y_max = area.bounds
     share = area.area / ((x_max - x_min) * (y_max - y_min))

@@ -1,4 +1,4 @@
-"""The order in which the cells of rows are flown, and the corner at which each is entered."""
+"""The flight order of cells of rows, and the entry corner of each cell."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from mission.planners.sweep import boustrophedon
 from mission.planners.terrain import Terrain, straight_lengths
 
 MOST_EXACT = 9
-"""Up to this number of cells the order is optimal; beyond it comes of 2-opt and moves of single cells."""
+"""Greatest number of cells with an optimal order; more cells are ordered by 2-opt and single-cell moves."""
 _ROUGHLY_EXACT = 5
 _TRIALS, _ROUGH_TRIALS = 3000, 200
-_GAIN_M = 1e-6  # A smaller gain is rounding
+_GAIN_M = 1e-6  # Smaller gains are rounding errors
 
 
 def fly_cells(
@@ -27,11 +27,11 @@ def fly_cells(
     home_m: ArrayLike | None = None,
     exact: bool = True,
 ) -> list[Points]:
-    """Return the rows of the cells in the order and direction of a flight with short ways between cells.
+    """Return the rows of all cells in an order and direction with short transits between cells.
 
-    A cell is float64[n, 2, 2] (row, end, (x, y)), or the points of a line, float64[n, 2], which is flown from
-    either end. The flight leads from a start to home, or without home ends with the last row. If `exact`,
-    ways are measured round corners and holes of the terrain, else straight.
+    A cell is float64[n, 2, 2] (row, end, (x, y)), or the points of a line, float64[n, 2], flown from either
+    end. The flight goes from `start_m` to `home_m`; it ends with the last row if `home_m` is None. `exact`:
+    measure transits round corners and holes of the terrain. Otherwise transits are straight.
     """
     home = start_m if home_m is None else home_m
     corners = np.array([_corners(cell) for cell in cells])
@@ -66,27 +66,27 @@ def _flown(cell: NDArray[np.float64], *, from_last: bool, from_right: bool) -> l
 
 
 def _exits(rows: int) -> list[int]:
-    """Return the exit for each entry corner of a cell: first row left and right, last row left and right."""
+    """Return the exit corner for each entry corner (first row left and right, last row left and right)."""
     if rows == 1:
         return [1, 0, 3, 2]
     return [(2 if entry < 2 else 0) + (entry % 2 if rows % 2 == 0 else 1 - entry % 2) for entry in range(4)]
 
 
 class _Tour:
-    """Orders of cells, by the lengths of the ways between their corners."""
+    """Search for a short order of cells, given the transit lengths between their corners."""
 
     def __init__(self, ways: NDArray[np.float64], exits: list[list[int]], *, returns: bool) -> None:
         count = len(exits)
         at = 4 * np.arange(count)[:, None] + np.arange(4)
         leave = 4 * np.arange(count)[:, None] + np.array(exits)
-        # Between the exit of a cell, by its entry corner, and the entry corner of another: [from, e, to, e].
+        # Transit lengths between cells, by the entry corner of each: [from, entry, to, entry].
         self._step = ways[leave[:, :, None, None], at[None, None]]
         self._first = ways[-2][at]
         self._last = ways[-1][leave] if returns else np.zeros((count, 4))
         self._count = count
 
     def entries(self, order: Sequence[int]) -> list[int]:
-        """Return the best corner at which to enter each cell of an order."""
+        """Return the best entry corner of each cell in an order."""
         spent, came = self._first[order[0]], []
         for here, there in itertools.pairwise(order):
             both = spent[:, None] + self._step[here, :, there]
@@ -100,36 +100,36 @@ class _Tour:
         return chosen[::-1]
 
     def length(self, order: Sequence[int]) -> float:
-        """Return the length of the ways of an order."""
+        """Return the total transit length of an order."""
         spent = self._first[order[0]]
         for here, there in itertools.pairwise(order):
             spent = (spent[:, None] + self._step[here, :, there]).min(axis=0)
         return float((spent + self._last[order[-1]]).min())
 
     def best(self) -> list[int]:
-        """Return the best order: dynamic programming over sets of cells (Held and Karp 1962)."""
+        """Return the optimal order, by dynamic programming over sets of cells (Held and Karp 1962)."""
         count, whole = self._count, (1 << self._count) - 1
         spent = np.full((whole + 1, count, 4), np.inf)
         came = np.full((whole + 1, count, 4), -1)
         for cell in range(count):
             spent[1 << cell, cell] = self._first[cell]
-        for some in range(1, whole):
-            inside = [cell for cell in range(count) if some >> cell & 1]
-            for other in (cell for cell in range(count) if not some >> cell & 1):
-                total = (spent[some, inside][:, :, None] + self._step[inside, :, other]).reshape(-1, 4)
+        for visited in range(1, whole):
+            inside = [cell for cell in range(count) if visited >> cell & 1]
+            for other in (cell for cell in range(count) if not visited >> cell & 1):
+                total = (spent[visited, inside][:, :, None] + self._step[inside, :, other]).reshape(-1, 4)
                 source = total.argmin(axis=0)
-                spent[some | 1 << other, other] = total[source, np.arange(4)]
-                came[some | 1 << other, other] = np.array(inside)[source // 4] * 4 + source % 4
+                spent[visited | 1 << other, other] = total[source, np.arange(4)]
+                came[visited | 1 << other, other] = np.array(inside)[source // 4] * 4 + source % 4
         cell, entry = divmod(int((spent[whole] + self._last).argmin()), 4)
-        order, some = [cell], whole
-        while (before := int(came[some, cell, entry])) >= 0:
-            some ^= 1 << cell
+        order, visited = [cell], whole
+        while (before := int(came[visited, cell, entry])) >= 0:
+            visited ^= 1 << cell
             cell, entry = divmod(before, 4)
             order.append(cell)
         return order[::-1]
 
     def good(self, most_trials: int) -> list[int]:
-        """Return a good order: nearest first, then improved by 2-opt and moves of single cells."""
+        """Return a good order: nearest neighbour, improved by 2-opt and moves of single cells."""
         order = self._nearest()
         length, trials, improved = self.length(order), 0, True
         while improved and trials < most_trials:
@@ -156,7 +156,7 @@ class _Tour:
 
 
 def _neighbours(order: list[int]) -> Iterator[list[int]]:
-    """Yield the orders with a reversed piece, then those with a single cell moved."""
+    """Yield the orders with one reversed section, then the orders with one moved cell."""
     count = len(order)
     for begin in range(count - 1):
         for end in range(begin + 2, count + 1):

@@ -1,1 +1,1 @@
-"""Policies: who decides in flight, for one or several vehicles, where to go next."""
+"""Policies: decide in flight where one or several vehicles go next."""

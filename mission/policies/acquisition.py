@@ -1,4 +1,4 @@
-"""Acquisition functions: the value of seeing a cell, from the estimate."""
+"""Acquisition functions: the value of observing each cell, computed from the estimate."""
 
 from __future__ import annotations
 
@@ -21,22 +21,22 @@ from sensors.scoring.information import InformationModel
 ValueMap: TypeAlias = NDArray[np.float32]
 
 _CLASS_VALUES = (1.0, 0.5, 0.0)
-_COLUMNS_A_PART = 32  # Maps are summed in parts that fit into a processor's cache
+_COLUMNS_A_PART = 32  # Maps are summed in blocks that fit into a processor's cache
 
 
 class Acquisition(Protocol):
-    """Value of seeing each cell."""
+    """An acquisition function: maps an observation to the value of observing each cell."""
 
     def __call__(self, observation: PolicyObservation, /) -> ValueMap:
-        """Return the values of the cells, float32[W, H]: not negative, zero in cells without a score."""
+        """Return the value of observing each cell, float32[W, H]: at least 0, and 0 in unscored cells."""
 
 
 def expected_loss(observation: PolicyObservation) -> ValueMap:
-    """Return the expected loss of the score for each cell of the present estimate.
+    """Return the expected loss of the current estimate in each cell: observing a cell saves its loss.
 
-    An observation of the cell saves this loss: the weighted sum over the fields of the loss under the
-    estimator's class probabilities; without these the variance of the estimate times the cost of a squared
-    error, as the mean of both sides.
+    The loss is summed over the fields with their weights. A field with class probabilities has the expected
+    score loss under these probabilities. Other fields have the variance of the estimate times the mean weight
+    of a squared error above and below the truth.
     """
     known = observation.model.expected_loss
     if known is not None:
@@ -45,15 +45,15 @@ def expected_loss(observation: PolicyObservation) -> ValueMap:
 
 
 def variance(observation: PolicyObservation) -> ValueMap:
-    """Return the variance of the estimate, weighted by field."""
+    """Return the variance of the estimate in each cell, summed over the fields with their weights."""
     return _weighted(observation, lambda k, _field: observation.model.uncertainty[k] ** 2)
 
 
 def entropy(observation: PolicyObservation) -> ValueMap:
-    """Return the entropy of the classes (nats) of each disease, weighted by field.
+    """Return the entropy of the class probabilities (nats) in each cell, summed with the fields' weights.
 
-    For fields without class probabilities it is the entropy of a normal distribution, relative to a standard
-    deviation of 0.01 and not below zero.
+    A field without class probabilities gets the entropy of a normal distribution, relative to a standard
+    deviation of 0.01 and at least zero.
     """
 
     def of_field(k: int, field: Field) -> NDArray[np.floating]:
@@ -67,9 +67,10 @@ def entropy(observation: PolicyObservation) -> ValueMap:
 
 
 def probability_of_sick(observation: PolicyObservation) -> ValueMap:
-    """Return the probability that an unobserved plant is sick, weighted by disease.
+    """Return the probability that an unobserved plant is sick, summed over the diseases with their weights.
 
-    Without class probabilities it is 1 less the estimate. Cells without uncertainty are worth nothing.
+    Without class probabilities, the probability is 1 less the estimated health. Cells without uncertainty
+    have the value 0.
     """
 
     def of_field(k: int, field: Field) -> NDArray[np.floating]:
@@ -84,18 +85,18 @@ def probability_of_sick(observation: PolicyObservation) -> ValueMap:
 
 @dataclass(frozen=True, slots=True)
 class WithCoverage:
-    """An acquisition with a bonus for scored plants far from all observations.
+    """An acquisition with a bonus for plants far from all observations.
 
-    An estimator may be too sure of land without observations, and a missed outbreak costs most. A plant d
-    cells from the nearest observation of this day is worth ``caution * (1 - exp(-(d / reach)^4))`` more,
-    times the weight of the field.
+    An estimator may be overconfident about unobserved land, and a missed outbreak costs most. A plant d
+    cells from the nearest observation of the same day gets a bonus of
+    ``caution * (1 - exp(-(d / reach)^4))``, times the weight of the disease.
 
     Parameters
     ----------
     caution : float
-        In units of loss; 0: no bonus.
+        Greatest bonus, in units of loss; 0: no bonus.
     reach : float
-        Cells.
+        Distance scale of the bonus, in cells.
     """
 
     acquisition: Acquisition
@@ -126,20 +127,21 @@ class WithCoverage:
 
 @dataclass(frozen=True, slots=True)
 class WithCorrelationLength:
-    """An acquisition that counts the loss beside the track for smooth fields.
+    """An acquisition with larger weights of smooth fields, for the information gained beside the track.
 
-    Observations of a continuous field with the correlation length l lessen the variance beside the track,
-    too: a squared exponential process keeps only ``1 - exp(-d^2 / l^2)`` of it at a distance d. So a step
-    along the track saves the loss of a swath ``sqrt(pi) l`` wide, not only of its cell. For diseases the
-    neighbours' shares do the same.
+    Observations of a field with correlation length l also reduce the variance beside the track: a squared
+    exponential process keeps only ``1 - exp(-d^2 / l^2)`` of its variance at a distance d. A step along the
+    track therefore saves the loss of a swath ``sqrt(pi) l`` wide, not only the loss of its cell. The
+    neighbour shares of the route search account for this information on diseases.
 
     Parameters
     ----------
     strip : float
-        Width of the strip that a track sees in route searches, cells
+        Width in cells of the strip that a track sees in route searches
         (`mission.policies.planning_grid.strip_width`).
     beyond : int
-        No change on farms with no side longer than this, cells: there the first rows determine the field.
+        Longest side, in cells, of farms on which the weights do not change: there the first rows already
+        determine the field.
     """
 
     acquisition: Acquisition
@@ -151,28 +153,27 @@ class WithCorrelationLength:
         lengths, widest = observation.model.correlation_length, max(observation.model.shape)
         if lengths is None or widest <= self.beyond:
             return self.acquisition(observation)
+        swaths = [max(1.0, min(math.sqrt(math.pi) * length, widest) / self.strip) for length in lengths]
         field = tuple(
-            weight if sensed.kind == "disease" else weight * self._swath(cells, widest)
-            for sensed, weight, cells in zip(
-                observation.fields, observation.weights.field, lengths, strict=True
+            weight if sensed.kind == "disease" else weight * swath
+            for sensed, weight, swath in zip(
+                observation.fields, observation.weights.field, swaths, strict=True
             )
         )
         return self.acquisition(replace(observation, weights=replace(observation.weights, field=field)))
 
-    def _swath(self, length: float, widest: int) -> float:
-        return max(1.0, min(math.sqrt(math.pi) * length, widest) / self.strip)
-
 
 @dataclass(frozen=True, slots=True)
 class Balanced:
-    """An acquisition with a least weight of diseases.
+    """An acquisition with a lower bound on the weights of diseases.
 
-    With the score's own weights a disease of little weight is searched for last, maybe too late.
+    With the score's own weights, a policy searches for a disease of small weight last, perhaps too late.
 
     Parameters
     ----------
     least_weight : float
-        Least weight of a disease with a weight, relative to the largest weight; 0: no change.
+        Least weight of a disease, relative to the largest weight; 0: no change. Diseases of weight 0 keep
+        the weight 0.
     """
 
     acquisition: Acquisition
@@ -200,7 +201,7 @@ ACQUISITIONS: dict[str, Acquisition] = {
 
 
 def make_acquisition(acquisition: str | Acquisition) -> Acquisition:
-    """Return an acquisition by its name (`ACQUISITIONS`), or the callable that was given."""
+    """Return the acquisition with this name (from `ACQUISITIONS`); return a callable unchanged."""
     if callable(acquisition):
         return acquisition
     if acquisition not in ACQUISITIONS:
@@ -212,7 +213,7 @@ def make_acquisition(acquisition: str | Acquisition) -> Acquisition:
 def _weighted(
     observation: PolicyObservation, of_field: Callable[[int, Field], NDArray[np.floating]]
 ) -> ValueMap:
-    """Return the weighted sum of the fields' maps, each over its scored cells."""
+    """Return the weighted sum of the fields' maps, each restricted to the field's scored cells."""
     total = np.zeros(observation.model.shape, np.float32)
     grid = observation.farm.grid()
     for k, field in enumerate(observation.fields):
@@ -227,7 +228,7 @@ def _weighted(
 
 @lru_cache(maxsize=16)
 def scored_cells(field: Field, grid: FarmGrid) -> NDArray[np.bool_]:
-    """Return the scored cells of a field, bool[W, H]; not to be changed."""
+    """Return the scored cells of a field, bool[W, H]. The array is cached: do not modify it."""
     return field.mask(grid)
 
 

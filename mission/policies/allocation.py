@@ -1,4 +1,4 @@
-"""Allocation of land to the vehicles of a fleet, and reallocation when a vehicle is lost."""
+"""Allocation of land to the vehicles of a fleet, and reallocation after the loss of a vehicle."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ from mission.planners.terrain import area_of, polygons_of
 from mission.policies.observation import VehicleReport, pays_for_return
 
 WHOLE = "none"
-"""No parts: each vehicle has the whole farm."""
+"""Name for no partition: each vehicle gets the whole area."""
 PARTITION_NAMES = (*PARTITIONS, WHOLE)
-_ALIKE = 0.01  # Vehicles whose reaches differ by less get equal strips
+_ALIKE = 0.01  # Vehicles get equal strips if their reaches differ by a smaller fraction
 
 
 def check_partition(partition: str) -> str:
-    """Return the name of a partition; ParameterError if there is none of this name."""
+    """Return the name of a partition; raise ParameterError if the name is unknown."""
     if partition not in PARTITION_NAMES:
         msg = f"partition {partition!r}: give {', '.join(PARTITION_NAMES[:-1])} or {PARTITION_NAMES[-1]}"
         raise ParameterError(msg)
@@ -33,7 +33,7 @@ def check_partition(partition: str) -> str:
 
 
 def reach_m(vehicle: VehicleReport) -> float:
-    """Return the rough distance that a vehicle can fly with the rest of its budget."""
+    """Return the approximate distance (m) that a vehicle can fly with its remaining budget."""
     low_x, low_y, high_x, high_y = vehicle.request.area.bounds
     length = max(high_x - low_x, high_y - low_y)
     here = np.array([[0.5 * (low_x + high_x), 0.5 * (low_y + high_y)]])
@@ -43,11 +43,12 @@ def reach_m(vehicle: VehicleReport) -> float:
 
 
 def shared(vehicles: Sequence[VehicleReport], partition: str) -> dict[int, Area]:
-    """Return the part of the land of each vehicle, by system id.
+    """Return each vehicle's part of the land, by system id.
 
-    Vehicles of equal reach get strips of equal area, the first vehicle the nearer outer strip. Other
-    vehicles, and all with Voronoi cells, fly the same share of their reach, with the ways to the part and
-    back (`mission.planners.partition.balanced`).
+    Vehicles of equal reach get strips of equal area; the first vehicle gets the outer strip nearer to home.
+    Otherwise, and always with Voronoi cells, each vehicle's rows, approach and return use the same fraction
+    of its reach (`mission.planners.partition.balanced`). Vehicles that already have different areas keep
+    them.
     """
     check_partition(partition)
     area = vehicles[0].request.area
@@ -72,22 +73,22 @@ def shared(vehicles: Sequence[VehicleReport], partition: str) -> dict[int, Area]
     return {vehicle.system_id: part for vehicle, part in zip(vehicles, parts, strict=True)}
 
 
-# Half the width that a row sees, in spacings: a little more than half, so that no gaps are left.
+# Half the width of the land along a row, in row spacings: slightly more than half avoids gaps.
 _OF_SPACING = 0.55
-# Greatest spacing of rows over a lost vehicle's land, in own spacings; beyond it all is planned anew.
+# A taker plans all its unseen land again if the row spacing over new land exceeds its own by this factor.
 _COARSER = 1.5
 
 
 @dataclass(frozen=True, slots=True)
 class OnwardBudget:
-    """The rest of a budget in flight, for planners of paths from here, or after other points."""
+    """A vehicle's remaining budget in flight, for planners of the path ahead."""
 
     vehicle: VehicleReport
-    before_m: Points  # float64[n, 2]: points that are flown before the planned path
+    before_m: Points  # Points that the vehicle flies before the planned path, float64[n, 2]
 
     @property
     def limit(self) -> float:
-        """Rest of the vehicle's budget."""
+        """Remaining budget of the vehicle."""
         return self.vehicle.left
 
     @property
@@ -96,7 +97,7 @@ class OnwardBudget:
         return self.vehicle.request.budget.unit
 
     def cost(self, path_xy_m: NDArray[np.float64]) -> float:
-        """Return the cost of flying on; the first row of the path is its start."""
+        """Return the cost of flying `before_m`, then the path without its first row (the planner's start)."""
         return self.costs([path_xy_m])[0]
 
     def costs(self, paths_xy_m: Sequence[NDArray[np.float64]]) -> list[float]:
@@ -106,13 +107,13 @@ class OnwardBudget:
 
 @dataclass(frozen=True, slots=True)
 class Share:
-    """The land of a vehicle."""
+    """The land of a vehicle, and the row spacing of its path."""
 
     part: Area
-    spacing_m: float | None  # Distance of its rows; None for a path without rows
+    spacing_m: float | None  # None for a path without rows
 
     def unflown(self, vehicle: VehicleReport) -> Area:
-        """Return the land along the rest of the vehicle's path; its whole land if the path has no rows."""
+        """Return the land along the vehicle's remaining path; its whole land if the path has no rows."""
         if self.spacing_m is None:
             return self.part
         if not len(vehicle.rest_m):
@@ -129,11 +130,11 @@ def reallocate(
     shares: Mapping[int, Share],
     planner: Planner,
 ) -> dict[int, tuple[Points, Share]]:
-    """Return the remaining path of each taker, extended by its part of the lost vehicles' unseen land.
+    """Return each taker's remaining path, extended over its piece of the lost vehicles' unseen land.
 
-    The land is divided among the takers by the spare rests of their budgets. A taker flies its path to the
-    end and then rows over its piece; with too little budget for these it plans all its unseen land anew, with
-    rows farther apart; with too little for this, too, it keeps its path.
+    The land is divided among the takers in proportion to their unused budgets. A taker flies its path to the
+    end, then rows over its piece. If the budget is too small for these rows, the taker plans all its unseen
+    land again with a wider row spacing. If the budget is too small even for this, the taker keeps its path.
     """
     left = [shares[vehicle.system_id].unflown(vehicle) for vehicle in lost]
     flying = [vehicle for vehicle in takers if vehicle.system_id in shares]
@@ -156,7 +157,7 @@ def reallocate(
 
 
 def _pieces(land: Area, takers: Sequence[VehicleReport]) -> list[Area]:
-    """Return the piece of each taker, by the rest of its budget beyond its path."""
+    """Return each taker's piece of the land, in proportion to the budget that its path leaves unused."""
     spare = np.array(
         [max(taker.left - taker.travel_cost.rest([taker.rest_m])[0], 0.0) / taker.left for taker in takers]
     )
@@ -165,7 +166,7 @@ def _pieces(land: Area, takers: Sequence[VehicleReport]) -> list[Area]:
     try:
         return strips(land, np.maximum(spare / spare.sum(), 0.02).tolist())
     except PlanningError:
-        # Land too small to be divided goes to the nearest taker.
+        # Land too small for a division goes to the nearest taker.
         nearest = min(takers, key=lambda taker: shapely.distance(land, shapely.Point(taker.position_m)))
         return [land if taker is nearest else shapely.Polygon() for taker in takers]
 
@@ -173,7 +174,7 @@ def _pieces(land: Area, takers: Sequence[VehicleReport]) -> list[Area]:
 def _more(
     vehicle: VehicleReport, mine: Share, piece: Area, planner: Planner
 ) -> tuple[Points, float | None] | None:
-    """Return a path over a vehicle's unseen land and another piece, and its spacing."""
+    """Return a path over the vehicle's unseen land and the piece, and its row spacing; None if too costly."""
     if piece.is_empty or vehicle.left <= 0.0:
         return None
     footprint_m = vehicle.request.footprint_m
@@ -191,7 +192,7 @@ def _more(
 
 
 def _planned(vehicle: VehicleReport, land: Area, before_m: Points, planner: Planner) -> PlannedPath | None:
-    """Return the path over a piece of land, begun after other points."""
+    """Return the planner's path over the land after the points `before_m`, or None if planning fails."""
     start = before_m[-1] if len(before_m) else np.asarray(vehicle.position_m)
     request = replace(
         vehicle.request,

@@ -1,10 +1,10 @@
-"""The conformance kit: the contract of policies, for policies of other packages too."""
+"""Conformance tests of the policy contract, also for policies of other packages."""
 
 from __future__ import annotations
 
 import itertools
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -32,8 +32,8 @@ _FARM = "miniberry-30"
 _DAY = 6
 _COMPUTE_S = 2.0
 _AREA_M = 1e-6
-_LOST_AFTER = 0.4  # Part of the budget after which a vehicle is lost
-_MOST_STEPS = 20_000  # Many times the longest budget
+_LOST_AFTER = 0.4  # Fraction of the budget after which a vehicle is lost
+_MOST_STEPS = 20_000  # Many times the longest budget: a flight with more steps never ends
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,9 +43,9 @@ class PolicyCheck:
     Parameters
     ----------
     decisions : int
-        Number of questions to the policy.
+        Number of decisions that the policy made.
     time_share : float
-        Median of the processor time of an answer, as a share of its time limit.
+        Median processor time of a decision, as a fraction of the time limit.
     """
 
     decisions: int
@@ -54,7 +54,7 @@ class PolicyCheck:
 
 @dataclass(frozen=True, slots=True)
 class _Case:
-    """A task for some vehicles, each with a budget of its own."""
+    """A test case: an area, a start and a budget, the same for each vehicle."""
 
     name: str
     area: Area
@@ -65,15 +65,19 @@ class _Case:
 
 
 def check_policy(policy: str | Policy, **parameters: Any) -> PolicyCheck:
-    """Check that a policy keeps the contract (`mission.policies.policy.Policy`).
+    """Check that a policy fulfils the contract (`mission.policies.policy.Policy`).
 
-    Single and several vehicles of a cell a step fly over areas with a pond and in two parts, from starts
-    inside and outside, with budgets of steps and of metres with the way home. An answer must name only
-    steerable vehicles, and every vehicle at a start; a path of the first flight has a length; each path lies
-    in the area of its vehicle's task and costs no more than the rest of the budget. Equal flights have equal
-    answers, also on a farm that differs only in unseen cells: other answers would need the truth. The policy
-    answers also when nothing was seen, when all is known, and when a vehicle is lost. It does not change its
-    observations, nor numpy's global generator.
+    One or three vehicles, which fly a cell per step, cover areas with a pond and in two parts. Starts lie
+    inside and outside the area. Budgets are in steps, or in metres including the return. The contract has
+    these rules:
+
+    - A decision names only steerable vehicles, and at the start every vehicle.
+    - A path of the first flight has a length above zero.
+    - Each path lies in the area of its vehicle's request and costs at most the remaining budget.
+    - Equal flights give equal decisions, also on a farm that differs only in unseen cells: any difference
+      would prove access to the truth.
+    - The policy decides also if nothing was seen, if everything is known, and if a vehicle is lost.
+    - The policy changes neither its observations nor numpy's global generator.
 
     Parameters
     ----------
@@ -85,14 +89,14 @@ def check_policy(policy: str | Policy, **parameters: Any) -> PolicyCheck:
     Returns
     -------
     PolicyCheck
-        Its number of decisions and computing time.
+        Number of decisions, and their computing time.
 
     Raises
     ------
     AssertionError
         If a rule is broken; the text names the rule and the case.
     PlanningError, ParameterError
-        If it is no policy, or it does not have one of the parameters.
+        If the object is not a policy, or a parameter is unknown.
 
     Examples
     --------
@@ -146,7 +150,7 @@ def _cases() -> Iterator[_Case]:
 
 
 class _Vehicle:
-    """A vehicle of one cell a step that flies its path, and home if its budget pays for that."""
+    """A simulated vehicle that flies one cell per step along its path."""
 
     def __init__(self, system_id: int, request: PlanningRequest, cell_m: float) -> None:
         self.system_id = system_id
@@ -159,7 +163,7 @@ class _Vehicle:
         self._cell_m = cell_m
 
     def step(self) -> bool:
-        """Fly one cell; return whether a waypoint was reached."""
+        """Fly one cell; return whether the vehicle reached a waypoint."""
         way = self.rest[0] - self.here
         distance = float(np.hypot(*way))
         reached = distance <= self._cell_m * (1.0 + 1e-9)
@@ -172,7 +176,7 @@ class _Vehicle:
         return reached
 
     def report(self, started: bool) -> VehicleReport:
-        """Return the report of its telemetry."""
+        """Return the vehicle's current report."""
         budget, (x, y) = self.request.budget, self.here.tolist()
         assert isinstance(budget, StepBudget | LengthBudget)
         status = Status.READY if not started else Status.FLYING if len(self.rest) else Status.ENDED
@@ -184,7 +188,10 @@ class _Vehicle:
 
 
 class _Flight:
-    """A case flown by a policy; `answers` are its decisions as bytes, `looked` the cells observed."""
+    """A simulated flight of a test case under a policy.
+
+    `answers` are the decisions as bytes, `looked` marks the observed cells.
+    """
 
     def __init__(self, policy: Policy, case: _Case, truth: NDArray[np.float32]) -> None:
         self._policy, self._case, self._truth = policy, case, truth
@@ -198,7 +205,7 @@ class _Flight:
         self.answers: list[bytes] = []
 
     def fly(self, times: list[float]) -> None:
-        """Fly to the end; appends the processor time of each answer."""
+        """Fly to the end of all paths; append the processor time of each decision to `times`."""
         policy, case = self._policy, self._case
         policy.start()
         answer = self._ask(Event.START, 0, times)
@@ -210,7 +217,8 @@ class _Flight:
         farthest_m = max(float(np.abs(vehicle.rest - vehicle.here).max()) for vehicle in self._vehicles)
         _require(farthest_m > 0.0, case.name, "no path of the first flight has a length: it has no score")
         triggers, fresh, step = policy.triggers, 0, 0
-        lose_at = round(_LOST_AFTER * case.budget.limit / self._step_cost) if case.loses_one else -1
+        step_cost = 1.0 if isinstance(case.budget, StepBudget) else self._farm.cell_size_m
+        lose_at = round(_LOST_AFTER * case.budget.limit / step_cost) if case.loses_one else -1
         while flying := [vehicle for vehicle in self._vehicles if len(vehicle.rest) and not vehicle.lost]:
             step += 1
             _require(step < _MOST_STEPS, case.name, "the flight does not end")
@@ -227,10 +235,6 @@ class _Flight:
                 self._ask(Event.OBSERVATIONS, step, times)
             elif triggers.period_s is not None and step % max(1, round(triggers.period_s)) == 0:
                 self._ask(Event.PERIOD, step, times)
-
-    @property
-    def _step_cost(self) -> float:
-        return 1.0 if isinstance(self._case.budget, StepBudget) else self._farm.cell_size_m
 
     def _observe(self, places: Sequence[NDArray[np.float64]], step: int) -> int:
         here = np.array(places)
@@ -250,17 +254,21 @@ class _Flight:
         if event is not Event.START:
             self._model = _model(self._truth, self._seen)
         reports = tuple(vehicle.report(step > 0) for vehicle in self._vehicles)
-        observation = _observation(event, float(step), self._farm, self._model, self._seen, reports)
+        farm, model, seen = self._farm, self._model, self._seen
+        observation = PolicyObservation(
+            event, float(step), _DAY, farm, PAPER_FIELDS, PAPER_WEIGHTS, model, seen, reports, _COMPUTE_S
+        )
         answer = _answer(self._policy, observation, self._case.name, times)
         for vehicle in self._vehicles:
             if vehicle.system_id in answer.paths:
                 vehicle.rest = answer.paths[vehicle.system_id]
-        self.answers.append(_digest(answer.paths))
+        paths = sorted(answer.paths.items())
+        self.answers.append(b"".join(number.to_bytes(4, "big") + path.tobytes() for number, path in paths))
         return answer
 
 
 def _answer(policy: Policy, observation: PolicyObservation, what: str, times: list[float]) -> Decision:
-    """Ask, and check the answer by the contract."""
+    """Return the policy's decision after checking it against the contract."""
     begin = time.process_time()
     try:
         answer = policy.decide(observation)
@@ -269,7 +277,7 @@ def _answer(policy: Policy, observation: PolicyObservation, what: str, times: li
     except ValueError as error:
         if "read-only" not in str(error):
             raise
-        msg = f"check_policy: {what}: the policy writes into what it is told"
+        msg = f"check_policy: {what}: the policy writes into its observation"
         raise AssertionError(msg) from error
     times.append(time.process_time() - begin)
     policy_name = f"check_policy: {what}, after {observation.time_s:g} steps: the policy"
@@ -284,7 +292,7 @@ def _answer(policy: Policy, observation: PolicyObservation, what: str, times: li
 
 
 def _lies_inside(vehicle: VehicleReport, points: Points) -> bool:
-    """Return whether a path lies in the area, except for legs from outside and between separate parts."""
+    """Return whether a path stays in the area, except for legs from outside and between separate parts."""
     area = vehicle.request.room
     wide = shapely.buffer(area, _AREA_M)
     if not shapely.covers(wide, shapely.points(points)).all():
@@ -303,7 +311,7 @@ def _lies_inside(vehicle: VehicleReport, points: Points) -> bool:
 
 
 def _check_all_known(policy: Policy, truth: NDArray[np.float32], times: list[float]) -> None:
-    """Ask in flight and before a later flight, when all cells were seen."""
+    """Check decisions in flight and before a later flight after all cells were seen."""
     case = next(iter(_cases()))
     farm = get_farm(_FARM)
     x, y = (part.ravel().astype(np.int32) for part in np.indices(farm.grid().shape))
@@ -314,7 +322,10 @@ def _check_all_known(policy: Policy, truth: NDArray[np.float32], times: list[flo
     vehicle.spent = 30.0
     policy.start()
     reports = (vehicle.report(started=True),)
-    observation = _observation(Event.OBSERVATIONS, 30.0, farm, _model(truth, seen), seen, reports)
+    model = _model(truth, seen)
+    observation = PolicyObservation(
+        Event.OBSERVATIONS, 30.0, _DAY, farm, PAPER_FIELDS, PAPER_WEIGHTS, model, seen, reports, _COMPUTE_S
+    )
     _answer(policy, observation, "all is known", times)
     nothing_left = replace(reports[0], spent=case.budget.limit)
     _answer(policy, replace(observation, vehicles=(nothing_left,)), "nothing left of the budget", times)
@@ -333,26 +344,13 @@ def _request(farm: Farm, case: _Case) -> PlanningRequest:
         for crop in (Crop.TOMATO, Crop.STRAWBERRY)
         if not (land := shapely.intersection(farm.crop_area(crop), case.area)).is_empty
     )
-    # Another seed in each case: a policy may use it.
+    # Policies may use the seed, so each case has a different seed.
     seed = sealed_seed(11, case.name)
     return PlanningRequest(case.area, case.start_m, case.budget, farm.cell_size_m, crops, seed=seed)
 
 
-def _observation(
-    event: Event,
-    time_s: float,
-    farm: Farm,
-    model: InformationModel,
-    seen: Observations,
-    vehicles: tuple[VehicleReport, ...],
-) -> PolicyObservation:
-    return PolicyObservation(
-        event, time_s, _DAY, farm, PAPER_FIELDS, PAPER_WEIGHTS, model, seen, vehicles, _COMPUTE_S
-    )
-
-
 def _some_truth() -> NDArray[np.float32]:
-    """Return the truth of a farm with some patches of sick plants, float32[3, W, H]."""
+    """Return the true fields of a farm with patches of sick plants, float32[3, W, H]."""
     truth = np.ones((len(PAPER_FIELDS), *get_farm(_FARM).grid().shape), np.float32)
     truth[2] = 0.4
     for x, y in ((6, 22), (21, 18), (25, 26), (8, 5), (20, 9)):
@@ -362,7 +360,7 @@ def _some_truth() -> NDArray[np.float32]:
 
 
 def _model(truth: NDArray[np.float32], seen: Observations) -> InformationModel:
-    """Return a plain estimate in read-only arrays: the truth of seen cells, the rest as healthy."""
+    """Return a simple estimate in read-only arrays: the truth in seen cells, nearly healthy elsewhere."""
     value = np.empty_like(truth)
     value[:] = np.array([0.9, 0.9, 0.4], np.float32)[:, None, None]
     uncertainty = np.full_like(value, 0.3)
@@ -371,10 +369,6 @@ def _model(truth: NDArray[np.float32], seen: Observations) -> InformationModel:
     for array in (value, uncertainty):
         array.flags.writeable = False
     return InformationModel(value, uncertainty)
-
-
-def _digest(paths: Mapping[int, Points]) -> bytes:
-    return b"".join(system_id.to_bytes(4, "big") + paths[system_id].tobytes() for system_id in sorted(paths))
 
 
 def _require(good: bool, what: str, fault: str) -> None:

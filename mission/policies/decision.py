@@ -1,4 +1,4 @@
-"""Decisions: the answers of policies."""
+"""Decisions of policies, and their validation."""
 
 from __future__ import annotations
 
@@ -25,13 +25,13 @@ class Alternative:
     Parameters
     ----------
     system_id : int
-        The vehicle.
+        System id of the vehicle.
     points_m : float64[n, 2]
-        Metres of the farm frame.
+        Points of the path, in metres of the farm frame.
     value : float
-        Expected value in the policy's own measure; more is better.
+        Expected value in the policy's own measure; higher is better.
     cost : float
-        Cost in the unit of the vehicle's budget.
+        Cost of the path, in the unit of the vehicle's budget.
     """
 
     system_id: int
@@ -45,13 +45,13 @@ class Alternative:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AcquisitionMap:
-    """Value of seeing each place, by which a policy chose.
+    """Map of acquisition values behind a decision.
 
     Parameters
     ----------
     values : float32[w, h]
-        Of square blocks, block (0, 0) at the origin of the farm frame, in the policy's own measure; 0 where
-        no vehicle may fly.
+        Values of square blocks in the policy's own measure, block (0, 0) at the origin of the farm frame; 0
+        where no vehicle may fly.
     cell_m : float
         Side of a block, metres.
     """
@@ -67,22 +67,22 @@ class Decision:
     Parameters
     ----------
     paths : mapping of int to float64[n, 2]
-        The points from here on by system id, in metres of the farm frame; the vehicle then flies home. No
-        points: fly home now (a vehicle whose mission does not lead home, the ideal robot, ends where it is);
-        at the start: do not fly. Vehicles without an entry keep their paths.
+        New points ahead of each vehicle, by system id, in metres of the farm frame. After the last point the
+        vehicle flies home. A path without points means: fly home now, or stay on the ground at the start.
+        (The ideal robot has no return and ends at its position.) Vehicles without an entry keep their paths.
     reason : str
-        The reason in a few words, for the record.
+        Reason in a few words, for the record.
     alternatives : tuple of Alternative
-        All candidates, the chosen ones included, the best first.
+        All candidates including the chosen paths, best first.
     spacing_m : mapping of int to float
-        Distance between neighbouring rows of paths with rows, by system id; for reports.
+        Row spacing of paths with rows, by system id; for reports.
     acquisition : AcquisitionMap or None
-        The map by which the paths were chosen, for viewers.
+        Acquisition map behind the paths, for viewers.
 
     Raises
     ------
     AnswerError
-        If points are no finite pairs.
+        If a path is not an array of finite (x, y) pairs.
 
     Examples
     --------
@@ -124,11 +124,11 @@ class Decision:
 
 
 NO_CHANGE = Decision()
-"""All vehicles keep their paths."""
+"""Decision that keeps the paths of all vehicles."""
 
 
 def answer_costs(name: str, answer: object, observation: PolicyObservation) -> dict[int, float]:
-    """Return the costs of the paths of an answer, by system id, in the units of the budgets."""
+    """Validate a policy's answer; return the cost of each path by system id, in the unit of its budget."""
     if not isinstance(answer, Decision):
         msg = f"{name} answered with a {type(answer).__name__}, not a Decision"
         raise AnswerError(msg, "no Decision")
@@ -143,14 +143,14 @@ def answer_costs(name: str, answer: object, observation: PolicyObservation) -> d
 
 
 def _checked_cost(name: str, vehicle: VehicleReport, points: Points) -> float:
-    """Return the cost of a new path; AnswerError if the vehicle must not fly it."""
+    """Return the cost of a new path; raise AnswerError if the vehicle must not fly the path."""
     who = name if vehicle.system_id == 1 else f"{name}, vehicle {vehicle.system_id},"
     if not vehicle.steerable:
         msg = f"{who} changes the path of a vehicle that is {vehicle.status.value}"
         raise AnswerError(msg, "not steerable")
     cost = vehicle.travel_cost.rest([points])[0]
     budget = vehicle.request.budget
-    # The way home is always allowed: in wind, or round an obstacle, even that may be over the budget.
+    # The direct return is always allowed: in wind or round an obstacle even it may exceed the budget.
     if len(points) and not cost <= vehicle.left + budget.limit * _OF_LIMIT:
         over = f"the budget of {budget.limit:g} {budget.unit}"
         if vehicle.spent > 0.0:
@@ -158,7 +158,7 @@ def _checked_cost(name: str, vehicle: VehicleReport, points: Points) -> float:
         msg = f"{who} returned a path that takes {cost:.6g} {budget.unit}, over {over}"
         raise AnswerError(msg, "over the budget")
     area = vehicle.request.room
-    # Between separate parts the path may be straight.
+    # A path may cross from one separate part to another in a straight line.
     room = area.convex_hull if isinstance(area, shapely.MultiPolygon) else area
     if len(points):
         line = shapely.LineString(points) if len(points) > 1 else shapely.Point(points[0])

@@ -1,4 +1,4 @@
-"""Policies that search routes over a map of acquisition values."""
+"""Policies that search for routes over a map of acquisition values."""
 
 from __future__ import annotations
 
@@ -40,38 +40,39 @@ from mission.policies.steering import (
 )
 from mission.policies.tour_search import candidate_places, search_tour
 
-_RADIUS = 3  # Cells about a seen cell whose values it takes: beyond, the share is below 1 %
+_RADIUS = 3  # Radius, in cells, of the neighbour shares: further cells lose less than 1 % of their value
 _ALTERNATIVES = 4
 _LEAST_LEGS = 4
 _MOST_STOPS = 40
 CELLS_A_LEG = 8.0
-"""Rough length of a leg of a route, cells."""
+"""Approximate length of a leg of a route, in cells."""
 
 
 @dataclass(kw_only=True, eq=False, repr=False)
 class MapPolicy(ABC):
-    """A policy that searches routes over a map of the value of seeing each cell, again as more is seen.
+    """A policy that searches for routes over a map of acquisition values, and repeats the search in flight.
 
     Parameters
     ----------
     acquisition : str or Acquisition
-        Value of seeing a cell.
+        Acquisition function: the value of observing a cell.
     share, spread : float
-        Seeing a cell takes ``share * exp(-d^2 / spread)`` of the acquisition value of a cell d cells away.
+        Observing a cell removes the fraction ``share * exp(-d^2 / spread)`` of the acquisition value of a
+        cell d cells away.
     every : int
         Number of observations between two searches.
     least_s : float
-        Least time between two searches, seconds of flight.
+        Least time between two searches, in seconds of flight.
     caution, reach : float
-        See `mission.policies.acquisition.WithCoverage`.
+        Parameters of `mission.policies.acquisition.WithCoverage`.
     least_weight : float
-        See `mission.policies.acquisition.Balanced`.
+        Parameter of `mission.policies.acquisition.Balanced`.
     coordination : {"sequential", "auction"} or Coordination
-        Coordination of a fleet (`mission.policies.steering`).
+        How the vehicles of a fleet share the map (`mission.policies.steering`).
     """
 
     reason: ClassVar[str]
-    """Reason in the record of a decision."""
+    """Reason that the record of each decision shows."""
 
     acquisition: str | Acquisition = "expected-loss"
     share: float = 0.12
@@ -94,15 +95,15 @@ class MapPolicy(ABC):
         )
 
     def start(self) -> None:
-        """Clear the memory of the run before."""
+        """Clear the memory of the previous run."""
         self._steering.start()
 
     def decide(self, observation: PolicyObservation) -> Decision:
-        """Search a route for each vehicle in turn."""
+        """Search for a route for each steerable vehicle."""
         return self._steering.decide(observation, self._routes, self.reason)
 
     def _routes(self, problem: RouteProblem) -> Sequence[Route]:
-        """Search; with no value near the vehicle, fly far first and search on from there."""
+        """Return the routes of `_search`, or a far leg and a route from its end if no value is near."""
         routes = self._search(problem)
         far = [] if routes else far_route(problem)
         if not far:
@@ -118,16 +119,15 @@ class MapPolicy(ABC):
 
     @abstractmethod
     def _search(self, problem: RouteProblem) -> Sequence[Route]:
-        """Return routes of a vehicle, the best first; none if there is no value near it."""
+        """Return routes of the vehicle, best first; none if no value is near the vehicle."""
 
 
 @dataclass(kw_only=True, eq=False, repr=False)
 class Greedy(MapPolicy):
-    """Fly the straight leg of the most value by cost; choose again after a few cells.
+    """Fly the straight leg with the greatest ratio of value to cost, and choose again after a few cells.
 
-    Further legs are chosen as if nothing were found, so that the vehicle always has a path.
-
-    The parameters of `MapPolicy` apply, too.
+    Further legs are appended by the same rule, on the map without the value already taken, so that the
+    vehicle always has a path ahead. The class also has the parameters of `MapPolicy`.
 
     Parameters
     ----------
@@ -177,23 +177,22 @@ class Greedy(MapPolicy):
 
 @dataclass(kw_only=True, eq=False, repr=False)
 class Orienteering(MapPolicy):
-    """Choose places and their order for the most value, early, within the rest of the budget.
+    """Choose places and their order for the greatest discounted value within the remaining budget.
 
-    Costs of legs are the vehicle's travel costs. A budget that pays for the way home keeps enough for it.
-
-    The parameters of `MapPolicy` apply, too.
+    Legs cost the vehicle's travel costs. If the budget counts the return, the tour leaves enough for it. The
+    class also has the parameters of `MapPolicy`.
 
     Parameters
     ----------
     places : int
-        Number of candidates over the whole farm, and again about the vehicle.
+        Number of candidate places over the whole farm, and again in a window around the vehicle.
     near : int
-        Side of the window about the vehicle, cells.
+        Side of the window around the vehicle, in cells.
     horizon, patience : float
-        Greatest length of a tour, and the length after which value counts 1/e, in cells of flight with a turn
+        Greatest length of a tour, and length after which value counts 1/e, in cells of flight with a turn
         every few cells.
     rounds : int
-        Number of rounds of removing a part and filling up again.
+        Number of improvement rounds, each of which removes a part of the tour and refills it.
     """
 
     reason: ClassVar[str] = "tour"
@@ -218,7 +217,7 @@ class Orienteering(MapPolicy):
             if pays_for_return(vehicle)
             else np.zeros(len(places))
         )
-        # With a turn every few cells: without, costly turns would use up the whole limit.
+        # The cost per cell includes turns, or expensive turns would use up the whole limit.
         per_cell = problem.costs.per_cell + problem.costs.turn / CELLS_A_LEG
         limit = min(vehicle.left, self.horizon * per_cell + float(back[0]))
         order, value = search_tour(
@@ -231,17 +230,16 @@ class Orienteering(MapPolicy):
 class RollingHorizon(MapPolicy):
     """Fly the route of several legs with the most value up to a horizon; search again after a few cells.
 
-    The search counts the value that its own legs take: a cell is worth its value once, and seeing it takes a
-    share of its neighbours' values. It cannot foresee findings, so it is repeated.
-
-    The parameters of `MapPolicy` apply, too.
+    A route earns the value of each cell once, and observing a cell removes a share of its neighbours' values.
+    The search cannot predict what the vehicle will find, so it is repeated in flight. The class also has the
+    parameters of `MapPolicy`.
 
     Parameters
     ----------
     horizon, patience : float
-        Length up to which routes are compared, and after which value counts 1/e, in cells of flight.
+        Length of the compared routes, and length after which value counts 1/e, in cells of flight.
     beam, interval : int, float
-        Number of routes kept in each interval of cost, and its length in cells of flight.
+        Number of routes kept in each interval of cost, and length of an interval in cells of flight.
     """
 
     reason: ClassVar[str] = "looked ahead"
@@ -261,7 +259,7 @@ class RollingHorizon(MapPolicy):
 
     def _search(self, problem: RouteProblem) -> Sequence[Route]:
         per_cell = problem.costs.per_cell
-        # With a turn every few cells: without, costly turns would use up the whole horizon.
+        # The horizon includes turns, or expensive turns would use up the whole horizon.
         horizon = self.horizon * (per_cell + problem.costs.turn / CELLS_A_LEG)
         route = search_route(
             problem.values, problem.shares, problem.planning_grid.free, problem.x, problem.y, self._offsets,

@@ -1,4 +1,4 @@
-"""Observations of policies: only what a computer on the ground can know."""
+"""Observations of policies: the information available on the ground during a flight."""
 
 from __future__ import annotations
 
@@ -23,74 +23,75 @@ from sensors.scoring.score import ScoreWeights
 
 
 class Event(Enum):
-    """Reason for which a policy is asked."""
+    """Reason for asking a policy."""
 
     START = "start"
-    """Nothing flies yet: every vehicle needs its first path; a path without points keeps it on the ground."""
+    """Before take-off: every vehicle needs its first path. A path without points keeps a vehicle grounded."""
     OBSERVATIONS = "observations"
-    """New observations of the camera."""
+    """New camera observations arrived."""
     WAYPOINT = "waypoint"
     """A vehicle reached a waypoint of its path."""
     PERIOD = "period"
-    """The time between two questions has passed."""
+    """The period since the last decision has passed."""
     ENDING = "ending"
-    """A vehicle is about to reach the end of its path; then it flies home."""
+    """A vehicle is about to reach the end of its path, after which the vehicle flies home."""
     LOST = "lost"
-    """A vehicle failed or fell silent; its part of the farm is left."""
+    """A vehicle failed or fell silent, and its part of the farm remains unseen."""
 
 
 class Status(Enum):
     """State of a vehicle's flight."""
 
     READY = "ready"
-    """On the ground at its start, before its flight."""
+    """On the ground before the flight."""
     CLIMBING = "climbing"
-    """Taking off; its path can be changed at its height: near the ground it goes straight up."""
+    """Taking off. The path cannot be changed before the vehicle reaches its flight altitude."""
     FLYING = "flying"
-    """On its path; the path can be changed."""
+    """On the path, which can be changed."""
     CHANGING = "changing"
-    """On its path, while a new path is being sent; this has to arrive first."""
+    """On the path while a new path is being sent. No further change is possible before it arrives."""
     SILENT = "silent"
-    """Probably on its path, but silent for a while, or its progress since is not yet known: it flies its plan
-    and cannot get a new path."""
+    """Probably on the path, but without recent telemetry or with unknown progress. The vehicle cannot get a
+    new path."""
     RETURNING = "returning"
-    """Flying home or landing; its path cannot be changed any more."""
+    """Flying home or landing. The path can no longer be changed."""
     PILOTED = "piloted"
-    """Taken out of its mission by a pilot, an operator or a safety function; its path is not changed."""
+    """Taken out of its mission by a pilot, an operator or a failsafe. Policies do not change the path."""
     ENDED = "ended"
-    """Back, as planned."""
+    """Landed as planned."""
     LOST = "lost"
-    """Failed, or silent for longer than its plan explains."""
+    """Failed, or silent for longer than the plan explains."""
 
 
 class TravelCost(Protocol):
-    """Cost of flying for a vehicle from its present position, in the unit of its budget."""
+    """Travel costs of a vehicle from its current position, in the unit of its budget."""
 
     def rest(self, paths_m: Sequence[Points]) -> list[float]:
-        """Return the costs of several rests of the path, from here through their points and home.
+        """Return the cost of each path, from the vehicle's position through its points and home.
 
-        A rest is float64[n, 2] in metres of the farm frame; n = 0 is the way home. The budget decides whether
-        the way home costs anything. Infinite for a path that the vehicle cannot fly. Decisions are checked by
-        these costs.
+        A path is float64[n, 2] in metres of the farm frame; n = 0 is the direct return. The return costs
+        nothing if the budget does not count it. A path that the vehicle cannot fly costs infinity. Decisions
+        are validated with these costs.
         """
 
     def legs(self, from_m: Points, to_m: Points) -> NDArray[np.float64]:
-        """Return the rough costs of straight legs, float64[n, m], from n points to m others.
+        """Return the approximate costs of straight legs, float64[n, m], from n points to m points.
 
-        Cheap, to choose among many legs: with the wind, and the mean cost of a turn.
+        The costs include the wind and the mean cost of a turn. This method is fast, for a choice among many
+        legs.
         """
 
     def change(self, points_m: Points) -> float:
-        """Return the cost of leaving the present path for another, besides the way.
+        """Return the additional cost of switching from the current path to another path.
 
-        0 if the autopilot keeps its speed, which most do. A policy may compare a new path with the present
-        one only if this is above 0.
+        The cost is 0 if the autopilot keeps its speed, as most do. A policy needs to compare a new path with
+        the current path only if this cost is above 0.
         """
 
 
 @dataclass(frozen=True, slots=True)
 class ContactArea:
-    """Area of sure radio contact, where a vehicle can get a new path: a circle over ground.
+    """Circle over ground with reliable radio contact, in which a vehicle can receive a new path.
 
     Examples
     --------
@@ -98,47 +99,50 @@ class ContactArea:
     1.0
     """
 
-    center_m: tuple[float, float]  # In metres of the farm frame
-    radius_m: float  # Below 0: contact is sure nowhere
+    center_m: tuple[float, float]  # Metres of the farm frame
+    radius_m: float  # A negative radius: no reliable contact anywhere
 
     @property
     def is_nowhere(self) -> bool:
-        """Whether contact is sure nowhere."""
+        """Whether there is no reliable contact anywhere."""
         return self.radius_m < 0.0
 
     def away_m(self, point_m: tuple[float, float] | NDArray[np.float64]) -> float:
-        """Return the distance of a point to the area; 0 within."""
+        """Return the distance from a point to the circle; 0 inside."""
         return max(0.0, math.dist(point_m, self.center_m) - self.radius_m)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class VehicleReport:
-    """A vehicle by its last telemetry.
+    """State of a vehicle according to its last telemetry.
 
     Parameters
     ----------
     system_id : int
-        Its MAVLink system id, by which decisions name it.
+        MAVLink system id, by which decisions name the vehicle.
     request : PlanningRequest
-        Its task: area, start, whole budget, footprint, seed.
+        Task of the vehicle: area, start, total budget, footprint, seed.
+    status : Status
+        State of the flight.
     position_m : tuple of float
-        x and y in metres of the farm frame.
+        Position, x and y in metres of the farm frame.
     velocity_m_s : tuple of float
-        Over ground, along x and y.
+        Velocity over ground, along x and y.
     age_s : float
         Age of position and velocity.
     spent : float
-        Cost of the flight until now, for a real flight until the answer, in the unit of the budget.
+        Spent budget, in the unit of the budget. In a real flight this includes the predicted cost until the
+        decision.
     rest_m : float64[n, 2]
-        The points of its path ahead, the present target first; read-only.
+        Points of the path ahead, current target first; read-only.
     travel_cost : TravelCost
-        Cost of flying on from here.
+        Travel costs from the current position.
     battery : float or None
-        Fraction of the battery that is left; None if unknown.
+        Remaining fraction of the battery; None if unknown.
     delay_s : float
-        Measured delay from an answer to the vehicle's turn, seconds.
+        Measured delay from a decision to the vehicle's turn (s).
     contact : ContactArea or None
-        Area in which a path has to end so that another can follow; None: anywhere.
+        Area in which a path must end so that the vehicle can receive another path. None: anywhere.
     """
 
     system_id: int
@@ -164,44 +168,46 @@ class VehicleReport:
 
     @property
     def left(self) -> float:
-        """Rest of the budget, in its unit; never below zero."""
+        """Remaining budget in the budget's unit, at least 0."""
         return max(0.0, self.request.budget.limit - self.spent)
 
     @property
     def steerable(self) -> bool:
-        """Whether a decision may change its path."""
+        """Whether a decision may change the vehicle's path."""
         return self.status in (Status.READY, Status.FLYING)
 
     @property
     def heading_rad(self) -> float:
-        """Direction of its motion over ground, from the x-axis towards y; 0 at rest."""
+        """Direction of motion over ground, from the x-axis towards y; 0 at rest."""
         return math.atan2(self.velocity_m_s[1], self.velocity_m_s[0])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PolicyObservation:
-    """The knowledge of a policy when it is asked.
+    """Input of a policy's decision.
 
     Parameters
     ----------
     event : Event
-        Reason of the question.
+        Reason for asking the policy.
     time_s : float
         Seconds since the mission began; 0 before.
     day : int
         Day of the environment.
+    farm : Farm
+        The farm.
     fields : FieldSet
-        The fields that are sensed and scored.
+        Sensed and scored fields.
     weights : ScoreWeights
-        Costs of errors.
+        Weights of the score's errors.
     model : InformationModel
-        The estimate of the farm. Its arrays are read-only and valid until the answer.
+        Current estimate of the fields. The arrays are read-only, and valid until the decision.
     observations : Observations
-        All observations until now, in the order of their arrival.
+        All observations of the run, in order of arrival.
     vehicles : tuple of VehicleReport
-        In the order of their system ids.
+        Vehicles in the order of their system ids.
     compute_s : float
-        Time limit of the answer, seconds. A later answer is not flown.
+        Time limit of the decision (s). Later decisions are not flown.
     """
 
     event: Event
@@ -217,16 +223,16 @@ class PolicyObservation:
 
     @property
     def steerable(self) -> tuple[VehicleReport, ...]:
-        """The vehicles whose paths may be changed."""
+        """Vehicles with a path that a decision may change."""
         return tuple(vehicle for vehicle in self.vehicles if vehicle.steerable)
 
     def vehicle(self, system_id: int) -> VehicleReport:
-        """Return the vehicle of this system id.
+        """Return the vehicle with this system id.
 
         Raises
         ------
         PlanningError
-            If there is none.
+            If no vehicle has this system id.
         """
         for vehicle in self.vehicles:
             if vehicle.system_id == system_id:
@@ -238,12 +244,12 @@ class PolicyObservation:
 
 @dataclass(frozen=True, slots=True)
 class GeometricTravelCost:
-    """The travel cost of a budget that counts metres or steps.
+    """Travel costs for a budget in metres or steps.
 
     Parameters
     ----------
     budget : LengthBudget or StepBudget
-        Its limit does not matter here.
+        Cost function; the limit is ignored.
     position_m : tuple of float
         Position of the vehicle, in metres of the farm frame.
 
@@ -260,15 +266,15 @@ class GeometricTravelCost:
     position_m: tuple[float, float]
 
     def rest(self, paths_m: Sequence[Points]) -> list[float]:
-        """Return the costs of rests of the path, from here through their points, and home if the budget pays.
+        """Return the cost of each path from the position, plus the return if the budget counts it.
 
-        A repeated point is a joint of two pieces and takes no step: in flight it is no stay.
+        Repeated points cost nothing: in flight they only join two pieces of a path.
         """
         here = np.asarray(self.position_m, dtype=np.float64)
         return [self.budget.cost(np.vstack((here, drop_coincident(path)))) for path in paths_m]
 
     def legs(self, from_m: Points, to_m: Points) -> NDArray[np.float64]:
-        """Return the costs of straight legs, float64[n, m], from n points to m others."""
+        """Return the costs of straight legs, float64[n, m], from n points to m points."""
         steps = np.asarray(from_m)[:, None, :] - np.asarray(to_m)[None, :, :]
         length_m: NDArray[np.float64] = np.hypot(steps[..., 0], steps[..., 1])
         if isinstance(self.budget, LengthBudget):
@@ -276,12 +282,12 @@ class GeometricTravelCost:
         return np.maximum(np.ceil(length_m / self.budget.step_m - 1e-6), 1.0)
 
     def change(self, points_m: Points) -> float:  # noqa: ARG002 (the same for every path)
-        """Return 0: a change takes neither metres nor steps."""
+        """Return 0: a change costs neither metres nor steps."""
         return 0.0
 
 
 def pays_for_return(vehicle: VehicleReport) -> bool:
-    """Return whether the vehicle's budget pays for the way home; true if that is not clear."""
+    """Return whether the vehicle's budget counts the return; True if this is unclear."""
     request = vehicle.request
     place = np.array(request.area.representative_point().coords)
     home = np.array([request.start_xy_m])

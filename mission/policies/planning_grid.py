@@ -1,4 +1,4 @@
-"""The planning grid: the farm in blocks few enough for a route search."""
+"""The planning grid: square blocks of cells, few enough for a route search."""
 
 from __future__ import annotations
 
@@ -16,24 +16,24 @@ from mission.policies.acquisition import ValueMap
 from mission.policies.observation import VehicleReport
 
 MOST_CELLS = 128
-"""Longest side of a planning grid, in its cells."""
+"""Longest side of a planning grid, in blocks."""
 DIRECTIONS = 64
-_PROBE_CELLS = (8.0, 24.0)  # Lengths of the legs that are priced: a short and a long leg of a route
+_PROBE_CELLS = (8.0, 24.0)  # Lengths, in cells, of the legs that `LegCosts` is fitted to
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlanningGrid:
-    """The land of legs, in square blocks of the farm's cells."""
+    """The area of a vehicle, in square blocks of farm cells."""
 
-    free: NDArray[np.bool_]  # bool[w, h]: blocks that lie wholly in the area
+    free: NDArray[np.bool_]  # Blocks entirely inside the area, bool[w, h]
     cell_m: float  # Side of a block, metres
-    block: int  # Side of a block in cells of the farm
-    convex: bool  # Whether a leg between two points of the area cannot leave it
-    area: Area  # The area, widened a little against rounding
+    block: int  # Side of a block, in farm cells
+    convex: bool  # Whether the area is a rectangle, so that no leg between two of its points leaves it
+    area: Area  # The area, widened slightly against rounding
 
     @classmethod
     def of(cls, area: Area, shape: tuple[int, int], cell_size_m: float, footprint_m: float) -> PlanningGrid:
-        """Make the planning grid of an area on a farm of a shape.
+        """Return the planning grid of an area on a farm with `shape` cells.
 
         Blocks are as small as `MOST_CELLS` and the camera's footprint allow.
         """
@@ -50,7 +50,7 @@ class PlanningGrid:
         return cls(free, cell_m, block, is_rectangle(area), wide)
 
     def pooled(self, values: ValueMap) -> ValueMap:
-        """Return the values of the blocks, float32[w, h]: sums over their cells, 0 if not free."""
+        """Return the sum of the cell values in each block, float32[w, h]; 0 in blocks that are not free."""
         if self.block == 1:
             return np.where(self.free, values, np.float32(0.0)).astype(np.float32)
         width, height = self.free.shape
@@ -64,16 +64,16 @@ class PlanningGrid:
         return np.where(self.free, sums, np.float32(0.0)).astype(np.float32)
 
     def shares(self, fine: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Return the shares of values that seeing a block takes, from those of single cells.
+        """Return the neighbour shares for blocks, from the neighbour shares `fine` for single cells.
 
-        A vehicle that crosses a block sees a strip of it, widened by the neighbours' shares.
+        A vehicle that crosses a block sees a strip of the block, widened by the neighbour shares.
         """
         if self.block == 1:
             return fine
         return np.array([[min(1.0, strip_width(fine) / self.block)]], np.float32)
 
     def inside(self, start_m: tuple[float, float], points_m: Points) -> Points:
-        """Return the points before the first leg that leaves the area; a leg into it is allowed."""
+        """Return the points before the first leg that leaves the area; the first leg may enter the area."""
         if self.convex or not len(points_m):
             return points_m
         path = np.vstack((np.asarray(start_m)[None], points_m))
@@ -84,8 +84,8 @@ class PlanningGrid:
 
 
 def strip_width(shares: NDArray[np.float32]) -> float:
-    """Return the width of the strip, in cells, whose value a long straight pass takes."""
-    # The part taken from a cell beside the pass by all the cells of the pass.
+    """Return the width, in cells, of the strip that loses its value to a long straight pass."""
+    # Fraction of value that the pass as a whole takes from a cell beside it.
     beside = 1.0 - np.prod(1.0 - shares.astype(np.float64), axis=0)
     beside[len(shares) // 2] = 1.0
     return float(beside.sum())
@@ -93,15 +93,15 @@ def strip_width(shares: NDArray[np.float32]) -> float:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LegCosts:
-    """Costs of legs in the unit of a vehicle's budget, by lengths in cells of a planning grid."""
+    """Linear costs of legs in the unit of the vehicle's budget: `turn` plus slope times length in blocks."""
 
-    turn: float  # Cost of a leg besides its length
-    # float64[directions]: cost of a cell's length, in directions from the x-axis towards y.
+    turn: float  # Constant cost of a leg
+    # Cost per block of length, by direction from the x-axis towards y, float64[directions]
     slopes: NDArray[np.float64]
 
     @classmethod
     def of(cls, vehicle: VehicleReport, cell_m: float) -> LegCosts:
-        """Fit the vehicle's travel costs, by legs of two lengths in each direction."""
+        """Fit the vehicle's travel costs with legs of two lengths in each direction."""
         angle = 2.0 * np.pi * np.arange(DIRECTIONS) / DIRECTIONS
         rays = np.stack((cos(angle), sin(angle)), axis=1) * cell_m
         here = np.asarray(vehicle.position_m)
@@ -111,5 +111,5 @@ class LegCosts:
 
     @property
     def per_cell(self) -> float:
-        """Mean cost of a cell's length."""
+        """Mean cost per block of length."""
         return float(self.slopes.mean())

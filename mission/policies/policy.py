@@ -1,7 +1,4 @@
-"""Policies: decisions in flight on where to go next.
-
-A policy is asked at the start and by its `Triggers`. A planner is a policy without changes (`FixedPlan`).
-"""
+"""The policy interface, look-up of policies by name, and policies with fixed paths."""
 
 from __future__ import annotations
 
@@ -22,20 +19,21 @@ from mission.policies.observation import Event, PolicyObservation, Status, Vehic
 
 @dataclass(frozen=True, slots=True)
 class Triggers:
-    """Reasons to ask a policy, besides the start and the loss of a vehicle.
+    """When to ask a policy for a decision in flight.
 
-    With any of these a policy is also asked before a path ends.
+    Every policy is asked at the start and at the loss of a vehicle. A policy with any trigger is also asked
+    before a path ends.
 
     Parameters
     ----------
     period_s : float or None
-        Period in seconds of flight; None: not by time.
+        Ask periodically, in seconds of flight. None: no period.
     observations : int or None
-        Number of new observations; None: not by observations.
+        Ask after this number of new observations. None: no such trigger.
     waypoints : bool
-        At each waypoint that a vehicle reaches.
+        Ask whenever a vehicle reaches a waypoint.
     least_s : float
-        Least time between two questions for these reasons, in seconds of flight.
+        Least time between two triggered decisions, in seconds of flight.
     """
 
     period_s: float | None = None
@@ -45,39 +43,39 @@ class Triggers:
 
     @property
     def never(self) -> bool:
-        """Whether there is none of these reasons."""
+        """Whether no trigger is set."""
         return self.period_s is None and self.observations is None and not self.waypoints
 
 
 LEAST_S = 4.0
-"""Least time between two questions to our policies, seconds: a vehicle passes many cells in a second."""
+"""Default of `Triggers.least_s` for map policies (s): a vehicle passes many cells in a second."""
 
 NEVER_AGAIN = Triggers()
-"""Only at the start, and when a vehicle is lost."""
+"""Triggers of a policy that decides only at the start and at the loss of a vehicle."""
 
 
 @runtime_checkable
 class Policy(Protocol):
     """Decides where vehicles go next.
 
-    A run begins with `start`, which clears its memory; then `decide` gets one observation after the other. No
-    object of an observation leads to the true state of the farm.
+    Each run calls `start` once, then `decide` for each observation. An observation gives no access to the
+    true state of the farm.
     """
 
     @property
     def triggers(self) -> Triggers:
-        """When the policy is asked."""
+        """When to ask the policy in flight."""
 
     def start(self) -> None:
-        """Clear the memory: a new run begins."""
+        """Clear the memory before a new run."""
 
     def decide(self, observation: PolicyObservation) -> Decision:
-        """Answer, within the observation's computing time.
+        """Return a decision within the computing time `observation.compute_s`.
 
         At `Event.START` every vehicle needs a path. A path without points keeps the vehicle on the ground for
-        this flight; in the first flight of a run at least one vehicle has to fly. Later, `NO_CHANGE` keeps
-        all paths. Every path must lie in the area of its vehicle's request, and its cost
-        (`VehicleReport.travel_cost`) must be within the rest of the budget.
+        this flight; in the first flight of a run at least one vehicle must fly. At other events, `NO_CHANGE`
+        keeps all paths. Every path must lie in the area of its vehicle's request, and its cost
+        (`VehicleReport.travel_cost`) must be within the remaining budget.
 
         Raises
         ------
@@ -88,23 +86,23 @@ class Policy(Protocol):
 
 @dataclass(slots=True, eq=False)
 class FixedPlan:
-    """A planner as a policy: it plans at the start only.
+    """A planner as a policy: plans only at the start.
 
-    Several vehicles get a part of the land each. When one is lost, the others take over its unflown land, as
-    far as their budgets allow (`mission.policies.allocation`).
+    Each vehicle of a fleet plans for a part of the land. When a vehicle is lost, the others take over its
+    unflown land, as far as their budgets allow (`mission.policies.allocation`).
 
     Parameters
     ----------
     planner : Planner or str
-        As for `mission.planners.make_planner`.
+        A planner or its name, as for `mission.planners.make_planner`.
     partition : {"strips", "voronoi", "none"}
-        Partition of the land among several vehicles; with ``"none"`` each plans for the whole land, and
-        nothing is reallocated.
+        Partition of the land among several vehicles. With ``"none"`` each vehicle plans for the whole land,
+        and a lost vehicle's land is not reallocated.
 
     Raises
     ------
     ParameterError
-        If there is no such partition.
+        If the partition is unknown.
 
     Examples
     --------
@@ -121,11 +119,11 @@ class FixedPlan:
         check_partition(self.partition)
 
     def start(self) -> None:
-        """Clear the shares of the run before."""
+        """Clear the vehicles' shares of the previous run."""
         self._shares = {}
 
     def decide(self, observation: PolicyObservation) -> Decision:
-        """Plan for every vehicle at the start; reallocate the land of a lost one; else change nothing."""
+        """Plan for every vehicle at the start, reallocate a lost vehicle's land, else change nothing."""
         if observation.event is Event.START:
             return self._plan(observation.steerable)
         if observation.event is Event.LOST and self.partition != WHOLE:
@@ -169,15 +167,15 @@ class FixedPlan:
 
 @dataclass(frozen=True, slots=True)
 class KeepPath:
-    """A policy that keeps the paths of a mission from a file."""
+    """A policy that never changes a path, for missions from files."""
 
     triggers: ClassVar[Triggers] = NEVER_AGAIN
 
     def start(self) -> None:
-        """Do nothing: there is no memory."""
+        """Do nothing: this policy has no memory."""
 
     def decide(self, observation: PolicyObservation) -> Decision:  # noqa: ARG002
-        """Change nothing."""
+        """Return NO_CHANGE."""
         return NO_CHANGE
 
 
@@ -190,31 +188,32 @@ def policy_names() -> tuple[str, ...]:
 
 
 def policy_parameters(name: str) -> dict[str, Any]:
-    """Return the parameters of a policy, the arguments of its factory, with their defaults.
+    """Return the parameters of a policy (the arguments of its factory) with their defaults.
 
-    PlanningError if there is no policy of that name.
+    PlanningError if no policy has this name.
     """
     named = load_registered("policy", ENTRY_POINT_GROUP, name, {})
     return _parameters(named.found, named.what)
 
 
 def make_policy(policy: str | Policy, /, **parameters: Any) -> Policy:
-    """Make a policy.
+    """Return a policy.
 
     Parameters
     ----------
     policy : str or Policy
-        A name, in which case does not matter, with parameters if wanted: ``greedy:acquisition=variance`` (see
-        `geo.named.parse_named`). Or a policy of your own, which is given back and takes no parameters here.
+        The name of an installed policy, optionally with parameters: ``greedy:acquisition=variance`` (see
+        `geo.named.parse_named`). Names are case-insensitive. Your own policy object is returned unchanged
+        and takes no parameters here.
     **parameters
         Further parameters, see `policy_parameters`.
 
     Raises
     ------
     PlanningError
-        If there is no policy of that name, its package cannot be imported, or it is no policy.
+        If no policy has the name, its package cannot be imported, or the object is not a policy.
     ParameterError
-        If the text cannot be read, or a parameter is unknown or given twice.
+        If the text cannot be parsed, or a parameter is unknown or given twice.
     """
     if not isinstance(policy, str):
         if inspect.isclass(policy) or not isinstance(policy, Policy):

@@ -1,4 +1,4 @@
-"""Straight legs and routes on a map of cells, in compiled code: their values and costs."""
+"""Compiled search for routes of straight legs on a map of cell values."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from geo.linear_algebra import exp
 
 @compiled(inline="late")
 def is_free(free: Any, i: int, j: int) -> bool:
-    """Return whether legs may lead through a cell; not outside of the map."""
+    """Return whether legs may cross cell (i, j); False outside the map."""
     width, height = free.shape
     if i < 0 or j < 0 or i >= width or j >= height:
         return False
@@ -23,10 +23,10 @@ def is_free(free: Any, i: int, j: int) -> bool:
 
 @compiled(inline="late")
 def leg_to(x: float, y: float, i: int, j: int, slopes: Any) -> tuple[float, float, float, float, float]:
-    """Return the leg from a place, in cells, to the middle of a cell (i, j).
+    """Return the leg from (x, y), in cells, to the centre of cell (i, j).
 
-    That is its parts along x and y, its length in cells, its direction in turns from the x-axis towards y,
-    and the cost of a cell's length (`mission.policies.planning_grid.LegCosts.slopes`).
+    The result is: components along x and y, length in cells, direction in turns from the x-axis towards y,
+    and cost per cell of length (from `mission.policies.planning_grid.LegCosts.slopes`).
     """
     dx, dy = i + 0.5 - x, j + 0.5 - y
     turns = (math.atan2(dy, dx) / (2.0 * math.pi)) % 1.0
@@ -45,11 +45,12 @@ def leg_values(
     values: Any,
     costs: Any,
 ) -> None:
-    """Fill in values and costs, float64[n] each, of the legs from a place (x, y) to cells around it.
+    """Fill in values and costs, float64[n] each, of the legs from (x, y) to surrounding cells.
 
-    `pooled`, float32[W, H], is the value of seeing each cell. Legs lead over `free` cells, bool[W, H], but
-    may begin elsewhere. They end `offsets`, int64[n, 2], from the cell of the place; `turn` and `slopes` are
-    those of `mission.policies.planning_grid.LegCosts`. A leg that cannot be flown has the value -1.
+    `pooled`, float32[W, H], is the value of observing each cell. Legs may cross only `free` cells,
+    bool[W, H], but may start elsewhere. The target cells are `offsets`, int64[n, 2], from the cell of (x, y).
+    For `turn` and `slopes` see `mission.policies.planning_grid.LegCosts`. A leg over a cell that is not free
+    has the value -1.
     """
     begin_i, begin_j = math.floor(x + 1e-9), math.floor(y + 1e-9)
     inside = is_free(free, begin_i, begin_j)
@@ -80,16 +81,16 @@ def leg_values(
 
 
 _SECTORS = 32
-_DENSE = 6  # Ends of legs at up to twice this distance are all cells
+_DENSE = 6  # Every cell is a leg's end up to twice this distance
 
 X, Y, COST, VALUE = range(4)
-"""Columns of a route: place in cells, cost and discounted value until there."""
+"""Columns of a route: position in cells, cumulative cost, and cumulative discounted value."""
 
 
 def neighbour_shares(share: float, spread: float, radius: int) -> NDArray[np.float32]:
-    """Return the shares of its neighbours' values that seeing a cell takes, float32[2 radius + 1]^2.
+    """Return the shares of value that observing a cell removes, float32[2 radius + 1, 2 radius + 1].
 
-    ``share * exp(-d^2 / spread)`` at a distance of d cells, and 1 for the cell itself.
+    The share is 1 for the cell itself, and ``share * exp(-d^2 / spread)`` for a cell d cells away.
     """
     axis = np.arange(-radius, radius + 1)
     squares = axis[:, None] ** 2 + axis[None, :] ** 2
@@ -100,7 +101,7 @@ def neighbour_shares(share: float, spread: float, radius: int) -> NDArray[np.flo
 
 @compiled
 def pool(left: Any, shares: Any, x_0: int, x_1: int, y_0: int, y_1: int, out: Any) -> None:
-    """Write the value of seeing each cell, with its neighbours' shares, for a block of cells of `out`."""
+    """Write the value of observing each cell, including the neighbour shares, to a block of `out`."""
     width, height = left.shape
     radius = shares.shape[0] // 2
     first, end = max(y_0, 0), min(y_1, height)
@@ -112,7 +113,7 @@ def pool(left: Any, shares: Any, x_0: int, x_1: int, y_0: int, y_1: int, out: An
                 share = shares[i - x + radius, aside + radius]
                 low, high = max(first, -aside), min(end, height - aside)
                 if low < high:
-                    # An inner loop from 0 on is vectorised.
+                    # Numba vectorises an inner loop only if it starts at 0.
                     seen, taken = left[i, low + aside : high + aside], out[x, low:high]
                     for k in range(high - low):
                         taken[k] += share * seen[k]
@@ -120,7 +121,7 @@ def pool(left: Any, shares: Any, x_0: int, x_1: int, y_0: int, y_1: int, out: An
 
 @compiled
 def take_leg(left: Any, shares: Any, x: float, y: float, to_x: float, to_y: float) -> None:
-    """Take the values that a leg sees from a map, except for the cell at its beginning."""
+    """Remove from the map `left` the value that a leg observes, except in its first cell."""
     width, height = left.shape
     radius = shares.shape[0] // 2
     length = math.hypot(to_x - x, to_y - y)
@@ -139,7 +140,7 @@ def take_leg(left: Any, shares: Any, x: float, y: float, to_x: float, to_y: floa
 
 
 def leg_offsets(reach: int) -> NDArray[np.int64]:
-    """Return the ends of legs relative to the cell of their beginning, int64[n, 2]: dense near it."""
+    """Return the end cells of legs relative to their first cell, int64[n, 2]; sparser with distance."""
     axis = np.arange(-reach, reach + 1)
     dx, dy = (part.ravel() for part in np.meshgrid(axis, axis, indexing="ij"))
     distance = np.hypot(dx, dy)
@@ -162,10 +163,10 @@ def _expand(
     best: Any,
     best_end: Any,
 ) -> None:
-    """Find the best leg in each sector of directions into each interval of cost.
+    """Find the best leg for each sector of directions and each interval of cost.
 
-    Fills `best`, float64[sectors, groups + 1], with the value projected to the end of the interval, and
-    `best_end`, float64[sectors, groups + 1, 4], with the end of the leg.
+    Fills `best`, float64[sectors, groups + 1], with the values projected to the ends of the intervals, and
+    `best_end`, float64[sectors, groups + 1, 4], with the ends of the legs.
     """
     sectors, groups = best.shape[0], best.shape[1] - 1
     interval = horizon / groups
@@ -207,7 +208,7 @@ def _expand(
         if not valid:
             continue
         group = groups if cost >= horizon - 1e-9 else int(cost / interval)
-        # Routes of a group differ in cost: their values are projected to the end of the interval.
+        # Routes of a group differ in cost, so their values are projected to the end of the interval.
         upto = horizon if group == groups else (group + 1) * interval
         rank = value * (1.0 - math.exp(-upto / patience)) / (1.0 - factor)
         sector = int(direction * sectors) % sectors
@@ -221,7 +222,7 @@ def _expand(
 
 @compiled
 def _insert(ranks: Any, ends: Any, parents: Any, rank: float, end: Any, node: int) -> None:
-    """Insert a route into a group, the best first, if it is among the best."""
+    """Insert a route into its group, sorted best first, unless all routes of the group are better."""
     k = len(ranks) - 1
     if rank <= ranks[k]:
         return
@@ -250,15 +251,15 @@ def search_route(
     groups: int,
     beam: int,
 ) -> Any:
-    """Search the route that takes most value early, up to a horizon of cost.
+    """Search for the route with the greatest discounted value up to a horizon of cost (beam search).
 
-    `values`, float32[W, H], are the values of seeing a cell; later value counts less, by ``exp(-cost /
-    patience)``. `shares`: see `neighbour_shares`; `free` and `turn` to `slopes`: see `leg_values`;
-    `offsets`: see `leg_offsets`. Costs up to the horizon are divided into `groups`, each with the `beam` best
-    routes.
+    `values`, float32[W, H], are the acquisition values of the cells. Value earned after a cost is discounted
+    by ``exp(-cost / patience)``. The search divides the costs up to the horizon into `groups`, and keeps the
+    `beam` best routes in each. For `shares` see `neighbour_shares`; for `free`, `turn` and `slopes` see
+    `leg_values`; for `offsets` see `leg_offsets`.
 
-    Return the ends of the legs of the best route, float64[legs, 4]: x, y, cost and discounted value up to
-    there; no legs if nothing can be reached.
+    Return the ends of the legs of the best route, float64[legs, 4]: x, y, cumulative cost, and cumulative
+    discounted value. There are no legs if no value can be reached.
     """
     width, height = values.shape
     radius = shares.shape[0] // 2

@@ -1,4 +1,4 @@
-"""Decisions for a fleet from searches of single routes: each route takes its value from the map."""
+"""Decisions for a fleet, made from route searches for single vehicles and a coordination of their paths."""
 
 from __future__ import annotations
 
@@ -18,40 +18,41 @@ from mission.policies.observation import ContactArea, Event, PolicyObservation, 
 from mission.policies.planning_grid import LegCosts, PlanningGrid
 from mission.policies.route_search import take_leg
 
-_LEAST_LEG = 1e-3  # A shorter piece of a leg is not worth a waypoint
+_LEAST_LEG = 1e-3  # Shorter pieces of a leg get no waypoint (m)
 _STAY: Points = np.empty((0, 2))
+_KEEPS_PATH = (Status.READY, Status.CLIMBING, Status.FLYING, Status.CHANGING, Status.SILENT)
 _OUT_BY_BACK, _MOST_ONWARD = 6.0, 12
-"""Beyond the radio's range: length of a path by its way back, and the greatest number of further searches."""
+"""Beyond radio contact: wanted ratio of path length to return length, and limit of further searches."""
 _MOST_BY_BUDGET = 200
-"""Greatest number of searches without radio contact anywhere."""
+"""Limit of further searches if there is no radio contact anywhere."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Bid:
-    """The best path of a vehicle beside the promised paths of the others."""
+    """A vehicle's best path, given the promised paths of the other vehicles."""
 
-    points_m: Points  # float64[n, 2]: in metres of the farm frame
+    points_m: Points  # Points of the path in metres of the farm frame, float64[n, 2]
     value: float  # Expected value, in the policy's own measure
-    share: float  # Cost as a share of the rest of the budget, which is comparable between vehicles
+    share: float  # Cost as a fraction of the remaining budget, which is comparable between vehicles
 
     @property
     def rate(self) -> float:
-        """Value by share of the rest of the budget."""
+        """Value per fraction of the remaining budget."""
         return self.value / self.share if self.share > 0.0 else float("inf")
 
 
 Promised: TypeAlias = Mapping[int, Points]
-"""Paths of vehicles by their system ids; the cells along them are worth nothing to other vehicles."""
+"""Paths of vehicles by system id; cells along a path have no value for other vehicles."""
 Bidder: TypeAlias = Callable[[VehicleReport, Promised], Bid | None]
-"""Finds a vehicle's best path beside the promised paths of others."""
+"""Function that finds a vehicle's best path, given the promised paths of other vehicles."""
 Coordination: TypeAlias = Callable[[Sequence[VehicleReport], Promised, Bidder], dict[int, Points]]
-"""Returns new paths of vehicles, given the present paths of all; vehicles without a new path keep theirs."""
+"""Function that returns new paths, given all current paths; the other vehicles keep their paths."""
 
 
 def sequential(vehicles: Sequence[VehicleReport], present: Promised, bidder: Bidder) -> dict[int, Points]:
-    """Let vehicles choose in turn, beside the new paths of those before and the present paths of those after.
+    """Let the vehicles choose in turn, given new paths of earlier and current paths of later vehicles.
 
-    If seeing a cell again is worth nothing, the result is worth at least half of the optimum (sequential
+    If observing a cell again has no value, the result has at least half the value of the optimum (sequential
     allocation: Singh et al. 2009; Fisher, Nemhauser and Wolsey 1978).
     """
     promised, chosen = dict(present), {}
@@ -63,12 +64,12 @@ def sequential(vehicles: Sequence[VehicleReport], present: Promised, bidder: Bid
 
 
 def auction(vehicles: Sequence[VehicleReport], present: Promised, bidder: Bidder) -> dict[int, Points]:
-    """Sell paths in turn to the vehicle with the most value for the rest of its budget.
+    """Assign paths in the order of `Bid.rate`, by repeated auctions.
 
-    Bidding vehicles give up their present paths. All bid; the bid of the best rate wins and is promised; the
-    others bid again. Bids only fall, so only a bid that would win has to be renewed (Minoux 1978). A vehicle
-    without a bid keeps its path. The bound is that of `sequential`, but the order does not depend on the
-    system ids.
+    The vehicles first release their current paths. In each auction every vehicle bids, the bid with the best
+    rate wins, and its path is promised. Bids can only fall, so only a winning bid from an earlier auction is
+    recomputed (Minoux 1978). A vehicle without a bid keeps its path. The bound of `sequential` applies, but
+    the order does not depend on the system ids.
     """
     bidding = {vehicle.system_id: vehicle for vehicle in vehicles}
     promised = {number: path for number, path in present.items() if number not in bidding}
@@ -99,7 +100,7 @@ COORDINATIONS: dict[str, Coordination] = {"sequential": sequential, "auction": a
 
 
 def make_coordination(coordination: str | Coordination) -> Coordination:
-    """Return a coordination by its name (`COORDINATIONS`), or the callable that was given."""
+    """Return the coordination with this name (from `COORDINATIONS`); return a callable unchanged."""
     if callable(coordination):
         return coordination
     found = COORDINATIONS.get(str(coordination))
@@ -111,48 +112,47 @@ def make_coordination(coordination: str | Coordination) -> Coordination:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RouteProblem:
-    """The search problem of a vehicle's route; lengths are in cells of the planning grid."""
+    """The search problem for one vehicle's route. Lengths are in cells of the planning grid."""
 
     vehicle: VehicleReport
     planning_grid: PlanningGrid
-    values: ValueMap  # float32[w, h]: values left after the routes of the other vehicles
-    shares: NDArray[np.float32]  # float32[2 r + 1, 2 r + 1]: parts of values that seeing a cell takes
+    values: ValueMap  # Remaining values after the routes of the other vehicles, float32[w, h]
+    shares: NDArray[np.float32]  # Neighbour shares, float32[2 r + 1, 2 r + 1]
     costs: LegCosts
-    x: float  # x, y: position of the vehicle
+    x: float  # Position of the vehicle: x, y
     y: float
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Route:
-    """A route: its corners, float64[n, 2] in cells of the planning grid, and its value."""
+    """A route and its value."""
 
-    corners: NDArray[np.float64]
+    corners: NDArray[np.float64]  # Corners in cells of the planning grid, float64[n, 2]
     value: float
 
 
 Search: TypeAlias = Callable[[RouteProblem], Sequence[Route]]
-"""Finds routes, the best first."""
+"""Function that finds routes, best first."""
 
 
 @dataclass(slots=True)
 class Steering:
-    """Makes decisions from searches of single routes, beside those of the other vehicles (`Coordination`)."""
+    """Makes decisions for a fleet from route searches for single vehicles (see `Coordination`)."""
 
     acquisition: Acquisition
-    # float32[2 r + 1, 2 r + 1]: see `mission.policies.route_search.neighbour_shares`.
-    shares: NDArray[np.float32]
+    shares: NDArray[np.float32]  # Neighbour shares, see `mission.policies.route_search.neighbour_shares`
     coordination: Coordination = sequential
     _grids: dict[int, PlanningGrid] = field(default_factory=dict, init=False)
     _drawn: dict[tuple[bytes, float], PlanningGrid] = field(default_factory=dict, init=False)
 
     def start(self) -> None:
-        """Clear the planning grids of the run before."""
+        """Clear the planning grids of the previous run."""
         self._grids, self._drawn = {}, {}
 
     def decide(self, observation: PolicyObservation, search: Search, reason: str) -> Decision:
-        """Search new routes for all steerable vehicles.
+        """Search for new routes of all steerable vehicles.
 
-        A vehicle without an affordable route keeps its path; at the start it stays on the ground.
+        A vehicle without an affordable route keeps its path; at the start the vehicle stays on the ground.
         """
         values = self.acquisition(observation)
         found: dict[int, list[Alternative]] = {}
@@ -167,7 +167,7 @@ class Steering:
             )
             routes = search(problem)
             contact = vehicle.contact
-            # Without contact anywhere only the first path can be given.
+            # Without contact anywhere the vehicle can receive only its first path.
             if contact and routes and (observation.event is Event.START or not contact.is_nowhere):
                 routes = [_out_and_back(problem, routes[0], search, contact), *routes[1:]]
             paths = [
@@ -190,7 +190,9 @@ class Steering:
             return Bid(best.points_m, best.value, best.cost / vehicle.left if vehicle.left > 0.0 else 1.0)
 
         present = {
-            vehicle.system_id: vehicle.rest_m for vehicle in observation.vehicles if _flies_on(vehicle)
+            vehicle.system_id: vehicle.rest_m
+            for vehicle in observation.vehicles
+            if vehicle.status in _KEEPS_PATH and len(vehicle.rest_m)
         }
         paths = self.coordination(observation.steerable, present, bid)
         if observation.event is Event.START:
@@ -202,7 +204,7 @@ class Steering:
     def _grid(self, observation: PolicyObservation, vehicle: VehicleReport) -> PlanningGrid:
         planning_grid = self._grids.get(vehicle.system_id)
         if planning_grid is None:
-            # Vehicles with the same area share its planning grid, and the results for it.
+            # Vehicles with the same area share a planning grid, so that its values are pooled only once.
             request, shape = vehicle.request, observation.model.shape
             area = request.area.wkb, request.footprint_m
             if area not in self._drawn:
@@ -236,23 +238,17 @@ class Steering:
 
 
 def _joined(maps: Mapping[PlanningGrid, ValueMap]) -> AcquisitionMap | None:
-    """Return the union of the vehicles' maps, on the planning grid of the first; None without maps."""
+    """Return the union of the vehicles' maps on the planning grid of the first vehicle; None without maps."""
     if not maps:
         return None
     cell_m = next(iter(maps)).cell_m
-    # A vehicle with a larger footprint has larger blocks.
+    # Maps of vehicles with a larger footprint have larger blocks and do not fit.
     alike = [values for grid, values in maps.items() if grid.cell_m == cell_m]
     return AcquisitionMap(alike[0] if len(alike) == 1 else np.maximum.reduce(alike), cell_m)
 
 
-def _flies_on(vehicle: VehicleReport) -> bool:
-    """Return whether a vehicle will fly its path."""
-    goes_on = (Status.READY, Status.CLIMBING, Status.FLYING, Status.CHANGING, Status.SILENT)
-    return vehicle.status in goes_on and len(vehicle.rest_m) > 0
-
-
 def _pays_for_change(problem: RouteProblem, points_m: Points) -> bool:
-    """Return whether a path gains more than the present one while this lasts, less the cost of a change."""
+    """Return whether a new path gains more than the current path for the same cost, including the change."""
     vehicle, cell_m = problem.vehicle, problem.planning_grid.cell_m
     price = vehicle.travel_cost.change(points_m)
     if price <= 0.0:
@@ -276,11 +272,11 @@ def _pays_for_change(problem: RouteProblem, points_m: Points) -> bool:
 
 
 def _out_and_back(problem: RouteProblem, first: Route, search: Search, contact: ContactArea) -> Route:
-    """Return a route that begins with the first one and ends within radio contact.
+    """Return a route that starts with the route `first` and ends within radio contact.
 
-    Beyond contact the vehicle would end its path and fly home. So further routes are searched as if nothing
-    were found, until the way back is short against the route; without contact anywhere, until the budget is
-    used up.
+    Beyond contact the vehicle cannot receive a new path, so it would fly home at the end of the route.
+    Further routes are therefore appended, on the map without the value already taken, until the return is
+    short compared with the route. Without contact anywhere, routes are appended until the budget is used up.
     """
     cell_m, costs = problem.planning_grid.cell_m, problem.costs
     route, left = Route(np.array([[problem.x, problem.y]]), 0.0), problem.values.copy()
@@ -290,7 +286,7 @@ def _out_and_back(problem: RouteProblem, first: Route, search: Search, contact: 
             take_leg(left, problem.shares, *begin, *end)
         route = Route(np.vstack((route.corners, onward[0].corners)), route.value + onward[0].value)
         length = path_length(route.corners)
-        # A rough price: the exact one takes longer and is computed once.
+        # An approximate cost is enough here: the exact cost takes longer and is computed once, at the end.
         if length * costs.per_cell + (len(route.corners) - 1) * costs.turn > problem.vehicle.left:
             break
         away_m = contact.away_m(route.corners[-1] * cell_m)
@@ -305,9 +301,9 @@ def _out_and_back(problem: RouteProblem, first: Route, search: Search, contact: 
 
 
 def _nearest_in(contact: ContactArea, grid: PlanningGrid, corner: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the nearest place with contact that a straight leg can reach, float64[1, 2] in cells.
+    """Return the nearest position with contact that a straight leg from the corner reaches, in cells.
 
-    None, float64[0, 2], if the corner itself has contact, or no leg leads there.
+    The result is float64[1, 2], or float64[0, 2] if the corner itself has contact or no leg reaches contact.
     """
     if contact.away_m(corner * grid.cell_m) == 0.0:
         return _STAY
@@ -323,9 +319,9 @@ def _nearest_in(contact: ContactArea, grid: PlanningGrid, corner: NDArray[np.flo
 
 
 def far_route(problem: RouteProblem) -> list[Route]:
-    """Return the straight leg to the cell of the most value by distance; none without a value.
+    """Return the straight leg to the cell with the most value per distance; no route if all values are 0.
 
-    For searches of limited range, if no value is left near the vehicle.
+    Searches of limited range use this leg if no value is left near the vehicle.
     """
     x, y = np.indices(problem.values.shape) + 0.5
     rates = problem.values / (np.hypot(x - problem.x, y - problem.y) + 1.0)
@@ -335,12 +331,12 @@ def far_route(problem: RouteProblem) -> list[Route]:
 
 
 def most_payable(vehicle: VehicleReport) -> float:
-    """Return the rest of a vehicle's budget, and a little more for rounding."""
+    """Return the vehicle's remaining budget plus a margin for rounding."""
     return vehicle.left * (1.0 + 1e-12)
 
 
 def affordable(vehicle: VehicleReport, points_m: Points) -> Points:
-    """Return the part of a path within the rest of the budget, cut within a leg; maybe no points."""
+    """Return the part of a path within the remaining budget, possibly cut inside a leg or empty."""
     if not len(points_m):
         return points_m
     left = most_payable(vehicle)

@@ -1,8 +1,8 @@
-"""Orienteering: places to visit within a budget, and their order, by insertion and local search.
+"""Orienteering: the choice and order of places to visit within a budget, by insertion and local search.
 
 The problem is the orienteering problem (Golden, Levy & Vohra 1987) with value along the legs, not only at
-the places. A tour is built by the insertion of the most value by cost, and improved by reversing parts
-(2-opt) and by removing places and filling up again.
+the places. Places are inserted in the order of value per cost. The tour is then improved by reversing
+sections (2-opt), and by removing and refilling sections.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from geo.compiled import compiled
 def candidate_places(
     pooled: NDArray[np.float32], x: float, y: float, near: int, most: int
 ) -> NDArray[np.float64]:
-    """Return candidates of a tour: the best cell of each square of a tiling, finer near the vehicle."""
+    """Return candidate places of a tour: the best cell of each tile. Tiles near the vehicle are smaller."""
     width, height = pooled.shape
     side = max(2, math.ceil(math.sqrt(width * height / most)))
     fine = max(2, math.ceil(near / math.sqrt(most)))
@@ -45,7 +45,7 @@ def _tour_value(
     tour: Any, count: int, places: Any, costs: Any, back: Any, pooled: Any, marks: Any, mark: int,
     patience: float, limit: float,
 ) -> Any:  # fmt: skip
-    """Return the discounted value and the cost of a tour; over the limit the cost is infinite."""
+    """Return the discounted value and the cost of a tour; the cost is infinite if it exceeds the limit."""
     cost = 0.0
     for k in range(1, count):
         cost += costs[tour[k - 1], tour[k]]
@@ -76,7 +76,7 @@ def _fill(
     tour: Any, count: int, used: Any, places: Any, costs: Any, back: Any, pooled: Any, marks: Any, mark: int,
     patience: float, limit: float,
 ) -> Any:  # fmt: skip
-    """Insert places while they fit, the one of the most value by cost first; return count and mark."""
+    """Insert places in the order of value per cost until none fits; return the new `count` and `mark`."""
     trial = np.empty_like(tour)
     while count < len(tour):
         mark += 1
@@ -85,7 +85,7 @@ def _fill(
         for place in range(1, len(places)):
             if used[place]:
                 continue
-            # Only at the cheapest position and the end: all positions would take the square of the time.
+            # Only the cheapest position and the end are tried: trying all would square the running time.
             at, least = count, costs[tour[count - 1], place] + back[place] - back[tour[count - 1]]
             for k in range(1, count):
                 extra = costs[tour[k - 1], place] + costs[place, tour[k]] - costs[tour[k - 1], tour[k]]
@@ -123,7 +123,7 @@ def _reverse_parts(
     tour: Any, count: int, places: Any, costs: Any, back: Any, pooled: Any, marks: Any, mark: int,
     patience: float, limit: float,
 ) -> int:  # fmt: skip
-    """Reverse parts of the tour while that improves it (2-opt); return the mark."""
+    """Reverse sections of the tour while this increases its value (2-opt); return the new `mark`."""
     trial = np.empty_like(tour)
     mark += 1
     value, _ = _tour_value(tour, count, places, costs, back, pooled, marks, mark, patience, limit)
@@ -150,14 +150,15 @@ def _reverse_parts(
 def search_tour(
     places: Any, costs: Any, back: Any, pooled: Any, patience: float, limit: float, rounds: int, most: int
 ) -> Any:
-    """Search a tour of high value within a limit of cost, the way home included.
+    """Search for a tour of high value within a limit of cost, including the return.
 
-    `places`, float64[n, 2], are the start and the candidates, in cells; `costs`, float64[n, n], the costs of
-    the legs between them; `back`, float64[n], the costs of the ways home. `pooled`, float32[W, H], is the
-    value of seeing a cell, which counts once; later value counts less, by ``exp(-cost / patience)``. `rounds`
-    times a third of the tour, of at most `most` places, is removed and filled up again.
+    `places`, float64[n, 2], are the start and the candidate places, in cells. `costs`, float64[n, n], are the
+    costs of the legs between the places, and `back`, float64[n], the costs of returning home. `pooled`,
+    float32[W, H], is the value of observing each cell, which counts once. Value earned after a cost is
+    discounted by ``exp(-cost / patience)``. The tour has at most `most` places. Each of the `rounds` removes
+    and refills a third of the tour.
 
-    Return the numbers of the places in their order, int64[m], without the start, and the discounted value.
+    Return the indices of the places in flight order, int64[m], without the start, and the discounted value.
     """
     marks = np.zeros(pooled.shape, np.int64)
     mark = 0
@@ -170,7 +171,7 @@ def search_tour(
     value, _ = _tour_value(tour, count, places, costs, back, pooled, marks, mark, patience, limit)
     for number in range(rounds):
         trial, trial_used = tour.copy(), used.copy()
-        # Thirds in turn: the first, the last, the middle one.
+        # The rounds remove the first, last and middle third in turn.
         third = max(1, (count - 1) // 3)
         first = min(1 + third * (number * 2 % 3), count)
         last = min(count, first + third)

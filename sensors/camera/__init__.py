@@ -1,1 +1,1 @@
-"""The leaf camera and the wire form of what it saw."""
+"""The leaf camera, and its messages on MAVLink."""

@@ -1,30 +1,31 @@
-"""How the readings of an image are laid out in DEBUG_FLOAT_ARRAY messages, and how fields are announced.
+"""Layout of an image's readings, and of the announcement of field names, in DEBUG_FLOAT_ARRAY messages.
 
-Two versions exist. The benchmark's three fields travel as version 1, name ``WBF_LEAF``, as they always did:
+There are two versions. Version 1, with the name ``WBF_LEAF``, is for the benchmark's three fields:
 
 ====== ===============================================================================
-0      image index (exact up to 2^24; beyond, ``array_id`` and the time still identify it)
+0      image index (exact up to 2^24; beyond, ``array_id`` and the time identify the image)
 1      side of the square footprint in cells, n
-2      number of the footprint's first cell in this message
-3 ...  for each cell in turn its values in the order of the fields, NaN where not sensed
+2      number of the first cell of this message within the footprint
+3 ...  the values cell by cell, each in the order of the fields; NaN where not sensed
 ====== ===============================================================================
 
-Any other fields travel as version 2, name ``WBF_LEAF2``, whose values begin two floats later:
+Version 2, with the name ``WBF_LEAF2``, is for all other fields. In version 2 the values begin two floats
+later:
 
 ====== ===============================================================================
 3      number of fields
-4      check number of their names: the first 24 bits of the SHA-256 of the names joined by commas
+4      check number of the names: the first 24 bits of the SHA-256 of the names joined by commas
 5 ...  the values
 ====== ===============================================================================
 
-A camera of version 2 also announces the names with its first image and each `ANNOUNCED_EVERY` images, as
-DEBUG_FLOAT_ARRAY ``WBF_FIELDS`` (``array_id`` is the number of the part, from 0):
+A camera of version 2 also announces the field names, with its first image and then every `ANNOUNCED_EVERY`
+images, in DEBUG_FLOAT_ARRAY messages ``WBF_FIELDS`` (``array_id`` is the number of the part, from 0):
 
 ====== ===============================================================================
 0      version of the layout, 2
 1      check number of the names
 2      length of the joined names in characters
-3 ...  their characters from ``array_id * 55`` on, one number each
+3 ...  the characters from ``array_id * 55`` on, one number each
 ====== ===============================================================================
 """
 
@@ -44,7 +45,7 @@ LEAF_NAME = "WBF_LEAF"
 FURTHER_NAME = "WBF_LEAF2"
 FIELDS_NAME = "WBF_FIELDS"
 ANNOUNCED_EVERY = 64
-"""Images from one announcement of the fields' names to the next, for receivers that joined later."""
+"""Images between two announcements of the field names, which are repeated for late receivers."""
 
 _VERSION = 2
 _NAMES_HEADER = 3
@@ -54,7 +55,7 @@ _MAX_NAMES = 25 * MAX_FIELDS
 
 @dataclass(frozen=True, slots=True)
 class Readings:
-    """A part of an image's readings, as a message has it."""
+    """The part of an image's readings that is in one message."""
 
     footprint_cells: int
     first: int
@@ -64,9 +65,9 @@ class Readings:
 
 @dataclass(frozen=True, slots=True)
 class LeafLayout:
-    """The layout of the readings of some fields.
+    """Layout of the readings of a set of fields.
 
-    `header` follows the first three floats of a message, which holds `cells_per_array` cells.
+    `header` follows the first three floats of a message; `cells_per_array` cells fit into a message.
 
     Examples
     --------
@@ -85,7 +86,7 @@ class LeafLayout:
     @staticmethod
     @lru_cache(maxsize=16)
     def of(fields: tuple[str, ...]) -> LeafLayout:
-        """Choose the layout of some fields."""
+        """Return the layout for these fields."""
         header: tuple[float, ...] = ()
         name = LEAF_NAME
         if fields != PAPER_FIELDS.names:
@@ -95,7 +96,7 @@ class LeafLayout:
     def pack(
         self, image_index: int, footprint_cells: int, values: Sequence[Sequence[float]]
     ) -> list[list[float]]:
-        """Lay out the readings of each cell of one image: the data of each message."""
+        """Return the data of each message for the readings of an image, one row of values per cell."""
         parts = []
         for first in range(0, len(values), self.cells_per_array):
             data = [float(image_index), float(footprint_cells), float(first), *self.header]
@@ -105,7 +106,7 @@ class LeafLayout:
         return parts
 
     def unpack(self, data: Sequence[float]) -> Readings | None:
-        """Read the data of a message; None if they are invalid."""
+        """Return the readings in the data of a message; None if the data are invalid."""
         side, first = data[1], data[2]
         if not (1.0 <= side <= MAX_FOOTPRINT_CELLS and side % 1.0 == 0.0 and 0.0 <= first < side * side):
             return None
@@ -118,11 +119,11 @@ class LeafLayout:
         return Readings(n, start, cells, values)
 
     def fits(self, data: Sequence[float]) -> bool:
-        """Whether a message of this name is of these fields."""
+        """Return whether the header in the data of a message is that of these fields."""
         return tuple(data[3 : 3 + len(self.header)]) == self.header
 
     def announcement(self) -> list[list[float]]:
-        """Lay out the names of the fields: the data of each message, none for version 1."""
+        """Return the data of each message that announces the field names; none for version 1."""
         if not self.header:
             return []
         text = ",".join(self.fields)
@@ -134,7 +135,7 @@ class LeafLayout:
 
 
 class Announcement:
-    """Collects the parts of an announcement, in any order.
+    """Assembly of the field names from the parts of an announcement, in any order.
 
     Examples
     --------
@@ -151,7 +152,7 @@ class Announcement:
         self.fields: tuple[str, ...] | None = None
 
     def add(self, number: int, data: Sequence[float]) -> bool:
-        """Take the data of one message; False if they are invalid."""
+        """Add the data of a message; return False if the data are invalid."""
         header = tuple(data[:_NAMES_HEADER])
         version, check, length = header
         start = number * _NAMES_FLOATS

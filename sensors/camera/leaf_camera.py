@@ -1,4 +1,4 @@
-"""The leaf camera: its readings of the fields under its footprint, and the position of that footprint."""
+"""The leaf camera: readings of the fields under its footprint, and the footprint's position."""
 
 from __future__ import annotations
 
@@ -20,50 +20,50 @@ HEALTHY = 1.0
 INFECTED = 0.5
 MAX_FOOTPRINT_CELLS = 64
 NOWHERE_M = 1e7
-"""Offset, east and north, of an image that shows no ground: beyond any farm."""
+"""East and north offset of an image without ground in view; it is off every farm."""
 MOST_READINGS = 1 << 24
-"""A reading is a 32-bit float, which holds every whole number below this."""
+"""Limit of reading numbers: readings are 32-bit floats, which hold all whole numbers up to here."""
 _FARTHEST_M = 10_000.0
-# Single precision leaves straight down this far from it; hundredths of a degree are farther.
+# Largest rounding error of a vertical axis in single precision (rad), less than 0.01 degrees.
 _STRAIGHT = 5e-5
-_UNIT = 0.01  # a squared norm farther than this from 1 is no rotation with rounding errors
+_UNIT = 0.01  # Tolerance for the squared norm of a quaternion that is a rotation
 
 
 class Sampled(Protocol):
-    """Fields that a leaf camera reads, such as a `sensors.environment.Environment`."""
+    """Source of field values for a leaf camera, such as a `sensors.environment.Environment`."""
 
     def sample(self, day: int, ix: NDArray[np.int64], iy: NDArray[np.int64], /) -> NDArray[np.float32]:
-        """Return float32[n, k], the fields at cells that lie on the farm."""
+        """Return the values of k fields at n cells on the farm, float32[n, k]."""
         ...
 
 
 class Camera(Protocol):
-    """Takes images of the cells below, as `LeafCamera` does."""
+    """Interface of leaf cameras."""
 
     options: LeafCameraOptions
 
     def capture(self, ix: Sequence[int], iy: Sequence[int]) -> NDArray[np.float32]:
-        """Take one image centred on each of the cells: float32[images, cells, fields]."""
+        """Take an image centred on each of the cells: float32[images, cells, fields]."""
         ...
 
 
 @dataclass(frozen=True, slots=True)
 class LeafCameraOptions:
-    """Footprint and errors of a camera; by default it reads one cell, all fields, without error.
+    """Footprint and errors of a leaf camera; by default all fields of one cell are read without error.
 
     Parameters
     ----------
     footprint_cells : int
-        Side of the square of cells that one image covers.
+        Side of the square of cells that an image covers.
     noise_std : float or sequence of float
-        Standard deviation of Gaussian noise on every value, one number or one for each field. Readings are
-        not clipped to 0..1, so that the noise stays unbiased.
+        Standard deviation of Gaussian noise, one number or one for each field. Readings are not clipped to
+        0..1, as clipping would bias them.
     false_positive_rate : float
         Probability that a healthy leaf reads as infected (1.0 as 0.5), in each disease field.
     false_negative_rate : float
         Probability that a diseased or lost leaf reads as healthy (below 1.0 as 1.0), in each disease field.
     sensed : sequence of str, optional
-        Names of the fields that the sensor suite measures, each once; the others are NaN. All by default.
+        Names of the measured fields, without repetitions; readings of other fields are NaN. Default: all.
     fields : FieldSet
         The fields, in the order of the readings.
 
@@ -119,18 +119,16 @@ class LeafCameraOptions:
 
     @property
     def random(self) -> bool:
-        """Whether readings depend on chance."""
+        """Whether readings have random errors."""
         return any(self._per_field()) or self.false_positive_rate > 0.0 or self.false_negative_rate > 0.0
 
 
 class LeafCamera:
     """A camera that reads the fields of an environment under its footprint.
 
-    Readings depend on the cells, the generator and the order of the images, not on how many of them are
-    taken in one call.
-
-    Cells beyond the farm's `shape` give no value. The generator is the source of errors: ObservationError if
-    the options ask for any and there is none.
+    Readings depend on the cells, the generator and the order of the images, but not on the number of images
+    per call. Readings of cells outside the farm's `shape` are NaN. `rng` is the source of random errors:
+    ObservationError if the options have random errors and `rng` is None.
 
     Examples
     --------
@@ -171,10 +169,10 @@ class LeafCamera:
             self._noise_rng, self._flip_rng = rng.spawn(2)
 
     def capture(self, ix: Sequence[int], iy: Sequence[int]) -> NDArray[np.float32]:
-        """Take one image centred on each of n cells, which may lie off the farm: float32[n, k, fields].
+        """Take an image centred on each of n cells, which may be off the farm: float32[n, k, fields].
 
-        The fields of the k cells of each footprint are in the order of `footprint_offsets`; NaN where a field
-        is not sensed or the cell lies off the farm.
+        The k cells of a footprint are in the order of `footprint_offsets`. A value is NaN if the field is not
+        sensed or the cell is off the farm.
         """
         width, height = self.shape
         x, y = np.array(ix, np.int64), np.array(iy, np.int64)
@@ -182,7 +180,7 @@ class LeafCamera:
         if cells > 1:
             x, y = (x[:, None] + self._dx).ravel(), (y[:, None] + self._dy).ravel()
         low, right, top = self._low, width - self._high, height - self._high
-        # Comparing a few Python ints is a quarter of the cost of array comparisons, and this is hot.
+        # This is a hot path, and comparing Python ints takes a quarter of the time of array comparisons.
         if images and low <= min(ix) and max(ix) < right and low <= min(iy) and max(iy) < top:
             values = self._read(x, y)
         else:
@@ -219,7 +217,7 @@ class LeafCamera:
 
 @lru_cache(maxsize=MAX_FOOTPRINT_CELLS)
 def footprint_offsets(footprint_cells: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return the offsets of a footprint's cells from the cell under the camera, column by column; read-only.
+    """Return read-only offsets of a footprint's cells from the cell under the camera, column by column.
 
     Examples
     --------
@@ -234,13 +232,13 @@ def footprint_offsets(footprint_cells: int) -> tuple[NDArray[np.int64], NDArray[
 
 
 def ground_offset(quaternion: Sequence[float], height_m: float) -> tuple[float, float]:
-    """Return how far east and north of the camera the axis of its lens meets flat ground.
+    """Return the east and north offset (m) of the point where the optical axis meets flat ground.
 
     The distance is the height times the tangent of the angle from straight down. Beyond 10 km (ArduPilot's
-    ``AP_MOUNT_POI_DIST_M_MAX``), and at the horizon or above, both offsets are `NOWHERE_M`.
+    ``AP_MOUNT_POI_DIST_M_MAX``), and at or above the horizon, both offsets are `NOWHERE_M`.
 
-    The quaternion (w, x, y, z) is the camera's attitude in CAMERA_IMAGE_CAPTURED, forward along its lens; one
-    that is no rotation (zeros, NaN) counts as straight down.
+    The quaternion (w, x, y, z) is the attitude in CAMERA_IMAGE_CAPTURED, with the optical axis forward. A
+    quaternion that is no rotation (zeros, NaN) is taken as straight down.
 
     Examples
     --------
@@ -265,7 +263,7 @@ def ground_offset(quaternion: Sequence[float], height_m: float) -> tuple[float, 
 
 @dataclass(slots=True)
 class ImageList:
-    """The images of a flight's cameras in the order in which they were taken, each of `cells` cells."""
+    """Images of a flight's cameras in the order in which they were taken, with `cells` cells each."""
 
     cells: int
     _x: list[int] = field(default_factory=list)
@@ -277,19 +275,19 @@ class ImageList:
 
     @property
     def is_exact(self) -> bool:
-        """Whether a reading can hold every reading's number."""
+        """Whether the numbers of all readings are exact in 32-bit floats."""
         return len(self) * self.cells <= MOST_READINGS
 
     def add(self, ix: Sequence[int], iy: Sequence[int], camera: int) -> None:
-        """Add images of a camera, by the cells at their centres."""
+        """Add images of a camera, given by the cells at the image centres."""
         self._x += ix
         self._y += iy
         self._camera += [camera] * len(ix)
 
     def read(self, cameras: Sequence[Camera]) -> NDArray[np.float32]:
-        """Return the cameras' readings in these images, float32[images * cells, fields], by their number.
+        """Return the readings of all images in order of their numbers, float32[images * cells, fields].
 
-        `cameras` are in the order of their numbers; each takes its images in their order.
+        `cameras` are in the order of their numbers; each camera takes its own images in order.
         """
         x, y, by = (np.array(column, np.int64) for column in (self._x, self._y, self._camera))
         fields = len(cameras[0].options.fields)
@@ -301,11 +299,11 @@ class ImageList:
 
 
 class NumberingCamera:
-    """A leaf camera whose readings are their own numbers among all readings of a flight.
+    """A leaf camera that returns the number of each reading within the flight in place of its value.
 
-    `ImageList.read` replaces the numbers by readings of any environment, so one flight serves for many. Cells
-    beyond the farm's `shape` give no value. Cameras of vehicles that fly together share one list, each under
-    its own `number`.
+    `ImageList.read` replaces the numbers by readings of an environment, so that a flight can be reused for
+    several environments. Readings of cells outside the farm's `shape` are NaN. The cameras of a fleet share
+    one list; `number` is the camera's number in that list.
     """
 
     def __init__(
@@ -317,7 +315,7 @@ class NumberingCamera:
         self._shape = shape
 
     def capture(self, ix: Sequence[int], iy: Sequence[int]) -> NDArray[np.float32]:
-        """Take one image centred on each of the cells; see `LeafCamera.capture`."""
+        """Take an image centred on each of the cells; see `LeafCamera.capture`."""
         images = self._images
         first, fields = len(images) * images.cells, len(self.options.fields)
         images.add(ix, iy, self._number)

@@ -1,4 +1,4 @@
-"""Cameras by sensor and lens: ground sampling distance, footprint, and the speed that they allow."""
+"""Camera optics: ground sampling distance, footprint and top speed from sensor and lens."""
 
 from __future__ import annotations
 
@@ -16,27 +16,27 @@ from sensors.errors import CameraError
 
 MOST_OVERLAP = 0.95
 BLUR_PX = 1.0
-"""Largest movement of the ground over the sensor during an exposure, pixels."""
+"""Default limit of motion blur: movement of the ground on the sensor during an exposure (pixels)."""
 
 
 @dataclass(frozen=True, slots=True)
 class CameraModel:
-    """A frame camera that looks straight down.
+    """A frame camera that points straight down.
 
     Parameters
     ----------
     name : str
         Name in tables and errors.
     sensor_width_mm, sensor_height_mm : float
-        Sides of the part of the sensor that makes the image; the width is usually the longer one.
+        Sides of the part of the sensor that is used; usually the width is the longer side.
     focal_length_mm : float
         Focal length of the lens, not its 35 mm equivalent.
     image_width_px, image_height_px : int
-        Sides of an image.
+        Width and height of an image.
     min_interval_s : float
         Shortest time between two images; 0 for no limit.
     shutter_s : float
-        Exposure, for the blur.
+        Exposure time, which causes motion blur.
     source : str
         Source of the numbers.
 
@@ -71,37 +71,37 @@ class CameraModel:
 
     @property
     def pitch_mm(self) -> float:
-        """Width of a pixel on the sensor: the larger of its sides."""
+        """Longer side of a pixel on the sensor (mm)."""
         return max(self.sensor_width_mm / self.image_width_px, self.sensor_height_mm / self.image_height_px)
 
     def gsd_m(self, height_m: float) -> float:
-        """Return the ground sampling distance: the width of a pixel on flat ground `height_m` below."""
+        """Return the ground sampling distance: the side of a pixel (m) on flat ground `height_m` below."""
         return self.pitch_mm * height_m / self.focal_length_mm
 
     def height_m(self, gsd_m: float) -> float:
-        """Return the height with this ground sampling distance."""
+        """Return the height above the ground (m) with this ground sampling distance."""
         return gsd_m * self.focal_length_mm / self.pitch_mm
 
     def footprint_m(self, height_m: float) -> tuple[float, float]:
-        """Return width and height of an image on flat ground `height_m` below."""
+        """Return width and height of an image (m) on flat ground `height_m` below."""
         scale = height_m / self.focal_length_mm
         return self.sensor_width_mm * scale, self.sensor_height_mm * scale
 
 
 @dataclass(frozen=True, slots=True)
 class Imaging:
-    """A camera at a height, with the overlap of its images.
+    """A camera at a height above the ground, with the overlap of its images.
 
     Parameters
     ----------
     camera : CameraModel
-        It looks straight down.
+        The camera, which points straight down.
     height_m : float
-        Above the ground.
+        Height above the ground, metres.
     front_overlap, side_overlap : float
-        Shares of an image that the next one of a row, and that of the next row, shows again; 0 to 0.95.
+        Overlap of consecutive images of a row, and of neighbouring rows, as a share of an image; 0 to 0.95.
     portrait : bool
-        The image's width lies along the flight; else across it.
+        Whether the width of an image is along the flight; else across it.
     blur_px : float
         Largest movement of the ground during an exposure, pixels.
 
@@ -139,53 +139,53 @@ class Imaging:
 
     @property
     def gsd_m(self) -> float:
-        """The ground sampling distance."""
+        """Ground sampling distance (m)."""
         return self.camera.gsd_m(self.height_m)
 
     @property
     def across_m(self) -> float:
-        """Width of an image on the ground, across the flight."""
+        """Length of an image on the ground across the flight (m)."""
         return self.camera.footprint_m(self.height_m)[1 if self.portrait else 0]
 
     @property
     def along_m(self) -> float:
-        """Length of an image on the ground, along the flight."""
+        """Length of an image on the ground along the flight (m)."""
         return self.camera.footprint_m(self.height_m)[0 if self.portrait else 1]
 
     @property
     def row_spacing_m(self) -> float:
-        """Distance between neighbouring rows."""
+        """Distance between neighbouring rows (m)."""
         return self.across_m * (1.0 - self.side_overlap)
 
     @property
     def image_distance_m(self) -> float:
-        """Distance between the images of a row."""
+        """Distance between consecutive images of a row (m)."""
         return self.along_m * (1.0 - self.front_overlap)
 
     @property
     def sure_along_m(self) -> float:
-        """Length of an image less an image distance at either end, by which a row's last image may be off."""
+        """`along_m` minus `image_distance_m` at each end, by which the last image of a row may be off (m)."""
         return max(self.along_m - 2.0 * self.image_distance_m, 0.0)
 
     @property
     def interval_speed_m_s(self) -> float:
-        """The greatest speed over ground at which the camera is ready for the next image in time."""
+        """Largest ground speed (m/s) at which the camera keeps the distance between images."""
         interval = self.camera.min_interval_s
         return self.image_distance_m / interval if interval > 0.0 else math.inf
 
     @property
     def blur_speed_m_s(self) -> float:
-        """The greatest speed over ground at which the images are sharp."""
+        """Largest ground speed (m/s) at which motion blur stays within `blur_px`."""
         return self.blur_px * self.gsd_m / self.camera.shutter_s
 
     @property
     def top_speed_m_s(self) -> float:
-        """The lesser of `interval_speed_m_s` and `blur_speed_m_s`."""
+        """The smaller of `interval_speed_m_s` and `blur_speed_m_s`."""
         return min(self.interval_speed_m_s, self.blur_speed_m_s)
 
 
 def camera_names() -> tuple[str, ...]:
-    """Return the names of the cameras of the table, sorted.
+    """Return the sorted names of the built-in cameras.
 
     >>> "sentera-6x" in camera_names()
     True
@@ -194,12 +194,12 @@ def camera_names() -> tuple[str, ...]:
 
 
 def get_camera(name: str) -> CameraModel:
-    """Return a camera of the table by its name, or that of a TOML file with the fields of `CameraModel`.
+    """Return a built-in camera by name, or read one from a TOML file with the fields of `CameraModel`.
 
     Raises
     ------
     CameraError
-        If there is no such camera, or the file is not one.
+        If no camera has this name, or the file is no camera file.
     """
     if name.lower().endswith(".toml"):
         return read_camera(Path(name))
@@ -211,7 +211,7 @@ def get_camera(name: str) -> CameraModel:
 
 
 def read_camera(path: Path) -> CameraModel:
-    """Read a camera from a TOML file; its name is the file's, if the file gives none."""
+    """Read a camera from a TOML file; without a key ``name`` the camera has the name of the file."""
     where = f"camera file {path}"
     try:
         return _camera(path.stem, read_toml(path))

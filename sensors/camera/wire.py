@@ -1,13 +1,12 @@
 """Observations from the MAVLink messages of a leaf camera.
 
-An image is two standard messages: CAMERA_IMAGE_CAPTURED says when and where, DEBUG_FLOAT_ARRAY holds the
-readings (`sensors.camera.layout`). They belong together by the image index (its low 16 bits are the array's
-``array_id``) and by their time since boot. A footprint of more cells than fit into a message takes several.
-The image's cell is the one that the camera looks at from the reported position, rounded to 1e-7 degree as in
-the message: the one below, or where its attitude leads on flat ground (`ground_offset`); the cells of the
-footprint count from there in the order of `footprint_offsets`.
+An image has two standard messages: CAMERA_IMAGE_CAPTURED gives its time and position, DEBUG_FLOAT_ARRAY its
+readings (`sensors.camera.layout`). A large footprint takes several DEBUG_FLOAT_ARRAY messages. Messages are
+paired by image index (``array_id`` is its low 16 bits) and time since boot. The image's cell is the cell in
+which the optical axis meets flat ground (`ground_offset`), from the reported position with its resolution of
+1e-7 degree. The cells of the footprint follow in the order of `footprint_offsets`.
 
-No MAVLink library is needed: messages are recognised by their ``id`` and read by their fields.
+No MAVLink library is imported: messages are recognised by their ``id`` and read by their fields.
 """
 
 from __future__ import annotations
@@ -41,28 +40,28 @@ _Key = tuple[int, int]
 
 @dataclass(slots=True)
 class AssemblerStatistics:
-    """Counts of what arrived.
+    """Counts of received images and messages.
 
     Parameters
     ----------
     off_farm : int
-        Cells that do not lie on the farm (an image of the sky has no others), or that had no reading at all.
+        Cells outside the farm (as all cells of an image of the sky), or without any reading.
     """
 
-    images: int = 0  # of which both halves arrived
-    observations: int = 0  # cells with at least one reading
-    duplicates: int = 0  # messages of an image or half that was there already
-    lost: int = 0  # images missing by the gaps in the image index, now
-    unpaired: int = 0  # images given up because a half never came
-    failed: int = 0  # images that the camera reported as failed
-    malformed: int = 0  # messages whose content makes no sense
+    images: int = 0  # Complete images
+    observations: int = 0  # Cells with at least one reading
+    duplicates: int = 0  # Repeated messages
+    lost: int = 0  # Images that are missing at present, by gaps in the image index
+    unpaired: int = 0  # Incomplete images that were discarded
+    failed: int = 0  # Images that the camera reported as failed
+    malformed: int = 0  # Messages with invalid content
     off_farm: int = 0
-    other_fields: int = 0  # messages with readings of other fields than the expected ones
+    other_fields: int = 0  # Messages with readings of unexpected fields
 
 
 @dataclass(slots=True)
 class _Image:
-    """An image of which some message arrived."""
+    """An image with at least one received message."""
 
     index: int = -1
     latitude_e7: int = 0
@@ -79,25 +78,25 @@ def _place(image: _Image) -> tuple[float, ...]:
 
 
 class ObservationAssembler:
-    """Pairs the camera's messages, in any order, and gives observations.
+    """Assembly of observations from the camera's messages, which may arrive in any order.
 
     Parameters
     ----------
     farm : Farm
-        Turns positions into cells.
+        The farm, which converts positions to cells.
     day : int
         Day of the flight, stored with each observation.
     system_id, component_id : int, optional
-        The camera to listen to; None is any.
+        The camera whose messages are used; None accepts any.
     start_s : float
-        The vehicle's clock (seconds since boot) when the run began: times count from there.
+        Beginning of the run on the vehicle's clock (seconds since boot), from which times count.
     fields : tuple of str
-        The names of the fields that are expected, in order.
+        Names of the expected fields, in order.
 
     Notes
     -----
-    An image that misses a message is lost. Duplicates and invalid messages are counted and raise no error. At
-    most 1024 incomplete images are kept.
+    Incomplete images give no observations; at most 1024 are kept. Duplicates and invalid messages are counted
+    and raise no error.
     """
 
     def __init__(
@@ -130,7 +129,7 @@ class ObservationAssembler:
         self._wide: list[_Image] = []
 
     def add(self, message: Any) -> None:
-        """Take a MAVLink message; those of others than the camera are ignored."""
+        """Add a MAVLink message; messages of other sources than the camera are ignored."""
         kind = type(message).id
         if kind != DEBUG_FLOAT_ARRAY and kind != CAMERA_IMAGE_CAPTURED:
             return
@@ -150,7 +149,7 @@ class ObservationAssembler:
             self.statistics.malformed += 1
 
     def mismatch(self) -> str | None:
-        """Say in one line that the camera senses other fields than the expected ones; None if it does not."""
+        """Return a message if the camera senses other fields than expected; else None."""
         if not self.statistics.other_fields:
             return None
         sensed = self._announcement.fields
@@ -245,47 +244,47 @@ class ObservationAssembler:
             self._highest, self._highest_ms = index, key[1]
         elif index in self._missing:
             del self._missing[index]
-        elif key[1] > self._highest_ms:  # a camera that counts anew
+        elif key[1] > self._highest_ms:  # The camera restarted its count
             self._highest, self._highest_ms = index, key[1]
         self.statistics.lost = len(self._missing)
 
     def _miss(self, begin: int, end: int) -> None:
-        """Count images as missing; at most `_MAX_MISSING` are remembered."""
+        """Record the image indices from `begin` to `end` as missing; the latest `_MAX_MISSING` are kept."""
         self._missing.update(dict.fromkeys(range(max(begin, end - _MAX_MISSING), end)))
         while len(self._missing) > _MAX_MISSING:
             del self._missing[next(iter(self._missing))]
 
     def expect_from_first(self, since_s: float = 0.0) -> None:
-        """Count images before the first arrival as missing, too: the link was dead when they were taken.
+        """Count images before the first received one as missing: the link was down when they were taken.
 
-        Images from before `since_s` of the vehicle's clock are of earlier flights.
+        Images before `since_s` on the vehicle's clock belong to earlier flights and are ignored.
         """
         self._from_first = True
         self._since_us = 1e6 * since_s
 
     def move_clock(self, seconds: float) -> None:
-        """Add `seconds` to the times of images from now on: the vehicle's clock has started again."""
+        """Add `seconds` to the times of later images, after a restart of the vehicle's clock."""
         self._moved_us = 1e6 * seconds
 
     def expect(self, count: int) -> None:
-        """Count as missing what has not arrived of `count` images, the camera's own count."""
+        """Record the images that have not arrived as missing; `count` is the camera's own count of images."""
         if self._highest + 1 < count < _MOST_IMAGES:
             self._miss(self._highest + 1, count)
             self._highest = count - 1
             self.statistics.lost = len(self._missing)
 
     def missing(self, most: int | None = None) -> list[int]:
-        """List the indexes of images that have not arrived whole, at most `most`, to request them again."""
+        """Return at most `most` indices of missing or incomplete images, for a request to resend them."""
         waiting = (image.index for image in self._pending.values() if image.index >= 0)
         return sorted({*islice(self._missing, most), *waiting})[:most]
 
     @property
     def waiting(self) -> int:
-        """Number of observations that `take` would return."""
+        """Number of cells read in the images that `take` would return."""
         return len(self._single) + sum(image.footprint_cells**2 for image in self._wide)
 
     def take(self) -> Observations:
-        """Take the observations completed since the last call, in order of time."""
+        """Return the observations completed since the last call, in order of time."""
         single, wide = self._single, self._wide
         self._single, self._wide = [], []
         if not single and not wide:
@@ -304,7 +303,7 @@ class ObservationAssembler:
         return observations[np.argsort(observations.time_s, kind="stable")]
 
     def _observe(self, places: Any, values: Any, footprint_cells: int) -> Observations:
-        """Make the observations of n images with places[5, n], as `_place`, and values[n, k, fields]."""
+        """Return the observations of n images from places[5, n] (see `_place`) and values[n, k, fields]."""
         dx, dy = footprint_offsets(footprint_cells)
         time_us, latitude_e7, longitude_e7, east_m, north_m = places
         x_m, y_m = self._farm.frame.from_wgs84(latitude_e7 / _E7, longitude_e7 / _E7)

@@ -1,1 +1,1 @@
-"""How a field develops from day to day: epidemics and soil humidity as pure functions of state and chance."""
+"""Dynamics of fields from day to day: epidemics, soil humidity and other continuous fields."""

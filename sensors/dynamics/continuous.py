@@ -1,4 +1,4 @@
-"""Continuous fields: the interface of their dynamics; fields that are only measured; smooth static fields."""
+"""Dynamics of continuous fields: the base class, measured fields, and smooth static fields."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ _LEAST_COARSE_CELLS = 8
 
 
 class Course(Protocol):
-    """The course of a continuous field of a farm over days."""
+    """Time course of a continuous field on a farm, day by day."""
 
     @property
     def pieces(self) -> int:
-        """Number of pieces in which a day is computed."""
+        """Number of pieces into which the computation of a day is divided."""
 
     def compute(
         self,
@@ -33,56 +33,57 @@ class Course(Protocol):
         earlier: tuple[int, _Level] | None = None,
         on_piece: Callable[[], None] = lambda: None,
     ) -> None:
-        """Compute a day of the whole farm; day 0 is the state before the first step.
+        """Compute the field of a day; day 0 is the state before the first step.
 
         Parameters
         ----------
         out : float32[W, H]
-            Is filled.
+            Array that receives the field.
         earlier : (int, float32[W, H]), optional
-            An earlier day and its field, to start from.
+            An earlier day and its field, from which the computation starts.
         on_piece : callable
             Called after each piece.
         """
 
 
 class ContinuousDynamics(ABC):
-    """The dynamics of a continuous field: parameters, as of a frozen dataclass, and the fields they make.
+    """Base class of the dynamics of continuous fields; a subclass is a frozen dataclass of parameters.
 
-    A subclass has a `kind` and a method `days`; it is registered by its kind as an entry point of the group
-    ``wbf_mission.dynamics`` (``docs/fields.md`` shows one).
+    A subclass defines `kind` and `days`, and is registered under its `kind` as an entry point of the group
+    ``wbf_mission.dynamics`` (``docs/fields.md`` has an example).
     """
 
     __dataclass_fields__: ClassVar[dict[str, Any]]
     kind: ClassVar[str]
-    """Its name in a field file."""
+    """Name of the dynamics in field files."""
 
     def days(self, shape: tuple[int, int], rng: Generator) -> Iterator[NDArray[np.floating]]:
-        """Yield the field of day 0, 1, 2, ... without end, float[W, H] with values in 0..1.
+        """Yield the fields of days 0, 1, 2, ... without end, float[W, H] with values in 0..1.
 
-        Lengths are parts of the farm's sides: estimators simulate the field on few cells with the proportions
-        of the farm.
+        Length parameters are fractions of the farm's sides, because estimators simulate the field on a coarse
+        grid with the proportions of the farm.
 
         Parameters
         ----------
         shape : tuple of int
-            The farm, cells.
+            Width and height of the farm, cells.
         rng : numpy.random.Generator
-            The source of chance; equal generators give equal fields.
+            The random generator; equal generators give equal fields.
         """
         raise NotImplementedError
 
     def course(self, shape: tuple[int, int], last_day: int, rng: Generator) -> Course:  # noqa: ARG002
-        """Return the course up to a day; a subclass whose days can be computed in pieces overrides it."""
+        """Return the course up to `last_day`; subclasses that compute days in pieces override this method."""
         return _DailyCourse(self.kind, shape, self.days(shape, rng))
 
     def simulate_coarse(
         self, shape: tuple[int, int], days: Sequence[int], side: int, rngs: Sequence[Generator]
     ) -> NDArray[np.float64]:
-        """Simulate some days, in ascending order, on few cells with the proportions of a farm.
+        """Simulate the field on a coarse grid with the proportions of a farm.
 
-        The longer side has `side` cells, the shorter one at least 8. float64[days, n, w, h]: the field by
-        each of the n generators on each day, which does not depend on the other days.
+        The longer side has `side` cells, the shorter side at least 8. `days` are ascending. The result is
+        float64[days, n, w, h], with one simulation for each of the n generators; the field of a day does not
+        depend on the other days.
         """
         scale = side / max(shape)
         width, height = (max(_LEAST_COARSE_CELLS, round(cells * scale)) for cells in shape)
@@ -100,7 +101,7 @@ class ContinuousDynamics(ABC):
 
 @dataclass(slots=True)
 class _DailyCourse:
-    """The checked fields of `ContinuousDynamics.days`; days are computed in ascending order."""
+    """Course that checks the fields of `ContinuousDynamics.days`; days are computed in ascending order."""
 
     kind: str
     shape: tuple[int, int]
@@ -112,7 +113,7 @@ class _DailyCourse:
         self,
         day: int,
         out: _Level,
-        earlier: tuple[int, _Level] | None = None,  # noqa: ARG002 (chance goes on from the day before only)
+        earlier: tuple[int, _Level] | None = None,  # noqa: ARG002 (days are generated in order)
         on_piece: Callable[[], None] = lambda: None,
     ) -> None:
         level = None
@@ -131,20 +132,20 @@ class _DailyCourse:
 
 @dataclass(frozen=True, slots=True)
 class Measured(ContinuousDynamics):
-    """Assumptions about a field without a model, which is only measured and cannot be simulated.
+    """Prior of a field without a model, which is only measured and cannot be simulated.
 
-    Values are normally distributed about the mean of the readings; readings of earlier days count like those
-    of the day.
+    Values are normally distributed about the mean of the readings. Readings of earlier days have the same
+    weight as those of the present day.
 
     Parameters
     ----------
     correlation_length_m : float
-        Length scale of the squared exponential kernel, metres: values at this distance are correlated by
+        Lengthscale of the squared exponential kernel, metres: at this distance the correlation is
         ``exp(-1/2)``, 0.61.
     spread : float
-        Standard deviation of the smooth part, as a part of the field's range.
+        Standard deviation of the smooth part, as a fraction of the field's range.
     noise : float
-        Standard deviation of a cell from its neighbourhood, as a part of the range.
+        Standard deviation of a cell from its neighbourhood, as a fraction of the range.
 
     Raises
     ------
@@ -167,31 +168,32 @@ class Measured(ContinuousDynamics):
                 raise EnvironmentDataError(f"measured: {name} {getattr(self, name)} is not in 0.001..1")
 
     def days(self, shape: tuple[int, int], rng: Generator) -> Iterator[NDArray[np.floating]]:  # noqa: ARG002
-        """Raise EnvironmentDataError."""
+        """Raise EnvironmentDataError: the field cannot be simulated."""
         raise EnvironmentDataError(
             'a field that is only measured cannot be simulated; give it a kind that can, such as "continuous"'
         )
 
 
-_TRUNCATED_AT = 4.0  # standard deviations of the smoothing Gaussian: less than 1e-4 of its weight is beyond
+# Standard deviations at which the smoothing Gaussian is cut: less than 1e-4 of its weight is beyond.
+_TRUNCATED_AT = 4.0
 
 
 @dataclass(frozen=True, slots=True)
 class SmoothParameters(ContinuousDynamics):
     """Smooth static fields: Gaussian random fields that do not change from day to day.
 
-    They are the fields of classic informative path planning, on which a Gaussian process with a squared
-    exponential kernel is the exact model. White noise that a Gaussian of the standard deviation l / sqrt(2)
-    smooths has the correlation exp(-d^2 / (2 l^2)) (process convolution: D. Higdon, *Space and Space-Time
+    Smooth fields are the standard of informative path planning, for which a Gaussian process with a squared
+    exponential kernel is the exact model. White noise smoothed by a Gaussian of standard deviation l /
+    sqrt(2) has the correlation exp(-d^2 / (2 l^2)) (process convolution: D. Higdon, *Space and Space-Time
     Modeling using Process Convolutions*, 2002).
 
     Parameters
     ----------
     correlation_length : float
-        Length scale of the squared exponential covariance, as a part of each side of the farm: cells at this
-        distance are correlated by exp(-1/2), 0.61.
+        Lengthscale of the squared exponential covariance, as a fraction of each side of the farm: at this
+        distance the correlation is exp(-1/2), 0.61.
     mean, spread : float
-        Mean and standard deviation of the values, which are cut to 0..1.
+        Mean and standard deviation of the values before they are clipped to 0..1.
 
     Raises
     ------
@@ -232,7 +234,7 @@ class SmoothParameters(ContinuousDynamics):
         for axis, width in enumerate(widths):
             smoothed = correlate1d(smoothed, _weights(width), axis, mode="constant")
         inner = smoothed[tuple(slice(m, m + n) for m, n in zip(margins, shape, strict=True))]
-        # What the smoothing leaves of a variance of 1.
+        # Variance of the smoothed noise; that of the white noise is 1.
         left = math.prod(float(np.square(_weights(width)).sum()) for width in widths)
         field = np.clip(self.mean + self.spread / math.sqrt(left) * inner, 0.0, 1.0)
         while True:
@@ -240,7 +242,7 @@ class SmoothParameters(ContinuousDynamics):
 
 
 def _weights(width: float) -> NDArray[np.float64]:
-    """Return the weights of the smoothing along an axis."""
+    """Return the smoothing weights along an axis; `width` is the standard deviation in cells."""
     reach = int(_TRUNCATED_AT * width + 0.5)
     weights: NDArray[np.float64] = exp(-0.5 * (np.arange(-reach, reach + 1) / width) ** 2)
     weights /= weights.sum()

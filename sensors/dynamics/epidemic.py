@@ -1,18 +1,18 @@
-"""The epidemic of one disease: SIRV status, a day of it as a pure function, and its course over days.
+"""The epidemic of a disease: the SIRV status of cells, a step of one day, and whole outbreaks.
 
-Status of a cell: 0 susceptible (S), k > 0 infected (I) with k days left, -1 removed (R), -2 immune (V:
-another crop, or nothing planted). One day has three parts:
+Status of a cell: 0 susceptible (S), k > 0 infected (I) with k days remaining, -1 removed (R), -2 immune (V:
+another crop, or no plants). A day has three steps:
 
-1. infected cells lose a day; those that had one day left become removed;
-2. every susceptible cell counts its infected neighbours, weighted by a distance kernel;
-3. it becomes infected, for a fixed number of days, with a probability that follows from the count.
+1. The remaining days of infected cells decrease by one; cells with no remaining day become removed.
+2. The infected neighbours of each susceptible cell are counted, weighted by a distance kernel.
+3. Each susceptible cell becomes infected with a probability that depends on its count.
 
-Infections last for a fixed number of days, so the day on which a cell was infected, its onset, tells its
-status on every day: one byte a cell holds the whole history of a disease.
+An infection lasts a fixed number of days. The onset, the day on which a cell was infected, thus determines
+the cell's status on every day: one byte per cell stores the whole history of a disease.
 
-Two rules of infection exist. ``"count"`` is that of the Waterberry Farms benchmark: the count is rounded down
-to n, and p = 1 - (1 - p_t)^n. ``"kernel"`` follows the words of its paper (the probability is the convolution
-of the infected cells with a distance kernel, times a likelihood): p = min(1, p_t * count), without rounding.
+There are two infection rules. ``"count"`` is the rule of the Waterberry Farms code: the count is rounded down
+to n, and p = 1 - (1 - p_t)^n. ``"kernel"`` is the rule in the text of the paper (the convolution of infected
+cells with a distance kernel, times a likelihood): p = min(1, p_t * count), without rounding.
 """
 
 from __future__ import annotations
@@ -36,9 +36,9 @@ SUSCEPTIBLE = 0
 REMOVED = -1
 IMMUNE = -2
 MAX_DAYS = 126
-"""Longest duration of an infection and of an environment: status and day of infection are kept in int8."""
+"""Longest duration of an infection and of an environment: status and onset are stored as int8."""
 NEVER = -1
-"""Onset of a cell that was not infected."""
+"""Onset of a cell that was never infected."""
 NO_HOST = -2
 """Onset of a cell that cannot be infected."""
 _VALUES = {SUSCEPTIBLE: 1.0, REMOVED: 0.0, IMMUNE: 1.0}
@@ -48,14 +48,14 @@ Draws = Callable[[NDArray[np.intp]], NDArray[np.float64]] | NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class InfectionRule:
-    """A rule of infection: a kernel, and the probability for each weighted count of infected neighbours.
+    """Infection rule: a kernel, and the infection probability for each weighted count of neighbours.
 
     Parameters
     ----------
     likelihood : float
-        p_t: probability of infection from a count of one.
+        p_t: infection probability for a count of one.
     rounded : bool
-        True for the rule ``"count"``, False for the rule ``"kernel"``.
+        Whether counts are rounded down: the rule ``"count"``; else ``"kernel"``.
     """
 
     kernel: DistanceKernel
@@ -64,12 +64,10 @@ class InfectionRule:
     rounded: bool = True
 
     def probability(self, total: NDArray[np.int64]) -> NDArray[np.float64]:
-        """Probability of infection.
+        """Return the infection probabilities for counts in units of the kernel.
 
-        Only additions, multiplications and divisions of floats are used, which IEEE 754 defines to the last
-        bit, so that a comparison with a random draw has the same result on every machine.
-
-        Counts are in units of the kernel.
+        Only additions, multiplications and divisions are used, which IEEE 754 defines to the last bit.
+        Comparisons with random draws thus have the same result on every machine.
         """
         if not self.rounded:
             probability: NDArray[np.float64] = np.minimum(total / self.kernel.unit * self.likelihood, 1.0)
@@ -83,29 +81,30 @@ class InfectionRule:
 
 @dataclass(frozen=True, slots=True)
 class EpidemicParameters:
-    """Parameters of one disease.
+    """Parameters of the epidemic of a disease.
 
     Parameters
     ----------
     likelihood : float
-        p_t, probability in 0..1 of infection by one orthogonal neighbour in one day.
+        p_t, probability in 0..1 that an orthogonal neighbour infects a cell within a day.
     duration_days : int
-        Days that an infection lasts.
+        Duration of an infection.
     seed_duration_days : int
-        Days that the infections of day 0 last.
+        Duration of the infections of day 0.
     seeds : int, optional
-        Number of infected cells at day 0. None: 3 for every full 30 cells of the farm's width, at least 3.
+        Number of infected cells on day 0. Default: 3 for each full 30 cells of the farm's width, at least 3.
     kernel_size : int, optional
-        Side of the square of neighbours, odd, cells. None: ``2 * int(sqrt(width) / 6) + 3``, at most 11.
+        Side of the square of neighbours, an odd number of cells. Default: ``2 * int(sqrt(width) / 6) + 3``,
+        at most 11.
     kernel_shape : {"inverse-square", "exponential", "gaussian"}
         See `sensors.dynamics.infection.make_kernel`.
     kernel_length_cells : float
         Length of the exponential and Gaussian shapes, cells.
     rule : {"count", "kernel"}
-        See the module's text.
+        Infection rule; see the module's docstring.
     seed_spread_cells : float, optional
-        Standard deviation, cells, of the seeds about the first one, as where a disease is brought in at one
-        place. None: each seed may be anywhere.
+        Standard deviation (cells) of the seeds about the first seed, for a disease introduced at one point.
+        Default: seeds are uniform over the farm.
 
     Raises
     ------
@@ -143,7 +142,7 @@ class EpidemicParameters:
         make_kernel(self.kernel_shape, size, self.kernel_length_cells)
 
     def seed_count(self, shape: tuple[int, int]) -> int:
-        """Number of infections at day 0 on a farm of this shape (cells).
+        """Return the number of infections on day 0 for a farm of this shape (cells).
 
         >>> [TYLCV.seed_count((w, w)) for w in (10, 30, 100, 6000)]
         [3, 3, 9, 600]
@@ -151,7 +150,7 @@ class EpidemicParameters:
         return self.seeds if self.seeds is not None else 3 * max(shape[0] // 30, 1)
 
     def infection_rule(self, shape: tuple[int, int]) -> InfectionRule:
-        """Rule of infection on a farm of this shape (cells).
+        """Return the infection rule for a farm of this shape (cells).
 
         >>> [TYLCV.infection_rule((w, w)).kernel.size for w in (10, 30, 100, 6000)]
         [3, 3, 5, 11]
@@ -163,9 +162,10 @@ class EpidemicParameters:
         return InfectionRule(kernel, self.likelihood, self.duration_days, self.rule == "count")
 
     def on_window(self, shape: tuple[int, int], seeds: int) -> EpidemicParameters:
-        """Return the parameters for a window of a farm of this shape, with the farm's size of the kernel.
+        """Return the parameters for a window of a farm of this shape (cells).
 
-        Seeds and kernel follow from the farm's width, which a window does not have.
+        The kernel has the size of the farm's kernel; the default for the smaller width of a window would be
+        smaller.
 
         >>> TYLCV.on_window((100, 100), seeds=2).kernel_size
         5
@@ -180,7 +180,7 @@ CCR = EpidemicParameters(likelihood=0.15, duration_days=10)
 
 
 def age(status: NDArray[np.int8]) -> NDArray[np.int8]:
-    """Let a day pass for the infected cells, without new infections.
+    """Return the status of all cells a day later, without new infections.
 
     Examples
     --------
@@ -194,11 +194,11 @@ def age(status: NDArray[np.int8]) -> NDArray[np.int8]:
 
 
 def step(status: NDArray[np.int8], draws: Draws, rule: InfectionRule) -> NDArray[np.int8]:
-    """Advance an epidemic by one day; a pure function of the status and the draws.
+    """Return the status of an epidemic a day later; the argument is not changed.
 
-    Draws are uniform in [0, 1): an array with a number for each cell, or a function that is called once with
-    the flat indices (C order, ascending) of the cells that may be infected. A cell is infected if p > u.
-    Infected cells may stand on immune land; they spread like any other.
+    `draws` are uniform in [0, 1): an array with a number for each cell, or a function that is called once
+    with the flat indices (C order, ascending) of the cells that may become infected. A cell with probability
+    p and draw u becomes infected if p > u. Infected cells on immune land infect their neighbours too.
 
     Examples
     --------
@@ -215,7 +215,7 @@ def step(status: NDArray[np.int8], draws: Draws, rule: InfectionRule) -> NDArray
 
 
 def _newly_infected(front: InfectionFront, draws: Draws, rule: InfectionRule) -> NDArray[np.intp]:
-    """Draw the cells that become infected on a day."""
+    """Draw the cells that become infected within a day."""
     cells, total = front.exposed()
     probability = rule.probability(total)
     possible = probability > 0.0
@@ -228,13 +228,10 @@ def _newly_infected(front: InfectionFront, draws: Draws, rule: InfectionRule) ->
 def draw_seeds(
     susceptible: NDArray[np.bool_], count: int, rng: Generator, spread_cells: float | None = None
 ) -> NDArray[np.intp]:
-    """Draw the cells of the infections of day 0.
+    """Draw the infected cells of day 0, as ascending flat indices in C order.
 
-    Every susceptible cell is equally likely for each seed, which is the same as to draw cells of the farm
-    again until one is susceptible. With a spread this holds for the first seed, and the others lie about it,
-    normally distributed over the susceptible cells. Two seeds may fall on one cell.
-
-    Flat indices (C order), ascending.
+    Seeds are uniform over the susceptible cells. `spread_cells`: only the first seed is uniform, and the
+    others are normally distributed about the first seed. Several seeds may be on the same cell.
     """
     if spread_cells is not None:
         return _draw_cluster(susceptible, count, rng, spread_cells)
@@ -275,11 +272,11 @@ def simulate_outbreak(
     rng: Generator,
     on_day: Callable[[], None] = lambda: None,
 ) -> NDArray[np.int8]:
-    """Let a disease run for some days.
+    """Simulate an outbreak for `days` days, and return the onset of each cell, int8[W, H].
 
-    The result is that of `step` repeated day by day, at a cost proportional to the number of infected cells.
-    The generator gives the seeds, then on each day one uniform number for each cell that may be infected, in
-    C order. The onset, int8[W, H], is 0 for the seeds, `NEVER` or `NO_HOST`.
+    The onset is the day of infection (0 for seeds), `NEVER` or `NO_HOST`. The result equals that of a
+    repeated `step`, at a cost proportional to the number of infected cells. The generator draws the seeds,
+    then on each day a uniform number for each cell that may become infected, in C order.
     """
     rule = parameters.infection_rule(susceptible.shape)
     onset = np.where(susceptible, np.int8(NEVER), np.int8(NO_HOST))
@@ -302,9 +299,7 @@ def simulate_outbreak(
 
 
 def status_table(parameters: EpidemicParameters, day: int) -> NDArray[np.int8]:
-    """Tabulate the status on a day by the onset.
-
-    int8[256]: the index is the onset read as an unsigned byte.
+    """Return a table from onset to status on a day, int8[256], indexed by the onset as an unsigned byte.
 
     Examples
     --------
@@ -322,29 +317,30 @@ def status_table(parameters: EpidemicParameters, day: int) -> NDArray[np.int8]:
 
 
 def value_table(parameters: EpidemicParameters, day: int) -> NDArray[np.float32]:
-    """Tabulate the value on a day by the onset: S 1.0, I 0.5, R 0.0; V 1.0, which no score counts.
+    """Return a table from onset to value on a day, float32[256], indexed as `status_table`.
 
-    float32[256], as `status_table`.
+    Values are S 1.0, I 0.5, R 0.0 and V 1.0; cells with status V are not scored.
     """
     return np.array([_VALUES.get(int(status), 0.5) for status in status_table(parameters, day)], np.float32)
 
 
 _OUTBREAKS = 100
 _SIDE_CELLS = 64
-_SHARED_DAYS = 4  # days served by one simulation, so that a campaign does not simulate each day anew
+_SHARED_DAYS = 4  # Consecutive days that use the same simulation, to save time in campaigns
 
 
 @dataclass(frozen=True, slots=True)
 class Outbreak:
-    """Statistics of the outbreaks of a disease on a day, each from one plant.
+    """Statistics of outbreaks of a disease on a day, each outbreak started by a single plant.
 
     Parameters
     ----------
     together : float
-        Sum of squares by sum of their sick plants. It is the ratio of variance to mean of a farm's number of
-        sick plants, if outbreaks begin anywhere and do not meet.
+        Sum of the squared sizes of outbreaks over the sum of the sizes, in sick plants. If outbreaks start at
+        random points and do not meet, this is the ratio of variance to mean of a farm's number of sick
+        plants.
     illness : float
-        Mean of one less the value of a sick plant.
+        Mean of 1 minus the value of a sick plant.
     """
 
     together: float
@@ -353,7 +349,7 @@ class Outbreak:
 
 @lru_cache(maxsize=64)
 def outbreak_of(parameters: EpidemicParameters, shape: tuple[int, int], day: int) -> Outbreak:
-    """Simulate outbreaks of a disease on a farm of this shape (cells), on land full of its hosts.
+    """Return the outbreak statistics for a farm of this shape (cells), from simulations on host plants only.
 
     Examples
     --------
@@ -365,7 +361,7 @@ def outbreak_of(parameters: EpidemicParameters, shape: tuple[int, int], day: int
     counts, illness = np.zeros(_OUTBREAKS), 0.0
     last_day = max(day, min(_SHARED_DAYS * math.ceil(day / _SHARED_DAYS), MAX_DAYS))
     for number, onset in enumerate(_onsets(parameters, shape, last_day)):
-        # Plants that fall ill later are healthy in the table of the day.
+        # In the table of the day, plants with a later onset are healthy.
         ill = illness_by_onset[onset.view(np.uint8)]
         counts[number] = np.count_nonzero(ill > 0.0)
         illness += float(ill.sum())
@@ -379,7 +375,7 @@ def outbreak_of(parameters: EpidemicParameters, shape: tuple[int, int], day: int
 def _onsets(
     parameters: EpidemicParameters, shape: tuple[int, int], last_day: int
 ) -> tuple[NDArray[np.int8], ...]:
-    """Simulate outbreaks up to a day, each from one plant; return their onsets."""
+    """Return the onsets of outbreaks up to `last_day`, each started by a single plant."""
     from_one_plant = parameters.on_window(shape, 1)
     side = min(max(shape), _SIDE_CELLS)
     land = np.ones((side, side), np.bool_)

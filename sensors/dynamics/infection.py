@@ -1,13 +1,13 @@
-"""Infection by distance: kernels in exact integers, and the front of an epidemic.
+"""Infection by distance: kernels with exact integer weights, and the front of an epidemic.
 
-The epidemic compares a weighted number of infected neighbours with whole numbers. Sums of 1/d^2 in floating
-point depend on the order of summation: five neighbours of weight 0.2 may make 1 or just less than 1.
-Therefore weights are integers in multiples of ``1 / unit``, and sums, floors and comparisons are exact
-everywhere.
+The epidemic compares the weighted number of infected neighbours with whole numbers. Floating-point sums of
+1/d^2 depend on the order of summation: five neighbours of weight 0.2 may give 1 or slightly less. Therefore
+weights are integers, in units of ``1 / unit``, so that sums, floors and comparisons are exact on every
+machine.
 
-Only cells near infected ones can change. Their weighted number of infected neighbours is kept for every cell
-and changed around cells that become infected or are removed, so a day costs as much as there are such cells,
-however large the front has grown; the farm is never scanned.
+Only cells near infected cells can change. The weighted number of infected neighbours is stored for every cell
+and updated around cells that become infected or removed. The cost of a day is proportional to the number of
+newly infected and removed cells, not to the size of the front or of the farm.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from sensors.errors import EnvironmentDataError
 Cells = NDArray[np.intp]
 
 FRONT_BYTES_A_CELL = 9
-"""Memory of a front, by cells of the farm."""
+"""Memory of a front per cell of the farm (bytes)."""
 
 KERNEL_SHAPES = ("inverse-square", "exponential", "gaussian")
 MAX_KERNEL_SIZE = 51
@@ -36,14 +36,14 @@ _ROUNDING_UNIT = 1 << 32
 class DistanceKernel:
     """Weights of the neighbours of a cell, grouped by equal weight.
 
-    The square of neighbours has an odd number of cells, `size`, on a side.
+    The neighbourhood is a square of `size` cells on a side; `size` is odd.
     """
 
     size: int
     unit: int
-    """The integer that stands for weight 1."""
+    """Integer that represents the weight 1."""
     rings: tuple[tuple[int, tuple[tuple[int, int], ...]], ...]
-    """Pairs of a positive integer weight and the offsets ``(dx, dy)`` that have it; the centre has none."""
+    """Pairs of a positive integer weight and its offsets ``(dx, dy)``; the centre has no weight."""
 
     @property
     def radius(self) -> int:
@@ -52,16 +52,16 @@ class DistanceKernel:
 
     @property
     def total(self) -> int:
-        """Sum of all weights in units: what a cell sees when every neighbour is infected."""
+        """Sum of all weights in units: the count of a cell with all neighbours infected."""
         return sum(weight * len(offsets) for weight, offsets in self.rings)
 
     @property
     def offsets(self) -> tuple[tuple[int, int], ...]:
-        """All offsets with a weight."""
+        """All offsets ``(dx, dy)`` with a weight."""
         return tuple(offset for _, ring in self.rings for offset in ring)
 
     def weights(self) -> NDArray[np.float64]:
-        """Return the kernel as an array."""
+        """Return the weights as an array, float64[size, size]."""
         array = np.zeros((self.size, self.size))
         for weight, ring in self.rings:
             for dx, dy in ring:
@@ -84,21 +84,23 @@ def _rings(size: int) -> dict[int, list[tuple[int, int]]]:
 
 @lru_cache(maxsize=64)
 def make_kernel(shape: str, size: int, length_cells: float = 1.0) -> DistanceKernel:
-    """Make the kernel of a shape.
+    """Return the kernel of a shape.
 
     Parameters
     ----------
     shape : {"inverse-square", "exponential", "gaussian"}
-        With the distance d in cells: ``1/d^2``; ``exp(-d/length)``; ``exp(-d^2/(2 length^2))``.
-        Inverse-square is exact up to size 11 (the unit is the least common multiple of all d^2); the others,
-        and larger sizes, are rounded to multiples of 2^-32.
+        Weight at distance d (cells): ``1/d^2``; ``exp(-d/length)``; ``exp(-d^2/(2 length^2))``.
+        Inverse-square weights are exact up to size 11 (the unit is the least common multiple of all d^2);
+        other weights are rounded to multiples of 2^-32.
     size : int
-        Side of the square of neighbours, odd, cells.
+        Side of the square of neighbours, an odd number of cells.
     length_cells : float
         Length of the exponential and the Gaussian shape, cells.
 
-    EnvironmentDataError if the shape is unknown, the size is not a small odd number or the length not
-    positive.
+    Raises
+    ------
+    EnvironmentDataError
+        If the shape is unknown, the size is even or out of range, or the length is not positive.
 
     Examples
     --------
@@ -128,7 +130,7 @@ def make_kernel(shape: str, size: int, length_cells: float = 1.0) -> DistanceKer
 
 
 class InfectionFront:
-    """Susceptible cells near infected ones, given and returned as flat indices of the farm in C order."""
+    """Susceptible cells near infected cells; cells are flat indices of the farm in C order."""
 
     def __init__(self, susceptible: NDArray[np.bool_], kernel: DistanceKernel) -> None:
         width, height = susceptible.shape
@@ -156,13 +158,13 @@ class InfectionFront:
         return cells
 
     def infect(self, cells: Cells) -> None:
-        """Make different cells infected; their neighbours join the front."""
+        """Infect the given different cells, and add their neighbours to the front."""
         centres = self._pad(cells)
         self._susceptible[centres] = False
         joining = [self._front]
         near, total = np.empty_like(centres), np.empty(centres.size, np.int64)
         for weight, step in self._steps:
-            # Different centres have different neighbours at one step, so plain indexing adds them all.
+            # Different centres have different neighbours at a given step, so plain indexing adds all weights.
             np.add(centres, step, out=near)
             self._total.take(near, out=total, mode="clip")
             joining.append(near[total == 0])
@@ -171,7 +173,7 @@ class InfectionFront:
         self._front = np.concatenate(joining)
 
     def remove(self, cells: Cells) -> None:
-        """Make infected cells removed: they no longer infect."""
+        """Mark infected cells as removed, so that they no longer infect their neighbours."""
         centres = self._pad(cells)
         near, total = np.empty_like(centres), np.empty(centres.size, np.int64)
         for weight, step in self._steps:
@@ -181,14 +183,14 @@ class InfectionFront:
             self._total[near] = total
 
     def exposed(self) -> tuple[Cells, NDArray[np.int64]]:
-        """Find the susceptible cells with infected neighbours.
+        """Return the susceptible cells with infected neighbours, and their counts of these neighbours.
 
-        Flat indices, ascending, and weighted numbers in units of the kernel, at least 1.
+        Cells are ascending flat indices. Counts are weighted, in units of the kernel, and at least 1.
         """
         front = np.sort(self._front[self._susceptible[self._front]])
         total = self._total.take(front)
         kept = total > 0
-        # A cell that lost its infected neighbours and got new ones since the last call is listed twice.
+        # Cells that lost all infected neighbours and then got new ones are listed twice.
         kept[1:] &= front[1:] != front[:-1]
         self._front = front[kept]
         return self._unpad(self._front), total[kept]

@@ -1,13 +1,12 @@
-"""Soil humidity: evaporation on every day, showers on some.
+"""Soil humidity with daily evaporation and random showers: the model of the Waterberry Farms benchmark.
 
-The model of the Waterberry Farms benchmark. A hump is a two-dimensional normal density on a rectangle of
-cells, centred in it, and placed anywhere so that part of it lies on the farm. The field starts as a sum of
-humps. On each day it is multiplied by ``1 - evaporation``; then, with the probability of rain, a sum P of
-humps is scaled to a mean rainfall q over the farm, ``q * W * H * P / sum(P)``, and added; the humidity is cut
-at 1. Ten days of warm-up precede day 0.
+A hump is a two-dimensional normal density in the centre of a rectangle of cells; the rectangle overlaps the
+farm at a random position. The initial field is a sum of humps. On each day the field is multiplied by ``1 -
+evaporation``. On a rainy day a sum P of humps is scaled to a mean rainfall q over the farm, ``q * W * H * P /
+sum(P)``, and added, and the humidity is clipped at 1. Ten days of warm-up precede day 0.
 
-A hump is the product of a profile along x and one along y. So a sum of k humps is the product of a (W, k) and
-a (k, H) matrix, and its sum over the farm needs the sums of the columns and rows only.
+A hump is the product of a profile along x and a profile along y. A sum of k humps is thus the product of a
+(W, k) and a (k, H) matrix, and its sum over the farm needs only the sums of columns and rows.
 """
 
 from __future__ import annotations
@@ -27,32 +26,33 @@ from geo.linear_algebra import exp, product
 from sensors.dynamics.continuous import ContinuousDynamics
 from sensors.errors import EnvironmentDataError
 
-# A block of this many cells and its rain fit the second-level cache of a core.
+# Cells per block, so that a block and its rain fit into a core's second-level cache.
 _BLOCK_CELLS = 1 << 17
 
 
 @dataclass(frozen=True, slots=True)
 class SoilParameters(ContinuousDynamics):
-    """Parameters of the soil humidity.
+    """Parameters of the soil humidity model.
 
     Parameters
     ----------
     evaporation : float
-        Part of the humidity that is lost in a day, 0..1.
+        Fraction of the humidity lost per day, 0..1.
     rain_probability : float
         Probability of rain on a day.
     mean_rain : float
-        Mean over the farm of the humidity that a rainy day adds; each is uniform in 0..2 * mean_rain.
+        Expected mean over the farm of the humidity that a rainy day adds; the mean of a day is uniform in
+        0..2 * mean_rain.
     start_humps, shower_humps : int
-        Number of humps of the first field and of a shower.
+        Number of humps of the initial field and of a shower.
     warm_up_days : int
         Days before day 0.
     spread : float
-        Standard deviation of a hump, as a part of its side.
+        Standard deviation of a hump, as a fraction of its side.
     square_humps : bool
-        False: a hump has the sides of the farm, so its covariance is diag((W/8)^2, (H/8)^2) (the paper).
-        True: a hump is a square with the farm's shorter side (the authors' code); on a square farm both are
-        the same.
+        False: a hump has the sides of the farm, thus the covariance diag((W/8)^2, (H/8)^2), as in the paper.
+        True: a hump is a square with the farm's shorter side, as in the authors' code. On a square farm both
+        are equal.
 
     Raises
     ------
@@ -84,32 +84,32 @@ class SoilParameters(ContinuousDynamics):
             raise EnvironmentDataError(f"soil: spread {self.spread} is not a positive number")
 
     def hump_sides(self, shape: tuple[int, int]) -> tuple[int, int]:
-        """Sides of a hump on a farm of this shape, cells."""
+        """Return the sides of a hump on a farm of this shape, cells."""
         return (min(shape), min(shape)) if self.square_humps else shape
 
     def course(self, shape: tuple[int, int], last_day: int, rng: Generator) -> SoilCourse:
-        """Draw the weather up to a day; see `ContinuousDynamics.course`."""
+        """Draw the weather up to `last_day`, and return the course; see `ContinuousDynamics.course`."""
         return SoilCourse(shape, draw_weather(shape, last_day, self, rng), self, last_day)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Shower:
-    """The rain of one day."""
+    """The rain of a day."""
 
     mean_rain: float
-    """Humidity that it adds, mean over the farm, before the cut at 1."""
+    """Humidity added by the shower: the mean over the farm before clipping at 1."""
     corners: NDArray[np.int64]
-    """int64[k, 2]: positions of the humps' lower corners, cells; they may be negative."""
+    """Lower corners of the humps, int64[k, 2], cells; may be negative."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Weather:
-    """The random part of the soil: positions of humps, and showers."""
+    """Random part of the soil model: positions of the initial humps, and showers."""
 
     start_corners: NDArray[np.int64]
-    """int64[k, 2]: lower corners of the first field's humps, cells."""
+    """Lower corners of the initial field's humps, int64[k, 2], cells."""
     showers: tuple[Shower | None, ...]
-    """The rain of each day, the days of warm-up first."""
+    """Rain of each day, beginning with the warm-up; None for a dry day."""
 
 
 def _draw_corners(
@@ -124,10 +124,10 @@ def _draw_corners(
 
 
 def draw_weather(shape: tuple[int, int], days: int, parameters: SoilParameters, rng: Generator) -> Weather:
-    """Draw the weather of some days.
+    """Draw the weather of the warm-up and of `days` days.
 
-    The generator gives x and y of each starting hump; then for each day whether it rains, and if so how much,
-    and x and y of each hump. This is the order of the authors' code.
+    The order of draws is that of the authors' code: x and y of each initial hump; then for each day whether
+    it rains, and on a rainy day the mean rain, and x and y of each hump.
     """
     sides = parameters.hump_sides(shape)
     start = _draw_corners(shape, sides, parameters.start_humps, rng)
@@ -142,7 +142,7 @@ def draw_weather(shape: tuple[int, int], days: int, parameters: SoilParameters, 
 
 
 def _profiles(corners: NDArray[np.int64], cells: int, side: int, spread: float) -> NDArray[np.float64]:
-    """Return the normal density of each hump along one axis, cut to the farm: float64[cells, k]."""
+    """Return the normal density of each hump along an axis, clipped to the farm: float64[cells, k]."""
     deviation = side * spread
     offset = np.linspace(0.0, side, side) - side / 2.0
     density = exp(-0.5 * (offset / deviation) ** 2) / (math.sqrt(2.0 * math.pi) * deviation)
@@ -157,7 +157,7 @@ def _profiles(corners: NDArray[np.int64], cells: int, side: int, spread: float) 
 def hump_factors(
     corners: NDArray[np.int64], shape: tuple[int, int], parameters: SoilParameters
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Factor a sum of humps into float64[W, k] and float64[k, H], whose product it is."""
+    """Return matrices float64[W, k] and float64[k, H] with the sum of all humps as their product."""
     sides = parameters.hump_sides(shape)
     along_x = _profiles(corners[:, 0], shape[0], sides[0], parameters.spread)
     along_y = _profiles(corners[:, 1], shape[1], sides[1], parameters.spread)
@@ -167,12 +167,12 @@ def hump_factors(
 def rain_factors(
     shower: Shower, shape: tuple[int, int], parameters: SoilParameters
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
-    """Factor the rain of a shower, scaled to its mean over the farm.
+    """Return matrices with the rain of a shower as their product, scaled to the shower's mean.
 
-    None if all humps lie beside the farm: then no rain falls.
+    None if all humps are off the farm: then no rain falls.
     """
     along_x, along_y = hump_factors(shower.corners, shape, parameters)
-    # A plain sum of few terms needs no compiled code; `sum` adds up otherwise since Python 3.12.
+    # Not `sum`: its result differs since Python 3.12, which compensates rounding errors.
     terms = map(operator.mul, along_x.sum(axis=0).tolist(), along_y.sum(axis=1).tolist())
     fallen = reduce(operator.add, terms, 0.0)
     if fallen <= 0.0:
@@ -183,7 +183,7 @@ def rain_factors(
 def soil_step(
     humidity: NDArray[np.floating], shower: Shower | None, parameters: SoilParameters
 ) -> NDArray[np.float64]:
-    """Advance the soil by one day; a pure function."""
+    """Return the soil humidity a day later; the argument is not changed."""
     after = humidity.astype(np.float64) * (1.0 - parameters.evaporation)
     factors = None if shower is None else rain_factors(shower, (after.shape[0], after.shape[1]), parameters)
     if factors is None:
@@ -193,11 +193,11 @@ def soil_step(
 
 
 class SoilCourse:
-    """The humidity of a farm from day to day, computed in blocks of rows.
+    """Time course of a farm's soil humidity, computed in blocks of rows.
 
-    A cell's humidity does not depend on its neighbours', so a block can go through many days while it is in
-    the processor's cache. Blocks may be computed in any order, and the days in any portions: the result is
-    the same to the last bit.
+    The humidity of a cell does not depend on its neighbours, so a block can be advanced by many days while it
+    is in the processor's cache. The result is equal to the last bit for any order of blocks and any split of
+    the days.
     """
 
     def __init__(
@@ -216,18 +216,18 @@ class SoilCourse:
 
     @property
     def pieces(self) -> int:
-        """Number of blocks in which a day is computed."""
+        """Number of blocks of rows."""
         return len(self.blocks)
 
     def begin(self, rows: slice, out: NDArray[np.float32]) -> None:
-        """Compute a block before the warm-up: day `first_day`."""
+        """Compute a block's humidity on `first_day`, before the warm-up."""
         assert self._start is not None
         product(self._start[0][rows], self._start[1], out=out)
 
     def advance(
         self, rows: slice, block: NDArray[np.float32], day: int, until: int, out: NDArray[np.float32]
     ) -> None:
-        """Let days pass for a block, which is not changed unless it is `out`."""
+        """Advance a block from `day` to `until` into `out`, which may be `block` itself."""
         if until == day:
             out[...] = block
             return
@@ -246,7 +246,7 @@ class SoilCourse:
         earlier: tuple[int, NDArray[np.float32]] | None = None,
         on_piece: Callable[[], None] = lambda: None,
     ) -> None:
-        """Compute a day of the whole farm, block by block; see `Course.compute`."""
+        """Compute the humidity of a day, block by block; see `Course.compute`."""
         for rows in self.blocks:
             if earlier is None:
                 self.begin(rows, out[rows])

@@ -1,8 +1,8 @@
 """Caches of environments: on disk between runs, and in memory within a process.
 
-The name of an entry on disk is a digest of the crop map, the fields, the seed, the days and the version of
-the format. Entries appear complete or not at all, so processes may share a cache. A damaged entry is
-generated again. Beyond the cache's limit, the least recently used entries are removed.
+The name of a disk entry is a digest of the crop map, the fields, the seed, the days and the format's version.
+Entries are written atomically, so processes may share a cache. Damaged entries are generated again. The least
+recently used entries are removed when the cache exceeds its limit.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 LIMIT_VARIABLE = "WBF_MISSION_ENVIRONMENT_CACHE_MB"
 DEFAULT_LIMIT_MB = 2000
 CACHED_FROM_CELLS = 1_000_000
-"""Smaller farms are generated faster than they are read."""
+"""Smallest farm that is cached; smaller farms are generated faster than they are read."""
 
 _ENTRY = re.compile(r"[0-9a-f]{32}")
 _LEFTOVER = re.compile(r"\.[0-9a-f]{32}\.(partial|older)")
@@ -44,18 +44,17 @@ _LEFTOVER_AFTER_S = 3600.0
 
 @dataclass(frozen=True, slots=True)
 class EnvironmentCache:
-    """A cache in a folder, of which other files are left alone."""
+    """A cache on disk; files in its folder that are not entries are ignored."""
 
     folder: Path
     limit_bytes: int
-    """Size of all entries together; 0 turns the cache off."""
+    """Limit of the total size of all entries; 0 turns the cache off."""
 
     @classmethod
     def of_user(cls) -> EnvironmentCache:
-        """Return the user's cache.
+        """Return the cache in the user's cache folder (`geo.user_cache`).
 
-        It is ``wbf-mission/environments`` below XDG_CACHE_HOME or ``~/.cache``. The variable
-        WBF_MISSION_ENVIRONMENT_CACHE_MB sets its limit, 2000 by default; 0 turns it off.
+        The variable WBF_MISSION_ENVIRONMENT_CACHE_MB sets the limit (default 2000); 0 turns the cache off.
         """
         text = os.environ.get(LIMIT_VARIABLE, "").strip() or str(DEFAULT_LIMIT_MB)
         if not (text.isascii() and text.isdecimal() and len(text) <= 9):
@@ -65,7 +64,7 @@ class EnvironmentCache:
 
     @classmethod
     def off(cls) -> EnvironmentCache:
-        """Return a cache that keeps nothing."""
+        """Return a cache that stores no entries."""
         return cls(user_cache_folder("environments"), 0)
 
     def environment(
@@ -79,11 +78,10 @@ class EnvironmentCache:
         farm_name: str = "",
         progress: Progress | None = None,
     ) -> tuple[Environment, bool]:
-        """Return the environment of days `day` to `last_day` in memory, and whether it is from the cache.
+        """Return the environment of days `day` to `last_day` (default: `day`), and whether it was cached.
 
-        Without `last_day` it has one day. An environment that is not cached is generated and saved. A folder
-        that cannot be written to, or a full disk, is a `geo.user_cache.CacheWarning`, not an error. Other
-        errors are those of `generate_environment`.
+        An environment that is not cached is generated and saved. If the folder cannot be written, a
+        `geo.user_cache.CacheWarning` is given. Errors are those of `generate_environment`.
         """
         last = day if last_day is None else last_day
         kept = range(day, last + 1)
@@ -119,14 +117,14 @@ class EnvironmentCache:
             self._shrink()
         except (EnvironmentDataError, OSError) as error:
             cause = error.__cause__ or error
-            # Another process that writes the same entry is no trouble, and what it wrote is not ours.
+            # If another process is writing the same entry, its files must not be removed.
             if isinstance(cause, OSError) and not isinstance(cause, BlockingIOError):
                 shutil.rmtree(path.with_name(f".{path.name}.partial"), ignore_errors=True)
                 warn_of_cache(self.folder, cause)
         return environment, False
 
     def _shrink(self) -> None:
-        """Remove the least recently used entries until the rest is within the limit."""
+        """Remove the least recently used entries until the total size is within the limit."""
         entries: list[tuple[float, int, Path]] = []
         for path in self.folder.iterdir():
             if _ENTRY.fullmatch(path.name):
@@ -159,11 +157,11 @@ def _size(path: Path) -> int:
 
 MOST_ENVIRONMENTS = 2
 MOST_CELLS = 100_000
-"""Larger farms are not kept: their runs take much longer than generating the environment."""
+"""Largest farm kept in memory; runs on larger farms take much longer than the generation."""
 
 
 class EnvironmentMemory:
-    """The most recently used small environments.
+    """In-memory cache of the most recently used small environments.
 
     Examples
     --------
@@ -188,9 +186,9 @@ class EnvironmentMemory:
         fields: FieldSet = PAPER_FIELDS,
         progress: Progress | None = None,
     ) -> tuple[Environment, bool]:
-        """Return an environment from memory, else from the cache, and whether it is from the cache's folder.
+        """Return an environment from memory, else from `cache`, and whether it was read from the disk.
 
-        It is shared with other callers and must not be changed.
+        The environment is shared with other callers and must not be changed.
         """
         key = b""
         if grid.crop.size <= MOST_CELLS:

@@ -1,4 +1,4 @@
-"""The environment E over days: the true state of the fields, which planners and estimators never see."""
+"""The environment E: the true state of the fields over days, hidden from planners and estimators."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ if TYPE_CHECKING:
 
     from geo.grid import FarmGrid
 
-_FEW = 8  # cells: beyond, numpy's arrays are faster than a loop
+_FEW = 8  # Cells up to which a loop is faster than numpy's arrays
 
 
 @dataclass(frozen=True, slots=True)
 class Provenance:
-    """Where an environment comes from.
+    """Origin of an environment: farm and seed.
 
     Parameters
     ----------
@@ -47,7 +47,7 @@ class Provenance:
 
     @classmethod
     def of(cls, grid: FarmGrid, seed: SeedSequence, farm_name: str) -> Provenance:
-        """Return the provenance of a farm and a seed."""
+        """Return the provenance of an environment of this farm and seed."""
         entropy = np.atleast_1d(np.asarray(seed.entropy, dtype=object)).tolist()
         return cls(
             farm_name,
@@ -58,12 +58,11 @@ class Provenance:
 
 
 class Environment:
-    """The state of a farm on some days; made by `generate_environment` or `load_environment`.
+    """The state of a farm's fields on the kept days; see `generate_environment` and `load_environment`.
 
-    Day d is the state after d steps; day 0 is before the first one. All arrays are read-only.
-
-    `fields` are in the order of all arrays. Each disease has a layer of onsets, each continuous field one of
-    its levels on each kept day, which are in ascending order.
+    Day d is the state after d steps; day 0 is the initial state. All arrays are read-only and in the order of
+    `fields`. Each disease has a layer of onsets, each continuous field a layer of levels for each kept day.
+    `days` are ascending.
     """
 
     __slots__ = ("_diseases", "_layers", "_levels", "_onset", "days", "fields", "provenance", "shape")
@@ -83,7 +82,7 @@ class Environment:
         self.days = days
         self._onset = onset
         self._levels = levels
-        # Of each day: number, layer and table of the values of each disease; number and layer of the others.
+        # For each day: index, layer and value table of each disease; index and layer of other fields.
         self._diseases = {
             day: [
                 (fields.index(field.name), onset[field.name], value_table(field.epidemic, day))
@@ -105,9 +104,9 @@ class Environment:
         levels: Mapping[str, Mapping[int, NDArray[np.float32]]],
         provenance: Provenance | None = None,
     ) -> Environment:
-        """Make an environment of arrays: see `onset` and `level`.
+        """Return an environment with these arrays, of the form that `onset` and `level` return.
 
-        EnvironmentDataError if the arrays do not fit each other, or there is no day.
+        EnvironmentDataError if the shapes or types of arrays are wrong, or there is no day.
         """
         kept = tuple(sorted(days))
         if not kept:
@@ -142,18 +141,17 @@ class Environment:
         return self._onset[disease]
 
     def onset(self, disease: str) -> NDArray[np.int8]:
-        """Day of infection of each cell: int8[W, H], read-only.
+        """Return the day of infection of each cell, int8[W, H], read-only.
 
-        0 for the seeds, -1 for cells never infected, -2 for cells without the crop.
+        Seeds have 0, cells that were never infected -1, and cells without the crop -2.
         """
         return self._onset_of(disease).whole()
 
     def status(self, disease: str, day: int) -> NDArray[np.int8]:
-        """SIRV status on a kept day: int8[W, H], a new array.
+        """Return the SIRV status on a kept day, int8[W, H], a new array.
 
-        0 susceptible, k > 0 infected with k days left, -1 removed, -2 immune.
-
-        EnvironmentDataError if the disease is unknown or the day not kept.
+        0 is susceptible, k > 0 infected with k days remaining, -1 removed, -2 immune. EnvironmentDataError if
+        the disease is unknown or the day is not kept.
         """
         layer = self._onset_of(disease)
         self._check_day(day)
@@ -165,7 +163,7 @@ class Environment:
         return status
 
     def level(self, name: str, day: int) -> NDArray[np.float32]:
-        """Values of a continuous field on a kept day: float32[W, H], read-only."""
+        """Return the values of a continuous field on a kept day, float32[W, H], read-only."""
         self._check_day(day)
         if (name, day) not in self._levels:
             known = ", ".join(field.name for field in self.fields.continuous) or "none"
@@ -173,12 +171,10 @@ class Environment:
         return self._levels[name, day].whole()
 
     def values(self, day: int, out: NDArray[np.float32] | None = None) -> NDArray[np.float32]:
-        """Return E on a kept day, float32[n, W, H]; `out` is an array to fill.
+        """Return E on a kept day, float32[n, W, H]; `out` is an array that receives the values.
 
-        A disease is 1.0 where plants are healthy or there is no host, 0.5 where they are infected and 0.0
-        where they are lost.
-
-        EnvironmentDataError if the day is not kept.
+        A disease is 1.0 where plants are healthy or there is no host plant, 0.5 where plants are infected and
+        0.0 where they are lost. EnvironmentDataError if the day is not kept.
         """
         self._check_day(day)
         values = np.empty((len(self.fields), *self.shape), np.float32) if out is None else out
@@ -186,12 +182,10 @@ class Environment:
         return values
 
     def window(self, day: int, x: slice, y: slice) -> NDArray[np.float32]:
-        """Return `values` of a part of the farm, float32[n, w, h], a new array.
+        """Return `values` of a window of the farm, float32[n, w, h], a new array.
 
-        The slices have no step; an end that is not given is that of the farm. Of a stored environment only
-        the chunks there are decoded.
-
-        EnvironmentDataError if the day is not kept or the window not on the farm.
+        The slices have no step; a missing start or stop is the farm's border. Only the chunks that the window
+        touches are decoded. EnvironmentDataError if the day is not kept or the window is not on the farm.
 
         Examples
         --------
@@ -219,7 +213,8 @@ class Environment:
             field = values[index]
             field.fill(1.0)
             onset = read(layer)
-            # Few cells are ever infected: setting these is several times faster than a table for all.
+            # Few cells are ever infected: setting only these is several times faster than a table for all
+            # cells.
             if onset.flags.c_contiguous and field.flags.c_contiguous:
                 once_infected = np.flatnonzero(onset >= 0)
                 field.reshape(-1)[once_infected] = table[onset.reshape(-1)[once_infected]]
@@ -230,14 +225,13 @@ class Environment:
             values[index] = read(level)
 
     def sample(self, day: int, ix: ArrayLike, iy: ArrayLike) -> NDArray[np.float32]:
-        """Return the fields of one or k cells on a kept day, float32[k, n], without building the whole day.
+        """Return the n fields at k cells on a kept day, float32[k, n], without decoding the whole day.
 
-        EnvironmentDataError if the day is not kept, or a cell lies outside the farm or is not given by
-        integers.
+        EnvironmentDataError if the day is not kept, a cell is off the farm, or an index is no integer.
         """
         self._check_day(day)
         few = _few_cells(ix, iy, self.shape)
-        if few:  # as a camera's images between two positions
+        if few:  # The usual case: images of a camera between two positions
             return self._sample_few(day, few)
         x, y = np.broadcast_arrays(np.atleast_1d(ix), np.atleast_1d(iy))
         if x.ndim != 1 or x.dtype.kind not in "iu" or y.dtype.kind not in "iu":
@@ -252,15 +246,14 @@ class Environment:
             msg = f"environment: cell {cell} is outside the farm of {width} x {height} cells"
             raise EnvironmentDataError(msg)
         for index, layer, table in self._diseases[day]:
-            # As an unsigned byte, the codes of cells never infected and without host index the end of the
-            # table.
+            # As unsigned bytes, the negative onsets NEVER and NO_HOST are indices at the table's end.
             samples[:, index] = table[layer.cells(x, y).view(np.uint8)]
         for index, level in self._layers[day]:
             samples[:, index] = level.cells(x, y)
         return samples
 
     def _sample_few(self, day: int, cells: list[tuple[int, int]]) -> NDArray[np.float32]:
-        """Return E at a few cells of the farm, float32[k, n]; one takes a fifth of what arrays take."""
+        """Return E at a few cells on the farm, float32[k, n]; a loop is faster here than array operations."""
         samples = np.empty((len(cells), len(self.fields)), np.float32)
         diseases, layers = self._diseases[day], self._layers[day]
         for k, (x, y) in enumerate(cells):
@@ -272,7 +265,7 @@ class Environment:
 
 
 def _few_cells(ix: ArrayLike, iy: ArrayLike, shape: tuple[int, int]) -> list[tuple[int, int]]:
-    """Return as numbers the cells of two arrays of a few integers; none for anything else."""
+    """Return the cells of two integer arrays as a list; empty if the arrays are long or of another form."""
     if not (isinstance(ix, np.ndarray) and isinstance(iy, np.ndarray)) or ix.ndim != 1 or ix.size > _FEW:
         return []
     if ix.shape != iy.shape or ix.dtype.kind not in "iu" or iy.dtype.kind not in "iu":
@@ -303,7 +296,7 @@ def _part(name: str, cells: slice, size: int) -> slice:
 
 
 def grid_digest(grid: FarmGrid) -> str:
-    """Digest of a crop map: SHA-256, hexadecimal, of its shape, further crops and its bytes."""
+    """Return the hexadecimal SHA-256 of a crop map: shape, crops that the benchmark lacks, and cells."""
     digest = hashlib.sha256(f"{grid.shape[0]}x{grid.shape[1]};{grid.further_crops}".encode())
     digest.update(np.ascontiguousarray(grid.crop, np.int8).data)
     return digest.hexdigest()

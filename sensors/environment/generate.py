@@ -1,4 +1,4 @@
-"""Generation of environments: in memory, or day by day into a folder, where it can be resumed."""
+"""Generation of environments: in memory, or day by day into a folder, which can be resumed."""
 
 from __future__ import annotations
 
@@ -31,18 +31,18 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 Progress = Callable[[int, int], None]
 
-# Smaller farms are done before threads have started.
+# For smaller farms the generation is faster than the start of threads.
 _THREADS_FROM_CELLS = 1_000_000
 _POLL_S = 0.05
 _OUTBREAKS_AT_ONCE = 2
 
 
 class StoppedError(Exception):
-    """Ends a thread whose result is no longer wanted."""
+    """Raised in a thread of a stopped generation, to end the thread."""
 
 
 class _Steps:
-    """Counts finished pieces of work, in any thread, and reports them in the caller's."""
+    """Progress counter: pieces are counted in any thread and reported in the caller's thread."""
 
     def __init__(self, total: int, progress: Progress | None) -> None:
         self._done, self._reported, self._total, self._progress = 0, 0, total, progress
@@ -59,14 +59,14 @@ class _Steps:
             self.report()
 
     def report(self) -> None:
-        """Report new progress; raises what the caller's function raises."""
+        """Call the caller's progress function if pieces were finished since the last report."""
         done = self._done
         if self._progress is not None and done > self._reported:
             self._reported = done
             self._progress(done, self._total)
 
     def wait(self, future: Future[T]) -> T:
-        """Return the result of a future, reporting progress meanwhile."""
+        """Wait for a future while reporting progress, and return its result."""
         while not future.done():
             wait([future], timeout=_POLL_S)
             self.report()
@@ -79,14 +79,14 @@ class Task:
 
     grid: FarmGrid
     days: tuple[int, ...]
-    """The days that are kept."""
+    """Kept days, ascending."""
     seed: SeedSequence
     fields: FieldSet
     farm_name: str = ""
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Cells of the farm."""
+        """Width and height of the farm in cells."""
         return int(self.grid.shape[0]), int(self.grid.shape[1])
 
     def header(self) -> Header:
@@ -112,7 +112,7 @@ def make_task(
 
 
 def kept_days(days: int, keep_days: Iterable[int] | None) -> tuple[int, ...]:
-    """Check the days to keep, all of 0..days if None; EnvironmentDataError if there is a wrong one."""
+    """Return the checked days to keep, ascending; all of 0..days if `keep_days` is None."""
     if not 0 <= days <= MAX_DAYS:
         raise EnvironmentDataError(f"environment: day {days} is not in 0..{MAX_DAYS}; give an earlier day")
     kept = tuple(range(days + 1)) if keep_days is None else tuple(sorted({int(day) for day in keep_days}))
@@ -131,7 +131,7 @@ def memory_needed(
     on_disk: bool = False,
     threads: int | None = None,
 ) -> dict[str, int]:
-    """Estimate the peak memory of a generation, bytes by purpose.
+    """Return the estimated peak memory of a generation: bytes by purpose.
 
     Examples
     --------
@@ -141,15 +141,15 @@ def memory_needed(
     cells = shape[0] * shape[1]
     diseases, continuous = len(fields.diseases), len(fields.continuous)
     at_once = min(diseases, _OUTBREAKS_AT_ONCE if _thread_count(cells, threads) > 1 else 1)
-    # Two days that alternate, and a day's compressed chunks before and after they are joined.
+    # Memory for two alternating days, and for a day's compressed chunks before and after joining.
     levels = cells * (2 * 4 + 2 * 4) * min(continuous, 1) if on_disk else cells * 4 * days * continuous
-    # A disease: its day of infection, its hosts, its front, and lists of the cells near infected ones.
+    # Memory for a disease: onsets, host mask, front, and lists of the cells near infected cells.
     outbreaks = cells * (diseases + at_once * (1 + FRONT_BYTES_A_CELL + 4))
     return {"continuous fields": levels, "diseases": outbreaks}
 
 
 def check_memory(task: Task, *, on_disk: bool, threads: int | None = None) -> None:
-    """Raise NotEnoughMemoryError, with advice, if a generation would not fit into memory."""
+    """Raise NotEnoughMemoryError, with advice, if a generation needs more memory than is available."""
     shape, days = task.shape, len(task.days)
     try:
         require_memory(
@@ -164,7 +164,11 @@ def check_memory(task: Task, *, on_disk: bool, threads: int | None = None) -> No
 def _thread_count(cells: int, threads: int | None) -> int:
     if cells < _THREADS_FROM_CELLS:
         return 1
-    return max(1, len(os.sched_getaffinity(0)) if threads is None else threads)
+    if threads is None:
+        from joblib import cpu_count
+
+        return int(cpu_count())
+    return max(1, threads)
 
 
 def generate_environment(
@@ -179,44 +183,44 @@ def generate_environment(
     directory: str | os.PathLike[str] | None = None,
     threads: int | None = None,
 ) -> Environment:
-    """Generate the environment of a farm over some days.
+    """Generate the environment of a farm.
 
-    Each field uses the stream of its own name of the seed (`geo.seeds`), so they are independent, and a
-    further field changes nothing in the others. Diseases are the same on every machine to the last bit;
-    continuous fields may differ by a rounding error of float32. A day's state does not depend on how many
-    days follow or are kept, nor anything on the number of threads.
+    Each field has its own random stream (`geo.seeds`), so the fields are independent and an additional field
+    does not change the others. Diseases are equal to the last bit on every machine; continuous fields may
+    differ by a rounding error of float32. The state of a day does not depend on the number of later days, on
+    the kept days or on the number of threads.
 
     Parameters
     ----------
     grid : FarmGrid
-        Crops of all cells, the neighbours' included.
+        Crop map, including the neighbours' land.
     days : int
         Number of steps, 0..126.
     fields : FieldSet
-        The fields and their dynamics; the benchmark's by default.
+        The fields and their dynamics; by default those of the benchmark.
     progress : callable, optional
-        Called as ``progress(done, total)`` after each piece of work, in the calling thread. It may raise to
-        stop.
+        Called as ``progress(done, total)`` after each piece of work, in the calling thread. An exception that
+        it raises stops the generation.
     keep_days : iterable of int, optional
-        Days to keep, all of 0..days by default. A kept day needs four bytes a cell for each
-        continuous field, a disease needs one byte a cell for all days together.
+        Days to keep; by default all of 0..days. A kept day takes four bytes per cell and continuous field; a
+        disease takes one byte per cell for all days together.
     farm_name : str
-        Recorded in the provenance.
+        Name of the farm for the provenance.
     directory : path-like, optional
-        Write the days to this folder while they are computed, in place of memory. The folder appears when it
-        is complete. After an error or Ctrl-C the finished days are kept beside it, and the same call goes on
-        with them. If the folder holds this environment already, nothing is computed.
+        Folder to which the days are written while they are computed, so that they take no memory. The folder
+        appears when it is complete. After an error or Ctrl-C, finished days are kept beside it, and the same
+        call resumes the generation. If the folder already holds this environment, nothing is computed.
     threads : int, optional
-        How many to use on large farms; by default one for each processor that this process may use.
+        Number of threads on large farms; by default one for each processor that this process may use.
 
     Raises
     ------
     EnvironmentDataError
         If days are out of range, or the folder cannot be written.
     geo.memory.NotEnoughMemoryError
-        If memory would not suffice.
+        If the generation needs more memory than is available.
     geo.seeds.SeedError
-        If the seed is not usable.
+        If the seed is no non-negative integer or ``SeedSequence``.
 
     Examples
     --------
@@ -247,7 +251,7 @@ def generate_environment(
 
 
 class _Work:
-    """The computation of a task; on leaving, its threads have ended."""
+    """Courses of the fields and threads of a task; leaving the ``with`` block waits for the threads."""
 
     def __init__(self, task: Task, progress: Progress | None, threads: int | None) -> None:
         self._task = task
@@ -266,7 +270,7 @@ class _Work:
             self._pool: Executor | None = None
             if self._threads > 1 and self._task.fields.diseases:
                 self._pool = self._stack.enter_context(ThreadPoolExecutor(_OUTBREAKS_AT_ONCE))
-            # Entered last, so that the writer's last piece of work ends first.
+            # The stack is closed in reverse order: the writer has to end before the outbreaks.
             self._writer = self._stack.enter_context(ThreadPoolExecutor(1))
             self._stack = self._stack.pop_all()
         return self
@@ -276,7 +280,7 @@ class _Work:
         self._stack.close()
 
     def start_outbreak(self, field: Field) -> Future[NDArray[np.int8]]:
-        """Start a disease; without threads it is over on return."""
+        """Start the simulation of a disease; without threads it is finished on return."""
         if self._pool is not None:
             return self._pool.submit(self._outbreak, field)
         future: Future[NDArray[np.int8]] = Future()
@@ -291,7 +295,7 @@ class _Work:
     def start_writing(
         self, store: EnvironmentStore, name: str, day: int, level: NDArray[np.float32]
     ) -> Future[None]:
-        """Start to write a day of a continuous field; without threads it is written on return."""
+        """Start writing a day of a continuous field; without threads it is written on return."""
         future = self._writer.submit(store.write_level, name, day, level)
         if self._threads <= 1:
             future.result()
@@ -327,7 +331,7 @@ def _generate_into(
 
 
 def _write_levels(store: EnvironmentStore, work: _Work, task: Task, before_day: Callable[[], None]) -> None:
-    """Compute the continuous fields and write each day while the next one is computed."""
+    """Compute the continuous fields; each day is written while the next day is computed."""
     spare = [np.empty(task.shape, np.float32) for _ in range(2 if work.courses else 0)]
     writing: Future[None] | None = None
     for name, course in work.courses.items():
@@ -339,7 +343,7 @@ def _write_levels(store: EnvironmentStore, work: _Work, task: Task, before_day: 
                 earlier = day, saved
                 work.step(course.pieces)
                 continue
-            # The other one may still be on its way to the disk.
+            # The other array may still be in use by the writer.
             level = spare[0]
             course.compute(day, level, earlier, work.step)
             if writing is not None:

@@ -1,7 +1,7 @@
-"""Layers: arrays over a farm, held in memory or in chunks in a store.
+"""Layers: arrays over a farm, in memory or in compressed chunks on disk.
 
-A chunk that single cells need is decoded once and kept among the most recently used chunks, so that a camera
-along a path decodes each chunk on its way once.
+Chunks decoded for single cells are kept in a least-recently-used cache, so that a camera decodes each chunk
+along its path only once.
 """
 
 from __future__ import annotations
@@ -21,23 +21,23 @@ Read = Callable[[slice, slice], NDArray[T]]
 
 
 class Layer(Protocol[S_co]):
-    """One array over the farm, ``[x, y]``."""
+    """An array over the farm, ``[x, y]``."""
 
     def whole(self) -> NDArray[S_co]:
         """Return the array, read-only."""
 
     def window(self, x: slice, y: slice) -> NDArray[S_co]:
-        """Return a part; both slices have a start and a stop within the farm and no step."""
+        """Return a window; both slices have a start and a stop on the farm and no step."""
 
     def cells(self, x: NDArray[np.integer], y: NDArray[np.integer]) -> NDArray[S_co]:
-        """Return single cells, which lie on the farm: [n]."""
+        """Return the values of n cells on the farm, [n]."""
 
     def cell(self, x: int, y: int) -> Any:
-        """Return one cell, which lies on the farm, as a Python number."""
+        """Return the value of a cell on the farm as a Python number."""
 
 
 class ArrayLayer(Generic[T]):
-    """A layer in memory, or mapped into it."""
+    """A layer in memory, or memory-mapped from a file."""
 
     __slots__ = ("_array",)
 
@@ -50,22 +50,22 @@ class ArrayLayer(Generic[T]):
         return self._array
 
     def window(self, x: slice, y: slice) -> NDArray[T]:
-        """Return a view."""
+        """Return a view of the window."""
         part: NDArray[T] = self._array[x, y]
         return part
 
     def cells(self, x: NDArray[np.integer], y: NDArray[np.integer]) -> NDArray[T]:
-        """Return single cells: [n]."""
+        """Return the values of n cells, [n]."""
         found: NDArray[T] = self._array[x, y]
         return found
 
     def cell(self, x: int, y: int) -> Any:
-        """Return one cell as a Python number."""
+        """Return the value of a cell as a Python number."""
         return self._array.item(x, y)
 
 
 class ChunkCache:
-    """The chunks used last."""
+    """Cache of the most recently used chunks, thread-safe."""
 
     __slots__ = ("_bytes", "_chunks", "_limit", "_lock")
 
@@ -76,7 +76,7 @@ class ChunkCache:
         self._lock = threading.Lock()
 
     def get(self, key: tuple[str, int, int], decode: Callable[[], NDArray[Any]]) -> NDArray[Any]:
-        """Return a chunk, decoded now if it is not here."""
+        """Return a chunk, decoded now if it is not cached."""
         with self._lock:
             chunk = self._chunks.get(key)
             if chunk is not None:
@@ -93,7 +93,7 @@ class ChunkCache:
 
 
 class ChunkedLayer(Generic[T]):
-    """A layer that is read when it is needed, chunk by chunk."""
+    """A layer on disk that is decoded on demand, chunk by chunk."""
 
     __slots__ = ("_cache", "_chunk", "_name", "_read", "_shape")
 
@@ -107,13 +107,13 @@ class ChunkedLayer(Generic[T]):
         self._cache = cache
 
     def whole(self) -> NDArray[T]:
-        """Decode the whole array; it is not kept here."""
+        """Decode and return the whole array, without caching."""
         array = self._read(slice(0, self._shape[0]), slice(0, self._shape[1]))
         array.flags.writeable = False
         return array
 
     def window(self, x: slice, y: slice) -> NDArray[T]:
-        """Decode the chunks that the window touches."""
+        """Decode the chunks that the window touches, and return the window."""
         return self._read(x, y)
 
     def _decoded(self, column: int, row: int) -> NDArray[T]:
@@ -127,13 +127,13 @@ class ChunkedLayer(Generic[T]):
         return cast("NDArray[T]", self._cache.get((self._name, column, row), decode))
 
     def cell(self, x: int, y: int) -> Any:
-        """Return one cell as a Python number."""
+        """Return the value of a cell as a Python number."""
         width, height = self._chunk
         (column, at_x), (row, at_y) = divmod(x, width), divmod(y, height)
         return self._decoded(column, row).item(at_x, at_y)
 
     def cells(self, x: NDArray[np.integer], y: NDArray[np.integer]) -> NDArray[T]:
-        """Return single cells, chunk by chunk: [n]."""
+        """Return the values of n cells, [n], decoded chunk by chunk."""
         width, height = self._chunk
         column, row = x // width, y // height
         at_x, at_y = int(column[0]), int(row[0])

@@ -1,4 +1,4 @@
-"""Environments in folders: saved, loaded, and written so that they appear complete or not at all."""
+"""Saving and loading of environments in folders, which appear complete or not at all."""
 
 from __future__ import annotations
 
@@ -8,20 +8,21 @@ import shutil
 from collections.abc import Iterator
 from pathlib import Path
 
+from geo.locks import lock_held
 from sensors.environment.environment import Environment
 from sensors.environment.store import HEADER, EnvironmentStore, Header, open_store, read_header
 from sensors.errors import EnvironmentDataError
 
 
 def save_environment(environment: Environment, path: str | os.PathLike[str]) -> None:
-    """Save an environment to a folder (`docs/environment.md`), which appears complete or not at all.
+    """Save an environment atomically to a folder (`docs/environment.md`).
 
-    An older environment there is replaced, anything else is not.
+    An older environment in the folder is replaced; other content is not.
 
     Raises
     ------
     EnvironmentDataError
-        If the folder holds something else or cannot be written.
+        If the folder has other content or cannot be written.
     """
     header = Header.of(environment.shape, environment.days, environment.fields, environment.provenance)
     with unfinished_store(path, header) as store:
@@ -35,13 +36,13 @@ def save_environment(environment: Environment, path: str | os.PathLike[str]) -> 
 def load_environment(path: str | os.PathLike[str], *, lazy: bool = True) -> Environment:
     """Load an environment from a folder that `save_environment` or `generate_environment` wrote.
 
-    Lazily, what is used is decoded when it is used, instead of all at once.
+    `lazy`: data are decoded on demand, not all at once.
 
     Raises
     ------
     EnvironmentDataError
-        If a file is missing or is not what it claims; the text names the file. What is read later is checked
-        then, with the same error.
+        If a file is missing or invalid; the text names the file. Data that are decoded later are checked then
+        and raise the same error.
     """
     store = open_store(path)
     store.check()
@@ -49,7 +50,7 @@ def load_environment(path: str | os.PathLike[str], *, lazy: bool = True) -> Envi
 
 
 def stored_environment(path: str | os.PathLike[str], header: Header) -> Environment | None:
-    """Return the environment at `path` if it is the one of this header, and whole; otherwise None."""
+    """Return the environment at `path` if it is complete and has this header; else None."""
     try:
         store = open_store(path)
         if store.header != header:
@@ -64,21 +65,20 @@ def stored_environment(path: str | os.PathLike[str], header: Header) -> Environm
 def unfinished_store(
     path: str | os.PathLike[str], header: Header, *, resume: bool = False
 ) -> Iterator[EnvironmentStore]:
-    """Yield a store beside `path` that takes its place when the block ends well.
+    """Yield a store beside `path` that is moved to `path` when the block ends without an exception.
 
-    When the block ends with an exception, Ctrl-C included, an older environment at `path` stays as it was,
-    and what was finished of the new one is kept for the next time.
-
-    With `resume` it goes on with what an earlier attempt at the same header left. EnvironmentDataError if
-    `path` is something else than a new or empty folder or an older environment, cannot be written, or another
-    process is writing to it.
+    After an exception, Ctrl-C included, an older environment at `path` is unchanged, and finished parts of
+    the new environment are kept. `resume`: continue with the parts that an earlier call with the same header
+    finished. EnvironmentDataError if the folder `path` has other content than an older environment, cannot be
+    written, or another process is writing it.
     """
     target = Path(path).resolve()
     try:
         _check_target(target)
         target.parent.mkdir(parents=True, exist_ok=True)
         partial = target.with_name(f".{target.name}.partial")
-        with _locked(partial):
+        with _locked(target):
+            partial.mkdir(exist_ok=True)
             store = EnvironmentStore(partial, header, writable=True)
             if not (resume and _is_started(store)):
                 for entry in partial.iterdir():
@@ -106,7 +106,7 @@ def _check_target(target: Path) -> None:
 
 
 def _looks_like_ours(target: Path) -> bool:
-    """Whether a folder without a usable header is still an environment: of an older version, or damaged."""
+    """Return whether a folder without a valid header is an environment of an older version, or damaged."""
     if (target / "environment.json").is_file() and (target / "tylcv.npy").is_file():
         return True
     arrays = [path.parent.name for path in target.glob(f"*/{HEADER}")]
@@ -114,24 +114,14 @@ def _looks_like_ours(target: Path) -> bool:
 
 
 @contextlib.contextmanager
-def _locked(folder: Path) -> Iterator[None]:
-    import fcntl
-
-    while True:
-        folder.mkdir(exist_ok=True)
-        lock = os.open(folder, os.O_RDONLY)
+def _locked(target: Path) -> Iterator[None]:
+    with contextlib.ExitStack() as stack:
         try:
-            try:
-                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except BlockingIOError as error:
-                msg = f"{folder}: another process is writing this environment; wait for it"
-                raise EnvironmentDataError(msg) from error
-            # Whoever had the lock may have moved the folder to its place in the meantime.
-            if folder.exists() and folder.stat().st_ino == os.fstat(lock).st_ino:
-                yield
-                return
-        finally:
-            os.close(lock)
+            stack.enter_context(lock_held(target.with_name(f".{target.name}.lock")))
+        except BlockingIOError as error:
+            msg = f"{target}: another process is writing this environment; wait for it"
+            raise EnvironmentDataError(msg) from error
+        yield
 
 
 def _is_started(store: EnvironmentStore) -> bool:

@@ -1,9 +1,9 @@
-"""The store of an environment: a Zarr 3 group, whose days are written one by one and read chunk by chunk.
+"""The store of an environment: a Zarr 3 group that is written day by day and read chunk by chunk.
 
-The days of infection of a disease are an array ``[x, y]``, a continuous field is an array ``[day, x, y]``,
-each under its field's name. Each day is one file (a shard) that appears complete or not at all; within it,
-chunks of `CHUNK_CELLS` squared are compressed on their own and carry a checksum, so that a window is read
-without the rest.
+Array names are field names. A disease is an array ``[x, y]`` of onsets (days of infection), a continuous
+field is an array ``[day, x, y]``. A disease, or a day of a continuous field, is one file (a shard), written
+atomically. A shard has chunks of `CHUNK_CELLS` squared, each compressed with a checksum, so that a window can
+be read without decoding the whole farm.
 """
 
 from __future__ import annotations
@@ -35,15 +35,15 @@ FORMAT = "wbf-mission environment"
 VERSION = 3
 CHUNK_CELLS = 500
 CACHED_BYTES = 64_000_000
-"""How much of a stored environment stays decoded for single cells."""
+"""Limit of a stored environment's cache of decoded chunks."""
 
-# Arrays start with values that none of our data has, so a missing file cannot be taken for data.
+# Fill values that never occur in data, so that a missing file cannot be taken for data.
 _NO_ONSET = -128
 _NO_LEVEL = float("nan")
 
 
 class Header(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """What an environment is: the attributes of its group. Equal headers mean equal data."""
+    """Attributes of an environment's Zarr group. Equal headers mean equal data."""
 
     format: str
     version: int
@@ -56,7 +56,7 @@ class Header(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     def of(
         cls, shape: tuple[int, int], days: tuple[int, ...], fields: FieldSet, provenance: Provenance
     ) -> Header:
-        """Make the header of an environment of this version."""
+        """Return the header of an environment, in the present version of the format."""
         return cls(FORMAT, VERSION, shape, days, fields_to_tables(fields), provenance)
 
 
@@ -67,7 +67,7 @@ class _Group(msgspec.Struct, frozen=True):
 
 
 class FormatVersion(msgspec.Struct, frozen=True):
-    """The keys that headers of all versions have."""
+    """Keys of the headers of all versions."""
 
     format: str
     version: int
@@ -78,12 +78,12 @@ class _AnyGroup(msgspec.Struct, frozen=True):
 
 
 def fields_to_tables(fields: FieldSet) -> tuple[dict[str, Any], ...]:
-    """Return fields as plain values for a header."""
+    """Return the tables of plain values that represent fields in a header."""
     return tuple(field_to_table(field) for field in fields)
 
 
 def fields_from_tables(tables: tuple[dict[str, Any], ...], where: str) -> FieldSet:
-    """Make the fields of a header; EnvironmentDataError, beginning with `where`, if they cannot be used."""
+    """Return the fields of a header; EnvironmentDataError, beginning with `where`, if one is invalid."""
     try:
         return FieldSet(tuple(field_from_table(table, where) for table in tables))
     except FieldError as error:
@@ -92,7 +92,7 @@ def fields_from_tables(tables: tuple[dict[str, Any], ...], where: str) -> FieldS
 
 
 class EnvironmentStore:
-    """An environment's group on disk, possibly not finished."""
+    """The Zarr group of an environment, complete or not."""
 
     def __init__(self, folder: Path, header: Header, *, writable: bool = False) -> None:
         self.folder = folder
@@ -102,7 +102,7 @@ class EnvironmentStore:
         self._arrays: dict[str, zarr.Array[Any]] = {}
 
     def create(self) -> None:
-        """Write the group and its arrays, all empty."""
+        """Write the group with empty arrays."""
         import zarr
         from zarr.codecs import BloscCodec, Crc32cCodec
 
@@ -144,13 +144,13 @@ class EnvironmentStore:
         days[:] = np.array(header.days, np.int16)
 
     def file(self, name: str, day: int | None = None) -> Path:
-        """Return the file that holds a disease, or a continuous field of a day."""
+        """Return the file of a disease, or of a day of a continuous field."""
         if day is None:
             return self.folder / name / "c" / "0" / "0"
         return self.folder / name / "c" / str(self.header.days.index(day)) / "0" / "0"
 
     def array(self, name: str) -> zarr.Array[Any]:
-        """Open an array, and check that it is what this version writes."""
+        """Open an array, and check that its form is that of this version."""
         if name in self._arrays:
             return self._arrays[name]
         import zarr
@@ -163,7 +163,7 @@ class EnvironmentStore:
             inner = [*codecs[0].codecs] if len(codecs) == 1 and isinstance(codecs[0], ShardingCodec) else []
             known = bool(inner) and all(isinstance(c, BytesCodec | BloscCodec | Crc32cCodec) for c in inner)
             found = (array.shape, array.dtype.str, array.chunks)
-        except Exception as error:  # what zarr raises on hostile metadata is not bounded
+        except Exception as error:  # On hostile metadata zarr may raise any error
             msg = f"{path}: not the description of a Zarr array: {_reason(error)}"
             raise EnvironmentDataError(msg) from error
         width, height = self.header.shape
@@ -182,18 +182,18 @@ class EnvironmentStore:
         return array
 
     def write_onset(self, disease: str, onset: NDArray[np.int8]) -> None:
-        """Write the days of infection of a disease."""
-        # An older file would be read to be changed, and could be damaged.
+        """Write the onsets of a disease."""
+        # zarr would read an older file to change it, and the file may be damaged.
         self.file(disease).unlink(missing_ok=True)
         self.array(disease)[:] = onset
 
     def write_level(self, name: str, day: int, level: NDArray[np.float32]) -> None:
-        """Write a continuous field of a day."""
+        """Write a day of a continuous field."""
         self.file(name, day).unlink(missing_ok=True)
         self.array(name)[self.header.days.index(day)] = level
 
     def read_onset(self, disease: str, x: slice, y: slice) -> NDArray[np.int8]:
-        """Read days of infection of a window; EnvironmentDataError if they are damaged."""
+        """Read the onsets of a disease in a window; EnvironmentDataError if they are damaged."""
         path = self.file(disease)
         onset: NDArray[np.int8] = self._read(path, disease, (x, y))
         if onset.min() < NO_HOST:
@@ -201,7 +201,7 @@ class EnvironmentStore:
         return onset
 
     def read_level(self, name: str, day: int, x: slice, y: slice) -> NDArray[np.float32]:
-        """Read a continuous field of a window on a day; EnvironmentDataError if it is damaged."""
+        """Read a window of a continuous field on a day; EnvironmentDataError if it is damaged."""
         path = self.file(name, day)
         level: NDArray[np.float32] = self._read(path, name, (self.header.days.index(day), x, y))
         if not (level.min() >= 0.0 and level.max() < math.inf):
@@ -209,14 +209,14 @@ class EnvironmentStore:
         return level
 
     def saved_onset(self, disease: str) -> NDArray[np.int8] | None:
-        """Return the days of infection if they were written and are good."""
+        """Return the onsets of a disease if they were written and are not damaged; else None."""
         width, height = self.header.shape
         with contextlib.suppress(EnvironmentDataError):
             return self.read_onset(disease, slice(0, width), slice(0, height))
         return None
 
     def saved_level(self, name: str, day: int) -> NDArray[np.float32] | None:
-        """Return a continuous field of a day if it was written and is good."""
+        """Return a day of a continuous field if it was written and is not damaged; else None."""
         width, height = self.header.shape
         with contextlib.suppress(EnvironmentDataError):
             return self.read_level(name, day, slice(0, width), slice(0, height))
@@ -232,14 +232,14 @@ class EnvironmentStore:
             raise EnvironmentDataError(f"{path}: cannot be read: {error.strerror or error}") from error
         except EnvironmentDataError:
             raise
-        except Exception as error:  # a codec's error on damaged data is not bounded either
+        except Exception as error:  # On damaged data a codec may raise any error
             msg = f"{path}: damaged: {_reason(error)}; generate the environment again"
             raise EnvironmentDataError(msg) from error
 
     def check(self) -> None:
-        """Check that all files are there and not cut off, without decoding more than a chunk of each.
+        """Check that all files exist and are not truncated, by decoding one chunk of each.
 
-        EnvironmentDataError names the first file that is missing or damaged.
+        EnvironmentDataError names the first missing or damaged file.
         """
         corner = slice(0, 1), slice(0, 1)
         for field in self.fields.diseases:
@@ -249,7 +249,7 @@ class EnvironmentStore:
                 self.read_level(field.name, day, *corner)
 
     def environment(self, *, lazy: bool = True) -> Environment:
-        """Return the environment; the group has to be finished."""
+        """Return the environment of a complete group; `lazy`: data are decoded on demand."""
         header = self.header
         cache = ChunkCache(CACHED_BYTES)
         shape, chunk = header.shape, self._chunk()
@@ -281,11 +281,11 @@ class EnvironmentStore:
 
 
 def read_header(folder: Path) -> Header:
-    """Read the header of an environment; EnvironmentDataError if there is none."""
+    """Read the header of an environment; EnvironmentDataError if it is missing or invalid."""
     path = folder / HEADER
     try:
         data = path.read_bytes()
-        # Headers of other versions have other keys; their version is what there is to say about them.
+        # Headers of other versions have other keys, so the version is checked first.
         found = msgspec.json.decode(data, type=_AnyGroup).attributes
         if found.format != FORMAT:
             raise EnvironmentDataError(f"{path}: format is {found.format!r} instead of {FORMAT!r}")
@@ -310,7 +310,7 @@ def read_header(folder: Path) -> Header:
 
 
 def open_store(path: str | os.PathLike[str]) -> EnvironmentStore:
-    """Open a finished environment and check that its arrays fit its header."""
+    """Open a complete environment, and check that its arrays match its header."""
     folder = Path(path)
     if not folder.is_dir():
         raise EnvironmentDataError(f"{folder}: no such folder; an environment is a folder with {HEADER}")

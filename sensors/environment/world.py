@@ -1,16 +1,16 @@
-"""Worlds: true dynamics of an environment that differ from the published ones.
+"""Worlds: true dynamics of an environment that differ from the published dynamics.
 
 Planners, estimators and policies know the fields of a scenario and their published dynamics. A world replaces
-parameters of these dynamics in the environment, by a value or by a draw for each seed. It is a TOML file with
-a table for each field that it changes::
+parameters of the dynamics in the environment by values, or by draws for each seed. A world is a TOML file
+with a table for each changed field::
 
     [tylcv]
-    likelihood = { factor = [0.5, 2.0] }    # times the published value, drawn log-uniformly for each seed
-    seeds = { one_of = [1, 6, 12] }         # one of these, each equally likely
-    kernel_shape = "exponential"            # this
+    likelihood = { factor = [0.5, 2.0] }    # published value times a factor, log-uniform, drawn for each seed
+    seeds = { one_of = [1, 6, 12] }         # one of these values, with equal probabilities
+    kernel_shape = "exponential"            # this value
 
-Each drawn value has the random stream ``"world", field, parameter`` of the run's seed, so that a further one
-changes none of the others, nor what else is drawn in the environment.
+The random stream of a drawn value is ``"world", field, parameter`` of the run's seed. An additional drawn
+value changes neither the other values nor other draws of the environment.
 
 >>> world_names()
 ('wrong-kernel', 'wrong-rates', 'wrong-seeds', 'wrong-soil')
@@ -42,7 +42,7 @@ Value = bool | int | float | str
 
 
 class Drawn(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
-    """A value drawn for each seed: the published value times a factor, or an entry of a list."""
+    """Distribution of a parameter over seeds: the published value times a factor, or an entry of a list."""
 
     factor: tuple[float, float] | None = None
     one_of: tuple[Value, ...] | None = None
@@ -59,7 +59,7 @@ class Drawn(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaul
             raise ValueError(f"one_of has {len(self.one_of)} values: give 1 to {_MOST_CHOICES}")
 
     def value(self, published: Any, rng: Generator) -> Value:
-        """Draw a value; ValueError if a factor has no published number to multiply."""
+        """Draw a value; ValueError if there is a factor but no published number."""
         if self.one_of is not None:
             return self.one_of[int(rng.integers(len(self.one_of)))]
         assert self.factor is not None
@@ -81,7 +81,7 @@ def _law(given: Any, where: str) -> Value | Drawn:
 
 @dataclass(frozen=True, slots=True)
 class World:
-    """The true dynamics of some fields, by their names and those of the parameters.
+    """Parameters of true dynamics that differ from the published ones, by field and parameter.
 
     Examples
     --------
@@ -92,14 +92,14 @@ class World:
     True
     """
 
-    where: str  # Its file, or what else begins the text of an error
+    where: str  # Name of the world, with which the text of an error begins
     laws: Mapping[str, Mapping[str, Value | Drawn]]
 
     @classmethod
     def load(cls, name_or_path: str | Path) -> World:
-        """Return a built-in world by its name, or read one from a file that ends in ``.toml``.
+        """Return a built-in world by name, or read one from a ``.toml`` file.
 
-        EnvironmentDataError if there is none of this name, or the file cannot be used.
+        EnvironmentDataError if there is no world of this name, or the file cannot be used.
         """
         given = str(name_or_path)
         if given in world_names():
@@ -117,7 +117,7 @@ class World:
 
     @classmethod
     def of_table(cls, table: Mapping[str, Any], where: str) -> World:
-        """Make a world from plain values; EnvironmentDataError, begun with ``where``, if it is none."""
+        """Return the world of a table; EnvironmentDataError, beginning with `where`, if it is invalid."""
         laws: dict[str, dict[str, Value | Drawn]] = {}
         for name, given in table.items():
             if not isinstance(given, Mapping):
@@ -130,18 +130,16 @@ class World:
         return cls(where, laws)
 
     def to_table(self) -> dict[str, Any]:
-        """Return the world as plain values for `of_table`."""
+        """Return the world as a table of plain values, as taken by `of_table`."""
         table: dict[str, Any] = msgspec.to_builtins(self.laws)
         return table
 
     def fields(self, fields: FieldSet, seed: SeedSequence | int) -> FieldSet:
-        """Return the fields as they really develop in the run of a seed.
+        """Return the fields with their true dynamics in the run of a seed.
 
-        Names, crops, weights and costs stay. Laws of the benchmark's fields that the run does not have are
-        without effect.
-
-        EnvironmentDataError if it has laws of a field that does not exist or of none that the run has, or a
-        law does not suit its field.
+        Names, crops, weights and costs do not change. Tables of benchmark fields that the run does not have
+        are ignored. EnvironmentDataError if a table is of an unknown field, no table is of a field of the
+        run, or a value is invalid for its field.
         """
         strange = [name for name in self.laws if name not in fields and name not in PAPER_FIELDS]
         if strange or not any(name in fields for name in self.laws):

@@ -1,4 +1,4 @@
-"""Estimators: observations in, an information model of the whole farm out."""
+"""Estimators: turn observations into an information model of the whole farm."""
 
 from sensors.estimators.base import (
     Estimator,

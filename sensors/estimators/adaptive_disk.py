@@ -1,4 +1,4 @@
-"""The adaptive disk estimator: every observation stands for a disk around it."""
+"""The estimator adaptive-disk: each observation sets the value of a disk around it."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _NOTHING = np.empty(0, np.float32), np.empty(0, np.float32)
 
 
 def _painter(tiles: tuple[int, ...]) -> Callable[..., None]:
-    """Choose what paints: loading compiled code takes longer than all disks of a farm of one tile."""
+    """Return the paint function: on a farm of one tile, loading compiled code takes longer than painting."""
     if tiles == (1, 1):
         return paint_small
     from sensors.estimators.painting import paint
@@ -34,36 +34,36 @@ def _painter(tiles: tuple[int, ...]) -> Callable[..., None]:
 
 
 class AdaptiveDiskEstimator(BaseEstimator):
-    """The paper's adaptive disk: the value of the latest observation whose disk covers the cell.
+    """The paper's adaptive disk: a cell has the value of the latest observation with a disk over the cell.
 
-    The radius shrinks as observations come in, so that all disks together always have about twice the farm's
-    area (`sensors.estimators.disks.adaptive_radius`); a field's disks are those of the observations that
-    sensed it. The uncertainty is 0 in a disk and 1 elsewhere.
+    The radius shrinks as observations arrive, so that all disks together have about twice the farm's area
+    (`sensors.estimators.disks.adaptive_radius`). A field has the disks of the observations that sensed it.
+    The uncertainty is 0 inside disks and 1 elsewhere.
 
-    The model is changed in place: while the radius stays, further observations write only the cells of their
-    own disks; when it shrinks, the cells that disks cover or covered. Readings beyond 0..1, which are noise,
-    are clipped.
+    The model is changed in place. While the radius is constant, an update writes only the cells of the new
+    disks. When the radius shrinks, an update writes all cells of old and new disks. Readings outside 0..1,
+    which are noise, are clipped.
 
-    Readings of an earlier day are carried forward by the field's dynamics (`sensors.estimators.days`); their
-    uncertainty is the remaining part of the variance.
+    Readings of earlier days are carried forward by the field's dynamics (`sensors.estimators.days`), with the
+    remaining fraction of the variance as their uncertainty.
 
     Parameters
     ----------
     default_values : sequence of float, optional
-        The value of each field where no disk reaches; the fields' own by default (healthy, healthy and dry).
+        Value of each field outside all disks. Default: the fields' own (healthy, healthy and dry).
     radius : int, optional
-        A fixed radius in cells in place of the adaptive one.
+        Fixed radius in cells. None: the adaptive radius.
     fields : FieldSet
         The observed fields.
 
     Attributes
     ----------
     maps_ : list of DiskMap
-        One per field; fields that were always sensed together share one.
+        Disks of each field. Fields that were always sensed together share an object.
     values_ : list of GrowingArray
-        The sensed values of each field in order.
+        Sensed values of each field in order.
     revision_ : int
-        Of the last model, -1 before the first.
+        Number of the last model, -1 before the first.
 
     Examples
     --------
@@ -119,7 +119,7 @@ class AdaptiveDiskEstimator(BaseEstimator):
         sensed = observations.sensed
         for disks in list(dict.fromkeys(self.maps_)):
             sharing = [k for k in range(len(self.fields)) if self.maps_[k] is disks]
-            # Fields whose sensed sets part ways here need a map of their own from now on.
+            # Fields sensed by different observations can no longer share a map.
             groups: dict[bytes, list[int]] = {}
             for k in sharing:
                 groups.setdefault(sensed[:, k].tobytes(), []).append(k)
@@ -135,7 +135,7 @@ class AdaptiveDiskEstimator(BaseEstimator):
             self._days[k].append(observations.day[sensed[:, k]])
 
     def _carry_forward(self, day: int) -> None:
-        """Carry the readings of earlier days forward to this one."""
+        """Carry the readings of earlier days forward to `day`."""
         self._carried_to = day
         for k, field in enumerate(self.fields):
             values, days = self.values_[k].array, self._days[k].array
@@ -143,12 +143,12 @@ class AdaptiveDiskEstimator(BaseEstimator):
                 continue
             value, doubt = carried(field, self.grid_, values, days, day)
             self._carried[k] = value.astype(np.float32), doubt.astype(np.float32)
-            # Each field has its own dynamics, and from now on its own disks.
+            # Carried readings differ between fields, so fields can no longer share a map.
             self.maps_[k] = self.maps_[k].copy()
             self.maps_[k].repaint()
 
     def _readings(self, k: int, start: int) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """Return values and uncertainty of a field's disks, from disk `start` on."""
+        """Return values and uncertainty of a field's disks, starting with disk `start`."""
         value, doubt = self._carried[k]
         fresh = self.values_[k].array[max(start, len(value)) :]
         known = np.concatenate([value[start:], fresh])
@@ -193,11 +193,11 @@ class AdaptiveDiskEstimator(BaseEstimator):
         )
 
     def _views(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """Return the caller's read-only views of value and uncertainty, the same ones every time."""
-        # They are others after a new fit, when fields have parted, and in a copy of the estimator.
+        """Return read-only views of value and uncertainty, the same objects at each call."""
+        # The views are stale after a new fit, when fields stop sharing, and in a copy of the estimator.
         own = (self._value, self._uncertainty)
         if any(view.base is not array for view, array in zip(self._published, own, strict=True)):
-            # Fields that share one map share one plane of uncertainty.
+            # Fields that share a map also share a plane of uncertainty.
             shape = self._value.shape
             self._published = np.broadcast_to(self._value, shape), np.broadcast_to(self._uncertainty, shape)
         return self._published

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 
 class GrowingArray:
-    """Rows that are appended one or many at a time.
+    """An array with amortised appending of rows.
 
     Examples
     --------
@@ -28,7 +28,7 @@ class GrowingArray:
 
     @property
     def array(self) -> NDArray[Any]:
-        """A view of the rows; rows appended later are not in it."""
+        """View of the current rows, without rows appended later."""
         return self._buffer[: self._rows]
 
     def append(self, rows: ArrayLike) -> None:

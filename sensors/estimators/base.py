@@ -1,10 +1,15 @@
-"""The interface of estimators, their common base class, and their registry.
+"""The estimator interface, a common base class, and the registry of estimators.
 
-An estimator follows scikit-learn: ``__init__`` only stores parameters, which ``get_params`` and
-``set_params`` read and change by name, so that `sklearn.base.clone` works; ``fit`` checks them, forgets
-everything and learns; ``partial_fit`` learns more; both return the estimator; learned attributes end in
-``_``. An estimator for any fields has the parameter ``fields``; others know only the benchmark's. It is
-registered under the entry point group ``wbf_mission.estimators``, by this or any other package.
+Estimators follow the conventions of scikit-learn:
+
+- ``__init__`` only stores parameters. ``get_params`` and ``set_params`` read and change them by name, so that
+  `sklearn.base.clone` works.
+- ``fit`` validates the parameters, discards everything learned, and learns. ``partial_fit`` learns from
+  further observations. ``fit`` and ``partial_fit`` return the estimator.
+- Names of learned attributes end in ``_``.
+
+An estimator with a parameter ``fields`` works with any fields, others only with the benchmark's. Packages
+register estimators under the entry point group ``wbf_mission.estimators``.
 
 >>> "adaptive-disk" in estimator_names()
 True
@@ -34,46 +39,46 @@ ENTRY_POINT_GROUP = "wbf_mission.estimators"
 _HANDED_ON = ("fields", "random_state")
 
 LEARNING = "training the estimator"
-"""Name of the work in the progress of `BaseEstimator.prepare`."""
+"""Description of the work that `BaseEstimator.prepare` reports."""
 
 Progress = Callable[[str, float, float], None]
 Step = Callable[[float], None]
-"""Takes the learned part, 0..1; not called if nothing has to be learned."""
+"""Progress callback: takes the finished fraction, 0..1. It is not called if there is nothing to learn."""
 RandomState = np.random.Generator | np.random.SeedSequence | int | None
 
 
 def no_step(_part: float) -> None:
-    """Ignore the progress."""
+    """Ignore progress: the default for `Step` callbacks."""
 
 
 @runtime_checkable
 class Estimator(Protocol):
-    """Observations in, an information model of the whole farm out."""
+    """Turns observations into an information model of the whole farm."""
 
     def fit(self, grid: FarmGrid, observations: Observations | None = None) -> Self:
-        """Forget everything, take the farm, and learn from the observations if there are any."""
+        """Start over on the farm `grid`, and learn from the observations, if any."""
         ...
 
     def partial_fit(self, observations: Observations) -> Self:
-        """Learn from more observations, made after those before."""
+        """Learn from further observations, made after all earlier ones."""
         ...
 
     def predict(self) -> InformationModel:
-        """Return the present estimate.
+        """Return the current estimate.
 
-        The arrays may be the estimator's own, changed in place and therefore read-only for the caller: they
-        hold until the next ``fit`` or ``partial_fit``, a `InformationModel.copy` for longer. An estimator may
-        report its changes in `InformationModel.changed`, so that scores and views need not look at the whole
-        farm.
+        The estimator may return its own arrays as read-only views and change them in place. The arrays are
+        valid until the next ``fit`` or ``partial_fit``; make an `InformationModel.copy` to keep them. An
+        estimator may report changed tiles in `InformationModel.changed`, which saves scores and views from
+        processing the whole farm.
         """
         ...
 
 
-_OUTSIDE = 1e-4  # beyond 0..1, for rounding
+_OUTSIDE = 1e-4  # Tolerance beyond 0..1, for rounding
 
 
 def model_fault(estimator: object, model: object) -> str | None:
-    """Return the first fault of what ``predict`` returned, in one line; None if there is none."""
+    """Return the first fault of a result of ``predict``, in one line; None if there is none."""
     if not isinstance(model, InformationModel):
         what = _KINDS.get(type(model), f"a {type(model).__name__}")
         return f"predict returned {what}, not an InformationModel"
@@ -93,44 +98,45 @@ _KINDS = {type(None): "None", np.ndarray: "an array"}
 
 
 class BaseEstimator(ABC):
-    """The common part of our estimators: the farm, checks of the observations, parameters by name.
+    """Base class that stores the farm, validates observations, and handles parameters by name.
 
-    A subclass stores its parameters in ``__init__`` and has the methods ``_start`` (take a new farm, check
-    the parameters), ``_learn`` (take at least one checked observation) and ``_estimate``.
+    A subclass stores its parameters in ``__init__``. Subclasses implement ``_start`` (validate the
+    parameters, start over on a new farm), ``_learn`` (learn from at least one validated observation) and
+    ``_estimate``.
     """
 
     incremental: ClassVar[bool] = False
-    """Whether learning and predicting a few further observations is fast on a farm of any size."""
+    """Whether updates with a few further observations are fast on a farm of any size."""
     states_deviation: ClassVar[bool] = False
-    """Whether the model's uncertainty is the standard deviation of the true values; otherwise reports count
-    what was observed."""
+    """Whether the model's uncertainty is the standard deviation of the true values. Otherwise reports count
+    the observed cells."""
     knows_only_seen: ClassVar[bool] = False
-    """Whether it estimates observed cells only: maps leave the others out."""
+    """Whether only observed cells are estimated: maps omit all other cells."""
     unbounded: ClassVar[bool] = False
-    """Whether values may lie outside 0 to 1, as extrapolations of a Gaussian process."""
+    """Whether values may lie outside 0 to 1, such as extrapolations of a Gaussian process."""
 
     fields: FieldSet = PAPER_FIELDS
     grid_: FarmGrid
     n_observations_: int
     latest_day_: int | None
-    """The latest day that was observed or advanced to; None before the first."""
+    """Latest day observed or advanced to; None before the first."""
 
     def fit(self, grid: FarmGrid, observations: Observations | None = None) -> Self:
-        """Forget everything, take the farm, and learn from the observations if there are any.
+        """Start over on the farm `grid`, and learn from the observations, if any.
 
         Parameters
         ----------
         grid : FarmGrid
             The farm's cells.
         observations : Observations, optional
-            In the order in which they were made.
+            Observations in the order of their times.
 
         Raises
         ------
         EstimatorError
-            If a parameter is out of its range or the farm too large for the method.
+            If a parameter is out of range, or the farm is too large for the method.
         ObservationError
-            If an observation lies outside the farm, or they are of other fields.
+            If an observation lies outside the farm, or has other fields.
         """
         if observations is not None:
             observations.check_fields(self.fields.names)
@@ -142,15 +148,15 @@ class BaseEstimator(ABC):
         return self if observations is None else self.partial_fit(observations)
 
     def partial_fit(self, observations: Observations) -> Self:
-        """Learn from more observations, made after those before.
+        """Learn from further observations, made after all earlier ones.
 
         Raises
         ------
         EstimatorError
-            If the estimator has not seen a farm yet.
+            If `fit` was never called.
         ObservationError
-            If an observation lies outside the farm, or they are of other fields; then none of them is
-            learned.
+            If an observation lies outside the farm, or has other fields. The estimator then learns none of
+            the observations.
         """
         self._check_fitted("partial_fit")
         observations.check_fields(self.fields.names)
@@ -162,19 +168,19 @@ class BaseEstimator(ABC):
         return self
 
     def advance(self, day: int) -> Self:
-        """Estimate a later day from now on, before anything of it is observed.
+        """Switch to a later day, before any observation of this day.
 
-        The estimate is carried forward if the estimator has a model of time; otherwise it stays.
+        An estimator with a model of time carries its estimate forward to the day. Others keep their estimate.
 
         Parameters
         ----------
         day : int
-            Not before a day that was observed.
+            The new day, not earlier than any observed day.
 
         Raises
         ------
         EstimatorError
-            If the estimator has not seen a farm yet, or the day is over.
+            If `fit` was never called, or the estimator has already reached a later day.
         """
         self._check_fitted("advance")
         if self.latest_day_ is not None and day < self.latest_day_:
@@ -187,38 +193,38 @@ class BaseEstimator(ABC):
         self.latest_day_ = day if self.latest_day_ is None else max(day, self.latest_day_)
 
     def prepare(self, days: Sequence[int], progress: Progress | None = None) -> Self:  # noqa: ARG002
-        """Train beforehand for estimates of some days; most estimators need no training.
+        """Train in advance for estimates of some days. Most estimators need no training.
 
         Without this call, the first `predict` trains.
 
         Parameters
         ----------
         days : sequence of int
-            The days that will be observed.
+            Days that will be observed.
         progress : callable, optional
-            ``progress(what, done, total)``; not called if nothing has to be learned.
+            Callback ``progress(what, done, total)``. It is not called if there is nothing to learn.
 
         Raises
         ------
         EstimatorError
-            If the estimator has not seen a farm yet.
+            If `fit` was never called.
         """
         self._check_fitted("prepare")
         return self
 
     def predict(self) -> InformationModel:
-        """Return the present estimate, in arrays that hold until the next `fit` or `partial_fit`.
+        """Return the current estimate, in arrays that are valid until the next `fit` or `partial_fit`.
 
         Raises
         ------
         EstimatorError
-            If the estimator has not seen a farm yet.
+            If `fit` was never called.
         """
         self._check_fitted("predict")
         return self._estimate()
 
     def memory_bytes(self, shape: tuple[int, int], n_observations: int) -> int:  # noqa: ARG002
-        """Return the bytes that fit and predict take on a farm of this shape, the model included."""
+        """Return the memory (bytes) that `fit` and `predict` need on a farm of this shape, with the model."""
         width, height = shape
         return 2 * len(self.fields) * 4 * width * height
 
@@ -227,16 +233,16 @@ class BaseEstimator(ABC):
         return tuple(inspect.signature(cls).parameters)
 
     def get_params(self, deep: bool = True) -> dict[str, Any]:  # noqa: ARG002 (scikit-learn's signature)
-        """Return the parameters of ``__init__`` by name; none is nested, so `deep` changes nothing."""
+        """Return the parameters of ``__init__`` by name. `deep` has no effect, as no parameter is nested."""
         return {name: getattr(self, name) for name in self._param_names()}
 
     def set_params(self, **params: Any) -> Self:
-        """Change parameters by name; they are checked and take effect at the next `fit`.
+        """Change parameters by name. The next `fit` validates and applies them.
 
         Raises
         ------
         EstimatorError
-            If a name is unknown; then nothing is changed.
+            If a name is unknown. No parameter is changed then.
         """
         known = self._param_names()
         unknown = sorted(set(params) - set(known))
@@ -258,7 +264,7 @@ class BaseEstimator(ABC):
             raise EstimatorError(msg)
 
     def _require(self, who: str, **fitting: bool) -> None:
-        """Raise EstimatorError about the first of these parameters that does not fit."""
+        """Raise EstimatorError for the first parameter with a false condition."""
         for name, fits in fitting.items():
             if not fits:
                 raise EstimatorError(f"{who}: {name} cannot be {getattr(self, name)!r}")
@@ -274,21 +280,21 @@ class BaseEstimator(ABC):
 
 
 def prepare_estimator(estimator: Estimator, days: Sequence[int], progress: Progress | None = None) -> None:
-    """Train an estimator for some days, if it has `BaseEstimator.prepare`."""
+    """Call the estimator's `prepare` (see `BaseEstimator.prepare`), if it has this method."""
     prepare = getattr(estimator, "prepare", None)
     if prepare is not None:
         prepare(days, progress)
 
 
 def advance_estimator(estimator: Estimator, day: int) -> None:
-    """Go on to another day with an estimator, if it has `BaseEstimator.advance`."""
+    """Call the estimator's `advance` (see `BaseEstimator.advance`), if it has this method."""
     advance = getattr(estimator, "advance", None)
     if advance is not None:
         advance(day)
 
 
 def estimator_memory(estimator: Estimator, shape: tuple[int, int], n_observations: int) -> int:
-    """Return an estimator's memory in bytes: by its own method, or else that of its model."""
+    """Return an estimator's memory in bytes, from its `memory_bytes` method or else the size of its model."""
     own = getattr(estimator, "memory_bytes", None)
     width, height = shape
     return (
@@ -299,13 +305,13 @@ def estimator_memory(estimator: Estimator, shape: tuple[int, int], n_observation
 
 
 def estimator_fields(estimator: Estimator) -> FieldSet:
-    """Return the fields that an estimator works with."""
+    """Return the fields of an estimator: its attribute `fields`, or the benchmark's."""
     fields = getattr(estimator, "fields", PAPER_FIELDS)
     return fields if isinstance(fields, FieldSet) else PAPER_FIELDS
 
 
 def check_default_values(default_values: Sequence[float] | None, fields: FieldSet) -> tuple[float, ...]:
-    """Check that there is one finite default value per field; None gives the fields' own."""
+    """Return validated default values, one finite number per field; None selects the fields' own."""
     if default_values is None:
         return fields.defaults
     values = np.asarray(default_values, np.float64)
@@ -317,7 +323,7 @@ def check_default_values(default_values: Sequence[float] | None, fields: FieldSe
 
 
 def require_paper_fields(name: str, fields: FieldSet) -> None:
-    """Raise EstimatorError, naming the estimator, unless these are the benchmark's fields."""
+    """Raise EstimatorError with the estimator's name unless the fields are the benchmark's."""
     if fields.names != PAPER_FIELDS.names:
         raise EstimatorError(
             f"estimator {name!r} knows only the fields {', '.join(PAPER_FIELDS.names)}, not"
@@ -326,7 +332,7 @@ def require_paper_fields(name: str, fields: FieldSet) -> None:
 
 
 def estimator_names() -> tuple[str, ...]:
-    """List the names of all registered estimators, sorted."""
+    """Return the names of all registered estimators, sorted."""
     return tuple(sorted(_registered()))
 
 
@@ -337,23 +343,25 @@ def make_estimator(
     random_state: RandomState = None,
     **params: Any,
 ) -> Estimator:
-    """Make an estimator by its registered name; only the module of this one is imported.
+    """Return an estimator by its registered name. Modules of other estimators are not imported.
 
     Parameters
     ----------
     name : str or Estimator
-        One of `estimator_names`, or an estimator, which is returned as it is and takes no parameters here.
+        One of `estimator_names`, or an estimator object. An object is returned unchanged and takes no
+        parameters here.
     fields : FieldSet
-        The observed fields; passed to the estimator if it has a parameter of this name.
+        Observed fields, passed to the estimator if it has a parameter of this name.
     random_state : Generator, SeedSequence, int or None
-        Passed to the estimator if it has a parameter of this name.
+        Random state, passed to the estimator if it has a parameter of this name.
     **params
         Further parameters of the estimator's ``__init__``.
 
     Raises
     ------
     EstimatorError
-        If the name or a parameter is unknown, the estimator cannot be loaded, or it does not know the fields.
+        If the name or a parameter is unknown, the estimator cannot be loaded, or it does not support the
+        fields.
 
     Examples
     --------
@@ -410,14 +418,14 @@ def _registered() -> dict[str, EntryPoint]:
 
 
 SMALL_FARM_CELLS = 128 * 128
-"""On larger farms the gain of `epidemic` over `gp` is not worth its time and memory."""
+"""Largest farm with `epidemic` as default: beyond, its gain over `gp` does not justify time and memory."""
 
 
 def default_estimator(farm: Farm, fields: Sequence[str] = PAPER_FIELDS.names) -> str:
-    """Return the name of the estimator of least loss that a farm can afford.
+    """Return the name of the estimator with the least loss at an acceptable cost.
 
-    That is ``epidemic`` for the paper's three fields on farms of up to 128 x 128 cells, and ``gp`` for other
-    fields and larger farms, by the figures in ``docs/decisions/0013-default-estimator.md``.
+    The default is ``epidemic`` for the paper's three fields on farms of up to 128 x 128 cells, and ``gp`` for
+    other fields and larger farms. ``docs/decisions/0013-default-estimator.md`` has the measurements.
 
     Examples
     --------

@@ -1,6 +1,6 @@
-"""The conformance kit: what every estimator promises, checked on a small farm.
+"""Conformance tests of the estimator contract, on a small farm.
 
-For the authors of estimators, in this package or any other::
+Authors of estimators in any package can call them in a test::
 
     from sensors.estimators import check_estimator, make_estimator
 
@@ -27,19 +27,19 @@ WIDE_SHAPE = (150, 70)
 
 
 def check_estimator(estimator: Estimator, *, n_observations: int = 14) -> None:
-    """Check an estimator, given as it comes from its ``__init__``; it is copied, never changed.
+    """Check that an estimator fulfils the contract of `Estimator`. The object itself is copied, not changed.
 
     Parameters
     ----------
     estimator : Estimator
-        Not fitted yet. If it takes a ``random_state``, it has to be given one.
+        An unfitted estimator. An estimator with a parameter ``random_state`` needs a value for it.
     n_observations : int, optional
-        How many observations the checks make.
+        Number of observations in the checks.
 
     Raises
     ------
     AssertionError
-        Naming the first promise that is broken.
+        If a rule is broken; the text names the first one.
 
     Examples
     --------
@@ -51,7 +51,7 @@ def check_estimator(estimator: Estimator, *, n_observations: int = 14) -> None:
 
 
 class _Subject:
-    """Fresh copies of the estimator, and a farm with observations that they may look at."""
+    """The tested estimator, with a farm and observations for the checks."""
 
     def __init__(self, estimator: Estimator, n_observations: int) -> None:
         self._estimator = estimator
@@ -81,7 +81,7 @@ class _Subject:
         )
 
     def readings(self, *of_fields: float) -> list[float]:
-        """Return one reading for each field, beginning anew when the given ones are used up."""
+        """Return a reading for each field, repeating the given values cyclically."""
         return [of_fields[k % len(of_fields)] for k in range(len(self.fields))]
 
     def fresh(self) -> Estimator:
@@ -244,7 +244,7 @@ def _check_arrays(subject: _Subject) -> None:
     model = estimator.predict()
     kept = model.copy()
     estimator.partial_fit(subject.observations([5], [5], [subject.readings(0.0, 0.0, 1.0)])).predict()
-    # Arrays that the caller may write to are his own; the estimator's are read-only and change with it.
+    # A writeable array belongs to the caller and must not change; a read-only view may change in place.
     for array, before in ((model.value, kept.value), (model.uncertainty, kept.uncertainty)):
         if array.flags.writeable:
             text = "an array that can be written to must not change when the estimator learns more"

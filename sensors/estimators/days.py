@@ -1,17 +1,17 @@
-"""Readings of earlier days, carried forward to a later one.
+"""Prediction of later values from readings of earlier days.
 
-A reading becomes the conditional mean of the later value, with the conditional variance: the prediction of a
-Kalman filter (Kalman 1960, "A new approach to linear filtering and prediction problems") whose transition is
-learned from simulated environments with seeds of their own. A disease's transition is that of its classes, so
-infected plants grow old and lost ones stay lost. A continuous field's is the regression of later on earlier
-values.
+A reading is replaced by the conditional mean of the later value, with the conditional variance. This is the
+prediction step of a Kalman filter (Kalman 1960, "A new approach to linear filtering and prediction
+problems"). The transition is learned from simulated environments with separate seeds. A disease has
+transitions between its classes: infected plants age, and lost plants stay lost. A continuous field has a
+linear regression of later on earlier values.
 
-A smooth field changes by whole stretches of land, as by rain: the change of a day is a smooth field, and the
-errors of an earlier day's readings are correlated, however many there are. In functions whose weights w are
-standard normal a priori, the weights of the later day are ``w' = r w + sqrt(1 - r^2) e``, with e standard
-normal and independent of w, and r the correlation of the days (a first-order autoregressive process;
-Hartikainen & Särkkä 2010, "Kalman filtering and smoothing solutions to temporal Gaussian process regression
-models").
+A smooth field, such as soil humidity under rain, changes by a smooth increment per day. The errors of an
+earlier day's readings are therefore correlated, and averaging many readings does not remove them. Let the
+field be a sum of functions with weights w, standard normal a priori. The weights of the later day are
+``w' = r w + sqrt(1 - r^2) e``, with e standard normal and independent of w, and r the correlation of the two
+days (a first-order autoregressive process; Hartikainen & Särkkä 2010, "Kalman filtering and smoothing
+solutions to temporal Gaussian process regression models").
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ _OUTBREAKS = 100
 _WEATHERS = 64
 _SOIL_CELLS = 24
 _DAYS_AT_ONCE = 16
-_LEAST_CORRELATION = 1e-3  # readings are divided by it
+_LEAST_CORRELATION = 1e-3  # Must be above zero, because readings are divided by the correlation
 _CLASSES = (0.0, 0.5, 1.0)
 _Floats = NDArray[np.float64]
 
@@ -49,25 +49,26 @@ class Transition:
     """
 
     readings: _Floats
-    """float64[k]: rising values of a reading; means and variances are linear between them."""
+    """Ascending values of a reading, float64[k]; means and variances are interpolated linearly."""
     means: _Floats
-    """The mean of the later value after each reading."""
+    """Mean of the later value, given each reading."""
     variances: _Floats
+    """Variance of the later value, given each reading."""
     spread: float
-    """Variance of the later value without any reading."""
+    """Variance of the later value without a reading."""
 
     def __call__(self, values: NDArray[np.floating]) -> tuple[_Floats, _Floats]:
-        """Return mean and variance of the later values after readings, float64[n] each."""
+        """Return mean and variance of the later values, given readings, float64[n] each."""
         return np.interp(values, self.readings, self.means), np.interp(values, self.readings, self.variances)
 
     @property
     def correlation(self) -> float:
-        """Correlation of the earlier and the later value, by the open variance: 0.001..1."""
+        """Correlation of earlier and later value, from the unexplained variance, 0.001..1."""
         known = 1.0 - float(self.variances.mean()) / self.spread if self.spread > 0.0 else 1.0
         return float(np.sqrt(np.clip(known, _LEAST_CORRELATION**2, 1.0)))
 
     def doubt(self, variances: _Floats) -> _Floats:
-        """Return variances as parts of the variance without a reading: 0..1."""
+        """Return variances as fractions of the variance without a reading, 0..1."""
         return np.minimum(variances / self.spread, 1.0) if self.spread > 0.0 else np.zeros(len(variances))
 
 
@@ -79,7 +80,7 @@ def carried(
     day: int,
     seed: int = 0,
 ) -> tuple[_Floats, _Floats]:
-    """Return readings of several days carried forward to a day, and their `Transition.doubt`."""
+    """Return readings of several days carried forward to `day`, and their `Transition.doubt`."""
     value, doubt = np.asarray(values, np.float64).copy(), np.zeros(len(values))
     for earlier in np.unique(days[days < day]).tolist():
         of_day = days == earlier
@@ -104,10 +105,11 @@ def transition(field: Field, grid: FarmGrid, earlier: int, later: int, seed: int
 def _onsets(
     parameters: EpidemicParameters, shape: tuple[int, int], hosts: int, days: int, seed: int, name: str
 ) -> _Floats:
-    """Return the number of plants of simulated outbreaks by their onset, read as unsigned byte: float64[256].
+    """Return the number of plants with each onset in simulated outbreaks, float64[256].
 
-    Onsets up to a day do not depend on the length of a simulation, so one serves many days. Windows full of
-    hosts stand for the farm, with its number of seeds a host.
+    The index is the onset read as an unsigned byte. Onsets up to a day do not depend on the length of a
+    simulation, so the same simulation serves many days. The simulated land is a window full of hosts, with
+    the farm's number of seeds per host.
     """
     land = np.ones((min(shape[0], _LAND_CELLS), min(shape[1], _LAND_CELLS)), np.bool_)
     seeds = max(1, round(parameters.seed_count(shape) * land.size / max(hosts, 1)))
@@ -151,7 +153,7 @@ def _moments(weights: _Floats, values: _Floats) -> tuple[float, float]:
 def _simulated(
     parameters: ContinuousDynamics, shape: tuple[int, int], day: int, seed: int, name: str
 ) -> _Floats:
-    """Return simulated values of a day; the weather of equal seeds is the same up to every day."""
+    """Return simulated values of a day. Equal seeds give the same weather on all days."""
     rngs = [stream(seed, "carrying", name, str(number)) for number in range(_WEATHERS)]
     fields = parameters.simulate_coarse(shape, (day,), _SOIL_CELLS, rngs).ravel()
     fields.flags.writeable = False
@@ -183,14 +185,15 @@ _ALIKE_LENGTHS = 0.25
 
 
 def pass_day(precision: _Floats, response: _Floats, correlation: float | _Floats) -> tuple[_Floats, _Floats]:
-    """Return the precision of the weights on a later day, and it times their mean.
+    """Return `precision` and `response` of the weights on a later day.
 
-    The response is the precision times the mean of the weights; the precision is the identity before anything
-    was seen. The correlation is that of each weight on the earlier day with that on the later one, 0..1.
+    `precision` is the posterior precision of the weights, the identity before any observation. `response` is
+    the precision times the posterior mean. `correlation` is the correlation of each weight between the two
+    days, 0..1.
     """
     kept = np.broadcast_to(np.asarray(correlation, np.float64), len(precision))
     change = np.maximum(1.0 - kept**2, _LEAST_CHANGE)
-    # Both days' weights together have this precision on the earlier one's; these are integrated out.
+    # Block of the earlier weights in the joint precision of both days. These weights are integrated out.
     together = precision.copy()
     together[np.diag_indices_from(together)] += kept**2 / change
     ratio = kept / change
@@ -201,10 +204,11 @@ def pass_day(precision: _Floats, response: _Floats, correlation: float | _Floats
 
 
 class Crowding:
-    """The weights of crowded readings: the k-th of a day in a box, a quarter of a length wide, counts 1 / k.
+    """Reduced weights for readings close together.
 
-    Readings near each other share the error of a process with one length, as that soaked soil takes no more
-    rain.
+    The k-th reading of a day in a box has the weight 1 / k. A box is a quarter of a lengthscale wide. Nearby
+    readings share the error of the smooth model, for example where soaked soil takes no more rain, so they
+    are not independent.
     """
 
     def __init__(self, shape: tuple[int, int], lengths: tuple[float, float]) -> None:
@@ -213,7 +217,7 @@ class Crowding:
         self._counts = np.zeros((int(shape[0] / self._box[0]) + 1) * self._rows, np.int64)
 
     def weights(self, x: NDArray[np.integer], y: NDArray[np.integer]) -> _Floats:
-        """Return the weights of further readings, in their order, float64[n]."""
+        """Return the weights of further readings in order, float64[n]."""
         box = (x / self._box[0]).astype(np.int64) * self._rows + (y / self._box[1]).astype(np.int64)
         order = np.argsort(box, kind="stable")
         first = np.searchsorted(box[order], box[order], side="left")

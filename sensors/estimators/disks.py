@@ -1,4 +1,4 @@
-"""Disks of observations: their radius and form, the list of those to paint, and painting on small farms."""
+"""Disks around observations: radius, shape, unpainted disks, and painting on small farms."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from sensors.scoring.information import tile_shape, tiles_of_boxes
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Disk:
-    """The cells of an observation's disk, relative to the observed cell.
+    """The cells of an observation's disk, relative to the observed cell (x, y).
 
-    Row i holds the cells ``x + first + i`` by ``[y + low[i], y + high[i])``.
+    Row i has the cells ``x + first + i`` by ``[y + low[i], y + high[i])``.
     """
 
     first: int
@@ -27,13 +27,13 @@ class Disk:
 
 
 Stamp = Callable[[int], Disk]
-"""Radius in, disk out."""
+"""Function that returns the disk of a radius."""
 
 
 def adaptive_radius(n_observations: int, shape: tuple[int, int]) -> int:
     """Return the radius, in cells, at which all disks together have about twice the farm's area.
 
-    The paper's rule, ``int(1 + sqrt(2 W H / (pi n)))``.
+    This is the paper's rule ``int(1 + sqrt(2 W H / (pi n)))``.
 
     Examples
     --------
@@ -45,13 +45,13 @@ def adaptive_radius(n_observations: int, shape: tuple[int, int]) -> int:
 
 
 def half_widths(radius: int, steps: NDArray[np.int64]) -> NDArray[np.int32]:
-    """Return the largest whole j with ``i^2 + j^2 <= radius^2`` for each step i."""
-    # The square root of a square below 2^53 is exact.
+    """Return the largest integer j with ``i^2 + j^2 <= radius^2`` for each step i."""
+    # Square roots of perfect squares below 2^53 are exact, so the floor is reliable.
     return np.floor(np.sqrt(radius**2 - steps**2)).astype(np.int32)
 
 
 def centred_disk(radius: int) -> Disk:
-    """Return the cells at most `radius` from the observed one.
+    """Return the disk of all cells at most `radius` from the observed cell.
 
     Examples
     --------
@@ -65,23 +65,23 @@ def centred_disk(radius: int) -> Disk:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Painting:
-    """Disks to paint so that a map is up to date."""
+    """Disks that must be painted to update a map."""
 
     tiles: NDArray[np.bool_]
     reset: bool
-    """Whether older disks are gone, so that cells outside of these disks are reset."""
+    """Whether older disks are removed, so that cells outside the disks to paint are reset."""
     start: int
-    """The first observation to paint; the ones before are there already."""
+    """Index of the first observation to paint; earlier disks are painted already."""
     x: NDArray[np.int32]
-    """The observed cells from `start` on."""
+    """Observed cells, starting with observation `start`."""
     y: NDArray[np.int32]
     disk: Disk
 
 
 class DiskMap:
-    """The disks of a growing number of observations, and those that are not painted yet.
+    """The disks of all observations, and a record of the painted ones.
 
-    The radius is fixed, or `adaptive_radius` if None.
+    The radius is `radius`, or `adaptive_radius` if that is None.
     """
 
     def __init__(self, shape: tuple[int, int], stamp: Stamp, radius: int | None) -> None:
@@ -94,7 +94,7 @@ class DiskMap:
         self._covered = np.zeros(tile_shape(shape), np.bool_)
 
     def append(self, x: NDArray[np.int32], y: NDArray[np.int32]) -> None:
-        """Add observations, to be painted at the next `outstanding`."""
+        """Add observations for the next call of `outstanding`."""
         self._cells.append(np.stack([x, y], axis=1))
 
     def copy(self) -> DiskMap:
@@ -106,14 +106,14 @@ class DiskMap:
         return other
 
     def repaint(self) -> None:
-        """Count none of the disks as painted."""
+        """Mark all disks as not painted."""
         self._radius = 0
 
     def outstanding(self) -> Painting:
-        """Return the disks to paint since the last call, which then count as painted.
+        """Return the disks to paint, and mark them as painted.
 
-        After a change of the radius these are all disks, otherwise the further ones; in both cases in the
-        tiles that disks reach or reached before.
+        After a change of the radius, all disks must be painted, otherwise only the new ones. The tiles to
+        paint are those that these disks cover or, after a change of the radius, covered before.
         """
         n = len(self._cells)
         radius = 0 if n == 0 else self._fixed_radius or adaptive_radius(n, self.shape)
@@ -134,20 +134,20 @@ class DiskMap:
 
 
 class Strokes(NamedTuple):
-    """Disks of n observations that are painted into some tiles, later observations over earlier ones."""
+    """Input of `paint`: disks of n observations, painted into some tiles, later ones over earlier ones."""
 
-    tiles: NDArray[np.bool_]  # bool[tiles along x, tiles along y]: where
-    reset: bool  # whether cells that no disk reaches get the default and uncertainty 1, or stay as they are
-    x: NDArray[np.int32]  # int32[n]: the observed cells in order of time
+    tiles: NDArray[np.bool_]  # Tiles to paint, bool[tiles along x, tiles along y]
+    reset: bool  # Whether cells outside all disks are reset to the default with uncertainty 1
+    x: NDArray[np.int32]  # Observed cells in order of time, int32[n]
     y: NDArray[np.int32]
-    first: int  # the disk: row i has the cells ``x + first + i`` by ``[y + low[i], y + high[i])``
+    first: int  # Disk, see `Disk`: row i has the cells ``x + first + i`` by ``[y + low[i], y + high[i])``
     low: NDArray[np.int32]
     high: NDArray[np.int32]
-    table: NDArray[np.float32]  # float32[fields, n]: the values that these disks stand for
-    doubts: NDArray[np.float32]  # float32[planes, n]: the uncertainty in these disks
-    defaults: NDArray[np.float32]  # float32[fields]
-    fields: NDArray[np.int64]  # where each of these fields is in the value
-    planes: NDArray[np.int64]  # where the uncertainty of these fields is
+    table: NDArray[np.float32]  # Value of each field in each disk, float32[fields, n]
+    doubts: NDArray[np.float32]  # Uncertainty in each disk, float32[planes, n]
+    defaults: NDArray[np.float32]  # Default of each field, float32[fields]
+    fields: NDArray[np.int64]  # Index of each field in the value array
+    planes: NDArray[np.int64]  # Indices of the planes in the uncertainty array
 
 
 def paint_small(
@@ -156,9 +156,9 @@ def paint_small(
     uncertainty: NDArray[np.float32],
     changed: NDArray[np.bool_],
 ) -> None:
-    """Paint into the only tile of a small farm, as `sensors.estimators.painting.paint` does.
+    """Paint into the only tile of a small farm, like `sensors.estimators.painting.paint`.
 
-    Loading compiled code takes longer than that.
+    On small farms, loading the compiled function takes longer than painting.
     """
     tiles, reset, x, y, first, low, high, table, doubts, defaults, fields, planes = strokes
     if not tiles[0, 0]:
@@ -166,7 +166,7 @@ def paint_small(
     width, height = value.shape[1:]
     columns = np.arange(low.min(), high.max())
     disk = (columns >= low[:, None]) & (columns < high[:, None])
-    # Room around the farm for what disks have beyond it.
+    # The margin takes the parts of disks outside the farm.
     rows, side = disk.shape
     owner = np.full((width + 2 * rows, height + 2 * side), -1, np.intp)
     for index, (left, bottom) in enumerate(zip((x + first).tolist(), (y + columns[0]).tolist(), strict=True)):

@@ -1,9 +1,9 @@
-"""The compiled painting of disks: tile by tile, newest disk first, every cell written once.
+"""Compiled painting of disks, tile by tile.
 
-In a tile of 64 x 64 cells one row is one 64-bit word, a bit for each cell that a newer disk has taken
-already. A disk takes what is left of its rows and is done with a row in a few operations, and a tile that is
-full needs no older disks: the work grows with the number of observations plus that of cells, not with their
-product.
+Disks are painted newest first, so that each cell is written only once. In a tile of 64 x 64 cells, a row is a
+64-bit word with a bit for each cell that a newer disk has taken. A few bit operations per row find the cells
+that remain for an older disk. A full tile needs no older disks. The work is therefore proportional to the
+number of observations plus the number of cells, not to their product.
 """
 
 from __future__ import annotations
@@ -31,10 +31,12 @@ def paint(
 
     Parameters
     ----------
-    value, uncertainty : float32[3, W, H], float32[1 or 3, W, H]
-        Written.
+    strokes : Strokes
+        The disks and tiles.
+    value, uncertainty : float32[fields, W, H], float32[1 or fields, W, H]
+        Maps that are changed in place.
     changed : bool[tiles along x, tiles along y]
-        Set where anything became another.
+        Set to True for tiles with a changed cell.
     """
     tiles, reset, x, y, first, low, high, table, doubts, defaults, fields, planes = strokes
     width, height = value.shape[1], value.shape[2]
@@ -50,7 +52,7 @@ def paint(
             continue
         x0 = column * TILE_CELLS
         x1 = min(x0 + TILE_CELLS, width)
-        # The disks that reach these columns of cells, newest first.
+        # Collect the disks that overlap this column of tiles, newest first.
         count = 0
         for index in range(len(x) - 1, -1, -1):
             if x[index] + first < x1 and x[index] + first + rows > x0:

@@ -1,4 +1,4 @@
-"""The point estimator: an observed cell is known, nothing else is."""
+"""The estimator point: knows observed cells only."""
 
 from __future__ import annotations
 
@@ -19,21 +19,18 @@ if TYPE_CHECKING:
 
 
 class PointEstimator(BaseEstimator):
-    """The last observation of each cell, with uncertainty 0; the default and uncertainty 1 elsewhere.
+    """Estimates each cell by its last reading, and unobserved cells by the default.
 
-    Readings of an earlier day are carried forward by the field's dynamics (`sensors.estimators.days`); their
-    uncertainty is the remaining part of the variance.
+    The uncertainty is 0 in observed cells and 1 elsewhere. Readings of earlier days are carried forward by
+    the field's dynamics (`sensors.estimators.days`); their uncertainty is the remaining fraction of the
+    variance. Readings outside 0..1, which are noise, are clipped.
 
     Parameters
     ----------
     default_values : sequence of float, optional
-        The value of each field in cells that were not observed; the fields' own by default.
+        Value of each field in unobserved cells. Default: the fields' own.
     fields : FieldSet
         The observed fields.
-
-    Notes
-    -----
-    Readings beyond 0..1, which are noise, are clipped.
     """
 
     knows_only_seen = True
@@ -58,7 +55,7 @@ class PointEstimator(BaseEstimator):
         readings = np.minimum(np.maximum(observations.values, 0.0), 1.0)
         cells = observations.x.astype(np.intp) * self.grid_.shape[1] + observations.y
         for k, sensed in enumerate(observations.sensed.T):
-            # Newest first, because np.unique keeps the first of equals.
+            # Newest first, because np.unique returns the first index of equal cells.
             newest = np.concatenate([cells[sensed][::-1], self.cells_[k]])
             values = np.concatenate([readings[sensed, k][::-1], self.values_[k]])
             days = np.concatenate([observations.day[sensed][::-1], self.days_[k]])

@@ -1,18 +1,19 @@
-"""Calibration of an estimate's probabilities and deviations, on the relevant cells that were not observed.
+"""Calibration of an estimate's probabilities and deviations, on relevant cells that were not observed.
 
-Of a disease, from the probabilities that plants are sick (if there are none, from the normal distribution of
-value and deviation):
+Diseases are measured by the probability that a plant is sick: from the class probabilities or, if the
+estimate has none, from the normal distribution of value and deviation.
 
-- Brier score, the mean squared error of the probability (Brier 1950), and the mean negative log likelihood;
-- expected calibration error: of ten bins of the probability, how far in each the part of sick plants is from
-  the mean probability, weighted by their plants (Naeini, Cooper and Hauskrecht 2015);
-- of the sick plants the part that is among those that may be sick
-  (`sensors.scoring.information.InformationModel.may_be_sick`), which is meant to be 90 %, and of the healthy
-  plants the part that is, too, which is what it costs. Coverage is that of a class, as of class-conditional
-  conformal predictors (Vovk 2012): intervals that hold 90 % of all plants may hold none of the sick ones.
+- Brier score: the mean squared error of the probability (Brier 1950).
+- Log loss: the mean negative log likelihood.
+- Expected calibration error: the distance between the share of sick plants and the mean probability, in ten
+  bins of the probability, weighted by the number of plants (Naeini, Cooper and Hauskrecht 2015).
+- Shares of the sick and of the healthy plants that are in the set of plants that may be sick
+  (`sensors.scoring.information.InformationModel.may_be_sick`). The share of the sick plants should be 90 %;
+  the share of the healthy plants is the cost. The coverage is conditional on the class, as in
+  class-conditional conformal predictors (Vovk 2012): a set with 90 % of all plants may contain no sick plant.
 
-Of a continuous field: the part of the cells within the 90 % interval of a normal distribution, and the mean
-squared error divided by the mean variance.
+Continuous fields are measured by the share of cells within the 90 % interval of a normal distribution, and by
+the mean squared error over the mean variance.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ from sensors.fields import FieldSet
 from sensors.scoring.information import InformationModel, least_sick
 
 SICK_BELOW = 0.75
-"""A value below this is nearer to infected or lost than to healthy."""
+"""Threshold below which a value is closer to infected (0.5) than to healthy (1)."""
 _NORMAL_90 = 1.6449
 _BINS = 10
 _LEAST = 1e-6
@@ -41,7 +42,7 @@ def calibration(
     *,
     states_deviation: bool = True,
 ) -> dict[str, float]:
-    """Measure the calibration of a model, field by field.
+    """Return calibration figures of a model, field by field.
 
     Parameters
     ----------
@@ -50,19 +51,19 @@ def calibration(
     truth : float[n, W, H]
         The true values.
     unseen : bool[n, W, H]
-        The cells that count: relevant ones that were not observed.
+        The measured cells: relevant cells that were not observed.
     fields : FieldSet
         The fields, in the order of the arrays.
     states_deviation : bool
-        Whether the model's uncertainty is a standard deviation; otherwise only diseases with class
+        Whether the model's uncertainty is a standard deviation; if not, only diseases with class
         probabilities are measured.
 
     Returns
     -------
     dict of str to float
-        Of a disease NAME: ``NAME_brier``, ``NAME_log_loss``, ``NAME_ece``, ``NAME_sick_held``,
-        ``NAME_healthy_held``. Of others ``NAME_held`` and ``NAME_error`` (squared error by variance).
-        Undefined figures, as of a disease without sick plants, are left out.
+        For a disease NAME: ``NAME_brier``, ``NAME_log_loss``, ``NAME_ece``, ``NAME_sick_held`` and
+        ``NAME_healthy_held``. For a continuous field: ``NAME_held`` and ``NAME_error`` (squared error over
+        variance). Undefined figures, such as those of a disease without sick plants, are left out.
 
     Raises
     ------
@@ -89,7 +90,7 @@ def calibration(
 
 
 def probability_of_sick(model: InformationModel, k: int, cells: NDArray[np.bool_]) -> Floats:
-    """Return the probabilities that plants are sick: from the classes, or from the normal distribution."""
+    """Return the probabilities that plants are sick (see the module's docstring), float64[n]."""
     name = model.fields[k]
     if model.probabilities is not None and name in model.probabilities:
         healthy: Floats = model.probabilities[name][0][cells].astype(np.float64)
@@ -102,7 +103,7 @@ def probability_of_sick(model: InformationModel, k: int, cells: NDArray[np.bool_
 
 
 def of_classes(probability: NDArray[np.floating], sick: NDArray[np.bool_]) -> dict[str, float]:
-    """Measure probabilities of being sick, float[n], against the truth: see the module.
+    """Return the calibration figures of probabilities that plants are sick, float[n].
 
     Examples
     --------
@@ -127,7 +128,7 @@ def of_classes(probability: NDArray[np.floating], sick: NDArray[np.bool_]) -> di
 def of_normal(
     truth: NDArray[np.floating], value: NDArray[np.floating], deviation: NDArray[np.floating]
 ) -> dict[str, float]:
-    """Measure means and standard deviations, float[n] each, against the truth: see the module.
+    """Return the calibration figures of normal distributions with these means and deviations, float[n].
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Expected losses: of a standard deviation, and of class probabilities with the value of least loss."""
+"""Expected losses of standard deviations and of class probabilities."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ def loss_of_deviation(
     *,
     first: int = 0,
 ) -> NDArray[np.float32]:
-    """Return the expected loss of a mean about which the truth is distributed symmetrically.
+    """Return the expected loss of an estimate about which the truth is symmetrically distributed.
 
-    Half of the squared error is then above and half below::
+    Half of the squared error s^2 is above the truth and half below::
 
         E[c] = (c_above + c_below) / 2 * s^2
 
-    `first` is the number, in the weights, of the array's first field. `out` may be given: on a large farm new
-    memory takes longer than the sums.
+    `first`: index in `weights` of the first field of `uncertainty`. `out`: array that receives the result; on
+    a large farm the allocation of a new array takes longer than the sums.
 
     Examples
     --------
@@ -40,7 +40,7 @@ def loss_of_deviation(
 
 
 CLASS_VALUES = np.array([1.0, 0.5, 0.0])
-"""Values of the classes susceptible, infected and removed."""
+"""Values of the classes susceptible, infected, removed."""
 
 
 def least_loss_value(
@@ -48,14 +48,14 @@ def least_loss_value(
 ) -> NDArray[np.float64]:
     """Return the estimate that minimises the expected loss of the score.
 
-    With the cost ``a (v - e)^2`` where the estimate v is above the truth e and ``(e - v)^2`` elsewhere, the
-    minimiser is the value that balances both sides (an expectile, Newey & Powell 1987)::
+    The cost is ``a (v - e)^2`` if the estimate v is above the truth e, else ``(e - v)^2``. The best estimate
+    is an expectile (Newey & Powell 1987), the solution of::
 
         a sum_{e < v} p_e (v - e) = sum_{e > v} p_e (e - v)
 
-    which for the three values 1, 0.5 and 0 has one solution on each side of 0.5.
+    For the values 1, 0.5 and 0 this equation has a closed solution on each side of 0.5.
 
-    The probabilities, float[..., 3], are of the classes susceptible, infected, removed.
+    `probabilities` are float[..., 3], of the classes susceptible, infected, removed.
 
     Examples
     --------
@@ -72,7 +72,7 @@ def least_loss_value(
 def expected_loss(
     probabilities: NDArray[np.floating], value: NDArray[np.floating], too_healthy: float, too_sick: float
 ) -> NDArray[np.float64]:
-    """Return the expected loss of values under the score: the mean over the three classes.
+    """Return the expected loss of values under the score, averaged over the three classes.
 
     Examples
     --------
@@ -89,7 +89,7 @@ def expected_loss(
 
 
 def standard_deviation(probabilities: NDArray[np.floating]) -> NDArray[np.float64]:
-    """Return the standard deviation of the cell's value, for float[..., 3] probabilities of the classes.
+    """Return the standard deviation of a cell's value for class probabilities, float[..., 3].
 
     Examples
     --------

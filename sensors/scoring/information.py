@@ -1,8 +1,8 @@
 """The information model: value and uncertainty of every cell of the farm.
 
-Estimators report changes, and the score keeps its sums, in square tiles: tile (i, j) holds the cells
-``[64 i, 64 (i + 1)) x [64 j, 64 (j + 1))``, cut off at the farm's border. A set of tiles is a boolean array
-with one entry per tile.
+Estimators report changes by square tiles, and the score stores a sum for each tile. Tile (i, j) has the cells
+``[64 i, 64 (i + 1)) x [64 j, 64 (j + 1))``, clipped to the farm. A set of tiles is a boolean array with an
+entry per tile.
 
 >>> tile_shape((6000, 5000))
 (94, 79)
@@ -22,17 +22,17 @@ from sensors.fields import PAPER_FIELDS, FieldSet
 CLASSES = ("healthy", "infected", "lost")
 """Classes of a plant, in the order of the class probabilities."""
 HELD = 0.9
-"""Share of the unobserved sick plants that `InformationModel.may_be_sick` is meant to hold."""
-_CERTAIN = 1e-6  # probabilities nearer than this to 1 are rounding errors of a certain plant
+"""Share of the unobserved sick plants that `InformationModel.may_be_sick` should contain."""
+_CERTAIN = 1e-6  # Tolerance for rounding errors of a probability of 1
 
 TILE_CELLS = 64
 SQUARES, WORSE_SQUARES, ABSOLUTE, WORSE_ABSOLUTE = range(4)
 SUMS = 4
-"""Of a tile: squared and absolute errors, each of all cells and of those where the estimate is above."""
+"""Number of sums per tile: squared and absolute errors, over all cells and over overestimated cells."""
 
 
 def tile_shape(shape: tuple[int, int]) -> tuple[int, int]:
-    """Return the number of tiles along x and y of a farm of this shape (in cells)."""
+    """Return the number of tiles along x and y for a farm of this shape (cells)."""
     width, height = shape
     return -(-width // TILE_CELLS), -(-height // TILE_CELLS)
 
@@ -44,9 +44,9 @@ def tiles_of_boxes(
     y0: NDArray[np.integer],
     y1: NDArray[np.integer],
 ) -> NDArray[np.bool_]:
-    """Find the tiles that any of the boxes ``[x0, x1) x [y0, y1)`` touches.
+    """Return the tiles that any of the boxes ``[x0, x1) x [y0, y1)`` touches.
 
-    What lies outside the farm is cut off, empty boxes touch nothing.
+    Boxes are clipped to the farm; empty boxes touch no tile.
 
     Examples
     --------
@@ -59,12 +59,12 @@ def tiles_of_boxes(
     y0, y1 = np.clip(y0, 0, height), np.clip(y1, 0, height)
     some = (x0 < x1) & (y0 < y1)
     if width <= TILE_CELLS and height <= TILE_CELLS:
-        # Small farms are updated after every observation: the sums below would cost more than the update.
+        # Small farms are updated after each observation, and the sums below take longer than an update.
         return np.array([[bool(some.any())]])
     left, low = x0[some] // TILE_CELLS, y0[some] // TILE_CELLS
     right, high = (x1[some] - 1) // TILE_CELLS + 1, (y1[some] - 1) // TILE_CELLS + 1
     columns, rows = tile_shape(shape)
-    # Corners of the boxes; two running sums turn them into the number of boxes over each tile.
+    # Signed corners of the boxes: cumulative sums along both axes count the boxes over each tile.
     count = np.zeros((columns + 1, rows + 1), np.int64)
     np.add.at(count, (left, low), 1)
     np.add.at(count, (right, high), 1)
@@ -75,7 +75,7 @@ def tiles_of_boxes(
 
 
 def least_sick(sick: NDArray[np.floating]) -> float:
-    """Return the least probability of plants that may be sick, by `InformationModel.may_be_sick`.
+    """Return the smallest probability of a plant in the set `InformationModel.may_be_sick`.
 
     Examples
     --------
@@ -91,7 +91,7 @@ def least_sick(sick: NDArray[np.floating]) -> float:
 
 
 class LazyProbabilities(Mapping[str, NDArray[np.float32]]):
-    """Class probabilities that are computed at each access and not kept, for large farms."""
+    """Class probabilities that are computed at each access and not cached, for large farms."""
 
     __slots__ = ("_compute", "_diseases")
 
@@ -119,32 +119,30 @@ class InformationModel:
     Parameters
     ----------
     value : float32[n, W, H]
-        The estimate of each field in each cell (1 healthy, 0.5 infected, 0 lost; a continuous field 0 to 1).
+        Estimate of each field in each cell (1 healthy, 0.5 infected, 0 lost; a continuous field 0 to 1).
     uncertainty : float32[n, W, H]
-        Zero where the value is known, growing with doubt; its scale is the estimator's own.
+        Zero where the value is certain; the scale depends on the estimator.
     changed : bool[tiles along x, tiles along y], optional
-        The tiles (see the module) outside of which no value and no uncertainty differs from the
-        model that the same estimator's `predict` returned before; None if everything may differ. With an
-        axis of fields before these two, the same field by field.
+        Tiles (see the module) in which values or uncertainties may differ from those of the preceding model
+        of the estimator; None if all may differ. A first axis of fields is allowed.
     revision : int, optional
-        How many models the estimator returned before this one since its `fit`. `changed` is relative to the
-        model of the revision before: a consumer that skipped a revision must treat every tile as changed.
+        Number of models that the estimator returned before this one since its `fit`. `changed` refers to the
+        model of the preceding revision; a consumer that skipped a revision must treat all tiles as changed.
     fields : tuple of str
-        The names of the n fields; those of the benchmark by default.
+        Names of the n fields; by default those of the benchmark.
     probabilities : mapping of str to float32[3, W, H], optional
-        The probabilities that the plants are healthy, infected and lost (`CLASSES`), by the name of the
-        disease; None if the estimator has none. On large farms an estimator may compute them when they are
-        asked for, which may take as long as an estimate, and only until it learns more; what is needed twice
-        should be kept.
-    loss_map : float32[n, W, H], or a callable that gives it, optional
-        See `expected_loss`; a callable is asked at each access.
+        Probabilities that plants are healthy, infected and lost (`CLASSES`), by the name of the disease. The
+        estimator may have none (None). On large farms they may be computed at each access, which may take as
+        long as an estimate, and only until the estimator learns more observations.
+    loss_map : float32[n, W, H] or callable, optional
+        See `expected_loss`; a callable returns the array and is called at each access.
     correlation_length : tuple of float, optional
-        Correlation length of each field in the estimator's model, cells; None if it has none.
+        Correlation length of each field in the estimator's model, cells; None if the model has none.
 
     Raises
     ------
     EstimatorError
-        If the arrays do not have the form above, or there are probabilities of something that is no field.
+        If an array has another shape or type, or there are probabilities of an unknown field.
 
     Examples
     --------
@@ -188,16 +186,16 @@ class InformationModel:
 
     @property
     def expected_loss(self) -> NDArray[np.float32] | None:
-        """The expected loss of `value` in each cell, float32[n, W, H]; None if the estimator gives none.
+        """Expected loss of `value` in each cell, float32[n, W, H]; None if the estimator gives none.
 
-        It is the squared error times the costs of estimates that are too healthy or too sick, without the
-        weights of the fields, in scored and other cells. Its mean over a field's mask is the field's loss
-        that the estimator expects. It holds as long as `value` does.
+        The loss is the squared error times the cost of estimates that are too healthy or too sick, without
+        the weights of the fields. Cells that are not scored have an expected loss too. The mean over a
+        field's mask is the expected loss of that field. The loss is valid as long as `value`.
 
         Raises
         ------
         EstimatorError
-            If the estimator gives something of another form, or has learned more since.
+            If the array has another shape or type, or the estimator has learned further observations.
         """
         if callable(self.loss_map):
             loss: NDArray[np.float32] = self.loss_map()
@@ -216,7 +214,7 @@ class InformationModel:
         return int(self.value.shape[1]), int(self.value.shape[2])
 
     def of(self, field: str) -> NDArray[np.float32]:
-        """Return the value array [W, H] of one field by its name."""
+        """Return the values of a field by name, float32[W, H]."""
         if field not in self.fields:
             msg = f"information model: no field {field!r}, expected one of {', '.join(self.fields)}"
             raise EstimatorError(msg)
@@ -224,23 +222,24 @@ class InformationModel:
         return value
 
     def may_be_sick(self, disease: str, where: NDArray[np.bool_] | None = None) -> NDArray[np.bool_]:
-        """Return the plants that may be sick, bool[W, H]: the fewest that hold 90 % of the sick plants.
+        """Return the smallest set of plants that contains 90 % of the sick plants, bool[W, H].
 
-        Unknown plants are taken in falling order of their probability to be sick, until these add up to 90 %
-        of the sum over all. If the probabilities are right, 90 % of the sick plants are among them: coverage
-        of a class, not of all cells, of which nearly all are healthy. Plants known to be sick belong, too.
+        Uncertain plants are taken in descending order of their probability to be sick, until the
+        probabilities add up to 90 % of their total. If the probabilities are calibrated, the set contains 90
+        % of the sick plants. The coverage is that of the sick plants: nearly all plants are healthy, so a
+        coverage of all plants would be meaningless. Plants that are certainly sick are in the set too.
 
         Parameters
         ----------
         disease : str
             The name of a field with class probabilities.
         where : bool[W, H], optional
-            The plants that count; all by default.
+            The plants to consider; by default all.
 
         Raises
         ------
         EstimatorError
-            If there are no probabilities of it.
+            If the model has no class probabilities of this disease.
         """
         if self.probabilities is None or disease not in self.probabilities:
             raise EstimatorError(f"information model: there are no class probabilities of {disease!r}")
@@ -257,7 +256,7 @@ class InformationModel:
         return self.changed if self.changed.ndim == 2 else self.changed[k]
 
     def copy(self) -> InformationModel:
-        """Return a model in arrays of its own, which further learning does not change."""
+        """Return a copy, which does not change when the estimator learns more observations."""
         probabilities = None
         if self.probabilities is not None:
             probabilities = {name: np.array(array) for name, array in self.probabilities.items()}
@@ -273,7 +272,7 @@ class InformationModel:
 
     @classmethod
     def unknown(cls, shape: tuple[int, int], fields: FieldSet) -> InformationModel:
-        """Return the model without any knowledge: the fields' defaults, in arrays that take no memory."""
+        """Return the model without observations: the fields' defaults, in arrays that take no memory."""
         full = (len(fields), *shape)
         value = np.broadcast_to(np.array(fields.defaults, np.float32)[:, None, None], full)
         return cls(value, np.broadcast_to(np.float32(1.0), full), fields=fields.names)
@@ -287,7 +286,7 @@ class InformationModel:
         uncertainty: float,
         fields: tuple[str, ...] = PAPER_FIELDS.names,
     ) -> InformationModel:
-        """Return a model of equal cells: a `value` for each field, and one `uncertainty`."""
+        """Return a model with equal cells; `value` has a number for each field."""
         values = np.empty((len(fields), *shape), np.float32)
         values[:] = np.asarray(value, np.float32)[:, None, None]
         return cls(values, np.full_like(values, uncertainty), fields=fields)

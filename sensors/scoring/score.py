@@ -1,11 +1,12 @@
-"""The score of an estimate: the costs of its errors by the Waterberry Farms paper, and plainer metrics.
+"""The score of an estimate: the loss of the Waterberry Farms paper, and plain error metrics.
 
-The paper's loss, with estimate I, truth E and relevance mask M of each field i, over c scored times::
+The paper's loss over c scored times, with the estimate I, the truth E and the relevance mask M of each field
+i::
 
     L = sum_i w_i sum_xy M_i sum_t AE_i / (c * sum_i w_i sum_xy M_i)
     AE = 10 (I - E)^2   where the estimate is too healthy (I > E: a missed disease), else (I - E)^2
 
-Soil humidity has no worse side. The score is -L: 0 is perfect, lower is worse.
+For soil humidity both costs are equal. The score is -L: 0 is perfect, lower is worse.
 """
 
 from __future__ import annotations
@@ -25,16 +26,16 @@ _PerField = tuple[float, ...]
 
 @dataclass(frozen=True, slots=True)
 class ScoreWeights:
-    """Costs of errors, per field.
+    """Weights of fields and costs of errors.
 
     Parameters
     ----------
     field : tuple of float
         Weight of each field.
     too_healthy : tuple of float
-        Cost of a squared error where the estimate is above the truth.
+        Cost of a squared error of an estimate above the truth.
     too_sick : tuple of float
-        Cost of a squared error where the estimate is below the truth.
+        Cost of a squared error of an estimate below the truth.
     """
 
     field: _PerField
@@ -51,7 +52,7 @@ class ScoreWeights:
 
     @classmethod
     def of(cls, fields: FieldSet) -> ScoreWeights:
-        """Return the weights of a field set."""
+        """Return the weights and costs of a field set."""
         return cls(
             tuple(field.weight for field in fields),
             tuple(field.cost_above for field in fields),
@@ -64,24 +65,25 @@ PAPER_WEIGHTS = ScoreWeights.of(PAPER_FIELDS)
 
 @dataclass(frozen=True, slots=True)
 class Score:
-    """The score of one estimate and its parts; tuples are in the order of the fields.
+    """The score of an estimate and its parts; tuples are in the order of the fields.
 
     Parameters
     ----------
     loss : float
-        The paper's loss L of this estimate, 0 is perfect.
+        The paper's loss L of this estimate; 0 is perfect.
     field_loss : tuple of float
-        Mean asymmetric squared error over each field's mask; L is their mean weighted by field and cells.
+        Mean asymmetric squared error over each field's mask. L is the mean of these losses, weighted by the
+        fields' weights and numbers of cells.
     field_mse, field_mae : tuple of float
         Mean squared and mean absolute error over each field's mask.
     field_weighted_mae : tuple of float
         Mean asymmetric absolute error over each field's mask.
     authors_axis_max : float
-        The figure of the authors' code, in place of the paper's formula (a maximum along x, meant as a clip
-        at zero). It saturates and can be positive for an estimate that is wrong everywhere; it serves only to
-        compare with the paper's published figures. Never rank by it.
+        Score of the authors' code, which differs from the paper's formula: where a clip at zero was meant,
+        the maximum along x is taken. This score saturates, and can be positive for an estimate that is wrong
+        everywhere. Use it only for comparison with published figures, never for rankings.
     fields : tuple of str
-        The names of the fields.
+        Names of the fields.
     """
 
     loss: float
@@ -110,7 +112,7 @@ def paper_loss(
     weights: ScoreWeights | None = None,
     fields: FieldSet = PAPER_FIELDS,
 ) -> float:
-    """Compute the paper's loss L of one estimate (see the module's formula with c = 1).
+    """Return the paper's loss L of a single estimate (the module's formula with c = 1).
 
     Parameters
     ----------
@@ -139,11 +141,11 @@ def paper_loss(
 
 
 class RunningScore:
-    """Scores the estimates of one run against the same truth; masks and counts are prepared once.
+    """Scores of a run's estimates against the truth; masks and counts are prepared once.
 
-    The sums over the cells are kept for each tile of the farm (`sensors.scoring.information`). If a model
-    reports its changes since the one before, only these tiles are summed anew. The result is that of summing
-    everything, to the bit: nothing is subtracted, so no error accumulates.
+    The sums over cells are stored for each tile of the farm (`sensors.scoring.information`). If a model
+    reports its changes since the preceding model, only the changed tiles are summed again. The result equals
+    a sum over all cells to the bit, as nothing is subtracted.
 
     Parameters
     ----------
@@ -159,7 +161,7 @@ class RunningScore:
     Attributes
     ----------
     losses : list of float
-        The loss of each estimate that was added.
+        Loss of each added estimate.
 
     Examples
     --------
@@ -198,30 +200,29 @@ class RunningScore:
         self.advance(truth)
 
     def advance(self, truth: NDArray[np.floating]) -> None:
-        """Score further estimates against another truth (the next day)."""
+        """Use another truth, that of the next day, for later estimates."""
         self._check_shape(truth, "truth")
         self._truth = truth
         self._summed = None
 
     def add(self, estimate: NDArray[np.floating] | InformationModel) -> Score:
-        """Evaluate an estimate (as `evaluate`) and count it as one of the scored times."""
+        """Evaluate an estimate as `evaluate` does, and add its loss to `losses`."""
         result = self.evaluate(estimate)
         self.losses.append(result.loss)
         return result
 
     def evaluate(self, estimate: NDArray[np.floating] | InformationModel) -> Score:
-        """Score one estimate.
+        """Return the score of an estimate, without adding it to `losses`.
 
         Parameters
         ----------
         estimate : float[n, W, H] or InformationModel
-            A model is summed only in the tiles that it reports as changed, if it is the successor of the
-            model that was evaluated last.
+            The estimate. For the successor of the model evaluated last, only the changed tiles are summed.
 
         Raises
         ------
         EstimatorError
-            If its shape is not the truth's, or it is not finite in a relevant cell.
+            If the estimate has another shape than the truth, or is not finite in a relevant cell.
         """
         value = estimate.value if isinstance(estimate, InformationModel) else estimate
         self._check_shape(value, "estimate")
@@ -256,16 +257,16 @@ class RunningScore:
 
     @property
     def loss(self) -> float:
-        """The mean loss over the scored times, NaN before the first."""
+        """Mean loss over the scored times; NaN before the first."""
         return float(np.mean(self.losses)) if self.losses else float("nan")
 
     @property
     def score(self) -> float:
-        """The paper's score of the run until now, -L."""
+        """The paper's score of the run over the scored times, -L."""
         return -self.loss
 
     def _follows(self, estimate: NDArray[np.floating] | InformationModel) -> bool:
-        """Return whether an estimate is the successor of the model that was summed last."""
+        """Return whether an estimate is the successor of the model evaluated last."""
         if self._summed is None or not isinstance(estimate, InformationModel):
             return False
         value, revision = self._summed
@@ -285,14 +286,14 @@ class _Errors:
     axis_max: float = 0.0
 
 
-# A farm of one tile is summed in numpy: loading compiled code takes longer than that. The same as
-# `sensors.scoring.score_sums` to the last bit: cells are added one after the other, in order.
+# A farm of one tile is summed in numpy, as loading the compiled code takes longer. The sums equal those of
+# `sensors.scoring.score_sums` to the last bit: cells are added in the same order.
 
 
 def sum_tile(
     mask: NDArray[np.bool_], truth: NDArray[np.floating], estimate: NDArray[np.floating]
 ) -> NDArray[np.float64]:
-    """Sum the errors of one field in its only tile, float64[SUMS]; at least one cell is relevant."""
+    """Return the error sums of a field on a farm of a single tile with relevant cells, float64[SUMS]."""
     error = estimate[mask].astype(np.float64) - truth[mask]
     worse = np.where(error > 0.0, error, 0.0)
     terms = np.stack([error * error, worse * worse, np.abs(error), worse])
@@ -303,7 +304,7 @@ def sum_tile(
 def tile_extremes(
     mask: NDArray[np.bool_], truth: NDArray[np.floating], estimate: NDArray[np.floating]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Find how far the estimate is above and below on each line: see `score_sums.find_extremes`."""
+    """Return the largest errors above and below the truth on each line; see `score_sums.find_extremes`."""
     error = estimate.astype(np.float64) - truth
     unknown = np.isnan(error) & ~mask
     if unknown.any():
@@ -312,7 +313,7 @@ def tile_extremes(
 
 
 class _ScoredField:
-    """One field's relevant cells, and the sums over them of the estimate that was scored last."""
+    """The relevant cells of a field, and the error sums of the estimate evaluated last."""
 
     def __init__(self, k: int, mask: NDArray[np.bool_], weights: ScoreWeights) -> None:
         width, height = mask.shape
@@ -326,14 +327,14 @@ class _ScoredField:
         self.cells = int(self._tile_cells.sum())
         self._sums = np.zeros((columns, rows, SUMS))
         self._line_cells = strips.sum(axis=0)
-        # The authors score soil, where no side is worse, by its plain mean absolute error.
+        # For soil, with equal costs on both sides, the authors take the mean absolute error.
         lines = height if self.cells and self._low != self._high else 0
         self._above, self._below = np.zeros((columns, lines)), np.zeros((columns, lines))
 
     def errors(
         self, tiles: NDArray[np.bool_], truth: NDArray[np.floating], estimate: NDArray[np.floating]
     ) -> _Errors:
-        """Sum the errors in these tiles anew, and add up all."""
+        """Sum the errors in the given tiles, and return the figures over all tiles."""
         out = _Errors()
         if not self.cells:
             return out
@@ -353,7 +354,7 @@ class _ScoredField:
         out.axis_max = -out.mae
         if low != high:
             worst = low * self._below.max(axis=0) + high * self._above.max(axis=0)
-            # A line without relevant cells may have no number at all.
+            # The extremes of a line without relevant cells may be NaN or infinite.
             worst[self._line_cells == 0] = 0.0
             out.axis_max = -float(product(self._line_cells, worst)) / self.cells
         return out

@@ -1,8 +1,8 @@
-"""The compiled sums of the score, kept for each tile, so that only what changed is summed again.
+"""Compiled sums of the score, stored for each tile, so that only changed tiles are summed again.
 
-Estimators report changed tiles (`sum_errors`). Batched training knows the first changed column of each tile,
-too (`resume_errors`). Both add the errors of a tile cell by cell, along y and then along x, so that their
-sums are the same to the last bit; so does `sensors.scoring.score.sum_tile`.
+Estimators report changed tiles (`sum_errors`). Batched training also knows the first changed column of each
+tile (`resume_errors`). Both functions, and `sensors.scoring.score.sum_tile`, add the errors of a tile cell by
+cell, along y and then along x, so that their sums are equal to the last bit.
 """
 
 from __future__ import annotations
@@ -24,12 +24,12 @@ def _add_column(
     y1: int,
     sums: tuple[float, float, float, float],
 ) -> tuple[float, float, float, float]:
-    """Add the errors of the relevant cells of a part of a column to sums (`SQUARES` and so on)."""
+    """Add the errors of the relevant cells of a column, from y0 to y1, to the sums; return the sums."""
     squares, worse_squares, absolute, worse_absolute = sums
     for y in range(y0, y1):
         if mask[x, y]:
             error = np.float64(estimate[x, y]) - np.float64(truth[x, y])
-            # A NaN fails the comparison and goes into the plain sums.
+            # A NaN fails the comparison and is added to the sums over all cells.
             worse = error if error > 0.0 else 0.0
             squares += error * error
             worse_squares += worse * worse
@@ -47,10 +47,10 @@ def sum_errors(
     estimate: NDArray[np.floating],
     sums: NDArray[np.float64],
 ) -> None:
-    """Sum the errors of one field anew in some tiles, of which `cells` counts the relevant cells.
+    """Sum the errors of a field in the given tiles, over the relevant cells (`mask`).
 
-    The mask has the relevant cells; nothing else is looked at. Written are the `sums`, float64[tiles along x,
-    tiles along y, SUMS].
+    `cells` is the number of relevant cells in each tile. The results are written to `sums`, float64[tiles
+    along x, tiles along y, SUMS].
     """
     width, height = mask.shape
     for column in range(tiles.shape[0]):
@@ -76,7 +76,7 @@ def resume_errors(
     partial: NDArray[np.float64],
     sums: NDArray[np.float64],
 ) -> None:
-    """Sum the squared errors of all fields, from the first column of each tile that has changed.
+    """Sum the squared errors of all fields, in each tile from the first changed column.
 
     Parameters
     ----------
@@ -84,11 +84,11 @@ def resume_errors(
         The relevant cells.
     truth, estimate : float32[k, W, H]
     dirty : int64[tiles along x, tiles along y]
-        The first column of the tile that is not summed; changed.
+        First column of each tile that is not summed yet; updated.
     partial : float64[k, tiles along x, tiles along y, TILE_CELLS + 1, 2]
-        Sums before each column, of all cells and of those estimated too high; changed.
+        Sums before each column, over all cells and over overestimated cells; updated.
     sums : float64[k, 2]
-        Written: the same sums over all tiles.
+        Output: the same sums over all tiles.
     """
     width, height = masks.shape[1], masks.shape[2]
     tiles_x, tiles_y = dirty.shape
@@ -127,15 +127,15 @@ def find_extremes(
     above: NDArray[np.float64],
     below: NDArray[np.float64],
 ) -> None:
-    """Find how far the estimate is above and below the truth on each line along x, anew in some tiles.
+    """Find the largest errors above and below the truth on each line along x, in the given tiles.
 
     Parameters
     ----------
     lines : int64[H]
-        Relevant cells of each line; tiles that no line with any runs through are left out.
+        Number of relevant cells on each line; tiles without such lines are skipped.
     above, below : float64[tiles along x, H]
-        Written: the largest difference on the part of each line in each tile; NaN if that of a relevant
-        cell is NaN, while a NaN elsewhere is passed over.
+        Output: the largest difference on each line within each tile; NaN if the difference of a relevant cell
+        is NaN. NaN in other cells is ignored.
     """
     width, height = truth.shape
     for row in range(tiles.shape[1]):

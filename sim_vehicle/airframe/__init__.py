@@ -1,1 +1,1 @@
-"""The vehicle: its specification, the catalogue of vehicles, the errors of its sensors."""
+"""Specification of a vehicle, catalogue of vehicles, errors of sensors."""

@@ -1,6 +1,6 @@
-"""Vehicle files: TOML with the fields of `VehicleSpec`, and tables for its parts.
+"""Vehicle files: TOML with the fields of `VehicleSpec`, and a table for each part of the vehicle.
 
-The vehicles that come with a kind are such files, too (``sim_vehicle/airframe/vehicles``).
+Built-in vehicles are vehicle files in ``sim_vehicle/airframe/vehicles``.
 """
 
 from __future__ import annotations
@@ -24,20 +24,20 @@ if TYPE_CHECKING:
 __all__ = ["forget_vehicles", "get_vehicle", "load_vehicle", "vehicle_names"]
 
 _DEFAULT = "quad"
-# A vehicle cannot have these from a file: its name is the file's, the others are set by who flies it.
+# Fields that a vehicle file cannot set. The name is the file name; a scenario sets the other fields.
 _NOT_IN_FILES = ("name", "autopilot", "parameters", "return_margin_m", "autopilot_parameters")
 _PARAMETER = re.compile(r"[A-Z][A-Z0-9_]{0,15}")
 
 
 @cache
 def vehicle_names() -> tuple[str, ...]:
-    """Return the names of the vehicles that come with their kinds, the default one first."""
+    """Return the names of the vehicles of all installed kinds, the default vehicle first."""
     return tuple(sorted(_files(), key=lambda name: (name != _DEFAULT, name == "ideal", name)))
 
 
 @cache
 def _files() -> dict[str, Traversable]:
-    """Return the vehicle files of all kinds by the names of the vehicles; those of the package go first."""
+    """Return the vehicle files of all kinds by vehicle name; built-in kinds take precedence."""
     files: dict[str, Traversable] = {}
     for folder in dict.fromkeys(get_kind(kind).vehicles for kind in kind_names()):
         for entry in folder.iterdir():
@@ -47,7 +47,7 @@ def _files() -> dict[str, Traversable]:
 
 
 def forget_vehicles() -> None:
-    """Find kinds of vehicles and their files again, after a package was installed while the program runs."""
+    """Clear the caches of kinds and vehicle files, after a package was installed at run time."""
     forget_kinds()
     for known in (vehicle_names, _files, _packaged):
         known.cache_clear()
@@ -64,7 +64,7 @@ def get_vehicle(name: str) -> VehicleSpec:
     Raises
     ------
     VehicleError
-        If there is no such vehicle, or the file is not one.
+        If the vehicle does not exist, or the file is not a vehicle file.
 
     Examples
     --------
@@ -88,16 +88,16 @@ def _packaged(name: str) -> VehicleSpec:
 
 
 def load_vehicle(path: Path) -> VehicleSpec:
-    """Read a vehicle file: keys of `VehicleSpec`, tables for its parts.
+    """Read a vehicle file: keys of `VehicleSpec`, and tables for the parts of the vehicle.
 
-    The tables are ``[battery]``, ``[power]``, ``[airframe]``, ``[published]``, and one named as an autopilot
-    (``[px4]``, ``[ardupilot]``) with parameters of that autopilot. A key ``base`` names the vehicle whose
-    values hold where the file has none; by default it is the base of the file's kind.
+    The tables are ``[battery]``, ``[power]``, ``[airframe]``, ``[published]``, and tables of autopilot
+    parameters by the name of the autopilot (``[px4]``, ``[ardupilot]``). The key ``base`` names the vehicle
+    that supplies missing values; its default is the base of the file's kind.
 
     Raises
     ------
     VehicleError
-        If the file cannot be read, is not TOML, is empty, has unknown keys or impossible values.
+        If the file cannot be read, is not TOML, is empty, or has unknown keys or invalid values.
     """
     where = f"vehicle file {path}"
     try:

@@ -1,4 +1,4 @@
-"""The compiled recursion of a second-order Gauss-Markov process."""
+"""Compiled recursion of a second-order Gauss-Markov process."""
 
 from __future__ import annotations
 

@@ -1,24 +1,27 @@
-"""Errors of PX4's estimate: a height that jumps while it settles and drifts, and velocities that are off.
+"""Errors of PX4's state estimate: jumps and drift of the height, errors of the velocity.
 
-In all recorded flights of PX4 (v1.17, SIH) the estimated height jumps by 1 m and a little more, to and fro,
-in the first two minutes after arming. Later it only drifts. The estimated velocities are off all the time:
-the accelerometers and gyroscopes of SIH are noisy, and the estimator follows the receiver slowly, like a
-Kalman filter of positions (damping 0.7). The vehicle holds a wrong velocity until its position shows. And it
-is pushed: a part of the error is one of the tilt, which moves the vehicle and not the estimate, and
-corrections move the estimate and not the vehicle. Measured on eight flights of quadrotors, a rover and an
-aeroplane (the velocities on the six of quadrotors, as what they differ by from the rate of the estimated
-position; the push on the two of them with attitudes):
+In all recorded flights of PX4 (v1.17, SIH) the estimated height jumps up and down by a little more than 1 m
+during the first two minutes after arming. Later the height only drifts. The estimated velocity has an error
+throughout the flight: the accelerometers and gyroscopes of SIH are noisy, and the estimator follows the
+receiver slowly, like a Kalman filter of positions (damping 0.7). The vehicle holds a wrong velocity until the
+position controller corrects the resulting position error. A part of the velocity error, the push, also
+accelerates the vehicle: tilt errors move the vehicle and not the estimate, and corrections move the estimate
+and not the vehicle.
+
+The numbers are measured on eight flights of quadrotors, a rover and an aeroplane. Velocity errors are the
+difference between the estimated velocity and the rate of the estimated position, on the six flights of
+quadrotors. The push is measured on the two of these flights with attitudes:
 
 ============================  ===================================================================
-jumps of the height           to the other side: 0.9 of them; size 1.0 m (tenth percentile 1.05 m,
+jumps of the height           90 % to the other side; size 1.0 m (tenth percentile 1.05 m,
                               median 1.24 m, ninetieth 1.76 m); the last after 117 to 121 s
 time between jumps            median 0.2 to 0.4 s, mean 0.8 to 1.1 s, ninetieth percentile 2.2 s
 drift of the height           deviation 0.29 m; correlation 0.96 over 1 s, 0.63 over 5 s, 0.3 over 10 s
-horizontal velocity           deviation along an axis 0.214 m/s (0.14 to 0.28 in parts of flights), normally
+horizontal velocity           deviation per axis 0.214 m/s (0.14 to 0.28 in parts of flights), normally
                               distributed; correlation 0.70 over 2 s, 0.51 over 3 s, 0.2 over 5 s, 0 over
-                              8 s; the same along and across the nose, at any speed, turning and acceleration
-push                          acceleration of the estimate that neither thrust nor drag explain: -0.5 (and
-                              -0.53) 1/s times the error, and 0.62 to 0.78 of its change
+                              8 s; equal along and across the nose, at any speed, turn and acceleration
+push                          acceleration of the estimate that neither thrust nor drag explains: -0.5 (and
+                              -0.53) 1/s times the error, and 0.62 to 0.78 of the change of the error
 vertical velocity             deviation 0.11 m/s; correlation 0.77 over 1 s, 0.57 over 3 s, 0.38 over 5 s
 ============================  ===================================================================
 """
@@ -37,35 +40,35 @@ __all__ = ["COLUMNS", "GRID_S", "HEIGHT_M", "SETTLED_S", "EstimateErrors", "carr
 
 GRID_S = 0.1
 COLUMNS = 6
-"""Height, m; velocity east, north, up, m/s; push east, north, m/s^2."""
+"""Number of errors: height (m), velocity east, north, up (m/s), push east, north (m/s^2)."""
 SETTLED_S = 119.0
-"""Time after the first take-off in which the estimated height jumps."""
+"""Time after the first take-off during which the estimated height jumps (s)."""
 LEAST_LEVEL_M = 0.5
-"""Least distance of both sides of a jump from their middle."""
+"""Least distance of the height error from 0 between jumps."""
 LEVEL_SCALE_M = 0.15
-"""Mean of the distance beyond that, exponentially distributed."""
+"""Mean of the exponentially distributed distance beyond `LEAST_LEVEL_M`."""
 MEDIAN_DWELL_S, DWELL_SIGMA = 0.35, 1.44
-"""Time between jumps, log-normally distributed."""
+"""Median (s) and log-standard deviation of the time between jumps, log-normally distributed."""
 DRIFT_M, DRIFT_S = 0.29, 3.8
-"""Standard deviation and time constant of the drift of the height, a second-order Gauss-Markov process."""
+"""Standard deviation and time constant of the height drift, a second-order Gauss-Markov process."""
 HEIGHT_M = math.sqrt((LEAST_LEVEL_M + LEVEL_SCALE_M) ** 2 + LEVEL_SCALE_M**2 + DRIFT_M**2)
-"""Standard deviation of the height's error while it jumps, 0.73 m."""
+"""Standard deviation of the height error in the phase of jumps, 0.73 m."""
 VELOCITY_M_S, VELOCITY_S, VELOCITY_DAMPING = 0.214, 2.25, 0.73
-"""The same of the velocity along a horizontal axis, and its damping: the others have 1."""
+"""Deviation, time constant and damping of the horizontal velocity error per axis."""
 PUSH_1_S, UNSEEN = 0.5, 0.3
-"""Shares of the velocity's error and of its change that push the vehicle unseen."""
+"""Gains of the push: of the velocity error (1/s), and of the change of the velocity error."""
 CLIMB_M_S, CLIMB_S = 0.1, 2.3
-"""The same of the vertical velocity; a part of the measured one is the drift of the height."""
+"""Deviation and time constant of the vertical velocity error, without the rate of the height drift."""
 
 
 def carried_aside_m(gain_1_s: float) -> float:
-    """Return the drift aside by the velocity's error: standard deviation along a horizontal axis, m.
+    """Return the lateral drift caused by the velocity error: standard deviation per horizontal axis (m).
 
-    The vehicle holds a velocity that is wrong by e until its position shows: dx/dt = e - P x, with the gain P
-    of its position controller and e the second-order process of `EstimateErrors`. In the steady state the
-    covariances of x with e and de/dt follow from their derivatives being 0 (Lyapunov's equation). The unseen
-    push and what turns add are left out: returns from random paths begin 0.23 m nearer or farther (one
-    deviation of 240 flights).
+    The vehicle holds a velocity with the error e until the position controller corrects the position x:
+    dx/dt = e - P x, with the controller's gain P and the second-order process e of `EstimateErrors`. In the
+    steady state all derivatives of covariances are 0 (Lyapunov's equation), which gives the variance of x.
+    Push and turns are neglected. In 240 flights of random paths the distance from home at the start of the
+    return deviates by 0.23 m (one standard deviation).
 
     Examples
     --------
@@ -81,7 +84,7 @@ def carried_aside_m(gain_1_s: float) -> float:
 
 @dataclass(frozen=True, slots=True)
 class EstimateErrors:
-    """The errors of one vehicle's estimate.
+    """Errors of one vehicle's state estimate.
 
     Examples
     --------
@@ -93,9 +96,9 @@ class EstimateErrors:
     seed: np.random.SeedSequence | int = 0
 
     def first(self, count: int) -> NDArray[np.float64]:
-        """Return the first errors (estimate less truth) from the first take-off on, every `GRID_S`.
+        """Return the errors (estimate less truth) at every `GRID_S` from the first take-off.
 
-        All processes begin at 0.
+        All error processes start at 0.
 
         Returns
         -------
@@ -115,10 +118,10 @@ class EstimateErrors:
     def _drift(
         self, name: str, count: int, deviation: float, time_s: float, damping: float
     ) -> NDArray[np.float64]:
-        # Imported here: without errors no compiler is needed.
+        # Imported here, because flights without errors need no compiler.
         from sim_vehicle.airframe.drift import recur
 
-        # The poles of the process, sampled; the drive from the variance of an autoregression.
+        # `first` and `second` come from the sampled poles; `variance` is that of the process with drive 1.
         decay = math.exp(-damping * GRID_S / time_s)
         first = 2.0 * decay * math.cos(math.sqrt(1.0 - damping * damping) * GRID_S / time_s)
         second = -decay * decay

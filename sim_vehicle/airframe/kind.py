@@ -1,7 +1,7 @@
-"""Kinds of vehicles, each one value that holds all facts of its kind, and the names of the autopilots.
+"""Kinds of vehicles, and names of autopilots.
 
-Those of the package are in `BUILT_IN`; packages register others under the entry point group
-``wbf_mission.vehicle_kinds`` (docs/vehicle-kinds.md shows one).
+`BUILT_IN` holds the kinds of the core. Packages register further kinds under the entry point group
+``wbf_mission.vehicle_kinds`` (example in docs/vehicle-kinds.md).
 """
 
 from __future__ import annotations
@@ -38,28 +38,28 @@ __all__ = [
 ]
 
 AUTOPILOT_GROUP = "wbf_mission.autopilots"
-"""The entry point group; each entry is a `sim_vehicle.autopilot.autopilot.Autopilot`."""
+"""Entry point group of autopilots; each entry is a `sim_vehicle.autopilot.autopilot.Autopilot`."""
 DEFAULT_AUTOPILOT = "px4"
 NO_AUTOPILOT = "generic"
-"""Autopilot of a vehicle with the generic motion; no installed autopilot."""
+"""Autopilot name of a vehicle with the generic motion, which no autopilot controls."""
 KIND_GROUP = "wbf_mission.vehicle_kinds"
-"""The entry point group; each entry is a `VehicleKind` of the entry's name."""
-# The kinds that add-ons of this package bring: the add-on, and the MAV_TYPE.
+"""Entry point group of kinds; each entry is a `VehicleKind` with the name of the entry."""
+# Add-on and MAV_TYPE of the kinds that add-ons of this package bring.
 _ADDED = {"fixed-wing": ("wings", 1), "rover": ("rovers", 10)}
 _VEHICLES = resources.files("sim_vehicle.airframe") / "vehicles"
 
 
 class Movement(Enum):
-    """How a vehicle moves and stays where it is."""
+    """How a vehicle moves and holds its position."""
 
     HOVERS = "hovers"
-    """It flies at any speed, and stays anywhere."""
+    """The vehicle flies at any speed and can hover."""
     CIRCLES = "circles"
-    """It flies, and stays only by circling; `FixedWingProcedures` move it."""
+    """The vehicle flies and can hold only by circling; `FixedWingProcedures` move it."""
     DRIVES = "drives"
-    """It stays on the ground or the water: it does not take off, and heights do not count."""
+    """The vehicle stays on the ground or the water; take-offs and heights are ignored."""
     STEPS = "steps"
-    """From cell to cell, as the paper's robot does, without dynamics, autopilot and battery."""
+    """The vehicle steps from cell to cell (the paper's robot), without dynamics, autopilot or battery."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,29 +73,29 @@ class VehicleKind:
     """
 
     name: str
-    """Its name in vehicle files and autopilots; that of its entry point."""
+    """Name in vehicle files and autopilots, and name of the entry point."""
     movement: Movement
     base: str
-    """The vehicle whose values hold where a vehicle file of this kind has none."""
+    """Name of the vehicle that supplies values missing from a vehicle file of this kind."""
     typical: str
-    """The vehicle that flies where only the kind is known, and for which its motion is compiled ahead."""
+    """Name of the vehicle that flies if only the kind is known; its motion is compiled ahead."""
     vehicles: Traversable = _VEHICLES
-    """The folder with its vehicle files; each vehicle there is known by the name of its file."""
+    """Folder of vehicle files; the name of a file is the name of its vehicle."""
     power: type[AnyPowerSpec] | None = None
-    """Class of ``[power]`` in vehicle files. None uses no energy."""
+    """Class of ``[power]`` in vehicle files; None if vehicles of the kind use no energy."""
     airframe: type | None = None
-    """Class of ``[airframe]`` in vehicle files, a dataclass; None has no such table."""
+    """Dataclass of ``[airframe]`` in vehicle files; None if the kind has no such table."""
     procedures: str = ""
-    """The `FlightProcedures` that move it without an autopilot, as ``module:NAME``, imported when it moves;
-    without any, those of the default autopilot do."""
+    """The `FlightProcedures` without an autopilot as ``module:NAME``, imported at the first motion. Empty for
+    the procedures of the default autopilot."""
     firmwares: Mapping[str, str] = field(default_factory=dict)
-    """By the names of autopilots that have no `Firmware` for this kind, one with which they fly it, as
-    ``module:NAME``."""
+    """A `Firmware` as ``module:NAME`` for each autopilot that has no firmware of its own for this kind, by
+    autopilot name."""
     shown_as: str = ""
-    """The kind whose firmware shows it to peers where an autopilot has none for this one; its own procedures
-    move it then. Without, such an autopilot is refused."""
+    """Kind of the firmware that peers see if the autopilot has none for this kind; the procedures of this
+    kind move the vehicle. If empty, an autopilot without a firmware for this kind is refused."""
     mav_types: tuple[int, ...] = ()
-    """The MAV_TYPE of heartbeats by which it is known; a multirotor has all that no other has."""
+    """MAV_TYPEs of heartbeats of this kind; a type of no kind is taken for a multirotor."""
 
 
 BUILT_IN = {
@@ -119,12 +119,12 @@ BUILT_IN = {
         ),
     )
 }
-"""The kinds of the core, by name."""
+"""Kinds of the core, by name."""
 
 
 @cache
 def kind_names() -> tuple[str, ...]:
-    """Return the names of all kinds: those of the package, then those of others, sorted.
+    """Return the names of all kinds: the kinds of the core, then the kinds of packages, sorted.
 
     Examples
     --------
@@ -135,12 +135,12 @@ def kind_names() -> tuple[str, ...]:
 
 
 def get_kind(name: str) -> VehicleKind:
-    """Return a kind of vehicle by its name.
+    """Return the kind of vehicles with a name.
 
     Raises
     ------
     VehicleError
-        If there is none of that name, or its package does not give one.
+        If the kind does not exist, or its entry point is not a kind.
     """
     return BUILT_IN.get(name) or _registered(name)
 
@@ -159,14 +159,14 @@ def _registered(name: str) -> VehicleKind:
 
 
 def kind_of_type(mav_type: int) -> str:
-    """Return the kind that has a MAV_TYPE, installed or not; a multirotor has all that no other has."""
+    """Return the name of the kind with this MAV_TYPE, installed or not; "multirotor" if there is none."""
     installed = (name for name in kind_names() if mav_type in get_kind(name).mav_types)
     added = (name for name, (_, added_type) in _ADDED.items() if mav_type == added_type)
     return next(chain(installed, added), "multirotor")
 
 
 def not_installed() -> str:
-    """Return the end of an error about an unknown kind or vehicle: which of this package's are missing."""
+    """Return a list of missing add-ons, to append to an error about an unknown kind or vehicle."""
     missing = [
         f"{kind} (wbf_mission.addons.{addon})"
         for kind, (addon, _) in _ADDED.items()
@@ -176,14 +176,14 @@ def not_installed() -> str:
 
 
 def forget_kinds() -> None:
-    """Find the kinds of packages again, after one was installed while the program runs."""
+    """Clear the caches of kinds, after a package was installed at run time."""
     kind_names.cache_clear()
     _registered.cache_clear()
 
 
 @cache
 def autopilot_names() -> tuple[str, ...]:
-    """Names of the installed autopilots, the default one first, the others sorted.
+    """Return the names of the installed autopilots, the default autopilot first, the others sorted.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Parameters of autopilots: descriptions, and values for a vehicle."""
+"""Parameters of autopilots: metadata, and values for a vehicle."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from sim_vehicle.airframe.spec import VehicleSpec
 
 
-# The SI unit in those of parameters; of others it is the unit itself.
+# Factors from parameter units to SI units; units not in the table are SI units.
 _DEGREE = math.radians(1.0)
 _SI = {"%": 0.01, "%/s": 0.01, "cm": 0.01, "cm/s": 0.01, "cm/s/s": 0.01, "ds": 0.1}
 _SI |= {"deg": _DEGREE, "deg/s": _DEGREE, "deg/s^2": _DEGREE}
@@ -22,28 +22,28 @@ _SI |= {"deg": _DEGREE, "deg/s": _DEGREE, "deg/s^2": _DEGREE}
 
 @dataclass(frozen=True, slots=True)
 class ParameterSpec:
-    """One parameter of an autopilot, under its real name."""
+    """Metadata of an autopilot's parameter."""
 
-    # Default and allowed values, in the parameter's own unit.
+    # Default value and allowed range, in `unit`.
     default: float
     low: float
     high: float
     unit: str
-    """Such as ``m/s``, ``cm/s`` or ``deg``; empty for a number."""
+    """Unit such as ``m/s``, ``cm/s`` or ``deg``; empty for a number."""
     text: str
-    """Description in a few words."""
+    """Short description."""
     integer: bool = False
-    """Whether it is INT32 on the wire."""
+    """Whether the parameter is INT32 on the wire."""
     law: str = ""
-    """The number of the vehicle's law of motion that it is; empty where more decides that."""
+    """Name of the constant of the law of motion that equals the parameter; empty without an equal."""
 
     def in_si(self, value: float) -> float:
-        """Return a value in SI units, angles in radians."""
+        """Return a value of the parameter in SI units, angles in radians."""
         return _SI.get(self.unit, 1.0) * value
 
 
 def parameter_value(spec: VehicleSpec, name: str, table: Mapping[str, ParameterSpec]) -> float:
-    """Return the value of a parameter for a vehicle: its own, or the default.
+    """Return the value of a parameter for a vehicle: the vehicle's own value, or the default.
 
     Examples
     --------
@@ -63,12 +63,12 @@ def parameter_value(spec: VehicleSpec, name: str, table: Mapping[str, ParameterS
 
 
 def check_parameters(spec: VehicleSpec, table: Mapping[str, ParameterSpec]) -> None:
-    """Check the parameters of a vehicle.
+    """Check the autopilot parameters of a vehicle.
 
     Raises
     ------
     VehicleError
-        A parameter that the autopilot has not, or a value outside its range.
+        If the autopilot has no such parameter, or a value is out of range.
     """
     for name, value in spec.parameters:
         known = table.get(name)

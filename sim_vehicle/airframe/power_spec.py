@@ -16,40 +16,41 @@ if TYPE_CHECKING:
 AIR_DENSITY_KG_M3 = 1.225
 GRAVITY_M_S2 = 9.80665
 
-# The constants of a power model, by their places in an array. All have the mass (kg), the constant power (W),
-# 1 / efficiency and the loss in the battery (1/W). DRAG is drag over V^2; that of a rotorcraft is rho f / 2,
-# and its others are 1 / (2 rho A), k, P0 / W^1.5 and 3 / Utip^2.
+# Indices of the constants of a power model in an array.
+# Every model has the mass (kg), the constant power (W), 1 / efficiency and the loss in the battery (1/W).
+# DRAG is drag over V^2, for rotorcraft rho f / 2.
+# Rotorcraft have also the constants 1 / (2 rho A), k, P0 / W^1.5 and 3 / Utip^2.
 COEFFICIENTS = 9
 MASS, DRAG, INDUCED_FLOW, INDUCED_FACTOR, PROFILE, TIP_SPEED, CONSTANT_POWER, PER_EFFICIENCY, BATTERY_LOSS = (
     range(COEFFICIENTS)
 )
-# In the same place, `FurtherPowerSpec.own_drag`.
+# Index of `FurtherPowerSpec.own_drag` for kinds other than rotorcraft.
 OWN_DRAG = INDUCED_FLOW
 
 
 @dataclass(frozen=True, slots=True)
 class BatterySpec:
-    """A battery pack of lithium-polymer cells: an equivalent circuit of one time constant."""
+    """A lithium-polymer battery pack, as an equivalent circuit with one time constant."""
 
     capacity_wh: float
-    """Energy of the full pack, watt hours."""
+    """Energy of the full pack (Wh)."""
     cells: int
-    """Cells in series."""
+    """Number of cells in series."""
     cell_voltage_v: float = 3.8
     """Nominal voltage of a cell."""
     # Open-circuit voltage of a full and of an empty cell.
     full_cell_v: float = 4.2
     empty_cell_v: float = 3.0
     resistance_ohm: float = 0.02
-    """Internal resistance of the whole pack that acts at once."""
+    """Series resistance of the whole pack, which acts at once."""
     polarization_ohm: float = 0.008
-    """Further resistance of the whole pack, whose voltage builds up and recovers slowly."""
+    """Polarization resistance of the whole pack; its voltage builds up and recovers slowly."""
     relaxation_s: float = 30.0
-    """Time constant of that."""
+    """Time constant of the polarization voltage."""
     reserve_fraction: float = 0.2
-    """Below this fraction the battery is low; a plan should land before it."""
+    """Remaining fraction below which the battery is low; a plan should land earlier."""
     critical_fraction: float = 0.1
-    """Below this fraction the vehicle must land where it is."""
+    """Remaining fraction below which the vehicle must land where it is."""
 
     def __post_init__(self) -> None:
         positive(
@@ -84,19 +85,19 @@ class BatterySpec:
 
     @property
     def capacity_mah(self) -> float:
-        """Charge of the full pack, from its energy and its nominal voltage."""
+        """Charge of the full pack (mAh), from energy and nominal voltage."""
         return 1000.0 * self.capacity_wh / self.nominal_voltage_v
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _PowerSpec:
-    """Parameters of all power models."""
+    """Parameters common to all power models."""
 
     mass_kg: float
-    """As it flies or drives."""
+    """Mass in operation, with battery and payload."""
     efficiency: float
-    """Propulsive (of rotors: shaft) power over electric power: propeller, motor, speed controller, wiring."""
-    # Constant power of autopilot and radio, and of the camera.
+    """Propulsive power (rotors: shaft power) over electric power: propeller, motor, ESC, wiring."""
+    # Constant power of autopilot and radio, and constant power of the camera.
     avionics_w: float = 8.0
     camera_w: float = 4.0
     idle_w: float = 2.0
@@ -120,7 +121,7 @@ class PowerSpec(_PowerSpec):
     """Parameters of the rotorcraft power model (see `sim_vehicle.energy.power.multirotor_power`)."""
 
     disc_area_m2: float
-    """Disc area of all rotors together."""
+    """Total disc area of all rotors."""
     tip_speed_m_s: float
     """Blade tip speed in hover."""
     solidity: float = 0.1
@@ -128,7 +129,7 @@ class PowerSpec(_PowerSpec):
     blade_drag: float = 0.05
     """Profile drag coefficient of the blades."""
     induced_factor: float = 1.15
-    """Ratio of the real to the ideal induced power."""
+    """Ratio of real to ideal induced power."""
     drag_area_m2: float = 0.03
     """Equivalent flat plate area of the fuselage."""
     efficiency: float = 0.7
@@ -136,25 +137,25 @@ class PowerSpec(_PowerSpec):
 
 
 class FurtherPowerSpec(_PowerSpec, ABC):
-    """Parameters of the power model of a kind that is no rotorcraft, and its formula."""
+    """Power model of a kind other than rotorcraft: parameters and formula."""
 
     __slots__ = ()
 
     @property
     @abstractmethod
     def drag_area_m2(self) -> float:
-        """Equivalent flat plate area of the drag that grows with the square of the airspeed."""
+        """Equivalent flat plate area of the drag proportional to the square of the airspeed."""
 
     @property
     @abstractmethod
     def own_drag(self) -> float:
-        """The constant of the drag that does not: induced drag times V^2, or rolling drag."""
+        """Constant of induced drag (times V^2, fixed wing) or of rolling drag (ground vehicle)."""
 
     @abstractmethod
     def steady_w(
         self, numbers: NDArray[np.float64], airspeed: float, climb: float, load: float, acceleration: float
     ) -> float:
-        """Return the power of steady motion, as `sim_vehicle.energy.power.flight_power_w`."""
+        """Return the electric power of steady motion (W), see `sim_vehicle.energy.power.flight_power_w`."""
 
 
 AnyPowerSpec = PowerSpec | FurtherPowerSpec
@@ -165,7 +166,7 @@ def _is_number(value: object) -> bool:
 
 
 def positive(what: str, spec: object, *names: str) -> None:
-    """Check that attributes are positive numbers: VehicleError names the first that is not."""
+    """Raise VehicleError naming the first attribute that is not a positive number."""
     for name in names:
         value = getattr(spec, name)
         if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 < value < 1e9:
@@ -174,7 +175,7 @@ def positive(what: str, spec: object, *names: str) -> None:
 
 
 def within(what: str, spec: object, *ranges: tuple[str, float, float]) -> None:
-    """Check that attributes are None or within their ranges: VehicleError names the first that is not."""
+    """Raise VehicleError naming the first attribute that is neither None nor within its range."""
     for name, low, high in ranges:
         value = getattr(spec, name)
         if value is not None and (not _is_number(value) or not low <= value <= high):

@@ -1,19 +1,19 @@
-"""Errors of a vehicle's believed position: those of satellite positions and of the barometer.
+"""Errors of satellite positions and barometer, and of the position estimate that follows them.
 
-A receiver's error along an axis is a first-order Gauss-Markov process, from the atmosphere and the orbits,
-and white noise, from the receiver; so has it Rankin (*An error model for sensor simulation: GPS and
-differential GPS*, IEEE PLANS 1994), whose numbers Beard and McLain (*Small Unmanned Aircraft*, 2012,
-section 7.5) use: standard deviations of 4.7 m and 0.4 m along a horizontal axis and of 9.2 m and 0.7 m
-upwards, a time constant of 1100 s, dilutions of precision of 1.3 and 1.8. `SensorNoise` keeps their
-proportions and the time constant, and takes the size.
+The error of a receiver along an axis is the sum of a first-order Gauss-Markov process (atmosphere, orbits)
+and white noise (receiver), as in Rankin, *An error model for sensor simulation: GPS and differential GPS*,
+IEEE PLANS 1994. Beard and McLain (*Small Unmanned Aircraft*, 2012, section 7.5) use Rankin's numbers. The
+standard deviations are 4.7 m and 0.4 m along a horizontal axis, and 9.2 m and 0.7 m upwards. The time
+constant is 1100 s, and the dilutions of precision are 1.3 and 1.8. `SensorNoise` sets the size of the errors;
+the ratios and the time constant are fixed.
 
-A barometer's error has the same parts (Sabatini and Genovese, *Sensors* 13(11), 2013), and the autopilot
-counts heights from what it read when it was switched on. The estimate follows the sensors with a time
-constant of two seconds, and the autopilot flies by it: what it believes is what was planned, and the truth is
-beside it by the error. Decision 0011 says why.
+The error of a barometer has the same parts (Sabatini and Genovese, *Sensors* 13(11), 2013). The autopilot
+measures heights from the reading at power-up. The estimate follows the sensors with a time constant of 2 s.
+The autopilot flies by the estimate: the estimated position is as planned, and the true position is off by
+the error (docs/decisions/0011).
 
-Everything is drawn on a fixed grid of 0.1 s from streams of its own, so it does not depend on how the flight
-was stepped, nor one sensor on the other.
+Errors are drawn on a fixed grid of 0.1 s from one random stream per sensor. Errors of a sensor
+depend neither on the time step of the simulation nor on the other sensor.
 """
 
 from __future__ import annotations
@@ -37,55 +37,55 @@ BLOCK = 1024
 _KEPT = 4
 
 TIME_CONSTANT_S = 1100.0
-"""Of a receiver's slow error."""
+"""Time constant of the receiver's slow error."""
 VERTICAL = 9.2 / 4.7
-"""Slow vertical error over the one along a horizontal axis."""
+"""Ratio of the slow vertical error to the slow error along a horizontal axis."""
 WHITE, WHITE_UP = 0.4 / 4.7, 0.7 / 9.2
-"""White noise over the slow error of the axis."""
+"""Ratio of the white noise to the slow error, along a horizontal axis and upwards."""
 HDOP, VDOP = 1.3, 1.8
 BAROMETER_TIME_CONSTANT_S = 600.0
 BAROMETER_WHITE = 0.2
 FILTER_S = 2.0
 """Time constant with which the estimate follows the sensors."""
 GROUND_M = 5.0
-"""Below this height the vertical error fades out of the motion: the ground ends a descent, not a number."""
+"""Height below which the vertical error is faded out of the motion, because the ground ends a descent."""
 
 
 class SensorErrors(NamedTuple):
-    """Errors at one time, estimate less truth; metres."""
+    """Errors at one time: estimate or measurement less truth (m)."""
 
-    # Of the autopilot's estimate; the height is that above the start.
+    # Errors of the autopilot's estimate; `up_m` is the error of the height above the start.
     east_m: float
     north_m: float
     up_m: float
-    # Of the receiver.
+    # Errors of the satellite receiver.
     gps_east_m: float
     gps_north_m: float
     gps_up_m: float
     barometer_m: float
-    """Of the barometer's height."""
+    """Error of the barometer's height."""
 
 
 class Sensed(NamedTuple):
-    """Where a vehicle is, in truth and by its sensors: east, north, up about home."""
+    """True and measured positions of a vehicle: east, north, up from home (m)."""
 
     believed_m: tuple[float, float, float]
     true_m: tuple[float, float, float]
     gps_m: tuple[float, float, float]
     barometer_m: float
-    """Height by the barometer."""
+    """Barometric height."""
     drift_m_s: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    """Velocity of the truth less the believed one."""
+    """True velocity less estimated velocity."""
 
     @classmethod
     def exact(cls, place_m: tuple[float, float, float]) -> Sensed:
-        """Return the readings of sensors without errors."""
+        """Return the readings of sensors without errors at a position."""
         return cls(place_m, place_m, place_m, place_m[2])
 
 
 @dataclass(frozen=True, slots=True)
 class SensorNoise:
-    """How wrong a vehicle's sensors are; VehicleError if a number is out of range.
+    """Sizes of the sensor errors of a vehicle; VehicleError if a number is out of range.
 
     Examples
     --------
@@ -94,13 +94,13 @@ class SensorNoise:
     """
 
     gps_m: float = 0.0
-    """Standard deviation of the slow error of the satellite position along each horizontal axis; 0 is an
-    exact receiver. Without corrections 1 to 2 m, with SBAS 0.5 m, RTK 0.01 m."""
+    """Standard deviation of the receiver's slow error along each horizontal axis; 0 is an exact receiver.
+    Typical are 1 to 2 m without corrections, 0.5 m with SBAS, 0.01 m with RTK."""
     barometer_m: float = 0.0
     """Standard deviation of the barometer's slow error; 0 is an exact barometer."""
     seed: np.random.SeedSequence | int = 0
     estimate_errors: bool = False
-    """Whether the height and velocities that PX4 estimates are wrong as recorded
+    """Whether height and velocity have the errors of PX4's estimate
     (`sim_vehicle.airframe.estimate_errors`)."""
 
     def __post_init__(self) -> None:
@@ -113,12 +113,12 @@ class SensorNoise:
 
     @property
     def of_estimate(self) -> EstimateErrors | None:
-        """The errors of the autopilot's own estimate; None for an exact one."""
+        """Errors of the autopilot's state estimate; None for an exact estimate."""
         return EstimateErrors(child_seed(self.seed, "estimate")) if self.estimate_errors else None
 
     @property
     def horizontal_accuracy_m(self) -> float:
-        """Standard deviation of the receiver's horizontal error, of both axes together."""
+        """Standard deviation of the receiver's horizontal error, with both axes combined."""
         return math.sqrt(2.0) * self.gps_m
 
     @property
@@ -127,14 +127,14 @@ class SensorNoise:
         return VERTICAL * self.gps_m
 
     def of_vehicle(self, system_id: int) -> SensorNoise:
-        """Return the noise of one of several vehicles; that of the first is this one."""
+        """Return the noise of one vehicle of a fleet; vehicle 1 keeps this seed."""
         if system_id == 1:
             return self
         return replace(self, seed=child_seed(self.seed, f"vehicle-{system_id}"))
 
 
 class NavigationErrors:
-    """The errors of one vehicle's sensors over time.
+    """Errors of one vehicle's sensors over time.
 
     Examples
     --------
@@ -160,7 +160,7 @@ class NavigationErrors:
         self._drawn = 0
 
     def at(self, time_s: float) -> SensorErrors:
-        """Return the errors at a time since the start, at most some minutes before the latest asked for."""
+        """Return the errors at a time since the start, at most 5 minutes before the latest call."""
         row = self._row(max(0.0, time_s) / GRID_S)
         east, north, _, height, gps_east, gps_north, gps_up, barometer = row
         return SensorErrors(
@@ -168,11 +168,11 @@ class NavigationErrors:
         )
 
     def sense(self, position_m: tuple[float, float, float], time_s: float) -> Sensed:
-        """Return the readings of a vehicle whose motion, flown by the estimate, is at a position."""
+        """Return the true position and the readings of a vehicle at an estimated position."""
         x, y, z = position_m
         now = self.at(time_s)
         before = self.at(time_s - GRID_S) if time_s >= GRID_S else now
-        # Where the vehicle is aloft it holds the height that it believes; down to the ground that fades.
+        # Aloft the vehicle holds its estimated height. Near the ground the error is faded out.
         aloft = min(1.0, max(0.0, z) / max(GROUND_M, 2.0 * abs(now.up_m)))
         true = (x - now.east_m, y - now.north_m, z - aloft * now.up_m)
         return Sensed(
@@ -188,7 +188,7 @@ class NavigationErrors:
         )
 
     def _row(self, place: float) -> list[float]:
-        """Return the row at a position of the grid, in between that of the straight line."""
+        """Return the row at a fractional index of the grid, interpolated linearly."""
         index = int(place)
         part = place - index
         first: list[float] = self._at_index(index).tolist()
@@ -210,14 +210,14 @@ class NavigationErrors:
         return row
 
     def _normal(self, count: int) -> NDArray[np.float64]:
-        """Return standard normal numbers: of the slow errors, then white ones, each (gps 3, barometer)."""
+        """Return standard normal numbers: slow errors, then white noise, each (gps 3, barometer)."""
         gps, barometer = (
             random.standard_normal((count, 2, n)) for random, n in zip(self._random, (3, 1), strict=True)
         )
         return np.concatenate((gps, barometer), axis=2).reshape(count, 8)
 
     def _draw(self) -> NDArray[np.float64]:
-        """Return the next block: the estimate's errors (gps 3, barometer), then the sensors'."""
+        """Return the next block: errors of the estimate (gps 3, barometer), then errors of the sensors."""
         noise = self._normal(BLOCK)
         block = np.empty((BLOCK, 8))
         keep = math.exp(-GRID_S / FILTER_S)

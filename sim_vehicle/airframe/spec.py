@@ -40,15 +40,14 @@ _NO_LIMITS = (
 
 @dataclass(frozen=True, slots=True)
 class PublishedEndurance:
-    """Endurance of a vehicle as published by its maker."""
+    """Endurance published by the manufacturer."""
 
     endurance_min: float
-    """Minutes."""
     airspeed_m_s: float = 0.0
-    """0 for hovering."""
+    """Airspeed of the flight; 0 for hover."""
     used_fraction: float = 1.0
-    """Share of the battery that the flight takes."""
-    # As published, and where.
+    """Fraction of the battery that the flight uses."""
+    # Published conditions of the flight, and the source.
     condition: str = ""
     source: str = ""
 
@@ -64,7 +63,7 @@ class PublishedEndurance:
 
 @dataclass(frozen=True, slots=True)
 class VehicleSpec:
-    """A vehicle: limits that its motion never exceeds, defaults, battery and power model.
+    """Specification of a vehicle: limits and defaults of the motion, battery, power model.
 
     Examples
     --------
@@ -75,40 +74,40 @@ class VehicleSpec:
     name: str
     """Name for reports."""
     kind: str = "multirotor"
-    """One of `sim_vehicle.airframe.kind.kind_names`."""
+    """Kind of the vehicle, one of `sim_vehicle.airframe.kind.kind_names`."""
     autopilot: str = NO_AUTOPILOT
-    """The autopilot that moves it, one of `sim_vehicle.airframe.kind.autopilot_names`; "generic"
-    is none in particular."""
+    """Autopilot that controls the motion: one of `sim_vehicle.airframe.kind.autopilot_names`, or "generic"
+    for the generic motion."""
     parameters: tuple[tuple[str, float], ...] = ()
-    """Parameters of the autopilot that are not at their defaults, under their real names."""
+    """Names and values of the autopilot parameters that differ from their defaults."""
     cruise_speed_m_s: float = 8.0
-    """Ground speed on a mission that does not set one."""
+    """Ground speed on a mission without a speed."""
     speed_limit_m_s: float = 14.0
-    """Horizontal ground speed that is never exceeded; a mission may command up to 95 % of it."""
+    """Limit of the horizontal ground speed; a mission may command up to 95 % of the limit."""
     airspeed_limit_m_s: float = 16.0
-    """Horizontal airspeed that the vehicle can hold; bounds the ground speed in a wind."""
-    # Vertical speeds: never exceeded; the last one near the ground while landing.
+    """Limit of the horizontal airspeed, which bounds the ground speed in wind."""
+    # Limits of the vertical speed; `landing_speed_m_s` applies near the ground during landing.
     climb_speed_m_s: float = 4.0
     descent_speed_m_s: float = 3.0
     landing_speed_m_s: float = 0.7
-    # Bounds on the horizontal acceleration and jerk vectors; 80 % of each is used along the path, the rest is
-    # kept for corners (see docs/vehicle-model.md).
+    # Limits of the horizontal acceleration and jerk vectors.
+    # Motion along the path uses 80 % of both limits, and corners use the rest (docs/vehicle-model.md).
     acceleration_m_s2: float = 3.75
     jerk_m_s3: float = 5.0
-    # Bounds on the vertical acceleration and jerk.
+    # Limits of the vertical acceleration and jerk.
     vertical_acceleration_m_s2: float = 2.5
     vertical_jerk_m_s3: float = 5.0
-    # Bounds on the turning of the heading.
+    # Limits of the yaw rate and yaw acceleration.
     yaw_rate_rad_s: float = math.radians(60.0)
     yaw_acceleration_rad_s2: float = math.radians(120.0)
     acceptance_radius_m: float = 1.0
-    """Distance at which a waypoint that sets none is passed."""
-    # Default take-off height, least return altitude, and ceiling, all above home.
+    """Acceptance radius of waypoints without one of their own."""
+    # Default take-off altitude, minimum return altitude and ceiling, all above home.
     takeoff_altitude_m: float = 10.0
     return_altitude_m: float = 15.0
     max_altitude_m: float = 500.0
     max_distance_m: float = 20_000.0
-    """Farthest allowed position from home."""
+    """Limit of the distance from home."""
     step_s: float = 0.02
     """Time step of the motion model."""
     disarm_delay_s: float = 2.0
@@ -116,24 +115,25 @@ class VehicleSpec:
     cell_m: float = FOOT_M
     """Length of one step of the ideal vehicle."""
     linear_drag_1_s: float | None = None
-    """Drag of a multirotor per mass and airspeed; None is that of the autopilot's reference airframe."""
+    """Linear drag of a multirotor per mass; None for the drag of the autopilot's reference airframe."""
     attitude_response_s: float | None = None
-    """Time constant of its tilt behind the autopilot's demand; None is that of the reference airframe."""
+    """Time constant of the tilt after its setpoint; None for the time constant of the reference airframe."""
     battery: BatterySpec | None = None
-    """None is an endless battery."""
+    """Battery; None for unlimited energy."""
     power: AnyPowerSpec | None = None
-    """The one of its kind; None uses no energy."""
+    """Power model of the vehicle's kind; None if the vehicle uses no energy."""
     airframe: Any = None
-    """The one of its kind; None is a typical one."""
+    """Airframe of the vehicle's kind; None for a typical airframe."""
     return_margin_m: float = 0.0
-    """Added to the distance from home on which a return altitude depends, because a return may begin farther
-    away than planned. 0 in flight; `sim_vehicle.autopilot.with_return_margin` sets it to price a way home."""
+    """Margin added to the distance from home that decides the return altitude, because a return may begin
+    farther away than planned. Margins are 0 in flight; `sim_vehicle.autopilot.with_return_margin` sets the
+    margin to predict the cost of a return."""
     autopilot_parameters: tuple[tuple[str, tuple[tuple[str, float], ...]], ...] = ()
-    """Per autopilot, the parameters for when it flies this vehicle, under their real names."""
+    """Parameters of the vehicle for each autopilot, as pairs of name and value."""
     published: PublishedEndurance | None = None
-    """The maker's endurance, to compare the model with."""
+    """Endurance published by the manufacturer, for comparison with the model."""
     description: str = ""
-    """In a few words, for lists."""
+    """Short description, for lists."""
 
     def __post_init__(self) -> None:
         for name, known in (("kind", kind_names()), ("autopilot", (*autopilot_names(), NO_AUTOPILOT))):
@@ -164,46 +164,46 @@ class VehicleSpec:
 
     @property
     def vehicle_kind(self) -> VehicleKind:
-        """The facts of its kind."""
+        """Properties of the vehicle's kind."""
         return get_kind(self.kind)
 
     @property
     def is_ideal(self) -> bool:
-        """Whether it is the paper's robot, without dynamics."""
+        """Whether the vehicle is the paper's robot, without dynamics."""
         return self.vehicle_kind.movement is Movement.STEPS
 
     @property
     def drives(self) -> bool:
-        """Whether it stays on the ground: it does not take off, and heights do not count."""
+        """Whether the vehicle stays on the ground, so that take-offs and heights are ignored."""
         return self.vehicle_kind.movement is Movement.DRIVES
 
     @property
     def circles(self) -> bool:
-        """Whether it can only stay where it is by circling."""
+        """Whether the vehicle must circle to hold."""
         return self.vehicle_kind.movement is Movement.CIRCLES
 
     @property
     def hovers(self) -> bool:
-        """Whether it flies and can stay anywhere."""
+        """Whether the vehicle can hover."""
         return self.vehicle_kind.movement is Movement.HOVERS
 
     def reaches(self, height_m: float) -> bool:
-        """Whether it may be sent to a height above home."""
+        """Return whether the vehicle may fly at a height above home."""
         return self.drives or 0.0 < height_m <= self.max_altitude_m
 
     def parameters_for(self, autopilot: str) -> tuple[tuple[str, float], ...]:
-        """Parameters of its own for when that autopilot flies it."""
+        """Return the parameters that the vehicle sets for an autopilot."""
         return dict(self.autopilot_parameters).get(autopilot, ())
 
     @property
     def top_speed_m_s(self) -> float:
-        """The highest ground speed that a mission can command."""
+        """Highest ground speed that a mission can command."""
         return self.cell_m / self.step_s if self.is_ideal else 0.95 * self.speed_limit_m_s
 
     @property
     def fastest_m_s(self) -> float:
-        """Greatest speed in still air: the most that a mission can command and the airframe reaches.
+        """Highest speed in still air, limited by mission commands and by the airframe.
 
-        A wind is withstood up to ``airspeed_limit_m_s``, which a commanded ground speed does not bound.
+        The airspeed in wind is limited by `airspeed_limit_m_s` only and can be higher.
         """
         return self.top_speed_m_s if self.is_ideal else min(self.top_speed_m_s, self.airspeed_limit_m_s)

@@ -1,4 +1,4 @@
-"""The autopilots: one package for each, one `Autopilot` in each, found by its name (`get_autopilot`)."""
+"""Autopilots: a package each, with an `Autopilot` that `get_autopilot` returns by name."""
 
 from sim_vehicle.airframe.kind import DEFAULT_AUTOPILOT, autopilot_names
 from sim_vehicle.autopilot.autopilot import (

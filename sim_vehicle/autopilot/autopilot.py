@@ -1,4 +1,4 @@
-"""Autopilots: each is one value, found by its name, with a firmware for each kind of vehicle."""
+"""Autopilots and their firmwares for the kinds of vehicles."""
 
 from __future__ import annotations
 
@@ -34,50 +34,50 @@ if TYPE_CHECKING:
 
 # Return-altitude margin, in standard deviations of lateral drift.
 _RETURN_DEVIATIONS = 3.0
-_Brought = TypeVar("_Brought")
+_T = TypeVar("_T")
 _NOT_INSTALLED = f"no package gives any in the entry points {AUTOPILOT_GROUP}: install wbf-mission again"
 
 
 @dataclass(frozen=True, slots=True)
 class Firmware:
-    """An autopilot on one kind of vehicle: ArduCopter, ArduPlane, PX4 on a rover."""
+    """An autopilot on one kind of vehicle, such as ArduCopter, ArduPlane or PX4 on a rover."""
 
     title: str
-    """Its name for readers."""
+    """Name for messages and reports."""
     mavlink: MavlinkProfile
-    """Its identity, modes and rates on MAVLink."""
+    """Identity, modes and message rates on MAVLink."""
     rules: FailsafeRules
-    """Its failsafes."""
+    """Failsafes."""
     profile: Profile
-    """Its behaviour in the mission protocol."""
+    """Behaviour in the mission protocol."""
     parameter_table: Callable[[VehicleSpec, int], Sequence[MavParameter]]
-    """Given the vehicle and its MAVLink system id, its parameters without those of the procedures."""
+    """Function from a vehicle and its system id to the parameters, except those of the procedures."""
     procedures: FlightProcedures
-    """Parameters of the motion, take-off, return, landing."""
+    """Motion, take-off, return and landing, with their parameters."""
     takes_off: bool = False
-    """A mission that begins on the ground needs no take-off item."""
+    """Whether a mission can start on the ground without a take-off item."""
     behaviour: MissionBehaviour = field(default_factory=MissionBehaviour)
-    """Its behaviour when a mission is changed in flight."""
+    """Behaviour of missions in flight, and of changes to them."""
     cold_boot: ColdBoot | None = None
-    """Stages of its start, where they are known."""
+    """Stages of the boot; None if they are unknown."""
     cornering: Cornering = field(default_factory=Cornering)
-    """Corners of its paths, and the acceptance radius that it can hold."""
+    """Cornering: path at waypoints, and the acceptance radius that the firmware can hold."""
     sticks: StickRules | None = None
-    """Its flight by sticks; without, sticks do nothing."""
+    """Flight by sticks; None if sticks have no effect."""
     strays_m: Callable[[VehicleSpec], float] | None = None
-    """Given the vehicle, the standard deviation of how far the errors of its estimate carry it aside, along a
-    horizontal axis; without, its estimate is exact (`sim_vehicle.airframe.estimate_errors`)."""
+    """Function from a vehicle to its lateral drift by estimate errors: standard deviation per horizontal axis
+    (`sim_vehicle.airframe.estimate_errors`). None if the estimate is exact."""
     return_height: tuple[str, float] | None = None
-    """Parameter of the least height of its return above home, and its unit in metres: vehicles that fly in
-    layers return in theirs. None leaves the return as it is."""
+    """Parameter of the minimum return altitude above home, and its unit in metres. A fleet in altitude layers
+    sets this parameter per vehicle. None if the return altitude is not changed."""
     reference: Callable[[], Sequence[MavParameter]] = tuple
-    """Returns all parameters that the real firmware has; those not named otherwise are only kept."""
+    """Function that returns all parameters of the real firmware; unsupported ones are only stored."""
 
     def parameters(self, spec: VehicleSpec, system_id: int) -> tuple[MavParameter, ...]:
-        """Parameters of a vehicle over MAVLink, sorted by name.
+        """Return the parameters of a vehicle on MAVLink, sorted by name.
 
-        Those of the flight procedures are among them if the vehicle moves by these procedures; otherwise they
-        are only kept, like the rest of what the real firmware has.
+        Parameters of the flight procedures have an effect only if the vehicle moves by these procedures.
+        Otherwise they are stored, like the other parameters of the real firmware.
         """
         table = {parameter.name: parameter for parameter in self.reference()}
         units = {name: parameter.unit for name, parameter in table.items()}
@@ -99,27 +99,27 @@ class Firmware:
 
 @dataclass(frozen=True, slots=True)
 class Autopilot:
-    """An autopilot, found by its name in the entry point group ``wbf_mission.autopilots``."""
+    """An autopilot, registered by name in the entry point group ``wbf_mission.autopilots``."""
 
     name: str
-    """Its name on the command line, in scenarios and in vehicle files; that of the entry point."""
+    """Name on the command line, in scenarios and in vehicle files, and name of the entry point."""
     title: str
-    """Its name for readers."""
+    """Name for messages and reports."""
     firmwares: Mapping[str, Firmware]
-    """Those of its own, by kind of vehicle; kinds bring others (`VehicleKind.firmwares`)."""
+    """Firmwares by kind of vehicle; a kind can add its own (`VehicleKind.firmwares`)."""
     simulator_urls: Callable[[int], tuple[str, ...]]
-    """Given the number of a vehicle (from 0), the ports at which the autopilot's own simulator is found, as
-    URLs of links."""
+    """Function from the number of a vehicle (from 0) to the link URLs of the ports of the autopilot's own
+    simulator."""
     link_names: tuple[str, ...] = ()
-    """Names of these links, where the messages differ between them (`MavlinkProfile.link_rates_hz`)."""
+    """Names of these links, if the messages differ between links (`MavlinkProfile.link_rates_hz`)."""
 
     def for_vehicle(self, kind: str) -> Firmware:
-        """Firmware for a kind of vehicle, or for the one as which it is shown to peers.
+        """Return the firmware for a kind of vehicle, else the firmware for `VehicleKind.shown_as`.
 
         Raises
         ------
         VehicleError
-            If the autopilot does not fly such a vehicle.
+            If the autopilot has no firmware for the kind.
         """
         shown_as = get_kind(kind).shown_as
         firmware = self.firmware(kind) or (self.firmware(shown_as) if shown_as else None)
@@ -129,18 +129,18 @@ class Autopilot:
         return firmware
 
     def firmware(self, kind: str) -> Firmware | None:
-        """Firmware for a kind of vehicle, its own or the one that the kind brings; None if it flies none."""
-        brought = "" if kind in self.firmwares else get_kind(kind).firmwares.get(self.name, "")
-        return _brought(brought, kind, Firmware) if brought else self.firmwares.get(kind)
+        """Return the firmware for a kind of vehicle, the autopilot's or the kind's own; None without one."""
+        target = "" if kind in self.firmwares else get_kind(kind).firmwares.get(self.name, "")
+        return _load_object(target, kind, Firmware) if target else self.firmwares.get(kind)
 
 
 def get_autopilot(name: str = DEFAULT_AUTOPILOT) -> Autopilot:
-    """Autopilot of that name; case does not matter.
+    """Return the autopilot with a name; upper and lower case are equal.
 
     Raises
     ------
     VehicleError
-        If there is no autopilot of that name, or its package does not give one.
+        If the autopilot does not exist, or its entry point is not an autopilot.
 
     Examples
     --------
@@ -168,7 +168,7 @@ def _load(name: str) -> Autopilot:
 
 
 def autopilot_of_number(mav_autopilot: int) -> Autopilot:
-    """Autopilot whose MAV_AUTOPILOT a heartbeat has; the default one when none of the installed has it.
+    """Return the installed autopilot with this MAV_AUTOPILOT, else the default autopilot.
 
     Examples
     --------
@@ -180,7 +180,7 @@ def autopilot_of_number(mav_autopilot: int) -> Autopilot:
 
 
 def name_of_number(mav_autopilot: int) -> str | None:
-    """Name of the autopilot whose MAV_AUTOPILOT a heartbeat has; None when none of the installed has it."""
+    """Return the name of the installed autopilot with this MAV_AUTOPILOT, or None."""
     for name in autopilot_names():
         firmwares = get_autopilot(name).firmwares.values()
         if mav_autopilot in {firmware.mavlink.identity.mav_autopilot for firmware in firmwares}:
@@ -189,16 +189,16 @@ def name_of_number(mav_autopilot: int) -> str | None:
 
 
 def forget_autopilots() -> None:
-    """Find the installed autopilots again, after a package was installed while the program runs."""
+    """Clear the caches of autopilots, after a package was installed at run time."""
     autopilot_names.cache_clear()
     _load.cache_clear()
-    _brought.cache_clear()
+    _load_object.cache_clear()
 
 
 def firmware_of(spec: VehicleSpec) -> Firmware | None:
-    """Firmware whose procedures move a vehicle; None for a vehicle of no autopilot in particular.
+    """Return the firmware with the procedures that move a vehicle; None for the generic motion.
 
-    The default autopilot moves vehicles of kinds without procedures, such as fixed wings and rovers.
+    The default autopilot moves vehicles of kinds without own procedures, such as fixed wings and rovers.
     """
     kind = spec.vehicle_kind
     if spec.autopilot == NO_AUTOPILOT:
@@ -209,23 +209,23 @@ def firmware_of(spec: VehicleSpec) -> Firmware | None:
 
 
 def _moves_itself(kind: VehicleKind, autopilot: str) -> bool:
-    """Whether vehicles of a kind move by its own procedures when that autopilot shows them to peers."""
+    """Return whether vehicles of a kind move by the procedures of the kind under an autopilot."""
     if not (kind.procedures and kind.shown_as):
         return False
     return get_autopilot(autopilot).firmware(kind.name) is None
 
 
 def flight_procedures(spec: VehicleSpec) -> FlightProcedures:
-    """Procedures that move a vehicle."""
+    """Return the procedures that move a vehicle."""
     firmware = firmware_of(spec)
     if firmware is not None:
         return firmware.procedures
-    own: FlightProcedures = _brought(spec.vehicle_kind.procedures, spec.kind, FlightProcedures)
+    own: FlightProcedures = _load_object(spec.vehicle_kind.procedures, spec.kind, FlightProcedures)
     return own
 
 
 @cache
-def _brought(target: str, kind: str, wanted: type[_Brought]) -> _Brought:
+def _load_object(target: str, kind: str, wanted: type[_T]) -> _T:
     """Load the object that a kind of vehicle names as ``module:NAME``."""
     try:
         found = resolve_name(target)
@@ -237,17 +237,18 @@ def _brought(target: str, kind: str, wanted: type[_Brought]) -> _Brought:
 
 
 def estimate_errs(spec: VehicleSpec) -> bool:
-    """Whether a vehicle can be flown by an estimate that errs as its autopilot's does: PX4's multirotors."""
+    """Return whether estimate errors are modelled for a vehicle (PX4 multirotors only)."""
     firmware = firmware_of(spec)
     return firmware is not None and firmware.strays_m is not None
 
 
 def with_return_margin(spec: VehicleSpec) -> VehicleSpec:
-    """Vehicle as its way home is priced when its estimate errs: by the dearer side of a step near home.
+    """Return a vehicle with the return margin for predictions under estimate errors.
 
-    PX4 returns at ``RTL_RETURN_ALT`` from beyond ``RTL_MIN_DIST``, and lower from nearer: who is carried over
-    that edge climbs and sinks 20 m more. ArduCopter's return altitude (``RTL_CONE_SLOPE``, ``RTL_CLIMB_MIN``)
-    grows steadily with the distance, and its estimate is exact.
+    PX4 returns at ``RTL_RETURN_ALT`` if the distance from home exceeds ``RTL_MIN_DIST``, otherwise lower. A
+    vehicle that drifts beyond this distance climbs and descends 20 m more, so predictions take the higher
+    altitude within the margin. ArduCopter's return altitude (``RTL_CONE_SLOPE``, ``RTL_CLIMB_MIN``) is a
+    continuous function of the distance, and its estimate is exact.
 
     Examples
     --------
@@ -263,12 +264,12 @@ def with_return_margin(spec: VehicleSpec) -> VehicleSpec:
 
 
 def fixed_wing_procedures(spec: VehicleSpec) -> FixedWingProcedures:
-    """Procedures that move a fixed wing.
+    """Return the procedures that move a fixed wing.
 
     Raises
     ------
     VehicleError
-        If the vehicle is none, or its autopilot's procedures are not those of a fixed wing.
+        If the vehicle is no fixed wing, or its autopilot has no procedures for fixed wings.
     """
     procedures = flight_procedures(spec)
     if not isinstance(procedures, FixedWingProcedures):
@@ -280,18 +281,17 @@ def fixed_wing_procedures(spec: VehicleSpec) -> FixedWingProcedures:
 def with_autopilot(
     spec: VehicleSpec, name: str, parameters: Mapping[str, float] | None = None
 ) -> VehicleSpec:
-    """Vehicle as an autopilot flies it, with further parameters of that autopilot.
+    """Return a vehicle under an autopilot, with `parameters` of the autopilot.
 
-    The ideal vehicle has no autopilot and is returned as it is; a fixed wing or rover of no autopilot in
-    particular is flown as the default autopilot does it, and one of a kind that the autopilot only shows to
-    peers by the procedures of its kind. The vehicle's own parameters of that autopilot hold
-    unless others are given.
+    The ideal vehicle has no autopilot and is returned unchanged. A fixed wing or rover without an autopilot
+    gets the default autopilot. A vehicle moves by the procedures of its kind if the autopilot has no firmware
+    for the kind. `parameters` override the vehicle's own parameters of the autopilot.
 
     Raises
     ------
     VehicleError
-        An unknown autopilot, one that does not fly such a vehicle, a parameter that it has not, a value
-        outside its range, or any parameter for the ideal vehicle.
+        If the autopilot is unknown or has no firmware for the vehicle, a parameter is unknown or out of
+        range, or the ideal vehicle is given parameters.
     """
     if spec.is_ideal:
         if parameters:
@@ -314,7 +314,7 @@ def with_autopilot(
 
 
 def _card_parameters(spec: VehicleSpec) -> dict[str, ParameterSpec]:
-    """Return the parameters of the vehicle's autopilot that give room for plans."""
+    """Return the autopilot parameters for the size of the plan storage on an SD card."""
     firmware = firmware_of(spec)
     cards = () if firmware is None else firmware.profile.cards.values()
     text = "room on the SD card"
@@ -322,10 +322,10 @@ def _card_parameters(spec: VehicleSpec) -> dict[str, ParameterSpec]:
 
 
 def adapt_vehicle(spec: VehicleSpec, autopilot: Autopilot) -> VehicleSpec:
-    """Vehicle as it moves when ``autopilot`` shows itself to peers.
+    """Return the vehicle to simulate if peers see ``autopilot``.
 
-    A kind with procedures of its own, such as a multirotor, stays as it is: its dynamics may be another
-    autopilot's, or none's in particular.
+    A kind with its own procedures, such as a multirotor, is unchanged, because its motion may be generic or
+    that of another autopilot.
 
     Examples
     --------

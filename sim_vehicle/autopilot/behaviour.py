@@ -1,4 +1,4 @@
-"""Behaviour of a firmware: its boot, its handling of missions, its reactions to failures."""
+"""Behaviour of a firmware: boot, missions, failsafes."""
 
 from __future__ import annotations
 
@@ -28,16 +28,16 @@ __all__ = [
 
 @dataclass(frozen=True, slots=True)
 class IdleDisarm:
-    """The rule of one firmware."""
+    """Rule of a firmware that disarms an idle vehicle."""
 
     delay: Setting
-    """Time on the ground, in seconds; 0 and less is for ever."""
+    """Time on the ground until disarming (s); 0 or less disables the rule."""
     texts: tuple[str, ...]
-    """Notices."""
+    """Notices at disarming."""
     first_flight: bool = False
-    """It is only for a vehicle that has not taken off since it was armed (PX4, which has another delay after
-    a landing). Otherwise each time on the ground counts, with the throttle stick down or without sticks
-    (ArduCopter); a vehicle that lands by itself does not wait for it."""
+    """Whether the rule applies only before the first take-off after arming (PX4 has another delay after a
+    landing). Otherwise the rule applies whenever the vehicle is on the ground with the throttle stick down or
+    without sticks (ArduCopter). After an automatic landing the vehicle disarms without this delay."""
 
 
 class Action(Enum):
@@ -54,82 +54,83 @@ class Action(Enum):
 
 @dataclass(frozen=True, slots=True)
 class FailsafeRules:
-    """The safety functions of one firmware.
+    """Failsafes of a firmware.
 
-    Texts are for the operator; ``fence_text`` and ``stream_lost`` have a ``{}`` for the reason or the action.
+    Texts are sent to the operator as notices. In ``fence_text`` and ``stream_lost`` a ``{}`` is the reason or
+    the action.
     """
 
-    # By the value of their parameter.
+    # Actions of each failsafe by the value of its parameter.
     fence_actions: Mapping[int, Action]
     link_actions: Mapping[int, Action]
     battery_actions: Sequence[Mapping[int, Action]]
-    """For a low, a critical and an emergency level, by the value of their parameter."""
+    """Actions for the low, critical and emergency levels, by the value of the parameter of the level."""
     critical_apart: bool
-    """The critical level has a parameter of its own (ArduPilot)."""
+    """Whether the critical level has its own parameter (ArduPilot)."""
     watches_voltage: bool
-    """A voltage that stays too low is a low battery, too (ArduPilot)."""
+    """Whether a voltage that stays too low counts as a low battery (ArduPilot)."""
     any_inclusion: bool
-    """A position inside one inclusion zone is inside the fence; otherwise it has to be in all."""
+    """Whether the inside of any inclusion zone is inside the fence; otherwise only the intersection is."""
     needs_stream: bool
-    """Setpoints have to flow before their mode is taken, and the vehicle returns home when they stop (PX4);
-    otherwise only velocities grow old (ArduPilot)."""
+    """Whether the setpoint mode needs a stream of setpoints before entry, and the vehicle returns home when
+    the stream stops (PX4). Otherwise only velocity setpoints time out (ArduPilot)."""
     pauses_in_mode: bool
-    """A pause stops the vehicle without leaving the mode (ArduPilot); otherwise it is the hold mode."""
+    """Whether a pause stops the vehicle in its mode (ArduPilot); otherwise a pause enters the hold mode."""
     yaws_to_setpoint: bool
-    """Without a heading, the nose turns to a setpoint's position."""
+    """Whether the vehicle yaws towards a position setpoint without a heading."""
     fences_setpoints: bool
-    """A setpoint outside the fence is refused."""
+    """Whether setpoints outside the fence are refused."""
     tells_link_loss: bool
-    """The loss of the ground station is reported even without an action."""
+    """Whether the loss of the ground station is reported even without an action."""
     preflight: str
-    """Prefix of a failure when the checks are run without an order to arm."""
+    """Prefix of failures of preflight checks outside of an arming request."""
     arming_texts: tuple[str, ...]
-    """Notices when an order to arm is refused; ``{}`` in the first is the reason."""
+    """Notices of a refused arming request; ``{}`` in the first is the reason."""
     fence_text: str
     fence_clear: str
     link_lost: str
     link_regained: str
     stream_lost: str
     defaults: FailsafeDefaults = field(default_factory=FailsafeDefaults)
-    """Values with which the safety parameters start."""
+    """Initial values of the safety parameters."""
     mission_goes_on_bit: int = 0
-    """The bit of `failsafe_options` with which a mission goes on without a ground station; 0 is none."""
+    """Bit of `failsafe_options` that continues a mission without a ground station; 0 is none."""
     link_ignored: str = ""
     idle: IdleDisarm | None = None
-    """When an armed vehicle that does not fly is disarmed; None is never."""
+    """Rule that disarms an idle vehicle; None for no rule."""
     any_mode_disarmed: bool = False
-    """Any mode is entered while the vehicle is disarmed; a mode that it cannot fly keeps it from arming.
-    Otherwise such a mode is refused."""
+    """Whether a disarmed vehicle enters any mode, and a mode that it cannot fly prevents arming. Otherwise
+    such a mode is refused."""
     restores_mode: bool = False
-    """Disarmed, it goes back to the mode that was last asked for and in which it arms (PX4)."""
+    """Whether disarming restores the last requested mode in which the vehicle can arm (PX4)."""
     fence_refusal: str = ""
-    """Notice when the fence refuses a position; empty for none."""
+    """Notice of a position refused by the fence; empty for none."""
     armed: str = "Armed by external command"
     armed_by_start: str = ""
-    """Text when MISSION_START starts them; empty where it does not (ArduPilot)."""
+    """Notice of arming by MISSION_START; empty if MISSION_START does not arm (ArduPilot)."""
     disarmed: str = "Disarmed by external command"
     disarming_text: str = "Disarming denied: not landed"
-    """Notice when an order to disarm is refused in flight; empty for none."""
+    """Notice of a disarming request refused in flight; empty for none."""
     landed: tuple[str, ...] = ("Disarmed by landing",)
-    """Texts when they stop after a landing."""
+    """Notices of disarming after a landing."""
 
     def fence_action(self, parameters: RuntimeParameters) -> Action:
-        """Action after a breach of the fence."""
+        """Return the action after a breach of the fence."""
         return self.fence_actions.get(parameters.fence_action, Action.WARN)
 
     def link_action(self, parameters: RuntimeParameters) -> Action:
-        """Action after the loss of the ground station."""
+        """Return the action after the loss of the ground station."""
         return self.link_actions.get(parameters.link_action, Action.NONE)
 
     def battery_action(self, level: int, parameters: RuntimeParameters) -> Action:
-        """Action at a low (1), critical (2) or almost empty (3) battery."""
+        """Return the action at battery level 1 (low), 2 (critical) or 3 (emergency)."""
         apart = self.critical_apart and level > 1
         value = parameters.critical_battery_action if apart else parameters.low_battery_action
         return self.battery_actions[level - 1].get(value, Action.WARN)
 
 
 def actions_by_value(**actions: str) -> Mapping[int, Action]:
-    """Actions by the value of a parameter; each keyword is an `Action`, its text the values.
+    """Return actions by parameter value; each keyword is the name of an `Action` with its values as text.
 
     Examples
     --------
@@ -140,119 +141,120 @@ def actions_by_value(**actions: str) -> Mapping[int, Action]:
 
 
 MissionRule: TypeAlias = "Callable[[Sequence[MissionItem], RuntimeParameters], str | None]"
-"""Given a mission and the parameters, why it is refused; None when it is not."""
+"""Function from a mission and the parameters to the reason of a refusal, or None."""
 
 
 def no_rule(_items: Sequence[MissionItem], _parameters: RuntimeParameters) -> str | None:
-    """Want nothing."""
+    """Refuse no mission."""
     return None
 
 
 @dataclass(frozen=True, slots=True)
 class MissionBehaviour:
-    """Behaviour of one firmware with a mission in flight; the defaults are PX4's, unless noted.
+    """Behaviour of a firmware with a mission in flight; the defaults are PX4's, unless noted.
 
-    The item that is flown keeps its number when a mission is changed, under any autopilot.
+    With every autopilot the current item keeps its number when the mission is changed.
     """
 
     restarts_leg: bool = False
-    """Each item holds as soon as it arrives, and the leg to the present waypoint begins anew (ArduPilot).
-    Otherwise a mission holds as a whole, with its acknowledgement."""
+    """Whether each item takes effect when it arrives, and the leg to the current waypoint restarts
+    (ArduPilot). Otherwise the whole mission takes effect with its acknowledgement."""
     clamps_item: bool = True
-    """Of a mission that is shorter than the number of the present item the last item is flown (PX4).
-    Otherwise the old leg is flown to its end, which ends the mission (ArduPilot)."""
+    """Whether a new mission without the number of the current item is continued at its last item (PX4).
+    Otherwise the vehicle completes the old leg, which ends the mission (ArduPilot)."""
     obeys_mark: bool = True
-    """The item with ``current`` = 1 is the present one from the acknowledgement on (PX4)."""
+    """Whether the item with ``current`` = 1 becomes the current item with the acknowledgement (PX4)."""
     keeps_jumps: bool = False
-    """How often a jump was taken is remembered over a change (ArduPilot)."""
+    """Whether counts of jumps are kept over a change (ArduPilot)."""
     clears_in_flight: bool = True
-    """MISSION_CLEAR_ALL is accepted while the mission is flown, and ends it (PX4)."""
+    """Whether MISSION_CLEAR_ALL is accepted in a flown mission, and ends the mission (PX4)."""
     stays_after_last: bool = False
-    """After the last item the vehicle stays in the mission mode; only MISSION_START goes on (ArduPilot).
-    Otherwise it holds."""
+    """Whether the vehicle stays in the mission mode after the last item, until MISSION_START (ArduPilot).
+    Otherwise the vehicle enters the hold mode."""
     return_lag_s: float | None = None
-    """A return that is the last item ends the mission: after this time the vehicle is in the mode of returns
-    (PX4). None: it is flown as an item, in the mission mode."""
+    """Time until a return as last item ends the mission and enters the return mode (PX4). None if the return
+    is flown as an item in the mission mode."""
     finished_texts: tuple[str, str] = ("Mission complete", "Mission complete")
-    """Notices when the mission is over in the air, and on the ground."""
+    """Notices at the end of a mission in the air and on the ground."""
     return_text: str = ""
-    """Further notice when it ends in the mode of returns."""
+    """Further notice at the end of a mission in the return mode."""
     forgets_speed_in: frozenset[Mode] = frozenset()
-    """Modes that begin at the vehicle's own speed (ArduPilot)."""
+    """Modes that start with the default speed of the vehicle (ArduPilot)."""
     replays_speed: bool = False
-    """A mission that is gone on with has the speed that its items before the present one set (PX4); a single
-    order has its own."""
+    """Whether a resumed mission has the speed that items before the current item set (PX4); single commands
+    have their own speed."""
     rewinds_survey: bool = False
-    """A mission that was left while its camera was shooting is gone on with at the position before the one it
-    came from (PX4)."""
+    """Whether a mission left during a camera series is resumed one position earlier than the last position
+    passed (PX4)."""
     pauses_shots: bool = True
-    """Shots that go on by themselves stop when the mission mode is left, and go on from the next position
-    that is reached in it (PX4). Otherwise they go on in any mode, until the vehicle disarms (ArduPilot)."""
+    """Whether a camera series pauses outside the mission mode and continues at the next position reached in
+    the mission mode (PX4). Otherwise the series continues in any mode until the vehicle disarms
+    (ArduPilot)."""
     tells_shots: bool = False
-    """CAMERA_FEEDBACK reports the shots that the autopilot has ordered (ArduPilot)."""
+    """Whether CAMERA_FEEDBACK reports the shots commanded by the autopilot (ArduPilot)."""
     changed_texts: tuple[str, ...] = ()
-    """Notice when a leg begins anew; ``{}`` is the number of the item."""
-    # Notices when the present item is gone, and when the mission was cleared; empty for none.
+    """Notices of a restarted leg; ``{}`` is the number of the item."""
+    # Notices of a missing current item and of a cleared mission; empty for none.
     restart_failed_text: str = ""
     no_mission_text: str = ""
     outside_text: str = ""
-    """Notice of a waypoint outside the fence, besides the rejection; ``{}`` is its number (PX4)."""
+    """Notice of a waypoint outside the fence, in addition to the rejection; ``{}`` is its number (PX4)."""
     empty_mission_text: str = ""
-    """Why a vehicle whose mission mode was taken without a mission does not arm (ArduPilot); where it is
-    empty, the mode is refused."""
+    """Reason for refused arming in the mission mode without a mission (ArduPilot). If empty, the mission mode
+    is refused without a mission."""
     rejected_text: str = "Mission rejected: {}"
-    """Notice of a mission that cannot be flown; empty where it is stored without a word, and its mode
-    is entered all the same (ArduPilot)."""
+    """Notice of a mission that cannot be flown. If empty, such a mission is stored without a notice, and the
+    mission mode can be entered (ArduPilot)."""
     no_takeoff_text: str = ""
-    """Notice when a mission without a take-off item is to begin on the ground with the motors on."""
+    """Notice of a mission without a take-off item, started on the ground while armed."""
     refuses: MissionRule = no_rule
-    """Why a mission that could be flown is refused when it comes (PX4)."""
+    """Rule that refuses a flyable mission at upload (PX4)."""
     refuses_to_arm: MissionRule = no_rule
-    """Why a vehicle with this mission does not arm, in any mode (ArduPlane)."""
+    """Rule that refuses arming in any mode with a mission (ArduPlane)."""
     unknown_current_s: float = 0.0
-    """So long after a change MISSION_CURRENT names no item, 65535 (PX4)."""
+    """Time after a change during which MISSION_CURRENT has no item, 65535 (PX4)."""
     stopped_state: bool = False
-    """Outside its mode a mission is not started (2) and MISSION_CURRENT's mode unknown (0), as ArduPilot
-    says; otherwise it is paused (4) and suspended (2)."""
+    """Whether MISSION_CURRENT outside the mission mode has the state "not started" (2) and the mode "unknown"
+    (0), like ArduPilot. Otherwise state and mode are "paused" (4) and "suspended" (2)."""
 
 
 @dataclass(frozen=True, slots=True)
 class BootStage:
-    """One stage of a boot, which lasts until the next."""
+    """A stage of a boot, which lasts until the next stage."""
 
     begins_s: float
-    """Since the autopilot's start."""
+    """Start of the stage (s since boot)."""
     problem: str = ""
-    """Why it does not arm, in any mode; empty for nothing."""
+    """Reason for refused arming in any mode; empty for none."""
     fix: int = 0
-    """GPS_FIX_TYPE."""
+    """GPS_FIX_TYPE during the stage."""
     tells_place: bool = False
-    """GLOBAL_POSITION_INT has the position; latitude and longitude are 0 otherwise."""
+    """Whether GLOBAL_POSITION_INT has the position; otherwise latitude and longitude are 0."""
     knows_position: bool = False
-    """The estimator has a position."""
+    """Whether the estimator has a position."""
     untold: frozenset[int] = frozenset()
-    """Messages that are not sent yet."""
+    """Ids of messages that are not sent during the stage."""
     text: str = ""
-    """Notice when it begins."""
+    """Notice at the start of the stage."""
 
 
 @dataclass(frozen=True, slots=True)
 class ColdBoot:
-    """The stages of a boot, the last of which is that of a vehicle that is ready."""
+    """Stages of a boot; in the last stage the vehicle is ready."""
 
     stages: tuple[BootStage, ...]
     blind_flags: int
-    """EKF_STATUS_FLAGS before it has a position."""
+    """EKF_STATUS_FLAGS before the estimator has a position."""
     blind_modes: frozenset[Mode]
-    """Modes in which it arms without a position."""
+    """Modes in which the vehicle arms without a position."""
     no_position: str
-    """Why it does not arm in the others."""
+    """Reason for refused arming without a position in other modes."""
 
     def at(self, boot_s: float) -> BootStage:
         """Return the stage at a time since the start."""
         return [stage for stage in self.stages if stage.begins_s <= max(boot_s, 0.0)][-1]
 
     def problem(self, stage: BootStage, mode: Mode) -> str | None:
-        """Return why a vehicle does not arm in a mode; None when nothing of the boot is in the way."""
+        """Return the reason for refused arming in a mode; None if the boot does not prevent arming."""
         blind = not stage.knows_position and mode not in self.blind_modes
         return stage.problem or (self.no_position if blind else None)

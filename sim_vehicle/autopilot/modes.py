@@ -1,4 +1,4 @@
-"""Flight modes, and the custom mode numbers that a firmware gives them."""
+"""Flight modes, and their custom mode numbers in a firmware."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _PX4_AUTO = 4
 
 
 class Mode(Enum):
-    """Flight modes; each autopilot has its own custom mode numbers for them."""
+    """Flight modes of the simulated vehicle, mapped to custom modes by `ModeTable`."""
 
     MANUAL = "manual"
     ALTITUDE = "altitude"
@@ -37,7 +37,7 @@ class Mode(Enum):
 
 @dataclass(frozen=True, slots=True)
 class BaseModes:
-    """Flags of each mode in HEARTBEAT's base mode, besides armed and the custom mode bit."""
+    """Base mode flags of each mode in HEARTBEAT, without the armed and custom mode flags."""
 
     # MAV_MODE_FLAG bits in MANUAL, ALTITUDE and POSITION.
     manual: int = int(m.MAV_MODE_FLAG_MANUAL_INPUT_ENABLED)
@@ -50,14 +50,14 @@ class BaseModes:
     landing: int = int(
         m.MAV_MODE_FLAG_AUTO_ENABLED | m.MAV_MODE_FLAG_STABILIZE_ENABLED | m.MAV_MODE_FLAG_GUIDED_ENABLED
     )
-    """In LAND."""
+    """MAV_MODE_FLAG bits in LAND."""
     other: int = int(
         m.MAV_MODE_FLAG_AUTO_ENABLED | m.MAV_MODE_FLAG_STABILIZE_ENABLED | m.MAV_MODE_FLAG_GUIDED_ENABLED
     )
-    """In the modes that fly by themselves."""
+    """MAV_MODE_FLAG bits in automatic modes."""
 
     def of(self, mode: Mode) -> int:
-        """Bits in a mode."""
+        """Return the MAV_MODE_FLAG bits of a mode."""
         known = {
             Mode.MANUAL: self.manual,
             Mode.ALTITUDE: self.altitude,
@@ -71,91 +71,89 @@ class BaseModes:
 
 @dataclass(frozen=True, slots=True)
 class ModeTable:
-    """The custom modes of a firmware."""
+    """Custom modes of a firmware."""
 
     rows: tuple[tuple[int, Mode, str], ...]
-    """Its custom modes: number, the mode that it is flown as, and the firmware's own name for its texts. The
-    first of a mode is its number; further ones are accepted, too."""
+    """Rows of custom mode number, simulated mode, and the firmware's name for notices. The first row of a
+    mode has its number in HEARTBEAT; the numbers of later rows are accepted, too."""
     boot: Mode
-    """Mode after the start."""
+    """Mode after boot."""
     after_takeoff: Mode
-    """The mode that follows a commanded take-off."""
+    """Mode after a commanded take-off."""
     after_command: Mode
-    """The mode that DO_REPOSITION, DO_ORBIT and DO_CHANGE_ALTITUDE lead to."""
+    """Mode after DO_REPOSITION, DO_ORBIT and DO_CHANGE_ALTITUDE."""
     base: BaseModes = field(default_factory=BaseModes)
-    """Their flags in the base mode of the heartbeat."""
+    """Base mode flags in HEARTBEAT."""
     flips_from: frozenset[int] = frozenset()
-    """The custom modes that FLIP is entered from."""
+    """Custom modes from which FLIP can be entered."""
     unready: Mapping[int, tuple[str, str]] = field(default_factory=dict)
-    """Custom modes whose init fails here: name, and the notice before it (empty for none)."""
+    """Custom modes that cannot be entered, by number: name, and a notice before the refusal (or empty)."""
     not_armable: frozenset[int] = frozenset()
     """Custom modes in which the vehicle does not arm."""
     not_armable_text: str = "{name} mode not armable"
     arms_in_mission: Setting | None = None
-    """The parameter whose lowest bit lets it arm in the mission mode all the same."""
+    """Parameter with a lowest bit that allows arming in the mission mode; None for no such parameter."""
     armed_texts: Mapping[int, str] = field(default_factory=dict)
-    """Further notices when it arms in a custom mode."""
+    """Further notices of arming in a custom mode."""
     refused_text: str = "Mode {name} refused"
-    """Notice of a mode that is not entered: ``{name}`` is its name, ``{reason}`` ArduCopter's
-    reason."""
+    """Notice of a refused mode; ``{name}`` is the name of the mode, ``{reason}`` the reason in ArduCopter."""
     unknown_text: str = "Mode refused: unknown number {}"
-    """Notice of an unknown mode; ``{}`` is its number."""
+    """Notice of an unknown mode; ``{}`` is the number."""
     orbit: int | None = None
-    """The custom mode in the heartbeat while circles are flown by command; None is that of the hold
-    mode."""
+    """Custom mode in HEARTBEAT during a commanded orbit; None for that of the hold mode."""
     own_hold: int | None = None
-    """The custom mode in which the vehicle holds by its own decision; None is that of the hold mode."""
+    """Custom mode of a hold that the autopilot itself decides; None for that of the hold mode."""
     main_and_sub: bool = False
-    """DO_SET_MODE carries main and sub mode in parameters 2 and 3 (PX4), not the custom mode in parameter
-    2."""
+    """Whether DO_SET_MODE has main and sub mode in parameters 2 and 3 (PX4); otherwise the custom mode is in
+    parameter 2."""
 
     def __getitem__(self, mode: Mode) -> int:
         return self.numbers[mode]
 
     @property
     def numbers(self) -> dict[Mode, int]:
-        """The custom mode number of each mode that it has."""
+        """Custom mode number of each available mode."""
         numbers: dict[Mode, int] = {}
         for number, mode, _ in self.rows:
             numbers.setdefault(mode, number)
         return numbers
 
     def mode_of(self, custom_mode: int) -> Mode | None:
-        """Mode with this custom number, None if there is none or it is not flown here."""
+        """Return the mode with a custom mode number; None if unknown or not simulated."""
         return next((mode for number, mode, _ in self.rows if number == custom_mode), None)
 
     def refusal(self, number: int, *, has_position: bool = True) -> str:
-        """Notice when the custom mode with this number is not entered."""
+        """Return the notice of a refused custom mode."""
         reason = "init failed" if has_position else "requires position"
         return self.refused_text.format(name=self.name_of(number), reason=reason)
 
     def name_of(self, number: int) -> str:
-        """The firmware's name of a custom mode; the number of one that it does not have."""
+        """Return the firmware's name of a custom mode; the number if the mode is unknown."""
         if number in self.unready:
             return self.unready[number][0]
         return next((name or mode.value for known, mode, name in self.rows if known == number), str(number))
 
     def why_not_arm(self, number: int, parameters: RuntimeParameters) -> str | None:
-        """Why the vehicle does not arm in a custom mode; None when the mode lets it."""
+        """Return the reason for refused arming in a custom mode; None if the mode allows arming."""
         setting = self.arms_in_mission if number == self.numbers.get(Mode.MISSION) else None
         if setting is not None and int(setting.of(parameters)) & 1:
             return None
         if number not in self.not_armable:
             return None
-        # The real one writes it without the underscore ("SMARTRTL").
+        # The firmware writes the name without underscore ("SMARTRTL").
         return self.not_armable_text.format(name=self.name_of(number).replace("_", ""))
 
     def ignores(self, number: int) -> bool:
-        """Whether a mode that there is not is passed over without a refusal, as PX4 does with main modes."""
+        """Return whether an unknown mode is ignored without a refusal; PX4 ignores unknown main modes."""
         return self.main_and_sub and number >> 16 & 255 != _PX4_AUTO
 
     def custom_mode_of(self, second: int, third: int) -> int:
-        """Custom mode that parameters 2 and 3 of DO_SET_MODE name."""
+        """Return the custom mode in parameters 2 and 3 of DO_SET_MODE."""
         return px4_custom_mode(second & 255, third & 255) if self.main_and_sub else second
 
 
 def px4_custom_mode(main: int, sub: int = 0) -> int:
-    """Pack main and sub mode as PX4's ``px4_custom_mode.h`` does.
+    """Return the custom mode of a main and sub mode in PX4 (``px4_custom_mode.h``).
 
     Examples
     --------

@@ -1,8 +1,8 @@
-"""Parameters of a firmware: on MAVLink, their effect on a vehicle, and all that the real one has.
+"""Parameters of a firmware: metadata on MAVLink, values at run time, and tables of the real firmware.
 
-Lists are tables in ``lists/``: name, type, default, documented range, unit. Each begins with a note of where
-its facts are from. What moves a vehicle has a table of its own, with a few words on each and the number of
-the law of motion that it is. Details of parameters are in tables that are read when a peer asks for them.
+The tables are CSV files in ``lists/``: name, type, default, documented range, unit. Comments at the top of a
+table name its sources. ``*-motion`` tables hold the parameters of the motion, with a short description and
+the constant of the law of motion. ``*-details`` and ``*-choices`` are read when a peer asks for them.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ __all__ = [
 
 _INTEGERS = {8: m.MAV_PARAM_TYPE_INT8, 16: m.MAV_PARAM_TYPE_INT16, 32: m.MAV_PARAM_TYPE_INT32}
 _VOLTAGE_CELLS = 3
-# Fields of a vehicle's specification that parameters change.
+# Fields of `VehicleSpec` that parameters change.
 _OF_VEHICLE = (
     "cruise_speed_m_s",
     "acceptance_radius_m",
@@ -47,77 +47,76 @@ _OF_VEHICLE = (
 
 @dataclass(frozen=True, slots=True)
 class MavParameter:
-    """One parameter."""
+    """A parameter on MAVLink."""
 
     name: str
-    """At most 16 characters."""
+    """Name of at most 16 characters."""
     field: str | None = None
-    """The runtime parameter of the vehicle that it is (a field of `RuntimeParameters`); None for a
-    constant."""
+    """Field of `RuntimeParameters` that holds the value; None for a constant."""
     integer: bool = False
-    """An integer rather than REAL32."""
+    """Whether the type is an integer; otherwise REAL32."""
     scale: float = 1.0
-    """The parameter's value per SI value (100 for centimetres)."""
-    # Allowed values, in the parameter's unit; of a stored one those that the autopilot documents.
+    """Parameter value per SI value (100 for centimetres)."""
+    # Allowed range in the parameter's unit; for a stored parameter the documented range.
     low: float = -math.inf
     high: float = math.inf
     value: float = 0.0
-    """Value of a constant; default of a motion parameter."""
+    """Value of a constant, or default of a motion parameter."""
     motion: bool = False
-    """Whether it is one of the flight procedures' own parameters, which change how the vehicle moves."""
+    """Whether the parameter belongs to the flight procedures and changes the motion."""
     stored: bool = False
-    """Whether it is only kept: it can be set and read, and changes nothing here."""
+    """Whether the parameter is only stored and has no effect in the simulation."""
     bits: int = 32
-    """Width of an integer: 8, 16 or 32."""
+    """Width of an integer in bits: 8, 16 or 32."""
     unit: str = ""
-    """Unit as the autopilot's documentation writes it."""
+    """Unit in the spelling of the autopilot's documentation."""
 
     @property
     def mav_type(self) -> int:
-        """MAV_PARAM_TYPE."""
+        """MAV_PARAM_TYPE of the parameter."""
         return int(_INTEGERS[self.bits] if self.integer else m.MAV_PARAM_TYPE_REAL32)
 
 
 @dataclass(frozen=True, slots=True)
 class FailsafeDefaults:
-    """Values with which the safety parameters of a vehicle start."""
+    """Initial values of the safety parameters of a vehicle."""
 
-    # The firmware's own values.
+    # Values in the firmware's own encoding.
     low_battery_action: int = 1
     critical_battery_action: int = 1
     fence_enable: int = 1
     fence_action: int = 2
-    # Height above and distance from home; 0 is no limit.
+    # Limits of the height above and the distance from home; 0 is no limit.
     fence_ceiling_m: float = 0.0
     fence_radius_m: float = 0.0
     link_timeout_s: float = 10.0
-    """Silence of the ground station after which it is lost."""
+    """Timeout of the ground station's heartbeat."""
     failsafe_options: int = 0
     """Bits of FS_OPTIONS."""
     setpoint_timeout_s: float = 1.0
-    """Greatest age of a setpoint that is flown."""
+    """Timeout of a setpoint."""
     low_voltage_v: float = 0.0
-    """Voltage of the whole pack that is low, for batteries of three cells and more; 0 is none. ArduCopter's
-    default refuses to arm with fewer cells."""
+    """Low voltage of the whole pack, for batteries of three or more cells; 0 is none. With fewer cells
+    ArduCopter's default would prevent arming."""
     mission_requirement: int = 0
-    """Take-off and landing that a mission must have, in the firmware's own values; 0 is none."""
+    """Required take-off and landing items of a mission, in the firmware's own encoding; 0 is none."""
 
 
 @dataclass(slots=True)
 class RuntimeParameters:
-    """The values of one vehicle that parameters change while it runs, under any autopilot; SI units."""
+    """Values of one vehicle that parameters change at run time, in SI units, for every autopilot."""
 
-    # As in `sim_vehicle.airframe.spec.VehicleSpec`.
+    # Fields of `sim_vehicle.airframe.spec.VehicleSpec`.
     cruise_speed_m_s: float
     acceptance_radius_m: float
     takeoff_altitude_m: float
     return_altitude_m: float
     landing_speed_m_s: float
     disarm_delay_s: float
-    # Battery levels of the two failsafes.
+    # Remaining fractions of the low and critical battery failsafes.
     low_fraction: float
     critical_fraction: float
-    # As in `FailsafeDefaults`.
+    # Fields of `FailsafeDefaults`.
     low_battery_action: int
     critical_battery_action: int
     fence_enable: int
@@ -130,28 +129,28 @@ class RuntimeParameters:
     low_voltage_v: float
     mission_requirement: int
     emergency_fraction: float = 0.05
-    """Level of the last battery failsafe."""
+    """Remaining fraction of the emergency battery failsafe."""
     critical_voltage_v: float = 0.0
     low_voltage_timer_s: float = 10.0
-    """Time for which a voltage has to be too low to count (ArduPilot)."""
+    """Time for which the voltage must be low to trigger the failsafe (ArduPilot)."""
     low_voltage_source: int = 0
-    """0 for the voltage as it is, 1 for it without the sag of the load."""
+    """0 for the terminal voltage, 1 for the voltage corrected for the load."""
     fence_type: int = 7
-    """As FENCE_TYPE: 1 ceiling, 2 radius, 4 areas."""
+    """Bits of FENCE_TYPE: 1 ceiling, 2 radius, 4 polygons and circles."""
     link_action: int = 0
-    """The autopilot's own value; 0 is none."""
+    """Action after the loss of the ground station, in the firmware's own encoding; 0 is none."""
     settings: dict[str, float] = field(default_factory=dict)
-    """The autopilot's parameters that move the vehicle and are not at their defaults, in their own units."""
+    """Motion parameters that differ from their defaults, in their own units."""
     stored: dict[str, float] = field(default_factory=dict)
-    """All others that are not at their defaults, in their own units; see `kept`."""
+    """Other parameters that differ from their defaults, in their own units; see `kept`."""
 
     def kept(self, name: str, default: float) -> float:
-        """Value of a parameter of the autopilot's that is none of the above, in its own unit."""
+        """Return the value of a parameter in `settings` or `stored`, in its own unit."""
         return self.stored.get(name, self.settings.get(name, default))
 
     @classmethod
     def of(cls, spec: VehicleSpec, defaults: FailsafeDefaults) -> RuntimeParameters:
-        """Take the values of a vehicle as built, and of its firmware's safety functions."""
+        """Return the initial values for a vehicle and the failsafes of its firmware."""
         battery = spec.battery
         values = {name: getattr(spec, name) for name in _OF_VEHICLE}
         values |= {field.name: getattr(defaults, field.name) for field in fields(defaults)}
@@ -165,54 +164,53 @@ class RuntimeParameters:
         )
 
     def applied_to(self, spec: VehicleSpec) -> VehicleSpec:
-        """Return the vehicle with these values applied."""
+        """Return a vehicle specification with the present values."""
         return replace(spec, **{name: getattr(self, name) for name in _OF_VEHICLE})
 
 
 @dataclass(frozen=True, slots=True)
 class Setting:
-    """A parameter of the autopilot."""
+    """An autopilot parameter with its default and its unit."""
 
     name: str
     default: float
-    """In its own unit."""
+    """Default in the parameter's own unit."""
     scale: float = 1.0
-    """SI value per unit."""
+    """SI value of one unit."""
 
     def of(self, parameters: RuntimeParameters) -> float:
-        """Its value now, in SI units."""
+        """Return the present value in SI units."""
         return self.scale * parameters.kept(self.name, self.default)
 
 
 @dataclass(frozen=True, slots=True)
 class ParameterDetails:
-    """Description of a parameter for those who edit it."""
+    """Metadata of a parameter for parameter editors."""
 
     group: str
-    """Heading under which ground stations show it."""
-    # The range that the autopilot documents, in the parameter's unit; infinite where it documents none.
+    """Heading of the parameter in ground stations."""
+    # Documented range in the parameter's unit; infinite if none is documented.
     low: float = -math.inf
     high: float = math.inf
     decimals: int | None = None
-    """Decimal places to show."""
+    """Number of decimal places to show."""
     increment: float | None = None
-    """Step of an editor, in the parameter's unit."""
+    """Increment in editors, in the parameter's unit."""
     reboot: bool = False
     """Whether a change needs a reboot."""
     values: tuple[tuple[int, str], ...] = ()
-    """The values that there are, with short names; empty for any."""
+    """Allowed values with labels; empty if any value is allowed."""
     bits: tuple[tuple[int, str], ...] = ()
-    """The bits that there are, counted from 0, with short names; empty for no bit mask."""
+    """Bits of a bit mask from 0, with labels; empty for no bit mask."""
 
 
 @cache
 def reference_parameters(
     name: str, without: tuple[str, ...] = (), package: str = __package__
 ) -> tuple[MavParameter, ...]:
-    """Read the list of a firmware.
+    """Return the parameters of a firmware from the table ``lists/NAME.csv`` of a package.
 
-    Its table is ``lists/NAME.csv`` of a package, such as ``px4``. Names that begin as one of
-    ``without`` are left out.
+    Parameters with a prefix in ``without`` are left out.
 
     Examples
     --------
@@ -223,7 +221,7 @@ def reference_parameters(
 
 
 def motion_parameters(name: str, package: str = __package__) -> Mapping[str, ParameterSpec]:
-    """Read the parameters with which a firmware moves a vehicle, by their names.
+    """Return the motion parameters of a firmware by name, from the table ``lists/NAME.csv``.
 
     Examples
     --------
@@ -246,7 +244,7 @@ def motion_parameters(name: str, package: str = __package__) -> Mapping[str, Par
 
 @cache
 def parameter_details(name: str) -> Mapping[str, ParameterDetails]:
-    """Read the descriptions of an autopilot's parameters, by their names.
+    """Return the details of an autopilot's parameters by name.
 
     Examples
     --------

@@ -1,6 +1,6 @@
-"""Flight procedures of an autopilot: dynamics, take-off, return, landing, and parameters.
+"""Flight procedures: motion, take-off, return, landing, and their parameters.
 
-The base classes for firmwares, and the procedures of no autopilot in particular.
+This module has the base classes for firmwares, and the generic procedures of vehicles without an autopilot.
 """
 
 from __future__ import annotations
@@ -36,26 +36,26 @@ _SLOW_LANDING_M = 5.0
 
 
 class FlightProcedures(ABC):
-    """The flight procedures of a firmware. One object serves all vehicles; they differ by their spec."""
+    """Flight procedures of a firmware; one object serves all vehicles, which differ by `VehicleSpec`."""
 
     name: str
     """Name of the autopilot."""
     parameters: Mapping[str, ParameterSpec]
-    """Parameters that move the vehicle, by their names."""
+    """Motion parameters by name."""
     orbit_within_m: float | None = None
-    """Distance to an ordered circle at which its one leg begins; None: it is flown as chords."""
+    """Distance from a commanded orbit at which its leg begins; None if orbits are flown as chords."""
 
     def value(self, spec: VehicleSpec, name: str) -> float:
-        """Value of a parameter for a vehicle, in the parameter's own unit."""
+        """Return the value of a parameter for a vehicle, in the parameter's own unit."""
         return parameter_value(spec, name, self.parameters)
 
     def values(self, spec: VehicleSpec) -> dict[str, float]:
-        """Values of all parameters for a vehicle, in their own units."""
+        """Return the values of all parameters for a vehicle, in their own units."""
         own = dict(spec.parameters)
         return {name: own.get(name, known.default) for name, known in self.parameters.items()}
 
     def numbers(self, spec: VehicleSpec, law: type | None = None) -> dict[str, float]:
-        """Numbers of the law of motion that are a parameter each, in SI units; only fields of a dataclass."""
+        """Return the constants of motion that are parameters (SI units), limited to the fields of `law`."""
         value = self.values(spec)
         wanted = None if law is None else {field.name for field in fields(law)}
         return {
@@ -66,30 +66,30 @@ class FlightProcedures(ABC):
 
     @abstractmethod
     def fit(self, spec: VehicleSpec) -> VehicleSpec:
-        """Vehicle with the radii, speeds and heights of its parameters."""
+        """Return the vehicle with radii, speeds and heights from its parameters."""
 
     @abstractmethod
     def motion(self, spec: VehicleSpec, wind: Wind | None, yaw_rad: float) -> MotionModel:
-        """Motion of a vehicle that stands at home."""
+        """Return the motion model of a vehicle that stands at home."""
 
     @abstractmethod
     def takeoff_legs(
         self, spec: VehicleSpec, here: Position, target: Position, speed: float, heading: Heading
     ) -> list[Leg]:
-        """Legs from the ground to the end of a take-off item."""
+        """Return the legs from the ground to the end of a take-off item."""
 
     @abstractmethod
     def landing_legs(self, spec: VehicleSpec, above: Position, last: Position, speed: float) -> list[Leg]:
-        """Legs from ``last`` to the height ``above[2]`` over a position and down to the ground."""
+        """Return the legs from ``last`` to the position ``above``, and down to the ground."""
 
     @abstractmethod
     def return_legs(
         self, spec: VehicleSpec, last: Position, speed: float, return_point: Position
     ) -> list[Leg]:
-        """Legs home and down.
+        """Return the legs to the return point and down to the ground.
 
-        ``return_point`` is home or another position to return to, and the least height of the path there if
-        that is more than the return altitude.
+        ``return_point`` is the position (home or another), with the minimum height of the return. A higher
+        return altitude has precedence.
         """
 
 
@@ -102,7 +102,7 @@ def vertical_landing(spec: VehicleSpec, x_m: float, y_m: float) -> Leg:
 def over_and_down(
     spec: VehicleSpec, above: Position, last: Position, speed: float, near_m: float = 0.05
 ) -> list[Leg]:
-    """Return the legs to a position, unless it is within ``near_m``, and straight down there."""
+    """Return the legs to a position (none if within ``near_m``), and straight down to the ground."""
     x, y, _ = above
     away = math.hypot(x - last[0], y - last[1]) > near_m
     over = [Leg(above, speed, kind=LegKind.HOME)] if away else []
@@ -110,17 +110,17 @@ def over_and_down(
 
 
 class GenericProcedures(FlightProcedures):
-    """No autopilot in particular: straight up, straight home, straight down; and the paper's ideal robot."""
+    """Generic procedures: straight up, straight home, straight down; also for the paper's ideal robot."""
 
     name = "generic"
     parameters: Mapping[str, ParameterSpec] = {}
 
     def fit(self, spec: VehicleSpec) -> VehicleSpec:
-        """Vehicle as it is: there are no parameters."""
+        """Return the vehicle unchanged; there are no parameters."""
         return spec
 
     def motion(self, spec: VehicleSpec, wind: Wind | None, yaw_rad: float) -> MotionModel:
-        """Motion of a vehicle that stands at home."""
+        """Return the motion model of a vehicle that stands at home."""
         if spec.is_ideal:
             from sim_vehicle.motion.ideal import IdealRobot
 
@@ -132,7 +132,7 @@ class GenericProcedures(FlightProcedures):
     def takeoff_legs(
         self, spec: VehicleSpec, here: Position, target: Position, speed: float, heading: Heading
     ) -> list[Leg]:
-        """Straight up, then to its position if that is aside."""
+        """Return a vertical climb, and a leg to the position of the item if it is elsewhere."""
         x, y, z = target
         radius = spec.acceptance_radius_m
         keep = KEEP if heading == ALONG else heading
@@ -142,7 +142,7 @@ class GenericProcedures(FlightProcedures):
         return legs
 
     def landing_legs(self, spec: VehicleSpec, above: Position, last: Position, speed: float) -> list[Leg]:
-        """To a position and down to the ground there, the last 5 m slowly."""
+        """Return the legs to a position and down to the ground, the last 5 m at landing speed."""
         legs = over_and_down(spec, above, last, speed)
         if above[2] > _SLOW_LANDING_M:
             low = (above[0], above[1], _SLOW_LANDING_M)
@@ -153,7 +153,7 @@ class GenericProcedures(FlightProcedures):
     def return_legs(
         self, spec: VehicleSpec, last: Position, speed: float, return_point: Position
     ) -> list[Leg]:
-        """Up to the return altitude unless home is right below, over home, and down."""
+        """Return a climb, a leg over home and a landing; within the acceptance radius only a landing."""
         x, y, z = last
         home_x, home_y, least = return_point
         if math.hypot(x - home_x, y - home_y) <= spec.acceptance_radius_m:
@@ -170,52 +170,52 @@ GENERIC = GenericProcedures()
 
 
 class FixedWingBounds(Protocol):
-    """Limits of a fixed wing's flight that the core reads, in SI units."""
+    """Limits of a fixed wing that the core uses, in SI units."""
 
     @property
     def airspeed_min(self) -> float:
-        """Least airspeed."""
+        """Minimum airspeed."""
 
     @property
     def airspeed_trim(self) -> float:
-        """Airspeed of a cruise."""
+        """Cruise airspeed."""
 
     @property
     def landing_slope(self) -> float:
-        """Sink over path length of an approach."""
+        """Descent over path length of an approach."""
 
     @property
     def loiter_radius(self) -> float:
-        """Radius of circles without one; positive is clockwise."""
+        """Default loiter radius; positive is clockwise."""
 
     def tightest_m(self, airspeed: float) -> float:
-        """Return the radius of the tightest turn."""
+        """Return the radius of the tightest turn at an airspeed."""
 
 
 class FixedWingProcedures(FlightProcedures):
-    """Procedures of vehicles that stay by circling, as the core sees them."""
+    """Procedures of vehicles that circle to hold."""
 
-    # Parameters with the least airspeed (m/s), the heights of a take-off and of the return (m).
+    # Names of the parameters of the minimum airspeed (m/s), take-off height and return height (m).
     least_airspeed: str
     takeoff_height: str
     return_height: str
     land_start_needs_position: bool
-    """Whether DO_LAND_START has to have a position."""
+    """Whether DO_LAND_START needs a position."""
     holds_at_waypoints: bool
-    """Whether the hold time of a waypoint counts."""
+    """Whether the hold time of a waypoint is used."""
     climbs_ahead: bool
     """Whether a take-off climbs straight ahead, not towards its position."""
     turns_to_zero: bool
-    """Whether a return without coordinates is led to as if it were at 0 N 0 E."""
+    """Whether a return item without coordinates is taken for a position at 0 N 0 E."""
 
     @abstractmethod
     def limits(self, spec: VehicleSpec) -> FixedWingBounds:
-        """Limits of a vehicle's flight."""
+        """Return the limits of a vehicle."""
 
     @abstractmethod
     def lands_as_mission(self, spec: VehicleSpec) -> bool:
-        """Whether a return flies the landing of the mission, if it has one."""
+        """Return whether a return flies the landing of the mission, if the mission has one."""
 
     def steepest_approach(self, spec: VehicleSpec) -> tuple[str, float] | None:
-        """Parameter that bounds the slope of an approach and its value in degrees; None without a bound."""
+        """Return name and value (degrees) of the parameter that limits the approach slope, or None."""
         return None

@@ -1,4 +1,4 @@
-"""Sticks as an autopilot takes them: the modes that they fly, how far they move the vehicle, and their loss.
+"""Flight by sticks under an autopilot: modes, speeds and angles, and the failsafe for lost sticks.
 
 Sources: PX4's ``Sticks.cpp``, ``failsafe.cpp`` and parameter reference; ArduCopter's ``mode_loiter.cpp``,
 ``mode_althold.cpp``, ``radio.cpp`` and ``events.cpp``; Rover's ``mode_manual.cpp`` and ``failsafe.cpp``.
@@ -25,7 +25,7 @@ __all__ = ["Axis", "StickLoss", "StickRules", "Sticks", "TiltSticks", "WingStick
 class Sticks:
     """Positions of the sticks, -1 to 1."""
 
-    # The middle is 0; ``turn`` counts clockwise.
+    # 0 is the centre; ``turn`` is positive clockwise.
     forward: float = 0.0
     right: float = 0.0
     up: float = 0.0
@@ -34,7 +34,7 @@ class Sticks:
 
 @dataclass(frozen=True, slots=True)
 class Axis:
-    """Share of the greatest speed that a stick asks for.
+    """Response of a stick axis: setpoint over maximum speed.
 
     Examples
     --------
@@ -44,12 +44,12 @@ class Axis:
     """
 
     deadzone: float
-    """About the middle."""
+    """Deadzone around the centre."""
     expo: float = 0.0
-    """Share of the cube, which makes small moves finer."""
+    """Fraction of the cubic term, which reduces the response near the centre."""
 
     def share(self, value: float) -> float:
-        """Share of the greatest speed at a position of the stick, both -1 to 1."""
+        """Return setpoint over maximum speed for a stick position, both -1 to 1."""
         size = min(abs(value), 1.0)
         if size <= self.deadzone:
             return 0.0
@@ -59,122 +59,119 @@ class Axis:
 
 @dataclass(frozen=True, slots=True)
 class StickLoss:
-    """Reaction of an autopilot when its sticks fall silent."""
+    """Failsafe of an autopilot for lost sticks."""
 
     timeout: Setting
-    """Silence after which they are lost."""
+    """Time without stick input after which sticks are lost."""
     action: Setting
-    """Chooses among ``actions``."""
+    """Parameter that selects one of ``actions``."""
     actions: Mapping[int, Action]
     exceptions: Mapping[Mode, int]
-    """The bit of `RuntimeParameters.failsafe_options` with which a mode goes on without sticks."""
+    """For each mode the bit of `RuntimeParameters.failsafe_options` that continues it without sticks."""
     in_stick_modes: Action = Action.NONE
-    """The least that is done in a mode that the sticks fly (PX4 cannot stay in it)."""
+    """Minimum action in modes flown by sticks (PX4 cannot stay in such a mode)."""
     release: Setting | None = None
-    """Silence after which the sticks are let go where nothing else is done; negative is never. None is
+    """Time without input after which sticks are centred if there is no action; negative is never, None is
     ``timeout``."""
     delay: Setting | None = None
-    """How long it holds before it does more than that (PX4)."""
+    """Time of the hold before an action other than hold (PX4)."""
     on_ground: Action = Action.NONE
-    """Action on the ground."""
+    """Action while the vehicle is on the ground."""
     arming: Setting | None = None
-    """A parameter with which a vehicle whose sticks are lost does not arm, unless it is 0 (ArduPilot)."""
-    # Texts, empty for none; ``delayed`` has a ``{}`` for the seconds.
+    """Parameter that prevents arming without sticks unless it is 0 (ArduPilot)."""
+    # Notices, empty for none; ``{}`` in ``delayed`` is the delay in seconds.
     lost: str = ""
     delayed: str = ""
     regained: str = ""
     ignored: Mapping[Mode, str] = field(default_factory=dict)
-    """Notice when a mode goes on without sticks."""
+    """Notice in a mode that continues without sticks."""
 
 
 @dataclass(frozen=True, slots=True)
 class WingSticks:
-    """How far a fixed wing goes with its sticks."""
+    """Limits of a fixed wing under stick control."""
 
     bank: Setting
-    """Greatest angle, radians."""
-    # What the stick for the pitch asks for at its ends: pitch angles in radians, or vertical speeds in m/s;
-    # the sign does not count.
+    """Maximum bank angle (rad)."""
+    # Pitch angles (rad) or vertical speeds (m/s) at the ends of the pitch stick; signs are ignored.
     up: Setting
     down: Setting
     by_rate: bool = False
-    """``up`` and ``down`` are vertical speeds."""
+    """Whether ``up`` and ``down`` are vertical speeds."""
 
 
 @dataclass(frozen=True, slots=True)
 class TiltSticks:
-    """How a multirotor leans with its sticks."""
+    """Attitude control of a multirotor by sticks."""
 
     holds_height: frozenset[Mode]
-    """Modes in which the vertical stick is a climb rate, and the height is held without it."""
+    """Modes in which the vertical stick is a climb rate; with the stick centred the height is held."""
     by_throttle: frozenset[Mode]
-    """Modes in which it is the thrust."""
+    """Modes in which the vertical stick is the thrust."""
     by_rate: frozenset[int]
-    """Custom modes, flown as one of ``by_throttle``, in which the sticks are rates of turning."""
+    """Custom modes, simulated as a mode in ``by_throttle``, in which sticks are body rates."""
     lean: Setting
-    """Greatest lean, radians."""
-    # Greatest rates of turning in ``by_rate``, radians a second.
+    """Maximum lean angle (rad)."""
+    # Maximum body rates in ``by_rate`` (rad/s).
     roll_rate: Setting
     pitch_rate: Setting
     yaw_rate: Setting
-    # Thrust with the stick in the middle and at its ends.
+    # Thrust with the stick at the centre and at its ends.
     hover_thrust: Setting
     least_thrust: Setting
     most_thrust: Setting
     hold_below: Setting
-    """Vertical speed below which the height is held, m/s."""
+    """Vertical speed below which the height is held (m/s)."""
     drag: Callable[[VehicleSpec], float]
-    """Drag over mass and airspeed (1/s) of a vehicle."""
+    """Function from a vehicle to its drag over mass and airspeed (1/s)."""
 
 
 @dataclass(frozen=True, slots=True)
 class StickRules:
-    """How an autopilot flies by sticks."""
+    """Flight by sticks under an autopilot."""
 
     speeds: Mapping[Mode, Setting | None]
-    """The modes that sticks fly, with the speed of a stick that is moved all the way; None is the vehicle's
-    greatest."""
+    """Modes flown by sticks, with the speed at full stick; None is the maximum speed of the vehicle."""
     loss: StickLoss
-    # Sticks for the horizontal movement, for climbing and for turning.
+    # Axes of horizontal motion, climb and yaw.
     level: Axis
     vertical: Axis
     turning: Axis
     turn_rate: Setting
-    """Rate of a turn, radians a second; of a rover 0 is the vehicle's own."""
-    # Vertical speeds; None and 0 are the vehicle's own.
+    """Yaw rate at full stick (rad/s); for a rover 0 is the vehicle's own rate."""
+    # Vertical speeds at full stick; None and 0 are the vehicle's own speeds.
     climb: Setting | None = None
     descent: Setting | None = None
     without: frozenset[int] = field(default_factory=frozenset)
-    """Custom modes that are flown as one of ``speeds``, but without sticks."""
+    """Custom modes that are simulated as a mode in ``speeds``, but ignore sticks."""
     coordinated: frozenset[int] = frozenset()
-    """Custom modes in which the stick to the right turns the vehicle (DRIFT)."""
+    """Custom modes in which the roll stick turns the vehicle (DRIFT)."""
     needed: frozenset[Mode] = field(default_factory=frozenset)
-    """Modes that are not entered in flight, and in which the vehicle does not arm, without sticks (PX4)."""
+    """Modes that need sticks to be entered in flight and for arming (PX4)."""
     impossible: frozenset[Mode] = field(default_factory=frozenset)
-    """Modes that are not entered at all in flight, and in which the vehicle does not arm (PX4)."""
+    """Modes that cannot be entered in flight and do not allow arming (PX4)."""
     overrides: bool = False
-    """RC_CHANNELS_OVERRIDE is taken, and only from the ground station that MAV_GCS_SYSID names
-    (ArduPilot)."""
+    """Whether RC_CHANNELS_OVERRIDE is accepted, from the ground station in MAV_GCS_SYSID only (ArduPilot)."""
     drives: bool = False
-    """A rover: the vertical stick is the throttle, the one to the right steers."""
+    """Whether the vehicle is a rover: throttle on the vertical stick, steering on the roll stick."""
     wings: Mapping[Mode, WingSticks] = field(default_factory=dict)
-    """A fixed wing: the horizontal sticks ask for bank and pitch, in each mode that they fly."""
+    """Bank and pitch limits of a fixed wing, by mode."""
     landing_abort: Setting | None = None
-    """Not 0: with the throttle all the way up a landing of the mission is broken off (ArduPlane)."""
+    """Parameter that is not 0 if full throttle aborts a landing of the mission (ArduPlane)."""
     tilt: TiltSticks | None = None
-    """A multirotor that leans with its sticks in some modes, without a position to hold."""
+    """Attitude control of a multirotor in modes without position hold; None for no such modes."""
     takeoff_stick: float = 0.0
-    """Where the vertical stick has to be for a vehicle that stands to take off."""
+    """Position of the vertical stick at which a vehicle on the ground takes off."""
     receiver: Sticks | None = None
-    """The sticks of a radio receiver, which count until a ground station's are heard; None without one."""
+    """Sticks of a radio receiver, used until sticks of a ground station arrive; None without a receiver."""
     throttle_middle: float = 500.0
-    """Where the middle of MANUAL_CONTROL's throttle is, 0 to 1000."""
+    """Centre of the throttle in MANUAL_CONTROL, 0 to 1000."""
     pwm_half: float = 500.0
-    """Microseconds from the middle of a channel to its end."""
+    """Pulse range from the centre of an RC channel to its end (us)."""
 
 
 def bits(**modes: int) -> Mapping[Mode, int]:
-    """Bits by mode.
+    """Return a mapping from modes to bits; keywords are names of modes.
 
     Examples
     --------

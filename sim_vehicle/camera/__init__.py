@@ -1,1 +1,1 @@
-"""The MAVLink camera component that carries the leaf camera."""
+"""MAVLink camera components."""

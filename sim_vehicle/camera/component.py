@@ -1,4 +1,4 @@
-"""MAVLink camera components beside an autopilot: their common part, and the leaf camera."""
+"""MAVLink camera components: the common base class, and the leaf camera."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ MIN_DISTANCE_M = 0.01
 MIN_INTERVAL_S = 0.01
 MAX_INTERVAL_S = 86_400.0
 _HEARTBEAT_S = 1.0
-_PATIENCE_S = 2.5
+_TELEMETRY_TIMEOUT_S = 2.5
 _POSITION_US, _TIME_US = 100_000.0, 1_000_000.0
 _UNIX_US = 10**15
 _E7 = 1e7
@@ -40,23 +40,25 @@ _Obeyed: TypeAlias = int | list[Message]
 
 
 class CameraComponent:
-    """A MAVLink camera that fires as the mission commands and sends the readings of its images.
+    """A MAVLink camera that takes images on mission commands and sends the readings of the images.
 
-    It knows where the vehicle is from telemetry only: GLOBAL_POSITION_INT of its own system's autopilot
-    (10 Hz is best, 1 Hz is enough); when none comes (an ArduPilot sends what was asked for) it asks for
-    it. It fires by DO_SET_CAM_TRIGG_DIST, DO_SET_CAM_TRIGG_INTERVAL, IMAGE_START_CAPTURE and an
-    autopilot's CAMERA_TRIGGER, stops when the vehicle disarms or its autopilot restarts, and reports each
-    image by CAMERA_IMAGE_CAPTURED and DEBUG_FLOAT_ARRAY (see `sensors.camera.wire`). A subclass takes the
-    images by `_take`.
+    Position of the vehicle: GLOBAL_POSITION_INT of the system's autopilot, best at 10 Hz, at least at 1 Hz.
+    The camera requests the message if it does not arrive, because ArduPilot sends only requested messages.
+
+    Triggers: DO_SET_CAM_TRIGG_DIST, DO_SET_CAM_TRIGG_INTERVAL, IMAGE_START_CAPTURE, and CAMERA_TRIGGER of the
+    autopilot. Disarming and a restart of the autopilot stop the camera.
+
+    Each image is reported by CAMERA_IMAGE_CAPTURED and DEBUG_FLOAT_ARRAY (`sensors.camera.wire`). Subclasses
+    implement `_take`.
 
     Parameters
     ----------
     fields : tuple of str
-        The names of the fields that it reads.
+        Names of the fields that the camera reads.
     footprint_cells : int
-        Side of the square of cells that one image shows.
+        Side of the square footprint of an image, in cells.
     system_id, component_id : int
-        Address; the system is that of the vehicle.
+        MAVLink address; the system is that of the vehicle.
     """
 
     wanted: frozenset[int] | None = frozenset(
@@ -95,30 +97,30 @@ class CameraComponent:
 
     @property
     def image_count(self) -> int:
-        """How many images were taken."""
+        """Number of images taken."""
         return self._memory.count
 
     def next_deadline(self) -> float:
-        """Return when the next heartbeat is due."""
+        """Return the time of the next heartbeat."""
         return -math.inf if self._heartbeat_s is None else self._heartbeat_s
 
     def poll(self, now_s: float) -> list[Message]:
-        """Send the heartbeat when it is due; images are taken when telemetry arrives."""
+        """Return the heartbeat if it is due; images are taken in `receive`."""
         due_s = self._heartbeat_s
         if due_s is not None and now_s < due_s:
             return []
         late = due_s is None or now_s - due_s > _HEARTBEAT_S
         self._heartbeat_s = (now_s if late or due_s is None else due_s) + _HEARTBEAT_S
         state = mavlink.MAV_STATE_ACTIVE if self.trigger.active else mavlink.MAV_STATE_STANDBY
-        return [_heartbeat(state), *self._ask(now_s)]
+        return [_heartbeat(state), *self._request_telemetry(now_s)]
 
     def goodbye(self) -> list[Message]:
-        """A last HEARTBEAT, of a camera that is powered off."""
+        """Return a last HEARTBEAT with the state POWEROFF."""
         return [_heartbeat(mavlink.MAV_STATE_POWEROFF)]
 
-    def _ask(self, now_s: float) -> list[Message]:
-        """Ask an autopilot that is there for the telemetry that does not come."""
-        if self._position_s is None or now_s < self._position_s + _PATIENCE_S:
+    def _request_telemetry(self, now_s: float) -> list[Message]:
+        """Request telemetry from an autopilot that sends no positions."""
+        if self._position_s is None or now_s < self._position_s + _TELEMETRY_TIMEOUT_S:
             return []
         self._position_s = now_s
         wanted = (
@@ -132,7 +134,7 @@ class CameraComponent:
         ]
 
     def receive(self, message: Message, now_s: float) -> list[Message]:
-        """Follow the telemetry, obey commands; return images and answers."""
+        """Process telemetry and commands; return images and answers."""
         if is_a(message, mavlink.MAVLink_global_position_int_message):
             if not self._from_autopilot(message):
                 return []
@@ -197,11 +199,11 @@ class CameraComponent:
         self.trigger.at(time_us)
 
     def _take(self, exposures: Sequence[Exposure]) -> list[Message]:
-        """Take images where the camera fired and return the messages that are ready."""
+        """Take images at the exposures and return the messages that are ready."""
         raise NotImplementedError
 
     def _report(self, exposure: Exposure, values: NDArray[np.float32]) -> list[Message]:
-        """Keep an image with its readings, float32[cells, fields], and return its messages."""
+        """Store an image with its readings, float32[cells, fields], and return the messages of the image."""
         return self._memory.report(self._memory.add(exposure, values), self._utc_offset_us)
 
     # Commands
@@ -214,7 +216,7 @@ class CameraComponent:
         obeyed = self._obey(message, message.command)
         result, extra = (obeyed, []) if isinstance(obeyed, int) else (_ACCEPTED, obeyed)
         if message.target_component == 0 and result == _UNSUPPORTED:
-            return []  # meant for another component of the system
+            return []  # The command is for another component of the system.
         answer = mavlink.MAVLink_command_ack_message(
             message.command,
             result,
@@ -224,7 +226,7 @@ class CameraComponent:
         return [answer, *extra]
 
     def _obey(self, message: CommandMessage, command: int) -> _Obeyed:
-        """Do a command; MAV_RESULT, or (accepted) the messages that follow its acknowledgement."""
+        """Execute a command; return a MAV_RESULT, or if accepted the messages after the acknowledgement."""
         given = (message.param1, message.param2, message.param3, message.param4)
         if command in _TRIGGERS and math.isnan(given[0]):
             return _DENIED
@@ -263,7 +265,7 @@ class CameraComponent:
         return self._by_interval(p[0] / 1000.0, 0)
 
     def _mine(self, camera_id: float) -> bool:
-        """Whether a command's camera id means this camera (1 to 6 are an autopilot's own cameras)."""
+        """Return whether a camera id addresses this camera; 1 to 6 are the autopilot's own cameras."""
         return camera_id < 7.0 or camera_id == self.component_id
 
     def _shoot_by_distance(self, message: CommandMessage, p: Parameters) -> _Obeyed:
@@ -282,7 +284,7 @@ class CameraComponent:
         return self._take([here]) if here is not None else []
 
     def _by_interval(self, interval_s: float, count: int) -> _Obeyed:
-        """Start exposures at an interval; 0 stops them, -1 asks for the default of one second."""
+        """Start exposures at an interval; 0 stops them, -1 ms is the default of 1 s."""
         if interval_s == 0.0:
             self.trigger.stop()
             return []
@@ -304,7 +306,7 @@ class CameraComponent:
             return self._by_interval(interval_s, int(count)) if interval_s > 0.0 else _DENIED
         source = (message.get_srcSystem(), message.get_srcComponent())
         if self._external and source == self._autopilot:
-            return []  # PX4 announces each exposure by CAMERA_TRIGGER as well
+            return []  # PX4 also sends CAMERA_TRIGGER for this exposure.
         here = self.trigger.here()
         if here is None:
             return _NOT_NOW
@@ -367,25 +369,24 @@ class CameraComponent:
 
 
 class LeafCameraComponent(CameraComponent):
-    """The leaf camera of the benchmark, which reads a farm's fields where the vehicle is.
+    """The benchmark's leaf camera, which reads the fields of a farm below the vehicle.
 
-    The cell that it reads is the one under the vehicle's true position, not under the position that the
-    vehicle reports.
+    The camera reads the cell below the true position of the vehicle, not below the reported position.
 
     Parameters
     ----------
     camera : Camera
-        Optics and the world in front of them.
+        Optics, and the environment that the camera sees.
     farm : Farm
-        Turns positions into cells.
+        Farm, for the conversion of positions into cells.
     system_id, component_id : int
-        Address; the system is that of the vehicle.
+        MAVLink address; the system is that of the vehicle.
     position_error : callable, optional
-        ``position_error(time_us)``, how far east and north (m) of the truth the vehicle believed to be, at a
-        time since its boot; exact without.
+        ``position_error(time_us)`` returns the error of the reported position to the east and north (m) at a
+        time since boot; by default 0.
     looks : callable, optional
-        ``looks(time_us)``: roll, pitch and compass heading (rad) of the gimbal that carries it, at a time
-        since boot; straight down where that is None, and without.
+        ``looks(time_us)`` returns roll, pitch and compass heading (rad) of the camera's gimbal at a time
+        since boot, or None for straight down; by default straight down.
     """
 
     def __init__(
@@ -408,7 +409,7 @@ class LeafCameraComponent(CameraComponent):
         self._farm = farm
 
     def _take(self, exposures: Sequence[Exposure]) -> list[Message]:
-        """Read the cells that the exposures show and return the messages."""
+        """Read the cells in the exposures and return the messages."""
         if self._looks is not None:
             exposures = [_turned(exposure, self._looks(exposure.time_us)) for exposure in exposures]
         cells = [self._cell_under(exposure) for exposure in exposures]
@@ -419,7 +420,7 @@ class LeafCameraComponent(CameraComponent):
         return messages
 
     def _cell_under(self, exposure: Exposure) -> tuple[int, int]:
-        """Return the cell that the camera looks at, the ground being flat; one off any farm for the sky."""
+        """Return the cell in the camera's line of sight, on flat ground; a cell off the farm for the sky."""
         farm = self._farm
         x_m, y_m = farm.frame.from_wgs84(exposure.latitude_e7 / _E7, exposure.longitude_e7 / _E7)
         if self._position_error is not None:
@@ -436,7 +437,7 @@ class LeafCameraComponent(CameraComponent):
 
 
 def _turned(exposure: Exposure, attitude: tuple[float, float, float] | None) -> Exposure:
-    """Return an exposure with the camera turned to roll, pitch and heading in rad; None is straight down."""
+    """Return an exposure with a camera attitude (roll, pitch, heading; rad); None is straight down."""
     if attitude is None:
         return exposure
     roll, pitch, heading = (round(100.0 * math.degrees(angle)) for angle in attitude)
@@ -444,12 +445,12 @@ def _turned(exposure: Exposure, attitude: tuple[float, float, float] | None) -> 
 
 
 def _is_repeated(message: CommandMessage) -> bool:
-    """Whether a command is repeated: its answer was lost, and it must not begin anew."""
+    """Return whether a command is a repetition after a lost answer, which must not restart the trigger."""
     return getattr(message, "confirmation", 0) > 0
 
 
 def _microseconds(seconds: float) -> int:
-    """Return a time in microseconds; -1, which no trigger has, for none."""
+    """Return a time in microseconds; -1, which is no interval, if the time is not finite."""
     return round(seconds * 1e6) if math.isfinite(seconds) else -1
 
 
@@ -483,4 +484,4 @@ _OLD_REQUESTS = {
     mavlink.MAV_CMD_REQUEST_STORAGE_INFORMATION: mavlink.MAVLINK_MSG_ID_STORAGE_INFORMATION,
     mavlink.MAV_CMD_REQUEST_CAMERA_CAPTURE_STATUS: mavlink.MAVLINK_MSG_ID_CAMERA_CAPTURE_STATUS,
 }
-"""The commands of before REQUEST_MESSAGE, which MAVSDK and QGroundControl still try."""
+"""Commands older than REQUEST_MESSAGE, which MAVSDK and QGroundControl still send."""

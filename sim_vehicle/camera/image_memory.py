@@ -1,4 +1,4 @@
-"""The images of a leaf camera: kept for a while, and sent in MAVLink messages."""
+"""Ring buffer of a camera's images, and MAVLink messages of an image."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ _MIB_PER_IMAGE = 1e-4
 _PADDING = [0.0] * 58
 _SINGLE = Struct("<4f")
 _UNKNOWN = 65535
-_TAKEN = Struct("<9q")  # number and exposure; the readings follow as float32
+_TAKEN = Struct("<9q")  # number and exposure, before the readings as float32
 
 
 class Image(NamedTuple):
-    """An image: its number, when and where it was taken, and its readings[cell][field]."""
+    """An image: number, exposure, and readings[cell][field]."""
 
     number: int
     exposure: Exposure
@@ -36,32 +36,32 @@ class Image(NamedTuple):
 
 
 class ImageMemory:
-    """Numbers images, keeps the last 65,536 of them, and makes the messages of an image."""
+    """Numbers, stores and reports images; the last 65,536 images are kept."""
 
     def __init__(self, fields: tuple[str, ...], footprint_cells: int) -> None:
-        self.count = 0  # images taken; the number of the next one
+        self.count = 0  # number of images taken, and of the next image
         self._footprint_cells = footprint_cells
         self._layout = LeafLayout.of(fields)
         self._layout_name = self._layout.name.encode()
         self._n_fields = len(fields)
-        # As bytes they take a sixth of the memory, and the garbage collector has nothing to look through.
+        # Bytes take a sixth of the memory of lists, and the garbage collector does not traverse them.
         self._ring: list[bytes] = [b""] * RING_IMAGES
         self._attitude = ((-1, 0, 0), (1.0, 0.0, 0.0, 0.0))
 
     @property
     def used_mib(self) -> float:
-        """How much of the storage the images take, MiB."""
+        """Storage used by images (MiB)."""
         return min(self.count * _MIB_PER_IMAGE, STORAGE_MIB)
 
     def add(self, exposure: Exposure, values: NDArray[np.float32]) -> Image:
-        """Number an image and keep it; its readings are [cell, field]."""
+        """Number and store an image with the readings [cell, field]."""
         number = self.count
         self._ring[number % RING_IMAGES] = _TAKEN.pack(number, *exposure) + values.tobytes()
         self.count += 1
         return Image(number, exposure, values.tolist())
 
     def find(self, index: float) -> Image | None:
-        """Return the image of a number, as a command's parameter gives it; None if it is not kept."""
+        """Return the image with the number `index` (a command's parameter); None if it is not stored."""
         if not (0.0 <= index < 2**31 and index % 1.0 == 0.0):
             return None
         kept = self._ring[int(index) % RING_IMAGES]
@@ -74,13 +74,13 @@ class ImageMemory:
         return Image(number, Exposure(*exposure), values.tolist())
 
     def clear(self, *, count_anew: bool) -> None:
-        """Forget all images."""
+        """Delete all images; with `count_anew` the next image has number 0."""
         self._ring = [b""] * RING_IMAGES
         if count_anew:
             self.count = 0
 
     def report(self, image: Image, utc_offset_us: int | None) -> list[Message]:
-        """Return the messages of an image; `utc_offset_us` is UTC less the time since boot, if known."""
+        """Return the messages of an image; `utc_offset_us` is UTC minus time since boot, None if unknown."""
         index, exposure, values = image
         time_ms = exposure.time_us // 1000
         report: list[Message] = [
@@ -110,7 +110,7 @@ class ImageMemory:
         return report
 
     def _announce(self, time_us: int) -> list[Message]:
-        """Return the message with the names of the fields, unless they are the benchmark's."""
+        """Return the messages with the names of the fields; none for the fields of the benchmark."""
         return [
             mavlink.MAVLink_debug_float_array_message(
                 time_us, FIELDS_NAME.encode(), number, data + _PADDING[len(data) :]
@@ -119,7 +119,7 @@ class ImageMemory:
         ]
 
     def attitude(self, exposure: Exposure) -> Quaternion:
-        """Return the camera's attitude as a quaternion, in single precision as messages carry it."""
+        """Return the attitude of the camera as a quaternion, rounded to the single precision of messages."""
         angles = exposure.roll_cdeg, exposure.pitch_cdeg, exposure.heading_cdeg
         if angles != self._attitude[0]:
             roll, pitch, yaw = (math.radians(angle / 100.0) for angle in angles)

@@ -1,4 +1,4 @@
-"""A real camera beside an autopilot: takes pictures on command, and sends their readings."""
+"""Camera component for a real camera on a companion computer."""
 
 from __future__ import annotations
 
@@ -22,33 +22,33 @@ if TYPE_CHECKING:
 __all__ = ["PictureCamera"]
 
 P = TypeVar("P")
-_LOOK_S = 0.05
+_CHECK_S = 0.05  # interval of checks for readings
 
 
 class PictureCamera(CameraComponent, Generic[P]):
-    """A camera of pictures, whose readings a function gives: the program of a companion computer.
+    """A camera with user functions that take pictures and read fields from the pictures.
 
-    It fires as `CameraComponent` does. A picture is taken at once; a thread classifies one picture after the
-    other, so that a slow classifier delays neither the next picture nor the link. A picture that cannot be
-    taken or classified is an image without readings, and reported.
+    Triggers are those of `CameraComponent`. Pictures are taken at once and classified in sequence by a
+    thread, so that a slow classifier delays neither the next picture nor the link. A picture that cannot be
+    taken or classified becomes an image without readings, with a note.
 
     Parameters
     ----------
     take : callable
-        ``take(exposure)`` takes a picture, in any form that `classify` understands. An `Exposure` has the
-        time since boot (us), the position (1e-7 degree, mm) and the heading.
+        ``take(exposure)`` takes a picture and returns the input of `classify`. An `Exposure` has the time
+        since boot (us), the position (1e-7 degree, mm) and the heading.
     classify : callable
-        ``classify(picture)`` returns the values of fields by their names, in 0..1 as in `sensors.fields`:
-        one number each, or one for each cell of the footprint, column by column. A field that is left out,
-        or NaN, was not seen.
+        ``classify(picture)`` returns values of fields by name, in 0..1 (`sensors.fields`). A value is a
+        number, or a sequence with a number per cell of the footprint, column by column. A missing field, or
+        NaN, was not seen.
     fields : tuple of str
-        The names of all fields, in the order in which the ground knows them.
+        Names of all fields, in the order of the ground station.
     footprint_cells : int
-        Side of the square of the farm's cells that a picture shows.
+        Side of the square footprint of a picture, in cells of the farm.
     system_id, component_id : int
-        Address; the system is that of the vehicle.
+        MAVLink address; the system is that of the vehicle.
     note : callable, optional
-        Takes a line on each picture that failed.
+        Called with a line of text for each failed picture.
 
     Examples
     --------
@@ -73,25 +73,25 @@ class PictureCamera(CameraComponent, Generic[P]):
         self._names = fields
         self._pool = ThreadPoolExecutor(1, thread_name_prefix="classify")
         self._waiting: deque[tuple[Exposure, Future[NDArray[np.float32]]]] = deque()
-        self._looked_s = -math.inf
+        self._checked_s = -math.inf
 
     @property
     def waiting(self) -> int:
-        """Number of pictures without readings yet."""
+        """Number of pictures that are not classified yet."""
         return len(self._waiting)
 
     def next_deadline(self) -> float:
-        """Return the time of the next heartbeat, or of the next look for readings."""
+        """Return the time of the next heartbeat, or of the next check for readings if that is earlier."""
         due_s = super().next_deadline()
-        return min(due_s, self._looked_s + _LOOK_S) if self._waiting else due_s
+        return min(due_s, self._checked_s + _CHECK_S) if self._waiting else due_s
 
     def poll(self, now_s: float) -> list[Message]:
-        """Send the heartbeat when it is due, and the readings of pictures."""
-        self._looked_s = now_s
+        """Return the heartbeat if it is due, and the images with new readings."""
+        self._checked_s = now_s
         return [*super().poll(now_s), *self._classified()]
 
     def goodbye(self) -> list[Message]:
-        """Send the readings of the last pictures, then a heartbeat of a camera that is powered off."""
+        """Wait for the last readings; return their images and a HEARTBEAT with the state POWEROFF."""
         self._pool.shutdown(wait=True)
         return [*self._classified(), *super().goodbye()]
 
@@ -99,7 +99,7 @@ class PictureCamera(CameraComponent, Generic[P]):
         for exposure in exposures:
             try:
                 picture = self._picture(exposure)
-            except Exception as error:  # of the user's camera
+            except Exception as error:  # any error of the user's camera
                 self._say(f"picture {self.image_count + self.waiting + 1} was not taken: {told_error(error)}")
                 future: Future[NDArray[np.float32]] = Future()
                 future.set_result(self._nothing())
@@ -109,7 +109,7 @@ class PictureCamera(CameraComponent, Generic[P]):
         return self._classified()
 
     def _classified(self) -> list[Message]:
-        """Return the messages of the pictures that have readings, in their order."""
+        """Return the messages of classified pictures, in the order of exposure."""
         messages: list[Message] = []
         while self._waiting and self._waiting[0][1].done():
             exposure, future = self._waiting.popleft()
@@ -117,20 +117,20 @@ class PictureCamera(CameraComponent, Generic[P]):
         return messages
 
     def _values(self, picture: P) -> NDArray[np.float32]:
-        """Return the readings of a picture, float32[cells, fields]; NaN where it shows none."""
+        """Return the readings of a picture, float32[cells, fields]; NaN for fields that were not seen."""
         values = self._nothing()
         try:
             for name, given in self._classify(picture).items():
-                one = np.asarray(given, np.float32)
-                seen = one[np.isfinite(one)]
+                readings = np.asarray(given, np.float32)
+                seen = readings[np.isfinite(readings)]
                 if name not in self._names:
                     raise ValueError(f"field {name!r:.60} is none of {', '.join(self._names)}")
                 if ((seen < 0.0) | (seen > 1.0)).any():
                     raise ValueError(
                         f"{name} is {float(seen[(seen < 0.0) | (seen > 1.0)][0]):g}, not in 0..1"
                     )
-                values[:, self._names.index(name)] = one
-        except Exception as error:  # of the user's classifier
+                values[:, self._names.index(name)] = readings
+        except Exception as error:  # any error of the user's classifier
             self._say(f"a picture was not understood: {told_error(error)}")
             return self._nothing()
         return values

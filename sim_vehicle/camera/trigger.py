@@ -1,9 +1,9 @@
-"""When and where a camera fires, from nothing but position telemetry.
+"""Times and positions of exposures, computed from position telemetry.
 
-The path between two positions is what the telemetry says of it. At 10 Hz and multirotor accelerations a chord
-is within 5 mm of the path, less than the 11 mm to which MAVLink rounds positions, so the path is the chord.
-Sparser telemetry (slow radios send 1 to 4 Hz) is bent by the reported velocities: the cubic that matches
-positions and velocities at both ends (Hermite's), walked in chords of at most 0.1 s.
+Between two positions at 10 Hz the path is taken as straight. At multirotor accelerations the chord is within
+5 mm of the path, and MAVLink rounds positions to 11 mm. Between sparser
+positions (slow radios send 1 to 4 Hz) the path is the cubic Hermite curve of positions and velocities at both
+ends, divided into chords of at most 0.1 s.
 """
 
 from __future__ import annotations
@@ -15,9 +15,9 @@ MAX_GAP_MS = 1500
 REBOOT_MS = 5000
 MAX_SPEED_M_S = 150.0
 STILL_M = 0.1
-"""Length that a movement must reach to count towards the distance.
+"""Shortest movement that counts towards the trigger distance.
 
-A hovering vehicle sways less, and rounding to 11 mm lengthens longer chords by less than 0.1 %.
+A hovering vehicle sways by less. Rounding to 11 mm lengthens longer chords by less than 0.1 %.
 """
 _CHORD_MS = 150
 _STEP_MS = 100
@@ -29,7 +29,7 @@ _REFRESH_E7 = 10_000
 
 
 class Fix(NamedTuple):
-    """One position report: GLOBAL_POSITION_INT with the vehicle's clock."""
+    """A position report (GLOBAL_POSITION_INT) with the time since boot."""
 
     time_ms: int
     latitude_e7: int
@@ -42,7 +42,7 @@ class Fix(NamedTuple):
 
 
 class Exposure(NamedTuple):
-    """One exposure, at a position rounded to 1e-7 degree; heading, pitch and roll are the camera's."""
+    """An exposure at a position rounded to 1e-7 degree; heading, pitch and roll are those of the camera."""
 
     time_us: int
     latitude_e7: int
@@ -55,12 +55,12 @@ class Exposure(NamedTuple):
 
 
 class CameraTrigger:
-    """Finds the instants of distance, interval and external triggers along a track of position reports.
+    """Distance, interval and external triggers along a track of position reports.
 
-    One trigger is active at a time: the last one that was set. Distances are horizontal, along the path. In a
-    gap of the telemetry (more than 1.5 s, or a jump faster than 150 m/s) nothing is fired, because nobody
-    knows where; the distance then starts anew. Late or repeated reports are ignored. A clock that jumped back
-    is a restarted autopilot: the trigger stops.
+    A new distance or interval trigger replaces the active one. Distances are horizontal lengths along the
+    path. In a gap of the telemetry (more than 1.5 s, or a jump faster than 150 m/s) there are no exposures,
+    because the position is unknown. The distance restarts after the gap. Late or repeated reports are
+    ignored. A clock that jumps back stops the trigger, because the autopilot has rebooted.
     """
 
     __slots__ = (
@@ -88,47 +88,47 @@ class CameraTrigger:
 
     @property
     def position(self) -> Fix | None:
-        """The last position report, None before the first."""
+        """Last position report; None before the first report."""
         return self._last
 
     @property
     def active(self) -> bool:
-        """Whether a distance or interval trigger runs."""
+        """Whether a distance or interval trigger is active."""
         return self.distance_m > 0.0 or self.interval_us > 0
 
     def stop(self) -> None:
-        """Stop the trigger."""
+        """Stop the distance or interval trigger."""
         self.distance_m, self.interval_us, self.remaining = 0.0, 0, 0
 
     def every_distance(self, distance_m: float) -> None:
-        """Fire after each `distance_m` of path from here on."""
+        """Start exposures after each `distance_m` of path from the last position."""
         self.stop()
         self.distance_m = distance_m
         self._since_m = 0.0
         self._anchor = self._last
 
     def every_interval(self, interval_us: int, count: int, *, start_us: int) -> None:
-        """Fire at `start_us` of the vehicle's clock and then after each interval; `count` 0 has no end."""
+        """Start `count` exposures (0: no limit) at intervals from `start_us` (time since boot)."""
         self.stop()
         self.interval_us, self.remaining = interval_us, count
         self._due_us = start_us
 
     def here(self) -> Exposure | None:
-        """Return an exposure at the last reported position, None before the first report."""
+        """Return an exposure at the last reported position; None before the first report."""
         fix = self._last
         return None if fix is None else _exposure(fix, fix, 1.0, fix.latitude_e7, fix.longitude_e7)
 
     def at(self, time_us: int) -> None:
-        """Fire at an instant of the vehicle's clock, as soon as the position there is known."""
+        """Add an exposure at a time since boot, made as soon as the position at this time is known."""
         self._external.append(time_us)
         del self._external[:-64]
 
     def lost(self) -> None:
-        """Forget the track: the vehicle has no position."""
+        """Discard the track after the loss of the position."""
         self._last = self._anchor = None
 
     def add(self, fix: Fix) -> list[Exposure]:
-        """Take the next position report and return the exposures since the last one, in order of time."""
+        """Process a position report and return the exposures since the last report, in order of time."""
         last = self._last
         if last is None:
             self._last = self._anchor = fix
@@ -168,7 +168,7 @@ class CameraTrigger:
         )
 
     def _start_at(self, fix: Fix) -> None:
-        """Let an interval that was due while the position was unknown go on in its rhythm."""
+        """Continue the interval after a gap at the next multiple of the interval."""
         if self.interval_us > 0:
             late = fix.time_ms * 1000 - self._due_us
             if late > 0:
@@ -193,7 +193,7 @@ class CameraTrigger:
         east = _turn(fix.longitude_e7 - anchor.longitude_e7) * per_east
         length = math.hypot(north, east)
         if length < STILL_M:
-            # The position stays, so that slow motion adds up and sway does not; the clock goes on.
+            # Only the time of the anchor advances, so that slow motion adds up and sway does not.
             if fix.time_ms - anchor.time_ms > _STEP_MS:
                 self._anchor = fix._replace(latitude_e7=anchor.latitude_e7, longitude_e7=anchor.longitude_e7)
             return
@@ -271,7 +271,7 @@ class CameraTrigger:
 
 
 def _turn(longitude_e7: int) -> int:
-    """Return a difference of longitudes the short way round."""
+    """Return a difference of longitudes within +-180 degrees."""
     if -180 * _E7 <= longitude_e7 <= 180 * _E7:
         return longitude_e7
     return longitude_e7 - _TURN_E7 if longitude_e7 > 0 else longitude_e7 + _TURN_E7
@@ -292,9 +292,10 @@ def _exposure(a: Fix, b: Fix, part: float, latitude_e7: float, longitude_e7: flo
 
 
 def _curve(a: Fix, b: Fix, north: float, east: float, step_s: float) -> list[tuple[float, float]]:
-    """Return points (north, east) from `a` on the cubic Hermite curve to `b`, at equal times.
+    """Return points (north, east; m from `a`) at equal times on the cubic Hermite curve from `a` to `b`.
 
-    Where the velocities do not fit the positions (a curve of more than twice the chord), it is the chord.
+    If the velocities do not fit the positions (the curve is longer than twice the chord), points are on the
+    chord.
     """
     steps = math.ceil(step_s * 1000.0 / _STEP_MS)
     points = []

@@ -1,1 +1,1 @@
-"""Energy of a flight: power, battery, endurance."""
+"""Energy of a vehicle: power, battery, endurance."""

@@ -1,10 +1,10 @@
-"""The battery that a flight drains, as a battery monitor sees it.
+"""Battery model with the readings of a battery monitor.
 
-The equivalent circuit of one time constant (Thevenin): an open-circuit voltage by the energy that is left,
-the pack's resistance, and a resistance with a capacitor beside it, whose voltage builds up under load and
-recovers in rest. It is what Bauersfeld and Scaramuzza, "Range, endurance, and optimal speed estimates for
-multicopters", IEEE Robot. Autom. Lett. 7(2), 2022, use for drones' batteries. Values and their sources are in
-docs/energy.md.
+The model is a Thevenin equivalent circuit with one time constant. An open-circuit voltage depends on the
+remaining energy. The circuit has a series resistance and an RC element. The voltage of the RC element builds
+up under load and recovers at rest. Bauersfeld and Scaramuzza, "Range, endurance, and optimal speed estimates
+for multicopters", IEEE Robot. Autom. Lett. 7(2), 2022, use the same model for drone batteries. Values and
+sources are in docs/energy.md.
 """
 
 from __future__ import annotations
@@ -20,40 +20,39 @@ if TYPE_CHECKING:
 __all__ = ["WH_J", "BatteryMeter", "BatteryState", "remaining_fraction"]
 
 WH_J = 3600.0
-# The usual discharge curve of a lithium-polymer cell: height between its empty and its full open-circuit
-# voltage, over the remaining fraction of the energy.
+# Discharge curve of a lithium-polymer cell: remaining energy, and open-circuit voltage scaled to 0..1.
 _FRACTION = (0.0, 0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
 _HEIGHT = (0.0, 0.301, 0.452, 0.495, 0.538, 0.559, 0.613, 0.645, 0.731, 0.806, 0.903, 1.0)
-# Time constant of the mean power from which the remaining time follows, seconds.
+# Time constant (s) of the mean power that gives the remaining time.
 _AVERAGE_S = 30.0
 
 
 class BatteryState(NamedTuple):
     """Readings of a battery monitor."""
 
-    # At the terminals, now.
+    # Present values at the terminals.
     voltage_v: float
     current_a: float
     rest_voltage_v: float
-    """Voltage without the current's sag over the resistance."""
-    # Drawn since the battery was full.
+    """Voltage without the drop over the series resistance."""
+    # Energy and charge drawn since the battery was full.
     used_wh: float
     used_mah: float
     fraction: float
-    """Remaining energy over the capacity, 0 to 1."""
+    """Remaining energy over capacity, 0 to 1."""
     remaining_s: float
-    """Until empty at the mean power of late; infinite without any."""
+    """Time until empty at the recent mean power; infinite without power."""
     cells: int
-    """In series."""
+    """Number of cells in series."""
 
     @property
     def depleted(self) -> bool:
-        """Whether nothing is left."""
+        """Whether the battery is empty."""
         return self.fraction <= 0.0
 
 
 def remaining_fraction(battery: BatterySpec, used_j: float) -> float:
-    """Return the remaining fraction of a battery that gave ``used_j`` joules, 0 to 1.
+    """Return the remaining fraction of a battery after ``used_j`` joules, 0 to 1.
 
     Examples
     --------
@@ -66,7 +65,7 @@ def remaining_fraction(battery: BatterySpec, used_j: float) -> float:
 
 
 class BatteryMeter:
-    """Follows the voltage of one battery; time only goes forward.
+    """State of one battery over time; the times of readings must not decrease.
 
     Examples
     --------
@@ -83,7 +82,7 @@ class BatteryMeter:
         self.battery = battery
         span = battery.full_cell_v - battery.empty_cell_v
         self._open_v = tuple(battery.cells * (battery.empty_cell_v + height * span) for height in _HEIGHT)
-        # Charge that is left at the nodes, in Ah: between them the voltage is linear in the energy.
+        # Remaining charge (Ah) at the nodes of the curve. Between nodes the voltage is linear in the energy.
         charge = [0.0]
         for (low, high), (low_v, high_v) in zip(pairwise(_FRACTION), pairwise(self._open_v), strict=True):
             charge.append(charge[-1] + battery.capacity_wh * _charge(high - low, low_v, high_v))
@@ -94,10 +93,10 @@ class BatteryMeter:
         self._slow_v = 0.0
 
     def read(self, time_s: float, used_j: float, power_w: float) -> BatteryState:
-        """Return the state of the battery, and remember it for the recovery of its voltage.
+        """Advance to `time_s` and return the state of the battery.
 
-        Energy and power are those that its cells gave since they were full, and give now, losses in the
-        battery included. Reading again at the same time gives the same.
+        `used_j` is the energy drawn from the cells since they were full, `power_w` the present power from the
+        cells; both include losses in the battery. A repeated reading at the same time gives the same state.
         """
         battery = self.battery
         fraction = remaining_fraction(battery, used_j)
@@ -108,7 +107,7 @@ class BatteryMeter:
         left_ah = self._charge_ah[upper - 1] + battery.capacity_wh * _charge(fraction - low, low_v, open_v)
         elapsed = time_s - self._time_s
         if elapsed > 0.0:
-            # The load between two readings is taken as their mean.
+            # The load between two readings is approximated by the mean of both.
             mean_w = 0.5 * (self._power_w + power_w)
             kept = math.exp(-elapsed / battery.relaxation_s)
             target_v = battery.polarization_ohm * mean_w / open_v
@@ -135,7 +134,7 @@ class BatteryMeter:
 
 
 def _charge(share: float, low_v: float, high_v: float) -> float:
-    """Return the charge of a share of the energy between two voltages, Ah per Wh of capacity."""
+    """Return the charge of a fraction of the energy between two voltages, Ah per Wh of capacity."""
     rise = high_v - low_v
     if rise < 1e-6 * low_v:
         return share / low_v

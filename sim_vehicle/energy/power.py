@@ -1,25 +1,27 @@
-"""Electric power by flight state, and the time and distance that a battery lasts in steady motion.
+"""Electric power of a flight state, and endurance and range in steady motion.
 
-**Rotorcraft** (`multirotor_power`). Momentum and blade-element theory as in Leishman, *Principles of
-Helicopter Aerodynamics* (2nd ed., 2006, ch. 2 and 5), for a disc that is tilted so that its thrust T carries
-the weight, overcomes the drag and gives the acceleration::
+**Rotorcraft** (`multirotor_power`). Momentum and blade-element theory (Leishman, *Principles of Helicopter
+Aerodynamics*, 2nd ed., 2006, ch. 2 and 5) for a tilted disc. The thrust T carries the weight, overcomes the
+drag and gives the acceleration::
 
     P = (T (k v + Vn) + P0 (T/W)^1.5 (1 + 3 Vt^2 / Utip^2)) / efficiency + avionics
     P0 = delta/8 rho s A Utip^3          v: T = 2 rho A v sqrt(Vt^2 + (Vn + v)^2)
 
-with the airspeed normal to and within the disc, Vn and Vt. T Vn is the power of drag, climb and acceleration.
-For level flight with T = W this is the closed form of Zeng, Xu and Zhang, "Energy minimization for wireless
-communication with rotary-wing UAV", IEEE Trans. Wireless Commun. 18(4), 2019, eq. (12). Rotors of fixed pitch
-give more thrust by turning faster, hence the power 1.5 of the profile power. Momentum theory does not hold
-for a disc that sinks into its own wake; of the power that sinking and braking give back (Vn < 0), `REGAINED`
-is counted, which is what Leishman's measured curve for the vortex ring state (eq. 2.96) gives near hover.
+Vn and Vt are the airspeeds normal to the disc and within it. T Vn is the power of drag, climb and
+acceleration. For level flight with T = W the formula is the closed form of Zeng, Xu and Zhang, "Energy
+minimization for wireless communication with rotary-wing UAV", IEEE Trans. Wireless Commun. 18(4), 2019, eq.
+(12). The exponent 1.5 of the profile power holds for rotors of fixed pitch, which turn faster for more
+thrust. Momentum theory does not hold for a disc that sinks into its own wake (Vn < 0). Descent and
+braking recover the fraction `REGAINED` of this power, the slope near hover of Leishman's measured curve for
+the vortex ring state (eq. 2.96).
 
-Other kinds have formulas of their own (`FurtherPowerSpec`).
+Other kinds of vehicles have their own formulas (`FurtherPowerSpec`).
 
-The battery loses ``I^2 R`` in its own resistance, so the power that leaves its cells is ``P (1 + R P / U^2)``
-with the nominal voltage U. These functions return that, and energies are sums of it.
+The battery loses ``I^2 R`` in its internal resistance, so the power from the cells is ``P (1 + R P / U^2)``
+with the nominal voltage U. All functions of this module return the power from the cells; energies are
+integrals of this power.
 
-They are plain Python; `sim_vehicle.motion.stepping` has that of rotorcraft compiled.
+The functions are plain Python. `sim_vehicle.motion.stepping` compiles the formula of rotorcraft.
 """
 
 from __future__ import annotations
@@ -56,17 +58,14 @@ if TYPE_CHECKING:
     from sim_vehicle.airframe.spec import VehicleSpec
 
 REGAINED = 0.2
-# Steps of the search for the best speeds.
+# Step of the search for the best speeds.
 _STEP_M_S = 0.1
-# Least airspeed of a fixed wing, of its cruise speed, where its autopilot limits none.
+# Lowest airspeed of a fixed wing as a fraction of its cruise speed, if the autopilot sets no limit.
 _SLOWEST = 0.8
 
 
 def power_coefficients(power: AnyPowerSpec | None, battery: BatterySpec | None = None) -> NDArray[np.float64]:
-    """Return the constants of a power model, float64[COEFFICIENTS].
-
-    Zeros without a power model.
-    """
+    """Return the constants of a power model, float64[COEFFICIENTS]; zeros without a power model."""
     numbers = np.zeros(COEFFICIENTS)
     if power is None:
         return numbers
@@ -89,7 +88,7 @@ def power_coefficients(power: AnyPowerSpec | None, battery: BatterySpec | None =
 
 
 def profile_power_w(power: PowerSpec) -> float:
-    """Return the shaft power that turns the blades in hover, without the power for lift."""
+    """Return the profile power in hover: shaft power against blade drag (W)."""
     blades = power.blade_drag / 8.0 * power.solidity * power.disc_area_m2
     return AIR_DENSITY_KG_M3 * blades * power.tip_speed_m_s**3
 
@@ -103,7 +102,7 @@ def multirotor_power(
     acc_y: float,
     acc_z: float,
 ) -> float:
-    """Return the power of a rotorcraft, watts from the cells of its battery.
+    """Return the power of a rotorcraft from the cells of its battery (W).
 
     Parameters
     ----------
@@ -131,7 +130,7 @@ def multirotor_power(
     within2 = max(air2 + climb * climb - normal * normal, 0.0)
     hover2 = thrust * power[INDUCED_FLOW]
     into = max(normal, 0.0)
-    # From above, Newton's steps approach the root without passing it.
+    # Newton's method, started above the root, approaches it without overshoot.
     induced = sqrt(hover2)
     for _ in range(8):
         through = into + induced
@@ -155,21 +154,21 @@ def flight_power_w(
     acceleration_m_s2: float = 0.0,
     battery: BatterySpec | None = None,
 ) -> float:
-    """Return the electric power of steady motion at an airspeed and a climb rate, watts.
+    """Return the electric power of steady motion at an airspeed and a climb rate (W).
 
     Parameters
     ----------
     power : PowerSpec or FurtherPowerSpec
     airspeed_m_s : float
-        Horizontal (rotorcraft), along the path (fixed wing) or over ground without wind.
+        Horizontal airspeed (rotorcraft), airspeed along the path (fixed wing), or ground speed without wind.
     climb_m_s : float
-        Upward; a ground vehicle does not climb.
+        Climb rate, upward; ignored for ground vehicles.
     load_factor : float
-        Lift over weight: of a fixed wing in a turn, of a rotorcraft in a vertical acceleration.
+        Lift over weight: of a fixed wing in a turn, or a rotorcraft in vertical acceleration.
     acceleration_m_s2 : float
-        Along the direction of motion.
+        Acceleration along the direction of motion.
     battery : BatterySpec, optional
-        Counts what its resistance takes.
+        Battery, for the losses in its resistance.
 
     Examples
     --------
@@ -187,7 +186,7 @@ def flight_power_w(
 
 @dataclass(frozen=True, slots=True)
 class Best:
-    """Longest time and distance of a vehicle with a full battery."""
+    """Endurance and range of a vehicle with a full battery, with their airspeeds."""
 
     endurance_s: float
     endurance_speed_m_s: float
@@ -196,9 +195,9 @@ class Best:
 
 
 def endurance_s(spec: VehicleSpec, airspeed_m_s: float, *, used_fraction: float = 1.0) -> float:
-    """Return the time of steady motion until a vehicle has used a share of its battery, seconds.
+    """Return the time of steady motion until a fraction of the battery is used (s).
 
-    An airspeed of 0 hovers. VehicleError if the vehicle has no battery or no power model.
+    An airspeed of 0 is hover. VehicleError if the vehicle has no battery or no power model.
 
     Examples
     --------
@@ -207,17 +206,17 @@ def endurance_s(spec: VehicleSpec, airspeed_m_s: float, *, used_fraction: float 
     30
     """
     if spec.battery is None or spec.power is None:
-        msg = f"vehicle {spec.name} has no battery: it goes on for ever"
+        msg = f"vehicle {spec.name} has no battery: its endurance is unlimited"
         raise VehicleError(msg)
     power_w = flight_power_w(spec.power, airspeed_m_s, battery=spec.battery)
     return used_fraction * spec.battery.capacity_wh * WH_J / power_w
 
 
 def best_speeds(spec: VehicleSpec, *, least_airspeed_m_s: float | None = None) -> Best:
-    """Return the longest time and the longest distance of a vehicle, with their speeds.
+    """Return the best endurance and range of a vehicle, with their airspeeds.
 
-    ``least_airspeed_m_s`` is how slowly a fixed wing may fly, as its autopilot limits it; 0.8 of the cruise
-    speed without. VehicleError if the vehicle has no battery or no power model.
+    ``least_airspeed_m_s`` is the autopilot's lower airspeed limit of a fixed wing; the default is 0.8 of the
+    cruise speed. VehicleError if the vehicle has no battery or no power model.
     """
     slowest, fastest = 0.0, spec.fastest_m_s
     if spec.circles:

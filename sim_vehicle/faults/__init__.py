@@ -1,1 +1,1 @@
-"""Faults that are injected on demand: links, protocol, vehicle."""
+"""Fault injection: links, mission protocol, vehicle."""

@@ -1,9 +1,9 @@
-"""Faults on demand: their kind, time and vehicle; as values and as text.
+"""Specifications of faults: kind, time and vehicle, as values and as text.
 
 A fault is written ``KIND[=VALUE][,OPTION=VALUE...]``, for example ``loss=0.2,from=10,for=60`` or
-``no-final-ack,times=1`` or ``gps-loss,at=airborne,from=5,for=20``. The kinds are in `KINDS`; the mission
-protocol's are the failure modes that ground stations are usually tested against. What they do is in
-`sim_vehicle.faults.session`.
+``no-final-ack,times=1`` or ``gps-loss,at=airborne,from=5,for=20``. `KINDS` lists the kinds. The kinds for the
+mission protocol are the usual failure modes in tests of ground stations. `sim_vehicle.faults.session` applies
+the faults.
 """
 
 from __future__ import annotations
@@ -35,9 +35,9 @@ class FaultError(VehicleError, ValueError):
 
 @dataclass(frozen=True, slots=True)
 class Kind:
-    """One kind of fault: the part that it spoils, its value, and its effect.
+    """A kind of fault: the affected group, the kind of value, and a description.
 
-    Without a default a value must be given, unless ``value`` is "none".
+    Without a `default` a fault must have a value, unless ``value`` is "none".
     """
 
     group: Group
@@ -47,44 +47,46 @@ class Kind:
 
 
 KINDS: dict[str, Kind] = {
-    "link-loss": Kind("link", "none", "nothing crosses the link"),
+    "link-loss": Kind("link", "none", "no frame passes the link"),
     "loss": Kind("link", "chance", "each frame is lost with this chance"),
-    "duplicate": Kind("link", "chance", "each frame comes twice with this chance"),
+    "duplicate": Kind("link", "chance", "each frame arrives twice with this chance"),
     "corrupt": Kind("link", "chance", "one byte of each frame is changed with this chance"),
-    "delay": Kind("link", "seconds", "every frame comes so late"),
+    "delay": Kind("link", "seconds", "every frame is delayed by this time"),
     "jitter": Kind(
-        "link", "seconds", "every frame comes up to so much later, and frames overtake each other"
+        "link", "seconds", "every frame is delayed by up to this time, and frames overtake each other"
     ),
-    "bandwidth": Kind("link", "baud", "a line of so many bits per second, with a buffer of 16 KiB", 57600.0),
+    "bandwidth": Kind("link", "baud", "the link has this bit rate and a buffer of 16 KiB", 57600.0),
     "drop": Kind("message", "message", "messages of this name (or id) do not arrive"),
-    "silence": Kind("message", "component", "the component (1: autopilot) neither hears nor speaks", 1.0),
+    "silence": Kind("message", "component", "the component (1: autopilot) neither receives nor sends", 1.0),
     "no-list": Kind("message", "none", "no answer to MISSION_REQUEST_LIST"),
     "no-count": Kind("message", "none", "no answer to MISSION_COUNT"),
-    "no-request": Kind("message", "item", "this item is neither asked for nor answered", 0.0),
-    "wrong-sequence": Kind("message", "item", "instead of this item, the next one is asked for or sent", 0.0),
+    "no-request": Kind("message", "item", "this item is neither requested nor sent", 0.0),
+    "wrong-sequence": Kind(
+        "message", "item", "the next item is requested or sent in place of this item", 0.0
+    ),
     "error-ack": Kind(
-        "message", "item", "a MISSION_ACK with an error instead of this item or its request", 0.0
+        "message", "item", "a MISSION_ACK with an error in place of this item or its request", 0.0
     ),
     "early-final-ack": Kind(
-        "message", "item", "a MISSION_ACK that accepts instead of asking for this item", 1.0
+        "message", "item", "an accepting MISSION_ACK in place of the request for this item", 1.0
     ),
-    "no-final-ack": Kind("message", "none", "the MISSION_ACK that accepts is not sent"),
-    "final-ack-error": Kind("message", "result", "the last MISSION_ACK has this result instead", 1.0),
+    "no-final-ack": Kind("message", "none", "the accepting MISSION_ACK is not sent"),
+    "final-ack-error": Kind("message", "result", "the last MISSION_ACK has this result", 1.0),
     "refuse": Kind("message", "command", "commands with this number (400: arm) are denied"),
     "gps-loss": Kind("vehicle", "none", "the vehicle has no position"),
     "motor-failure": Kind("vehicle", "none", "a motor stops"),
     "dead-battery": Kind("vehicle", "none", "the battery is empty at once"),
-    "low-battery": Kind("vehicle", "part", "no more than this part of the battery is left", 0.1),
+    "low-battery": Kind("vehicle", "part", "the battery drains to this part or less", 0.1),
     "battery-change": Kind(
-        "vehicle", "seconds", "so long after each landing the battery is changed for a full one", 20.0
+        "vehicle", "seconds", "this long after each landing a full battery is put in", 20.0
     ),
-    "reboot": Kind("vehicle", "none", "the autopilot starts again, and flies on"),
+    "reboot": Kind("vehicle", "none", "the autopilot reboots and continues the flight"),
     "stuck-camera": Kind("vehicle", "none", "the shutter does not open: images fail"),
 }
 """Every kind of fault by name."""
 
 TRIGGERS = ("start", "armed", "airborne", "landed", "upload", "download", "item:N")
-"""Values of ``at``; a trigger counts when it happens for the first time."""
+"""Values of ``at``. Only the first occurrence of an event is a trigger."""
 
 _ITEM = re.compile(r"item:[0-9]{1,5}")
 _DIRECTIONS = ("up", "down", "both")
@@ -112,32 +114,32 @@ _KEYS = {
 
 @dataclass(frozen=True, slots=True)
 class Fault:
-    """One thing that goes wrong, and when.
+    """A fault: kind, value, time, and the affected vehicle or link.
 
     Parameters
     ----------
     kind : str
-        A name of `KINDS`.
+        Name in `KINDS`.
     value : float, str or None
-        See there; None is the kind's default. Of ``drop``, the name or id of the message.
+        Value as `Kind.value` defines it; None is the default of the kind. For ``drop`` the name or id of the
+        message.
     start_s, duration_s : float
-        When it begins, in seconds after the trigger, and for how long.
+        Start in seconds after the trigger, and duration.
     trigger : str
         One of `TRIGGERS`; ``start`` is the start of the simulation.
     vehicle : int or None
-        System id of the only vehicle that it concerns.
+        System id of the affected vehicle; None for all vehicles.
     direction : {"up", "down", "both"}
-        To the vehicle, from the vehicle, or both; of links and of ``drop``.
+        Affected direction of link faults and ``drop``: to the vehicle, from the vehicle, or both.
     link : str or None
-        Only links with this in their name (such as ``14550``), or below 1000 the link with this number,
-        counted from 1.
+        Part of the names of the affected links (such as ``14550``), or the number of a link, from 1 to 999.
     times : int or None
-        It happens so many times only; of message faults.
+        Largest number of occurrences of a message fault.
 
     Raises
     ------
     FaultError
-        If there is no such kind, or a value is out of range.
+        If the kind does not exist, or a value is out of range.
 
     Examples
     --------
@@ -205,12 +207,12 @@ class Fault:
 
     @property
     def group(self) -> Group:
-        """The part that the fault affects."""
+        """Affected group: link, message or vehicle."""
         return KINDS[self.kind].group
 
     @property
     def number(self) -> float:
-        """The value, 0 if the kind has none."""
+        """Value of the fault; 0 for a kind without a value."""
         return self.value if isinstance(self.value, float) else 0.0
 
     def __str__(self) -> str:
@@ -238,7 +240,7 @@ def _number(value: float | str | None) -> float:
 
 
 def _message_id(value: float | str | None) -> float:
-    """Return the id of a message of the dialect, NaN if it has none of this name."""
+    """Return the id of a message by name or id; NaN if the dialect has no such message."""
     number = _number(value)
     if number in mavlink.mavlink_map:
         return number
@@ -250,7 +252,7 @@ def _message_id(value: float | str | None) -> float:
 def parse_fault(text: str) -> Fault:
     """Read a fault from ``KIND[=VALUE][,OPTION=VALUE...]``; FaultError if it cannot be read.
 
-    The options are from, for (seconds), at (trigger), vehicle, direction, link and times of `Fault`.
+    The options are from and for (seconds), at (trigger), vehicle, direction, link and times, see `Fault`.
 
     Examples
     --------
@@ -274,7 +276,7 @@ direction='down', link=None, times=None)
 
 
 def fault_from(table: Mapping[str, Any]) -> Fault:
-    """Make a fault from a table with the keys kind, value and those of `parse_fault`; FaultError if wrong."""
+    """Return a fault from a table with the keys kind, value and the options; FaultError if invalid."""
     kind = str(table.get("kind", ""))
     values: dict[str, Any] = {}
     for key, value in table.items():
@@ -299,7 +301,7 @@ def fault_from(table: Mapping[str, Any]) -> Fault:
 
 
 def load_faults(path: Path | str) -> tuple[Fault, ...]:
-    """Read the ``[[fault]]`` tables of a TOML file; FaultError names the file and the fault that is wrong."""
+    """Read the ``[[fault]]`` tables of a TOML file; FaultError names the file and the invalid fault."""
     try:
         table = read_toml(Path(path))
     except UnreadableError as error:
@@ -308,7 +310,7 @@ def load_faults(path: Path | str) -> tuple[Fault, ...]:
 
 
 def faults_of(table: Mapping[str, Any], where: str) -> tuple[Fault, ...]:
-    """Return the faults of a decoded TOML file; ``where`` is its name for messages."""
+    """Return the faults of a decoded TOML file; ``where`` is the file name for messages."""
     entries = table.get("fault", [])
     if not isinstance(entries, list) or not all(isinstance(entry, Mapping) for entry in entries):
         raise FaultError(f"{where}: faults are written as [[fault]] tables")

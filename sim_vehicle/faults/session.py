@@ -1,7 +1,7 @@
-"""Faults in action: links that spoil frames, components that misbehave, vehicles that break.
+"""Injection of faults into links, components and vehicles.
 
-The hosts make one `FaultSession` for a run. Everything random comes from its seed by name: the same faults,
-seed and inputs give the same bytes.
+A host makes one `FaultSession` per run. All random numbers come from named streams of the seed, so the
+same faults, seed and inputs give the same bytes.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ __all__ = ["FaultSession", "FaultyComponent", "FaultyLink", "break_vehicle", "ch
 
 
 def break_vehicle(component: Component, kind: str, broken: bool, value: float = 0.0) -> None:
-    """Break or mend (a fault of the group vehicle) a `SimVehicle`; any other component is left alone."""
+    """Apply (or with `broken` False, end) a vehicle fault on a `SimVehicle`; other components are ignored."""
     switch = _SWITCHES.get(kind)
     if getattr(component, "pilot", None) is not None and switch is not None:
         switch(component, broken, value)
@@ -37,7 +37,7 @@ def _lose_gps(vehicle: Any, broken: bool, _value: float) -> None:
 
 
 def _drain(vehicle: Any, broken: bool, value: float) -> None:
-    # Nobody changes a battery in flight: the end of the fault does not charge it.
+    # The end of the fault does not recharge the battery, because nobody changes a battery in flight.
     if broken:
         vehicle.pilot.drain_battery(value)
 
@@ -62,7 +62,7 @@ _FEWEST_PORT = 1000
 
 
 class FaultSession:
-    """The faults of one run (as values or text), their triggers, and the seed of everything random.
+    """Faults of a run (as values or text), with their triggers and random streams.
 
     Examples
     --------
@@ -80,45 +80,49 @@ class FaultSession:
         self._fired: dict[tuple[int | None, str], float] = {}
 
     def fire(self, system: int, trigger: str, now_s: float) -> None:
-        """Note that something happened to a vehicle; only the first time counts."""
+        """Record the time of a trigger of a vehicle; repetitions are ignored."""
         self._fired.setdefault((system, trigger), now_s)
         self._fired.setdefault((None, trigger), now_s)
 
     def window(self, fault: Fault, system: int | None) -> tuple[float, float]:
-        """When a fault begins and ends for a vehicle, or (None) for whichever was first; NEVER: not yet."""
+        """Return start and end of a fault for a vehicle; `NEVER` before the trigger.
+
+        With `system` None the first trigger of any vehicle counts.
+        """
         origin_s = 0.0
         if fault.trigger != "start":
-            who = system if fault.vehicle is None else fault.vehicle
-            origin_s = self._fired.get((who, fault.trigger), NEVER)
+            vehicle = system if fault.vehicle is None else fault.vehicle
+            origin_s = self._fired.get((vehicle, fault.trigger), NEVER)
         begin_s = origin_s + fault.start_s
         return begin_s, begin_s + fault.duration_s
 
     def is_active(self, fault: Fault, system: int | None, now_s: float) -> bool:
-        """Whether a fault holds now."""
+        """Return whether a fault is active."""
         begin_s, end_s = self.window(fault, system)
         return begin_s <= now_s < end_s
 
     def wrap(self, components: Sequence[Component]) -> list[Component]:
-        """Replace the components of vehicles that a fault concerns by a `FaultyComponent` each.
+        """Wrap each component that a fault affects in a `FaultyComponent`.
 
-        FaultError if a fault names a vehicle that is not among them.
+        FaultError if a fault names a vehicle that is not among the components.
         """
         systems = {c.system_id for c in components if c.component_id == _AUTOPILOT}
         check_vehicles(self.faults, systems)
         wrapped: list[Component] = []
         triggered = any(fault.trigger != "start" for fault in self.faults)
         for component in components:
-            faults = [fault for fault in self.faults if _concerns(fault, component, systems)]
+            faults = [fault for fault in self.faults if _affects(fault, component, systems)]
             watched = triggered and component.component_id == _AUTOPILOT
             wrapped.append(FaultyComponent(component, faults, self) if faults or watched else component)
         return wrapped
 
     def link(self, name: str, number: int, client: int = 0, *, always: bool = False) -> FaultyLink | None:
-        """Make the faulty radio of a link; None if no fault concerns it, unless it is wanted in any case.
+        """Return a faulty link; None if no fault affects the link and `always` is not set.
 
-        ``number`` counts the host's links from 1, ``client`` those who share one; each has its own luck.
+        `number` is the number of the host's link, from 1. `client` is the number of a client of the link.
+        Each client has its own random streams.
         """
-        faults = [f for f in self.faults if f.group == "link" and _names(f.link, name, number)]
+        faults = [f for f in self.faults if f.group == "link" and _matches(f.link, name, number)]
         return FaultyLink(faults, self, self._seed, f"{number}.{client}") if faults or always else None
 
 
@@ -130,8 +134,8 @@ def check_vehicles(faults: Iterable[Fault], systems: Collection[int]) -> None:
             raise FaultError(f"fault {fault}: there is no vehicle {fault.vehicle}; the systems are {there}")
 
 
-def _names(wanted: str | None, name: str, number: int) -> bool:
-    """Whether a fault's ``link`` means this one: below 1000 its number, else a part of its name."""
+def _matches(wanted: str | None, name: str, number: int) -> bool:
+    """Return whether a fault's ``link`` matches: a number below 1000, else a part of the link's name."""
     if wanted is None:
         return True
     if wanted.isascii() and wanted.isdigit() and int(wanted) < _FEWEST_PORT:
@@ -139,7 +143,7 @@ def _names(wanted: str | None, name: str, number: int) -> bool:
     return wanted in name
 
 
-def _concerns(fault: Fault, component: Component, systems: set[int]) -> bool:
+def _affects(fault: Fault, component: Component, systems: set[int]) -> bool:
     if component.system_id not in systems or fault.vehicle not in (None, component.system_id):
         return False
     if fault.kind == "silence":
@@ -152,9 +156,9 @@ def _concerns(fault: Fault, component: Component, systems: set[int]) -> bool:
 
 
 class FaultyLink:
-    """Both directions of one link with faults of the group link; up is to the vehicle.
+    """A link with faults in both directions; up is to the vehicle.
 
-    The name is that of its random streams.
+    `name` identifies the random streams of the link.
     """
 
     def __init__(
@@ -172,7 +176,7 @@ class FaultyLink:
         }
 
     def send(self, direction: Direction, frame: bytes, system: int, now_s: float) -> None:
-        """Put a frame to or from this vehicle (0: all) on the air."""
+        """Send a frame to or from vehicle `system` (0: all vehicles)."""
         channel = self._channels[direction]
         channel.faults = self._now(direction, system, now_s)
         channel.send(frame, now_s)
@@ -182,7 +186,7 @@ class FaultyLink:
         return self._channels[direction].receive(now_s)
 
     def next_arrival(self) -> float:
-        """When the next frame arrives, `NEVER` if none is on the air."""
+        """Return the arrival time of the next frame; `NEVER` if no frame is in transit."""
         up_s, down_s = (self._channels[direction].next_arrival() for direction in ("up", "down"))
         return min(NEVER if up_s is None else up_s, NEVER if down_s is None else down_s)
 
@@ -199,7 +203,7 @@ class FaultyLink:
 
 
 def _combine(faults: Sequence[Fault]) -> Faults:
-    """Return several faults of a link as one."""
+    """Return the combined effect of several faults on a link."""
 
     def of(kind: str) -> list[float]:
         return [fault.number for fault in faults if fault.kind == kind]
@@ -219,11 +223,11 @@ def _combine(faults: Sequence[Fault]) -> Faults:
 
 
 class FaultyComponent:
-    """A component of a vehicle that misbehaves by faults of the groups message and vehicle."""
+    """A component of a vehicle with message and vehicle faults."""
 
     def __init__(self, component: Component, faults: Sequence[Fault], session: FaultSession) -> None:
         self.inner = component
-        # Asking a protocol of methods takes longer than handing a message on.
+        # Cached, because an isinstance check of a Protocol takes longer than forwarding a message.
         self._streams = component if isinstance(component, Streams) else None
         self.system_id = component.system_id
         self.component_id = component.component_id
@@ -242,43 +246,45 @@ class FaultyComponent:
         self._last_failed = False
         self._armed = self._flew = False
         self.link = ""
-        self._stopped_s = NEVER  # When the motors stopped; NEVER once the battery is changed
+        self._stopped_s = NEVER  # time of the last disarming; NEVER after the battery change
         self._now_s = -math.inf
 
     def receive(self, message: Message, now_s: float) -> list[Message]:
-        """Hand the message on unless a fault swallows it."""
-        self._turn(now_s)
+        """Forward the message to the component unless a fault drops it."""
+        self._update(now_s)
         trigger = _REQUESTED.get(type(message).id)
         if trigger is not None:
             self._session.fire(self.system_id, trigger, now_s)
-        if self._silent(now_s) or self._swallows(message, now_s):
+        if self._silent(now_s) or self._drops(message, now_s):
             return []
         if (refusal := self._refusal(message, now_s)) is not None:
             return [refusal]
         if self._streams is not None:
             self._streams.link = self.link
-        return self._spoil(self.inner.receive(message, now_s), now_s)
+        return self._apply_faults(self.inner.receive(message, now_s), now_s)
 
     def poll(self, now_s: float) -> list[Message]:
         """Poll the component unless it is silent."""
-        self._turn(now_s)
+        self._update(now_s)
         if self._silent(now_s) or self.inner.next_deadline() > now_s:
             return []
-        return self._spoil(self.inner.poll(now_s), now_s)
+        return self._apply_faults(self.inner.poll(now_s), now_s)
 
     def open_links(self, names: frozenset[str]) -> None:
-        """Let the component stream on these links, too."""
+        """Forward `open_links` to a component with streams."""
         if self._streams is not None:
             self._streams.open_links(names)
 
     def streamed(self) -> list[tuple[str, list[Message]]]:
-        """The component's telemetry on each link, unless it is silent."""
+        """Return the component's telemetry on each link; nothing while the component is silent."""
         if self._streams is None or self._silent(self._now_s):
             return []
-        return [(link, self._spoil(messages, self._now_s)) for link, messages in self._streams.streamed()]
+        return [
+            (link, self._apply_faults(messages, self._now_s)) for link, messages in self._streams.streamed()
+        ]
 
     def next_deadline(self) -> float:
-        """The component's deadline or the next time that a fault begins or ends."""
+        """Return the component's deadline, or the start or end of a fault if that is earlier."""
         edges = [
             edge
             for fault in (*self._broken, *self._silences)
@@ -289,16 +295,16 @@ class FaultyComponent:
         return edge_s if self._silent(self._now_s) else min(edge_s, self.inner.next_deadline())
 
     def goodbye(self) -> list[Message]:
-        """The component's last messages, unless it has none or a fault swallows them."""
+        """Return the component's last messages, less the messages that faults drop."""
         if not isinstance(self.inner, SaysGoodbye) or self._silent(self._now_s):
             return []
-        return self._spoil(self.inner.goodbye(), self._now_s)
+        return self._apply_faults(self.inner.goodbye(), self._now_s)
 
     def _silent(self, now_s: float) -> bool:
         return any(self._session.is_active(fault, self.system_id, now_s) for fault in self._silences)
 
-    def _turn(self, now_s: float) -> None:
-        """Begin and end the faults that are due."""
+    def _update(self, now_s: float) -> None:
+        """Start and end vehicle faults that are due."""
         self._now_s = now_s
         for fault, broken in self._broken.items():
             active = self._session.is_active(fault, self.system_id, now_s)
@@ -307,55 +313,55 @@ class FaultyComponent:
                 still = any(on for other, on in self._broken.items() if other.kind == fault.kind)
                 break_vehicle(self.inner, fault.kind, still, fault.number)
 
-    def _take(self, fault: Fault, now_s: float) -> bool:
-        """Whether a fault happens to a message that it fits; counts it."""
+    def _occurs(self, fault: Fault, now_s: float) -> bool:
+        """Return whether a fault is active and has occurrences left; count the occurrence."""
         if self._left[fault] <= 0 or not self._session.is_active(fault, self.system_id, now_s):
             return False
         self._left[fault] -= 1
         return True
 
-    def _swallows(self, message: Message, now_s: float) -> bool:
-        """Whether a message to the component is not received."""
+    def _drops(self, message: Message, now_s: float) -> bool:
+        """Return whether a fault drops a message to the component."""
         for fault in self._messages:
-            fits = _SWALLOWED.get(fault.kind)
-            if fits is not None and fits(message, fault) and self._take(fault, now_s):
+            fits = _DROPPED.get(fault.kind)
+            if fits is not None and fits(message, fault) and self._occurs(fault, now_s):
                 return True
         return False
 
     def _refusal(self, message: Message, now_s: float) -> Message | None:
-        """The answer to a command that is denied; None where the component itself answers."""
+        """Return the denial of a command by a fault; None if the component answers the command."""
         commands = (m.MAVLink_command_long_message, m.MAVLink_command_int_message)
         if not isinstance(message, commands) or message.target_system not in (0, self.system_id):
             return None
         for fault in self._messages:
             fits = fault.kind == "refuse" and message.command == fault.number
-            if fits and self._take(fault, now_s):
+            if fits and self._occurs(fault, now_s):
                 denied = int(m.MAV_RESULT_DENIED)
                 source = message.get_srcSystem(), message.get_srcComponent()
                 return m.MAVLink_command_ack_message(message.command, denied, 0, 0, *source)
         return None
 
-    def _spoil(self, messages: list[Message], now_s: float) -> list[Message]:
-        """The messages that are sent in place of the component's own."""
+    def _apply_faults(self, messages: list[Message], now_s: float) -> list[Message]:
+        """Return the component's messages with faults applied."""
         if not messages:
             return messages
         sent: list[Message] = []
         for message in messages:
-            self._watch(message, now_s)
-            spoiled: Message | None = message
+            self._fire_triggers(message, now_s)
+            changed: Message | None = message
             for fault in self._messages:
-                fits, change = _SPOILED.get(fault.kind, _NOTHING)
-                if fits(message, fault) and self._take(fault, now_s):
-                    spoiled = change(message, fault)
+                fits, change = _CHANGED.get(fault.kind, _UNCHANGED)
+                if fits(message, fault) and self._occurs(fault, now_s):
+                    changed = change(message, fault)
                     break
-            if spoiled is not None and self._stuck:
-                spoiled = self._fail_image(spoiled)
-            if spoiled is not None:
-                sent.append(spoiled)
+            if changed is not None and self._stuck:
+                changed = self._fail_image(changed)
+            if changed is not None:
+                sent.append(changed)
         return sent
 
     def _fail_image(self, message: Message) -> Message | None:
-        """Make an image fail that is taken with a stuck shutter, also when it is asked for later."""
+        """Mark an image taken with a stuck shutter as failed, also in later requests for the image."""
         if is_a(message, m.MAVLink_debug_float_array_message):
             return None if self._last_failed else message
         if not is_a(message, m.MAVLink_camera_image_captured_message):
@@ -371,8 +377,8 @@ class FaultyComponent:
             message.capture_result = 0
         return message
 
-    def _watch(self, message: Message, now_s: float) -> None:
-        """Check the triggers of faults."""
+    def _fire_triggers(self, message: Message, now_s: float) -> None:
+        """Fire the triggers that a message of the component reports."""
         fire, system = self._session.fire, self.system_id
         if is_a(message, m.MAVLink_heartbeat_message) and self.component_id == _AUTOPILOT:
             armed = bool(message.base_mode & m.MAV_MODE_FLAG_SAFETY_ARMED)
@@ -392,7 +398,7 @@ class FaultyComponent:
             fire(system, f"item:{message.seq}", now_s)
 
     def _change_battery(self, now_s: float) -> None:
-        """Change the battery, if that is wanted and the motors have stood long enough."""
+        """Change the battery if a fault asks for it and the motors have been off long enough."""
         for fault in self._changes:
             due = now_s >= self._stopped_s + fault.number
             if due and self._session.is_active(fault, self.system_id, now_s):
@@ -400,12 +406,12 @@ class FaultyComponent:
                 self._stopped_s = NEVER
 
 
-def _concerns_item(message: Message, fault: Fault) -> bool:
-    """Whether it is a fault's mission item, or the request for it."""
+def _is_item_or_request(message: Message, fault: Fault) -> bool:
+    """Return whether a message is the fault's mission item or the request for this item."""
     return (wire.is_request(message) or wire.is_item(message)) and message.seq == fault.number
 
 
-def _concerns_request(message: Message, fault: Fault) -> bool:
+def _is_request_of_item(message: Message, fault: Fault) -> bool:
     return wire.is_request(message) and message.seq == fault.number
 
 
@@ -413,7 +419,7 @@ def _accepts(message: Message, _fault: Fault) -> bool:
     return is_a(message, m.MAVLink_mission_ack_message) and message.type == m.MAV_MISSION_ACCEPTED
 
 
-def _gone(_message: Message, _fault: Fault) -> None:
+def _drop(_message: Message, _fault: Fault) -> None:
     return None
 
 
@@ -424,33 +430,33 @@ def _acknowledge(result: int) -> Callable[[wire.MissionMessage, Fault], Message]
 
 
 def _next_item(message: wire.ItemMessage | wire.RequestMessage, _fault: Fault) -> Message:
-    spoiled = copy(message)
-    spoiled.seq += 1
-    return spoiled
+    changed = copy(message)
+    changed.seq += 1
+    return changed
 
 
 def _other_result(message: wire.AckMessage, fault: Fault) -> Message:
-    spoiled = copy(message)
-    spoiled.type = int(fault.number)
-    return spoiled
+    changed = copy(message)
+    changed.type = int(fault.number)
+    return changed
 
 
 _Fits: TypeAlias = Callable[[Message, Fault], bool]
-_SWALLOWED: dict[str, _Fits] = {
+_DROPPED: dict[str, _Fits] = {
     "drop": lambda message, fault: type(message).id == fault.number and fault.direction != "down",
     "no-list": lambda message, _: type(message).id == m.MAVLINK_MSG_ID_MISSION_REQUEST_LIST,
     "no-count": lambda message, _: type(message).id == m.MAVLINK_MSG_ID_MISSION_COUNT,
-    "no-request": _concerns_request,
+    "no-request": _is_request_of_item,
 }
-"""Faults by the messages that they keep from the component."""
-_SPOILED: dict[str, tuple[_Fits, Callable[[Any, Fault], Message | None]]] = {
-    "drop": (lambda message, fault: type(message).id == fault.number and fault.direction != "up", _gone),
-    "no-request": (_concerns_item, _gone),
-    "no-final-ack": (_accepts, _gone),
-    "wrong-sequence": (_concerns_item, _next_item),
-    "error-ack": (_concerns_item, _acknowledge(int(m.MAV_MISSION_ERROR))),
-    "early-final-ack": (_concerns_request, _acknowledge(int(m.MAV_MISSION_ACCEPTED))),
+"""For each kind of fault, the test for messages to the component that the fault drops."""
+_CHANGED: dict[str, tuple[_Fits, Callable[[Any, Fault], Message | None]]] = {
+    "drop": (lambda message, fault: type(message).id == fault.number and fault.direction != "up", _drop),
+    "no-request": (_is_item_or_request, _drop),
+    "no-final-ack": (_accepts, _drop),
+    "wrong-sequence": (_is_item_or_request, _next_item),
+    "error-ack": (_is_item_or_request, _acknowledge(int(m.MAV_MISSION_ERROR))),
+    "early-final-ack": (_is_request_of_item, _acknowledge(int(m.MAV_MISSION_ACCEPTED))),
     "final-ack-error": (_accepts, _other_result),
 }
-"""Faults by the messages of the component that they spoil, with the replacements."""
-_NOTHING: tuple[_Fits, Callable[[Any, Fault], Message | None]] = (lambda _message, _fault: False, _gone)
+"""For each kind of fault, the test for messages from the component, and their replacement."""
+_UNCHANGED: tuple[_Fits, Callable[[Any, Fault], Message | None]] = (lambda _message, _fault: False, _drop)

@@ -1,1 +1,1 @@
-"""Hosts of components: simulation on a virtual clock, server on sockets, routing."""
+"""Hosts of MAVLink components: simulation on a virtual clock, server on sockets, routing."""

@@ -1,4 +1,4 @@
-"""The server's ports, one for each URL with any number of clients behind it, and the wait for them all."""
+"""Ports of the server, one per URL, and their clients."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple, TypeAlias
 
+from geo.system import allow_open_files
 from mission.errors import LinkError
 from mission.link.address import LOOPBACK, SERIAL, Link, LinkAddress, parse_link_url
 from mission.link.codec.frames import FrameReader
@@ -25,30 +26,31 @@ _DATAGRAM_BYTES = 1200
 _SILENCE_S = 60.0
 _MOST_PEERS = 64
 _REFRESH_S = 0.5
-# Of open files besides the sockets of the URLs: peers of TCP, logs, libraries.
+# Number of open files besides the sockets of the URLs: TCP peers, logs, libraries.
 _FILES = 512
-_AT_ONCE_FILES = 6  # Of a port whose datagrams are taken at once: its socket, two pairs, a selector
+# Number of open files of a port with `at_once`: the socket, two socket pairs, a selector.
+_AT_ONCE_FILES = 6
 
 
 @dataclass(frozen=True, slots=True)
 class ServerUrl:
-    """An address of the server, as `open_port` takes it.
+    """Address of a server port (`open_port`), with the vehicles and the link name at this address.
 
-    Only some vehicles (their system ids) are found there, as at one port of one autopilot, or (none) all, as
-    behind a router.
+    `systems` are the system ids of the vehicles at this address, for example of one autopilot. An empty
+    set means all vehicles.
     """
 
     url: str
     systems: frozenset[int] = frozenset()
     link: str = ""
-    """The name by which the vehicles know it, where they stream otherwise there (`Streams`)."""
+    """Name of the link for vehicles with different telemetry per link (`Streams`)."""
 
 
 class Client:
-    """One peer: a stream of bytes in each direction.
+    """A peer of a port, with a stream of bytes in each direction.
 
-    Frames to send are collected and go out together with `flush`, as autopilots do: fewer, larger datagrams.
-    A radio spoils its frames; see `ServerUrl` for the systems that it meets and the name of its link.
+    Outgoing frames are collected until `flush`, because autopilots also send few large datagrams. `radio`
+    applies faults to the frames. `systems` and `link` are those of `ServerUrl`.
     """
 
     def __init__(self, name: str, write: Callable[[bytes], None]) -> None:
@@ -64,7 +66,7 @@ class Client:
         self._reader = FrameReader(wanted=(), tap=self._frames.append)
 
     def take(self, data: bytes) -> list[bytes]:
-        """Take bytes that came from the peer and return the sound frames among them."""
+        """Process bytes from the peer and return the valid frames."""
         self._reader.feed(data)
         frames = self._frames[:]
         self._frames.clear()
@@ -73,13 +75,13 @@ class Client:
         return frames
 
     def send(self, frame: bytes) -> None:
-        """Send a frame."""
+        """Collect a frame for `flush`; a full datagram is sent at once."""
         if len(self._outgoing) + len(frame) > _DATAGRAM_BYTES:
             self.flush()
         self._outgoing += frame
 
     def flush(self) -> None:
-        """Send the collected frames; a peer that has gone is marked so."""
+        """Send the collected frames; `alive` becomes False if the peer is gone."""
         if not self._outgoing:
             return
         data = bytes(self._outgoing)
@@ -94,13 +96,13 @@ class ReadyCallback(NamedTuple):
     """Callback for a descriptor that is ready."""
 
     owner: object
-    """Whose descriptor it is; numbers are used again."""
+    """Owner of the descriptor; the system reuses descriptor numbers."""
     receive: Callable[[], list[tuple[Client, bytes]]]
-    """Returns frames and who sent them."""
+    """Returns frames with their senders."""
 
 
 def _received(link: Link, client: Client) -> list[tuple[Client, bytes]]:
-    """Return the frames that have come over a client's link; one that is lost marks the client."""
+    """Return the frames received over a client's link; a lost link sets `alive` to False."""
     try:
         pieces = link.receive()
     except LinkError:
@@ -153,7 +155,7 @@ class _UdpPort:
         for data, peer in arrived:
             client = self._peers.get(peer)
             if client is None:
-                # Only who speaks MAVLink becomes a client.
+                # A peer becomes a client by its first MAVLink frame.
                 if len(self._peers) >= _MOST_PEERS or not _speaks_mavlink(data):
                     continue
                 client = self._admit(peer)
@@ -202,7 +204,7 @@ class _TcpPort:
 
 
 class _LinkPort:
-    """One peer behind a link that we make, and make again when it was lost: a serial line, or TCP."""
+    """A peer behind a serial line or TCP connection that the server opens, and reopens after a loss."""
 
     def __init__(self, link: Link) -> None:
         self.name = link.name
@@ -211,7 +213,7 @@ class _LinkPort:
         self._socket: tuple[int, object] = (-1, None)
 
     def _owner(self) -> object:
-        """Return a token that is another one after each reconnection."""
+        """Return a token that changes with each reconnection."""
         made = getattr(self._link, "connections", 1)
         if self._socket[0] != made:
             self._socket = (made, object())
@@ -243,15 +245,14 @@ def _speaks_mavlink(data: bytes) -> bool:
 
 
 def open_port(url: str, *, at_once: bool = False) -> ServerPort:
-    """Open a socket for clients.
+    """Open a port for clients.
 
-    ``udpin:HOST:PORT`` waits for clients, ``udpout:HOST:PORT`` sends to one (and serves whoever answers),
-    ``tcpin:HOST:PORT`` waits for connections, ``tcp:HOST:PORT`` makes one and makes it again when it was
-    lost, ``serial:DEVICE:BAUD`` is a serial line, opened again after its device was away. After ``udpout``
-    the local port may follow: ``udpout:127.0.0.1:14550,18570``. Datagrams are taken `at_once` as by
-    `mission.link.sockets.UdpSocket`.
+    ``udpin:HOST:PORT`` waits for clients. ``udpout:HOST:PORT`` sends to one client and serves all peers that
+    answer; a local port may follow, as in ``udpout:127.0.0.1:14550,18570``. ``tcpin:HOST:PORT`` waits for
+    connections. ``tcp:HOST:PORT`` connects, and reconnects after a loss. ``serial:DEVICE:BAUD`` is a serial
+    line, reopened when its device returns. `at_once` is that of `mission.link.sockets.UdpSocket`.
 
-    LinkError if the address is wrong, in use or not reachable; VehicleError if the local port is no port.
+    LinkError if the address is invalid, in use or unreachable; VehicleError if the local port is invalid.
     """
     text, comma, local = url.partition(",")
     if text.strip().lower().startswith(SERIAL):
@@ -275,7 +276,7 @@ def open_port(url: str, *, at_once: bool = False) -> ServerPort:
 
 
 def _address_of(address: LinkAddress) -> str:
-    """Return the IPv4 address of a host, so that its answers are known for its own."""
+    """Return the IPv4 address of a host, which identifies the answers of the host."""
     try:
         return str(socket.getaddrinfo(address.host, address.port, socket.AF_INET, socket.SOCK_DGRAM)[0][4][0])
     except (OSError, UnicodeError) as error:
@@ -283,27 +284,13 @@ def _address_of(address: LinkAddress) -> str:
         raise LinkError(msg) from error
 
 
-def _allow_files(number: int) -> None:
-    """Raise the limit of open files where the usual one is too low: a large fleet has 1000 links."""
-    try:
-        import resource
-    except ImportError:  # Windows has none
-        return
-    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
-    wanted = number if hard == resource.RLIM_INFINITY else min(number, hard)
-    if soft != resource.RLIM_INFINITY and soft < wanted:
-        with contextlib.suppress(OSError, ValueError):
-            resource.setrlimit(resource.RLIMIT_NOFILE, (wanted, hard))
-
-
 class PortSelector:
-    """Waits for all ports of a server and the clients behind them at once.
+    """Selector over all ports of a server and their clients.
 
-    Links that are open already become ports after those of the URLs; the session spoils the links that its
-    faults name.
+    `links` are open links, numbered as ports after those of the URLs. `session` applies faults to links.
 
-    ``clients`` is a new list whenever somebody comes or goes; ``urls`` are the addresses with the ports that
-    were really taken. LinkError if an address is wrong or in use; nothing stays open then.
+    ``clients`` is replaced by a new list at each change of clients. ``urls`` are the addresses with the
+    actual port numbers. LinkError if an address is invalid or in use; all sockets are closed then.
     """
 
     def __init__(
@@ -324,7 +311,7 @@ class PortSelector:
         self._wake, self._woken = socket.socketpair()
         self._woken.setblocking(False)
         self._selector.register(self._woken, selectors.EVENT_READ)
-        _allow_files(len(urls) * (_AT_ONCE_FILES if at_once else 1) + _FILES)
+        allow_open_files(len(urls) * (_AT_ONCE_FILES if at_once else 1) + _FILES)
         try:
             for url in urls:
                 self._ports.append((open_port(url.url, at_once=at_once), url))
@@ -337,17 +324,17 @@ class PortSelector:
 
     @property
     def dropped(self) -> Counter[str]:
-        """Number of datagrams dropped per address because too many waited to be received."""
+        """Number of datagrams per address that were dropped because of a full receive queue."""
         ports = (port for port, _ in self._ports if isinstance(port, _UdpPort))
         return sum((Counter(port.dropped) for port in ports), Counter())
 
     def wake(self) -> None:
-        """End a `wait`; may be called from another thread."""
+        """End `wait`; may be called from another thread."""
         with contextlib.suppress(OSError):
             self._wake.send(b"\0")
 
     def wait(self, seconds: float) -> list[tuple[Client, bytes]]:
-        """Wait until something comes, at most so long; returns frames and who sent them."""
+        """Wait for data, at most `seconds`; return frames with their senders."""
         ready = self._selector.select(max(0.0, seconds))
         found: list[tuple[Client, bytes]] = []
         for key, _ in ready:
@@ -369,7 +356,7 @@ class PortSelector:
             self.refresh()
 
     def refresh(self) -> None:
-        """Register new clients and sockets, and forget those that are gone."""
+        """Register new clients and sockets, and remove closed ones."""
         self._refreshed_s = time.monotonic()
         found: list[Client] = []
         for number, (port, url) in enumerate(self._ports, 1):

@@ -1,8 +1,8 @@
-"""Routing of frames, shared by the virtual-clock host and the server.
+"""Routing of frames by the rules of mavlink-router, and the range of a radio.
 
-The rules are those of mavlink-router: a frame for everybody goes to everybody but its sender; a frame for one
-address goes to the ports that the address has sent from (or to the system's autopilot, which knows what to
-refuse), and nowhere when its system never sent anything. How far a radio reaches is here, too.
+A broadcast goes to all ports but that of its sender. A frame for an address goes to the ports where the
+address has sent frames. If the address has not sent any, the frame goes to the autopilot of the system, which
+can refuse it. A frame for an unknown system is dropped.
 """
 
 from __future__ import annotations
@@ -22,28 +22,28 @@ __all__ = ["Address", "RadioRange", "RoutingTable", "frame_id", "frame_source", 
 
 Port = TypeVar("Port", bound=Hashable)
 Address = tuple[int, int]
-"""System and component."""
+"""System id and component id."""
 
 AUTOPILOT = 1
 MAGIC_2 = 0xFD
 
 
 def frame_id(frame: bytes) -> int:
-    """Message id of a whole frame."""
+    """Return the message id of a frame."""
     if frame[0] == MAGIC_2:
         return frame[7] | frame[8] << 8 | frame[9] << 16
     return frame[5]
 
 
 def frame_source(frame: bytes) -> Address:
-    """Return the address that a whole frame was sent from."""
+    """Return the address of the sender of a frame."""
     return (frame[5], frame[6]) if frame[0] == MAGIC_2 else (frame[3], frame[4])
 
 
 def frame_target(frame: bytes) -> Address:
-    """Whom a whole frame is for; 0 is everybody.
+    """Return the target address of a frame; 0 is a broadcast.
 
-    MAVLink 2 cuts trailing zeros off the payload, so a field beyond its end is 0.
+    MAVLink 2 truncates trailing zeros of the payload, so a field beyond the payload is 0.
     """
     system_at, component_at = target_offsets(frame_id(frame))
     if system_at < 0:
@@ -57,7 +57,7 @@ def frame_target(frame: bytes) -> Address:
 
 @cache
 def target_offsets(message_id: int) -> tuple[int, int]:
-    """Where target_system and target_component stand in the payload; -1 where the message has none."""
+    """Return the payload offsets of target_system and target_component; -1 for a missing field."""
     kind = mavlink.mavlink_map.get(message_id)
     if kind is None:
         return (-1, -1)
@@ -71,7 +71,7 @@ def target_offsets(message_id: int) -> tuple[int, int]:
 
 
 class RoutingTable(Generic[Port]):
-    """Which addresses have sent at which port.
+    """Table of the addresses behind each port.
 
     Examples
     --------
@@ -90,7 +90,7 @@ class RoutingTable(Generic[Port]):
         self._known: dict[Port, set[Address]] = {}
 
     def learn(self, port: Port, address: Address) -> bool:
-        """Remember that this address lives behind this port (at most 256 for one port); True if it is new."""
+        """Add an address to a port (at most 256 per port); return True if the address is new."""
         known = self._known.setdefault(port, set())
         if address in known or len(known) >= self._LIMIT:
             return False
@@ -98,11 +98,11 @@ class RoutingTable(Generic[Port]):
         return True
 
     def forget(self, port: Port) -> None:
-        """Drop a port that is gone."""
+        """Remove a closed port."""
         self._known.pop(port, None)
 
     def destinations(self, target: Address, source: Port, ports: Iterable[Port]) -> list[Port]:
-        """Return the ports that get a frame for `target` that came in at `source`."""
+        """Return the ports that receive a frame for `target` from port `source`."""
         system, component = target
         others = [port for port in ports if port != source]
         if system == 0:
@@ -118,33 +118,34 @@ class RoutingTable(Generic[Port]):
 
 
 class Located(Protocol):
-    """A vehicle whose true position is known to the simulation."""
+    """A vehicle with its home and its true position."""
 
     system_id: int
 
     @property
     def home(self) -> GeoPoint:
-        """Where it stood at the start."""
+        """Home position, the origin of `true_position_m`."""
 
     @property
     def true_position_m(self) -> tuple[float, float, float]:
-        """Where it is: east and north of there, height above it."""
+        """Position east, north and up from home (m)."""
 
 
 class RadioRange:
-    """A sphere about the ground station outside of which nothing is heard, in either direction."""
+    """Spherical range of the ground station's radio; no frame passes beyond it in either direction."""
 
     def __init__(self, range_m: float, station: GeoPoint, vehicles: Sequence[Located]) -> None:
         self._range_m = range_m
         frame = LocalFrame(station.latitude_deg, station.longitude_deg)
         self._vehicles: dict[int, tuple[Located, tuple[float, float, float]]] = {}
-        for one in vehicles:
-            east_m, north_m = frame.from_wgs84(one.home.latitude_deg, one.home.longitude_deg)
-            home_m = (east_m, north_m, one.home.altitude_m - station.altitude_m)
-            self._vehicles[one.system_id] = one, home_m
+        for vehicle in vehicles:
+            home = vehicle.home
+            east_m, north_m = frame.from_wgs84(home.latitude_deg, home.longitude_deg)
+            home_m = (east_m, north_m, home.altitude_m - station.altitude_m)
+            self._vehicles[vehicle.system_id] = vehicle, home_m
 
     def distance_m(self, system_id: int) -> float:
-        """Return how far a vehicle is from the ground station, in space; 0 for systems that are none."""
+        """Return the distance from the ground station to a vehicle (m); 0 for other systems."""
         if system_id not in self._vehicles:
             return 0.0
         vehicle, home_m = self._vehicles[system_id]
@@ -152,5 +153,5 @@ class RadioRange:
         return math.dist((0.0, 0.0, 0.0), place_m)
 
     def reaches(self, system_id: int) -> bool:
-        """Return whether a system hears the ground station now, and is heard."""
+        """Return whether a system is within range."""
         return self.distance_m(system_id) <= self._range_m

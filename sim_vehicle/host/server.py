@@ -1,4 +1,4 @@
-"""The host on the wall clock: the same components over UDP, TCP and serial lines, for many clients."""
+"""Host of components on the wall clock, for clients over UDP, TCP and serial lines."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ _MOST_ANSWERS = 100_000
 
 
 class _Local:
-    """A component of ours as a port of the router."""
+    """A component of the server as a port of the router."""
 
     __slots__ = ("component", "log", "streams", "systems", "wanted", "writer", "writers")
 
@@ -45,7 +45,7 @@ class _Local:
         self.systems = frozenset((serves,))
         self.wanted = component.wanted
         self.writer = FrameWriter(component.system_id, component.component_id, signing=signing)
-        # Peers count losses by the sequence numbers; so each link with a name has its own.
+        # Peers count losses by sequence numbers, so each named link has its own sequence.
         links = {url.link for url in urls if url.link and (not url.systems or serves in url.systems)}
         self.writers = {
             link: FrameWriter(component.system_id, component.component_id, signing=signing) for link in links
@@ -62,48 +62,48 @@ _Route = tuple[tuple[_Local, ...], tuple[Client, ...]]
 
 
 class Server(Closing):
-    """Runs components over real sockets, at a speed.
+    """Host of components on real sockets.
 
-    Clients hear each other as behind mavlink-router. A client that sends garbage, stops reading or vanishes
-    does the others no harm.
+    Frames are routed between clients as by mavlink-router. A client that sends garbage, stops reading or
+    disappears does not affect the other clients.
 
     Parameters
     ----------
     components : sequence of Component
-        Their addresses must differ.
+        Components with different addresses.
     urls : sequence of str or ServerUrl
-        See `sim_vehicle.host.ports.open_port`; a `ServerUrl` can belong to some vehicles only.
+        Addresses, see `sim_vehicle.host.ports.open_port`; a `ServerUrl` can limit the vehicles at an address.
     speed : float
-        Seconds of the components' time in a second of the wall clock; infinity is as fast as it goes.
-        When the machine cannot keep up, time is stretched, never skipped.
+        Simulation time over wall-clock time; infinity is as fast as possible. A slow machine stretches the
+        simulation time and never skips any.
     tap : callable, optional
-        ``tap(frame, now_s)`` sees every frame, sent and received.
+        ``tap(frame, now_s)`` is called with every frame sent or received.
     faults : sequence of Fault or str
-        What goes wrong, see `sim_vehicle.faults.fault`; links are numbered as in ``urls``, from 1.
+        Faults, see `sim_vehicle.faults.fault`; links are numbered from 1 in the order of ``urls``.
     seed : int or numpy.random.SeedSequence
-        Of the faults.
+        Seed of the faults.
     signing : Signing, optional
-        Signs what the components send; of clients only what it accepts is received and forwarded.
+        Signature of the components' messages; client frames without a valid signature are dropped.
     links : sequence of Link
-        Links that are open already, besides the URLs; the server closes them.
+        Open links in addition to the URLs; the server closes them.
     at_once : bool
-        Datagrams are taken as they come (`mission.link.sockets.UdpSocket`), for who runs it with long breaks.
+        Receive datagrams also between calls of `run` (`mission.link.sockets.UdpSocket`).
 
     Attributes
     ----------
     now_s : float
-        The components' time.
+        Simulation time.
     frames : int
-        How many frames the components sent.
+        Number of frames that the components sent.
     urls : tuple of str
-        The addresses with the ports that were really taken.
+        Addresses with the actual port numbers.
 
     Raises
     ------
     VehicleError
-        If two components have one address, the speed is not positive, or a fault is wrong.
+        If two components have the same address, the speed is not positive, or a fault is invalid.
     LinkError
-        If an address is wrong or in use.
+        If an address is invalid or in use.
 
     Examples
     --------
@@ -146,7 +146,7 @@ class Server(Closing):
         for local, address in zip(self._locals, addresses, strict=True):
             self._table.learn(local, address)
         self._reader = FrameReader()
-        # Frames, who sent them, and the link that they are for (None: any; "": those without a name).
+        # Frames, their senders, and the link they are for (None: all links; "": links without a name).
         self._inbox: deque[tuple[bytes, _Port, str | None]] = deque()
         self._routes: dict[tuple[_Port, int, tuple[int, int], str | None], _Route] = {}
         self._clients: list[Client] = []
@@ -160,16 +160,16 @@ class Server(Closing):
 
     @property
     def clients(self) -> tuple[str, ...]:
-        """Names of the clients that are there now."""
+        """Names of the connected clients."""
         return tuple(client.name for client in self._clients)
 
     @property
     def dropped(self) -> Counter[str]:
-        """Number of datagrams dropped per address because too many waited to be received."""
+        """Number of datagrams per address that were dropped because of a full receive queue."""
         return self._selector.dropped
 
     def run(self, until: Callable[[float], bool] | None = None, limit_s: float = NEVER) -> StopReason:
-        """Serve until a condition holds, `limit_s` seconds (of the components) passed, `stop` or Ctrl-C."""
+        """Serve until ``until(now_s)``, `limit_s` seconds of simulation time, `stop` or Ctrl-C."""
         end_s = self.now_s + limit_s
         self._origin_s = self.now_s - self._wall_s()
         try:
@@ -190,9 +190,9 @@ class Server(Closing):
             self._stopping = False
 
     def send(self, component: Component, messages: Iterable[Message]) -> None:
-        """Send messages of a component now, which nothing that it received or a deadline made it send.
+        """Send messages of a component outside of its `receive` and `poll`.
 
-        VehicleError if it is none of the server's.
+        VehicleError if the component does not belong to the server.
         """
         address = (component.system_id, component.component_id)
         for local in self._locals:
@@ -209,7 +209,7 @@ class Server(Closing):
         self._selector.wake()
 
     def close(self) -> None:
-        """Let the components say goodbye and close all sockets; closing twice is fine."""
+        """Send the last messages of the components and close all sockets; may be called twice."""
         if self._closed:
             return
         self._closed = True
@@ -231,7 +231,7 @@ class Server(Closing):
         return deadline_s
 
     def _run_due(self, end_s: float) -> None:
-        """Poll the components at each of their deadlines that has come, in order."""
+        """Poll the components at each deadline that is due, in order of time."""
         began_s = time.monotonic()
         while True:
             deadline_s = self._deadline()
@@ -256,13 +256,14 @@ class Server(Closing):
             if self.speed == NEVER:
                 return
             if time.monotonic() - began_s > _BURST_S:
-                # Behind the wall clock: poll the sockets, and let time stretch rather than pile up.
+                # Behind the wall clock the simulation polls the sockets, and time is stretched to limit the
+                # lag.
                 lag_s = clock_s - self.now_s - _LARGEST_LAG_S * self.speed
                 self._origin_s -= max(0.0, lag_s)
                 return
 
     def _wait(self, end_s: float) -> None:
-        """Sleep until the next deadline or until bytes come, and handle those."""
+        """Sleep until the next deadline or until data arrive, and process the data."""
         wait_s = 0.0
         if self.speed != NEVER:
             target_s = min(self._deadline(), end_s)
@@ -277,7 +278,7 @@ class Server(Closing):
             clock_s = self._origin_s + self._wall_s()
             self.now_s = max(self.now_s, min(clock_s, self._deadline(), end_s))
         for client, frame in arrived:
-            if self._tap is not None and frame_id(frame) != SETUP_SIGNING:  # a key is never logged
+            if self._tap is not None and frame_id(frame) != SETUP_SIGNING:  # Keys are never logged.
                 self._tap(frame, self.now_s)
             if client.radio is not None:
                 client.radio.send("up", frame, frame_target(frame)[0], self.now_s)
@@ -296,7 +297,7 @@ class Server(Closing):
         self._inbox.append((frame, client, None))
 
     def _take_from_radios(self) -> None:
-        """Take the bytes that leave the radios now; damaged frames of clients end here."""
+        """Forward the frames that arrive over faulty radios; damaged frames of clients are dropped."""
         for client in self._radios:
             assert client.radio is not None
             for frame in client.radio.receive("up", self.now_s):
@@ -306,7 +307,7 @@ class Server(Closing):
                 client.send(frame)
 
     def _meet_clients(self) -> None:
-        """Take note of who came and who went."""
+        """Update the routing to the connected clients."""
         clients = self._selector.clients
         if clients is self._clients:
             return
@@ -318,7 +319,7 @@ class Server(Closing):
         self._routes.clear()
 
     def _send(self, local: _Local, messages: Iterable[Message], link: str | None = None) -> None:
-        """Send messages, over a link only where one is given; those of a link with a name are not logged."""
+        """Send messages, with `link` only on this link; messages for a named link are not logged."""
         writer = local.writers[link] if link else local.writer
         for message in messages:
             frame = writer.encode(message)
@@ -344,7 +345,7 @@ class Server(Closing):
                     routes.clear()
                 routes[key] = route
             locals_, clients = route
-            numbered: dict[str, bytes] = {}  # Once for each link with a name, however many peers it has
+            numbered: dict[str, bytes] = {}  # renumbered frame of each named link
             for client in clients:
                 data = frame
                 if client.link and not link and isinstance(source, _Local) and client.link in source.writers:
@@ -366,11 +367,13 @@ class Server(Closing):
         inbox.clear()
 
     def _route(self, source: _Port, message_id: int, target: tuple[int, int], link: str | None) -> _Route:
-        """Receivers of such a message: our components that want it, and clients."""
+        """Return the components and clients that receive a message."""
         ports: list[_Port] = [*self._locals, *self._clients]
         if link is not None:
             ports = [port for port in ports if (port.link if isinstance(port, Client) else "") == link]
-        found = [port for port in self._table.destinations(target, source, ports) if _meet(source, port)]
+        found = [
+            port for port in self._table.destinations(target, source, ports) if _are_connected(source, port)
+        ]
         return (
             tuple(
                 port
@@ -385,8 +388,8 @@ class Server(Closing):
         self._meet_clients()
 
 
-def _meet(one: _Port, other: _Port) -> bool:
-    """Whether two ports share a wire: a client at a vehicle's own port meets that vehicle only."""
-    if isinstance(one, _Local) and isinstance(other, _Local):
+def _are_connected(source: _Port, port: _Port) -> bool:
+    """Return whether frames pass between two ports; a vehicle's own port serves only this vehicle."""
+    if isinstance(source, _Local) and isinstance(port, _Local):
         return True
-    return not one.systems or not other.systems or not one.systems.isdisjoint(other.systems)
+    return not source.systems or not port.systems or not source.systems.isdisjoint(port.systems)

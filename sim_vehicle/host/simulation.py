@@ -1,7 +1,7 @@
-"""The host on a virtual clock: components that talk in bytes, as fast as the machine can.
+"""Host of components on a virtual clock, which runs as fast as the machine can.
 
-Every message is packed once, by its sender, and its bytes go where mavlink-router would send them. The clock
-jumps to the next deadline, so the same components and seeds give the same bytes at the same times.
+Each message is encoded once, by its sender, and routed by the rules of mavlink-router. The clock jumps to the
+next deadline, so the same components and seeds give the same bytes at the same times.
 """
 
 from __future__ import annotations
@@ -31,10 +31,10 @@ __all__ = ["Impairment", "Simulation", "StopReason", "VirtualLink"]
 
 
 class VirtualLink:
-    """A `mission.link.Link` on a clock of its own; made by `Simulation.open_link`.
+    """A `mission.link.Link` on the virtual clock; made by `Simulation.open_link`.
 
-    Whoever takes a clock and a way to wait (as `mission.transfer.driver.TransferDriver` does) runs on the
-    virtual clock with it: waiting lets the clock go on until something arrives or the time is up.
+    Programs that take a clock and a wait function, such as `mission.transfer.driver.TransferDriver`, can run
+    on the virtual clock. `wait` advances the clock until data arrive or the time is over.
 
     Examples
     --------
@@ -66,7 +66,7 @@ class VirtualLink:
         self._open = True
 
     def send(self, data: bytes) -> None:
-        """Send bytes; frames are routed as they become whole, other bytes are dropped."""
+        """Send bytes; complete frames are routed, other bytes are dropped."""
         if not self._open:
             raise LinkError(f"{self.name}: the link is closed")
         self._reader.feed(data)
@@ -76,60 +76,60 @@ class VirtualLink:
             self._send_frame(frame)
 
     def receive(self) -> list[bytes]:
-        """Frames that have arrived; no time passes."""
+        """Return the frames that have arrived; no time passes."""
         arrived = self._arrived[:]
         self._arrived.clear()
         return arrived
 
     def deliver(self, frame: bytes) -> None:
-        """Take a frame that arrives; for the host."""
+        """Add an arriving frame; called by the host."""
         if self._open:
             self._arrived.append(frame)
 
     def wait(self, link: Link, seconds: float) -> None:  # noqa: ARG002
-        """Let time pass until something has arrived, at most so long; as ``TransferDriver`` calls it."""
+        """Advance the clock until a frame arrives, at most `seconds`; `link` is for ``TransferDriver``."""
         if not self._arrived:
             self._pass_time(max(0.0, seconds), lambda: bool(self._arrived))
 
     def sleep(self, seconds: float) -> None:
-        """Let this time pass."""
+        """Advance the clock by `seconds`."""
         self._pass_time(max(0.0, seconds), None)
 
     def close(self) -> None:
-        """Hear and send nothing more."""
+        """Close the link."""
         self._open = False
 
     def fileno(self) -> int | None:
-        """Return None: there is nothing to wait on but `wait`."""
+        """Return None: the link has no descriptor."""
         return None
 
 
-# The longest mission, 65535 items, crosses twice in one instant: sent and read back.
+# An upload and a download of the longest mission (65535 items) can take place at one instant.
 _STEPS_AT_ONE_INSTANT = 300_000
 
 
 class StopReason(Enum):
-    """Why `Simulation.run` returned."""
+    """Reason for the return of `Simulation.run`."""
 
-    FINISHED = "finished"  # the condition of the caller holds
-    TIME_LIMIT = "time limit"  # it passed first
-    IDLE = "idle"  # nothing can happen any more: no message is in transit, no component has a deadline
-    STALLED = "stalled"  # the components keep each other busy and time does not go on
-    STOPPED = "stopped"  # somebody stopped it (`Server` only)
+    FINISHED = "finished"  # the condition of the caller is true
+    TIME_LIMIT = "time limit"  # the time is over
+    IDLE = "idle"  # no message is in transit and no component has a deadline
+    STALLED = "stalled"  # messages between components do not end, so time cannot advance
+    STOPPED = "stopped"  # `Server` only: stopped by `stop` or Ctrl-C
 
 
 @dataclass(frozen=True, slots=True)
 class Impairment:
-    """A bad radio between the `remote` components and all others; each frame has its own luck.
+    """A bad radio between the `remote` components and all others, with independent faults for each frame.
 
     Parameters
     ----------
     loss, duplication : float
-        Probabilities for one frame in one direction, 0 to 1.
+        Probabilities for a frame in one direction, 0 to 1.
     delay_s, jitter_s : float
-        Each frame is late by `delay_s` plus a uniform part of `jitter_s` (which reorders frames).
+        Delay of a frame: `delay_s`, plus a uniform random part of `jitter_s`, which reorders frames.
     seed : int or numpy.random.SeedSequence
-        For the two directions.
+        Seed of both directions.
     """
 
     loss: float = 0.0
@@ -150,41 +150,41 @@ class Impairment:
 
     @property
     def faults(self) -> tuple[Fault, ...]:
-        """The same as faults of a link."""
+        """Return the impairment as faults of a link."""
         kinds = ("loss", "duplicate", "delay", "jitter")
         values = (self.loss, self.duplication, self.delay_s, self.jitter_s)
         return tuple(Fault(kind, value) for kind, value in zip(kinds, values, strict=True) if value)
 
 
 class Simulation:
-    """Runs components on one virtual clock.
+    """Host of components on a virtual clock.
 
     Parameters
     ----------
     components : sequence of Component
-        Their addresses must differ.
+        Components with different addresses.
     tap : callable, optional
-        ``tap(frame, now_s)`` sees the bytes of every message once, as it is sent (for a tlog).
+        ``tap(frame, now_s)`` is called once with the bytes of each message, when it is sent (for a tlog).
     impairment : Impairment, optional
-        The radio between `remote` and the others; without it every frame arrives at once.
+        Radio between `remote` and the other components; by default frames arrive at once.
     remote : sequence of Component
-        The components on the far side of a radio, each with its own; so is every `open_link`.
+        Components behind a radio, each with its own radio. Links of `open_link` have radios, too.
     faults : sequence of Fault or str
-        What goes wrong, see `sim_vehicle.faults.fault`; the links are numbered as `remote` lists them, then
-        as they are opened.
+        Faults, see `sim_vehicle.faults.fault`; links are numbered in the order of `remote`, then of
+        `open_link`.
     seed : int or numpy.random.SeedSequence
-        Of the faults (the impairment has its own).
+        Seed of the faults; the impairment has its own seed.
     signing : Signing, optional
-        Signs what the components send; of `open_link` only what it accepts is received and forwarded.
+        Signature of the components' messages; frames of `open_link` without a valid signature are dropped.
     radio_range : RadioRange, optional
-        What crosses a radio to or from a vehicle that is farther away is lost.
+        Range of the radios; frames to or from a vehicle beyond the range are lost.
 
     Attributes
     ----------
     now_s : float
         Virtual seconds since the start.
     frames, bytes_sent : int
-        What was sent so far; bytes of the frames that somebody cares for, a tap for all.
+        Sent frames, and bytes of the sent frames that have a receiver or a tap.
 
     Raises
     ------
@@ -245,7 +245,7 @@ class Simulation:
         self._share_listeners()
 
     def _share_listeners(self) -> None:
-        """Let components with much telemetry make only messages that another component or a link wants."""
+        """Limit `SaysMuch` components to the messages that another component or a link wants."""
         plain = self._unbroken and self._tap is None and self._signing is None
         plain = plain and not self._links and not self._radios
         for port, component in enumerate(self._components):
@@ -256,7 +256,7 @@ class Simulation:
                 component.only_heard(frozenset().union(*heard) if all_known else None)
 
     def open_link(self, name: str = "virtual") -> VirtualLink:
-        """Open a link for ground software on the virtual clock; faults and messages may name it."""
+        """Open a link for ground software; `name` identifies the link in faults and errors."""
         port = len(self._components) + len(self._links)
         link = VirtualLink(
             name, lambda: self.now_s, lambda frame: self._send_frame(port, frame), self._pass_time
@@ -268,7 +268,7 @@ class Simulation:
         return link
 
     def _pass_time(self, seconds: float, until: Callable[[], bool] | None) -> None:
-        """Run for so long, or until a condition holds; time goes on also when nothing happens any more."""
+        """Run for `seconds` or until a condition is true; an idle simulation advances the clock, too."""
         end_s = self.now_s + seconds
 
         def is_over(_now_s: float = 0.0) -> bool:
@@ -285,9 +285,9 @@ class Simulation:
             self._radios[port] = radio
 
     def run(self, until: Callable[[float], bool] | None = None, limit_s: float = NEVER) -> StopReason:
-        """Let time pass until ``until(now_s)``, asked after each step, or `limit_s` more virtual seconds.
+        """Run until ``until(now_s)`` is true (checked after each step), at most `limit_s` virtual seconds.
 
-        It may be called again after any of the reasons to stop.
+        `run` may be called again after every `StopReason`.
         """
         end_s = self.now_s + limit_s
         steps = 0
@@ -314,9 +314,9 @@ class Simulation:
             self._step(deadlines)
 
     def send(self, component: Component, messages: Iterable[mavlink.MAVLink_message]) -> None:
-        """Send messages of a component now, which nothing that it received or a deadline made it send.
+        """Send messages of a component outside of its `receive` and `poll`.
 
-        VehicleError if it is none of the simulation's.
+        VehicleError if the component does not belong to the simulation.
         """
         address = (component.system_id, component.component_id)
         if address not in self._addresses:
@@ -334,7 +334,7 @@ class Simulation:
                     self._send(port, messages)
 
     def _arrive(self, port: int, radio: FaultyLink) -> None:
-        """Take the bytes that leave a radio now; damaged frames end here, but links see them."""
+        """Forward the frames that arrive over a radio; damaged frames reach only links."""
         for frame in radio.receive("up", self.now_s):
             if valid_frame_end(frame) == len(frame):
                 ports = self._ports(port, frame_id(frame), frame_target(frame))
@@ -346,13 +346,13 @@ class Simulation:
                 self._inbox.append(((port,), frame))
 
     def _reaches(self, port: int) -> bool:
-        """Return whether a radio of the ground reaches the component of a port."""
+        """Return whether the ground station's radio reaches the component at a port."""
         if self._range is None or port >= len(self._components) or port in self._radios:
             return True
         return self._range.reaches(self._components[port].system_id)
 
     def _send(self, source: int, messages: Iterable[mavlink.MAVLink_message]) -> None:
-        """Pack each message once and send its bytes."""
+        """Encode each message once and send the bytes."""
         encode, tap, inbox, routes = self._writers[source].encode, self._tap, self._inbox, self._routes
         plain = not self._links and not self._radios
         silent = plain and tap is None and self._signing is None
@@ -385,13 +385,13 @@ class Simulation:
                 self._forward(frame, ports)
 
     def _send_frame(self, source: int, frame: bytes) -> None:
-        """Send a whole frame of a virtual link."""
+        """Send a frame from a virtual link."""
         self.frames += 1
         self.bytes_sent += len(frame)
         message_id = frame_id(frame)
         if self._signing is not None and not self._signing.accepts(frame, message_id):
             return
-        if self._tap is not None and message_id != SETUP_SIGNING:  # a key is never logged
+        if self._tap is not None and message_id != SETUP_SIGNING:  # Keys are never logged.
             self._tap(frame, self.now_s)
         if self._table.learn(source, frame_source(frame)):
             self._routes.clear()
@@ -409,19 +409,19 @@ class Simulation:
         return ports
 
     def _route(self, source: int, message_id: int, target: int) -> tuple[int, ...]:
-        """Ports that get such a message and care for it."""
+        """Return the ports that receive a message and want it."""
         everyone = range(len(self._components) + len(self._links))
         found = self._table.destinations((target >> 8, target & 255), source, everyone)
-        return tuple(p for p in found if self._cares(p, message_id))
+        return tuple(port for port in found if self._wants(port, message_id))
 
-    def _cares(self, port: int, message_id: int) -> bool:
+    def _wants(self, port: int, message_id: int) -> bool:
         if port >= len(self._components):
             return message_id != SETUP_SIGNING
         wanted = self._wanted[port]
         return wanted is None or message_id in wanted
 
     def _forward(self, frame: bytes, ports: tuple[int, ...]) -> None:
-        """Send a frame to ports of which some are links or behind radios."""
+        """Send a frame to ports, some of them links or behind radios."""
         near: list[int] = []
         system = frame_source(frame)[0]
         for port in ports:
@@ -436,7 +436,7 @@ class Simulation:
             self._inbox.append((tuple(near), frame))
 
     def _deliver(self) -> bool:
-        """Hand over the messages that have arrived, and the answers; False when the answers never end."""
+        """Deliver the pending messages and the answers to them; return False if the answers do not end."""
         inbox, components, now_s = self._inbox, self._components, self.now_s
         for _ in range(_STEPS_AT_ONE_INSTANT):
             if not inbox:

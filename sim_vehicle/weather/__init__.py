@@ -1,1 +1,1 @@
-"""The air: mean wind, shear, gusts."""
+"""Wind: mean wind, shear, gusts."""

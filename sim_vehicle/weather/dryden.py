@@ -1,21 +1,22 @@
 """Dryden's turbulence near the ground: the low-altitude disturbance model of MIL-F-8785C (3.7.3).
 
 MIL-HDBK-1797 has the same spectra, written with other length scales. Below 1000 ft the intensities and the
-length scales follow from the height h (ft) and from the wind at 20 ft, W20::
+length scales depend on the height h (ft) and on the wind at 20 ft, W20::
 
     sigma_w = 0.1 W20       sigma_u = sigma_v = sigma_w / (0.177 + 0.000823 h)^0.4
     L_w = h                 L_u = L_v = h / (0.177 + 0.000823 h)^1.2
 
-u blows along the mean wind, v across it, w up. The spectra over the wave number W (rad/m), one-sided, are ::
+u is the gust along the mean wind, v the gust across the mean wind, w the upward gust. The one-sided spectra
+over the wave number W (rad/m) are ::
 
     Phi_u = sigma^2 2L/pi 1 / (1 + (LW)^2)      Phi_v, Phi_w = sigma^2 L/pi (1 + 3(LW)^2) / (1 + (LW)^2)^2
 
 A vehicle that flies through a frozen field at the airspeed V meets the wave number W at the frequency
 W V / 2 pi. With T = L/V the forming filters are sqrt(2T) / (1 + Ts) for u and
-sqrt(T) (1 + sqrt(3) Ts) / (1 + Ts)^2 for v and w. They are discretised exactly: the second one is a
-Gauss-Markov process x1 and its first-order lag x2, put together as
-``(sqrt(3) x1 + (1 - sqrt(3)) x2) / sqrt(2)``, and both are stepped with their transition matrix and the
-Cholesky factor of the covariance of what the noise adds in a step, from a stationary beginning.
+sqrt(T) (1 + sqrt(3) Ts) / (1 + Ts)^2 for v and w. The filters are discretised exactly. The filter for v and w
+is a Gauss-Markov process x1 and its first-order lag x2, combined as
+``(sqrt(3) x1 + (1 - sqrt(3)) x2) / sqrt(2)``. Each time step applies the transition matrix and the Cholesky
+factor of the noise covariance. The initial state is stationary.
 """
 
 from __future__ import annotations
@@ -38,7 +39,7 @@ __all__ = ["LEVELS_W20_M_S", "Turbulence", "intensities_m_s", "length_scales_m",
 _KNOT_M_S = 1852.0 / 3600.0
 _LOWEST_FT, _HIGHEST_FT = 10.0, 1000.0
 REFERENCE_M = 20.0 * FOOT_M
-"""Height of the wind W20."""
+"""Height at which W20 is measured."""
 LEVELS_W20_M_S = {"light": 15.0 * _KNOT_M_S, "moderate": 30.0 * _KNOT_M_S, "severe": 45.0 * _KNOT_M_S}
 """W20 of the three levels of MIL-F-8785C: 15, 30 and 45 knots."""
 
@@ -49,7 +50,7 @@ def _term(height_m: float) -> tuple[float, float]:
 
 
 def length_scales_m(height_m: float) -> tuple[float, float, float]:
-    """Return the length scales along, across and up; heights are taken between 10 and 1000 ft.
+    """Return the length scales along, across and up (m); heights are limited to 10 to 1000 ft.
 
     Examples
     --------
@@ -64,7 +65,7 @@ def length_scales_m(height_m: float) -> tuple[float, float, float]:
 
 
 def intensities_m_s(height_m: float, w20_m_s: float) -> tuple[float, float, float]:
-    """Return the standard deviations of the gusts along, across and up.
+    """Return the standard deviations of the gusts along, across and up (m/s).
 
     Examples
     --------
@@ -83,9 +84,9 @@ def spectrum(
     length_m: float,
     airspeed_m_s: float,
 ) -> NDArray[np.float64]:
-    """Return the one-sided spectral density of a gust over the frequency that is met, (m/s)^2/Hz.
+    """Return the one-sided spectral density of a gust over the frequency of encounter, (m/s)^2/Hz.
 
-    Its integral is the square of the intensity; the component is "u", "v" or "w".
+    `component` is "u", "v" or "w". The integral of the density is the square of `intensity_m_s`.
     """
     time_s = length_m / airspeed_m_s
     x2 = (2.0 * np.pi * np.asarray(frequency_hz, dtype=np.float64) * time_s) ** 2
@@ -105,18 +106,18 @@ class Turbulence:
     """
 
     w20_m_s: float
-    """Wind at 6.1 m (20 ft) that the intensities follow from."""
+    """Wind at 6.1 m (20 ft), which decides the intensities."""
     height_m: float = 10.0
-    """Height of the flight, for the length scales; the intensities are those of the height where it is."""
+    """Height of the flight, for the length scales; the intensities depend on the present height."""
     airspeed_m_s: float = 8.0
-    """With which the flight meets the field."""
+    """Airspeed of the flight through the gust field."""
 
     def __post_init__(self) -> None:
         ranges = (("w20_m_s", 0.0, 60.0), ("height_m", 0.0, 10_000.0), ("airspeed_m_s", 0.1, 200.0))
         within("turbulence", self, *ranges)
 
     def filters(self, step_s: float) -> NDArray[np.float64]:
-        """Return the forming filters for a step (`sim_vehicle.weather.gust_kernel.forming_filters`)."""
+        """Return the forming filters for a time step (`sim_vehicle.weather.gust_kernel.forming_filters`)."""
         table = np.zeros((3, 5))
         for row, length_m in zip(table, length_scales_m(self.height_m), strict=True):
             part = step_s * self.airspeed_m_s / length_m
@@ -132,7 +133,7 @@ class Turbulence:
 
     @staticmethod
     def beginning(noise: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return a stationary state of the filters from float64[5] of standard normal numbers."""
+        """Return a stationary state of the filters from standard normal numbers, float64[5]."""
         state = noise.copy()
         for at in (1, 3):
             state[at + 1] = 0.5 * (noise[at] + noise[at + 1])

@@ -1,6 +1,7 @@
-"""The compiled part of the wind: gusts from noise, and the wind that blows at a height.
+"""Compiled functions of the wind: gusts from noise, and the wind at a height.
 
-A row of a wind block has all numbers of the air at one instant, so that a kernel needs nothing else.
+A row of a wind block (`sim_vehicle.weather.columns`) holds all numbers of the wind at one instant, so that a
+kernel needs no other input.
 """
 
 from __future__ import annotations
@@ -16,30 +17,29 @@ from sim_vehicle.weather.columns import (
     AIR_EAST,
     AIR_NORTH,
     AIR_UP,
+    CONSTANT,
     DECAY,
     HAS_DRYDEN,
+    HIGHEST_M,
     LEAK,
+    LOGARITHMIC,
+    LOWEST_M,
     MEAN_EAST,
     MEAN_NORTH,
     NOISE_FIRST,
     NOISE_MIXED,
     NOISE_SECOND,
+    POWER,
     REFERENCE_HEIGHT,
     SHEAR_LAW,
     SHEAR_NUMBER,
+    SQUARE_ROOT,
 )
 
 Floats = NDArray[np.float64]
 
-# A row of a wind block: east 0, north 1 and up 2 of the whole wind at the reference height, mean wind there
-# (east 3, north 4), profile of the mean wind over height 5, its parameter 6 (roughness length, exponent,
-# height of the full wind), reference height 7, whether the gust is Dryden's 8.
-CONSTANT, LOGARITHMIC, POWER, SQUARE_ROOT = 0.0, 1.0, 2.0, 3.0
-
-LOWEST_M, HIGHEST_M = 3.0 * FOOT_M, 1000.0 * FOOT_M
-"""Between these heights MIL-F-8785C has its mean wind profile; beyond, the wind is that of the end."""
 LOWEST_GUST_M = 10.0 * FOOT_M
-"""Below this height MIL-F-8785C has no turbulence; the vertical gust dies away towards the ground."""
+"""Lowest height with turbulence in MIL-F-8785C; below it the vertical gust decreases to 0 at the ground."""
 
 
 @compiled(allocates=False)
@@ -49,13 +49,13 @@ def wind_at(row: Floats, height_m: float) -> tuple[float, float, float]:
     Parameters
     ----------
     row : float64[9]
-        Of a wind block.
+        Row of a wind block.
 
     Notes
     -----
-    The mean wind follows its law, between 3 and 1000 ft (that of ArduPilot's simulator from the ground). Of
-    Dryden's gusts the horizontal ones have the intensity of MIL-F-8785C at the height, the vertical one does
-    not depend on it above 10 ft.
+    The mean wind follows its law between 3 and 1000 ft, the law of ArduPilot's simulator from the ground.
+    Horizontal gusts of Dryden have the intensity of MIL-F-8785C at the height. Vertical gusts of Dryden do
+    not depend on the height above 10 ft.
     """
     law = row[SHEAR_LAW]
     if law == CONSTANT and row[HAS_DRYDEN] == 0.0:
@@ -84,7 +84,7 @@ def wind_at(row: Floats, height_m: float) -> tuple[float, float, float]:
 
 @compiled(inline="always", allocates=False)
 def reference_term(height_m: float) -> float:
-    """Return the term of MIL-F-8785C from which scales and intensities near the ground are made."""
+    """Return the height term of MIL-F-8785C in the length scales and intensities near the ground."""
     return 0.177 + 0.000823 * height_m / FOOT_M
 
 
@@ -109,10 +109,9 @@ def forming_filters(noise: Floats, filters: Floats, state: Floats) -> Floats:
     noise : float64[n, 5]
         Independent standard normal numbers.
     filters : float64[3, 5]
-        For each component the decay of one step, the share of the first state in the second, and the
-        lower triangle of the square root of the noise's covariance (see `sim_vehicle.weather.dryden`).
+        Filters along, across and up, with the columns of `sim_vehicle.weather.columns`.
     state : float64[5]
-        Changed in place: one number along, two each across and up.
+        State of the filters, changed in place: one number along, two each across and up.
 
     Returns
     -------

@@ -1,7 +1,7 @@
-"""Wind over the farm: steady or sheared, with gusts of a Gauss-Markov process or of Dryden's spectra.
+"""Wind over the farm: mean wind, shear, and gusts of a Gauss-Markov process or of Dryden's spectra.
 
-Gusts are drawn on a fixed grid of `GRID_S` in blocks, so the wind at a time and height depends on the seed
-only, not on how the flight was stepped. See docs/wind-and-noise.md.
+Gusts are drawn in blocks on a fixed time grid of `GRID_S`. The wind at a time and height depends on the seed
+and not on the time step of the simulation. See docs/wind-and-noise.md.
 """
 
 from __future__ import annotations
@@ -12,19 +12,23 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from geo.units import FOOT_M
 from sim_vehicle.airframe.power_spec import within
 from sim_vehicle.errors import VehicleError
 from sim_vehicle.weather.columns import (
     AIR_EAST,
     AIR_NORTH,
     HAS_DRYDEN,
+    HIGHEST_M,
+    LOGARITHMIC,
+    LOWEST_M,
     MEAN_EAST,
     MEAN_NORTH,
+    POWER,
     REFERENCE_HEIGHT,
     SHEAR_LAW,
     SHEAR_NUMBER,
     SITL_FULL_M,
+    SQUARE_ROOT,
     WIND_ROW,
 )
 from sim_vehicle.weather.dryden import Turbulence, intensities_m_s
@@ -36,14 +40,12 @@ __all__ = ["BLOCK", "GRID_S", "Turbulence", "Wind", "WindSeries", "WindShear"]
 
 GRID_S = 0.1
 BLOCK = 1024
-# As in sim_vehicle.weather.gust_kernel, which needs the compiler.
-_LAWS = {"log": 1.0, "power": 2.0, "sitl": 3.0}
-_LOWEST_M, _HIGHEST_M = 3.0 * FOOT_M, 1000.0 * FOOT_M
+_LAWS = {"log": LOGARITHMIC, "power": POWER, "sitl": SQUARE_ROOT}
 
 
 @dataclass(frozen=True, slots=True)
 class WindShear:
-    """How the mean wind grows with the height; VehicleError if the law is unknown or a number out of range.
+    """Profile of the mean wind over height; VehicleError if the law is unknown or a number is out of range.
 
     Examples
     --------
@@ -52,14 +54,14 @@ class WindShear:
     """
 
     law: str = "log"
-    """Of "log" the mean wind grows as ``ln(h / roughness)``, of "power" as ``h ** exponent``, each over its
-    value at the height of the given wind. "sitl" is the profile of ArduPilot's simulator (SIM_WIND_T 0): the
-    given wind at `SITL_FULL_M` and above, below it times ``sqrt(h / SITL_FULL_M)``."""
+    """Law of the profile. "log" is ``ln(h / roughness)`` and "power" is ``h ** exponent``, each relative to
+    the value at the reference height of the wind. "sitl" is the profile of ArduPilot's simulator
+    (SIM_WIND_T 0): the given wind from `SITL_FULL_M` up, and ``sqrt(h / SITL_FULL_M)`` times it below."""
     roughness_m: float = 0.1
-    """Roughness length of the ground: 0.03 m for grass, 0.1 m for low crops, 0.25 m for high ones
-    (Wieringa 1992); MIL-F-8785C takes 0.15 ft near airfields and 2 ft elsewhere."""
+    """Roughness length of the ground: 0.03 m for grass, 0.1 m for low crops, 0.25 m for high crops (Wieringa
+    1992). MIL-F-8785C uses 0.15 ft near airfields and 2 ft elsewhere."""
     exponent: float = 1.0 / 7.0
-    """A seventh over open land."""
+    """Exponent of the power law; 1/7 is usual over open land."""
 
     def __post_init__(self) -> None:
         if self.law not in _LAWS:
@@ -73,13 +75,13 @@ class WindShear:
             raise VehicleError(msg)
 
     def factor(self, height_m: float, reference_m: float) -> float:
-        """Return the mean wind at a height over that at the reference; it ends at 3 and 1000 ft.
+        """Return the mean wind at a height, relative to the mean wind at the reference height.
 
-        That of ArduPilot's simulator goes on to the ground, where there is none.
+        Heights are limited to 3 to 1000 ft. The profile "sitl" extends to the ground, where it is 0.
         """
         if self.law == "sitl":
             return math.sqrt(min(max(height_m, 0.0), SITL_FULL_M) / SITL_FULL_M)
-        height = min(max(height_m, _LOWEST_M), _HIGHEST_M)
+        height = min(max(height_m, LOWEST_M), HIGHEST_M)
         if self.law == "power":
             return float((height / reference_m) ** self.exponent)
         return math.log(height / self.roughness_m) / math.log(reference_m / self.roughness_m)
@@ -96,24 +98,24 @@ class Wind:
     (5.0, 0.0)
     """
 
-    # Mean wind at the reference height, the direction that the air moves to.
+    # Mean wind at the reference height: velocity of the air to the east and north.
     east_m_s: float = 0.0
     north_m_s: float = 0.0
     gust_m_s: float = 0.0
-    """Standard deviation of each horizontal component of a gust that is a Gauss-Markov process."""
+    """Standard deviation of each horizontal component of Gauss-Markov gusts."""
     correlation_s: float = 5.0
-    """Time constant of that gust."""
+    """Time constant of Gauss-Markov gusts."""
     seed: np.random.SeedSequence | int = 0
-    """Of the gusts."""
+    """Seed of the gusts."""
     height_m: float = 10.0
-    """The reference height: weather reports give the wind at 10 m."""
+    """Reference height of the mean wind; weather reports give the wind at 10 m."""
     shear: WindShear | None = None
-    """Without it the mean wind is the same at all heights."""
+    """Profile over height; None for the same mean wind at all heights."""
     turbulence: Turbulence | None = None
-    """Dryden's gusts, instead of ``gust_m_s``."""
+    """Dryden's gusts, in place of ``gust_m_s``."""
     mirrored: bool = False
-    """Every gust blows the other way: as likely, and together with the first the mean of both is nearly that
-    of all (antithetic variates)."""
+    """Whether all gusts are reversed. A reversed gust is equally likely, and the mean over a pair of opposite
+    winds has a small variance (antithetic variates)."""
 
     def __post_init__(self) -> None:
         names = ("east_m_s", "north_m_s", "gust_m_s", "correlation_s")
@@ -123,7 +125,7 @@ class Wind:
                 f"wind: gust_m_s {self.gust_m_s} and correlation_s {self.correlation_s} must not be negative"
             )
             raise VehicleError(msg)
-        if not 1.0 <= self.height_m <= _HIGHEST_M:
+        if not 1.0 <= self.height_m <= HIGHEST_M:
             msg = f"wind: the height {self.height_m} m of the mean wind is outside 1..304"
             raise VehicleError(msg)
         if self.gust_m_s > 0.0 and self.turbulence is not None:
@@ -143,14 +145,14 @@ class Wind:
         shear: WindShear | None = None,
         turbulence: Turbulence | None = None,
     ) -> Wind:
-        """Return the wind of a weather report: speed, and the compass direction that it comes from."""
+        """Return a wind from a weather report: speed, and the compass direction from which the wind blows."""
         angle = math.radians(from_deg)
         east, north = -speed_m_s * math.sin(angle), -speed_m_s * math.cos(angle)
         return cls(east, north, gust_m_s, correlation_s, seed, height_m, shear, turbulence)
 
     @property
     def is_gusty(self) -> bool:
-        """Whether it changes with time."""
+        """Whether the wind changes with time."""
         return self.gust_m_s > 0.0 or (self.turbulence is not None and self.turbulence.w20_m_s > 0.0)
 
     def mean_at(self, height_m: float) -> tuple[float, float]:
@@ -165,10 +167,10 @@ class Wind:
         return self.east_m_s * factor, self.north_m_s * factor
 
     def share_above(self, speed_m_s: float, height_m: float) -> float:
-        """Return the share of time in which the horizontal wind at a height is stronger than a speed.
+        """Return the fraction of time in which the horizontal wind at a height exceeds a speed.
 
-        Its components are normal about the mean, with equal deviations, so that the square of the speed over
-        the variance has the noncentral chi-squared distribution of two degrees of freedom.
+        The components are normally distributed about the mean with equal variances. Hence the squared wind
+        speed over the variance has a noncentral chi-squared distribution with two degrees of freedom.
 
         Examples
         --------
@@ -182,24 +184,23 @@ class Wind:
             deviation_m_s = intensities_m_s(height_m, self.turbulence.w20_m_s)[0]
         if deviation_m_s == 0.0:
             return float(mean_m_s > speed_m_s)
-        # Imported here: only forecasts of gusts need it.
+        # Imported here, because only forecasts of gusts need scipy.
         from scipy.special import chndtr
 
         below = chndtr((speed_m_s / deviation_m_s) ** 2, 2.0, (mean_m_s / deviation_m_s) ** 2)
         return 1.0 - float(below)
 
     def series(self) -> WindSeries:
-        """Return the wind over time, from its beginning."""
+        """Return the wind over time, from the start."""
         return WindSeries(self)
 
 
 class WindSeries:
-    """The wind on its time grid, block after block.
+    """Wind on a time grid, in blocks.
 
-    ``block``, float64[BLOCK, 9], begins at grid index ``first``: in the first columns the wind at the
-    reference height (east, north, up; m/s), in the others how it depends on the height, for
-    `sim_vehicle.weather.gust_kernel.wind_at`. A wind that does not change with time has a single row that
-    always holds.
+    ``block`` is float64[BLOCK, 9] with the columns of `sim_vehicle.weather.columns`. The first row belongs to
+    the grid index ``first``. `sim_vehicle.weather.gust_kernel.wind_at` evaluates a row. The block of a wind
+    without gusts has a single row, valid at all times.
     """
 
     __slots__ = ("_gusts", "_rows", "_sign", "block", "first")
@@ -207,7 +208,7 @@ class WindSeries:
     def __init__(self, wind: Wind) -> None:
         seed = wind.seed
         if isinstance(seed, np.random.SeedSequence):
-            # A SeedSequence counts its children: a copy makes every series of one wind the same.
+            # Spawning changes a SeedSequence. A copy makes all series of a wind equal.
             seed = np.random.SeedSequence(seed.entropy, spawn_key=seed.spawn_key, pool_size=seed.pool_size)
         self._gusts: _GaussMarkov | _Dryden | None = None
         if wind.is_gusty:
@@ -228,14 +229,14 @@ class WindSeries:
         self.block: NDArray[np.float64] = self._draw()
 
     def forward(self) -> None:
-        """Go on to the next block."""
+        """Advance to the next block."""
         if self._gusts is not None:
             self.first += BLOCK
             self.block = self._draw()
 
     def at(self, index: int, height_m: float) -> tuple[float, float, float]:
-        """Return the wind (east, north, up) at a grid index, not before ``first``, and a height."""
-        # Imported here: blocks of a steady wind need no compiler.
+        """Return the wind (east, north, up; m/s) at a grid index from ``first`` on, and a height."""
+        # Imported here, because blocks of a steady wind need no compiler.
         from sim_vehicle.weather.gust_kernel import wind_at
 
         if self._gusts is None:
@@ -264,7 +265,7 @@ class _GaussMarkov:
 
     def draw(self) -> NDArray[np.float64]:
         """Return the next block."""
-        # Imported here: a still or steady wind needs no compiler.
+        # Imported here, because a steady wind needs no compiler.
         from sim_vehicle.weather.gust_kernel import gauss_markov
 
         noise = self._noise * self._random.standard_normal((BLOCK, 2))
@@ -295,7 +296,7 @@ class _Dryden:
 
         noise = self._random.standard_normal((BLOCK, 5))
         along, across, up = forming_filters(noise, self._filters, self._state).T
-        # Not a matrix product: its sums may depend on the machine's BLAS.
+        # A matrix product would depend on the BLAS of the machine.
         gust = np.empty((BLOCK, 3))
         for k in range(3):
             gust[:, k] = along * self._axes[0, k] + across * self._axes[1, k] + up * self._axes[2, k]

@@ -53,21 +53,11 @@ def test_errors_and_packages_are_imported_without_the_heavy_libraries() -> None:
 
 WINDOWS = """
 # Libraries ask for the system when they are imported: they come first.
-import multiprocessing.resource_tracker, pathlib, shutil, sys, tempfile, types
-import joblib, msgspec, numba, numpy, platformdirs, psutil, pyproj, shapely, shapely.geometry.polygon
-import os, signal, sqlite3, zipfile, xml.parsers.expat
+import multiprocessing.resource_tracker, pathlib, shutil, sys, tempfile
+import filelock, joblib, msgspec, numba, numpy, psutil, pyproj, shapely, shapely.geometry.polygon
+import os, platformdirs, signal, sqlite3, zipfile, xml.parsers.expat
 
-locked = {}
-
-def locking(descriptor, mode, count):
-    inode = os.fstat(descriptor).st_ino
-    if mode == "unlock":
-        del locked[inode]
-    elif locked.setdefault(inode, descriptor) != descriptor:
-        raise PermissionError
-
-sys.modules.update(fcntl=None, resource=None, msvcrt=types.ModuleType("msvcrt"))
-vars(sys.modules["msvcrt"]).update(LK_LOCK="wait", LK_NBLCK="try", LK_UNLCK="unlock", locking=locking)
+sys.modules.update(fcntl=None, resource=None)
 del signal.SIGHUP, signal.pthread_sigmask
 sys.platform = "win32"
 
@@ -77,12 +67,11 @@ for file in pathlib.Path(sys.argv[1]).parent.glob("[!_]*.py"):
 from geo.atomic import AtomicFolder, FolderError, atomic_write
 from geo.memory import available_memory
 from geo.processes import INTERRUPTS, interrupts_held
-from geo.user_cache import made_by_one
+from geo.locks import made_by_one
 
 folder = pathlib.Path(tempfile.mkdtemp())
 with made_by_one(folder / "made"):
-    print(len(locked), end=" ")
-print(len(locked), end=" ")
+    pass
 with AtomicFolder(folder / "result", "mark", lambda name: True) as result:
     with atomic_write(result.filled / "mark") as mark:
         mark.write("whole")
@@ -104,6 +93,6 @@ def test_modules_that_only_unix_has_are_not_needed() -> None:
     done = subprocess.run([sys.executable, "-c", WINDOWS, str(geo.__file__)], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     assert done.stdout.splitlines() == [
-        "1 0 another run writes into this folder whole 2 True",
+        "another run writes into this folder whole 2 True",
         "['made.lock', 'result']",
     ]

@@ -306,7 +306,7 @@ def test_jumps_are_written_out_or_refused():
 def test_what_cannot_be_cut_is_refused():
     with pytest.raises(MissionError, match="no waypoint"):
         Course(Mission((TAKEOFF, RETURN), HOME))
-    with pytest.raises(MissionError, match="lands on its way"):
+    with pytest.raises(MissionError, match="lands before its last waypoint"):
         Course(
             Mission((TAKEOFF, at(1.0, 0.0), at(0.0, 0.0, command=21), TAKEOFF, at(9.0, 0.0), RETURN), HOME)
         )

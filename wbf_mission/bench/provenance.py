@@ -15,6 +15,7 @@ from typing import Any
 
 import msgspec
 import numpy as np
+import psutil
 from threadpoolctl import threadpool_info
 
 from geo.errors import PACKAGES
@@ -77,7 +78,7 @@ def hardware() -> dict[str, str]:
     found = {
         "processor": _processor(),
         "cores": str(os.cpu_count() or ""),
-        "memory_gb": _memory_gb(),
+        "memory_gb": f"{psutil.virtual_memory().total / 1e9:.1f}",
         "system": f"{platform.system()} {platform.release()}".strip(),
         KERNELS: ", ".join(
             sorted({one["architecture"] for one in threadpool_info() if "architecture" in one})
@@ -93,14 +94,6 @@ def _processor() -> str:
             if name.strip() == "model name":
                 return one_line(value)
     return platform.processor() or platform.machine()
-
-
-def _memory_gb() -> str:
-    try:
-        size = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
-    except (AttributeError, ValueError, OSError):
-        return ""
-    return f"{size / 1e9:.1f}"
 
 
 def in_words(made: Any) -> str:

@@ -7,7 +7,6 @@ benchmark ends or begins, written whole. A process that is killed loses the runs
 from __future__ import annotations
 
 import contextlib
-import fcntl
 from array import array
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
@@ -18,6 +17,7 @@ import numpy as np
 
 from geo.atomic import disk_errors_named
 from geo.closing import Closing
+from geo.locks import lock_file
 from geo.reading import misfit
 from wbf_mission.results.storage import ResultError, read_batches, write_table
 
@@ -179,12 +179,9 @@ class BenchStore(Closing):
         folder.mkdir(parents=True, exist_ok=True)
         self._lock = (folder / _LOCK).open("w", encoding="utf-8")
         try:
-            fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError:
-            self._lock.close()
-            msg = f"{folder}: another process writes this benchmark; wait for it, or give another folder"
-            raise ResultError(msg) from None
-        try:
+            if not lock_file(self._lock.fileno(), wait=False):
+                msg = f"{folder}: another process writes this benchmark; wait for it, or give another folder"
+                raise ResultError(msg)
             self.rows: list[BenchRow] = []
             self.done = {row.key: row.error is None for row in self._keep_all()}
             self._journal: IO[bytes] = (folder / _JOURNAL).open("ab")

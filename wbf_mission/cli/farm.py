@@ -224,8 +224,9 @@ def generate_command(
 
     Ctrl-C keeps what is finished, and the same command goes on with it.
     """
-    import os
     import time
+
+    from joblib import cpu_count
 
     from sensors.environment.ensemble import generate_ensemble
 
@@ -250,7 +251,7 @@ def generate_command(
                 days=last if kept is None else max(kept),
                 keep_days=kept,
                 farm_name=shown.name,
-                jobs=len(os.sched_getaffinity(0)) if jobs < 0 else jobs,
+                jobs=cpu_count() if jobs < 0 else jobs,
                 progress=lambda done, total: progress("environments", done, total),
             )
     except KeyboardInterrupt:

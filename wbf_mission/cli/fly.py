@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
+from geo.system import process_age_s
 from geo.texts import distance, duration
 from mission.outcome import in_words
 from wbf_mission.cli import options, signals
@@ -17,7 +18,7 @@ from wbf_mission.cli.live import SPEED, LivePage
 from wbf_mission.cli.options import Force, option
 from wbf_mission.cli.output import Output, told
 from wbf_mission.exit_codes import ExitCode, exit_code_of_flight
-from wbf_mission.progress import Progress, process_age_s
+from wbf_mission.progress import Progress
 from wbf_mission.scenario import (
     CameraOptions,
     EstimateOptions,

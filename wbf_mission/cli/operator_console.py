@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from collections.abc import Set as AbstractSet
 from typing import TYPE_CHECKING
 
+from geo.system import steady_s
 from geo.texts import distance
 from mission.ground.arming_gate import Stage
 from mission.ground.modes import Maneuver
@@ -21,7 +22,6 @@ from sim_vehicle.mavlink.fleet import SPACING_M
 from wbf_mission.cli import signals
 from wbf_mission.cli.output import Output
 from wbf_mission.events import Asked
-from wbf_mission.run.orders import steady_s
 
 if TYPE_CHECKING:
     from wbf_mission.run.joint_flight import JointFlight

@@ -7,6 +7,7 @@ from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
+from geo.system import steady_s
 from mission.ground.command import OperatorCommand
 from mission.ground.contact import Contact, Heartbeat
 from mission.ground.standstill import Standstill
@@ -15,7 +16,7 @@ from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
 from mission.transfer.wire import GROUND_STATION
 from wbf_mission.live.command_session import CommandSession
-from wbf_mission.run.orders import IN_FLIGHT, START, Orders, WatchersOrder, steady_s
+from wbf_mission.run.orders import IN_FLIGHT, START, Orders, WatchersOrder
 
 __all__ = ["ControlStation", "commands_of"]
 

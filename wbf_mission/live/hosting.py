@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from geo.closing import Closing
+from geo.system import steady_s
 from mission.ground.arming_gate import ArmingGate
 from mission.ground.link import own_driver
 from mission.ground.station import GroundStation
@@ -23,7 +24,7 @@ from sim_vehicle.host.server import Server, ServerUrl
 from sim_vehicle.host.simulation import StopReason
 from wbf_mission.live.riding_camera import RidingCamera
 from wbf_mission.run.hosting import tap_of
-from wbf_mission.run.orders import Orders, steady_s
+from wbf_mission.run.orders import Orders
 from wbf_mission.run.sortie import Sortie
 from wbf_mission.scenario import Scenario
 

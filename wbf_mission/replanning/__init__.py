@@ -1,1 +1,1 @@
-"""Decisions in flight: who is asked when, what is sent to whom, and the record of it."""
+"""Decisions in flight: asking the policy, sending new paths to the vehicles, and recording both."""

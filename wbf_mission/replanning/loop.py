@@ -1,4 +1,4 @@
-"""The loop of decisions: who is asked when, and what is done with the answers."""
+"""The decision loop: when to ask the policy, and how to carry out its decisions."""
 
 from __future__ import annotations
 
@@ -29,34 +29,34 @@ from wbf_mission.replanning.spacing import KeptDistance
 
 _SCHEDULE = Path("/proc/thread-self/schedstat")
 CRASHED, TOO_LATE = "crashed", "too late"
-"""Kinds of answers, beside those that `answer_costs` and `Decision` find."""
+"""Faults of answers, in addition to the kinds of `AnswerError` from `answer_costs` and `Decision`."""
 _REACHED_M = 1.0
-"""A point so near is reached at once: no autopilot flies back to it."""
+"""Distance (m) within which an autopilot counts a point as reached and does not fly back."""
 
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """What a policy answered."""
+    """A valid decision of a policy, with its costs."""
 
     decision: Decision
-    costs: dict[int, float]  # What each new rest of a path costs, in the unit of the vehicle's budget
-    compute_s: float  # Seconds that it took, without those in which it waited for a core
+    costs: dict[int, float]  # Cost of each new path by system id, in the unit of the vehicle's budget
+    compute_s: float  # Computing time of the decision, without the time spent waiting for a core
 
 
 @dataclass(frozen=True, slots=True)
 class Answered:
-    """What a policy was told, and its answer: None if no vehicle could be steered, or what was wrong."""
+    """An observation and the policy's answer."""
 
     observation: PolicyObservation
-    answer: Answer | AnswerError | None
+    answer: Answer | AnswerError | None  # The error of an invalid answer; None if no vehicle was steerable
 
 
 Question: TypeAlias = Callable[[], PolicyObservation]
-"""Gives what a policy is told: the vehicles and what was known when it was to be asked."""
+"""Function that returns the observation for a policy, with vehicles and knowledge of an earlier moment."""
 
 
 def ask(policy: Policy, name: str, observation: PolicyObservation) -> Answer:
-    """Ask a policy."""
+    """Return the policy's answer; raise AnswerError if the decision is invalid or the policy fails."""
     begin = time.perf_counter() - _waited_s()
     try:
         decision = policy.decide(observation)
@@ -77,9 +77,9 @@ def ask(policy: Policy, name: str, observation: PolicyObservation) -> Answer:
 
 
 def _waited_s() -> float:
-    """Return how long this thread has been ready to run and had no core, where the system tells it.
+    """Return the time that this thread has waited for a core (s); 0 if the system does not report it.
 
-    A policy is not to be too slow because the machine does something else, too.
+    This time does not count against a policy: other programs may keep the machine busy.
     """
     try:
         return int(_SCHEDULE.read_text(encoding="ascii").split()[1]) * 1e-9
@@ -88,44 +88,44 @@ def _waited_s() -> float:
 
 
 class Steered(Protocol):
-    """A vehicle whose path can be changed in flight, as its ground station knows it."""
+    """A vehicle with a path that can be changed in flight, as its ground station sees it."""
 
     @property
     def system_id(self) -> int:
-        """Its MAVLink system id."""
+        """MAVLink system id of the vehicle."""
 
     @property
     def waypoints_reached(self) -> int:
-        """How many waypoints it has passed since its mission began."""
+        """Number of waypoints passed since the mission began."""
 
     def is_ending(self, now_s: float) -> bool:
-        """Return whether it is about to reach the end of its path; True once for each path."""
+        """Return whether the vehicle is about to reach the end of its path; True once per path."""
 
     def status(self, now_s: float) -> Status:
-        """Return what it is doing."""
+        """Return the state of the vehicle's flight."""
 
     def report(self, now_s: float, ahead_s: float = 0.0) -> VehicleReport:
-        """Return what is known of it; it has spent what `ahead_s` more seconds cost, too."""
+        """Return the vehicle's state; `spent` includes the predicted cost of the next `ahead_s` seconds."""
 
     def steer(self, points_m: Points, now_s: float) -> PathChange:
-        """Send it a new rest of its path; what becomes of that is noted in what is returned."""
+        """Send the vehicle a new path ahead; the returned PathChange is updated with the outcome."""
 
 
 @dataclass(frozen=True, slots=True)
 class Knowledge:
-    """What the ground knows of the farm, beside the vehicles."""
+    """Knowledge on the ground about the farm, without the vehicles."""
 
     farm: Farm
     day: int
     fields: FieldSet
     weights: ScoreWeights
-    model: Callable[[], InformationModel]  # What is believed after all observations so far
-    observations: Callable[[], Observations]  # These
+    model: Callable[[], InformationModel]  # Returns the estimate after all observations
+    observations: Callable[[], Observations]  # Returns all observations
 
     def observation(
         self, event: Event, time_s: float, vehicles: Sequence[VehicleReport], compute_s: float
     ) -> PolicyObservation:
-        """Return what a policy is told."""
+        """Return the observation for a policy."""
         return PolicyObservation(
             event=event,
             time_s=time_s,
@@ -146,15 +146,15 @@ class DecisionLoop:
     Parameters
     ----------
     name : str
-        What messages call it.
+        Name of the policy in messages.
     records : list of DecisionRecord
-        Takes every question.
+        Receives the record of every decision.
     flight : int
-        The number of the flight on its day, from 1.
+        Number of the flight on its day, from 1.
     compute_s : float
-        Seconds that an answer may take.
+        Time limit of a decision (s).
     kept_distance : KeptDistance, optional
-        Paths on which vehicles would come nearer to each other are not flown.
+        Refuses paths that lead vehicles too close to each other. None: no such check.
     """
 
     def __init__(
@@ -175,15 +175,15 @@ class DecisionLoop:
         self._flight = flight
         self._compute_s = compute_s
         self._kept_distance = kept_distance
-        self._asked_s = self._asked_at_s = 0.0  # By the clocks of the mission and of the host
+        self._asked_s = self._asked_at_s = 0.0  # Last question, by the mission's and by the host's clock
         self._took_s = 0.0
         self._observations = 0
         self._reached = 0
         self._lost: frozenset[int] = frozenset()
-        self.acquisition: AcquisitionMap | None = None  # What the last answer was chosen by
+        self.acquisition: AcquisitionMap | None = None  # Acquisition map of the last decision
 
     def start(self, vehicles: Sequence[VehicleReport]) -> Answer:
-        """Ask for the first paths; a vehicle whose path has no points stays where it is."""
+        """Ask for the first paths. A vehicle with a path without points stays on the ground."""
         triggers = self._policy.triggers
         if not isinstance(triggers, Triggers):
             msg = f"{self._name}: triggers is {triggers!r}, not a Triggers"
@@ -205,35 +205,35 @@ class DecisionLoop:
 
     @property
     def asks_on_the_way(self) -> bool:
-        """Whether `due` can ever give a reason, as the policy is now."""
+        """Whether the policy currently has any trigger."""
         return not self._policy.triggers.never
 
     def is_early(self, time_s: float) -> bool:
-        """Return whether the policy was asked so little ago that `due` gives no reason."""
+        """Return whether less than `Triggers.least_s` has passed since the last question."""
         return time_s - self._asked_s < self._policy.triggers.least_s - 1e-9
 
     def due(self, vehicles: Sequence[Steered], time_s: float, observations: int) -> Event | None:
-        """Return why the policy has to be asked now; None if there is no reason."""
+        """Return the trigger for asking the policy now, or None."""
         triggers = self._policy.triggers
         if self.is_early(time_s):
             return None
         if triggers.observations is not None and observations - self._observations >= triggers.observations:
             return Event.OBSERVATIONS
-        if triggers.waypoints and sum(one.waypoints_reached for one in vehicles) > self._reached:
+        if triggers.waypoints and sum(vehicle.waypoints_reached for vehicle in vehicles) > self._reached:
             return Event.WAYPOINT
         if triggers.period_s is not None and time_s - self._asked_s >= triggers.period_s - 1e-9:
             return Event.PERIOD
         return None
 
     def ending(self, vehicles: Sequence[Steered], now_s: float) -> bool:
-        """Return whether a path is about to end; who never changes its mind need not be told."""
-        return self.asks_on_the_way and any(one.is_ending(now_s) for one in vehicles)
+        """Return whether a path is about to end; always False for a policy without triggers."""
+        return self.asks_on_the_way and any(vehicle.is_ending(now_s) for vehicle in vehicles)
 
     def lost(self, vehicles: Sequence[Steered], now_s: float) -> bool:
-        """Return whether a vehicle was lost since the last question, and one flies that can take over."""
+        """Return whether a vehicle was lost since the last question, while another vehicle can take over."""
         if len(vehicles) == 1:
             return False
-        statuses = {one.system_id: one.status(now_s) for one in vehicles}
+        statuses = {vehicle.system_id: vehicle.status(now_s) for vehicle in vehicles}
         new = any(status is Status.LOST and number not in self._lost for number, status in statuses.items())
         return new and Status.FLYING in statuses.values()
 
@@ -245,23 +245,24 @@ class DecisionLoop:
         now_s: float,
         model: Callable[[], InformationModel] | None = None,
     ) -> Question:
-        """Return a question with the vehicles and what is known as they are now.
+        """Return a question with the current vehicles and observations.
 
-        `model` gives what is believed in place of the knowledge's own, to a thread beside which others learn
-        and the vehicles fly on: for as long as an answer may take, or there and back for as long as the last
-        one took. It would otherwise be dropped near the end of the budget.
+        `model` replaces the estimate of `Knowledge`, for an answer computed in another thread while vehicles
+        fly on. The vehicles' reports then include the predicted cost of the computing time: the time limit,
+        or twice the last answer's time if that is longer. Without this margin, a new path near the end of the
+        budget would exceed the budget on arrival.
         """
         ahead_s = 0.0 if model is None else max(self._compute_s, 2.0 * self._took_s)
         reports = tuple(vehicle.report(now_s, ahead_s) for vehicle in vehicles)
         self._asked_s, self._asked_at_s = time_s, now_s
-        self._reached = sum(one.waypoints_reached for one in vehicles)
-        self._lost = frozenset(one.system_id for one in reports if one.status is Status.LOST)
+        self._reached = sum(vehicle.waypoints_reached for vehicle in vehicles)
+        self._lost = frozenset(report.system_id for report in reports if report.status is Status.LOST)
         known, seen = self._knowledge, self._knowledge.observations()
         known = replace(known, model=model or known.model, observations=lambda: seen)
         return partial(known.observation, event, time_s, reports, self._compute_s)
 
     def answer(self, question: Question) -> Answered:
-        """Ask the policy; may be called in another thread."""
+        """Ask the policy. This method may run in another thread."""
         observation = question()
         if not observation.steerable:
             return Answered(observation, None)
@@ -271,9 +272,9 @@ class DecisionLoop:
             return Answered(observation, error)
 
     def outdated(self, answered: Answered, vehicles: Sequence[Steered], now_s: float) -> dict[int, str]:
-        """Return why vehicles, as they are now, cannot fly what was answered, by system id.
+        """Return the reasons, by system id, why vehicles can no longer fly their new paths.
 
-        Each path is held to the rules of answers again; its cost becomes the one from here.
+        Each path is validated again, and its cost is updated to the cost from the current position.
         """
         then, answer, found = answered.observation, answered.answer, dict[int, str]()
         self._took_s = now_s - self._asked_at_s
@@ -297,7 +298,11 @@ class DecisionLoop:
         now_s: float,
         not_sent: Mapping[int, str] = MappingProxyType({}),
     ) -> DecisionRecord | None:
-        """Send what was answered, and return the record of it; `not_sent` says why not, by system id."""
+        """Send the new paths, and return the record of the decision.
+
+        `not_sent` holds the reasons, by system id, for not sending a path. The result is None if no vehicle
+        was steerable.
+        """
         observation, answer = answered.observation, answered.answer
         self._observations = len(observation.observations)
         if answer is None:
@@ -308,7 +313,7 @@ class DecisionLoop:
         by_id = {vehicle.system_id: vehicle for vehicle in vehicles}
         refused: dict[int, str] = {}
         if self._kept_distance is not None:
-            now = [vehicle.report(now_s) for vehicle in vehicles]  # They may have flown on meanwhile
+            now = [vehicle.report(now_s) for vehicle in vehicles]  # Later than the observation
             refused = self._kept_distance.refusals(now, answer.decision.paths)
         refused = {**refused, **not_sent}
         for system_id, points in answer.decision.paths.items():
@@ -339,7 +344,7 @@ class DecisionLoop:
 
 
 def _is_passed(then: VehicleReport, now: VehicleReport, path_m: Points) -> bool:
-    """Return whether a vehicle has flown over the first point of a path since it was asked for."""
+    """Return whether a vehicle has passed the first point of a path between two reports."""
     near_m = max(_REACHED_M, then.request.least_leg_m)
     reached = then.rest_m[: max(0, len(then.rest_m) - len(now.rest_m))]
     flown = shapely.LineString(np.vstack((then.position_m, reached, now.position_m)))

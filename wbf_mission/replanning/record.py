@@ -1,4 +1,4 @@
-"""The record of what was decided in a run, and how it is kept in files."""
+"""Records of the decisions in a run, and their form in files."""
 
 from __future__ import annotations
 
@@ -12,31 +12,33 @@ from numpy.typing import NDArray
 from mission.policies.decision import Alternative
 
 PLANNED_PATH = "planned"
-"""The outcome of a vehicle's first path, which is flown."""
+"""Outcome of a vehicle's first path."""
 SKIPPED = "skipped: not worth a flight"
-"""The outcome of an empty first path: the vehicle does not fly."""
+"""Outcome of an empty first path: the vehicle does not fly."""
 
 FLOWN_ALREADY = "not sent: it is flown already"
-"""The outcome of a path that is the present one, where a change costs the vehicle its speed."""
+"""Outcome of a new path equal to the current path, for a vehicle that a change would slow down."""
 
 
 @dataclass(slots=True)
 class PathChange:
-    """What one vehicle was told.
+    """A new path of one vehicle.
 
     Parameters
     ----------
+    system_id : int
+        System id of the vehicle.
     position_m : tuple of float
-        Where it was then, in metres of the farm frame.
+        Position at the decision, in metres of the farm frame.
     path_m : float64[n, 2]
-        The new rest of its path.
+        Points of the new path.
     cost : float
-        What that costs, in the unit of the budget.
+        Cost of the new path, in the unit of the budget.
     outcome : str
-        Of a first path `PLANNED_PATH` or `SKIPPED`. Later "sent" while it is under way, then how it ended:
-        "flown", or why the old path was flown on.
+        `PLANNED_PATH` or `SKIPPED` for a first path. For a later path: "sent" during the transfer, then
+        "flown", or the reason why the vehicle keeps its old path.
     sent_s, effect_s : float or None
-        When it was sent, and when the vehicle told that it flies it; seconds since the mission began.
+        Times of sending and of the vehicle's switch to the new path, in seconds since the mission began.
     """
 
     system_id: int
@@ -53,32 +55,31 @@ class PathChange:
 
 @dataclass(slots=True)
 class DecisionRecord:
-    """One question, and what came of it.
+    """Record of one decision.
 
     Parameters
     ----------
     day, flight : int
-        When in the campaign: the day, and the number of the flight on it, from 1.
+        Day of the campaign, and number of the flight on this day, from 1.
     time_s : float
         Seconds since the mission began.
     event : str
-        Why the policy was asked.
+        Reason for asking the policy, a value of `Event`.
     observations : int
-        How many observations were known.
+        Number of observations known at the decision.
     reason : str
-        The policy's own words.
+        Reason of the decision, as given by the policy.
     compute_s : float
-        Seconds that the answer took, without those in which it waited for a core.
+        Computing time of the decision (s), without the time spent waiting for a core.
     changes : list of PathChange
-        Empty when all go on.
+        New paths; empty if all vehicles keep their paths.
     alternatives : tuple of Alternative
-        What was thought of.
+        Candidate paths that the policy compared.
     refused : str
-        Why the answer was not flown; empty if it was.
+        Reason why the decision was not flown; empty if it was.
     fault : str
-        What was wrong with the answer, in a word or two; empty if nothing was. One that took longer than it
-        may in flight, by `compute_s`, is "too late" and flown all the same: the same seed is to give
-        the same flight.
+        Fault of the decision in a word or two; empty if there is none. A decision in flight that exceeds its
+        time limit is "too late", but still flown, so that equal seeds give equal flights.
     """
 
     day: int
@@ -94,7 +95,7 @@ class DecisionRecord:
     fault: str = ""
 
     def summary(self) -> dict[str, Any]:
-        """Return plain values for JSON; of the alternatives value and cost."""
+        """Return the record as plain values for JSON, without the points of paths."""
         return {
             "day": self.day,
             "flight": self.flight,
@@ -107,26 +108,27 @@ class DecisionRecord:
             "fault": self.fault,
             "changes": [
                 {
-                    "vehicle": one.system_id,
-                    "points": len(one.path_m),
-                    "cost": one.cost,
-                    "outcome": one.outcome,
-                    "sent_s": one.sent_s,
-                    "effect_s": one.effect_s,
+                    "vehicle": change.system_id,
+                    "points": len(change.path_m),
+                    "cost": change.cost,
+                    "outcome": change.outcome,
+                    "sent_s": change.sent_s,
+                    "effect_s": change.effect_s,
                 }
-                for one in self.changes
+                for change in self.changes
             ],
             "alternatives": [
-                {"vehicle": one.system_id, "value": one.value, "cost": one.cost} for one in self.alternatives
+                {"vehicle": path.system_id, "value": path.value, "cost": path.cost}
+                for path in self.alternatives
             ],
         }
 
 
 def decision_table(records: Sequence[DecisionRecord]) -> Any:
-    """Return decisions as a pyarrow table: a row for each alternative and each change of a path.
+    """Return decisions as a pyarrow table with a row for each alternative and each change of a path.
 
-    ``kind`` is "change", "alternative" or "go on"; the points are lists of x and of y in metres of the farm
-    frame.
+    ``kind`` is "change", "alternative" or "go on" (a decision without either). ``x_m`` and ``y_m`` are the
+    lists of coordinates in metres of the farm frame.
     """
     import pyarrow as pa
 
@@ -141,39 +143,16 @@ def decision_table(records: Sequence[DecisionRecord]) -> Any:
             "observations": record.observations,
             "reason": record.refused or record.reason,
         }
-        told = [
-            {
-                "kind": "change",
-                "vehicle": one.system_id,
-                "cost": one.cost,
-                "outcome": one.outcome,
-                "sent_s": one.sent_s,
-                "effect_s": one.effect_s,
-                "x_m": one.path_m[:, 0].tolist(),
-                "y_m": one.path_m[:, 1].tolist(),
-            }
-            for one in record.changes
+        details: list[dict[str, Any]] = []
+        for change in record.changes:
+            times = {"sent_s": change.sent_s, "effect_s": change.effect_s}
+            details.append({"kind": "change", "outcome": change.outcome, **times, **_path(change)})
+        details += [
+            {"kind": "alternative", "value": path.value, **_path(path)} for path in record.alternatives
         ]
-        told += [
-            {
-                "kind": "alternative",
-                "vehicle": one.system_id,
-                "value": one.value,
-                "cost": one.cost,
-                "x_m": one.points_m[:, 0].tolist(),
-                "y_m": one.points_m[:, 1].tolist(),
-            }
-            for one in record.alternatives
-        ]
-        rows += [{**base, **one} for one in (told or [{"kind": "go on"}])]
-    return pa.Table.from_pylist(rows, schema=_schema())
-
-
-def _schema() -> Any:
-    import pyarrow as pa
-
+        rows += [{**base, **detail} for detail in (details or [{"kind": "go on"}])]
     points = pa.list_(pa.float64())
-    return pa.schema(
+    schema = pa.schema(
         {
             "decision": pa.int32(),
             "day": pa.int32(),
@@ -193,3 +172,9 @@ def _schema() -> Any:
             "y_m": points,
         }
     )
+    return pa.Table.from_pylist(rows, schema=schema)
+
+
+def _path(path: PathChange | Alternative) -> dict[str, Any]:
+    x_m, y_m = (path.path_m if isinstance(path, PathChange) else path.points_m).T.tolist()
+    return {"vehicle": path.system_id, "cost": path.cost, "x_m": x_m, "y_m": y_m}

@@ -1,4 +1,4 @@
-"""New paths on which a vehicle would come too near to another one are not flown."""
+"""Separation of vehicles: refuses new paths that lead a vehicle too close to another vehicle."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from mission.planners.path import Points
 from mission.policies.observation import Status, VehicleReport
 
 TOLERANCE_S, TOLERANCE_SHARE = 3.0, 0.12
-"""A vehicle may be so much earlier or later than predicted, and by so much of the time that it has flown."""
+"""Timing error of a predicted position: a constant (s), plus a fraction of the predicted time."""
 MARGIN_M = 1.0
-"""Gusts push it so far from its path."""
+"""Deviation from the path in gusts (m)."""
 
 Positions = NDArray[np.float64]
 _WINDOW_S = 10
@@ -24,7 +24,10 @@ _ALOFT = (Status.CLIMBING, Status.FLYING, Status.CHANGING, Status.SILENT, Status
 
 
 def least_apart_m(first: Positions, second: Positions, later_s: float = 0.0) -> float:
-    """Return how near two vehicles come to each other over ground if each may be a little early or late.
+    """Return the least horizontal distance (m) between two vehicles, allowing for timing errors.
+
+    `first` and `second` are positions at each full second, float64[n, 2]. The second vehicle starts
+    `later_s` after the first.
 
     Examples
     --------
@@ -50,28 +53,29 @@ def _line(points: Positions) -> shapely.Geometry:
 
 @dataclass(frozen=True, slots=True)
 class KeptDistance:
-    """The distance that vehicles keep in flight.
+    """The least distance between vehicles in flight.
 
-    Vehicles are taken to fly along their paths and then home at their speeds.
+    Positions are predicted along each vehicle's path and then home, at a constant speed.
     """
 
     distance_m: float
-    # By system id; a vehicle that is not there keeps no distance and need not be kept from.
+    # Speeds by system id. Vehicles without an entry are ignored.
     speeds_m_s: Mapping[int, float]
-    separation_margin_m: float = 0.0  # How much nearer to each other two vehicles may be than they believe
+    separation_margin_m: float = 0.0  # Error of the measured distance between two vehicles
 
     def refusals(self, vehicles: Sequence[VehicleReport], paths: Mapping[int, Points]) -> dict[int, str]:
-        """Return which new paths must not be flown, and why.
+        """Return the system ids of refused paths with the reasons.
 
-        A path is refused if it leads nearer to another vehicle than the distance, and nearer than the
-        present path does. Those of smaller system ids go first.
+        A path is refused if it leads closer to another vehicle than `distance_m` plus margins, and closer
+        than the vehicle's current path. Paths are checked in the order of system ids, each against the
+        accepted paths.
         """
         flying = {
-            one.system_id: one
-            for one in vehicles
-            if one.status in _ALOFT and one.system_id in self.speeds_m_s
+            vehicle.system_id: vehicle
+            for vehicle in vehicles
+            if vehicle.status in _ALOFT and vehicle.system_id in self.speeds_m_s
         }
-        tracks = {number: self._track(one, one.rest_m) for number, one in flying.items()}
+        tracks = {number: self._track(vehicle, vehicle.rest_m) for number, vehicle in flying.items()}
         refused = {}
         for number in sorted(flying.keys() & paths.keys()):
             new = self._track(flying[number], paths[number])
@@ -88,15 +92,15 @@ class KeptDistance:
     @staticmethod
     def _nearest(track: Positions, number: int, tracks: Mapping[int, Positions]) -> tuple[int, float]:
         apart = {other: least_apart_m(track, theirs) for other, theirs in tracks.items() if other != number}
-        nearest = min(apart, key=lambda one: apart[one], default=0)
+        nearest = min(apart, key=lambda system_id: apart[system_id], default=0)
         return nearest, apart.get(nearest, float("inf"))
 
     def _track(self, vehicle: VehicleReport, rest_m: Points) -> Positions:
-        """Return where a vehicle is at each full second from now on, until it is home."""
+        """Return the predicted positions at each full second from now until the vehicle is home."""
         points = np.vstack((vehicle.position_m, rest_m, vehicle.request.start_xy_m))
         along_m = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))))
         speed_m_s = self.speeds_m_s[vehicle.system_id]
-        # What was heard last of a silent vehicle is long ago.
+        # The last known position of a silent vehicle is old, so the prediction starts further along its path.
         since_m = speed_m_s * vehicle.age_s if vehicle.status is Status.SILENT else 0.0
         now_m = np.arange(min(since_m, along_m[-1]), along_m[-1] + 1e-9, speed_m_s)
         return np.column_stack([np.interp(now_m, along_m, points[:, axis]) for axis in range(2)])

@@ -159,7 +159,7 @@ class Campaign:
         score = RunningScore(self.truth, run.fields.masks(run.farm.grid()), run.weights, run.fields)
         estimate = self.evidence.estimate = RunEstimate(estimator, score, day=first, ready=ready)
         if self._events.wants(Estimated):
-            estimate.told = self._tell_estimate
+            estimate.on_score = self._tell_estimate
         self._events.tell(DayBegun(self.simulated_s, first, self.truth))
 
     def fly(

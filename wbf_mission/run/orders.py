@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 import threading
-import time
 from collections import deque
 from collections.abc import Callable, Collection
 from dataclasses import dataclass
-from functools import partial
 
+from geo.system import steady_s
 from geo.texts import one_line
 from mission.ground.command import OperatorCommand, OrderError
 from mission.ground.standstill import LIFE_S
 from wbf_mission.events import Asked, EventStream, Orderable
 
-__all__ = ["IN_FLIGHT", "LIFE_S", "START", "Orders", "WatchersOrder", "steady_s", "too_late"]
+__all__ = ["IN_FLIGHT", "LIFE_S", "START", "Orders", "WatchersOrder", "too_late"]
 
 START = "start"
 """Starts a mission: arms the vehicle, too, where its motors stand."""
@@ -24,11 +23,6 @@ ENDS_FLIGHT = frozenset({"return", "land"})
 IN_FLIGHT = ("hold", "resume", "return", "land", "set item")
 """The words that a page shows; a command's are the same with hyphens."""
 _MOST_WAITING = 100
-
-# Nobody sets this clock. On Linux it goes on while the machine sleeps, which `time.monotonic` does not.
-steady_s: Callable[[], float] = (
-    partial(time.clock_gettime, time.CLOCK_BOOTTIME) if hasattr(time, "CLOCK_BOOTTIME") else time.monotonic
-)
 
 
 def too_late(age_s: float) -> str:

@@ -6,7 +6,7 @@ import copy
 from collections.abc import Iterable, Iterator
 from typing import TYPE_CHECKING
 
-from sensors.estimation import attribute_errors_to, believed, prepare_days
+from sensors.estimation import attribute_errors_to, checked_prediction, prepare_days
 from sensors.estimators import Estimator, advance_estimator
 from wbf_mission.progress import Progress
 from wbf_mission.run.estimation import estimator_of
@@ -57,7 +57,7 @@ def estimates_again(
         if is_wanted and not is_known:
             is_known = True
             # Not kept here: those of large farms are large.
-            yield believed(estimator)
+            yield checked_prediction(estimator)
         else:
             yield None
 

@@ -1,1 +1,1 @@
-"""The estimator with a model of the spread of diseases."""
+"""The estimator epidemic, based on a model of the spread of diseases."""

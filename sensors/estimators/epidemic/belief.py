@@ -1,4 +1,4 @@
-"""The belief about one disease: class probabilities of every cell, updated as readings come in."""
+"""Class probabilities of all cells for one disease, updated with new readings."""
 
 from __future__ import annotations
 
@@ -36,15 +36,16 @@ from sensors.scoring.expected import (
 )
 
 EXACT = 1e-3
-"""A reading nearer than this to the value of a class shows the class without doubt."""
+"""A reading closer than this to the value of a class shows the class with certainty."""
 
 _UNREAD = -1
 
 
 class LastReadings:
-    """The class and the day of the last reading of every cell.
+    """Class and day of the last reading of each cell.
 
-    Cells without the disease's crop are left out; `exact` is whether all readings had the value of a class.
+    Readings of cells without the disease's crop are ignored. `exact` is whether each reading had the value of
+    a class.
 
     Examples
     --------
@@ -64,9 +65,9 @@ class LastReadings:
     def follow(
         self, cells: NDArray[np.integer], days: NDArray[np.integer], values: NDArray[np.float64]
     ) -> None:
-        """Take the new readings, until one is not exact.
+        """Add the new readings, unless any reading was not exact.
 
-        Arguments are all readings in their order, NaN where the disease was not sensed.
+        The arguments are all readings of the run in order, with NaN where the disease was not sensed.
         """
         new = slice(self._followed, None)
         self._followed = len(values)
@@ -78,12 +79,12 @@ class LastReadings:
         x, y, classes = x[sensed], y[sensed], classes[sensed]
         self.exact = not (np.abs(values[new][sensed] - CLASS_VALUES[classes]) > EXACT).any()
         flat = x.astype(np.int64) * self._hosts.shape[1] + y
-        # Of several readings of a cell the last one stays.
+        # The last reading of a cell overwrites earlier ones.
         self._classes[flat] = classes
         self._days[flat] = days[new][sensed]
 
     def known(self) -> tuple[NDArray[np.int64], NDArray[np.int8], NDArray[np.int32]]:
-        """Return the cells with readings, ascending in C order, and class and day of their last reading."""
+        """Return flat indices of cells with readings, ascending, and class and day of the last reading."""
         flat = np.flatnonzero(self._classes != _UNREAD)
         return flat, self._classes[flat], self._days[flat]
 
@@ -100,8 +101,8 @@ _Index = tuple[NDArray[np.intp], NDArray[np.intp]] | tuple[NDArray[np.bool_]]
 class DiseaseBelief:
     """Class probabilities of all cells on one day.
 
-    `value` and `uncertainty` are the estimate of least loss and the standard deviation of the truth. `whole`
-    is whether every update is of all cells, as on farms of at most `WHOLE_FARM_CELLS`.
+    `value` is the estimate of least expected loss, and `uncertainty` the standard deviation of the true
+    value. `whole`: every update computes all cells, on farms of at most `WHOLE_FARM_CELLS`.
     """
 
     def __init__(
@@ -127,20 +128,21 @@ class DiseaseBelief:
         self._last = LastReadings(hosts)
         self.value = np.ones(hosts.shape, np.float32)
         self.uncertainty = np.zeros(hosts.shape, np.float32)
-        # On large farms these two are computed on demand.
+        # Large farms compute probabilities and loss on demand.
         self._probabilities = self._certain() if self.whole else None
         self._loss = np.zeros(hosts.shape, np.float32) if self.whole else None
 
     def wanted(self, days: Sequence[int]) -> list[tuple[TrainingTask, NDArray[np.bool_]]]:
-        """Return the training tasks of some days, with the crop map."""
+        """Return the training tasks for some days, each with the crop map."""
         if not self._host_count:
             return []
         return [(replace(self._task, day=day), self._hosts) for day in days]
 
     def update(self, day: int, cells: NDArray[np.int32], days: NDArray[np.int32], values: Floats) -> None:
-        """Bring value and uncertainty up to date.
+        """Update `value` and `uncertainty` to `day` and the readings.
 
-        Arguments are all readings, NaN where the disease was not sensed; the day is not before any of them.
+        The arguments are all readings of the run, with NaN where the disease was not sensed. `day` is not
+        earlier than any reading.
         """
         if not self._host_count:
             return
@@ -150,13 +152,13 @@ class DiseaseBelief:
             return
         x, y, probabilities = self._changed(day, cells, days, values)
         if self.whole:
-            # New arrays, so that those handed out before stay as they are.
+            # Allocate new arrays, because earlier models keep the old ones.
             self._probabilities, self._loss = self._certain(), np.zeros(self._hosts.shape, np.float32)
         self._take((x, y), probabilities)
         self._seen = len(values)
 
     def _take(self, index: _Index, probabilities: Floats) -> None:
-        """Write class probabilities of some cells, and the estimate that follows, into the maps."""
+        """Write class probabilities of some cells, and the resulting estimate, into the maps."""
         too_healthy, too_sick = self._costs
         best = least_loss_value(probabilities, too_healthy / too_sick)
         self.value[index] = best
@@ -171,8 +173,8 @@ class DiseaseBelief:
     ) -> NDArray[np.float32]:
         """Return the class probabilities of all cells, float32[3, W, H]; land without the crop is healthy.
 
-        The arguments are those of the last `update`. On large farms this takes as long as an update with all
-        readings.
+        The arguments must be those of the last `update`. On large farms the call takes as long as an update
+        with all readings.
         """
         if self._probabilities is not None:
             return self._probabilities
@@ -184,10 +186,10 @@ class DiseaseBelief:
     def expected_loss(
         self, day: int, cells: NDArray[np.int32], days: NDArray[np.int32], values: Floats
     ) -> NDArray[np.float32]:
-        """Return the expected loss of `value`, float32[W, H]; 0 without the crop.
+        """Return the expected loss of `value`, float32[W, H]; 0 on land without the crop.
 
-        The arguments are those of the last `update`. On large farms the array is made at the first call, and
-        changed in place by updates from then on.
+        The arguments must be those of the last `update`. On large farms the first call allocates the array,
+        and later updates change it in place.
         """
         if self._loss is None:
             again = self._again()
@@ -197,7 +199,7 @@ class DiseaseBelief:
         return self._loss
 
     def _certain(self) -> NDArray[np.float32]:
-        """Return probabilities with every plant healthy."""
+        """Return class probabilities, float32[3, W, H], with every plant healthy."""
         out = np.zeros((len(CLASS_VALUES), *self._hosts.shape), np.float32)
         out[0] = 1.0
         return out
@@ -214,7 +216,7 @@ class DiseaseBelief:
         )
 
     def _begin(self, day: int) -> None:
-        """Forget everything for a new day."""
+        """Discard everything and load the network for a new day."""
         self._network: Network = network_for(replace(self._task, day=day), self._hosts, self._cache)
         self._codes = padded_codes(self._hosts)
         self._day = day
@@ -235,7 +237,7 @@ class DiseaseBelief:
     def _changed(
         self, day: int, cells: NDArray[np.int32], days: NDArray[np.int32], values: Floats
     ) -> tuple[NDArray[np.intp], NDArray[np.intp], Floats]:
-        """Return the cells whose probabilities may have changed, and their probabilities, float64[n, 3]."""
+        """Return the cells (x, y) with possible changes, and their class probabilities, float64[n, 3]."""
         fresh = day != self._day
         if fresh:
             self._begin(day)
@@ -251,7 +253,7 @@ class DiseaseBelief:
             around = self._classifier.probabilities()
         else:
             if fresh or not exact:
-                # A new day changes the evidence of older readings, and a new noise that of all.
+                # A new day changes the likelihoods of older readings, a new noise estimate all likelihoods.
                 both = np.union1d(x * shape[1] + y, flat)
                 x, y = (part.astype(np.intp) for part in np.divmod(both, shape[1]))
             around = self._far_field(x, y)
@@ -265,7 +267,7 @@ class DiseaseBelief:
         return x, y, probabilities
 
     def _far_field(self, x: NDArray[np.intp], y: NDArray[np.intp]) -> NDArray[np.float32]:
-        """Return the network's probabilities of cells of a large farm, part by part."""
+        """Return the network's class probabilities for cells of a large farm, float32[n, 3]."""
         out = np.empty((len(x), len(CLASS_VALUES)), np.float32)
         for start in range(0, len(x), _CHUNK_CELLS):
             part = slice(start, start + _CHUNK_CELLS)
@@ -277,10 +279,10 @@ class DiseaseBelief:
     def _mark(
         self, flat: NDArray[np.int64], likelihood: Floats, ages: NDArray[np.int32]
     ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-        """Enter the likeliest class of observed cells into the codes; return the cells that changed.
+        """Enter the likeliest class of observed cells into the map of codes; return the changed cells.
 
-        A plant that was healthy some days ago counts as unknown if the disease may have reached it since from
-        an observed sick plant.
+        A plant observed as healthy on an earlier day becomes unknown if the disease may have reached it from
+        an observed sick plant, or if the reading is too old.
         """
         codes = (np.argmax(likelihood * self._prior, axis=1) + 1).astype(np.uint8)
         x, y = (part.astype(np.intp) for part in np.divmod(flat, self._hosts.shape[1]))
@@ -304,10 +306,10 @@ class DiseaseBelief:
     def _evidence(
         self, day: int, cells: NDArray[np.int32], days: NDArray[np.int32], values: Floats
     ) -> tuple[NDArray[np.int64], Floats, NDArray[np.int32], bool]:
-        """Return the likelihoods of the classes today by each cell's own readings.
+        """Return the likelihood of today's classes, given each cell's own readings.
 
-        Returned are the observed cells as ascending flat indices, the likelihood of each class (the largest
-        is 1), the days since each cell's latest reading, and whether readings are taken as the truth.
+        The results are: flat indices of the observed cells, ascending; likelihoods, float64[n, 3], up to a
+        factor per cell; days since each cell's latest reading; and whether readings are taken as the truth.
         """
         if self._misreading_rate == 0.0:
             self._last.follow(cells, days, values)
@@ -332,7 +334,7 @@ class DiseaseBelief:
     def _single(
         self, day: int, days: NDArray[np.int32], values: Floats, classes: NDArray[np.int8], noise: float
     ) -> Floats:
-        """Return the likelihood of each class today from every reading on its own, float64[n, 3]."""
+        """Return the likelihood of each class today, given each reading alone, float64[n, 3]."""
         if noise > EXACT:
             shown = exp(-0.5 * ((values[:, None] - CLASS_VALUES) / noise) ** 2)
         else:
@@ -352,10 +354,10 @@ class DiseaseBelief:
         return likelihood
 
     def _since_healthy(self, day: int) -> Floats:
-        """Return the likelihood of each class of a plant that was healthy 0, 1, ... days ago, [days, 3].
+        """Return the likelihood of each class for a plant that was healthy 0, 1, ... days ago, [days, 3].
 
-        It is the part of the plants of a class that fell ill since then. The new infections of a day are
-        proportional to the days since the first, as in an outbreak of constant speed.
+        The likelihood of a class is the fraction of its plants that became infected since that day. Daily new
+        infections are assumed to grow linearly in time, as in an outbreak that spreads at constant speed.
         """
         new = day - np.arange(day + 1.0)
         duration = self._task.parameters.duration_days

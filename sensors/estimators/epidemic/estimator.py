@@ -1,4 +1,4 @@
-"""The estimator of least expected score loss, learned from simulated outbreaks of the diseases."""
+"""The estimator epidemic: values of least expected loss, learned from simulated outbreaks."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Self, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from geo.locks import made_by_one
 from geo.processes import CallsAhead
-from geo.user_cache import made_by_one
 from sensors.dynamics.soil import SoilParameters
 from sensors.errors import EstimatorError
 from sensors.estimators.append_buffer import GrowingArray
@@ -42,22 +42,22 @@ if TYPE_CHECKING:
 
 _Values = NDArray[np.float32]
 Wanted: TypeAlias = tuple[TrainingTask, NDArray[np.bool_]]
-"""A task and its crop map."""
+"""A training task and its crop map."""
 
-_WORTH_A_PROCESS = 1000
+_WORTH_A_PROCESS = 1000  # Least outbreaks x epochs for training in a process
 
 
 def learn_all(wanted: Sequence[Wanted], folder: str | os.PathLike[str] | None, step: Step) -> None:
-    """Make the networks of some tasks available in memory and in their files.
+    """Load or train the networks of some tasks, so that they are in memory and in their files.
 
-    `step` is called with the finished part, 0..1, unless all networks exist already.
+    `step` is called with the finished fraction, 0..1, unless all networks exist already.
     """
     shared = [(shared_task(task, hosts), hosts) for task, hosts in wanted]
     if all(known_network(task, hosts, folder) is not None for task, hosts in shared):
         return
     step(0.0)
     with contextlib.ExitStack() as stack:
-        # In one order, so that no two processes wait for each other.
+        # A fixed order of the locks avoids deadlocks between processes.
         for path in sorted({network_file(task, hosts, folder) for task, hosts in shared}):
             stack.enter_context(made_by_one(path))
         missing = {
@@ -67,11 +67,11 @@ def learn_all(wanted: Sequence[Wanted], folder: str | os.PathLike[str] | None, s
         }
         _learn_missing(list(missing.values()), folder, step)
     if not missing:
-        step(1.0)  # another process has learned them
+        step(1.0)  # Another process has trained the networks in the meantime
 
 
 def _learn_missing(open_tasks: Sequence[Wanted], folder: str | os.PathLike[str] | None, step: Step) -> None:
-    """Train the missing networks: large ones in processes of their own, the others one by one."""
+    """Train the missing networks: large ones in parallel processes, others one by one."""
     done = 0
     long = all(task.outbreaks * task.epochs >= _WORTH_A_PROCESS for task, _ in open_tasks)
     may_have_children = (os.cpu_count() or 1) > 1 and not multiprocessing.current_process().daemon
@@ -93,12 +93,12 @@ def _learn_missing(open_tasks: Sequence[Wanted], folder: str | os.PathLike[str] 
 
 
 def _in_processes(tasks: Sequence[Wanted]) -> Iterator[tuple[int, Network]]:
-    """Yield the numbers of tasks and their networks, in their order; fewer if a process dies."""
+    """Yield each task's index and network in order; stop early if a process dies."""
     from concurrent.futures.process import BrokenProcessPool
 
     calls = CallsAhead(learn, tasks)
     try:
-        # After a process was killed for its memory, the caller does the other tasks one by one.
+        # If a process is killed for its memory, the caller trains the remaining networks one by one.
         with contextlib.suppress(BrokenProcessPool):
             for number in range(len(tasks)):
                 yield number, calls.result(number)
@@ -107,13 +107,13 @@ def _in_processes(tasks: Sequence[Wanted]) -> Iterator[tuple[int, Network]]:
 
 
 _SOIL = PAPER_FIELDS.index("soil")
-# The prior's own roughness is of this size; readings that differ less from a smooth field are not noisy.
+# Readings that deviate less from the smooth field are not noisy: the prior's rough part is this large.
 _EXACT_SOIL = 0.015
 
 
 @dataclass(frozen=True, slots=True)
 class _Basis:
-    """The state in which a model was made: fit, estimated day, and number of learned observations."""
+    """The estimator's state behind a model: fit, estimated day, and number of learned observations."""
 
     fit: object
     day: int
@@ -121,42 +121,43 @@ class _Basis:
 
 
 class EpidemicEstimator(BaseEstimator):
-    """The probabilities of healthy, infected and lost plants, and the value of least expected loss.
+    """Estimates the probabilities of healthy, infected and lost plants, and the value of least expected loss.
 
-    For each disease, a small network computes the probabilities of a cell's three classes from the
-    observations and the crop within eight cells of it, and the observed part of the field. It is trained on
-    simulated outbreaks with other seeds (`sensors.estimators.epidemic.training`). The value has the least
-    expected loss of the score, which punishes a missed disease: an expectile, not the mean. The uncertainty
-    is the standard deviation of the cell's true value. Land without the disease's crop is 1, without doubt.
-    The soil is a smooth random field with the model's lengths (`sensors.estimators.epidemic.soil`).
+    For each disease, a small network computes the class probabilities of a cell. The network's inputs are the
+    observations and the crop within eight cells, and the observed fraction of the field. The network is
+    trained on simulated outbreaks with other seeds (`sensors.estimators.epidemic.training`). The value
+    minimises the expected loss of the score, which punishes missed diseases; it is an expectile, not the
+    mean. The uncertainty is the standard deviation of the cell's true value. Land without the disease's crop
+    has the value 1 and no uncertainty. The soil is a smooth random field with the lengthscales of the weather
+    model (`sensors.estimators.epidemic.soil`).
 
-    The estimated day is the latest that was observed. Readings of earlier days are carried forward: infected
-    plants may be lost by now, and healthy ones may have fallen ill.
+    The estimated day is the latest observed day. Readings of earlier days are carried forward: infected
+    plants may be lost by now, and healthy plants may be infected.
 
-    Training takes about half a minute for each disease, crop map and eight days; networks are kept in a
-    folder.
+    Training takes about half a minute for each disease, crop map and block of eight days. Trained networks
+    are cached in a folder.
 
     Parameters
     ----------
     fields : FieldSet
         The benchmark's fields, with the assumed dynamics.
     day : int
-        The day that is estimated before there is any observation.
+        Estimated day before the first observation.
     misreading_rate : float
-        Probability that a reading shows another class than the plant's. Noise of readings is estimated.
+        Probability that a reading shows another class than the plant's. The noise of readings is estimated.
     weights : ScoreWeights
-        Costs of errors.
+        Weights of the score's errors.
     outbreaks, epochs : int
-        Size of the training: simulated fields, and passes over their samples.
+        Size of the training: number of simulated fields, and of passes over their samples.
     training_seed : int
         Seed of the training; equal seeds give equal networks.
     cache : path-like, optional
-        Folder of the trained networks; by default ``wbf-mission/epidemic`` in XDG_CACHE_HOME or ~/.cache.
+        Folder of trained networks. Default: ``wbf-mission/epidemic`` in XDG_CACHE_HOME or ~/.cache.
 
     Attributes
     ----------
     day_ : int
-        The day that is estimated.
+        The estimated day.
 
     Examples
     --------
@@ -194,15 +195,15 @@ class EpidemicEstimator(BaseEstimator):
 
     @property
     def day_(self) -> int:
-        """The day that is estimated: the latest one that was observed or advanced to."""
+        """The estimated day: the latest day observed or advanced to."""
         self._check_fitted("day_")
         return self.day if self.latest_day_ is None else self.latest_day_
 
     def prepare(self, days: Sequence[int], progress: Progress | None = None) -> Self:
-        """Train the networks of some days, or read them; see `BaseEstimator.prepare`.
+        """Load or train the networks of some days; see `BaseEstimator.prepare`.
 
-        On farms of at most 128 x 128 cells eight days (0 to 7, 8 to 15, ...) share a network. Several
-        networks are trained in as many processes as the machine has cores.
+        On farms of at most 128 x 128 cells, blocks of eight days (0 to 7, 8 to 15, ...) share a network.
+        Several networks are trained in parallel, on all cores.
         """
         super().prepare(days)
 
@@ -254,15 +255,18 @@ class EpidemicEstimator(BaseEstimator):
             value[k], uncertainty[k] = belief.value, belief.uncertainty
         noise = self._soil.fill(day, value[_SOIL], uncertainty[_SOIL])
         if noise < _EXACT_SOIL:
-            self._take_soil_readings(day, value[_SOIL])
+            # Later readings of a cell overwrite earlier ones.
+            readings = self._values.array[:, _SOIL]
+            taken = (self._days.array == day) & np.isfinite(readings)
+            value[_SOIL, *self._cells.array[taken].T] = np.clip(readings[taken], 0.0, 1.0)
         basis = self._basis
         names = tuple(field.name for field in self.fields.diseases)
-        # Probabilities around a sick plant follow from the network, not from a correlation.
+        # Diseases have no correlation length: the network gives the probabilities around a sick plant.
         lengths = (*(0.0 for _ in names), self._soil.correlation_length)
         probabilities: Mapping[str, _Values]
         loss_map: _Values | Callable[[], _Values]
         if all(belief.whole for belief in self._beliefs):
-            # They exist already, in arrays that do not change.
+            # Probabilities and loss exist already, in arrays that never change.
             probabilities = {name: _read_only(self._class_probabilities(name, basis)) for name in names}
             loss_map = _read_only(self._expected_loss(uncertainty, basis))
         else:
@@ -277,21 +281,14 @@ class EpidemicEstimator(BaseEstimator):
             correlation_length=lengths,
         )
 
-    def _take_soil_readings(self, day: int, value: NDArray[np.float32]) -> None:
-        """Write the soil's readings of the day into the value; the last reading of a cell counts."""
-        readings = self._values.array[:, _SOIL]
-        taken = (self._days.array == day) & np.isfinite(readings)
-        x, y = self._cells.array[taken].T
-        value[x, y] = np.clip(readings[taken], 0.0, 1.0)
-
     def _class_probabilities(self, disease: str, basis: _Basis) -> NDArray[np.float32]:
-        """Return the class probabilities of the model that was made of `basis`."""
+        """Return the class probabilities of the model with this basis; EstimatorError if it is outdated."""
         self._check_present("probabilities", basis)
         k = self.fields.index(disease)
         return self._beliefs[k].probabilities(*self._told(k))
 
     def _expected_loss(self, uncertainty: NDArray[np.float32], basis: _Basis) -> NDArray[np.float32]:
-        """Return the expected loss of the model that was made of `basis`."""
+        """Return the expected loss of the model with this basis; EstimatorError if it is outdated."""
         self._check_present("expected_loss", basis)
         loss = np.empty_like(uncertainty)
         for k, belief in enumerate(self._beliefs):
@@ -300,7 +297,7 @@ class EpidemicEstimator(BaseEstimator):
         return loss
 
     def _told(self, k: int) -> tuple[int, NDArray[np.int32], NDArray[np.int32], NDArray[np.float64]]:
-        """Return the estimated day, and cells, days and values of all readings of one field."""
+        """Return the estimated day, and cells, days and values of all readings of field k."""
         return self.day_, self._cells.array, self._days.array, self._values.array[:, k]
 
     @property

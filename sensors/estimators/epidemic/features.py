@@ -1,16 +1,17 @@
-"""Features of cells: counts of observed healthy, infected and lost plants at each distance.
+"""Features of cells for the networks: counts of observed plants of each class at each distance.
 
-A map of codes has the observed class of every cell. The features of a cell are the counts of each code in
-each ring of distances around it, without the cell itself. They do not change under rotation and reflection,
-and depend only on cells at most `REACH` away along each axis. A few numbers about the whole field follow.
+A map of codes holds the observed class of each cell. The features of a cell are the counts of each code in
+each ring of distances around the cell, without the cell itself. These counts are invariant under rotation
+and reflection, and depend only on cells at most `REACH` away along each axis. A few features of the whole
+field are appended.
 
 The classes of unobserved cells depend on each other: an outbreak is connected, and a farm has a known number
-of them. Further networks therefore see, besides these features, the probabilities of all cells by the network
-before (auto-context; Tu & Bai 2010, "Auto-context and its application to high-level vision tasks and 3D brain
-image segmentation").
+of outbreaks. Refinement networks therefore also see the previous network's probabilities of all cells
+(auto-context; Tu & Bai 2010, "Auto-context and its application to high-level vision tasks and 3D brain image
+segmentation").
 
-Sums over rings are compiled. Cells are given in C order: those that follow each other along y share their
-work, so that all cells of a crop cost little more than its rows.
+Sums over rings are compiled. Cells are in C order. Runs of neighbouring cells along y share work, so that
+computing all cells of a crop costs little more than computing its rows.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ from geo.compiled import compiled
 from geo.linear_algebra import log
 
 REACH = 8
-"""Largest distance of a cell in a ring along each axis, cells."""
+"""Greatest distance of a ring's cells along each axis, in cells."""
 
 Cells = NDArray[np.intp]
 Floats32 = NDArray[np.float32]
@@ -32,14 +33,15 @@ Floats32 = NDArray[np.float32]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Rings:
-    """The rings of a cell's neighbours; the cell itself is in none.
+    """Rings of neighbours around a cell.
 
     Parameters
     ----------
     number : intp[REACH + 1, REACH + 1]
-        The ring of a neighbour by its distance along x and along y; -1 for the cell itself.
+        Index of a neighbour's ring by its distances along x and y; -1 for the cell itself.
     scales : float32[rings]
-        Factor of the sums: one over the root of the ring's size, so that features have similar variances.
+        Factor of the sums over each ring, the inverse square root of the ring's size. It gives all features
+        similar variances.
     """
 
     number: Cells
@@ -47,7 +49,7 @@ class Rings:
 
     @classmethod
     def that_end_at(cls, ends: tuple[int, ...]) -> Rings:
-        """Make rings that end at these squared distances, the last at least ``2 REACH^2``.
+        """Return rings that end at these squared distances; the last must be at least ``2 REACH^2``.
 
         >>> rings = Rings.that_end_at((1, 2, 128))
         >>> rings.number[:2, :3].tolist(), (rings.scales**-2).round().tolist()
@@ -57,15 +59,15 @@ class Rings:
         squares = axis[:, None] ** 2 + axis**2
         number = np.searchsorted(ends, squares)
         number[0, 0] = -1
-        # Each stands for its mirror images.
+        # A distance pair stands for all its mirror images.
         images = np.where(axis > 0, 2, 1)
         sizes = np.bincount(number[squares > 0], (images[:, None] * images)[squares > 0], len(ends))
         return cls(number.astype(np.intp), (1.0 / np.sqrt(sizes)).astype(np.float32))
 
     def counts(self, codes: NDArray[np.uint8], most: int, x: Cells, y: Cells) -> Floats32:
-        """Count the neighbours with each of the codes 1..most in each ring, scaled.
+        """Return the scaled count of each code 1..most in each ring, float32[most * rings, n].
 
-        The map has a margin; the rings of code 1 come first.
+        `codes` has a margin of `REACH` cells. The rings of code 1 are first.
         """
         out = np.zeros((most, len(self.scales), len(x)), np.float32)
         _count(codes, x, y, self.number, out)
@@ -73,9 +75,9 @@ class Rings:
         return out.reshape(len(out) * len(self.scales), len(x))
 
     def sums(self, planes: Floats32, x: Cells, y: Cells) -> Floats32:
-        """Sum maps over each ring, scaled.
+        """Return the scaled sum of each map over each ring, float32[maps * rings, n].
 
-        Maps have a margin; the rings of the first map come first.
+        `planes` have a margin of `REACH` cells. The rings of the first map are first.
         """
         out = np.zeros((len(planes), len(self.scales), len(x)), np.float32)
         _sum(planes, x, y, self.number, out)
@@ -85,7 +87,7 @@ class Rings:
 
 @compiled(nogil=True)
 def _run_end(x: Cells, y: Cells, start: int) -> int:
-    """Return where the cells that follow each other along y from `start` end."""
+    """Return the end index of the run of successive cells along y that begins at index `start`."""
     end = start + 1
     while end < len(x) and x[end] == x[start] and y[end] == y[end - 1] + 1:
         end += 1
@@ -94,9 +96,9 @@ def _run_end(x: Cells, y: Cells, start: int) -> int:
 
 @compiled(nogil=True)
 def _add(both: Floats32, number: Cells, out: Floats32) -> None:
-    """Add the cells of two columns at one distance along x to the rings of a run of cells.
+    """Add the sum of two columns, at the same distance along x, to the rings of a run of cells.
 
-    `both` begins `REACH` cells before the run, and ends `REACH` cells after it.
+    `both` holds this sum, from `REACH` cells before the run to `REACH` cells after the run.
     """
     count = out.shape[1]
     for away in range(REACH + 1):
@@ -149,7 +151,7 @@ def _sum(planes: Floats32, x: Cells, y: Cells, number: Cells, out: Floats32) -> 
 
 
 UNKNOWN, SEEN_SUSCEPTIBLE, SEEN_INFECTED, SEEN_REMOVED, NO_HOST_CODE = range(5)
-"""Codes of cells: not observed, three classes, and land without the crop (or beside the farm)."""
+"""Codes of cells: unobserved, the three observed classes, and land without the crop or outside the farm."""
 
 RINGS = Rings.that_end_at((1, 2, 4, 5, 8, 9, 10, 13, 18, 20, 26, 36, 50, 65, 90, 2 * REACH**2))
 _SEEN_NUMBERS = 3
@@ -157,7 +159,7 @@ _DAY_KNOTS = (0.0, 2.0, 4.0, 6.0, 7.0)
 N_OVERALL = _SEEN_NUMBERS + len(_DAY_KNOTS)
 _CHUNK_CELLS = 1 << 14
 _CLUSTER_LINK = 5
-# Largest box that is marked, in multiples of the cells in reach of all changed cells.
+# Cells in reach are marked in a box if its area is at most this multiple of the total reach of all cells.
 _LOOSEST_BOX = 4
 
 N_LOCAL = len(RINGS.scales) * NO_HOST_CODE
@@ -165,9 +167,9 @@ N_FEATURES = N_LOCAL + N_OVERALL
 
 
 def padded_codes(hosts: NDArray[np.bool_]) -> NDArray[np.uint8]:
-    """Return a map of codes with nothing observed, and a margin of `REACH` cells around it.
+    """Return a map of codes without observations, uint8[W + 2 REACH, H + 2 REACH].
 
-    uint8[W + 2 REACH, H + 2 REACH].
+    The map has a margin of `REACH` cells.
     """
     codes = np.full((hosts.shape[0] + 2 * REACH, hosts.shape[1] + 2 * REACH), NO_HOST_CODE, np.uint8)
     codes[REACH:-REACH, REACH:-REACH][hosts] = UNKNOWN
@@ -175,23 +177,23 @@ def padded_codes(hosts: NDArray[np.bool_]) -> NDArray[np.uint8]:
 
 
 def inner(codes: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Return the view of a padded map that is the farm itself, [W, H]."""
+    """Return a view of a padded map without its margin, [W, H]."""
     return codes[REACH:-REACH, REACH:-REACH]
 
 
 def local_features(
     codes: NDArray[np.uint8], x: NDArray[np.intp], y: NDArray[np.intp], out: NDArray[np.float32]
 ) -> None:
-    """Write the features of the rings around some cells into the first columns of `out`."""
+    """Write the ring features of some cells into the first columns of `out`."""
     out[:, :N_LOCAL] = RINGS.counts(codes, NO_HOST_CODE, x, y).T
 
 
 def overall_features(codes: NDArray[np.uint8], hosts: int, seeds: int, day: int) -> NDArray[np.float32]:
-    """Return numbers about the whole field, float32[8].
+    """Return the features of the whole field, float32[8].
 
-    They are the observed part, the ratio of observed to expected outbreaks, the part observed as sick, and
-    the day, counted from the network's first, as weights of five knots. Sick cells at most five cells apart
-    along each axis count as one outbreak.
+    The features are: observed fraction, ratio of observed to expected outbreaks, fraction observed as sick,
+    and the day as interpolation weights of five knots. `day` counts from the network's first day. Sick cells
+    at most five cells apart along each axis count as one outbreak.
     """
     counts = np.bincount(codes.ravel(), minlength=NO_HOST_CODE + 1)
     sick = int(counts[SEEN_INFECTED] + counts[SEEN_REMOVED])
@@ -213,7 +215,7 @@ def overall_features(codes: NDArray[np.uint8], hosts: int, seeds: int, day: int)
 def cells_in_reach(
     x: NDArray[np.intp], y: NDArray[np.intp], shape: tuple[int, int]
 ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Return the distinct cells of a farm within `REACH` of changed cells.
+    """Return the distinct cells of a farm at most `REACH` along each axis from the changed cells.
 
     Examples
     --------
@@ -223,7 +225,7 @@ def cells_in_reach(
     """
     axis = np.arange(-REACH, REACH + 1)
     if len(x):
-        # Cells near each other, as those of a path: their box is marked, which takes no sorting.
+        # Cells close together, such as a path's, are marked in their bounding box, which needs no sorting.
         left, below = int(x.min()) - REACH, int(y.min()) - REACH
         box = int(x.max()) + REACH + 1 - left, int(y.max()) + REACH + 1 - below
         if box[0] * box[1] <= _LOOSEST_BOX * len(x) * len(axis) ** 2:
@@ -262,12 +264,13 @@ def context_features(
     seeds: int,
     rows: Cells | None = None,
 ) -> Floats32:
-    """Return the expected numbers of infected and lost plants in each ring around some cells, and more.
+    """Return the context features of some cells, float32[n, N_CONTEXT].
 
-    The logarithms of the cell's own two probabilities follow, and of the whole field the part expected to be
-    infected, and the lost plants, expected and observed, for each seed of the disease.
+    The features are: expected numbers of infected and of lost plants in each ring around the cell; the
+    logarithms of the cell's own probabilities of these two classes; and, for the whole field, the expected
+    infected fraction, and the expected and the observed number of lost plants per seed of the disease.
 
-    `x` and `y` are all cells that can carry the disease, `rows` selects those of the result.
+    `x` and `y` are all host cells. `rows` selects the cells of the result.
     """
     expected = np.stack([codes == code for code in _SICK]).astype(np.float32)
     unknown = codes[x + REACH, y + REACH] == UNKNOWN

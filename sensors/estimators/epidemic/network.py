@@ -1,4 +1,4 @@
-"""A small neural network for class probabilities, trained and evaluated in numpy."""
+"""Small neural networks for class probabilities, in numpy."""
 
 from __future__ import annotations
 
@@ -31,16 +31,16 @@ _DECAY = 1e-5
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Network:
-    """Layers of rectified linear units, and class probabilities by softmax at the end.
+    """A multilayer perceptron with rectified linear units and a softmax output.
 
     Parameters
     ----------
     weights : tuple of float32[n, m]
-        One matrix a layer.
+        Weight matrix of each layer.
     biases : tuple of float32[m]
-        One vector a layer.
+        Bias vector of each layer.
     further : tuple of Network
-        Further networks, each with the probabilities of the one before as inputs
+        Refinement networks. The inputs of each include the output of the previous network
         (`sensors.estimators.epidemic.features`).
 
     Examples
@@ -56,7 +56,7 @@ class Network:
 
     @classmethod
     def draw(cls, sizes: Sequence[int], rng: Generator) -> Network:
-        """Draw the start of a training for layers of these sizes, the inputs first."""
+        """Return randomly initialised layers with these sizes, beginning with the number of inputs."""
         shapes = list(itertools.pairwise(sizes))
         weights = [
             (rng.standard_normal(shape) * np.sqrt(2.0 / shape[0])).astype(np.float32) for shape in shapes
@@ -65,25 +65,21 @@ class Network:
         return cls(tuple(weights), tuple(np.zeros(shape[1], np.float32) for shape in shapes))
 
     def probabilities(self, inputs: Floats32) -> Floats32:
-        """Return the probability of each class for rows of inputs, float32[rows, classes]."""
+        """Return the class probabilities for rows of inputs, float32[rows, classes]."""
         out = np.empty((len(inputs), len(self.biases[-1])), np.float32)
         for start in range(0, len(inputs), _CHUNK_ROWS):
             part = slice(start, start + _CHUNK_ROWS)
             out[part] = self._forward(inputs[part])[-1]
         return out
 
-    def after_first(self, values: Floats32) -> Floats32:
-        """Return the probabilities from the first layer's sums with biases, which change: [rows, classes]."""
-        return self._continue([values])[-1]
-
     def _forward(self, inputs: Floats32) -> list[Floats32]:
-        """Return the input of each layer, and the probabilities last."""
+        """Return the input of each layer, followed by the class probabilities."""
         values = product(inputs, self.weights[0])
         values += self.biases[0]
-        return [inputs, *self._continue([values])]
+        return [inputs, *self.after_first([values])]
 
-    def _continue(self, layers: list[Floats32]) -> list[Floats32]:
-        """Go on from the sums of the first layer, in place."""
+    def after_first(self, layers: list[Floats32]) -> list[Floats32]:
+        """Return all layers and the class probabilities, from the first layer's pre-activations, in place."""
         for weight, bias in zip(self.weights[1:], self.biases[1:], strict=True):
             np.maximum(layers[-1], 0.0, out=layers[-1])
             values = product(layers[-1], weight)
@@ -122,7 +118,7 @@ def train(
     learning_rate: float = 2e-3,
     rng: Generator,
 ) -> Network:
-    """Train by cross entropy with Adam (Kingma & Ba 2015) and a cosine schedule, in place."""
+    """Minimise the weighted cross entropy with Adam (Kingma & Ba 2015) and a cosine schedule, in place."""
     parameters = [*network.weights, *network.biases]
     means = [np.zeros_like(parameter) for parameter in parameters]
     squares = [np.zeros_like(parameter) for parameter in parameters]
@@ -152,12 +148,12 @@ Cells = NDArray[np.intp]
 
 
 class FieldClassifier:
-    """The class probabilities of all cells that can carry the disease, after all further networks.
+    """Class probabilities of all host cells after all refinement networks, updated incrementally.
 
-    The contribution of a cell's rings to the first layers is kept, and computed anew only for cells that an
-    observation touches. Numbers about the whole field contribute the same to every cell.
+    The contribution of a cell's rings to the first layers is cached, and recomputed only for cells near a new
+    observation. The features of the whole field contribute equally to every cell.
 
-    The codes are not copied; the cells are in C order; the day counts from the network's first.
+    `codes` is not copied. The cells `x`, `y` are in C order. `day` counts from the network's first day.
     """
 
     def __init__(
@@ -170,17 +166,17 @@ class FieldClassifier:
         self.touch(np.arange(len(x)))
 
     def touch(self, rows: Cells) -> None:
-        """Compute the rings of some of the cells anew, where codes changed."""
+        """Recompute the ring features of some cells after a change of the codes."""
         seen = np.zeros((len(rows), N_FEATURES), np.float32)
         local_features(self._codes, self._x[rows], self._y[rows], seen)
         for kept, stage in zip(self._local, self._stages, strict=True):
             kept[rows] = product(seen[:, :N_LOCAL], stage.weights[0][:N_LOCAL])
 
     def probabilities(self, overall: Floats32 | None = None, found: Floats32 | None = None) -> Floats32:
-        """Return the probabilities of the cells without their own readings, float32[n, 3].
+        """Return the class probabilities of the cells without their own readings, float32[n, 3].
 
-        `overall` are the numbers about the whole field, if known; `found` the probabilities of the network
-        before, if this is a further network alone.
+        `overall` are the features of the whole field; None computes them. `found` are the probabilities of
+        the previous network, if this classifier has a refinement network only.
         """
         if overall is None:
             overall = overall_features(self._codes, len(self._x), self._seeds, self._day)
@@ -190,6 +186,6 @@ class FieldClassifier:
             if found is not None:
                 context = context_features(self._codes, self._x, self._y, found, self._seeds)
                 values += product(context, first[N_FEATURES:])
-            found = stage.after_first(values)
+            found = stage.after_first([values])[-1]
         assert found is not None
         return found

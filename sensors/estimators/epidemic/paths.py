@@ -1,4 +1,4 @@
-"""Random paths of a drone over a field, along which the training observes simulated outbreaks."""
+"""Random drone paths for the observation of simulated outbreaks in training."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ _SHARES = (0.4, 0.15, 0.35, 0.1)
 
 
 def random_path(shape: tuple[int, int], longest: int, rng: Generator) -> Cells:
-    """Draw a path over a field: rows, a spiral, straight legs between random points, or single cells.
+    """Draw a path over a field: rows, a spiral, straight legs between random points, or scattered cells.
 
-    Cells are in the order in which they are seen; a cell may come again.
+    The result is the cells in the order of observation, int[n, 2]. Cells may repeat.
     """
     kind = _KINDS[int(rng.choice(len(_KINDS), p=_SHARES))]
     width, height = shape
@@ -74,7 +74,7 @@ def _spiral(sides: tuple[int, int], rng: Generator) -> Cells:
 
 
 def _legs(points: list[tuple[float, float]]) -> Cells:
-    """Return the cells along straight legs, one for about each cell of length."""
+    """Return the cells along straight legs, with about one step per cell of length."""
     corners = np.array(points)
     parts = [np.floor(corners[:1])]
     for begin, end in itertools.pairwise(corners):
@@ -93,12 +93,13 @@ _WIDTH = 4.5
 
 
 def chasing_path(begun: Cells, sick: NDArray[np.bool_], longest: int, rng: Generator) -> Cells:
-    """Continue a path towards observed sick plants, and to unobserved cells.
+    """Continue a path towards observed sick plants and unobserved cells.
 
-    The random straight leg with the most worth a cell is chosen, and flown for a few cells. A cell is worth
-    more near observed sick plants, less near healthy ones, and nothing once it is observed.
+    Each round draws random straight legs and follows the leg with the highest mean value for a few cells. The
+    value of a cell is higher near observed sick plants, lower near healthy ones, and 0 once observed.
 
-    The generator draws the legs and the attraction of sick plants; the truth is read only along the path.
+    The generator draws the legs and the attraction of sick plants. The truth `sick` is read only along the
+    path.
     """
     out = np.zeros((longest, 2), np.intp)
     count = min(len(begun), longest)
@@ -106,7 +107,7 @@ def chasing_path(begun: Cells, sick: NDArray[np.bool_], longest: int, rng: Gener
     stride = int(rng.integers(3, 13))
     decisions = -(-(longest - count) // stride)
     draws = rng.random((max(decisions, 1), _CANDIDATES + _NEAR_SICK, 2))
-    # The other crop's diseases attract as well, as spots that have nothing to do with this one's.
+    # Unrelated attractive spots stand for the other diseases, which attract the drone, too.
     worth = np.full(sick.shape, 1.0)
     attraction = float(10.0 ** rng.uniform(0.3, 1.7))
     for spot in rng.random((int(rng.integers(0, 4)), 2)):
@@ -163,7 +164,7 @@ def _chase(
             if k < _CANDIDATES or n_found == 0:
                 to_x, to_y = int(u * width), int(v * height)
             else:
-                # A cell near one of the latest sick plants.
+                # Aim at a cell near a recently found sick plant.
                 which = found[n_found - 1 - (k % min(n_found, _NEAR_SICK))]
                 to_x = min(max(which[0] + int((2 * u - 1) * (_NEAR + 1)), 0), width - 1)
                 to_y = min(max(which[1] + int((2 * v - 1) * (_NEAR + 1)), 0), height - 1)

@@ -1,18 +1,22 @@
 """Soil humidity as a smooth random field: a Gaussian process with the moments of simulated showers.
 
-A shower is a sum of normal densities at random positions. Such a field has a squared exponential covariance
-with a length of sqrt(2) standard deviations of a hump. The mean of each place, and the variances of level and
-shape on a day, come from simulated weather: humps lie beyond two sides of the farm only, so it is drier near
-the others. The process is written in a few smooth functions of x and of y (Solin & Särkkä 2020, "Hilbert
-space methods for reduced-rank Gaussian process regression"), so that observations add to the sums of a linear
-regression, and a farm of any size costs a product of narrow matrices.
+A shower is a sum of normal densities (humps) at random positions. Such a field has a squared exponential
+covariance with a lengthscale of sqrt(2) standard deviations of a hump. The mean at each position, and the
+variances of level and shape on a day, come from simulated weather. Humps lie beyond two sides of the farm
+only, so the land near the other sides is drier.
 
-The humidity is cut at 1, and such an edge is not smooth: two hundredths of the variance have about a third of
-the length, and the rest differs from the functions by a small variance. That misfit is alike in neighbouring
-cells, so readings within the wave length of the finest function do not average it out: the noise of a reading
-grows with the root of the number of cells within that length, halfway between equal and independent errors.
-Otherwise exact readings along a path would determine every derivative, and by them the field far away. Shares
-and variance were chosen on simulated fields, where they made the posterior's deviations true.
+The process is approximated by a few sine functions of x and of y (Solin & Särkkä 2020, "Hilbert space methods
+for reduced-rank Gaussian process regression"). Observations then add to the sums of a linear regression, and
+a prediction is a product of narrow matrices, whatever the size of the farm.
+
+The humidity is clipped at 1, and the edge of a clipped region is not smooth. The prior therefore has a rough
+part: 2 % of the variance with about a third of the lengthscale. A small variance (the misfit) stands for the
+remaining difference from the functions. The misfit is similar in neighbouring cells, so that readings within
+half a wavelength of the finest function do not average it out. The noise variance of a reading therefore
+grows with the square root of the number of cells within that length, a compromise between equal and
+independent errors. Otherwise exact readings along a path would determine all derivatives, and with them the
+field far away. Rough part and misfit were tuned on simulated fields to give the posterior correct standard
+deviations.
 """
 
 from __future__ import annotations
@@ -61,9 +65,9 @@ class SoilPrior:
     Parameters
     ----------
     mean : float64[w, h]
-        The mean of each place, on few cells with the farm's proportions.
+        Mean at each position, on a coarse grid with the farm's proportions.
     level, shape : float
-        Variance of the mean over the farm, and mean variance within the farm.
+        Variance of the farm's mean humidity, and mean variance within the farm.
     """
 
     mean: Floats
@@ -71,17 +75,11 @@ class SoilPrior:
     shape: float
 
 
-def soil_prior(parameters: SoilParameters, shape: tuple[int, int], day: int, seed: int) -> SoilPrior:
-    """Simulate the weather up to a day, on a grid of few cells with the farm's proportions."""
-    block, number = divmod(day, _SIMULATED_DAYS)
-    return _soil_priors(parameters, shape, block, seed)[number]
-
-
 @lru_cache(maxsize=64)
 def _soil_priors(
     parameters: SoilParameters, shape: tuple[int, int], block: int, seed: int
 ) -> tuple[SoilPrior, ...]:
-    """Simulate a block of days at once: they share the weather before."""
+    """Return the priors of a block of days, which share the simulated weather before the block."""
     names = (str(number) for number in range(_SIMULATED_FIELDS))
     rngs = [stream(seed, "epidemic-estimator", "soil", name) for name in names]
     days = range(_SIMULATED_DAYS * block, _SIMULATED_DAYS * (block + 1))
@@ -96,7 +94,7 @@ def _soil_priors(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _WeightsPrior:
-    """The prior means and variances of the weights of the constant and of the functions."""
+    """Prior means and variances of the weights of the constant and the functions."""
 
     mean: Floats
     variance: Floats
@@ -105,16 +103,16 @@ class _WeightsPrior:
 class SoilField:
     """The posterior of the humidity of one farm.
 
-    Observations of earlier days count less, with correlated errors (`sensors.estimators.days`). After the
-    first day crowded readings count less (`Crowding`): a day's change is small against the prior, and the
-    error of its model weighs more.
+    Observations of earlier days have less weight, with correlated errors (`sensors.estimators.days`). After
+    the first day, crowded readings have less weight, too (`Crowding`): the change of a day is small compared
+    with the prior, so that the model error matters more.
     """
 
     def __init__(self, shape: tuple[int, int], parameters: SoilParameters, seed: int) -> None:
         self._shape = shape
         self._parameters = parameters
         self._seed = seed
-        # On small farms further functions add no accuracy, and every update is four times as expensive.
+        # On small farms more functions give no accuracy, but make every update four times as expensive.
         small = shape[0] * shape[1] <= _SMALL_FARM_CELLS
         self._functions_an_axis = _FUNCTIONS if small else _MORE_FUNCTIONS
         lengths = [np.sqrt(2.0) * parameters.spread * side for side in parameters.hump_sides(shape)]
@@ -130,7 +128,7 @@ class SoilField:
         self._sums: dict[int, _Sums] = {}
         self._crowding: dict[int, Crowding] = {}
         self._waiting: dict[int, list[tuple[Cells, Cells, Floats]]] = {}
-        # The readings of the first day, which count in full, until an earlier day comes.
+        # Readings of the earliest day, kept because their weights change if an even earlier day arrives.
         self._first: list[tuple[Cells, Cells, Floats]] = []
         self._posterior: _Posterior | None = None
         self._known_before: dict[object, tuple[Floats, Floats]] = {}
@@ -143,20 +141,23 @@ class SoilField:
     def learn(
         self, x: NDArray[np.integer], y: NDArray[np.integer], days: NDArray[np.integer], values: Floats
     ) -> None:
-        """Take finite readings of cells, for the next `fill`."""
+        """Queue finite readings of cells for the next `fill`."""
         for day in np.unique(days).tolist():
             now = days == day
             self._waiting.setdefault(day, []).append((x[now], y[now], values[now]))
 
     def _take_in(self) -> None:
-        """Add the waiting readings to the sums and to the posterior: many at once cost little more."""
+        """Add the queued readings to the sums and the posterior; a batch costs little more than one."""
         learned = []
         self._give_way()
         for day, parts in sorted(self._waiting.items()):
             x, y, values = (np.concatenate(column) for column in zip(*parts, strict=True))
             if self._is_first(day):
                 self._first.append((x, y, values))
-            weights = self._counted(day, x, y)
+                weights = np.ones(len(x))
+            else:
+                crowding = self._crowding.setdefault(day, Crowding(self._shape, self._lengths))
+                weights = crowding.weights(x, y)
             sums = self._sums.setdefault(day, _Sums(1 + self._functions_an_axis**2))
             start = 0
             while start < len(x):
@@ -171,7 +172,7 @@ class SoilField:
         if posterior is None or not learned:
             return
         if all(
-            posterior.can_learn(day, len(readings)) and not posterior.is_outdated(day, self._noise_from(day))
+            len(readings) <= _MOST_AT_ONCE and not posterior.is_outdated(day, self._noise_from(day))
             for day, _, readings, _ in learned
         ):
             for _, functions, readings, counted in learned:
@@ -180,7 +181,7 @@ class SoilField:
             self._posterior = None
 
     def _give_way(self) -> None:
-        """Take the readings of the first day anew if readings of an earlier day have arrived."""
+        """Queue the readings of the first day again if readings of an earlier day have arrived."""
         first, earliest = min(self._sums, default=None), min(self._waiting, default=None)
         if first is None or earliest is None or earliest >= first:
             return
@@ -190,20 +191,13 @@ class SoilField:
         self._posterior = None
 
     def _is_first(self, day: int) -> bool:
-        """Return whether no day before it has readings."""
+        """Return whether no earlier day has readings."""
         return day <= min(self._sums, default=day)
 
-    def _counted(self, day: int, x: Cells, y: Cells) -> Floats:
-        """Return the weights of a day's further readings."""
-        if self._is_first(day):
-            return np.ones(len(x))
-        crowding = self._crowding.setdefault(day, Crowding(self._shape, self._lengths))
-        return crowding.weights(x, y)
-
     def fill(self, day: int, value: NDArray[np.float32], uncertainty: NDArray[np.float32]) -> float:
-        """Write the posterior mean, within 0 .. 1, and standard deviation of a day into arrays [W, H].
+        """Write a day's posterior mean, clipped to 0..1, and standard deviation into arrays [W, H].
 
-        The standard deviation of the readings from the smooth field is returned.
+        Return the standard deviation of the readings' noise.
         """
         self._take_in()
         prior = self._prior(day)
@@ -225,23 +219,24 @@ class SoilField:
         return float(np.sqrt(posterior.shown))
 
     def _prior(self, day: int) -> _WeightsPrior:
-        """Return the prior of a day, written in the functions."""
+        """Return the prior of a day for the functions' weights."""
         if day in self._priors:
             return self._priors[day]
-        prior = soil_prior(self._parameters, self._shape, day, self._seed)
+        block, number = divmod(day, _SIMULATED_DAYS)
+        prior = _soil_priors(self._parameters, self._shape, block, self._seed)[number]
         places = (
             (np.arange(few) + 0.5) * cells / few - 0.5
             for few, cells in zip(prior.mean.shape, self._shape, strict=True)
         )
         along_x, along_y = (axis.at(where) for axis, where in zip((self._x, self._y), places, strict=True))
         functions = _products(np.repeat(along_x, len(along_y), axis=0), np.tile(along_y, (len(along_x), 1)))
-        # The functions alone let the farm's mean vary, too: the constant has what they leave of that.
+        # The functions contribute to the variance of the farm's mean, so the constant has only the rest.
         own = float(product(self._spectrum, functions[:, 1:].mean(axis=0) ** 2))
         everywhere = float(np.mean(product(functions[:, 1:] ** 2, self._spectrum)))
         shape = prior.shape / (everywhere - own) + _SMALLEST_VARIANCE
         level = max(prior.level - shape * own, _SMALLEST_VARIANCE)
         variance = np.concatenate([[level], shape * self._spectrum])
-        # The functions' likeliest weights under the mean field, which is read with little noise.
+        # Prior means of the weights: a regression of the mean field with little noise.
         mean = np.zeros(len(variance))
         mean[0] = prior.mean.mean()
         precision = np.diag(1.0 / variance) + product(functions.T, functions) / _MEAN_NOISE
@@ -251,15 +246,15 @@ class SoilField:
         return self._priors[day]
 
     def _functions(self, x: NDArray[np.integer], y: NDArray[np.integer]) -> Floats:
-        """Return the constant and the functions' products at cells, float64[n, 1 + functions^2]."""
+        """Return the constant and the products of functions at cells, float64[n, 1 + functions^2]."""
         return _products(self._x.functions[x], self._y.functions[y])
 
     def _noise_from(self, day: int) -> int:
-        """Return the number of readings of a day from which its noise is estimated; 0 if they are too few."""
+        """Return the number of a day's readings used for the noise estimate; 0 if there are too few."""
         return self._sums[day].due.count if day in self._sums else 0
 
     def _solve(self, day: int) -> _Posterior:
-        """Estimate the noise of a day, and the functions' weights from all readings."""
+        """Return the posterior of the weights on a day, with the estimated noise."""
         shown = self._noise(day)
         noise = max(shown, self._least_noise(day))
         sums = self._sums.get(day)
@@ -276,12 +271,12 @@ class SoilField:
         )
 
     def _least_noise(self, day: int) -> float:
-        """Return the least variance that a day's readings are taken with."""
-        # After the first day, many readings near each other count for less already.
+        """Return a lower bound of the noise variance for a day's readings."""
+        # After the first day, `Crowding` already reduces the weight of nearby readings.
         return _MISFIT * float(np.sqrt(self._cells_alike)) if self._is_first(day) else _MISFIT
 
     def _noise(self, day: int) -> float:
-        """Estimate the variance of the noise that a day's readings show, up to the last count due."""
+        """Return the estimated noise variance of a day's readings, from the number of `_noise_from`."""
         noise = _FIRST_NOISE
         count = self._noise_from(day)
         if not count:
@@ -298,13 +293,13 @@ class SoilField:
             if today.weight - fitted < 0.1 * today.weight:
                 break
             left = today.power - product(weights, 2.0 * today.response - product(weights, today.squares))
-            # MacKay's rule, by the degrees of freedom that the functions leave.
+            # MacKay's update: residual sum of squares by the remaining degrees of freedom.
             noise = max(_LEAST_NOISE, float(left / (today.weight - fitted)))
         self._noises[key] = noise
         return noise
 
     def _precision(self, day: int, noise: float, today: _Totals | None) -> tuple[Floats, Floats]:
-        """Return the precision of a day's weights, and its product with their mean, by all days until it."""
+        """Return precision, and precision times mean, of a day's weights, from all readings up to the day."""
         precision, response = (part.copy() for part in self._before(day))
         if today is not None:
             precision += today.squares / noise
@@ -312,7 +307,7 @@ class SoilField:
         return precision, response
 
     def _before(self, day: int) -> tuple[Floats, Floats]:
-        """Return the precision of a day's weights, and its product with their mean, by the days before."""
+        """Return precision, and precision times mean, of a day's weights, from earlier days only."""
         variances = self._prior(day).variance
         last = max((seen for seen in self._sums if seen < day), default=None)
         if last is None:
@@ -322,7 +317,7 @@ class SoilField:
         if known is None:
             noise = max(self._noise(last), self._least_noise(last))
             precision, response = self._precision(last, noise, self._sums[last].now)
-            # In units of what was known of each day before anything was seen.
+            # `pass_day` needs weights in units of their prior standard deviations.
             unit, later = np.sqrt(self._prior(last).variance), np.sqrt(variances)
             step = continuous_transition(self._parameters, self._shape, last, day, self._seed)
             precision, response = pass_day(
@@ -335,7 +330,7 @@ class SoilField:
         return known
 
     def _counts_before(self, day: int) -> tuple[tuple[int, int], ...]:
-        """Return the days with readings before a day, and the numbers of their readings."""
+        """Return pairs of day and number of readings for the days before `day`."""
         return tuple((seen, sums.now.count) for seen, sums in sorted(self._sums.items()) if seen < day)
 
 
@@ -343,7 +338,8 @@ class SoilField:
 class _Posterior:
     """Mean and covariance of the functions' weights on a day, for a fixed noise.
 
-    `noise` is the variance that readings are taken with, `shown` its estimate from `noise_from` readings.
+    `noise` is the assumed noise variance, `shown` its estimate from `noise_from` readings, without the lower
+    bound.
     """
 
     day: int
@@ -359,16 +355,11 @@ class _Posterior:
         self.variance = (product(self.at_nodes, self.covariance) * self.at_nodes).sum(axis=1)
 
     def is_outdated(self, day: int, noise_from: int) -> bool:
-        """Return whether it is of another day, or of a noise estimated from other readings."""
+        """Return whether this posterior is for another day or an outdated noise estimate."""
         return self.day != day or self.noise_from != noise_from
 
-    def can_learn(self, day: int, count: int) -> bool:
-        """Return whether it can take `count` further readings of a day, without being made anew."""
-        return day == self.day and count <= _MOST_AT_ONCE
-
     def learn(self, functions: Floats, readings: Floats, counted: Floats) -> None:
-        """Take further readings of its day; `counted` are their weights."""
-        # Woodbury's identity.
+        """Update with further readings of the day, with weights `counted` (Woodbury identity)."""
         moved = product(self.covariance, functions.T)
         within = product(functions, moved)
         within[np.diag_indices_from(within)] += self.noise / counted
@@ -380,7 +371,7 @@ class _Posterior:
 
 @dataclass(frozen=True, slots=True)
 class _Totals:
-    """The sums of a linear regression."""
+    """The weighted sums of a linear regression: X'X, X'y, y'y, total weight, and number of readings."""
 
     squares: Floats
     response: Floats
@@ -390,9 +381,10 @@ class _Totals:
 
 
 class _Sums:
-    """The sums of a day's readings: of all, and of those when the noise was last estimated.
+    """The regression sums of a day's readings: current, and at the last noise estimate.
 
-    The noise is estimated from 30, 36, 43, 51, ... readings, whatever the parts in which they came.
+    The noise is estimated after 30, 36, 43, 51, ... readings, so that the result does not depend on the
+    batches in which readings arrive.
     """
 
     def __init__(self, functions: int) -> None:
@@ -401,12 +393,12 @@ class _Sums:
 
     @property
     def until_due(self) -> int:
-        """Number of readings until the noise is estimated anew."""
+        """Number of readings until the next noise estimate."""
         following = max(_LEAST_FOR_NOISE, int(_NOISE_GROWTH * self.due.count))
         return following - self.now.count
 
     def add(self, functions: Floats, values: Floats, weights: Floats) -> None:
-        """Add at most `until_due` readings with weights."""
+        """Add weighted readings, at most `until_due` of them."""
         due = len(values) == self.until_due
         counted = weights[:, None] * functions
         self.now.squares.__iadd__(product(counted.T, functions))
@@ -422,16 +414,16 @@ class _Sums:
 
 
 def _products(along_x: Floats, along_y: Floats) -> Floats:
-    """Return the constant and the products of the functions of x and of y, float64[n, 1 + functions^2]."""
+    """Return the constant and the products of x and y functions, float64[n, 1 + functions^2]."""
     products = along_x[:, :, None] * along_y[:, None, :]
     return np.concatenate([np.ones((len(along_x), 1)), products.reshape(len(along_x), -1)], axis=1)
 
 
 class _Axis:
-    """Sine functions along one axis of the farm, their prior variances, and nodes to interpolate between.
+    """Sine functions along one axis of the farm, their prior variances, and interpolation nodes.
 
-    `shortest` is half of the wave length of the last function, cells; `spectrum` has the variances of the
-    smooth and of the rough part.
+    `shortest` is half the wavelength of the last function, in cells. `spectrum` holds the variances of the
+    smooth and of the rough part, float64[2, functions].
     """
 
     def __init__(self, cells: int, length: float, functions: int) -> None:
@@ -440,7 +432,7 @@ class _Axis:
         self._frequency = np.pi * np.arange(1, functions + 1) / (2.0 * self._reach)
         self.functions = self.at(np.arange(cells))
         self.shortest = float(np.pi / self._frequency[-1])
-        # Spectral density of the squared exponential covariance, for the smooth and the rough part.
+        # Spectral densities of the squared exponential covariances of the smooth and the rough part.
         scales = length * np.array([[1.0], [_ROUGH_LENGTH]])
         self.spectrum: Floats = np.sqrt(2.0 * np.pi) * scales * exp(-0.5 * (scales * self._frequency) ** 2)
         self.nodes = np.unique(np.linspace(0, cells - 1, min(cells, _NODES)).round().astype(np.intp))
@@ -449,7 +441,7 @@ class _Axis:
         )
 
     def at(self, places: NDArray[np.integer] | Floats) -> Floats:
-        """Return the sine basis at indices of cells, whole ones in their middle, float64[n, functions]."""
+        """Return the sine functions at cell indices (integers are centres), float64[n, functions]."""
         position = places + 0.5 - self._half
         values: Floats = sin(self._frequency * (position[:, None] + self._reach)) / np.sqrt(self._reach)
         return values

@@ -1,8 +1,8 @@
-"""Training of networks for class probabilities on simulated outbreaks, and their files.
+"""Training of the networks on simulated outbreaks, and files of trained networks.
 
-Outbreaks of the disease's model are drawn and observed along random paths that end at random times. A small
-network learns the class of unobserved cells from the observations around them. The seeds of these outbreaks
-are streams of their own: no flown environment is among them, except by a chance of 2^-128.
+The training simulates outbreaks of the disease and observes them along random paths that end at random times.
+A small network learns the class of unobserved cells from the observations around them. The simulations use
+separate random streams, so that a flown environment is among them only with a probability of 2^-128.
 """
 
 from __future__ import annotations
@@ -22,8 +22,9 @@ from numpy.random import Generator
 from numpy.typing import NDArray
 
 from geo.atomic import atomic_write
+from geo.locks import made_by_one
 from geo.seeds import stream
-from geo.user_cache import made_by_one, user_cache_folder, warn_of_cache
+from geo.user_cache import user_cache_folder, warn_of_cache
 from sensors.dynamics.epidemic import MAX_DAYS, NEVER, EpidemicParameters, simulate_outbreak, value_table
 from sensors.errors import EstimatorError
 from sensors.estimators.base import Step, no_step
@@ -43,11 +44,11 @@ from sensors.estimators.epidemic.network import FieldClassifier, Network, train
 from sensors.estimators.epidemic.paths import chasing_path, random_path
 
 VERSION = 5
-"""Part of the names of files; to be raised with every change of the training."""
+"""Version in file names; raise it with every change of the training."""
 SUMS = 2
-"""Part of the names of files; to be raised with a change of the arithmetic that leaves the draws alone."""
+"""Version in file names; raise it with changes of the arithmetic that do not change the random draws."""
 WHOLE_FARM_CELLS = 128 * 128
-"""On farms with more cells the training sees windows; features of the whole field are not used."""
+"""Largest farm simulated as a whole. Training for larger farms uses windows, without whole-field features."""
 LAYERS = (N_FEATURES, 64, 32, 3)
 FURTHER_LAYERS = (N_FEATURES + N_CONTEXT, 64, 32, 3)
 _WINDOW = 64
@@ -70,21 +71,21 @@ _in_memory: dict[str, Network] = {}
 
 @dataclass(frozen=True, slots=True)
 class TrainingTask:
-    """The task of a network; equal tasks give equal networks.
+    """Parameters of a network's training; equal tasks give equal networks.
 
     Parameters
     ----------
     parameters : EpidemicParameters
         The disease.
     day : int
-        Day of the observations. On farms of at most `WHOLE_FARM_CELLS` one network knows all days from
+        Day of the observations. On farms of at most `WHOLE_FARM_CELLS`, a network serves eight days from
         `first_day` on.
     outbreaks : int
         Number of simulated fields.
     epochs : int
-        Passes of the training over the samples.
+        Number of passes over the samples.
     seed : int
-        Of the training.
+        Seed of the training.
     """
 
     parameters: EpidemicParameters
@@ -94,10 +95,10 @@ class TrainingTask:
     seed: int = 0
 
     def key(self, hosts: NDArray[np.bool_]) -> str:
-        """Return a name for the network of this task on this crop map."""
+        """Return the file name, without suffix, for the network of this task on a crop map."""
         identity = {**asdict(self), "version": VERSION, "layers": LAYERS, "shape": hosts.shape}
         if self.parameters.seed_spread_cells is None:
-            # Networks from before this parameter keep their names, which seed their training.
+            # The name seeds the training, so the default of this later parameter must not change it.
             del identity["parameters"]["seed_spread_cells"]
         digest = hashlib.sha256(json.dumps(identity, sort_keys=True).encode())
         digest.update(np.packbits(hosts).data)
@@ -105,7 +106,7 @@ class TrainingTask:
 
 
 def first_day(day: int, hosts: NDArray[np.bool_]) -> int:
-    """Return the first of the eight days that share a network with a day; on large farms the day itself.
+    """Return the first of the eight days that share a network with `day`; on large farms `day` itself.
 
     >>> first_day(6, np.ones((30, 30), bool)), first_day(6, np.ones((300, 300), bool))
     (0, 6)
@@ -118,10 +119,10 @@ def network_for(
     hosts: NDArray[np.bool_],
     folder: str | os.PathLike[str] | None,
 ) -> Network:
-    """Return the network of a task: from memory, from its file, or trained now and kept in both.
+    """Return the network of a task, from memory, from its file, or newly trained and stored in both.
 
-    A file that cannot be used is replaced. A folder that cannot be written to is no error, but costs a
-    training in every process.
+    An unusable file is replaced. If the folder is not writeable, every process trains again; this is not an
+    error.
     """
     task = shared_task(task, hosts)
     network = known_network(task, hosts, folder)
@@ -135,14 +136,14 @@ def network_for(
 
 
 def shared_task(task: TrainingTask, hosts: NDArray[np.bool_]) -> TrainingTask:
-    """Return the task of the network that serves a task's day."""
+    """Return the task with `first_day` as its day, which identifies the network."""
     if not 0 <= task.day <= MAX_DAYS:
         raise EstimatorError(f"epidemic: day {task.day} is not in 0..{MAX_DAYS}, the days of an environment")
     return replace(task, day=first_day(task.day, hosts))
 
 
 def network_file(task: TrainingTask, hosts: NDArray[np.bool_], folder: str | os.PathLike[str] | None) -> Path:
-    """Return the file of a shared task's network, in the folder or the user's cache."""
+    """Return the path of a shared task's network file, in `folder` or the user's cache."""
     parent = Path(folder) if folder is not None else user_cache_folder("epidemic")
     return parent / f"{task.key(hosts)}-{SUMS}.npz"
 
@@ -150,7 +151,7 @@ def network_file(task: TrainingTask, hosts: NDArray[np.bool_], folder: str | os.
 def known_network(
     task: TrainingTask, hosts: NDArray[np.bool_], folder: str | os.PathLike[str] | None
 ) -> Network | None:
-    """Return the network of a shared task from memory or from its file; None if it has to be trained."""
+    """Return the network of a shared task from memory or its file; None if it must be trained."""
     key = task.key(hosts)
     if key not in _in_memory:
         network = load_network(network_file(task, hosts, folder))
@@ -163,13 +164,13 @@ def known_network(
 def keep_network(
     network: Network, task: TrainingTask, hosts: NDArray[np.bool_], folder: str | os.PathLike[str] | None
 ) -> None:
-    """Keep the network of a shared task in memory and in its file."""
+    """Store the network of a shared task in memory and in its file."""
     save_network(network, network_file(task, hosts, folder))
     _in_memory[task.key(hosts)] = network
 
 
 def save_network(network: Network, path: Path) -> None:
-    """Write a network; a folder that cannot be written to is a warning."""
+    """Write a network to a file; warn if the folder is not writeable."""
     layers: dict[str, NDArray[np.float32]] = {}
     for number, stage in enumerate((network, *network.further)):
         layers |= {f"{_part(number)}weight{i}": weight for i, weight in enumerate(stage.weights)}
@@ -183,7 +184,7 @@ def save_network(network: Network, path: Path) -> None:
 
 
 def load_network(path: Path) -> Network | None:
-    """Read a network; None if there is none that can be used."""
+    """Return the network in a file; None if the file is missing or unusable."""
     try:
         with np.load(path, allow_pickle=False) as file:
             first = _read(file, 0, LAYERS)
@@ -199,7 +200,7 @@ def _part(number: int) -> str:
 
 
 def _read(file: Mapping[str, NDArray[np.float32]], number: int, layers: Sequence[int]) -> Network:
-    """Read network `number` from a file; ValueError or KeyError if it cannot be used."""
+    """Return network `number` of a file; raise ValueError or KeyError if it is unusable."""
     weights, biases = [], []
     for i, shape in enumerate(itertools.pairwise(layers)):
         weight, bias = file[f"{_part(number)}weight{i}"], file[f"{_part(number)}bias{i}"]
@@ -213,7 +214,7 @@ def _read(file: Mapping[str, NDArray[np.float32]], number: int, layers: Sequence
 
 
 def learn(task: TrainingTask, hosts: NDArray[np.bool_], step: Step = no_step) -> Network:
-    """Simulate, observe and train; `step` is called with the finished part, 0..1."""
+    """Return a newly trained network; `step` is called with the finished fraction, 0..1."""
     rng = stream(task.seed, "epidemic-estimator", task.key(hosts))
     whole = hosts.size <= WHOLE_FARM_CELLS
     steps = 2 + 2 * whole * _FURTHER
@@ -235,7 +236,7 @@ def learn(task: TrainingTask, hosts: NDArray[np.bool_], step: Step = no_step) ->
 
 
 def classes_of(values: NDArray[np.floating]) -> NDArray[np.int8]:
-    """Return the class nearest to each value: 0 susceptible, 1 infected, 2 removed; -1 for NaN.
+    """Return the class closest to each value: 0 susceptible, 1 infected, 2 removed; -1 for NaN.
 
     >>> classes_of(np.array([1.0, 0.5, 0.0, 0.8, 1.7, -0.2, np.nan])).tolist()
     [0, 1, 2, 0, 0, 2, -1]
@@ -247,25 +248,30 @@ def classes_of(values: NDArray[np.floating]) -> NDArray[np.int8]:
 
 @dataclass(frozen=True, slots=True)
 class Look:
-    """The observations of a field at some time, and unobserved cells to learn from."""
+    """A partly observed field, with unobserved cells as training samples."""
 
     codes: NDArray[np.uint8] | None
-    """uint8[W + 2 REACH, H + 2 REACH]: the map; kept for further networks only."""
+    """Map of codes, uint8[W + 2 REACH, H + 2 REACH]; None for windows, which have no refinement networks."""
     day: int
-    """Days since the network's first."""
+    """Days since the network's first day."""
     overall: NDArray[np.float32]
-    """float32[8]: the numbers about the whole field; zeros in windows."""
+    """Features of the whole field, float32[8]; zeros for windows."""
     chosen: NDArray[np.intp]
-    """intp[n, 2]: the cells."""
+    """Sampled cells, intp[n, 2]."""
     features: NDArray[np.float32]
+    """Features of the sampled cells, float32[n, N_FEATURES]."""
     classes: NDArray[np.int8]
-    """The truth."""
+    """True classes of the sampled cells, int8[n]."""
     weights: NDArray[np.float64]
-    """Weights of the cells, so that all looks together stand for all of their unobserved cells."""
+    """Weights of the samples, float64[n], which make them representative of all unobserved cells."""
 
 
 def draw_looks(task: TrainingTask, hosts: NDArray[np.bool_], rng: Generator) -> list[Look]:
-    """Draw looks at the farm; for further networks, which judge all cells, fewer with more cells each."""
+    """Return random looks at simulated fields.
+
+    Refinement networks evaluate all cells of each look. A training with such networks therefore has fewer
+    looks, with more samples each.
+    """
     field = _Fields(task, hosts, rng)
     wanted = max(task.outbreaks, _SMALLEST_TRAINING)
     most = wanted
@@ -296,7 +302,7 @@ def draw_looks(task: TrainingTask, hosts: NDArray[np.bool_], rng: Generator) -> 
 def _along_a_path(
     land: NDArray[np.bool_], truth: NDArray[np.int8], rng: Generator
 ) -> Iterator[NDArray[np.uint8]]:
-    """Yield the codes of a field at some times along a random path, which may chase sick plants."""
+    """Yield maps of codes after random parts of a random path, which may chase sick plants."""
     longest = max(1, int(_LONGEST_SHARE * land.size))
     cells = random_path(land.shape, longest, rng)
     if rng.random() < _CHASING_SHARE:
@@ -304,7 +310,7 @@ def _along_a_path(
         cells = chasing_path(begun, truth > 0, longest, rng)
     cells = cells[land[cells[:, 0], cells[:, 1]]]
     for look in range(_LOOKS):
-        # The first looks are spread over the whole path, the later ones lie towards its end.
+        # The first look is at a uniformly random time, later looks are mostly towards the path's end.
         count = int(np.ceil(len(cells) * rng.random() ** (1.0 if look == 0 else 0.3)))
         codes = padded_codes(land)
         x, y = cells[:count].T
@@ -315,7 +321,7 @@ def _along_a_path(
 def samples_of(
     looks: list[Look],
 ) -> tuple[NDArray[np.float32], NDArray[np.int8], NDArray[np.float32]]:
-    """Return all cells of some looks: features, classes, and weights with mean 1."""
+    """Return features, classes, and weights (with mean 1) of all samples in the looks."""
     weights = np.concatenate([look.weights for look in looks])
     mean = weights.mean() if len(weights) else 1.0
     features = np.concatenate([look.features for look in looks])
@@ -324,7 +330,7 @@ def samples_of(
 
 
 class _Refinement:
-    """The probabilities of all cells of some looks by the last network, as inputs of the next one."""
+    """Computes the last network's probabilities of all cells in the looks, as inputs of the next network."""
 
     def __init__(self, looks: list[Look], hosts: NDArray[np.bool_], seeds: int) -> None:
         self._looks = looks
@@ -335,7 +341,7 @@ class _Refinement:
         self._found: list[NDArray[np.float32] | None] = [None] * len(looks)
 
     def refine(self, last: Network, features: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Judge all looks with a network; return the samples with its probabilities in further columns."""
+        """Return the samples' features with the context features from network `last` appended."""
         out = np.empty((len(features), N_FEATURES + N_CONTEXT), np.float32)
         out[:, :N_FEATURES] = features
         start = 0
@@ -354,7 +360,7 @@ class _Refinement:
 def _choose(
     codes: NDArray[np.uint8], margin: int, most: int, rng: Generator
 ) -> tuple[NDArray[np.intp], NDArray[np.float64]]:
-    """Choose unobserved cells, preferably near sick ones; return them and the number each stands for."""
+    """Sample unobserved cells, preferably near sick cells; return the cells and their sample weights."""
     from scipy import ndimage
 
     middle = inner(codes)[margin : codes.shape[0] - 2 * REACH - margin]
@@ -370,7 +376,7 @@ def _choose(
 
 
 class _Fields:
-    """Draws simulated fields: the farm, or on large farms windows of it with their share of the seeds."""
+    """Simulator of fields: the whole farm, or windows of a large farm with their share of the seeds."""
 
     def __init__(self, task: TrainingTask, hosts: NDArray[np.bool_], rng: Generator) -> None:
         self.whole = hosts.size <= WHOLE_FARM_CELLS
@@ -385,9 +391,9 @@ class _Fields:
         self.tables = [classes_of(value_table(self._parameters, day)) for day in days]
 
     def draw(self) -> tuple[NDArray[np.bool_], NDArray[np.int8], int, float]:
-        """Return cells with the crop, days of infection, a margin to leave out, and the weight of this field.
+        """Return a field: host cells, days of infection, margin without samples, and sample weight.
 
-        `tables` give the classes on each day by the days of infection, read as unsigned bytes.
+        `tables` map the days of infection, read as unsigned bytes, to the classes on each day.
         """
         if self.whole:
             return self._land, self._simulate(self._land, self.seeds), 0, 1.0
@@ -397,15 +403,15 @@ class _Fields:
         none = math.exp(-expected)
         if rng.random() >= _WITH_SEEDS_SHARE:
             return land, np.full(land.shape, NEVER, np.int8), REACH, none / (1.0 - _WITH_SEEDS_SHARE)
-        # Outbreaks are rare on a large farm: windows with outbreaks are drawn oftener and count less. Seeds
-        # arrive as in a Poisson process that has its first arrival before time 1.
+        # Outbreaks are rare on large farms. Windows with an outbreak are drawn more often, but weigh less.
+        # Seeds are arrivals of a Poisson process, given a first arrival before time 1.
         first = -math.log1p(-float(rng.random()) * (1.0 - none)) / max(expected, 1e-300)
         later = int(rng.poisson(expected * max(0.0, 1.0 - first)))
         weight = (1.0 - none) / _WITH_SEEDS_SHARE
         return land, self._simulate(land, 1 + later), REACH, weight
 
     def _window(self) -> NDArray[np.bool_]:
-        """Cut a window with a random cell of the crop somewhere in it."""
+        """Return a random window that contains a random host cell."""
         rank = int(self._rng.integers(0, self.hosts))
         x = int(np.searchsorted(self._ranks, rank, side="right"))
         row = np.flatnonzero(self._land[x])

@@ -1,1 +1,1 @@
-"""Gaussian process estimators."""
+"""The estimator gp: Gaussian processes."""

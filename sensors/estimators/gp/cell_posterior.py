@@ -1,12 +1,13 @@
-"""Posteriors of a Gaussian process, kept cell by cell and updated observation by observation.
+"""Posteriors of a Gaussian process at all cells, updated observation by observation.
 
-Observations lie on cells, so the rows ``V = L^-1 K(observed, all cells)`` of the growing Cholesky factor L
-suffice to extend it: the new row of L is the column of V at the new cell. A further observation costs
-O(observations x cells), and nothing is solved again.
+Let L be the Cholesky factor of the observations' covariance, and ``V = L^-1 K(observed, all cells)``.
+Observations lie on cells, so the new row of L for a further observation is the column of V at its cell. An
+update therefore costs O(observations x cells), and nothing is solved again.
 
-A row is the covariance of its observation with all cells, given the observations before it. With a kernel
-that is short against the farm it vanishes far from the observation, so only a window of it is kept: the cost
-of a further observation is that of the window, whatever the size of the farm and the length of the flight.
+A row of V is the covariance of an observation with all cells, given the earlier observations. With a
+lengthscale that is short compared with the farm, a row vanishes far from its observation, so only a window of
+the row is stored. The cost of an update then depends on the window only, not on the size of the farm or the
+number of observations.
 """
 
 from __future__ import annotations
@@ -24,11 +25,11 @@ from sensors.estimators.gp.rbf import Cells, Floats, RbfKernel
 
 
 class CellPosterior(ABC):
-    """Mean and variance of each cell of a farm, given the observations.
+    """Posterior mean and variance of each cell of a farm.
 
-    `response`, float64[2, W * H], is the posterior mean under a zero prior mean, of the observed values and
-    of observations that are all 1. So under a constant prior mean m the posterior mean is
-    ``m + response[0] - m * response[1]``. `variance` is that of the smooth part.
+    `response`, float64[2, W * H], holds two posterior means under a zero prior mean: for the observed values,
+    and for observations that are all 1. Under a constant prior mean m, the posterior mean is
+    ``m + response[0] - m * response[1]``. `variance` is the posterior variance of the smooth part.
     """
 
     def __init__(self, shape: tuple[int, int], kernel: RbfKernel) -> None:
@@ -40,7 +41,7 @@ class CellPosterior(ABC):
 
     @abstractmethod
     def condition(self, x: Cells, y: Cells, values: Floats, weights: Floats | None = None) -> None:
-        """Take further observations, each for a part of one."""
+        """Update with further observations; `weights` divide their noise variances."""
 
 
 _BLOCK_ROWS = 128
@@ -50,12 +51,11 @@ _RESULT_ROWS = 3
 def merge_repeated(
     x: Cells, y: Cells, values: Floats, noise: float, weights: Floats | None = None
 ) -> tuple[Cells, Cells, Floats, Floats]:
-    """Merge observations of the same cell: their mean, with the noise variance divided by their number.
+    """Merge observations of the same cell; return x, y, mean value and noise variance of distinct cells.
 
-    For a Gaussian process this is exact: k readings with independent noise are equivalent to their mean.
-
-    The noise of an observation is divided by its weight. Returned are distinct cells, with the mean value and
-    the variance of its noise.
+    The merged noise variance is `noise` divided by the number of observations, or by the sum of their
+    `weights`. The merge is exact for a Gaussian process: k readings with independent noise are equivalent to
+    their mean.
 
     Examples
     --------
@@ -72,7 +72,7 @@ def merge_repeated(
 
 
 class ExactPosterior(CellPosterior):
-    """The posterior with a row of all cells for each observation."""
+    """Posterior that stores a row of all cells for each observation."""
 
     def __init__(self, shape: tuple[int, int], kernel: RbfKernel) -> None:
         super().__init__(shape, kernel)
@@ -81,12 +81,12 @@ class ExactPosterior(CellPosterior):
 
     @staticmethod
     def bytes_needed(n_observations: int, shape: tuple[int, int]) -> int:
-        """Return the memory of `n_observations` of different cells."""
+        """Return the memory (bytes) for `n_observations` of different cells."""
         rows = -(-n_observations // _BLOCK_ROWS) * _BLOCK_ROWS
         return 8 * (rows + _RESULT_ROWS) * shape[0] * shape[1]
 
     def condition(self, x: Cells, y: Cells, values: Floats, weights: Floats | None = None) -> None:
-        """Take further observations, each for a part of one."""
+        """Update with further observations; `weights` divide their noise variances."""
         x, y, values, noise = merge_repeated(x, y, values, self.kernel.noise, weights)
         for start in range(0, len(x), _BLOCK_ROWS):
             part = slice(start, start + _BLOCK_ROWS)
@@ -98,8 +98,9 @@ class ExactPosterior(CellPosterior):
         factor_x = self.kernel.along_x(x, np.arange(width)) * self.kernel.amplitude
         factor_y = self.kernel.along_y(y, np.arange(height))
         covariance = (factor_x[:, :, None] * factor_y[:, None, :]).reshape(len(x), -1)
-        for block in self._filled():
-            covariance -= product(block[:, cells].T, block)
+        for number, block in enumerate(self._blocks, 1):
+            filled = block if number < len(self._blocks) else block[: self._rows_in_last]
+            covariance -= product(filled[:, cells].T, filled)
         factor = cholesky(covariance[:, cells] + np.diag(noise))
         rows = solve_lower(factor, covariance)
         surprise = np.stack([values, np.ones_like(values)], axis=1) - self.response[:, cells].T
@@ -107,9 +108,6 @@ class ExactPosterior(CellPosterior):
         self.response += product(weights.T, rows)
         self.variance -= (rows * rows).sum(axis=0)
         self._store(rows)
-
-    def _filled(self) -> list[Floats]:
-        return [*self._blocks[:-1], self._blocks[-1][: self._rows_in_last]] if self._blocks else []
 
     def _store(self, rows: Floats) -> None:
         while len(rows):
@@ -123,18 +121,19 @@ class ExactPosterior(CellPosterior):
 
 
 REACH_LENGTHS = 10.0
-"""Observations act through each other a little farther than the kernel does. The window loses up to 4e-4 of
-the prior deviation of the mean, tiles up to 2e-3; with nine readings of every cell 3e-3 and 4e-3."""
+"""Half the side of a window, in lengthscales. The window must exceed the kernel's range, because observations
+also act through other observations. The error of the mean is up to 4e-4 prior standard deviations (tiles:
+2e-3), or 3e-3 with nine readings of every cell (tiles: 4e-3)."""
 LEAST_NOISE = 0.1
-"""With noise below this part of the amplitude, observations act through each other beyond the window."""
+"""Least ratio of noise to amplitude: with less noise, observations act beyond the window."""
 MOST_CELLS = 250_000
-"""Larger farms are solved tile by tile, which writes only what has changed."""
+"""Greatest farm for windows. Tiles are faster on larger farms because they write only changed cells."""
 GROWING = 2.5
-"""Memory of an array that grows, by its rows: the array, and its copy with half as much room again."""
+"""Peak memory of a growing array relative to its rows: the array, and a copy with 50 % more room."""
 
 
 class WindowedPosterior(CellPosterior):
-    """The posterior with a row of a window of cells for each observation."""
+    """Posterior that stores a row of a window of cells for each observation."""
 
     def __init__(self, shape: tuple[int, int], kernel: RbfKernel) -> None:
         super().__init__(shape, kernel)
@@ -147,14 +146,14 @@ class WindowedPosterior(CellPosterior):
 
     @staticmethod
     def fits(n_observations: int, shape: tuple[int, int], kernel: RbfKernel, most_bytes: float) -> bool:
-        """Return whether windows are accurate, and `n_observations` of them take at most `most_bytes`."""
+        """Return whether windows are accurate, and those of `n_observations` need at most `most_bytes`."""
         reach_x, reach_y = _reach(kernel)
         needed = 8.0 * n_observations * (2 * reach_x + 1) * (2 * reach_y + 1)
         noisy = kernel.noise >= LEAST_NOISE * kernel.amplitude
         return noisy and needed <= most_bytes and shape[0] * shape[1] <= MOST_CELLS
 
     def condition(self, x: Cells, y: Cells, values: Floats, weights: Floats | None = None) -> None:
-        """Take further observations, each for a part of one."""
+        """Update with further observations; `weights` divide their noise variances."""
         x, y, values, noise = merge_repeated(x, y, values, self.kernel.noise, weights)
         used = len(self._rows)
         self._rows.append(np.empty((len(x), *self._rows.array.shape[1:])))
@@ -169,7 +168,7 @@ class WindowedPosterior(CellPosterior):
 
 
 def _reach(kernel: RbfKernel) -> tuple[int, int]:
-    """Return the cells from the middle of a window to its sides, along x and y."""
+    """Return half the sides of a window along x and y, in cells."""
     return math.ceil(REACH_LENGTHS * kernel.length_x), math.ceil(REACH_LENGTHS * kernel.length_y)
 
 
@@ -187,23 +186,23 @@ def take_observations(
     response: Floats,
     variance: Floats,
 ) -> bool:
-    """Take observations one after the other; return whether their covariance was positive.
+    """Update the posterior observation by observation; return whether the covariance is positive definite.
 
     Parameters
     ----------
     rows : float64[n, 2 rx + 1, 2 ry + 1]
-        The row of V (see the module) of each observation, in a window around it, with room for the new ones.
-        Changed.
+        Row of V (see the module) of each observation in the window around the observation, with room for the
+        new observations. Changed in place.
     centres : int32[n, 2]
-        Their cells. Changed.
+        Cell of each observation. Changed in place.
     used : int
-        Number of observations before the new ones.
+        Number of earlier observations.
     x, y, values, noise
-        The new ones, and the variances of their noise.
+        Cells, values and noise variances of the new observations.
     along_x, along_y : float64[rx + 1], float64[ry + 1]
-        The kernel's factors at distances of 0, 1, ... cells; the amplitude is in the first.
+        Factors of the kernel at distances of 0, 1, ... cells; `along_x` includes the amplitude.
     response, variance : float64[2, W, H], float64[W, H]
-        The posterior. Changed.
+        The posterior, see `CellPosterior`. Changed in place.
     """
     reach_x, reach_y = len(along_x) - 1, len(along_y) - 1
     side_x, side_y = 2 * reach_x + 1, 2 * reach_y + 1

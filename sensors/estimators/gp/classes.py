@@ -1,14 +1,15 @@
-"""Probabilities of a plant's three classes, from a Gaussian process's mean of a disease.
+"""Class probabilities of plants, from a Gaussian process's posterior mean of a disease.
 
-The normal distribution of the process does not give the probability that a plant is sick; but that rises with
-the mean. With i the mean of the illness (one less the value), i0 that of the prior and p0 the part of all
-plants that is sick, the odds of a plant to be sick are
+The normal distribution of the process does not give the probability that a plant is sick, but this
+probability rises with the posterior mean. Let i be the posterior mean of the illness (one less the value), i0
+its prior mean, and p0 the fraction of sick plants. The odds of a plant to be sick are modelled as
 
     p / (1 - p) = p0 / (1 - p0) ((max(i, 0) / i0 + c) / (1 + c))^slope
 
-which is p0 where nothing is known: logistic calibration (Platt 1999, "Probabilistic outputs for support
-vector machines") of the mean's logarithm. The slope is learned, for each farm and day, from simulated
-outbreaks that are observed along random paths. The part `lost` of the sick plants follows from i0 and p0.
+Without any information, i = i0 gives p = p0. The formula is a logistic calibration (Platt 1999,
+"Probabilistic outputs for support vector machines") of the logarithm of the mean. The slope is learned for
+each farm and day, from simulated outbreaks observed along random paths. The fraction of lost plants among the
+sick plants follows from i0 and p0.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ from sensors.estimators.gp.rbf import Cells, Floats, RbfKernel
 Values = NDArray[np.float32]
 
 _FLOOR = 0.1
-"""c: the illness that a mean of 0 counts as, in parts of the prior's."""
+"""The constant c in the module's formula, which keeps the logarithm finite at a mean of 0."""
 _MOST_SLOPE = 8.0
 _WINDOW = 32
 _LONGEST_SHARE = 0.45
@@ -38,14 +39,14 @@ _COLUMNS_AT_ONCE = 64
 
 @dataclass(frozen=True, slots=True)
 class ClassLink:
-    """The parameters of the module's formula for one disease, farm and day.
+    """Parameters of the module's formula for one disease, farm and day.
 
     Parameters
     ----------
     illness : float
-        Mean of one less the value before anything is seen, i0.
+        Prior mean of the illness (one less the value), i0.
     sick : float
-        Part of the plants that is sick, p0.
+        Fraction of sick plants, p0.
     slope : float
         Exponent of the mean.
     """
@@ -56,11 +57,11 @@ class ClassLink:
 
     @property
     def lost(self) -> float:
-        """Part of the sick plants that is lost: a sick plant's illness is 1/2, a lost one's 1."""
+        """Fraction of lost plants among sick plants: an infected plant has illness 1/2, a lost plant 1."""
         return min(max(2.0 * self.illness / self.sick - 1.0, 0.0), 1.0)
 
     def sick_of_mean(self, mean: NDArray[np.floating]) -> Values:
-        """Return the probabilities that plants are sick from the process's means of their values.
+        """Return the probabilities that plants are sick, given the posterior means of their values.
 
         Examples
         --------
@@ -79,7 +80,7 @@ class ClassLink:
 
 
 def _log_excess(illness: NDArray[np.floating], prior: float) -> Values:
-    """Return the logarithm of how much larger the mean illness is than the prior's, with the floor."""
+    """Return the logarithm of the ratio of illness to its prior mean, with the floor c."""
     excess = np.maximum(illness, 0.0, dtype=np.float32)
     excess *= np.float32(1.0 / (prior * (1.0 + _FLOOR)))
     excess += np.float32(_FLOOR / (1.0 + _FLOOR))
@@ -89,19 +90,19 @@ def _log_excess(illness: NDArray[np.floating], prior: float) -> Values:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ClassMap:
-    """The estimate of one disease on one farm, from the process's means by the link and the costs of errors.
+    """Converts posterior means of a disease into values of least expected loss and their deviations.
 
-    Value, deviation and expected loss of an unobserved plant are invertible functions of the probability that
-    it is sick. Land without the crop is healthy without doubt.
+    Value, deviation and expected loss of an unobserved plant are functions of the probability that the plant
+    is sick, and the value determines this probability. Land without the crop is healthy with certainty.
 
     Parameters
     ----------
     link : ClassLink
-        From the means to probabilities.
+        Link from means to probabilities.
     hosts : bool[W, H]
-        The plants that can carry the disease.
+        Cells with plants that can carry the disease.
     too_healthy, too_sick : float
-        Costs of a squared error, above 0.
+        Weights of a squared error in either direction, above 0.
     """
 
     link: ClassLink
@@ -117,9 +118,10 @@ class ClassMap:
         rows: slice = slice(None),
         where: NDArray[np.bool_] | None = None,
     ) -> None:
-        """Replace, in place, posterior means and deviations by the values of least loss and their deviations.
+        """Replace posterior means and deviations by values of least loss and their deviations, in place.
 
-        `value` and `uncertainty` are of the whole farm; in `columns` and `rows` the cells `where` change.
+        `value` and `uncertainty` are maps of the whole farm. Only the cells in `columns` and `rows` change,
+        and of these only the cells in the mask `where`, if given.
         """
         sick = self.link.sick_of_mean(value[columns, rows])
         sick *= self.hosts[columns, rows]
@@ -128,7 +130,7 @@ class ClassMap:
         np.copyto(uncertainty[columns, rows], self._deviation(sick), where=chosen)
 
     def probabilities(self, value: Values, uncertainty: Values) -> Values:
-        """Return the probabilities of healthy, infected and lost, float32[3, W, H], from decided values.
+        """Return the probabilities of healthy, infected and lost, float32[3, W, H], from results of `decide`.
 
         Plants without uncertainty have the class of their reading.
         """
@@ -147,11 +149,12 @@ class ClassMap:
         return out
 
     def expected_loss(self, value: Values, uncertainty: Values, out: Values) -> None:
-        """Write the expected loss of decided values, float32[W, H], into `out`.
+        """Write the expected loss of values from `decide` into `out`, float32[W, H].
 
-        With the value that balances both sides (`sensors.scoring.expected.least_loss_value`), the sum over
-        the classes is ``b S (1 - v) - a I (v - 1/2) / 2`` above one half and ``b (S (1 - v) + I (1/2 - v) /
-        2)`` below.
+        Let S and I be the probabilities of sick and infected, a and b the weights `too_healthy` and
+        `too_sick`, and v the value of least loss (`sensors.scoring.expected.least_loss_value`). The expected
+        loss is ``b S (1 - v) - a I (v - 1/2) / 2`` for v above one half, and
+        ``b (S (1 - v) + I (1/2 - v) / 2)`` below.
         """
         sick, half = self._sick(value), np.float32(0.5)
         infected = sick * np.float32(1.0 - self.link.lost)
@@ -160,12 +163,12 @@ class ClassMap:
         out *= 1.0 - value
         out *= np.float32(self.too_sick)
         out -= half * costs * infected * (value - half)
-        # What is left of two equal terms may be less than nothing.
+        # Cancellation of nearly equal terms may give a negative loss.
         np.maximum(out, 0.0, out=out)
         out[uncertainty == 0.0] = 0.0
 
     def _value(self, sick: Values) -> Values:
-        """Return the values of least expected loss, as `sensors.scoring.expected.least_loss_value`."""
+        """Return the values of least expected loss, like `sensors.scoring.expected.least_loss_value`."""
         a, lost = np.float32(self.too_healthy / self.too_sick), np.float32(self.link.lost)
         one, half = np.float32(1.0), np.float32(0.5)
         upper = (one - sick * (one - half * a * (one - lost))) / (one + (a - one) * sick)
@@ -174,7 +177,7 @@ class ClassMap:
         return value
 
     def _sick(self, value: Values) -> Values:
-        """Return the probabilities to be sick from the values of least expected loss: `_value` inverted."""
+        """Return the probabilities that plants are sick, given their values of least expected loss."""
         a, lost = np.float32(self.too_healthy / self.too_sick), np.float32(self.link.lost)
         one, half = np.float32(1.0), np.float32(0.5)
         is_upper = value >= half
@@ -184,7 +187,7 @@ class ClassMap:
         return np.clip(sick, 0.0, 1.0, out=sick)
 
     def _deviation(self, sick: Values) -> Values:
-        """Return the standard deviations of values that are 1, 1/2 or 0."""
+        """Return the standard deviations of true values, which are 1, 1/2 or 0."""
         lost = self.link.lost
         mean, square = np.float32(0.5 * (1.0 + lost)), np.float32(0.25 * (1.0 + 3.0 * lost))
         variance = square * sick - np.square(mean * sick)
@@ -198,17 +201,17 @@ def link_slope(
     sick: float,
     fields: Iterator[tuple[Floats, NDArray[np.bool_], float, Generator]],
 ) -> float:
-    """Learn the slope of a link: the one of the largest likelihood of plants that were not observed.
+    """Return the slope of a link with the maximum likelihood on unobserved simulated plants.
 
     Parameters
     ----------
     kernel : RbfKernel
-        Of the process.
+        Kernel of the process.
     illness, sick : float
-        See `ClassLink`.
+        Parameters of `ClassLink`.
     fields : iterator of (float64[w, h], bool[w, h], float, Generator)
-        Simulated illness, the plants, the probability that an outbreak is there, where it is drawn (else
-        nothing is sick), and random numbers for the paths.
+        For each simulated field: illness, plants, probability of an outbreak (the illness is conditional on
+        an outbreak), and random numbers for the path.
     """
     from scipy.optimize import minimize_scalar
 
@@ -229,14 +232,14 @@ def _judged(
     illness: float,
     fields: Iterator[tuple[Floats, NDArray[np.bool_], float, Generator]],
 ) -> Iterator[tuple[Floats, Floats, Floats]]:
-    """Yield the logarithms of the excess of unobserved plants, whether they are sick, and their weights."""
+    """Yield `_log_excess`, whether sick (0 or 1), and weight of unobserved plants, float64[n] each."""
     from sensors.estimators.epidemic.paths import random_path
 
     for ill, plants, there, rng in fields:
         path = random_path(ill.shape, max(1, int(_LONGEST_SHARE * ill.size)), rng)
         path = path[plants[path[:, 0], path[:, 1]]]
         for look in range(_LOOKS):
-            # The first looks are spread over the whole path, the later ones lie towards its end.
+            # The first look is at a uniformly random time, later looks are mostly towards the path's end.
             count = int(np.ceil(len(path) * rng.random() ** (1.0 if look == 0 else 0.3)))
             seen = np.unique(path[:count], axis=0).astype(np.int32)
             unseen = plants.copy()
@@ -248,7 +251,7 @@ def _judged(
             weight = len(cells) / len(chosen)
             x, y = chosen.T
             truth = (ill[x, y] > 0.0).astype(np.float64)
-            # Where no outbreak may be, the same readings were all healthy.
+            # Without an outbreak, all readings of the same path are healthy.
             cases = [(ill[seen[:, 0], seen[:, 1]], truth, there)]
             if there < 1.0:
                 cases.append((np.zeros(len(seen)), np.zeros(len(chosen)), 1.0 - there))
@@ -259,7 +262,7 @@ def _judged(
 
 
 def _means(kernel: RbfKernel, prior: float, seen: Cells, readings: Floats, x: Cells, y: Cells) -> Floats:
-    """Return the posterior means in cells x, y, float64[cells, k], of k sets of readings of `seen`."""
+    """Return the posterior means at cells x, y, float64[cells, k], for k sets of readings at `seen`."""
     if not len(seen):
         return np.full((len(x), readings.shape[1]), prior)
     covariance = kernel.between(*seen.T)
@@ -272,7 +275,7 @@ def _means(kernel: RbfKernel, prior: float, seen: Cells, readings: Floats, x: Ce
 
 
 def window_of(plants: NDArray[np.bool_], rng: Generator) -> tuple[slice, slice]:
-    """Choose a window of at most 32 x 32 cells of a farm, with some plant in its middle."""
+    """Return a random window of at most 32 x 32 cells, centred on a plant where the border allows."""
     cells = np.argwhere(plants)
     middle = cells[int(rng.integers(len(cells)))]
     corners = [

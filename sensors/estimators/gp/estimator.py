@@ -1,4 +1,4 @@
-"""The Gaussian process: exact and incremental where it fits into memory, at scale where it does not."""
+"""The estimator gp: a Gaussian process per field, exact within the memory limit and local beyond it."""
 
 from __future__ import annotations
 
@@ -43,71 +43,71 @@ _Floats = NDArray[np.float64]
 class GaussianProcessEstimator(BaseEstimator):
     """A Gaussian process per field with the paper's kernel: squared exponential plus white noise.
 
-    *Mean and kernel.* Learned from the model, mean and kernel are those of simulated environments of the
-    latest observed day on this farm (`sensors.estimators.gp.prior`); that takes one or two seconds, once, and
-    is kept in a folder. Learned from the observations, the kernel is fitted rarely, by marginal likelihood,
-    when a field has 16, 32, 64, ..., 512, 2048, 8192, ... observations, and from those only; beyond 512, from
-    eight runs of 64 consecutive ones, evenly spread. While they are all equal (nothing but healthy plants so
-    far) there is nothing to fit, and the kernel stays what it was given as. (The paper fixes the amplitude to
-    1: ``amplitude_bounds=(1, 1)``.)
+    *Mean and kernel.* With ``learn_from="model"``, mean and kernel are learned from simulated environments of
+    the latest observed day on the farm (`sensors.estimators.gp.prior`). The first time this takes one or two
+    seconds; the result is cached in a folder. With ``learn_from="observations"``, the kernel is fitted by
+    marginal likelihood when a field has 16, 32, 64, ..., 512, 2048, 8192, ... observations. Beyond 512, the
+    fit uses eight evenly spread runs of 64 consecutive observations. If all observations are equal, for
+    example all plants healthy, the kernel keeps its initial value. (The paper fixes the amplitude to 1:
+    ``amplitude_bounds=(1, 1)``.)
 
-    *Posterior.* Exact, an observation costs O(observations x cells) (`ExactPosterior`). When that would need
-    more memory than allowed, a field with a short kernel keeps a window of cells for each observation as long
-    as these fit (`WindowedPosterior`), and is then computed tile by tile from the observations around; one
-    with a kernel that is long against the farm is written in sine functions (`sensors.estimators.gp.local`).
-    The arrays that `predict` returns are then the same ones at each call. Repeated observations of a cell on
-    a day are independent looks; but readings of the soil near each other count for less on farms of more than
-    128 cells, and everywhere on later days (`sensors.estimators.days.Crowding`).
+    *Posterior.* The exact posterior costs O(observations x cells) per observation (`ExactPosterior`). Beyond
+    `memory_limit_mb`, the kind of posterior depends on the lengthscale. A field with a short lengthscale
+    stores a window of cells per observation while these fit (`WindowedPosterior`), and is solved tile by tile
+    beyond. A field with a lengthscale that is long compared with the farm is a sum of sine functions
+    (`sensors.estimators.gp.local`). `predict` then returns the same arrays at each call. Repeated
+    observations of a cell on a day are independent. Nearby soil readings have reduced weights on farms of
+    more than 128 cells a side, and on all farms on later days (`sensors.estimators.days.Crowding`).
 
-    *Days.* A reading of an earlier day is carried forward by the field's own dynamics
-    (`sensors.estimators.days`). What they leave open of a disease is further noise, and what a cell
-    showed before a later day's reading counts no more; the soil changes by smooth showers, so that its
-    readings are out of date together (`sensors.estimators.days`). Where kernels are learned from the
-    observations, a reading stays as it is, and the noise is what cells that were read twice changed by.
+    *Days.* Readings of earlier days are carried forward by the field's dynamics (`sensors.estimators.days`).
+    For a disease, the remaining variance is additional noise, and a later day's reading of a cell replaces
+    the earlier ones. The soil changes by smooth showers, so that its readings become outdated together. With
+    kernels learned from observations, readings are not changed, and the additional noise is the mean squared
+    change of cells with readings on two days.
 
-    *Classes.* A mean and a deviation say nothing of the plants that are sick. How likely one is, given its
-    mean, is learned with the kernel (`sensors.estimators.gp.classes`). The value of a disease is the one of
-    least expected loss, the uncertainty the standard deviation of the true value. A plant that was read today
-    is what it showed, if all readings have the value of a class; land without the crop is healthy.
+    *Classes.* Mean and standard deviation do not give the probability that a plant is sick. The relation of
+    mean and probability is learned together with the kernel (`sensors.estimators.gp.classes`). The value of a
+    disease has the least expected loss, and its uncertainty is the standard deviation of the true value. A
+    plant read today has the class of its reading, provided that all readings have the value of a class. Land
+    without the crop is healthy.
 
-    The uncertainty of other fields is the standard deviation of an observation, noise included, as in the
-    paper: the noise is what a cell differs from its smooth neighbourhood by.
+    The uncertainty of other fields is the standard deviation of an observation including the noise, as in the
+    paper. The noise is the deviation of a cell from its smooth neighbourhood.
 
     Parameters
     ----------
     prior_mean : sequence of (float or None), optional
-        The value of each field far from all observations; None in it is the running mean of the observations.
-        By default that of the model, or else healthy, healthy, and the running mean for soil; ``(0, 0, 0)``
-        is the paper's. Given values are kept.
+        Value of each field far from all observations; None for the running mean of the observations. Default:
+        the model's mean, or else healthy for diseases and the running mean for soil. The paper has
+        ``(0, 0, 0)``. Given values are never changed.
     kernel : RbfKernel
-        The kernel until one is learned.
+        Initial kernel.
     optimise : bool
-        Whether anything is learned; otherwise `prior_mean` and `kernel` are taken as they are.
+        Whether to learn mean and kernel. False: keep `prior_mean` and `kernel`.
     length_bounds, noise_bounds, amplitude_bounds : tuple of two floats
-        Limits of the fit to observations: length scales in cells, variances of the noise and of the smooth
-        part.
+        Bounds of the fit to observations: lengthscales in cells, and variances of noise and smooth part.
     clip : bool
-        Whether means are limited to 0 .. 1, outside of which no field lies.
+        Whether to clip means to 0..1, the range of all fields.
     states : {"classes", "mean"}
-        Of a disease whose prior was learned from the model: classes as above, or the process's mean and the
-        standard deviation of an observation, as of all others.
+        Estimate of diseases with a learned prior. ``"classes"``: from class probabilities, as above.
+        ``"mean"``: the process's mean and the standard deviation of an observation, as for other fields.
     method : {"auto", "exact", "local"}
-        See above.
+        Posterior: ``"auto"`` is exact within the memory limit and local beyond it.
     memory_limit_mb : float
-        What the rows of the exact posterior, or those of windows, may take, in MiB. Windows grow, and take up
-        to 2.5 times that for the moment in which they do.
+        Memory limit of the rows of exact or windowed posteriors, in MiB. While windows grow, they briefly
+        need up to 2.5 times this memory.
     learn_from : {"model", "observations"}
-        The source of mean and kernel. A kernel fitted to one flight, which rarely meets a sick plant, is too
-        certain of unobserved cells (``docs/decisions/0009-gaussian-process-at-scale.md``); take it where
-        nothing is known of the diseases and the weather.
+        Source of mean and kernel. A kernel fitted to the observations of a flight, which rarely meets a sick
+        plant, is overconfident about unobserved cells
+        (``docs/decisions/0009-gaussian-process-at-scale.md``). Use it if diseases and weather are unknown.
     fields : FieldSet
-        The observed fields, with the assumed dynamics; the benchmark's by default.
+        The observed fields, with the assumed dynamics. Default: the benchmark's.
     day : int
-        The day that is assumed before there is any observation.
+        Assumed day before the first observation.
     training_seed : int
-        Of the simulated environments; equal seeds give equal priors.
+        Seed of the simulated environments; equal seeds give equal priors.
     cache : path-like, optional
-        Folder of learned priors; by default ``wbf-mission/gp`` in XDG_CACHE_HOME or ~/.cache.
+        Folder of learned priors. Default: ``wbf-mission/gp`` in XDG_CACHE_HOME or ~/.cache.
 
     Attributes
     ----------
@@ -211,8 +211,15 @@ class GaussianProcessEstimator(BaseEstimator):
             if self.learn_from == "model":
                 self._take_priors(self.day if self.latest_day_ is None else self.latest_day_)
             else:
+                fit = partial(
+                    fit_kernel,
+                    starts=(self.kernel,),
+                    length_bounds=self.length_bounds,
+                    noise_bounds=self.noise_bounds,
+                    amplitude_bounds=self.amplitude_bounds,
+                )
                 for process in self._fields:
-                    process.fit(self._fit_kernel)
+                    process.fit(fit)
         if self.latest_day_ is not None:
             for field, process in zip(self.fields, self._fields, strict=True):
                 smooth = field.kind == "continuous" and self.learn_from == "model"
@@ -289,7 +296,7 @@ class GaussianProcessEstimator(BaseEstimator):
     def _loss_of(
         self, classes: tuple[ClassMap | None, ...], value: _Values, uncertainty: _Values, *, in_place: bool
     ) -> _Values:
-        """Return the expected loss; models in place share an array, of which stale strips are computed."""
+        """Return the expected loss. With `in_place`, update only stale strips of a shared array."""
         if in_place and self._losses is not None:
             losses, stale = self._losses, self._stale
         else:
@@ -307,8 +314,8 @@ class GaussianProcessEstimator(BaseEstimator):
         return losses
 
     def _views(self, own: tuple[_Values, _Values]) -> tuple[_Values, _Values]:
-        """Return the caller's read-only views, the very same ones every time."""
-        # They are others at first, and in a copy of the estimator.
+        """Return read-only views of value and uncertainty, the same objects at each call."""
+        # The views are stale at the first call, and in a copy of the estimator.
         if any(view.base is not array for view, array in zip(self._published, own, strict=True)):
             value, uncertainty = (array.view() for array in own)
             value.flags.writeable = uncertainty.flags.writeable = False
@@ -324,7 +331,7 @@ class GaussianProcessEstimator(BaseEstimator):
         priors = learn_priors(self.grid_, self.fields, day, self.training_seed, folder, step)
         for field, process, prior in zip(self.fields, self._fields, priors, strict=True):
             process.kernel = prior.kernel
-            # What is only measured has the mean of its readings.
+            # A field without a model keeps the running mean of its readings.
             if self.prior_mean is None and field.is_simulated:
                 process.mean = prior.mean
                 process.classes = self._classes_of(field, prior.link)
@@ -340,7 +347,7 @@ class GaussianProcessEstimator(BaseEstimator):
     def _carry(
         self, field: Field, process: FieldProcess, day: int, earlier: int, values: _Floats
     ) -> tuple[_Floats, _Floats]:
-        """Return the mean and variance of readings of an earlier day, carried forward to a day."""
+        """Return mean and variance on `day` for readings of the day `earlier`."""
         if self.learn_from == "observations":
             return values, np.full(len(values), process.change_a_day * (day - earlier))
         return transition(field, self.grid_, earlier, day, self.training_seed)(values)
@@ -348,22 +355,9 @@ class GaussianProcessEstimator(BaseEstimator):
     def _correlation(self, field: Field, earlier: int, later: int) -> float:
         return transition(field, self.grid_, earlier, later, self.training_seed).correlation
 
-    def _fit_kernel(
-        self, x: NDArray[np.int32], y: NDArray[np.int32], residuals: NDArray[np.float64]
-    ) -> RbfKernel:
-        return fit_kernel(
-            x,
-            y,
-            residuals,
-            starts=(self.kernel,),
-            length_bounds=self.length_bounds,
-            noise_bounds=self.noise_bounds,
-            amplitude_bounds=self.amplitude_bounds,
-        )
-
     @property
     def _window_bytes(self) -> float:
-        """Memory of each field for windows of cells."""
+        """Memory (bytes) of each field for windows of cells."""
         return self.memory_limit_mb * 2**20 / len(self.fields) if self.method == "auto" else 0.0
 
     def _needs_local(self) -> bool:

@@ -1,4 +1,4 @@
-"""One field of the Gaussian process estimator: its observations, mean, kernel and posterior."""
+"""A field of the Gaussian process estimator: observations, mean, kernel and posterior."""
 
 from __future__ import annotations
 
@@ -23,38 +23,38 @@ if TYPE_CHECKING:
     from sensors.estimators.gp.local import LocalPosterior, WholePosterior
 
 MOST_FUNCTIONS = 1024
-"""With more functions over the whole farm than this, the posterior is computed tile by tile."""
+"""Greatest number of functions over the whole farm; beyond, the posterior is computed tile by tile."""
 MOST_OBSERVATIONS = 1_000_000
-"""Number of observations for which the functions over the whole farm are chosen."""
+"""Number of observations for which the functions over the whole farm are accurate."""
 _FIRST_FIT = 16
 _FIT_POINTS = 512
 _FIT_RUNS = 8
 _LARGE_CELLS = 128
 _EXACT = 1e-3
-"""A reading nearer than this to the value of a class shows the class without doubt."""
+"""A reading closer than this to the value of a class shows the class with certainty."""
 
 KernelFit = Callable[[Cells, Cells, Floats], RbfKernel]
 Carry = Callable[[int, Floats], tuple[Floats, Floats]]
-"""Carries readings of an earlier day forward to the present day: returns mean and variance."""
+"""Function that returns today's mean and variance for readings of an earlier day."""
 Correlate = Callable[[int, int], float]
-"""The correlation of a smooth field on two days."""
+"""Function that returns the correlation of a smooth field between two days."""
 
 
-class _Way(Enum):
+class _Method(Enum):
     EXACT = "all cells for each observation"
     WINDOWED = "windows of cells for each observation"
     TILED = "tiles, or functions over the whole farm"
 
 
 class FieldProcess:
-    """The observations of one field, its mean, its kernel and its posterior.
+    """Observations, prior mean, kernel and posterior of one field.
 
-    A mean of None is that of the observations, or `mean_before` without any. In a patchy field, readings near
-    each other share the error of the kernel, as soaked soil takes no more rain; on large farms they count for
-    less (`Crowding`).
+    `mean`: prior mean; None selects the mean of the observations, or `mean_before` without observations.
+    `is_patchy`: nearby readings share the error of the kernel, for example where soaked soil takes no more
+    rain. On large farms such readings have reduced weights (`Crowding`).
 
-    With `classes`, those of a disease, value and uncertainty follow from the process's means by them. As long
-    as all readings are exactly those of a class, plants that were read today have the class of the reading.
+    `classes`, for a disease, converts the process's means into value and uncertainty. While each reading is
+    the exact value of a class, plants read today have the class of their reading.
     """
 
     def __init__(
@@ -85,7 +85,7 @@ class FieldProcess:
         self._fitted = 0
         self._conditioned = 0
         self._posterior: CellPosterior | LocalPosterior | WholePosterior | None = None
-        self._made_for: tuple[RbfKernel, _Way | None, int | None, float | None] | None = None
+        self._made_for: tuple[RbfKernel, _Method | None, int | None, float | None] | None = None
         self._crowding = self._no_crowd()
         self._written: tuple[object, ...] | None = None
         self._shown = 0
@@ -94,22 +94,22 @@ class FieldProcess:
         return len(self._values)
 
     def append(self, x: Cells, y: Cells, values: NDArray[np.floating], days: NDArray[np.integer]) -> None:
-        """Keep further observations."""
+        """Store further observations for the next `update`."""
         self._cells.append(np.stack([x, y], axis=1))
         self._values.append(values)
         self._days.append(days)
         self._exact = self._exact and bool((np.abs(values - _nearest_class(values)) <= _EXACT).all())
 
     def carry_to(self, day: int, carry: Carry, correlate: Correlate | None = None) -> None:
-        """Estimate this day, with readings of earlier days carried forward.
+        """Set the estimated day; `carry` carries readings of earlier days forward.
 
-        With `correlate`, errors of carried readings of a day are correlated (`sensors.estimators.days`);
-        otherwise they are independent.
+        With `correlate`, the errors of a day's carried readings are correlated (`sensors.estimators.days`).
+        Without it, the errors are independent.
         """
         self._day, self._carry, self._correlate = day, carry, correlate
 
     def fit(self, fit_kernel: KernelFit) -> None:
-        """Fit the kernel to the observations if that is due."""
+        """Fit the kernel to the observations if a fit is due (see `due_fit`)."""
         count = due_fit(len(self))
         if count <= self._fitted:
             return
@@ -120,26 +120,26 @@ class FieldProcess:
         self.kernel = self._first_kernel if np.ptp(residuals) == 0 else fit_kernel(x, y, residuals)
 
     def prior_mean(self, count: int) -> float:
-        """Return the prior mean after `count` observations."""
+        """Return the prior mean, given the first `count` observations."""
         if self.mean is not None:
             return self.mean
         return float(self._values.array[:count].mean()) if count else self._mean_before
 
     def update(self, *, exact: bool, window_bytes: float = 0.0) -> None:
-        """Bring the posterior up to date with observations and kernel.
+        """Update the posterior to the stored observations and the current kernel.
 
-        `exact` keeps all cells for each observation; otherwise windows of them are kept if these take no more
-        than `window_bytes`.
+        `exact`: store all cells for each observation. Otherwise store windows if these need at most
+        `window_bytes`, or else use tiles or functions.
         """
         if self._update_smooth():
             return
         posterior = self._posterior
-        way = self._way(exact, window_bytes)
-        state = self.kernel, way, self._day, None
+        method = self._method(exact, window_bytes)
+        state = self.kernel, method, self._day, None
         gone = self._newly_superseded()
-        # What an exact posterior has taken cannot be taken away from it again.
+        # Observations cannot be removed from an exact posterior, so a new one is needed.
         if posterior is None or self._made_for != state or (exact and (gone < self._conditioned).any()):
-            self._posterior = posterior = self._new_posterior(way)
+            self._posterior = posterior = self._new_posterior(method)
             self._crowding = self._no_crowd()
             self._made_for = state
             self._conditioned = 0
@@ -151,26 +151,26 @@ class FieldProcess:
         if not isinstance(posterior, CellPosterior):
             posterior.solve()
 
-    def _way(self, exact: bool, window_bytes: float) -> _Way:
-        """Choose the way of computing the posterior of all readings."""
+    def _method(self, exact: bool, window_bytes: float) -> _Method:
+        """Return the method for the posterior."""
         if exact:
-            return _Way.EXACT
+            return _Method.EXACT
         days = self._days.array
-        # What windows have taken cannot be taken away again, as readings are that a later day supersedes.
+        # Later days supersede readings, and readings cannot be removed from windows.
         one_day = not len(days) or bool((days == days[0]).all())
         if one_day and WindowedPosterior.fits(len(self), self._shape, self.kernel, window_bytes):
-            return _Way.WINDOWED
-        return _Way.TILED
+            return _Method.WINDOWED
+        return _Method.TILED
 
     def _update_smooth(self) -> bool:
-        """Update the posterior of a field that changed smoothly since readings of earlier days.
+        """Update the posterior of a smooth field with readings of earlier days.
 
-        False if there are no such readings, or the kernel is too short for it.
+        Return False, without an update, if there are no such readings or the lengthscale is too short.
         """
         days = self._days.array
         if self._correlate is None or self._day is None or not (days < self._day).any():
             return False
-        # Readings of earlier days are taken as far from the mean as they were.
+        # Earlier readings are scaled relative to the mean, so the posterior depends on the mean.
         state = (self.kernel, None, self._day, self.prior_mean(len(self)))
         posterior = self._posterior
         if self._made_for != state or (days[self._conditioned :] < self._day).any():
@@ -182,7 +182,7 @@ class FieldProcess:
             for day, following in pairwise([*earlier, self._day]):
                 x, y = self._cells.array[days == day].T
                 values = self._as_of_today(day, self._values.array[days == day])
-                # On small farms a day's change only is small against what the process does not say.
+                # On small farms the model error matters only against a day's change, not on the first day.
                 exactly = day == earlier[0] and not self._crowds
                 counted = None if exactly else self._no_crowd().weights(x, y)
                 whole.condition(x, y, values, counted)
@@ -198,7 +198,7 @@ class FieldProcess:
         return True
 
     def _counted(self, posterior: object, x: Cells, y: Cells) -> Floats | None:
-        """Return the weights of today's further readings, if they crowd."""
+        """Return the reduced weights of today's further readings, or None if they all count fully."""
         if not self._crowds or isinstance(posterior, CellPosterior):
             return None
         from sensors.estimators.gp.local import WholePosterior
@@ -209,7 +209,7 @@ class FieldProcess:
         return Crowding(self._shape, (self.kernel.length_x, self.kernel.length_y))
 
     def _as_of_today(self, day: int, values: Floats) -> Floats:
-        """Return readings of an earlier day, scaled to today's deviations from the mean."""
+        """Return readings of an earlier day, scaled to the size of today's deviations from the mean."""
         assert self._carry is not None
         assert self._correlate is not None
         assert self._day is not None
@@ -218,7 +218,7 @@ class FieldProcess:
         return mean + (expected - mean) / self._correlate(day, self._day)
 
     def _newly_superseded(self) -> NDArray[np.intp]:
-        """Return the readings that are newly superseded by a later day's reading of the same cell."""
+        """Return the indices of readings newly superseded by a later day's reading of the same cell."""
         known, count = self._superseded, len(self)
         if len(known) == count:
             return np.empty(0, np.intp)
@@ -241,7 +241,7 @@ class FieldProcess:
 
     @property
     def change_a_day(self) -> float:
-        """Mean squared change a day of cells that were read on two days; 0 if there are none."""
+        """Mean squared change per day of cells read on two days; 0 if there are no such cells."""
         return self._changed / self._days_of_change if self._days_of_change else 0.0
 
     def _take(
@@ -250,7 +250,7 @@ class FieldProcess:
         which: NDArray[np.intp],
         sign: float,
     ) -> None:
-        """Add readings to a posterior, or remove them with `sign` -1."""
+        """Add the readings `which` to a posterior, or remove them if `sign` is -1."""
         if not len(which):
             return
         x, y = self._cells.array[which].T
@@ -271,16 +271,16 @@ class FieldProcess:
 
     @property
     def used_kernel(self) -> RbfKernel:
-        """The kernel of the posterior: tiles bound its noise from below."""
+        """Kernel of the posterior. Tiles raise the noise to a lower bound."""
         return self.kernel if self._posterior is None else self._posterior.kernel
 
     def write_all(self, value: NDArray[np.float32], uncertainty: NDArray[np.float32], *, clip: bool) -> None:
-        """Write the posterior's mean, and the deviation of an observation, into other arrays [W, H]."""
+        """Write the estimate's value and uncertainty into any arrays [W, H]."""
         posterior = self._posterior
         if not isinstance(posterior, CellPosterior):
             self._written = None
             self.write_changes(value, uncertainty, clip=clip)
-            # Those arrays are not the ones of the calls for what has changed: these have seen nothing of it.
+            # The next `write_changes` has other arrays, so it must write all cells.
             self._written = None
             return
         mean = self.prior_mean(len(self))
@@ -297,9 +297,9 @@ class FieldProcess:
     def write_changes(
         self, value: NDArray[np.float32], uncertainty: NDArray[np.float32], *, clip: bool
     ) -> NDArray[np.bool_]:
-        """Bring arrays [W, H] up to date, the same ones at each call, with a posterior that is not exact.
+        """Update the changed cells of arrays [W, H], the same arrays at each call; return the written tiles.
 
-        The tiles that were written to are returned.
+        The posterior must not be exact.
         """
         posterior = self._posterior
         assert posterior is not None
@@ -324,7 +324,7 @@ class FieldProcess:
         return changed
 
     def _show_readings(self, value: NDArray[np.float32], uncertainty: NDArray[np.float32]) -> None:
-        """Write the last readings of today as known values, if readings are exact."""
+        """Write today's last readings as known values, if all readings are exact."""
         assert self.classes is not None
         if not self._exact or self._day is None:
             return
@@ -334,13 +334,13 @@ class FieldProcess:
         value[x, y] = _nearest_class(self._values.array[read])
         uncertainty[x, y] = 0.0
 
-    def _new_posterior(self, way: _Way) -> CellPosterior | LocalPosterior | WholePosterior:
-        if way is _Way.EXACT:
+    def _new_posterior(self, method: _Method) -> CellPosterior | LocalPosterior | WholePosterior:
+        if method is _Method.EXACT:
             return ExactPosterior(self._shape, self.kernel)
         whole = self._whole_posterior()
         if whole is not None:
             return whole
-        if way is _Way.WINDOWED:
+        if method is _Method.WINDOWED:
             return WindowedPosterior(self._shape, self.kernel)
         from sensors.estimators.gp.local import LEAST_NOISE, LocalPosterior
 
@@ -348,8 +348,8 @@ class FieldProcess:
         return LocalPosterior(self._shape, replace(self.kernel, noise=noise))
 
     def _whole_posterior(self) -> WholePosterior | None:
-        """Return a posterior in functions over the whole farm; None if they would be too many."""
-        # Compiled code is loaded only if it is used.
+        """Return a posterior in functions over the whole farm; None if it would need too many functions."""
+        # Imported here because loading compiled code is slow.
         from sensors.estimators.gp.local import WholePosterior
 
         spectrum = WholePosterior.spectrum_of_farm(
@@ -359,12 +359,12 @@ class FieldProcess:
 
 
 def _nearest_class(values: NDArray[np.floating]) -> Floats:
-    """Return the values of the classes that readings are nearest to: 0, 1/2 or 1."""
+    """Return the class value (0, 1/2 or 1) nearest to each reading."""
     return np.clip(np.round(2.0 * values.astype(np.float64)) / 2.0, 0.0, 1.0)
 
 
 def due_fit(n: int) -> int:
-    """Return the number of observations at which the kernel was last due: 16, 32, ..., 512, 2048, ..., or 0.
+    """Return the greatest of 0, 16, 32, ..., 512, 2048, 8192, ... up to n: the observations of the last fit.
 
     >>> [due_fit(n) for n in (15, 16, 31, 32, 1000, 2047, 2048, 10_000)]
     [0, 16, 16, 32, 512, 512, 2048, 8192]
@@ -372,13 +372,13 @@ def due_fit(n: int) -> int:
     if n < _FIRST_FIT:
         return 0
     due = 1 << (n.bit_length() - 1)
-    # A fit makes the posterior start anew; beyond the points that one fit uses it is worth that only rarely.
+    # A fit restarts the posterior. Beyond `_FIT_POINTS`, which a fit uses at most, fits are less frequent.
     late = due > _FIT_POINTS and (due // _FIT_POINTS).bit_length() % 2 == 0
     return due // 2 if late else due
 
 
 def _fit_subset(n: int) -> NDArray[np.intp]:
-    """Return the indices of the observations, of the first `n`, from which the kernel is fitted."""
+    """Return the indices of the observations, among the first `n`, that a kernel fit uses."""
     if n <= _FIT_POINTS:
         return np.arange(n)
     run = _FIT_POINTS // _FIT_RUNS

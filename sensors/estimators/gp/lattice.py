@@ -1,8 +1,8 @@
-"""A lattice of nodes with the posterior of a Gaussian process, and the interpolation of cells from it.
+"""A lattice of nodes for the posterior of a Gaussian process, and interpolation between the nodes.
 
-Nodes are a quarter of a length scale apart, or on every cell where that is less than two cells along both
-axes. Between nodes, mean and variance are interpolated by polynomials of degree five through six nodes along
-each axis; what that loses of a field with unit variance is 2e-5 of the mean and 1e-4 of the variance.
+Nodes are a quarter of a lengthscale apart, or on every cell if that is less than two cells along both axes.
+Between nodes, mean and variance are interpolated with polynomials of degree five through six nodes along each
+axis. The interpolation error for a field of unit variance is 2e-5 in the mean and 1e-4 in the variance.
 """
 
 from __future__ import annotations
@@ -27,9 +27,9 @@ Values = NDArray[np.float32]
 
 
 def lagrange_weights(step: int) -> Values:
-    """Return the weights of the six nodes around each of the cells between the middle two.
+    """Return the weights of the six nearest nodes for each cell between two nodes, float32[6, step].
 
-    float32[6, step]: of the nodes two before the cell to three after it.
+    The nodes are the last three up to the cell and the next three after it.
 
     Examples
     --------
@@ -61,18 +61,18 @@ def write_from_nodes(
     Parameters
     ----------
     posterior : float32[3, w, h]
-        At the nodes, of which the third along each axis is at cell 0: response to the values and to a
-        constant, and reduction of the variance.
+        Posterior at the nodes: response to the values, response to a constant, and reduction of the variance.
+        The third node along each axis is at cell 0.
     weights_x, weights_y : float32[6, step]
-        See `lagrange_weights`.
+        Interpolation weights from `lagrange_weights`.
     box : tuple of four ints
-        First and last-plus-one cell along x, and along y.
+        Half-open ranges of cells along x and along y: x0, x1, y0, y1.
     prior : tuple of three floats
         Mean, variance of the smooth part, variance of the noise.
     limits : tuple of two floats
-        Where the value is cut off.
+        Bounds to which the value is clipped.
     value, uncertainty : float32[W, H]
-        Changed in the box.
+        Maps that are changed in the box.
     """
     step_x, step_y = weights_x.shape[1], weights_y.shape[1]
     x0, x1, y0, y1 = box
@@ -106,7 +106,7 @@ def write_from_nodes(
 def write_cells(
     posterior: Values, box: Any, prior: Any, limits: Any, value: Values, uncertainty: Values
 ) -> None:
-    """Write value and uncertainty in a box of cells that are nodes themselves; see `write_from_nodes`."""
+    """Write value and uncertainty in a box where every cell is a node; see `write_from_nodes`."""
     x0, x1, y0, y1 = box
     mean, amplitude, noise = np.float32(prior[0]), np.float32(prior[1]), np.float32(prior[2])
     low, high = np.float32(limits[0]), np.float32(limits[1])
@@ -121,7 +121,7 @@ def write_cells(
 NODES_PER_LENGTH = 4
 _COLUMNS_AT_ONCE = 256
 _STRIP_COLUMNS = 32
-_PARTS_PER_CORE = 8  # so that a core that is done early takes over
+_PARTS_PER_CORE = 8  # Several parts per core balance the load
 
 Box = tuple[int, int, int, int]
 Strip = tuple[slice, slice, NDArray[np.bool_] | None]
@@ -132,7 +132,7 @@ Item = TypeVar("Item")
 
 
 def in_parallel(work: Callable[[Sequence[Item]], None], items: Sequence[Item]) -> None:
-    """Call `work` with parts of the items, on all cores; it has to release the interpreter's lock."""
+    """Call `work` with parts of the items in threads on all cores; `work` must release the GIL."""
     cores = os.cpu_count() or 1
     if len(items) < 2 or cores == 1:
         work(items)
@@ -145,10 +145,11 @@ def in_parallel(work: Callable[[Sequence[Item]], None], items: Sequence[Item]) -
 
 
 class LatticeAxis:
-    """The nodes along one axis, in groups, the tiles.
+    """The nodes along one axis, grouped into tiles.
 
-    With `single` each node is a cell; otherwise there are margins to interpolate in. `edges` has the first
-    node of each tile and the end of the last one, `first` the place of the first node, cells.
+    `single`: each cell is a node. Otherwise there are additional nodes outside the farm for interpolation.
+    `edges` holds the first node of each tile and the end of the last tile. `first` is the position of the
+    first node, in cells.
     """
 
     def __init__(self, cells: int, step: int, *, single: bool, tile_cells: float) -> None:
@@ -163,11 +164,11 @@ class LatticeAxis:
 
     @property
     def places(self) -> NDArray[np.float64]:
-        """The nodes, cells."""
+        """Positions of the nodes, in cells."""
         return self.first + self.step * np.arange(self.nodes, dtype=np.float64)
 
     def reached(self, cells: NDArray[np.integer], reach: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """Return the first and last tile with a node within reach of each cell."""
+        """Return the first and the last tile with a node within `reach` of each cell."""
         places = cells.astype(np.int64)
         low = -((self.first - places + reach) // self.step)
         high = (places + reach - self.first) // self.step
@@ -178,20 +179,20 @@ class LatticeAxis:
         return a, b
 
     def span(self, first: int, last: int) -> tuple[int, int]:
-        """Return the cells that depend on the nodes of some tiles, the last not included."""
+        """Return the half-open range of cells that depend on the nodes of tiles `first` to `last`."""
         low, high = int(self.edges[first]), int(self.edges[last + 1])
         if self.single:
             return low, high
-        # A cell depends on the nodes from two before to three after its own.
+        # A cell depends on the last three nodes up to the cell and on the next three.
         return max(0, (low - POINTS + 1) * self.step), min(self.cells, high * self.step)
 
 
 class NodeLattice:
-    """The posterior at nodes, in tiles, and the tiles that are not written to the cells yet.
+    """The posterior at nodes, in tiles, with a record of the tiles not yet written to the cells.
 
-    `posterior`, float32[3, nodes along x, nodes along y], has the posterior mean under a zero prior mean, the
-    same for observations that are all one, and how much the variance of the smooth part is less than the
-    prior's. Whoever changes it calls `changed`.
+    `posterior`, float32[3, nodes along x, nodes along y], holds the posterior mean under a zero prior mean,
+    the same for observations that are all one, and the reduction of the smooth part's variance. After a
+    change of `posterior`, `changed` must be called.
     """
 
     def __init__(self, shape: tuple[int, int], kernel: RbfKernel, tile_cells: tuple[float, float]) -> None:
@@ -203,13 +204,13 @@ class NodeLattice:
             LatticeAxis(cells, step, single=self._single, tile_cells=tile)
             for cells, step, tile in zip(shape, steps, tile_cells, strict=True)
         )
-        # Zeros: memory that nothing was written to is not taken.
+        # `np.zeros` allocates physical memory only for pages that are written to.
         self.posterior = np.zeros((3, self.x.nodes, self.y.nodes), np.float32)
         self._touched = np.zeros((self.x.tiles, self.y.tiles), np.bool_)
         self._unwritten = self._touched.copy()
 
     def changed(self, tiles: NDArray[np.bool_]) -> None:
-        """Note that the posterior changed in these tiles of nodes."""
+        """Mark tiles of nodes with a changed posterior."""
         self._touched |= tiles
         self._unwritten |= tiles
 
@@ -223,11 +224,10 @@ class NodeLattice:
         uncertainty: NDArray[np.float32],
         then: Then | None = None,
     ) -> NDArray[np.bool_]:
-        """Write value and standard deviation (noise included) of the cells.
+        """Write value and standard deviation (including noise) of the cells; return the written tiles.
 
-        With `whole` everything is written, otherwise the changes since the last time. The written tiles of
-        the farm are returned. After that, `then` is called with columns, rows and a mask of the written cells
-        in them (None: all), once for each cell.
+        `whole`: write all cells, not only those changed since the last call. `then` is called after writing
+        with columns, rows, and a mask of written cells (None: all); each written cell is in one call.
         """
         kernel = self.kernel
         limits = (0.0, 1.0) if clip else (-math.inf, math.inf)
@@ -253,20 +253,18 @@ class NodeLattice:
                 for part in parts:
                     then(*part)
 
-            in_parallel(finish, list(self._strips() if whole else _apart(boxes)))
+            starts = range(0, self.shape[0], _STRIP_COLUMNS)
+            all_cells: list[Strip] = [(slice(x, x + _STRIP_COLUMNS), slice(None), None) for x in starts]
+            in_parallel(finish, all_cells if whole else list(_apart(boxes)))
         if whole:
             return np.ones(tile_shape(self.shape), np.bool_)
         return tiles_of_boxes(self.shape, *np.array(boxes, np.int64).reshape(-1, 4).T)
 
-    def _strips(self) -> Iterator[Strip]:
-        for start in range(0, self.shape[0], _STRIP_COLUMNS):
-            yield slice(start, min(start + _STRIP_COLUMNS, self.shape[0])), slice(None), None
-
     def _boxes(self, tiles: NDArray[np.bool_]) -> Iterator[Box]:
-        """Return the cells that depend on the nodes of some tiles, in boxes."""
+        """Yield boxes of the cells that depend on the nodes of some tiles."""
         for i in np.flatnonzero(tiles.any(axis=1)).tolist():
             x0, x1 = self.x.span(i, i)
-            # Where runs of neighbouring tiles begin and end.
+            # Begin and end of each run of neighbouring tiles.
             ends = np.flatnonzero(np.diff(tiles[i].astype(np.int8), prepend=0, append=0))
             for first, end in ends.reshape(-1, 2).tolist():
                 y0, y1 = self.y.span(first, end - 1)
@@ -275,15 +273,15 @@ class NodeLattice:
 
 
 def _apart(boxes: Sequence[Box]) -> Iterator[Strip]:
-    """Yield the cells of boxes, which may overlap, in strips that do not."""
+    """Yield the cells of possibly overlapping boxes as strips that do not overlap."""
     strips: dict[int, list[Box]] = {}
     for box in boxes:
         for strip in range(box[0] // _STRIP_COLUMNS, -(-box[1] // _STRIP_COLUMNS)):
             strips.setdefault(strip, []).append(box)
-    for strip, some in strips.items():
-        x0, x1 = strip * _STRIP_COLUMNS, min((strip + 1) * _STRIP_COLUMNS, max(box[1] for box in some))
-        y0, y1 = min(box[2] for box in some), max(box[3] for box in some)
+    for strip, inside in strips.items():
+        x0, x1 = strip * _STRIP_COLUMNS, min((strip + 1) * _STRIP_COLUMNS, max(box[1] for box in inside))
+        y0, y1 = min(box[2] for box in inside), max(box[3] for box in inside)
         written = np.zeros((x1 - x0, y1 - y0), np.bool_)
-        for box in some:
+        for box in inside:
             written[max(box[0] - x0, 0) : max(box[1] - x0, 0), box[2] - y0 : box[3] - y0] = True
         yield slice(x0, x1), slice(y0, y1), written

@@ -1,10 +1,10 @@
 """Posteriors of a Gaussian process for farms of any size.
 
-`LocalPosterior` is for kernels that are short against the farm: tiles of about eight length scales are solved
-one by one, each from the observations in it and within seven lengths around it. `WholePosterior` is for
-kernels that are long against it: the process is written in sine functions over the whole farm, and
-observations add to sums. Neither thins or averages observations, and repeated ones of a cell are taken
-together, which is exact; an observation may count for less (`weights`).
+`LocalPosterior` is for lengthscales that are short compared with the farm. Tiles of about eight lengthscales
+are solved separately, each with the observations in the tile and within seven lengthscales around the tile.
+`WholePosterior` is for long lengthscales. Sine functions over the whole farm approximate the process, and
+observations add to the sums of a regression. Neither class thins the observations; merging repeated
+observations of a cell is exact. The parameter `weights` reduces the influence of observations.
 """
 
 from __future__ import annotations
@@ -25,9 +25,9 @@ TILE_LENGTHS = 8.0
 REACH_LENGTHS = 7.0
 FAR_REACH_LENGTHS = 10.0
 LITTLE_NOISE = 0.1
-"""With noise below this part of the amplitude observations act through each other, and count from farther."""
+"""Ratio of noise to amplitude below which observations act at a greater distance, through each other."""
 LEAST_NOISE = 0.003
-"""With noise below this part of the amplitude, tiles do not approximate the posterior of the whole farm."""
+"""Ratio of noise to amplitude below which tiles are no accurate approximation of the posterior."""
 TOUCH_LENGTHS = 5.0
 _LEAST_TILE_CELLS = 16
 _OUTSIDE_LENGTHS = 2.5
@@ -41,11 +41,11 @@ _Sums = NDArray[np.floating]
 class Spectrum:
     """Sine functions on a box, and their prior variances (Solin & Särkkä 2020, eq. 21 and 56).
 
-    Functions are left out whose variance is so small that observations of the given density reduce it by less
-    than a thousandth.
+    A function is omitted if observations of the given density would reduce its variance by less than a
+    thousandth.
 
-    `density` is the largest number of observations a cell. `roots` are the roots of the variances of the
-    functions along each axis, `terms` which products of them are used.
+    `density` is the greatest number of observations per cell. `roots` are the square roots of the functions'
+    variances along each axis. `terms`, int64[n, 2], are the index pairs of the products in use.
     """
 
     def __init__(self, kernel: RbfKernel, sides: tuple[float, float], density: float = 1.0) -> None:
@@ -69,25 +69,25 @@ class Spectrum:
 
     @staticmethod
     def _highest(kernel: RbfKernel, density: float) -> float:
-        """Return the highest frequency that matters, in units of an inverse length."""
+        """Return the highest relevant frequency, in units of the inverse lengthscale."""
         scale = 2.0 * math.pi * kernel.length_x * kernel.length_y * kernel.amplitude
         least = min(0.1, _LEAST_INFORMATION * kernel.noise / (scale * density))
         return math.sqrt(-2.0 * math.log(least))
 
     @classmethod
     def fewest_functions(cls, kernel: RbfKernel, sides: tuple[float, float], density: float = 1.0) -> float:
-        """Return a lower bound of the number of functions, without counting them."""
+        """Return a lower bound of the number of functions, without constructing them."""
         highest = cls._highest(kernel, density)
         along_x, along_y = (
             highest * side / (math.pi * length)
             for side, length in zip(sides, (kernel.length_x, kernel.length_y), strict=True)
         )
-        # Points of a lattice in a quarter of an ellipse: its area, less what the two axes may cut off.
+        # Lattice points in a quarter ellipse: at least its area less the lengths of the half-axes.
         return 0.25 * math.pi * along_x * along_y - along_x - along_y
 
 
 class LocalPosterior:
-    """Mean and variance of the cells that observations reach."""
+    """Posterior computed tile by tile, for lengthscales that are short compared with the farm."""
 
     def __init__(self, shape: tuple[int, int], kernel: RbfKernel) -> None:
         self.kernel = kernel
@@ -104,14 +104,14 @@ class LocalPosterior:
             for axis, reach, length in zip((x, y), self._reach, lengths, strict=True)
         ]
         self._spectrum = Spectrum(kernel, (sides[0], sides[1]))
-        # Zeros: memory that nothing was written to is not taken.
+        # `np.zeros` allocates physical memory only for pages that are written to.
         self._index = np.zeros(shape, np.int32)
         self._sums = np.empty((0, 2))
         self._used = 0
         self._waiting = np.zeros((x.tiles, y.tiles), np.bool_)
 
     def condition(self, x: Cells, y: Cells, values: Floats, weights: Floats | None = None) -> None:
-        """Take further observations, each for a part of one; negative weights take them away again."""
+        """Add observations with weights; negative weights remove observations."""
         self._make_room(len(x))
         values = np.ascontiguousarray(values, np.float64)
         parts = np.ones(len(values)) if weights is None else np.ascontiguousarray(weights, np.float64)
@@ -126,7 +126,7 @@ class LocalPosterior:
             self._waiting[i0 : i1 + 1, j0 : j1 + 1] = True
 
     def solve(self) -> None:
-        """Solve the tiles that new observations reach."""
+        """Solve the tiles within reach of new observations."""
         x, y = self.lattice.x, self.lattice.y
         kernel = self.kernel
         parameters = kernel.length_x, kernel.length_y, kernel.noise, kernel.amplitude
@@ -163,7 +163,7 @@ class LocalPosterior:
 
 
 class WholePosterior:
-    """Mean and variance over the whole farm, in sine functions whose weights have known sums."""
+    """Posterior in sine functions over the whole farm, for long lengthscales."""
 
     def __init__(self, shape: tuple[int, int], kernel: RbfKernel, spectrum: Spectrum) -> None:
         self.kernel = kernel
@@ -179,7 +179,7 @@ class WholePosterior:
     def spectrum_of_farm(
         shape: tuple[int, int], kernel: RbfKernel, observations: int, most_functions: float = math.inf
     ) -> Spectrum | None:
-        """Return the functions for a farm and a number of observations; None if there are too many."""
+        """Return the functions for a farm and a number of observations; None if too many are needed."""
         sides = [
             side + 2.0 * _OUTSIDE_LENGTHS * length
             for side, length in zip(shape, (kernel.length_x, kernel.length_y), strict=True)
@@ -191,7 +191,7 @@ class WholePosterior:
         return spectrum if len(spectrum.terms) <= most_functions else None
 
     def condition(self, x: Cells, y: Cells, values: Floats, weights: Floats | None = None) -> None:
-        """Take further observations, each for a part of one; negative weights take them away again."""
+        """Add observations with weights; negative weights remove observations."""
         for start in range(0, len(x), _BATCH * _BATCHES):
             found: dict[int, tuple[_Sums, _Sums]] = {}
 
@@ -204,19 +204,19 @@ class WholePosterior:
                     found[begin] = product(counted.T, functions), product(counted.T, data)
 
             in_parallel(work, range(start, min(start + _BATCH * _BATCHES, len(x)), _BATCH))
-            # In this order, whatever was ready first: the sums do not depend on the number of cores.
+            # A fixed order of summation makes the result independent of the number of cores.
             for begin in sorted(found):
                 self._precision += found[begin][0] / self.kernel.noise
                 self._response += found[begin][1] / self.kernel.noise
         self._waiting = self._waiting or len(x) > 0
 
     def pass_day(self, correlation: float) -> None:
-        """Go on to a later day, on which the field has this correlation with itself (0..1)."""
+        """Advance to a later day; `correlation` (0..1) is that of the field between the two days."""
         self._precision, self._response = pass_day(self._precision, self._response, correlation)
         self._waiting = True
 
     def solve(self) -> None:
-        """Bring the nodes up to date."""
+        """Update the posterior at the nodes."""
         if not self._waiting:
             return
         self._waiting = False
@@ -244,7 +244,7 @@ class WholePosterior:
         return functions
 
     def _functions(self, x: Cells, y: Cells) -> NDArray[np.floating]:
-        """Return the functions at cells, float64[n, m]."""
+        """Return the values of the m functions at n cells, float64[n, m]."""
         a, b = self._sines(x.astype(np.float64), 0), self._sines(y.astype(np.float64), 1)
         terms = self._spectrum.terms
         return np.ascontiguousarray((a[terms[:, 0]] * b[terms[:, 1]]).T)

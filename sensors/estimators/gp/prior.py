@@ -1,10 +1,9 @@
 """Priors of the Gaussian process: means and kernels, learned from simulated environments.
 
-Environments are drawn with seeds of their own. Their moments are the mean, and the covariance of cells at
-each distance. The kernel is the nearest to these moments: with the covariance S of some cells and the
-kernel's K, it has the least ``log det K + trace(K^-1 S)``, the Kullback-Leibler divergence but for a
-constant. The link from means to a disease's classes is learned from environments, too
-(`sensors.estimators.gp.classes`).
+The simulations have separate seeds. The results are the mean, and the covariance of cells at each distance.
+Let S be this covariance for a set of cells, and K the kernel's. The fitted kernel minimises
+``log det K + trace(K^-1 S)``, which is the Kullback-Leibler divergence up to a constant factor and term. The
+link from means to a disease's classes is also learned from simulations (`sensors.estimators.gp.classes`).
 """
 
 from __future__ import annotations
@@ -41,7 +40,7 @@ from sensors.estimators.gp.rbf import (
 from sensors.fields import Field, FieldSet
 
 VERSION = 3
-"""Part of the names of files; to be raised with every change of the learned priors."""
+"""Version in the keys of files; raise it with every change of the learned priors."""
 _WINDOW = 1000
 _SIMULATED_CELLS = 8_000_000
 _MOST_SIMULATIONS = 400
@@ -61,7 +60,7 @@ _in_memory: dict[str, tuple[FieldPrior, ...]] = {}
 
 @dataclass(frozen=True, slots=True)
 class FieldPrior:
-    """The prior of one field: mean and kernel, and of a disease the link to classes, if plants were sick."""
+    """The prior of a field: mean, kernel and, for a disease with sick plants, the link to classes."""
 
     mean: float
     kernel: RbfKernel
@@ -71,10 +70,10 @@ class FieldPrior:
 def learn_priors(
     grid: FarmGrid, fields: FieldSet, day: int, seed: int, folder: Path, step: Step = no_step
 ) -> tuple[FieldPrior, ...]:
-    """Return the priors of all fields on a day: from memory, from a file in the folder, or learned now.
+    """Return the priors of all fields on a day, from memory, from a file in the folder, or newly learned.
 
-    A file that cannot be used is replaced; a folder that cannot be written to costs the simulations of one or
-    two seconds in every process.
+    An unusable file is replaced. If the folder is not writeable, every process repeats the simulations of one
+    or two seconds.
     """
     if not 0 <= day <= MAX_DAYS:
         raise EstimatorError(f"gp: day {day} is not in 0..{MAX_DAYS}, the days of an environment")
@@ -116,7 +115,7 @@ def _learn(field: Field, grid: FarmGrid, day: int, seed: int) -> FieldPrior:
 
 
 def measured_prior(parameters: Measured, default: float, cell_size_m: float) -> FieldPrior:
-    """Return the prior of a field without a model.
+    """Return the prior of a field without a dynamic model, from its given parameters.
 
     >>> measured_prior(Measured(correlation_length_m=10.0, spread=0.5, noise=0.1), 0.5, 2.0).kernel
     RbfKernel(length_x=5.0, length_y=5.0, noise=0.010000000000000002, amplitude=0.25)
@@ -130,7 +129,8 @@ def disease_prior(
 ) -> FieldPrior:
     """Return the prior of a disease on its hosts.
 
-    Windows full of hosts stand for farms of more than a million cells, with the farm's seeds a host.
+    For farms of more than a million cells, the simulation uses a window full of hosts, with the farm's number
+    of seeds per host.
     """
     count = int(np.count_nonzero(hosts))
     if not count:
@@ -147,18 +147,19 @@ def disease_prior(
     inside = land.astype(np.float64)
     for i in range(number):
         onset = simulate_outbreak(land, parameters, day, stream(seed, "gp", name, str(i)))
-        # Illness, one less the value: it is 0 nearly everywhere, which keeps the products exact.
+        # Illness (one less the value) is 0 almost everywhere, which keeps the products exact.
         illness = np.where(land, 1.0 - values[onset.view(np.uint8)], 0.0)
         total += float(illness.sum())
         sick += int(np.count_nonzero(illness))
         products += _lagged_products(illness, _LAGS)
     pairs = _lagged_products(inside, _LAGS) * number
     mean = total / (number * inside.sum())
-    # A field may be smaller than the window; products by Fourier transforms are whole numbers but for
-    # rounding.
+    # Lags beyond the field's size have no pairs. Counts from Fourier transforms are integers up to rounding.
     width, height = (int(np.count_nonzero(along > 0.5)) for along in (pairs[:, 0], pairs[0]))
     covariance = products[:width, :height] / np.maximum(pairs[:width, :height], 1.0) - mean**2
-    kernel = _nearest_kernel(*_window_moments(covariance), _LENGTH_BOUNDS)
+    x, y = (part.ravel() for part in np.indices(covariance.shape))
+    moments = covariance[np.abs(x[:, None] - x), np.abs(y[:, None] - y)]
+    kernel = _nearest_kernel(x, y, moments, _LENGTH_BOUNDS)
     part = sick / (number * float(inside.sum()))
     if not 0.0 < part < 1.0:
         return FieldPrior(1.0 - mean, kernel)
@@ -170,10 +171,11 @@ def disease_prior(
 def _outbreaks(
     land: NDArray[np.bool_], parameters: EpidemicParameters, values: Floats, day: int, seed: int, name: str
 ) -> Iterator[tuple[Floats, NDArray[np.bool_], float, np.random.Generator]]:
-    """Yield windows of simulated farms, for `link_slope`.
+    """Yield windows of simulated farms for `link_slope`.
 
-    Few windows of a farm of more than 128 x 128 cells have an outbreak. Of such farms a piece with an
-    outbreak is drawn, by seeds that arrive as in a Poisson process, with the probability of an outbreak.
+    Outbreaks are rare in windows of a farm with more than 128 x 128 cells. On large farms, the simulation
+    therefore draws a piece of land with an outbreak, and yields the probability of an outbreak. The seeds of
+    the disease are arrivals of a Poisson process.
     """
     whole = land.size <= _WHOLE_CELLS
     piece = land if whole else np.ones((_PIECE_CELLS, _PIECE_CELLS), np.bool_)
@@ -184,7 +186,7 @@ def _outbreaks(
         rng = stream(seed, "gp", name, "link", str(number))
         drawn = parameters
         if not whole:
-            # The arrivals of a process that has its first arrival before time 1.
+            # Number of arrivals until time 1, given a first arrival before time 1.
             first = -math.log1p(-float(rng.random()) * there) / expected
             drawn = replace(parameters, seeds=1 + int(rng.poisson(expected * max(0.0, 1.0 - first))))
         onset = simulate_outbreak(piece, drawn, day, rng)
@@ -196,7 +198,7 @@ def _outbreaks(
 def continuous_prior(
     parameters: ContinuousDynamics, shape: tuple[int, int], day: int, seed: int, name: str = "soil"
 ) -> FieldPrior:
-    """Return the prior of a continuous field, simulated on few cells: its humps grow with the farm."""
+    """Return the prior of a continuous field. A coarse grid suffices, as the humps scale with the farm."""
     rngs = [stream(seed, "gp", name, str(number)) for number in range(_SOIL_SIMULATIONS)]
     fields = parameters.simulate_coarse(shape, (day,), _SOIL_CELLS, rngs)[0]
     coarse = fields.shape[1:]
@@ -213,7 +215,7 @@ def continuous_prior(
 
 
 def _lagged_products(field: Floats, lags: int) -> Floats:
-    """Return the sums of products of cells (x, y) and (x + i, y + j), float64[lags, lags]."""
+    """Return the sums over all cells of field[x, y] * field[x + i, y + j], float64[lags, lags]."""
     from scipy import fft
 
     shape = [fft.next_fast_len(side + lags, real=True) for side in field.shape]
@@ -222,16 +224,10 @@ def _lagged_products(field: Floats, lags: int) -> Floats:
     return products
 
 
-def _window_moments(covariance: Floats) -> tuple[NDArray[np.intp], NDArray[np.intp], Floats]:
-    """Return the cells of a window, and their covariance matrix from that at each distance."""
-    x, y = (part.ravel() for part in np.indices(covariance.shape))
-    return x, y, covariance[np.abs(x[:, None] - x), np.abs(y[:, None] - y)]
-
-
 def _nearest_kernel(
     x: NDArray[np.integer], y: NDArray[np.integer], moments: Floats, length_bounds: tuple[float, float]
 ) -> RbfKernel:
-    """Return the kernel whose process at some positions is nearest to one with given moments."""
+    """Return the kernel with the least divergence from given moments at some positions (see the module)."""
     variance = float(np.trace(moments)) / len(moments)
     if variance < 2 * _LEAST_VARIANCE:
         return RbfKernel(2.0, 2.0, _LEAST_VARIANCE, _LEAST_VARIANCE)
@@ -249,7 +245,7 @@ def _nearest_kernel(
 
 
 def _divergence(theta: Floats, dx2: Floats, dy2: Floats, moments: Floats) -> tuple[float, Floats]:
-    """Half of ``log det K + trace(K^-1 S)``, and its gradient ``trace((K^-1 - K^-1 S K^-1) dK) / 2``."""
+    """Return ``(log det K + trace(K^-1 S)) / 2`` and its gradient ``trace((K^-1 - K^-1 S K^-1) dK) / 2``."""
     smooth, factor = factor_covariance(theta, dx2, dy2)
     if factor is None:
         return SINGULAR_COST, np.zeros(len(theta))
@@ -271,7 +267,7 @@ def _save(priors: tuple[FieldPrior, ...], path: Path, fields: FieldSet) -> None:
 
 
 def _load(path: Path, fields: FieldSet) -> tuple[FieldPrior, ...] | None:
-    """Read priors; None if there is no file that can be used."""
+    """Return the priors in a file; None if the file is missing or unusable."""
     try:
         contents = json.loads(path.read_text(encoding="utf-8"))
         priors = tuple(_prior_of(contents[name]) for name in fields.names)

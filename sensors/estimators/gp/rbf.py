@@ -1,4 +1,4 @@
-"""The squared exponential kernel with white noise on a grid of cells, and its fit by marginal likelihood."""
+"""Squared exponential kernel with white noise on a grid of cells, and its maximum likelihood fit."""
 
 from __future__ import annotations
 
@@ -15,20 +15,20 @@ from sensors.errors import EstimatorError
 Floats = NDArray[np.float64]
 Cells = NDArray[np.int32]
 
-SINGULAR_COST = 1e25  # finite, so that the search turns back
+SINGULAR_COST = 1e25  # Finite, so that the optimiser can back off
 _CONVERGED: Any = {"ftol": 1e-10, "xtol": 1e-8, "gtol": 1e-7, "maxfun": 2000}
 
 
 @dataclass(frozen=True, slots=True)
 class RbfKernel:
-    """``amplitude exp(-dx^2 / 2 length_x^2 - dy^2 / 2 length_y^2)``, and ``noise`` on the same observation.
+    """The kernel ``amplitude exp(-dx^2 / 2 length_x^2 - dy^2 / 2 length_y^2)`` plus white noise.
 
-    The defaults are those with which the paper's Gaussian process starts.
+    The defaults are the initial values of the paper's Gaussian process.
 
     Parameters
     ----------
     length_x, length_y : float
-        Length scales, cells.
+        Lengthscales, in cells.
     noise : float
         Variance of the white noise.
     amplitude : float
@@ -52,20 +52,20 @@ class RbfKernel:
                 raise EstimatorError(f"kernel: {name} is {value}, expected a positive number")
 
     def along_x(self, a: NDArray[Any], b: NDArray[Any]) -> Floats:
-        """The x factor of the kernel between columns a[n] and b[m], float64[n, m]."""
+        """Return the kernel's x factor between columns a[n] and b[m], float64[n, m]."""
         return _factor(a, b, self.length_x)
 
     def along_y(self, a: NDArray[Any], b: NDArray[Any]) -> Floats:
-        """The y factor of the kernel between rows a[n] and b[m], float64[n, m]."""
+        """Return the kernel's y factor between rows a[n] and b[m], float64[n, m]."""
         return _factor(a, b, self.length_y)
 
     def between(self, x: Cells, y: Cells) -> Floats:
-        """The covariance of the smooth part between all pairs of cells, float64[n, n]."""
+        """Return the covariance of the smooth part between all pairs of cells, float64[n, n]."""
         return self.amplitude * self.along_x(x, x) * self.along_y(y, y)
 
 
 def _factor(a: NDArray[Any], b: NDArray[Any], length: float) -> Floats:
-    # Distances on a grid are small whole numbers: a table saves the exponentials.
+    # Distances on a grid are small integers, so a table saves most exponentials.
     distance = np.abs(np.subtract.outer(a.astype(np.intp), b.astype(np.intp)))
     table: Floats = exp(-0.5 * (np.arange(int(distance.max(initial=0)) + 1) / length) ** 2)
     return table[distance]
@@ -81,9 +81,10 @@ def fit_kernel(
     noise_bounds: tuple[float, float],
     amplitude_bounds: tuple[float, float],
 ) -> RbfKernel:
-    """Fit the kernel by maximum marginal likelihood (a truncated Newton method with gradients).
+    """Fit the kernel by maximum marginal likelihood (truncated Newton method with gradients).
 
-    The best optimum of all starts is taken, the first start if none is found; equal limits fix a parameter.
+    Return the best optimum over all starts, or the first start if no optimum is found. Equal bounds fix a
+    parameter.
     """
     dx2 = np.subtract.outer(x, x).astype(np.float64) ** 2
     dy2 = np.subtract.outer(y, y).astype(np.float64) ** 2
@@ -106,28 +107,28 @@ def least_in_box(
     arguments: tuple[Floats, ...],
     bounds: list[tuple[float, float]],
 ) -> Any:
-    """Find the least cost within bounds, from a function that returns it with its gradient."""
+    """Minimise a function within bounds; the function returns its value and gradient."""
     from scipy.optimize import minimize
 
-    # L-BFGS-B would leave its sums to the processor's kernels; these are its own.
+    # TNC computes its own sums. L-BFGS-B calls BLAS, with results that depend on the processor.
     return minimize(cost, first, arguments, method="TNC", jac=True, bounds=bounds, options=_CONVERGED)
 
 
 def _cost(theta: Floats, dx2: Floats, dy2: Floats, residuals: Floats) -> tuple[float, Floats]:
-    """The negative log marginal likelihood and its gradient (Rasmussen & Williams 2006, eq. 5.8 and 5.9)."""
+    """Return negative log marginal likelihood and gradient (Rasmussen & Williams 2006, eq. 5.8 and 5.9)."""
     smooth, factor = factor_covariance(theta, dx2, dy2)
     if factor is None:
         return SINGULAR_COST, np.zeros(len(theta))
     inverse = inverse_of_factor(factor)
     weights = product(residuals, inverse)
     cost = 0.5 * product(residuals, weights) + log(factor.diagonal()).sum()
-    # The derivative by K is -(w w' - K^-1) / 2.
+    # The derivative of the cost with respect to K is -(w w' - K^-1) / 2.
     inner = np.outer(weights, weights) - inverse
     return float(cost), -0.5 * kernel_gradient(theta, smooth, inner, dx2, dy2)
 
 
 def factor_covariance(theta: Floats, dx2: Floats, dy2: Floats) -> tuple[Floats, Floats | None]:
-    """Return the smooth part of the covariance, and the Cholesky factor with noise; None if singular."""
+    """Return the covariance without noise, and the Cholesky factor with noise (None if singular)."""
     length_x, length_y, noise, amplitude = exp(theta)
     smooth = amplitude * exp(-0.5 * (dx2 / length_x**2 + dy2 / length_y**2))
     covariance = smooth.copy()
@@ -139,7 +140,7 @@ def factor_covariance(theta: Floats, dx2: Floats, dy2: Floats) -> tuple[Floats, 
 
 
 def kernel_gradient(theta: Floats, smooth: Floats, inner: Floats, dx2: Floats, dy2: Floats) -> Floats:
-    """Return ``trace(inner dK)`` by the logarithms of the parameters, `theta`; `smooth` has no noise."""
+    """Return ``trace(inner dK/dtheta)`` for each log parameter; `smooth` is the covariance without noise."""
     length_x, length_y, noise, _ = exp(theta)
     by_smooth = inner * smooth
     by_x, by_y = (by_smooth * dx2).sum() / length_x**2, (by_smooth * dy2).sum() / length_y**2

@@ -1,11 +1,11 @@
-"""The compiled part of the local Gaussian process: one tile, solved from the observations around it.
+"""Compiled solution of a tile of the local Gaussian process from the observations around the tile.
 
-There are two ways to the same posterior. With few observations, their covariance is factored. With more of
-them than the field has degrees of freedom there, the process is written in sine functions on a box around the
-tile (Solin & Särkkä 2020, "Hilbert space methods for reduced-rank Gaussian process regression"), and the
-precision of their weights is factored. In both, with factor L, rows ``L^-1 c`` of each node's covariance c
-with the observations (or its functions) give the mean by their products with the solved data, and the
-variance by their squares.
+With few observations, the covariance of the observations is factored. With more observed cells than
+functions, the process is approximated by sine functions on a box around the tile (Solin & Särkkä 2020,
+"Hilbert space methods for reduced-rank Gaussian process regression"), and the precision of their weights is
+factored. Let L be the factor in either case, and c a node's covariance with the observations, or the node's
+function values. The products of ``L^-1 c`` with the solved data give the mean, and its square gives the
+variance.
 """
 
 from __future__ import annotations
@@ -35,18 +35,21 @@ def add_to_cells(
     values: Floats,
     weights: Floats,
 ) -> int:
-    """Add observations to the sums of their cells; return how many observed cells there are now.
+    """Add observations to the sums of their cells; return the new number of observed cells.
 
     Parameters
     ----------
     index : int32[W, H]
-        One more than the row of each cell in `sums`; 0 where nothing was observed. Changed.
+        Row of each cell in `sums` plus one; 0 for unobserved cells. Changed in place.
     sums : float64[n, 2]
-        Weight and sum of the weighted values, with room for the cells that are new. Changed.
+        Total weight and weighted sum of values of each observed cell, with room for new cells. Changed in
+        place.
     used : int
-        Number of observed cells before.
+        Number of observed cells before the call.
+    x, y, values
+        Cells and values of the observations.
     weights : float64[k]
-        The part of an observation that each counts for; negative takes one away again.
+        Weight of each observation; a negative weight removes an observation.
     """
     for k in range(len(x)):
         row = index[x[k], y[k]] - 1
@@ -94,16 +97,16 @@ def fill_nodes(
     Parameters
     ----------
     factor : float64[n, n]
-        Lower triangular.
+        Lower triangular factor L.
     weights : float64[n, 2]
-        The solved data: values, and a constant of one.
+        Solved data: for the values, and for observations that are all one.
     along_x, along_y : float64[k, w], float64[l, h]
-        Factors of the nodes' right-hand sides.
+        Factors of the right-hand sides along each axis.
     terms : int64[n, 2]
-        Row i of the right-hand side is the product of these rows of `along_x` and `along_y`.
+        Indices of the rows in `along_x` and `along_y` with row i of the right-hand side as their product.
     posterior : float32[3, w, h]
-        The posterior mean under a zero prior mean, the same for observations that are all one, and the sum of
-        the squared rows. Changed.
+        Posterior mean under a zero prior mean, the same for observations that are all one, and sum of the
+        squared rows. Changed in place.
     """
     n = len(factor)
     width, height = along_x.shape[1], along_y.shape[1]
@@ -135,7 +138,7 @@ def fill_nodes(
 
 @compiled(nogil=True)
 def _bells(places: Floats, axis: int, nodes: Floats, length: float, amplitude: float) -> Floats:
-    """Return the factors of the covariance along one axis, float64[places, nodes]."""
+    """Return the covariance's factor along one axis between places and nodes, float64[places, nodes]."""
     out = np.empty((len(places), len(nodes)))
     scale = -0.5 / (length * length)
     for i in range(len(places)):
@@ -162,7 +165,7 @@ def _covariance(seen: Floats, kernel: Any) -> Floats:
 
 @compiled(nogil=True)
 def sines(places: Floats, low: float, high: float, roots: Floats) -> Floats:
-    """Return sine functions of the box low .. high, times the roots of their variances, [k, places]."""
+    """Return sine functions on the interval low..high times `roots`, float64[functions, places]."""
     out = np.empty((len(roots), len(places)))
     scale = np.sqrt(2.0 / (high - low))
     for i in range(len(roots)):
@@ -176,7 +179,7 @@ def sines(places: Floats, low: float, high: float, roots: Floats) -> Floats:
 def _precision(
     seen: Floats, noise: float, spectrum: Any, terms: Places, span_x: Any, span_y: Any, weights: Floats
 ) -> Floats:
-    """Return the precision of the weights of sine functions, float64[m, m]; add the data to `weights`."""
+    """Return the precision of the sine functions' weights, float64[m, m]; add the data to `weights`."""
     m = len(terms)
     precision = np.zeros((m, m))
     for i in range(m):
@@ -214,32 +217,31 @@ def solve_tiles(
     terms: Places,
     posterior: NDArray[np.float32],
 ) -> None:
-    """Solve some tiles.
+    """Solve some tiles of the lattice.
 
     Parameters
     ----------
     tiles : int64[n, 2]
-        Their columns and rows.
-    edges_x, edges_y : int64
-        The first node of each column and row of tiles, and the end of the last one.
+        Column and row of each tile.
+    edges_x, edges_y : int64[columns + 1], int64[rows + 1]
+        First node of each column and row of tiles, and the end of the last.
     lattice : tuple of four ints
-        Place of the first node along each axis, and the nodes' distances, cells.
+        Position of the first node along each axis, and node spacing along each axis, in cells.
     index, sums
         The observations, see `add_to_cells`.
     reach : tuple of two ints
-        How far along each axis observations count for a tile, cells.
+        Greatest distance along each axis of observations used for a tile, in cells.
     touch : tuple of two ints
-        How far along each axis an observation can move a node at all, cells.
+        Greatest distance along each axis at which an observation changes a node, in cells.
     kernel : tuple of four floats
-        Both length scales (cells), variance of the noise, variance of the smooth part.
+        Both lengthscales (cells), variance of the noise, variance of the smooth part.
     spectrum : tuple of float64[k], float64[l], float, float
-        Roots of the variances of sine functions along each axis, and the sides of their box (cells), in the
-        middle of which the tile is.
+        Square roots of the variances of the sine functions along each axis, and the sides of their box in
+        cells. The box is centred on the tile.
     terms : int64[m, 2]
-        Which products of sine functions are used; they are where there are more observed cells than
-        functions.
+        Index pairs of the products of sine functions, used if there are more observed cells than functions.
     posterior : float32[3, nodes along x, nodes along y]
-        See `fill_nodes`; the third part is the reduction of the variance. Changed.
+        Result as for `fill_nodes`, with the reduction of the variance as third part. Changed in place.
     """
     first_x, first_y, step_x, step_y = lattice
     for k in range(len(tiles)):
@@ -259,7 +261,7 @@ def solve_tiles(
         n, m = len(seen), len(terms)
         if n == 0:
             continue
-        # Nodes that no observation reaches keep the prior.
+        # Nodes out of reach of all observations keep the prior.
         low_x, high_x, low_y, high_y = seen[0, 0], seen[0, 0], seen[0, 1], seen[0, 1]
         for p in range(1, n):
             low_x, high_x = min(low_x, seen[p, 0]), max(high_x, seen[p, 0])

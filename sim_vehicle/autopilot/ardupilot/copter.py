@@ -1,4 +1,4 @@
-"""ArduCopter: its take-off, landing and return."""
+"""Take-off, landing and return of ArduCopter."""
 
 from __future__ import annotations
 
@@ -24,28 +24,29 @@ if TYPE_CHECKING:
 
 _RTL_ALT_MIN_M = 2.0
 _LEAST_CONE = 0.5
-# From landed to disarmed: the motors spool down.
+# Time from landing to disarming, during which the motors spool down.
 _SPOOL_DOWN_S = 0.35
-# What the attitude lags behind its target: rate loops and motors.
+# Lag of the attitude behind its target, caused by rate loops and motors.
 _ATTITUDE_S = 0.05
-# On the ground the throttle runs down for a second before the land detector begins its own.
+# On the ground the throttle decreases for 1 s. Then the land detector needs another second.
 _LAND_DETECTOR_S = 2.0
-# The airframe of ArduPilot's simulator (`SIM_Frame.h`, default model): 3 kg, 0.18 m2 of discs, and as much
-# drag at 15.08 m/s as 45 degrees of tilt overcome; the momentum drag of the rotors, a part of it, is linear.
-# Its coefficient (0.2 there) is the one with which speed builds up as in recorded flights at 5 to 10 m/s.
+# Airframe of ArduPilot's simulator (`SIM_Frame.h`, default model): 3 kg, 0.18 m2 of rotor discs.
+# The drag of this airframe balances a tilt of 45 degrees at 15.08 m/s.
+# The linear momentum drag of the rotors is a part of the drag.
+# Its coefficient is fitted to recorded flights at 5 to 10 m/s; the simulator's own value is 0.2.
 _MASS_KG, _DISC_M2, _MOMENTUM = 3.0, 0.18, 0.34
 _REFERENCE_M_S, _REFERENCE_RAD = 15.08, math.radians(45.0)
 _AIR_KG_M3, _REFERENCE_AIR_KG_M3 = 1.225, 1.157
 
 
 class ArduCopterProcedures(FlightProcedures):
-    """See `sim_vehicle.autopilot.procedures.FlightProcedures`."""
+    """Flight procedures of ArduCopter."""
 
     name = "ardupilot"
     parameters = motion_parameters("arducopter-motion")
 
     def fit(self, spec: VehicleSpec) -> VehicleSpec:
-        """Return the vehicle with those of its values that parameters decide."""
+        """Return the vehicle with the values that parameters set."""
         value = self.values(spec)
         return replace(
             spec,
@@ -65,13 +66,13 @@ class ArduCopterProcedures(FlightProcedures):
         )
 
     def motion(self, spec: VehicleSpec, wind: Wind | None, yaw_rad: float) -> MotionModel:
-        """Return the motion of a vehicle that stands at home."""
+        """Return the motion model of a vehicle that stands at home."""
         from sim_vehicle.motion.arducopter.model import ArduCopter
 
         return ArduCopter(spec, self.law, wind, yaw_rad)
 
     def law(self, spec: VehicleSpec) -> NDArray[np.float64]:
-        """Return the numbers of the compiled motion, `sim_vehicle.motion.arducopter.control.LAW`."""
+        """Return the constants of the compiled motion, `sim_vehicle.motion.arducopter.control.LAW`."""
         from sim_vehicle.motion.arducopter.control import HOVER_THROTTLE, LAW
         from sim_vehicle.motion.columns import row_of
 
@@ -87,7 +88,7 @@ class ArduCopterProcedures(FlightProcedures):
             if value[name] > 0.0:
                 most = min(GRAVITY_M_S2, number["accel_z"]) * 2.0 * math.pi * value[name] / 5.0
                 jerk_z = min(jerk_z, most)
-        # Gains of the throttle are per cm/s^2 and for a throttle of 1000.
+        # Throttle gains are per cm/s^2, for a throttle range of 1000.
         hover = GRAVITY_M_S2 / HOVER_THROTTLE
         spool_s = value["MOT_SPOOL_TIME"] + HOVER_THROTTLE * value["TKOFF_SLEW_TIME"]
         input_s, lag_s = value["ATC_INPUT_TC"], spec.attitude_response_s
@@ -125,19 +126,19 @@ class ArduCopterProcedures(FlightProcedures):
     def takeoff_legs(
         self, spec: VehicleSpec, here: Position, target: Position, speed: float, heading: Heading
     ) -> list[Leg]:
-        """Return the leg of a take-off: straight up, wherever its position is."""
+        """Return the leg of a take-off: straight up, because the position of the item is ignored."""
         keep = KEEP if heading == ALONG else heading
         top = (here[0], here[1], max(target[2], here[2]))
         return [Leg(top, speed, heading=keep, kind=LegKind.TAKEOFF)]
 
     def landing_legs(self, spec: VehicleSpec, above: Position, last: Position, speed: float) -> list[Leg]:
-        """Return the legs to a position and down to the ground there."""
+        """Return the legs to a position and straight down to the ground."""
         return over_and_down(spec, above, last, speed)
 
     def return_legs(
         self, spec: VehicleSpec, last: Position, speed: float, return_point: Position
     ) -> list[Leg]:
-        """Return the legs home: up, less near home, straight home, a wait, and down."""
+        """Return the legs of a return: climb (lower near home), straight home, loiter, landing."""
         value = self.values(spec)
         x, y, z = last
         home_x, home_y, least = return_point
@@ -157,17 +158,17 @@ class ArduCopterProcedures(FlightProcedures):
 
 
 def _share(dt: float, frequency_hz: float) -> float:
-    """Return the share that a low-pass filter takes over in a step; a frequency of 0 is no filter."""
+    """Return the gain of a low-pass filter per step; a frequency of 0 is no filter."""
     return 1.0 - math.exp(-2.0 * math.pi * frequency_hz * dt) if frequency_hz > 0.0 else 1.0
 
 
 def _lean_rad(value: Mapping[str, float]) -> float:
-    """Return the largest lean angle."""
+    """Return the maximum lean angle."""
     return math.radians(value["PSC_ANGLE_MAX"] or 0.01 * value["ANGLE_MAX"])
 
 
 def drag_of(spec: VehicleSpec) -> tuple[float, float]:
-    """Return the drag over mass and airspeed: the constant part (1/s), and the one over airspeed (1/m)."""
+    """Return the drag over mass: the coefficients of airspeed (1/s) and of its square (1/m)."""
     if spec.linear_drag_1_s is not None:
         return spec.linear_drag_1_s, 0.0
     weight = _MASS_KG * GRAVITY_M_S2
@@ -179,7 +180,7 @@ def drag_of(spec: VehicleSpec) -> tuple[float, float]:
 
 
 def _fastest_airspeed_m_s(spec: VehicleSpec, value: Mapping[str, float]) -> float:
-    """Return the airspeed at which the drag takes all the lean that is allowed."""
+    """Return the airspeed at which the drag balances the maximum lean angle."""
     most, (linear, square) = GRAVITY_M_S2 * math.tan(_lean_rad(value)), drag_of(spec)
     if square > 0.0:
         return (math.sqrt(linear * linear + 4.0 * square * most) - linear) / (2.0 * square)

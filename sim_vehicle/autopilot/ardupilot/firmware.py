@@ -1,8 +1,8 @@
-"""ArduPilot's facts: MAVLink profile, parameters, behaviour, sticks.
+"""MAVLink profile, parameters, behaviour and stick rules of ArduPilot.
 
 Sources: ``mode.h`` of ArduCopter, ArduPlane and Rover (custom modes), ``GCS_MAVLink_Copter.cpp`` (base
 modes), ``AP_Mission.cpp``, ArduCopter's ``mode_auto.cpp`` and ``mode_guided.cpp``, the parameter references
-4.6, and what ArduCopter 4.7 (SITL) was seen to do.
+4.6, and observations of ArduCopter 4.7 (SITL).
 """
 
 from __future__ import annotations
@@ -37,19 +37,19 @@ if TYPE_CHECKING:
 
     from sim_vehicle.airframe.spec import VehicleSpec
 
-# ArduCopter 4.7 claims 64495: terrain and compass calibration besides, which the simulated one does not do.
-# It has no bit for the encoding of parameters (they are cast).
+# ArduCopter 4.7 reports 64495, with terrain and compass calibration, which are not simulated.
+# ArduCopter sets no capability bit for the encoding of parameters (cast).
 _CAPABILITIES = COMMON_CAPABILITIES | int(
     m.MAV_PROTOCOL_CAPABILITY_SET_POSITION_TARGET_LOCAL_NED
     | m.MAV_PROTOCOL_CAPABILITY_SET_POSITION_TARGET_GLOBAL_INT
     | m.MAV_PROTOCOL_CAPABILITY_FLIGHT_TERMINATION
 )
-# Of the release 4.7.0 of all vehicles; ArduPilot sends it as text.
+# Git hash of the release 4.7.0 of all vehicles; ArduPilot sends it as text.
 _GIT_HASH = b"1511f271"
 _BY_STICKS = int(m.MAV_MODE_FLAG_STABILIZE_ENABLED | m.MAV_MODE_FLAG_MANUAL_INPUT_ENABLED)
 _GUIDED = _BY_STICKS | int(m.MAV_MODE_FLAG_GUIDED_ENABLED)
 
-# MOT_SPIN_ARM, MOT_SPIN_MIN, MOT_SPIN_MAX, MOT_THST_EXPO.
+# Defaults of MOT_SPIN_ARM, MOT_SPIN_MIN, MOT_SPIN_MAX and MOT_THST_EXPO.
 _SPIN_ARMED, _SPIN_LEAST, _SPIN_MOST, _EXPO = 0.1, 0.15, 0.95, 0.65
 
 
@@ -60,7 +60,7 @@ def _motor_us(share: float | None, armed: bool) -> float:
     return 1000.0 + 1000.0 * (_SPIN_LEAST + (_SPIN_MOST - _SPIN_LEAST) * curve)
 
 
-# Of the first link; SR0_ in place of MAV1_ before 4.7.
+# Parameters of the first link; before 4.7 they began with SR0_ in place of MAV1_.
 _STREAM_PARAMETERS = {
     "RAW_SENSORS": "MAV1_RAW_SENS",
     "EXTENDED_STATUS": "MAV1_EXT_STAT",
@@ -108,7 +108,7 @@ COPTER_MAVLINK = MavlinkProfile(
         # STABILIZE, ACRO, ALT_HOLD.
         flips_from=frozenset({0, 1, 2}),
         unready={15: ("AUTOTUNE", ""), 22: ("FLOWHOLD", ""), 23: ("FOLLOW", "Set FOLL_ENABLE = 1")},
-        # AUTO, RTL, CIRCLE, LAND, BRAKE, SMART_RTL, AUTO RTL (``Mode::allows_arming``, and as seen).
+        # AUTO, RTL, CIRCLE, LAND, BRAKE, SMART_RTL, AUTO RTL do not arm (``Mode::allows_arming``, SITL).
         not_armable=frozenset({3, 6, 7, 9, 17, 21, 27}),
         arms_in_mission=Setting("AUTO_OPTIONS", 0.0),
         armed_texts={18: "waiting for throw"},
@@ -173,7 +173,7 @@ PLAIN_MAVLINK = replace(
         banner="ArduRover V4.7.0 (1511f271)",
     ),
     hover_thrust=None,
-    # SITL gives copters a mount, planes and rovers none until it is set.
+    # SITL has a mount by default on copters only.
     gimbal=Setting("MNT1_TYPE", 0.0),
 )
 
@@ -190,7 +190,7 @@ _SAFETY = (
     MavParameter("GUID_TIMEOUT", "setpoint_timeout_s", low=0.1, high=5.0),
 )
 
-# The gimbal (`sim_vehicle.pilot.gimbal`). It rests straight down, as that of a mapping camera.
+# Gimbal (`sim_vehicle.pilot.gimbal`), by default straight down for a mapping camera.
 _MOUNT = tuple(
     MavParameter(f"MNT1_{name}", integer=integer, bits=8, value=value, stored=True, low=low, high=high)
     for name, integer, value, low, high in (
@@ -212,7 +212,7 @@ _MOUNT = tuple(
 
 
 def copter_parameters(spec: VehicleSpec, system_id: int) -> list[MavParameter]:
-    """Parameters of ArduCopter."""
+    """Return the parameters of ArduCopter."""
     ceiling_cm = 100.0 * spec.max_altitude_m
     return [
         *vehicle_parameters(spec, system_id),
@@ -232,7 +232,7 @@ def copter_parameters(spec: VehicleSpec, system_id: int) -> list[MavParameter]:
 
 
 def vehicle_parameters(spec: VehicleSpec, system_id: int) -> list[MavParameter]:
-    """Parameters of ArduPlane and Rover, which ArduCopter has too.
+    """Return the parameters common to ArduCopter, ArduPlane and Rover.
 
     Examples
     --------
@@ -242,7 +242,7 @@ def vehicle_parameters(spec: VehicleSpec, system_id: int) -> list[MavParameter]:
     """
     return [
         *_SAFETY,
-        # KiB on the SD card for the plan, 0 for the board's own storage; read at the start.
+        # Storage for the plan on the SD card (KiB), read at boot; 0 is the board's own storage.
         MavParameter("BRD_SD_FENCE", integer=True, value=0.0, stored=True, bits=16, low=0, high=64),
         MavParameter("BRD_SD_MISSION", integer=True, value=0.0, stored=True, bits=16, low=0, high=64),
         *_battery_parameters(spec),
@@ -272,7 +272,7 @@ def _battery_parameters(spec: VehicleSpec) -> list[MavParameter]:
 _HOME = frozenset({int(m.MAVLINK_MSG_ID_HOME_POSITION)})
 _PLACE = _HOME | {int(m.MAVLINK_MSG_ID_GLOBAL_POSITION_INT), int(m.MAVLINK_MSG_ID_GPS_RAW_INT)}
 _ACCELS, _GYROS = "Accels inconsistent", "Gyros inconsistent"
-# Times of ArduCopter 4.7 (SITL), in its own seconds.
+# Times of ArduCopter 4.7 (SITL), in simulated seconds.
 COLD_BOOT = ColdBoot(
     stages=(
         BootStage(0.0, _ACCELS, untold=_PLACE),
@@ -307,7 +307,7 @@ MISSION = MissionBehaviour(
 
 
 def battery_actions(**actions: str) -> tuple[Mapping[int, Action], ...]:
-    """Actions at a low and a critical level; an almost empty battery is only reported."""
+    """Return the actions at the low and critical levels; the emergency level only warns."""
     by_value = actions_by_value(**actions)
     return by_value, by_value, actions_by_value(WARN="0 1 2 3 4 5 6 7")
 
@@ -331,7 +331,7 @@ COPTER_RULES = FailsafeRules(
     link_lost="GCS Failsafe",
     link_regained="GCS Failsafe Cleared",
     stream_lost="Guided timeout: {}",
-    # The simulated vehicle returns at a low and lands at a critical battery; ArduCopter itself only warns.
+    # ArduCopter's default actions are warnings; the simulated vehicle returns (low) and lands (critical).
     defaults=FailsafeDefaults(
         fence_enable=0,
         fence_action=1,
@@ -353,11 +353,11 @@ COPTER_RULES = FailsafeRules(
     idle=IdleDisarm(Setting("DISARM_DELAY", 10.0), ("Disarming motors",)),
 )
 
-# Those of ArduPlane and Rover that are equal.
+# Failsafes common to ArduPlane and Rover.
 PLAIN_RULES = replace(
     COPTER_RULES,
     mission_goes_on_bit=0,
-    # Their own numbers; a low and a critical battery end the flight as the copter's do.
+    # Action numbers differ from ArduCopter's; the actions at a low and a critical battery are the same.
     defaults=replace(
         COPTER_RULES.defaults, low_battery_action=1, critical_battery_action=2, low_voltage_v=0.0
     ),
@@ -369,17 +369,17 @@ PLAIN_RULES = replace(
 
 _BRAKE, _DRIFT, _THROW = 17, 11, 18
 RELEASE = Setting("RC_OVERRIDE_TIME", 3.0)
-# RCn_DZ of ArduPlane and Rover: 30 of the 400 microseconds to either side.
+# RCn_DZ of ArduPlane and Rover: 30 us out of 400 us on each side.
 DEADZONE = Axis(0.075)
 COPTER_STICKS = StickRules(
-    # Leaning with the sticks, as all but LOITER do, ends at the vehicle's greatest speed.
+    # In modes other than LOITER sticks set the lean angle, so the speed is limited by the vehicle only.
     speeds={
         Mode.HOLD: Setting("LOIT_SPEED", 1250.0, 0.01),
         Mode.POSITION: None,
         Mode.ALTITUDE: None,
         Mode.MANUAL: None,
     },
-    # RC1_DZ and RC4_DZ of 500 microseconds, THR_DZ of the throttle's 500.
+    # RC1_DZ and RC4_DZ out of 500 us, THR_DZ out of 500 for the throttle.
     level=Axis(0.04),
     vertical=Axis(0.2),
     turning=Axis(0.04),
@@ -388,7 +388,7 @@ COPTER_STICKS = StickRules(
     descent=Setting("PILOT_SPEED_DN", 0.0, 0.01),
     without=frozenset({_BRAKE, _THROW}),
     coordinated=frozenset({_DRIFT}),
-    # SITL's receiver has its throttle at 1000 microseconds (AP_RCProtocol_UDP.cpp).
+    # The throttle of SITL's receiver is at 1000 us (AP_RCProtocol_UDP.cpp).
     receiver=Sticks(up=-1.0),
     overrides=True,
     loss=StickLoss(
@@ -396,7 +396,7 @@ COPTER_STICKS = StickRules(
         action=Setting("FS_THR_ENABLE", 1.0),
         actions=actions_by_value(NONE="0", RETURN="1 2 4 6", LAND="3 5", HOLD="7"),
         release=RELEASE,
-        # FS_OPTIONS.
+        # Bits of FS_OPTIONS.
         exceptions=bits(MISSION=1, GUIDED=4, LAND=8),
         on_ground=Action.DISARM,
         arming=Setting("FS_THR_ENABLE", 1.0),

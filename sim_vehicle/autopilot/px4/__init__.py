@@ -1,4 +1,4 @@
-"""PX4 1.17. Its fixed wings and rovers are add-ons, which begin with the firmware of its multirotors."""
+"""PX4 1.17 with multirotors; add-ons derive fixed wings and rovers from this firmware."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from sim_vehicle.autopilot.px4.firmware import (
 __all__ = ["PX4", "no_multirotor"]
 
 
-# Groups of the multirotor's controllers.
+# Prefixes of parameters of the multirotor's controllers.
 _OF_MULTIROTORS = ("FLW_", "HTE_", "LNDMC_", "MC_", "MPC_")
 PX4 = Autopilot(
     name="px4",
@@ -39,7 +39,7 @@ PX4 = Autopilot(
             procedures=PX4_MULTIROTOR,
             takes_off=True,
             behaviour=MISSION,
-            # NAV_ACC_RAD. It cannot hold less: the error of its height, 0.55 m, counts in the radius.
+            # Default of NAV_ACC_RAD; PX4 misses a smaller radius, because its height error is 0.55 m.
             cornering=Cornering(2.0, overshoots=True),
             reference=partial(reference_parameters, "px4"),
             sticks=COPTER_STICKS,
@@ -53,7 +53,7 @@ PX4 = Autopilot(
 
 
 def no_multirotor(mav_type: int) -> Firmware:
-    """Firmware of another kind of vehicle: the part that it shares with multirotors."""
+    """Return the base of a firmware for another kind of vehicle: the part common with multirotors."""
     return replace(
         PX4.firmwares["multirotor"],
         mavlink=mavlink_profile(mav_type),

@@ -1,4 +1,4 @@
-"""PX4 with a multirotor: how it takes off, lands and comes home."""
+"""Take-off, landing and return of PX4 multirotors."""
 
 from __future__ import annotations
 
@@ -21,24 +21,24 @@ if TYPE_CHECKING:
     from sim_vehicle.motion.model import MotionModel
     from sim_vehicle.weather.wind import Wind
 
-# The reference airframe, SIH quadrotor 10040: SIH_KDV over SIH_MASS, MPC_THR_MIN; MC_ROLL_P, MC_PITCH_P.
+# Reference airframe SIH quadrotor 10040: SIH_KDV over SIH_MASS, MPC_THR_MIN, MC_ROLL_P and MC_PITCH_P.
 _SIH_DRAG_1_S = 1.0
 _LOWEST_THRUST = 0.12
 _SIH_ATTITUDE_S = 1.0 / 6.5
-# For ever, as far as a flight is concerned.
+# Longer than any flight.
 _FOREVER_S = 1e6
 _NEVER_DISARM_S = 3599.0
 
 
 class Px4MultirotorProcedures(FlightProcedures):
-    """See `sim_vehicle.autopilot.procedures.FlightProcedures`."""
+    """Flight procedures of PX4 multirotors."""
 
     name = "px4"
     parameters = motion_parameters("px4-multirotor-motion")
-    orbit_within_m = 2.0  # FlightTaskOrbit: _horizontal_acceptance_radius.
+    orbit_within_m = 2.0  # _horizontal_acceptance_radius of FlightTaskOrbit
 
     def fit(self, spec: VehicleSpec) -> VehicleSpec:
-        """Return the vehicle with the speeds, heights and limits that its parameters say."""
+        """Return the vehicle with speeds, heights and limits from its parameters."""
         value = self.values(spec)
         fastest = max(value["MPC_XY_VEL_MAX"], 0.5)
         disarm = value["COM_DISARM_LAND"]
@@ -47,7 +47,7 @@ class Px4MultirotorProcedures(FlightProcedures):
         return replace(
             spec,
             cruise_speed_m_s=min(value["MPC_XY_CRUISE"], fastest),
-            # Missions may command 95 % of the limit.
+            # Missions may command 95 % of `speed_limit_m_s`.
             speed_limit_m_s=fastest / 0.95,
             airspeed_limit_m_s=min(spec.airspeed_limit_m_s, lean / drag if drag > 0.0 else math.inf),
             climb_speed_m_s=value["MPC_Z_V_AUTO_UP"],
@@ -66,13 +66,13 @@ class Px4MultirotorProcedures(FlightProcedures):
         )
 
     def motion(self, spec: VehicleSpec, wind: Wind | None, yaw_rad: float) -> MotionModel:
-        """Return the motion of a vehicle that stands at home."""
+        """Return the motion model of a vehicle that stands at home."""
         from sim_vehicle.motion.px4.model import Px4Multirotor
 
         return Px4Multirotor(spec, self.law, wind, yaw_rad)
 
     def law(self, spec: VehicleSpec) -> NDArray[np.float64]:
-        """Return the numbers of the compiled motion, `sim_vehicle.motion.px4.kernel.LAW`."""
+        """Return the constants of the compiled motion, `sim_vehicle.motion.px4.kernel.LAW`."""
         from sim_vehicle.motion.columns import row_of
         from sim_vehicle.motion.px4.kernel import LAW, SIH_THRUST_M_S2
 
@@ -83,7 +83,7 @@ class Px4MultirotorProcedures(FlightProcedures):
             "takeoff_speed": min(number["takeoff_speed"], number["max_up"]),
             "land_speed": min(number["land_speed"], number["max_down"]),
             "land_alt1": max(number["land_alt1"], number["land_alt2"]),
-            # With a distance sensor each of the three stages of the land detector takes LNDMC_TRIG_TIME.
+            # The land detector has three stages; with a distance sensor each stage takes LNDMC_TRIG_TIME.
             "land_time": 3.0 * number["land_time"],
             "drag": drag_of(spec),
             "attitude": 1.0 / (_SIH_ATTITUDE_S if response is None else response),
@@ -95,7 +95,7 @@ class Px4MultirotorProcedures(FlightProcedures):
     def takeoff_legs(
         self, spec: VehicleSpec, here: Position, target: Position, speed: float, heading: Heading
     ) -> list[Leg]:
-        """Return the legs of a take-off: straight up, then to its position if that is aside."""
+        """Return the legs of a take-off: straight up, then to the position of the item if it is elsewhere."""
         x, y, z = target
         radius = spec.acceptance_radius_m
         height = max(z, here[2], self.value(spec, "MIS_TAKEOFF_ALT"))
@@ -105,13 +105,13 @@ class Px4MultirotorProcedures(FlightProcedures):
         return legs
 
     def landing_legs(self, spec: VehicleSpec, above: Position, last: Position, speed: float) -> list[Leg]:
-        """Return the legs to a position, if not within the acceptance radius already, and down."""
+        """Return the legs to a position (none within the acceptance radius) and straight down."""
         return over_and_down(spec, above, last, speed, spec.acceptance_radius_m)
 
     def return_legs(
         self, spec: VehicleSpec, last: Position, speed: float, return_point: Position
     ) -> list[Leg]:
-        """Return the legs home: up, home at the cruise speed, down, perhaps to wait, and down."""
+        """Return the legs of a return: climb, home at cruise speed, optional loiter, landing."""
         x, y, z = last
         home_x, home_y, least = return_point
         cruise = spec.cruise_speed_m_s
@@ -132,14 +132,14 @@ class Px4MultirotorProcedures(FlightProcedures):
 
 
 def drag_of(spec: VehicleSpec) -> float:
-    """Return the drag over mass and airspeed (1/s): the vehicle's, or that of the reference airframe."""
+    """Return the drag over mass and airspeed (1/s), by default that of the reference airframe."""
     return _SIH_DRAG_1_S if spec.linear_drag_1_s is None else spec.linear_drag_1_s
 
 
 def return_height_m(spec: VehicleSpec, distance_m: float, height_m: float, least_m: float = 0.0) -> float:
-    """Return the return altitude: lower within a cone about home, never lower than the vehicle is.
+    """Return the return altitude, which is lower within a cone round home but never below `height_m`.
 
-    PX4 v1.17, ``RTL::calculate_return_alt_from_cone_half_angle``.
+    Source: PX4 v1.17, ``RTL::calculate_return_alt_from_cone_half_angle``.
 
     Examples
     --------
@@ -165,7 +165,7 @@ def return_height_m(spec: VehicleSpec, distance_m: float, height_m: float, least
 
 
 def strays_m(spec: VehicleSpec) -> float:
-    """Return the standard deviation of how far the errors of its estimate carry it aside, along an axis."""
+    """Return the lateral drift of a vehicle by estimate errors: standard deviation per axis (m)."""
     return carried_aside_m(PX4_MULTIROTOR.value(spec, "MPC_XY_P"))
 
 

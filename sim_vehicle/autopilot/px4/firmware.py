@@ -1,10 +1,10 @@
-"""PX4's facts: MAVLink profile, streams, parameters, behaviour, sticks.
+"""MAVLink profile, streams, parameters, behaviour and stick rules of PX4.
 
 Sources: PX4 v1.17 ``px4_custom_mode.h``, ``mavlink_main.cpp`` (rates), ``Commander.cpp`` and ``ModeUtil``
 (texts), ``mission_base.cpp``, ``mission.cpp``, ``mavlink_mission.cpp``, the parameter reference, and recorded
-flights of PX4 1.17 (SIH). The streams of its simulator's links: ``px4-rc.mavlink`` (links, ports, data rates,
-raised rates), ``mavlink_main.cpp`` (``configure_streams_to_default``, ``update_rate_mult``),
-``mavlink_mission.cpp`` (MISSION_CURRENT), ``SensorGpsSim.cpp`` (8 Hz, where the stream has no limit).
+flights of PX4 1.17 (SIH). Sources of the streams of the simulator's links: ``px4-rc.mavlink`` (links, ports,
+data rates, raised rates), ``mavlink_main.cpp`` (``configure_streams_to_default``, ``update_rate_mult``),
+``mavlink_mission.cpp`` (MISSION_CURRENT), ``SensorGpsSim.cpp`` (8 Hz for a stream without limit).
 """
 
 from __future__ import annotations
@@ -43,13 +43,12 @@ if TYPE_CHECKING:
     from sim_vehicle.autopilot.parameters import RuntimeParameters
 
 LINK_NAMES = ("ground", "api", "payload", "gimbal")
-"""Names of the links of `simulator_urls`, in that order."""
+"""Names of the links of `simulator_urls`, in the same order."""
 _LAST_API_INSTANCE = 9
 _PAYLOAD_BYTES_S = 4000.0
 _LEAST_SHARE = 0.05
 _OVERHEAD = 12
-# Rates in Hz on the ground link (mode normal, raised by the start script), in modes onboard and gimbal; 0 is
-# none.
+# Rates (Hz) on the ground link (mode normal, raised by the start script), in modes onboard and gimbal.
 _STREAMS = """
     ALTITUDE                             1   10   0
     ATTITUDE                            50  100   0
@@ -80,7 +79,7 @@ _STREAMS = """
     VIBRATION                          0.1  0.5   0
     WIND_COV                           0.5   10   0
 """
-# Not scaled with a link's data rate: constant, or as often as the receiver has a position.
+# Streams that do not scale with the data rate of a link. GPS_RAW_INT has the rate of the receiver.
 _UNSCALED = frozenset(
     {m.MAVLINK_MSG_ID_HEARTBEAT, m.MAVLINK_MSG_ID_MISSION_CURRENT, m.MAVLINK_MSG_ID_GPS_RAW_INT}
 )
@@ -93,7 +92,7 @@ def _rates_hz(column: int) -> Mapping[int, float]:
 
 
 def _within(bytes_s: float, rates_hz: Mapping[int, float]) -> Mapping[int, float]:
-    """Return the rates that a link of this data rate carries, as ``update_rate_mult`` scales them."""
+    """Return message rates scaled to the data rate of a link, see ``update_rate_mult`` in PX4."""
 
     def load(message_id: int) -> float:
         size: int = m.mavlink_map[message_id].unpacker.size
@@ -113,13 +112,13 @@ SITL_LINKS: Mapping[str, Mapping[int, float]] = {
     "payload": _within(_PAYLOAD_BYTES_S, _ONBOARD),
     "gimbal": _GIMBAL,
 }
-"""Link to message rates as PX4's simulator has them; "" is the API link, and any further one."""
+"""Message rates of PX4's simulator by link; "" is the API link and every other link."""
 LIGHT_LINKS: Mapping[str, Mapping[int, float]] = {"payload": _ALIVE, "gimbal": _ALIVE}
-"""Link to message rates where they are not the vehicle's usual ones."""
+"""Message rates of links that differ from the usual rates of the vehicle."""
 
 
 def simulator_urls(index: int) -> tuple[str, ...]:
-    """Ports of SITL for a ground station, an API, a payload (camera) and a gimbal."""
+    """Return the addresses of SITL for ground station, API, payload (camera) and gimbal."""
     api = min(index, _LAST_API_INSTANCE)
     ports = (
         (14550, 18570 + index),
@@ -172,15 +171,15 @@ _MODES = ModeTable(
     unknown_text="Unsupported auto mode",
     main_and_sub=True,
 )
-# Only multirotors follow.
+# Only multirotors have the mode Follow Me.
 _MODES_OF_OTHERS = replace(_MODES, rows=tuple(row for row in _MODES.rows if row[1] is not Mode.FOLLOW))
 _HOVER_THRUST = Setting("MPC_THR_HOVER", 0.6)
-# Of the tag v1.17.0 (d6f12ad1c4f70ad3...), as ``px4_firmware_version_binary`` has it: lowest byte first.
+# Git hash of v1.17.0 (d6f12ad1c4f70ad3...), lowest byte first like ``px4_firmware_version_binary``.
 _GIT_HASH = 0xD6F12AD1C4F70AD3.to_bytes(8, "little")
 
 
 def mavlink_profile(mav_type: int) -> MavlinkProfile:
-    """PX4's profile on a vehicle of this MAV_TYPE; all else is equal on all vehicles."""
+    """Return PX4's MAVLink profile for a MAV_TYPE."""
     return MavlinkProfile(
         identity=Identity(
             mav_autopilot=int(m.MAV_AUTOPILOT_PX4),
@@ -214,7 +213,7 @@ def mavlink_profile(mav_type: int) -> MavlinkProfile:
                 int(m.MAV_CMD_DO_CANCEL_MAG_CAL),
             }
         ),
-        # Commands without an answer: Commander leaves it to modules that PX4 does not start by default.
+        # Commander leaves these commands to modules that PX4 does not start by default.
         silent=frozenset(map(int, (m.MAV_CMD_INJECT_FAILURE, m.MAV_CMD_DO_GRIPPER, m.MAV_CMD_DO_WINCH))),
         takeoff_above_sea=True,
         home_above_sea=True,
@@ -244,7 +243,7 @@ _SAFETY = (
 
 
 def copter_parameters(spec: VehicleSpec, system_id: int) -> list[MavParameter]:
-    """Parameters of a multirotor.
+    """Return the parameters of a multirotor.
 
     Examples
     --------
@@ -265,7 +264,7 @@ def copter_parameters(spec: VehicleSpec, system_id: int) -> list[MavParameter]:
 
 
 def common_parameters(spec: VehicleSpec, system_id: int, mav_type: int) -> list[MavParameter]:
-    """Parameters of all vehicles."""
+    """Return the parameters common to all vehicles."""
     return [
         *_SAFETY,
         MavParameter("BAT1_N_CELLS", integer=True, value=spec.battery.cells if spec.battery else 0),
@@ -294,7 +293,11 @@ _BOTH_OR_NEITHER = (4, 5)
 
 
 def px4_takeoff_and_landing(items: Sequence[MissionItem], parameters: RuntimeParameters) -> str | None:
-    """MIS_TKO_LAND_REQ: 1 take-off, 2 landing, 3 both, 4 and 5 both or neither; a return is no landing."""
+    """Return a refusal by MIS_TKO_LAND_REQ, or None.
+
+    Values: 1 needs a take-off, 2 a landing, 3 both, 4 and 5 both or neither. A return item does not count as
+    a landing.
+    """
     rule = parameters.mission_requirement
     commands = {int(item.command) for item in items}
     takes_off, lands = bool(commands & _TAKEOFFS), bool(commands & _LANDINGS)
@@ -323,7 +326,7 @@ MISSION = MissionBehaviour(
 RULES = FailsafeRules(
     fence_actions=actions_by_value(NONE="0", WARN="1", HOLD="2", RETURN="3", TERMINATE="4", LAND="5"),
     link_actions=actions_by_value(NONE="0", HOLD="1", RETURN="2", LAND="3", TERMINATE="5 6"),
-    # PX4 no longer uses 1; the simulated vehicle then returns at the low level.
+    # PX4 no longer uses value 1; with it the simulated vehicle returns at the low level.
     battery_actions=(
         actions_by_value(WARN="0 2 3", RETURN="1"),
         actions_by_value(WARN="0", LAND="1 2", RETURN="3"),
@@ -374,7 +377,7 @@ COPTER_STICKS = StickRules(
     vertical=AXIS,
     turning=AXIS,
     turn_rate=Setting("MPC_MAN_Y_MAX", 150.0, _DEGREE),
-    # Without a value of their own, the vehicle's vertical speeds.
+    # The default 0 stands for the vehicle's vertical speeds.
     climb=Setting("MPC_Z_VEL_MAX_UP", 0.0),
     descent=Setting("MPC_Z_VEL_MAX_DN", 0.0),
     takeoff_stick=0.3,

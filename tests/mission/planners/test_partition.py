@@ -73,5 +73,7 @@ def test_what_cannot_be_divided_is_refused():
         strips(FIELD, [1.0, 0.0])
     with pytest.raises(PlanningError, match="shares must be finite"):
         power_cells(FIELD, [1.0, float("nan")])
-    with pytest.raises(PlanningError, match="too small for so many"):
+    with pytest.raises(PlanningError, match="too small for 2 vehicles"):
         strips(shapely.box(0.0, 0.0, 1e-5, 1e-5), [1.0, 1.0])
+    with pytest.raises(PlanningError, match="too small for 3 vehicles"):
+        strips(shapely.box(0.0, 0.0, 1e-5, 1.0), [1.0, 1.0, 1e-6])

@@ -156,7 +156,7 @@ class _Seer(_Rows):
         (_Strangers(), "no vehicle has the system id 99"),
         (_Restless(), "twice has different answers"),
         (_Drawer(), "global generator"),
-        (_Writer(), "writes into what it is told"),
+        (_Writer(), "writes into its observation"),
         (_NoDecision(), "not a Decision"),
         (_Seer(), "cells that nobody looked at"),
     ],

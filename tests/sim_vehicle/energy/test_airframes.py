@@ -80,7 +80,7 @@ def test_a_share_of_the_battery_is_a_share_of_the_time():
 
 
 def test_an_endless_vehicle_has_no_endurance():
-    with pytest.raises(VehicleError, match="goes on for ever"):
+    with pytest.raises(VehicleError, match="endurance is unlimited"):
         endurance_s(get_vehicle("ideal"), 1.0)
 
 

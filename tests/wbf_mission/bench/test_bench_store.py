@@ -1,5 +1,6 @@
 """Rows that are kept."""
 
+import errno
 from array import array
 from pathlib import Path
 
@@ -183,3 +184,13 @@ def test_a_full_disk_is_told_by_the_name_of_the_journal(tmp_path):
     store._journal = kept
     store.close()
     assert [one.key for one in store.rows] == ["0001"]
+
+
+def test_a_disk_without_locks_is_written(tmp_path, monkeypatch):
+    def fails(descriptor, operation):
+        raise OSError(errno.ENOLCK, "No locks available")
+
+    monkeypatch.setattr("fcntl.flock", fails)
+    with BenchStore(tmp_path) as store:
+        store.add(row(1))
+    assert len(read_rows(tmp_path)) == 1

@@ -9,7 +9,7 @@ from threadpoolctl import threadpool_limits
 
 from geo import Farm
 from sensors.errors import ObservationError
-from sensors.estimation import attribute_errors_to, believed, prepare_days
+from sensors.estimation import attribute_errors_to, checked_prediction, prepare_days
 from sensors.estimators import Estimator
 from sensors.fields import FieldSet
 from sensors.observations import Observations
@@ -169,6 +169,6 @@ def _estimate(
         prepare_days(estimator, first, int(seen.day.max()) - first + 1, progress)
         progress("estimating", 0, 1)
         estimator.partial_fit(seen)
-        model = believed(estimator)
+        model = checked_prediction(estimator)
         progress("estimating", 1, 1)
     return model, estimator

@@ -36,6 +36,7 @@ from starlette.routing import BaseRoute, Route, WebSocketRoute
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from geo.reading import misfit
+from geo.system import steady_s
 from mission.errors import LinkError
 from wbf_mission.addons.web.deadlines import HurriedProtocol
 from wbf_mission.addons.web.guard import Guard, is_loopback, own_names
@@ -43,7 +44,7 @@ from wbf_mission.addons.web.schema import Answer, Background, Beat, Given, Order
 from wbf_mission.addons.web.tiles import MapTiles
 from wbf_mission.addons.web.view import Cursor, View
 from wbf_mission.events import Event
-from wbf_mission.run.orders import Orders, steady_s, too_late
+from wbf_mission.run.orders import Orders, too_late
 
 INTERVAL_S = 0.1
 BEAT_S = 1.0

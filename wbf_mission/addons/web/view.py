@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from geo.errors import told_error
 from geo.grid import FarmGrid
+from geo.system import steady_s
 from mission.outcome import in_words
 from mission.policies.decision import AcquisitionMap
 from sensors.estimators.append_buffer import GrowingArray
@@ -30,7 +31,6 @@ from wbf_mission.addons.web import schema
 from wbf_mission.addons.web.layers import LONGEST, Layers, Pixels
 from wbf_mission.addons.web.shapes import farm_shape, plan_shape, ring
 from wbf_mission.replanning.record import DecisionRecord
-from wbf_mission.run.orders import steady_s
 
 T = TypeVar("T")
 Floats = NDArray[np.float32]

@@ -9,7 +9,8 @@ from flight_logs import UTC_S, write_dataflash, write_picture, write_telemetry, 
 from hypothesis import given
 from hypothesis import strategies as st
 
-from wbf_mission.addons.treatment.logs import LogError, read_track, reading
+from wbf_mission.addons.treatment import logs
+from wbf_mission.addons.treatment.logs import LogError, read_track
 from wbf_mission.addons.treatment.logs.track import LONGEST_GAP_S
 
 NAN = math.nan
@@ -133,7 +134,7 @@ def test_a_global_position_goes_before_px4s_receiver(tmp_path):
     path = write_ulog(tmp_path / "x", [(one[0], one[1] + 1e-3, one[2]) for one in FIXES], receiver="1.14")
     assert read_track(path).notes == ()
     nowhere = write_ulog(tmp_path / "y", [(one[0], NAN, NAN) for one in FIXES], receiver="clock")
-    with pytest.raises(LogError, match="the PX4 log tells no position"):
+    with pytest.raises(LogError, match="the PX4 log has no position"):
         read_track(nowhere)
 
 
@@ -211,14 +212,14 @@ def test_pictures_tell_places_and_utc(tmp_path):
 @pytest.mark.parametrize(
     ("make", "told"),
     [
-        (lambda p: p.write_bytes(b"hello, this is text"), "is no log that is known; give a .tlog"),
-        (lambda p: p.write_bytes(b""), "is no log that is known"),
+        (lambda p: p.write_bytes(b"hello, this is text"), "is no known kind of log; give a .tlog"),
+        (lambda p: p.write_bytes(b""), "is no known kind of log"),
         (lambda p: None, "cannot be read: no such file"),
         (lambda p: p.mkdir(), "holds no pictures"),
         (lambda p: p.write_bytes(b"ULog\x01\x12\x35\x01"), "is no PX4 log that can be read"),
-        (lambda p: p.write_bytes(b"ULog\x01\x12\x35\x01" + bytes(90)), "the PX4 log tells no position"),
-        (lambda p: write_telemetry(p, []), "is no log that is known"),
-        (lambda p: write_dataflash(p, []), "the ArduPilot log tells no position"),
+        (lambda p: p.write_bytes(b"ULog\x01\x12\x35\x01" + bytes(90)), "the PX4 log has no position"),
+        (lambda p: write_telemetry(p, []), "is no known kind of log"),
+        (lambda p: write_dataflash(p, []), "the ArduPilot log has no position"),
         (lambda p: p.write_bytes(bytes(8) + b"\xfd" + bytes(50)), "holds no MAVLink message"),
     ],
 )
@@ -295,12 +296,12 @@ def test_pictures_are_not_decoded(tmp_path):
 
 
 def test_a_log_beyond_the_limit_is_refused_before_it_is_read(write, monkeypatch):
-    assert reading.MAX_LOG_BYTES == 2**30
+    assert logs.MAX_LOG_BYTES == 2**30
     path = write(FIXES)
     size = path.stat().st_size
-    monkeypatch.setattr(reading, "MAX_LOG_BYTES", size)
+    monkeypatch.setattr(logs, "MAX_LOG_BYTES", size)
     assert len(read_track(path).latitude_deg) == len(FIXES)
-    monkeypatch.setattr(reading, "MAX_LOG_BYTES", size - 1)
+    monkeypatch.setattr(logs, "MAX_LOG_BYTES", size - 1)
     with pytest.raises(LogError, match=r"flight\.log: cannot be read: it is larger than [0-9.e-]+ MiB"):
         read_track(path)
 

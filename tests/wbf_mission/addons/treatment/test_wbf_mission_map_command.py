@@ -218,7 +218,7 @@ def test_nothing_in_doubt_is_not_worth_a_flight(run, mapped, tmp_path):
     [
         ("", "there is nothing to map: give --log, --observations or both"),
         ("--log RUN/nothing.tlog", "nothing.tlog: cannot be read: no such file"),
-        ("--log RUN/summary.json", "is no log that is known"),
+        ("--log RUN/summary.json", "is no known kind of log"),
         ("--log RUN/flight.tlog --farm miniberry-100", "has no observations of a leaf camera on the farm"),
         ("--log RUN/flight.tlog --fields soil,tylcv", "the camera senses other fields"),
         ("--log RUN/flight.tlog --observations HERE/none.csv", "none.csv: cannot be read: no such file"),

@@ -1,4 +1,4 @@
-"""ArduPilot's logs (.bin), by pymavlink's reader."""
+"""ArduPilot dataflash logs (.bin), read by pymavlink."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _NOWHERE = math.nan
 
 
 class _Formats(dict[int, Any]):
-    """Formats of messages by their numbers; too short ones, on which the reader would hang, are errors."""
+    """Message formats by number; a too short format, on which the reader would hang, raises LogError."""
 
     def __setitem__(self, number: int, form: Any) -> None:
         if form.len < _HEAD_BYTES or form.len < _HEAD_BYTES + struct.calcsize(form.msg_struct):
@@ -28,7 +28,7 @@ class _Formats(dict[int, Any]):
 def read_dataflash(path: Path) -> LogTrack:
     """Read an ArduPilot .bin: POS (else GPS) for the track, CAM (else TRIG) for the images.
 
-    The time since boot is TimeUS; UTC comes from GPS week and time in the log, by pymavlink.
+    The time since boot is TimeUS. pymavlink computes UTC from the GPS week and time in the log.
     """
     rows: dict[str, list[tuple[float, ...]]] = {name: [] for name in _NAMES}
     with parsing(path, "ArduPilot log"):
@@ -53,7 +53,7 @@ def _messages(path: Path) -> Any:
     from pymavlink import DFReader
 
     class Reader(DFReader.DFReader_binary):  # type: ignore[misc]
-        """The library's reader, which checks the formats that a log declares."""
+        """pymavlink's reader, with a check of the message formats that the log declares."""
 
         @property
         def formats(self) -> _Formats:
@@ -71,7 +71,7 @@ def _messages(path: Path) -> Any:
             if message.get_type() in _NAMES:
                 yield message
     finally:
-        # A message still in use holds the file's memory, which is freed with it.
+        # BufferError: a message still in use references the mapped file. The map is freed with the message.
         with contextlib.suppress(BufferError):
             reader.close()
         reader.filehandle.close()

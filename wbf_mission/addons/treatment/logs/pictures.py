@@ -1,4 +1,4 @@
-"""Folders of geotagged pictures: position and time of their EXIF data, or DJI's XMP, by Pillow."""
+"""Folders of geotagged pictures: position and time from EXIF or DJI's XMP, read by Pillow."""
 
 from __future__ import annotations
 
@@ -22,15 +22,16 @@ _MOST_XMP = 1 << 20
 _DJI = re.compile(
     rb"drone-dji:gps(lat|long?t?)itude\s*(?:=\s*[\"']|>)\s*([-+]?\d+(?:\.\d*)?)\s*[\"'<]", re.IGNORECASE
 )
-"""A position in DJI's XMP, an attribute or an element; older drones write GpsLongtitude."""
+"""Latitude or longitude in DJI's XMP, as attribute or element. Older drones write GpsLongtitude."""
 _SHOWN = 5
 
 
 def read_pictures(path: Path) -> LogTrack:
-    """Read a folder of JPEG or TIFF pictures, sorted by name; the images are numbered from 0 in this order.
+    """Read a folder of JPEG or TIFF pictures; the images are numbered from 0 in the order of their names.
 
-    The position is that of EXIF, else of DJI's XMP. The time is GPSDateStamp with GPSTimeStamp (UTC), else
-    DateTimeOriginal with OffsetTimeOriginal; without an offset it is unknown. Pixels are not read.
+    The position comes from EXIF, else from DJI's XMP. The time comes from GPSDateStamp and GPSTimeStamp
+    (UTC), else from DateTimeOriginal and OffsetTimeOriginal. Without an offset the time is unknown. Pixels
+    are not read.
     """
     files = sorted(file for file in path.iterdir() if file.suffix.lower() in _SUFFIXES and file.is_file())
     if not files:
@@ -43,7 +44,7 @@ def read_pictures(path: Path) -> LogTrack:
     for file in files:
         try:
             latitude, longitude, utc_s = _exif(file)
-        except Exception as error:  # Pillow's parsers raise many kinds
+        except Exception as error:  # Pillow's parsers raise many kinds of errors
             unread.append(f"{file.name}: {one_line(str(error), 120)}")
             continue
         if latitude != latitude:
@@ -84,12 +85,12 @@ def _exif(path: Path) -> tuple[float, float, float]:
 
 
 def _is_place(latitude: float, longitude: float) -> bool:
-    # A receiver without a fix says 0, 0.
+    # A receiver without a fix reports 0, 0.
     return abs(latitude) <= 90.0 and abs(longitude) <= 180.0 and (latitude, longitude) != (0.0, 0.0)
 
 
 def _of_dji(xmp: Any) -> tuple[float, float]:
-    """Return the position that DJI's drones write into XMP; NaN without one."""
+    """Return the position in DJI's XMP; NaN without a position."""
     packet = xmp[:_MOST_XMP] if isinstance(xmp, bytes) else b""
     found = {name.lower()[:3]: float(number) for name, number in _DJI.findall(packet)}
     return found.get(b"lat", _NOWHERE), found.get(b"lon", _NOWHERE)

@@ -1,4 +1,4 @@
-"""Telemetry logs (.tlog), with the observations of the leaf camera (`sensors.camera.wire`)."""
+"""Telemetry logs (.tlog), including observations of the leaf camera (`sensors.camera.wire`)."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _NOWHERE = float("nan")
 
 
 def read_telemetry(path: Path) -> LogTrack:
-    """Read a .tlog: GLOBAL_POSITION_INT and the images of the vehicle with the most positions."""
+    """Read a .tlog: positions (GLOBAL_POSITION_INT) and images of the vehicle with the most positions."""
     fixes: dict[int, list[tuple[float, ...]]] = {}
     images: dict[int, dict[int, tuple[float, ...]]] = {}
     messages = 0
@@ -52,7 +52,7 @@ def read_telemetry(path: Path) -> LogTrack:
 
 
 def _image(message: Message, time_s: float) -> tuple[float, ...] | None:
-    """Return index, both times and position of an image, by its capture, feedback or trigger; else None."""
+    """Return index, boot time, UTC and position of the image that a message reports, or None."""
     if is_a(message, m.MAVLink_camera_image_captured_message):
         if message.capture_result != 1:
             return None
@@ -68,7 +68,7 @@ def _image(message: Message, time_s: float) -> tuple[float, ...] | None:
 def observations_in(
     path: Path, farm: Farm, day: int, fields: tuple[str, ...]
 ) -> tuple[Observations, tuple[str, ...]]:
-    """Return the observations of leaf cameras in a .tlog, and notes on them.
+    """Return the observations of leaf cameras in a .tlog, and notes on lost images.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""The track of a log: positions of the vehicle over time, and the images of its camera."""
+"""Track of a log: vehicle positions over time, and camera images."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ Floats: TypeAlias = NDArray[np.float64]
 MAX_LOG_BYTES = 2**30
 _STDERR = 2
 LONGEST_GAP_S = 5.0
-"""In longer gaps between two fixes the position is unknown."""
+"""Longest gap between two fixes across which positions are interpolated (s)."""
 LEAST_UTC_S = 1e9
-"""Times from here on (2001) are seconds since 1970, smaller ones since the start of the vehicle."""
+"""Smallest time that is UTC (the year 2001, in s since 1970); smaller times are seconds since boot."""
 
 
 class LogError(WbfMissionError, ValueError):
-    """A log or a folder of pictures that cannot be read, or lacks the data asked for."""
+    """A log or a folder of pictures that cannot be read, or lacks the requested data."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -36,13 +36,13 @@ class LogImages:
     Parameters
     ----------
     index : int64[n]
-        The camera's own count.
+        Image numbers of the camera.
     boot_s, utc_s : float64[n]
-        Times, as of `LogTrack`.
+        Times, see `LogTrack`.
     latitude_deg, longitude_deg : float64[n]
         Positions; NaN if only the time is known.
     names : tuple of str
-        Names of the files; empty without files.
+        File names; empty if the images are not files.
     """
 
     index: NDArray[np.int64]
@@ -54,7 +54,7 @@ class LogImages:
 
     @classmethod
     def of(cls, rows: ArrayLike, names: tuple[str, ...] = ()) -> LogImages:
-        """Make images of rows: index, boot_s, utc_s, latitude_deg, longitude_deg."""
+        """Return images from rows of index, boot_s, utc_s, latitude_deg, longitude_deg."""
         index, boot_s, utc_s, latitude, longitude = np.asarray(rows, np.float64).reshape(-1, 5).T
         return cls(index.astype(np.int64), boot_s, utc_s, latitude, longitude, names)
 
@@ -66,9 +66,9 @@ class LogTrack:
     Parameters
     ----------
     kind : str
-        Kind of the log, in words.
+        Kind of the log, for messages.
     boot_s : float64[n]
-        Seconds since the vehicle was started; NaN if unknown.
+        Seconds since the vehicle booted; NaN if unknown.
     utc_s : float64[n]
         Seconds since 1970; NaN if unknown.
     latitude_deg, longitude_deg : float64[n]
@@ -76,7 +76,7 @@ class LogTrack:
     images : LogImages
         Images of the camera.
     notes : tuple of str
-        Notes on the log for its reader, a line each.
+        Notes on the log for the user, one line each.
     """
 
     kind: str
@@ -89,21 +89,22 @@ class LogTrack:
 
     @classmethod
     def of(cls, kind: str, rows: ArrayLike, images: LogImages, notes: tuple[str, ...] = ()) -> LogTrack:
-        """Make a track of rows (boot_s, utc_s, latitude_deg, longitude_deg), without those of no position."""
+        """Return a track from rows of boot_s, utc_s, latitude_deg, longitude_deg, less rows without a fix."""
         table = np.asarray(rows, np.float64).reshape(-1, 4)
         fixed = is_position(table[:, 2], table[:, 3])
         boot_s, utc_s, latitude, longitude = table[fixed].T
         return cls(kind, boot_s, utc_s, latitude, longitude, images, notes)
 
     def at(self, time_s: Floats) -> tuple[Floats, Floats]:
-        """Return latitude and longitude at times (`LEAST_UTC_S`: on which clock), linear between fixes.
+        """Return latitude and longitude at each time, interpolated linearly between fixes.
 
-        They are NaN before the first fix, after the last, and in gaps of more than `LONGEST_GAP_S`.
+        Times are UTC from `LEAST_UTC_S` on, otherwise since boot. Positions are NaN before the first fix,
+        after the last fix, and in gaps of more than `LONGEST_GAP_S`.
 
         Raises
         ------
         LogError
-            If the log lacks the clock, or the vehicle was started again in it.
+            If the log lacks the clock of the times, or the vehicle was rebooted within the log.
         """
         found = np.full((2, len(time_s)), np.nan)
         is_utc = time_s >= LEAST_UTC_S
@@ -128,7 +129,7 @@ class LogTrack:
         return found[0], found[1]
 
     def of_images(self) -> tuple[Floats, Floats]:
-        """Return latitude and longitude of the images, by the camera, else by the track; else NaN."""
+        """Return latitude and longitude of the images; the track supplies positions missing from images."""
         images = self.images
         latitude, longitude = images.latitude_deg.copy(), images.longitude_deg.copy()
         lacks = ~is_position(latitude, longitude)
@@ -143,7 +144,7 @@ class LogTrack:
 
 
 def is_position(latitude_deg: Floats, longitude_deg: Floats) -> NDArray[np.bool_]:
-    """Return which pairs are positions on the globe; receivers without a fix report (0, 0)."""
+    """Return a mask of valid positions; (0, 0) is invalid, because receivers report it without a fix."""
     inside = (np.abs(latitude_deg) <= 90.0) & (np.abs(longitude_deg) <= 180.0)
     fixed: NDArray[np.bool_] = inside & ~((latitude_deg == 0.0) & (longitude_deg == 0.0))
     return fixed
@@ -151,7 +152,7 @@ def is_position(latitude_deg: Floats, longitude_deg: Floats) -> NDArray[np.bool_
 
 @contextlib.contextmanager
 def _silence() -> Iterator[None]:
-    """Discard the output of a library, also that of its compiled parts to stderr."""
+    """Discard the output of a library, including writes of compiled code to stderr."""
     with Path(os.devnull).open("w", encoding="utf-8") as nowhere, contextlib.ExitStack() as stack:
         stack.enter_context(contextlib.redirect_stdout(nowhere))
         stack.enter_context(contextlib.redirect_stderr(nowhere))
@@ -165,7 +166,7 @@ def _silence() -> Iterator[None]:
 
 @contextlib.contextmanager
 def parsing(path: Path, kind: str) -> Iterator[None]:
-    """Silence a library that reads a log, and turn its errors into a LogError of one line."""
+    """Silence a library that reads a log, and replace its errors by a LogError of one line."""
     try:
         with _silence():
             yield

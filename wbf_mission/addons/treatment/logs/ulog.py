@@ -1,4 +1,4 @@
-"""PX4's logs (.ulg), by pyulog."""
+"""PX4 logs (.ulg), read by pyulog."""
 
 from __future__ import annotations
 
@@ -29,8 +29,8 @@ _LEAST_UTC_US = 1e15
 def read_ulog(path: Path) -> LogTrack:
     """Read a PX4 .ulg: `vehicle_global_position`, and `camera_capture` or `camera_trigger` for the images.
 
-    Without the first the positions are those of the satellite receiver with a 3D fix. UTC is the receiver's
-    (`time_utc_usec`), carried over to all times since boot.
+    Without `vehicle_global_position` the positions are those of the satellite receiver with a 3D fix. UTC is
+    the time since boot plus the median offset of the receiver's `time_utc_usec`.
     """
     ULog = load_extra("pyulog.core", "gis", f"{path}: logs of PX4 need", LogError).ULog
     with parsing(path, "PX4 log"):
@@ -48,7 +48,7 @@ def read_ulog(path: Path) -> LogTrack:
             notes.append(f"the log has no {_POSITION}: the positions are the receiver's own (GPS)")
         images = LogImages.of(_images(topics, offset_s))
     if log.file_corruption:
-        notes.append("the log is damaged or breaks off: it is read as far as it makes sense")
+        notes.append("the log is damaged or truncated: only its valid part is read")
     return LogTrack.of("PX4 log", rows, images, tuple(notes))
 
 
@@ -58,7 +58,7 @@ def _rows(data: Any, offset_s: float) -> Floats:
 
 
 def _receiver(topics: dict[str, Any]) -> Any:
-    """Return the positions of a satellite receiver with a 3D fix; None without any."""
+    """Return the positions of a satellite receiver with a 3D fix; None without such a receiver."""
     for name in _GPS:
         data = topics.get(name, {})
         if "latitude_deg" in data:  # PX4 1.14 and later
@@ -101,9 +101,9 @@ def _utc_offset_s(topics: dict[str, Any]) -> float:
 
 
 def _count_fields(topic: str, declared: dict[str, Any], depth: int) -> int:
-    """Return the count of numbers in a message of a topic; LogError for endlessly nested types.
+    """Return the number of values in a message of `topic`; LogError if its types are nested too deeply.
 
-    The library would expand them all.
+    pyulog expands all nested types, so the check precedes the parsing of the data.
     """
     if depth == 0:
         raise LogError(f"message {topic[:40]!r} is nested too deeply in it")

@@ -1,12 +1,11 @@
-"""Write the farms of the scenarios ``WBF/Field-NAME-v1``: outlines of real fields, made smaller.
+"""Write the farms of the scenarios ``WBF/Field-NAME-v1``: scaled outlines of real fields.
 
     python tools/write_field_farms.py [--out FOLDER]
 
-The outlines are those of `tools/fields.json` (sources and licences are there, and in each file). They
-keep their shape, direction and place; lengths are scaled so that the land has about a thousand cells of a
-foot, nearly as many as Miniberry-30, and the crops are planted in blocks of equal area across the land,
-strawberries first.
-What an id means never changes: a further farm gets a further name.
+The outlines, their sources and licences are in `tools/fields.json`. Each farm file has the source, too. The
+outlines keep their shape, direction and place. Lengths are scaled so that the land has about a thousand cells
+of a foot, nearly as many as Miniberry-30. The crops are planted in blocks of equal area across the land,
+strawberries first. The farm of a scenario id never changes: a new farm gets a new name.
 """
 
 from __future__ import annotations
@@ -31,16 +30,16 @@ from geo.units import FOOT_M
 SOURCE = Path(__file__).with_name("fields.json")
 OUT = Path(__file__).parents[1] / "wbf_mission" / "scenario" / "catalogue" / "WBF" / "farms"
 CELLS = 1000
-GAP_CELLS = 3  # Between the parts of a farm
+GAP_CELLS = 3  # Gap between the parts of a farm
 
 
 class Wanted(NamedTuple):
-    """A farm: its outlines, in how many blocks it is planted, and across which axis these are cut."""
+    """Specification of a farm: outlines, number of blocks, and the axis across which blocks are cut."""
 
     fields: tuple[str, ...]
     blocks: int
     axis: int = 1
-    island_cells: float = 0.0  # Its holes are obstacles, squares of so many cells a side
+    island_cells: float = 0.0  # Side of square obstacles in the outline's holes
 
 
 FARMS = {
@@ -54,7 +53,7 @@ FARMS = {
 
 
 def make_farm(name: str, wanted: Wanted, known: dict[str, dict[str, Any]]) -> Farm:
-    """Return a farm; its grid is the bounds of its land."""
+    """Return a farm with the bounds of its land as grid."""
     outlines = [shapely.Polygon(*_rings(known[one]["rings"])) for one in wanted.fields]
     factor = math.sqrt(CELLS * FOOT_M**2 / sum(one.area for one in outlines))
     land, right_m = list[shapely.Polygon](), 0.0
@@ -95,7 +94,7 @@ def _rings(rings: list[list[list[float]]]) -> tuple[Any, Any]:
 
 
 def _patches(land: shapely.Geometry, wanted: Wanted) -> Iterator[Patch]:
-    """Yield the blocks: strips of equal area across the axis, the crops in turn."""
+    """Yield the blocks of a farm: strips of equal area across the axis, with alternating crops."""
     low, high = land.bounds[wanted.axis], land.bounds[wanted.axis + 2]
     ends = [_end(land, wanted.axis, low, high, k / wanted.blocks) for k in range(1, wanted.blocks)]
     for k, (begin, end) in enumerate(pairwise([low - 1.0, *ends, high + 1.0])):
@@ -111,7 +110,7 @@ def _cut(land: shapely.Geometry, axis: int, begin: float, end: float) -> shapely
 
 
 def _end(land: shapely.Geometry, axis: int, low: float, high: float, share: float) -> float:
-    """Return up to where a share of the land lies, by bisection."""
+    """Return the coordinate below which `share` of the land's area lies, by bisection."""
     begin = low - 1.0
     for _ in range(60):
         middle = 0.5 * (low + high)
@@ -123,7 +122,7 @@ def _end(land: shapely.Geometry, axis: int, low: float, high: float, share: floa
 
 
 def main() -> None:
-    """Write the farms, with the sources of their outlines."""
+    """Write the farm files, with the sources of the outlines."""
     options = argparse.ArgumentParser(description=__doc__)
     options.add_argument("--out", type=Path, default=OUT)
     out = options.parse_args().out

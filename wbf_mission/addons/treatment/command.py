@@ -68,7 +68,8 @@ class _Costs:
     loss: Annotated[
         list[str] | None,
         option(
-            f"Loss on an untreated hectare that needs treatment: {_HOW}.  [default: relative to --treat-cost]",
+            f"Loss on an untreated hectare that needs treatment: {_HOW}.  [default: relative to"
+            " --treat-cost]",
             panel=_COSTS,
             metavar="COST",
         ),

@@ -51,10 +51,10 @@ class Phases:
     mission : float
         From the first to the last waypoint.
     home : float
-        From the last waypoint to the begin of the last descent; without a landing, until the vehicle stands
+        From the last waypoint to the start of the last descent; without a landing, until the vehicle stands
         or circles at home.
     landing : float
-        From the begin of the last descent until the vehicle disarms.
+        From the start of the last descent until the vehicle disarms.
     """
 
     takeoff: float

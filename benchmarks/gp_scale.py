@@ -138,7 +138,7 @@ def growth(farm: str, numbers: list[int], rounds: int) -> None:
 
 
 def rows_over_waterberry(steps: int) -> Cells:
-    """Return the cells of a lawnmower path of about `steps` cells over the owner's land of Waterberry."""
+    """Return the cells of a lawnmower path of at least `steps` cells over the owner's land of Waterberry."""
     rows = max(2, steps // 4000)
     gap = 3000 // rows
     parts = []

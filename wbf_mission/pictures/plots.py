@@ -414,7 +414,7 @@ def plot_score(
 
 
 def mark_days(panels: Sequence[Axes], history: ScoreHistory) -> None:
-    """Draw a line at the begin of each day, and label at most 12 days at the top."""
+    """Draw a line at the start of each day, and label at most 12 days at the top."""
     first = [k for k, day in enumerate(history.days) if k == 0 or day != history.days[k - 1]]
     if len(first) < 2:
         return

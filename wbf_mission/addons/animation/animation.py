@@ -81,7 +81,7 @@ class Moment:
 def moments(record: RunRecord, frames: int) -> list[Moment]:
     """Return about `frames` moments of a run, evenly spaced over its time in the air.
 
-    The moments include the begin and the end of each flight.
+    The moments include the start and the end of each flight.
     """
     together: dict[tuple[int, int], list[FlightRecord]] = {}
     for flight in record.flights:

@@ -118,7 +118,7 @@ def markdown(rows: Sequence[BenchRow]) -> Iterator[str]:
     for one in behind:
         ours = "ours was not flown"
         if one.ours is not None:
-            ours = f"{_name(one.ours)} is behind by {_told(one.ours.behind)}: {_verdict(one)}"
+            ours = f"{_name(one.ours)} is behind by {_text(one.ours.behind)}: {_verdict(one)}"
         yield _wrapped(f"- {one.scenario}: {_name(one.table[0])} leads; {ours}.", "  ")
     yield from _calibration(rows)
 
@@ -182,9 +182,16 @@ def _line(one: Found) -> str:
     failed = sum(each.failed for each in one.table)
     many = f"{first.environments}, {failed} runs failed" if failed else str(first.environments)
     ours, other = (
-        ("", "") if each is None else (_name(each), _told(each.score)) for each in (one.ours, one.other)
+        ("", "") if each is None else (_name(each), _text(each.score)) for each in (one.ours, one.other)
     )
-    cells = (one.scenario, many, *ours, *other, "" if one.ahead is None else _told(one.ahead), _verdict(one))
+    cells = (
+        one.scenario,
+        many,
+        *ours,
+        *other,
+        "" if one.ahead is None else _text(one.ahead),
+        _verdict(one),
+    )
     return f"| {' | '.join(cells)} |"
 
 
@@ -211,7 +218,7 @@ def _name(one: Standing) -> str:
     return f"{one.planner}, {one.estimator}"
 
 
-def _told(one: Interval) -> str:
+def _text(one: Interval) -> str:
     text = f"{one.mean:.4f}" if math.isfinite(one.mean) else "-"
     return text if not math.isfinite(one.low) else f"{text} ({one.low:.4f} to {one.high:.4f})"
 

@@ -224,7 +224,7 @@ class PyPolo:
 
     def __init__(self, kernel: str = "AK", mean: float = 0.0204, deviation: float = 0.0768) -> None:
         self.kernel, self.mean, self.deviation = kernel, mean, deviation
-        self._told = 0
+        self._sent = 0
 
     @property
     def triggers(self) -> Triggers:
@@ -233,7 +233,7 @@ class PyPolo:
 
     def start(self) -> None:
         """Start a flight."""
-        self._told = 0
+        self._sent = 0
 
     def decide(self, observation: PolicyObservation) -> Decision:
         """Return the pilot survey, then the path to PyPolo's next goal, within the budget."""
@@ -261,8 +261,8 @@ class PyPolo:
 
     def _seen(self, observation: PolicyObservation) -> list[list[float]]:
         """Return the observations since the last request: x, y (m) and illness of both plants, 0 to 1."""
-        seen, begin = observation.observations, self._told
-        self._told = len(seen)
+        seen, begin = observation.observations, self._sent
+        self._sent = len(seen)
         side = observation.farm.grid().cell_size_m
         chosen = [observation.fields.index(one.name) for one in observation.fields.diseases]
         values = 1.0 - np.nan_to_num(seen.values[begin:, chosen], nan=1.0).clip(0.0, 1.0).mean(axis=1)

@@ -54,23 +54,23 @@ FARMS = {
 
 def make_farm(name: str, wanted: Wanted, known: dict[str, dict[str, Any]]) -> Farm:
     """Return a farm with the bounds of its land as grid."""
-    outlines = [shapely.Polygon(*_rings(known[one]["rings"])) for one in wanted.fields]
-    factor = math.sqrt(CELLS * FOOT_M**2 / sum(one.area for one in outlines))
+    outlines = [shapely.Polygon(*_rings(known[field]["rings"])) for field in wanted.fields]
+    factor = math.sqrt(CELLS * FOOT_M**2 / sum(outline.area for outline in outlines))
     land, right_m = list[shapely.Polygon](), 0.0
-    for one in outlines:
-        scaled = affinity.scale(one, factor, factor, origin=(0.0, 0.0))
+    for outline in outlines:
+        scaled = affinity.scale(outline, factor, factor, origin=(0.0, 0.0))
         west_m, south_m, _, _ = scaled.bounds
         land.append(affinity.translate(scaled, right_m - west_m, -south_m))
         right_m = land[-1].bounds[2] + GAP_CELLS * FOOT_M
     reach_m = 0.5 * wanted.island_cells * FOOT_M
     islands = [
         shapely.box(x - reach_m, y - reach_m, x + reach_m, y + reach_m)
-        for one in land
-        for ring in one.interiors
+        for polygon in land
+        for ring in polygon.interiors
         for x, y in [shapely.Polygon(ring).centroid.coords[0]]
     ]
     whole = shapely.difference(
-        shapely.union_all([shapely.Polygon(one.exterior) for one in land]), shapely.union_all(islands)
+        shapely.union_all([shapely.Polygon(polygon.exterior) for polygon in land]), shapely.union_all(islands)
     )
     width, height = (math.ceil(whole.bounds[k] / FOOT_M - 1e-6) for k in (2, 3))
     centres = [((x + 0.5) * FOOT_M, (y + 0.5) * FOOT_M) for x in range(width) for y in range(height)]
@@ -84,7 +84,7 @@ def make_farm(name: str, wanted: Wanted, known: dict[str, dict[str, Any]]) -> Fa
         owner="owner",
         home_m=min((at for at in centres if whole.contains(shapely.Point(at))), key=sum),
         obstacles=tuple(
-            Obstacle(one, margin_m=FOOT_M, name=f"island {k}") for k, one in enumerate(islands, start=1)
+            Obstacle(island, margin_m=FOOT_M, name=f"island {k}") for k, island in enumerate(islands, start=1)
         ),
     )
 
@@ -100,7 +100,7 @@ def _patches(land: shapely.Geometry, wanted: Wanted) -> Iterator[Patch]:
     for k, (begin, end) in enumerate(pairwise([low - 1.0, *ends, high + 1.0])):
         crop = (Crop.STRAWBERRY, Crop.TOMATO)[k % 2]
         pieces = shapely.get_parts(_cut(land, wanted.axis, begin, end))
-        for number, piece in enumerate((one for one in pieces if one.area > 0.0), start=1):
+        for number, piece in enumerate((part for part in pieces if part.area > 0.0), start=1):
             yield Patch(f"{crop} {k // 2 + 1}.{number}", crop, "owner", piece)
 
 
@@ -126,12 +126,12 @@ def main() -> None:
     options = argparse.ArgumentParser(description=__doc__)
     options.add_argument("--out", type=Path, default=OUT)
     out = options.parse_args().out
-    known = {one["name"]: one for one in json.loads(SOURCE.read_text())["fields"]}
+    known = {field["name"]: field for field in json.loads(SOURCE.read_text())["fields"]}
     for name, wanted in FARMS.items():
         path = out / f"{name}.geojson"
         save_farm(make_farm(name, wanted, known), path)
-        told = [f"{known[one]['source']}, {known[one]['licence']}, scaled" for one in wanted.fields]
-        table = {**json.loads(path.read_text()), "sources": told}
+        sources = [f"{known[field]['source']}, {known[field]['licence']}, scaled" for field in wanted.fields]
+        table = {**json.loads(path.read_text()), "sources": sources}
         with atomic_write(path) as file:
             file.write(json.dumps(table) + "\n")
 

@@ -227,7 +227,7 @@ def _from_values(
     seen: Floats,
     outbreak: Outbreak | None,
 ) -> tuple[Floats, Floats | None, Floats, Floats]:
-    """Return sick plants (or the sum of values), variance, cells and minimum value, by pixels."""
+    """Return by pixels: sick plants or sum of values, variance, number of cells, minimum value."""
     sums, least = pixel_sums(grid, mask, value)
     squares = None
     if deviation is not None:

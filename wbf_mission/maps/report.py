@@ -82,11 +82,11 @@ class FarmReport:
     fields: tuple[FieldReport, ...]
 
     def rows(self) -> dict[str, str]:
-        """Return one sentence for each field, by its title."""
+        """Return one sentence for each field, by the field's title."""
         return {field.title: _sentence(field) for field in self.fields}
 
     def to_dict(self) -> dict[str, Any]:
-        """Return plain values, for JSON."""
+        """Return the report as plain values, for JSON."""
         return {
             "block_m": self.block_m,
             "fields": {

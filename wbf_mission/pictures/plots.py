@@ -147,7 +147,7 @@ def draw_farm(axes: Axes, farm: Farm, *, legend: bool = True) -> None:
             (shown["rally point"],) = axes.plot(
                 *np.transpose(farm.rally_m), linestyle="none", zorder=5, clip_on=False, **_RALLY
             )
-        # Explicit handles: callers make the axes' own legend from the artists they draw over the farm.
+        # Explicit handles keep the farm's artists out of the legend that a caller adds for paths.
         axes.legend(
             list(shown.values()),
             list(shown),

@@ -53,7 +53,7 @@ _COLUMNS = ("truth", "estimate", "uncertainty")
 # Length of the path shown on truth and estimate (s), at least one frame: a whole path would hide the maps.
 _TAIL_S = 30.0
 _MARGIN = 0.02
-# Columns of cells read at a time, to save memory on a large farm.
+# Columns of cells per strip of the truth: strips save memory on a large farm.
 _STRIP_CELLS = 500
 _VEHICLES = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#000000")
 

@@ -95,7 +95,7 @@ class TreatmentMap:
         )
 
     def summary(self) -> dict[str, Any]:
-        """Return plain values, for JSON."""
+        """Return the summary as plain values, for JSON."""
         return {
             "farm": self.farm.name,
             "day": self.day,

@@ -61,6 +61,7 @@ def check_plan(plan: PlanResult, vehicle: VehicleParts, coverage: float | None =
         Circumstances.of(vehicle, plan.farm),
         imaging=plan.imaging,
         prediction=plan.prediction,
+        predicted_coverage=plan.coverage,
         planner=plan.planner,
         coverage=coverage,
     )

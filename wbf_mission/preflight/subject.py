@@ -138,6 +138,7 @@ class Circumstances:
     imaging: Imaging | None = None  # Mapping camera; None: the leaf camera
     # Prediction by planning, for this vehicle and weather; None: the check predicts
     prediction: Prediction | None = None
+    predicted_coverage: float | None = None  # Coverage of `prediction`, if planning computed it
     planner: str | None = None  # The planner with its parameters, if it is known
     # Joint coverage with other vehicles' plans; None for a single vehicle
     coverage: float | None = None
@@ -303,8 +304,8 @@ def _predicted(subject: Subject, mission: Mission) -> Subject:
     prediction = given.prediction or plan_prediction(
         mission, vehicle, wind=wind, frame=frame, estimate_errors=errs
     )
-    coverage = None
-    if given.farm is not None:
+    coverage = given.predicted_coverage
+    if coverage is None and given.farm is not None:
         coverage = predicted_coverage(given.farm, subject.mission, prediction, given.footprint, given.imaging)
     return replace(
         subject,

@@ -342,7 +342,7 @@ def write_result(result: RunRecord, folder: Path, arrays: Iterable[Path]) -> lis
     return written
 
 
-def read_result(folder: Path, kind: type[R]) -> R:
+def read_result(folder: Path, kind: type[R], *, probabilities: bool = True) -> R:
     """Read a result from the files of `write_result`; see `wbf_mission.results.result.load_result`."""
     record = _read_record(folder / RECORD)
     for name in record.files:
@@ -363,12 +363,12 @@ def read_result(folder: Path, kind: type[R]) -> R:
     )
     model = None
     if value is not None and uncertainty is not None:
-        probabilities = {}
-        for field in fields.diseases:
+        classes = {}
+        for field in fields.diseases if probabilities else ():
             array = _read_array(_probabilities_path(folder, field.name), CLASSES, farm)
             if array is not None:
-                probabilities[field.name] = array
-        model = InformationModel(value, uncertainty, fields=fields.names, probabilities=probabilities or None)
+                classes[field.name] = array
+        model = InformationModel(value, uncertainty, fields=fields.names, probabilities=classes or None)
     rest = (folder / REST).with_suffix(".json")
     return kind(
         scenario=scenario,

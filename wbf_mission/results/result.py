@@ -116,10 +116,17 @@ class Result(RunRecord):
         return Path(path)
 
 
-def load_result(path: str | Path) -> Result:
+def load_result(path: str | Path, *, probabilities: bool = True) -> Result:
     """Load a result from a folder of a run or of `Result.save`.
 
-    The arrays are read into memory, 1.1 GB for a farm like Waterberry.
+    The arrays are read into memory, 1.8 GB for a farm like Waterberry.
+
+    Parameters
+    ----------
+    path : path-like
+        The folder.
+    probabilities : bool
+        Whether the class probabilities of the estimate are read, 0.7 GB of Waterberry.
 
     Raises
     ------
@@ -135,7 +142,7 @@ def load_result(path: str | Path) -> Result:
     """
     try:
         settle_result(Path(path))
-        return read_result(Path(path), Result)
+        return read_result(Path(path), Result, probabilities=probabilities)
     except (WbfMissionError, OSError, TypeError, KeyError, ValueError, OverflowError) as error:
         if isinstance(error, ResultError):
             raise

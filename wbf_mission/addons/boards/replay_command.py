@@ -1,4 +1,4 @@
-"""``wbf-mission bench replay``, in the group of `wbf_mission.cli.bench`."""
+"""Command ``wbf-mission bench replay``, part of the group in `wbf_mission.cli.bench`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``wbf-mission map``."""
+"""Command ``wbf-mission map``."""
 
 from __future__ import annotations
 

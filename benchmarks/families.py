@@ -125,10 +125,10 @@ def markdown(rows: Sequence[BenchRow]) -> Iterator[str]:
 
 def _in_short(every: Sequence[Found]) -> str:
     """Return a summary: the number of scenarios in which ours leads, and leads by more than chance."""
-    told = {one.scenario: _verdict(one) for one in every}
+    verdicts = {one.scenario: _verdict(one) for one in every}
     leads = sum(one.led_by_us for one in every)
-    better = sum(text == "better" for text in told.values())
-    worse = [name for name, text in told.items() if text == "worse"]
+    better = sum(text == "better" for text in verdicts.values())
+    worse = [name for name, text in verdicts.items() if text == "worse"]
     where = f"in {len(worse)} ({', '.join(worse)})" if worse else "nowhere"
     return (
         f"In short: ours has the best mean in {leads} of {len(every)} scenarios, in {better} by more than"

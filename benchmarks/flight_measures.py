@@ -148,19 +148,19 @@ def _corners(
     """
     seqs = [seq for seq, item in enumerate(items) if item.command in _WAYPOINTS]
     places = np.array([frame.from_wgs84(items[seq].x, items[seq].y) for seq in seqs])
-    told = np.array([min((t for t, s in flight.reached if seq <= s), default=np.nan) for seq in seqs])
+    reached_s = np.array([min((t for t, s in flight.reached if seq <= s), default=np.nan) for seq in seqs])
     rate, speed = _turning(flight)
     found = {}
     for i, (before, after) in enumerate(pairwise(np.diff(places, axis=0)), start=1):
         if abs(np.arctan2(before[0] * after[1] - before[1] * after[0], before @ after)) < _CORNER:
             continue
-        begin, end = 0.5 * (told[i - 1] + told[i]), 0.5 * (told[i] + told[i + 1])
+        begin, end = 0.5 * (reached_s[i - 1] + reached_s[i]), 0.5 * (reached_s[i] + reached_s[i + 1])
         here = (flight.time_s >= begin) & (flight.time_s <= end)
         apart = np.hypot(*(flight.position_m[:, :2] - places[i]).T)
         if not here.any() or not _is_seen(flight, flight.time_s[here][apart[here].argmin()]):
             continue
         onward = np.hypot(*(flight.position_m[:, :2] - places[i + 1]).T)
-        leg = np.flatnonzero((flight.time_s >= begin) & (flight.time_s <= told[i + 1]))
+        leg = np.flatnonzero((flight.time_s >= begin) & (flight.time_s <= reached_s[i + 1]))
         leg = leg[: onward[leg].argmin() + 1]
         across = np.array([after[1], -after[0]]) / np.hypot(*after)
         across *= np.sign(before @ across)

@@ -94,10 +94,10 @@ class Worker:
     def _answer(self) -> dict[str, Any]:
         assert self._process.stdout is not None
         line = self._process.stdout.readline()
-        told: dict[str, Any] = json.loads(line) if line else {"error": "its program has ended"}
-        if "error" in told:
-            raise RuntimeError(told["error"])
-        return told
+        response: dict[str, Any] = json.loads(line) if line else {"error": "its program has ended"}
+        if "error" in response:
+            raise RuntimeError(response["error"])
+        return response
 
 
 _workers: dict[str, Worker] = {}

@@ -151,7 +151,7 @@ def fly(case: Case, policy: Policy, seed: int) -> Run:
     model = estimator.predict()
     period = policy.triggers.observations
     policy.start()
-    spent_s, decisions, fresh, told = 0.0, 0, 0, len(seen)
+    spent_s, decisions, fresh, learned = 0.0, 0, 0, len(seen)
     parts: list[Observations] = []
     losses = []
     tracks = [[robot.here] for robot in robots]
@@ -186,7 +186,7 @@ def fly(case: Case, policy: Policy, seed: int) -> Run:
             x, y = farm.cell_of(*np.array([robot.here for robot in flying]).T)
             n = len(flying)
             values = np.array(environment.sample(DAY, x, y), np.float32)
-            values[:, PAPER_FIELDS.index("soil")] = np.nan  # The camera does not sense it
+            values[:, PAPER_FIELDS.index("soil")] = np.nan  # The camera does not sense the soil
             parts.append(Observations(x, y, np.full(n, float(step)), np.full(n, DAY), values))
         fresh += len(flying)
         due = period is not None and fresh >= period
@@ -194,9 +194,9 @@ def fly(case: Case, policy: Policy, seed: int) -> Run:
         if step in scored or ((due or waypoint) and step < steps):
             seen = Observations.concatenate([seen, *parts])
             parts = []
-            if len(seen) > told:
-                model = estimator.partial_fit(seen[told:]).predict()
-                told = len(seen)
+            if len(seen) > learned:
+                model = estimator.partial_fit(seen[learned:]).predict()
+                learned = len(seen)
         if step in scored:
             found = running.evaluate(model).field_loss[:2]
             losses.append([float(np.average(found, weights=weights)), *found])

@@ -160,7 +160,7 @@ def _draw_outcome(axes: Axes, record: RunRecord, counts: tuple[int, int, int]) -
 
 
 def _loss_after(record: RunRecord, count: int) -> float | None:
-    """Return the loss of the latest estimate from at most so many observations; None before the first."""
+    """Return the loss of the latest estimate from at most `count` observations; None before the first."""
     history = record.history
     known = int(np.searchsorted(history.observations, count, side="right"))
     return history.entries[known - 1].loss if known else None

@@ -1,4 +1,4 @@
-"""What the benchmarks share: options, tables, times, and folders that vanish when a benchmark ends."""
+"""Common parts of the benchmarks: options, tables, processor times and temporary folders."""
 
 from __future__ import annotations
 
@@ -19,21 +19,21 @@ _SIGNALS = (signal.SIGTERM, signal.SIGHUP)
 
 
 def options_of(text: str | None) -> argparse.ArgumentParser:
-    """Return a parser of options whose help is the text of a script's first lines."""
+    """Return an option parser with a script's docstring as help."""
     return argparse.ArgumentParser(
         description=text, formatter_class=argparse.RawDescriptionHelpFormatter, allow_abbrev=False
     )
 
 
 def cpu_seconds(work: Callable[[], object]) -> float:
-    """Return the processor seconds of this process that the work takes, all threads together."""
+    """Return the processor time of a call (s), the sum over all threads of this process."""
     begin_s = time.process_time()
     work()
     return time.process_time() - begin_s
 
 
 def print_table(heads: Sequence[str], rows: Sequence[Sequence[str]], title: str = "") -> None:
-    """Print a table in Markdown whose columns line up; nothing if it has no rows."""
+    """Print a Markdown table with aligned columns; print nothing without rows."""
     if not rows:
         return
     widths = [max(3, *map(len, column)) for column in zip(heads, *rows, strict=True)]
@@ -46,12 +46,12 @@ def print_table(heads: Sequence[str], rows: Sequence[Sequence[str]], title: str 
 
 @contextmanager
 def scratch_folder(directory: str | Path | None = None) -> Iterator[Path]:
-    """Make a folder, and remove it with all that is in it: at the end, on Ctrl-C, SIGTERM and SIGHUP.
+    """Make a temporary folder, removed at the end and on Ctrl-C, SIGTERM and SIGHUP.
 
     Parameters
     ----------
     directory : path-like, optional
-        Where it is made; without, where temporary files are.
+        Parent folder, by default the system's folder of temporary files.
 
     Examples
     --------
@@ -61,16 +61,15 @@ def scratch_folder(directory: str | Path | None = None) -> Iterator[Path]:
     False
     """
     end_on_signals()
-    # A process that is ended while it writes may add a file meanwhile.
+    # A child process that is being ended may still add a file during the removal.
     with tempfile.TemporaryDirectory(dir=directory, ignore_cleanup_errors=True) as folder:
         yield Path(folder)
 
 
 def end_on_signals() -> None:
-    """Let SIGTERM and SIGHUP end the program as `sys.exit` does, with the exit code of the signal.
+    """Make SIGTERM and SIGHUP end the program through `sys.exit`, with the signal's exit code.
 
-    By default they end it on the spot. Handlers that somebody else has set stay, and so does a signal that is
-    ignored.
+    The default action would end the program without cleanup. Other handlers and ignored signals are kept.
     """
     if threading.current_thread() is threading.main_thread():
         for number in _SIGNALS:
@@ -79,6 +78,6 @@ def end_on_signals() -> None:
 
 
 def _exit(number: int, _frame: FrameType | None) -> None:
-    # The second signal ends it on the spot.
+    # A second signal ends the program at once.
     signal.signal(number, signal.SIG_DFL)
     sys.exit(128 + number)

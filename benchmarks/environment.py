@@ -1,13 +1,13 @@
-"""Time the generation of environments against the reference method, side by side in one process.
+"""Time the generation of environments against the reference method in one process.
 
-The reference is the method of the published benchmark code, written out below: a convolution of the whole
-farm and a random number for every cell on each day of a disease, and for the soil every hump of rain
-evaluated and added on its own. On the same draws both give the same epidemics, which this script checks day
-by day, and the same soil up to the rounding of float32.
+The reference is the method of the published benchmark code, reimplemented below. For a disease, each day
+convolves the whole farm and draws a random number for every cell. For the soil, each hump of rain is
+evaluated and added separately. With the same draws, both methods give the same epidemics, which this script
+checks day by day, and the same soil up to the rounding of float32.
 
-Ours runs before and after the reference; it also writes its days to disk on large farms, the reference keeps
-none. With ``--reference-days N`` the reference works on the first N days only (of the soil: on the warm-up
-and one day) and its time is scaled to all days, as its cost a day is constant; "~" marks such times.
+Our method runs before and after the reference. On large farms our method also writes its days to disk; the
+reference keeps no days. ``--reference-days N`` limits the reference to the first N days (soil: warm-up and
+one day). The measured time is then scaled to all days, as the cost per day is constant, and marked by "~".
 
     python benchmarks/environment.py --sizes 30 100 1000
     python benchmarks/environment.py --sizes waterberry --reference-days 1
@@ -36,19 +36,19 @@ ON_DISK_FROM_CELLS = 10_000_000
 def reference_disease_step(
     status: NDArray[np.int8], uniform: NDArray[np.float64], rule: InfectionRule
 ) -> NDArray[np.int8]:
-    """One day of a disease over the whole farm."""
+    """Return the status of all cells after one day of a disease, by the reference method."""
     after = status.copy()
     after[status == 1] = -1
     after[status > 1] -= 1
     count = np.asarray(convolve2d(after > 0, rule.kernel.weights(), "same"), np.float64)
-    # Sums of 1/d^2 in floating point may fall just short of a whole number.
+    # Rounding may leave a sum of 1/d^2 slightly below an integer.
     probability = 1.0 - (1.0 - rule.likelihood) ** np.floor(count + 1e-9)
     after[(after == 0) & (probability > uniform)] = rule.duration_days
     return after
 
 
 def reference_humps(corners: NDArray[np.int64], shape: tuple[int, int]) -> NDArray[np.float64]:
-    """Sum humps one by one, each evaluated on its whole rectangle."""
+    """Return the sum of humps, each evaluated on its whole rectangle."""
     total = np.zeros(shape)
     width, height = shape
     for x, y in corners.tolist():
@@ -62,7 +62,7 @@ def reference_humps(corners: NDArray[np.int64], shape: tuple[int, int]) -> NDArr
 
 
 def reference_soil_step(humidity: NDArray[np.float64], shower: Shower | None) -> NDArray[np.float64]:
-    """One day of the soil over the whole farm."""
+    """Return the soil humidity of all cells after one day, by the reference method."""
     humidity = humidity * 0.96
     if shower is not None:
         rain = reference_humps(shower.corners, (humidity.shape[0], humidity.shape[1]))
@@ -74,7 +74,7 @@ def reference_soil_step(humidity: NDArray[np.float64], shower: Shower | None) ->
 def reference_disease(
     hosts: NDArray[np.bool_], parameters: EpidemicParameters, days: int, measured_days: int
 ) -> float:
-    """Time a disease by the reference method, in seconds for all days, and compare every day with ours."""
+    """Return the reference time of a disease for all days (s); compare each day with our method."""
     rng = np.random.default_rng(10)
     shape = (hosts.shape[0], hosts.shape[1])
     rule = parameters.infection_rule(shape)
@@ -94,7 +94,7 @@ def reference_disease(
 
 
 def reference_soil(shape: tuple[int, int], days: int, measured_days: int) -> tuple[float, float]:
-    """Time the soil by the reference method, in seconds for all days, and give the difference to ours."""
+    """Return the reference time of the soil for all days (s), and the difference from our method."""
     parameters = SoilParameters()
     weather = draw_weather(shape, days, parameters, np.random.default_rng(1))
     all_humps = len(weather.start_corners) + sum(len(s.corners) for s in weather.showers if s is not None)
@@ -112,7 +112,7 @@ def reference_soil(shape: tuple[int, int], days: int, measured_days: int) -> tup
 
 
 def make_grid(size: str) -> FarmGrid:
-    """Give the crop map of a farm's name, or of N x N or W x H cells, half strawberries and half tomatoes."""
+    """Return a crop map: a farm by name, or N x N or W x H cells, half strawberries and half tomatoes."""
     if not size[0].isdigit():
         return get_farm(size).grid()
     width, _, height = size.partition("x")
@@ -124,7 +124,7 @@ def make_grid(size: str) -> FarmGrid:
 
 
 def ours(size: str, days: int) -> float:
-    """Return the seconds of one generation, all days kept."""
+    """Return the time of one generation with all days kept (s)."""
     grid = make_grid(size)
     with scratch_folder() as folder:
         kept = folder / "environment" if grid.crop.size >= ON_DISK_FROM_CELLS else None
@@ -134,9 +134,9 @@ def ours(size: str, days: int) -> float:
 
 
 def measure(size: str, days: int, reference_days: int, repeats: int) -> list[str]:
-    """Measure one size, ours before and after the reference, and return a row of the table."""
+    """Return the table row of one size; our method is timed before and after the reference."""
     grid = make_grid(size)
-    generate_environment(make_grid("10"), days=1, seed=1)  # Loads what is loaded at the first use
+    generate_environment(make_grid("10"), days=1, seed=1)  # Excludes imports and compilation from the time
     own_s = [ours(size, days) for _ in range(repeats)]
     measured = min(days, reference_days)
     diseases_s = sum(

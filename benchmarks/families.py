@@ -1,12 +1,11 @@
-"""Which method leads in each family of scenarios, where ours does not, and whether what is stated holds.
+"""Leading method in each family of scenarios, and calibration of the estimators.
 
     python benchmarks/families.py FOLDER_OR_PACK... [--out FILE.md]
 
 Sources are folders of ``wbf-mission bench run --family NAME --out FOLDER`` and packs of ``bench submit``.
-Ours are the policies greedy and rolling-horizon with the estimator epidemic, with gp where epidemic does not
-know the fields; the better of the two stands for them. Both it and the leader are chosen by the mean score on
-the same environments as the differences are taken on, so a small lead is easily luck: the interval of the
-paired difference tells whether it is.
+"Ours" is the better of the policies greedy and rolling-horizon with the estimator epidemic, or with gp for
+fields without an epidemic model. Ours and the leader are selected by mean score on the same environments as
+the differences. A small lead may therefore be chance; compare it with the interval of the paired difference.
 """
 
 from __future__ import annotations
@@ -44,22 +43,22 @@ python benchmarks/families.py results/0.1.0/*.zip --out docs/evidence/families.m
 
 
 class Found(NamedTuple):
-    """What the rows of a scenario tell, the best method first."""
+    """Standings of the methods in a scenario, the best method first."""
 
     scenario: str
     table: list[Standing]
     ours: Standing | None
     other: Standing | None
-    """The best that is not ours."""
+    """Best method other than ours."""
 
     @property
     def led_by_us(self) -> bool:
-        """Whether ours has the best mean."""
+        """Whether our method has the best mean score."""
         return self.ours is self.table[0]
 
     @property
     def ahead(self) -> Interval | None:
-        """By how much ours is ahead of the best other, in pairs."""
+        """Paired difference between our method and the best other method; positive if ours leads."""
         if self.ours is None or self.other is None:
             return None
         if self.led_by_us:
@@ -69,7 +68,7 @@ class Found(NamedTuple):
 
 
 def rows_in(sources: Sequence[Path]) -> list[BenchRow]:
-    """Return the rows of folders and packs, of equal ones the first."""
+    """Return the rows of folders and packs without duplicates."""
     rows: dict[str, BenchRow] = {}
     for source in sources:
         for row in read_rows(source) if source.is_dir() else read_pack(source).rows:
@@ -78,7 +77,7 @@ def rows_in(sources: Sequence[Path]) -> list[BenchRow]:
 
 
 def found_in(rows: Sequence[BenchRow], scenario: str, family: Family) -> Found | None:
-    """Return what the rows of a scenario tell; None if there are none that count."""
+    """Return the standings in a scenario; None without valid rows."""
     here = standings([row for row in rows if row.scenario == scenario])
     table = [one for one in here if math.isfinite(one.score.mean)]
     estimator = "epidemic" if "epidemic" in family.estimators else "gp"
@@ -119,17 +118,17 @@ def markdown(rows: Sequence[BenchRow]) -> Iterator[str]:
     for one in behind:
         ours = "ours was not flown"
         if one.ours is not None:
-            ours = f"{_name(one.ours)} is behind by {_told(one.ours.behind)}: {_verdict(one)}"
+            ours = f"{_name(one.ours)} is behind by {_text(one.ours.behind)}: {_verdict(one)}"
         yield _wrapped(f"- {one.scenario}: {_name(one.table[0])} leads; {ours}.", "  ")
     yield from _calibration(rows)
 
 
 def _in_short(every: Sequence[Found]) -> str:
-    """Count where ours leads, and where that is more than chance."""
-    told = {one.scenario: _verdict(one) for one in every}
+    """Return a summary: the number of scenarios in which ours leads, and leads by more than chance."""
+    verdicts = {one.scenario: _verdict(one) for one in every}
     leads = sum(one.led_by_us for one in every)
-    better = sum(text == "better" for text in told.values())
-    worse = [name for name, text in told.items() if text == "worse"]
+    better = sum(text == "better" for text in verdicts.values())
+    worse = [name for name, text in verdicts.items() if text == "worse"]
     where = f"in {len(worse)} ({', '.join(worse)})" if worse else "nowhere"
     return (
         f"In short: ours has the best mean in {leads} of {len(every)} scenarios, in {better} by more than"
@@ -138,7 +137,7 @@ def _in_short(every: Sequence[Found]) -> str:
 
 
 def _calibration(rows: Sequence[BenchRow]) -> Iterator[str]:
-    """Yield the table of what estimators state at the end, on cells that nobody looked at."""
+    """Yield the calibration table of the final estimates on unobserved cells."""
     yield from ("", "## Whether what is stated holds", "")
     yield _wrapped(
         "On cells that nobody looked at, at the end of a run, in the mean over planners and environments:"
@@ -183,9 +182,16 @@ def _line(one: Found) -> str:
     failed = sum(each.failed for each in one.table)
     many = f"{first.environments}, {failed} runs failed" if failed else str(first.environments)
     ours, other = (
-        ("", "") if each is None else (_name(each), _told(each.score)) for each in (one.ours, one.other)
+        ("", "") if each is None else (_name(each), _text(each.score)) for each in (one.ours, one.other)
     )
-    cells = (one.scenario, many, *ours, *other, "" if one.ahead is None else _told(one.ahead), _verdict(one))
+    cells = (
+        one.scenario,
+        many,
+        *ours,
+        *other,
+        "" if one.ahead is None else _text(one.ahead),
+        _verdict(one),
+    )
     return f"| {' | '.join(cells)} |"
 
 
@@ -198,7 +204,7 @@ def _wrapped(text: str, indent: str = "") -> str:
 
 
 def _ranks(found: Sequence[Found]) -> str:
-    """Tell the best mean ranks."""
+    """Return the best mean ranks as text."""
     ranks: dict[str, list[float]] = {}
     for one in found:
         for each in one.table:
@@ -212,13 +218,13 @@ def _name(one: Standing) -> str:
     return f"{one.planner}, {one.estimator}"
 
 
-def _told(one: Interval) -> str:
+def _text(one: Interval) -> str:
     text = f"{one.mean:.4f}" if math.isfinite(one.mean) else "-"
     return text if not math.isfinite(one.low) else f"{text} ({one.low:.4f} to {one.high:.4f})"
 
 
 def main() -> None:
-    """Print the page, or write it."""
+    """Print or write the page."""
     options = options_of(__doc__)
     options.add_argument("sources", nargs="+", type=Path)
     options.add_argument("--out", type=Path)

@@ -1,4 +1,4 @@
-"""What is read off a flight of a mission: how long its phases last, and how it takes the corners."""
+"""Measures of a mission flight: durations of the phases and accuracy in the corners."""
 
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ __all__ = ["Phases", "Turns", "phases", "turns"]
 _WAYPOINTS = frozenset({16, 82})
 _GROUND_M = 2.0
 _NEAR_M = 1.0
-# How far below its greatest height a flight may be on its way home and not yet descend: an estimated
-# height drifts by a metre and more.
+# Height loss on the return flight that is not yet the descent (m): an estimated height drifts by more than
+# a metre.
 _LEVEL_M = 2.0
 _REST_M_S = 0.1
 _SMOOTH_S = 0.5
 _CORNER = np.radians(30.0)
 _SLOW_M_S = 0.3
-# A recording with gaps beyond this about a corner does not show how that is taken.
+# Longest gap between samples near a corner (s): with longer gaps the turn cannot be measured.
 _GAP_S = 0.5
 _TURN_S = 1.5
 _TURNING = 0.25
@@ -39,22 +39,22 @@ _TURNING = 0.25
 
 @dataclass(frozen=True, slots=True)
 class Phases:
-    """How long the phases of a flight last, in seconds; NaN where there is none.
+    """Durations of the phases of a flight (s); NaN for a missing phase.
 
     Parameters
     ----------
     takeoff : float
-        From the start of the mission until a metre below the height of the take-off item; none for a flight
+        From the start of the mission until a metre below the height of the take-off item; NaN for a flight
         that began in the air.
     first : float
         From the start to the first waypoint.
     mission : float
         From the first to the last waypoint.
     home : float
-        From the last waypoint until the last descent begins, or, without a landing, until it stands or
-        circles at home.
+        From the last waypoint to the start of the last descent; without a landing, until the vehicle stands
+        or circles at home.
     landing : float
-        From there until it disarms.
+        From the start of the last descent until the vehicle disarms.
     """
 
     takeoff: float
@@ -66,19 +66,19 @@ class Phases:
 
 @dataclass(frozen=True, slots=True)
 class Turns:
-    """How a flight takes the corners of more than 30 degrees: medians.
+    """Medians of a flight's measures over corners of more than 30 degrees.
 
     Parameters
     ----------
     miss_m : float
-        Nearest distance to the waypoint of a corner.
+        Smallest distance to the corner's waypoint.
     overshoot_m, worst_overshoot_m : float
-        How far beyond the line of the next leg it comes, and the greatest of all corners.
+        Distance beyond the line of the next leg: median, and maximum over all corners.
     radius_m : float
-        Of the turns, where it turns at more than a quarter of the greatest rate at that corner: half of the
-        angle is turned more tightly. A moment of quick turning counts no more than its part of the angle.
+        Turn radius, weighted by the turned angle: half of the angle is turned with a smaller radius. Only
+        samples above a quarter of the corner's greatest turn rate count.
     rate_deg_s : float
-        Greatest rate of turning at a corner.
+        Greatest turn rate at a corner.
     """
 
     miss_m: float
@@ -89,16 +89,16 @@ class Turns:
 
 
 def phases(flight: Flight, items: tuple[MissionItem, ...], start_s: float, *, flies: bool) -> Phases:
-    """Return how long the phases of a flight last.
+    """Return the durations of the phases of a flight.
 
     Parameters
     ----------
     flight : Flight
     items : tuple of MissionItem
     start_s : float
-        When the mission began, in the flight's time.
+        Start of the mission on the flight's clock (s).
     flies : bool
-        Whether heights mean something.
+        Whether the vehicle flies; heights of ground vehicles are ignored.
     """
     first, last = flight.window(items)
     height = flight.position_m[:, 2]
@@ -115,7 +115,7 @@ def phases(flight: Flight, items: tuple[MissionItem, ...], start_s: float, *, fl
         return Phases(takeoff, first - start_s, last - first, sinks - last, flight.end_s - sinks)
     distance = np.hypot(*flight.position_m[after, :2].T)
     if flies:
-        # Circling: where it comes as near as it is from then on.
+        # A circling vehicle has arrived once its distance is within 1.1 of the median circle radius.
         arrived = distance <= 1.1 * float(np.median(distance[len(distance) // 2 :]))
     else:
         speed = np.hypot(*flight.velocity_m_s[after, :2].T)
@@ -125,7 +125,7 @@ def phases(flight: Flight, items: tuple[MissionItem, ...], start_s: float, *, fl
 
 
 def turns(flights: Sequence[Flight], items: tuple[MissionItem, ...], frame: LocalFrame) -> list[Turns]:
-    """Return how flights take the corners that all of them show, without a gap about them."""
+    """Return the corner measures of flights, over corners without gaps in any of the flights."""
     seen = [_corners(flight, items, frame) for flight in flights]
     common = set.intersection(*(set(corners) for corners in seen))
     if not common:
@@ -141,25 +141,26 @@ def turns(flights: Sequence[Flight], items: tuple[MissionItem, ...], frame: Loca
 def _corners(
     flight: Flight, items: tuple[MissionItem, ...], frame: LocalFrame
 ) -> dict[int, tuple[float, float, float, float]]:
-    """Return the four measures of each corner, from the middle of one leg to that of the next.
+    """Return the four measures of each corner, from the middle of one leg to the middle of the next.
 
-    A corner is passed when the flight comes nearest to it: after a gap it is told late.
+    The passing time of a corner is the time of the smallest distance, because the report of a reached
+    waypoint may be late after a gap.
     """
     seqs = [seq for seq, item in enumerate(items) if item.command in _WAYPOINTS]
     places = np.array([frame.from_wgs84(items[seq].x, items[seq].y) for seq in seqs])
-    told = np.array([min((t for t, s in flight.reached if seq <= s), default=np.nan) for seq in seqs])
+    reached_s = np.array([min((t for t, s in flight.reached if seq <= s), default=np.nan) for seq in seqs])
     rate, speed = _turning(flight)
     found = {}
     for i, (before, after) in enumerate(pairwise(np.diff(places, axis=0)), start=1):
         if abs(np.arctan2(before[0] * after[1] - before[1] * after[0], before @ after)) < _CORNER:
             continue
-        begin, end = 0.5 * (told[i - 1] + told[i]), 0.5 * (told[i] + told[i + 1])
+        begin, end = 0.5 * (reached_s[i - 1] + reached_s[i]), 0.5 * (reached_s[i] + reached_s[i + 1])
         here = (flight.time_s >= begin) & (flight.time_s <= end)
         apart = np.hypot(*(flight.position_m[:, :2] - places[i]).T)
         if not here.any() or not _is_seen(flight, flight.time_s[here][apart[here].argmin()]):
             continue
         onward = np.hypot(*(flight.position_m[:, :2] - places[i + 1]).T)
-        leg = np.flatnonzero((flight.time_s >= begin) & (flight.time_s <= told[i + 1]))
+        leg = np.flatnonzero((flight.time_s >= begin) & (flight.time_s <= reached_s[i + 1]))
         leg = leg[: onward[leg].argmin() + 1]
         across = np.array([after[1], -after[0]]) / np.hypot(*after)
         across *= np.sign(before @ across)
@@ -173,7 +174,7 @@ def _corners(
 def _radius(
     time_s: NDArray[np.float64], speed_m_s: NDArray[np.float64], rate_rad_s: NDArray[np.float64]
 ) -> float:
-    """Return the radius below which half of the angle of a turn is turned."""
+    """Return the median radius of a turn, weighted by the turned angle."""
     turning = rate_rad_s > _TURNING * rate_rad_s.max()
     angle = (rate_rad_s * np.gradient(time_s))[turning]
     radius = speed_m_s[turning] / rate_rad_s[turning]
@@ -183,17 +184,17 @@ def _radius(
 
 
 def _is_seen(flight: Flight, when_s: float) -> bool:
-    """Tell whether the samples about a moment are close enough to follow a turn."""
+    """Return whether the samples around a time are dense enough to measure a turn."""
     first, last = np.searchsorted(flight.time_s, (when_s - _TURN_S, when_s + _TURN_S))
     return bool(last > first and np.diff(flight.time_s[first : last + 1]).max(initial=0.0) <= _GAP_S)
 
 
 def _turning(flight: Flight) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return how fast the course turns (rad/s, without its sense) and the speed over ground (m/s)."""
+    """Return the absolute turn rate of the course (rad/s) and the ground speed (m/s)."""
     east, north, _ = flight.velocity_m_s.T
     speed = np.hypot(east, north)
     course = np.unwrap(np.arctan2(east, north))
     ahead = np.interp(flight.time_s + 0.5 * _SMOOTH_S, flight.time_s, course)
     behind = np.interp(flight.time_s - 0.5 * _SMOOTH_S, flight.time_s, course)
-    # The course of a vehicle that hardly moves is noise.
+    # At low speed the course is noise.
     return np.where(speed > _SLOW_M_S, np.abs(ahead - behind) / _SMOOTH_S, 0.0), speed

@@ -1,19 +1,19 @@
-"""The Gaussian process at scale: how its cost grows, and the whole Waterberry farm.
+"""Cost of the Gaussian process: growth with the number of observations, and the Waterberry farm.
 
-- *growth*: processor seconds of one estimate of three fields over a farm from n observations in random
-  cells, from nothing, doubling n. The exponent of a method is the slope of log seconds over log n, between
-  the last two numbers and by least squares over the last three. "paper's GP" is scikit-learn's process as the
-  published code has it, "disk by disk" lays each disk through a mask of the farm. The methods take turns, so
-  a busy machine slows all of them: seconds are medians over the rounds, in brackets are medians of the ratio
-  to the paper's GP of the same round.
-- *waterberry*: one battery (25,000 observations), a day of ten flights (250,000), updates of 100, the memory.
+- *growth*: processor time of a new estimate of three fields from n observations in random cells; n doubles.
+  The exponent of a method is the slope of log time over log n, between the last two values of n and by least
+  squares over the last three. "paper's GP" is scikit-learn's process as in the published code. "disk by disk"
+  writes each disk through a mask of the farm. The methods alternate, so that a busy machine slows all of
+  them. Times are medians over the rounds; brackets hold the median ratio to the paper's GP of the same round.
+- *waterberry*: time and memory for one battery (25,000 observations), a day of ten flights (250,000), and
+  updates of 100 observations.
 
 Examples::
 
     python benchmarks/gp_scale.py --only waterberry
     OMP_NUM_THREADS=1 python benchmarks/gp_scale.py --only growth --farm miniberry-100 --numbers 112 225 450
 
-The exit code says whether the bars are held: 10 s, 60 s, 0.3 s, 4 GB.
+The exit code is 1 if a limit is exceeded: 10 s, 60 s, 0.3 s, 4 GB.
 """
 
 from __future__ import annotations
@@ -55,13 +55,13 @@ Estimate = Callable[[FarmGrid, Observations], InformationModel]
 
 
 def waterberry() -> Environment:
-    """Return an environment of Waterberry on the day of the flights."""
+    """Return a Waterberry environment on the day of the flights."""
     grid = get_farm("waterberry").grid()
     return generate_environment(grid, days=DAY, seed=child_seed(1, "environment"), keep_days=[DAY])
 
 
 def observed(environment: Environment, cells: Cells) -> Observations:
-    """Return exact observations of cells."""
+    """Return observations of cells without noise."""
     x, y = cells.T
     n = len(x)
     return Observations(x, y, np.arange(n), np.full(n, DAY), environment.sample(DAY, x, y))
@@ -81,7 +81,7 @@ def in_random_cells(grid: FarmGrid, n: int) -> Observations:
 
 
 def disk_by_disk(grid: FarmGrid, seen: Observations) -> InformationModel:
-    """Lay every disk on every field through a mask of the whole farm, one after the other."""
+    """Return an adaptive-disk estimate, made with a mask of the whole farm for each observation and field."""
     model = InformationModel.uniform(grid.shape, value=PAPER_FIELDS.defaults, uncertainty=1.0)
     width, height = grid.shape
     r = adaptive_radius(len(seen), grid.shape)
@@ -98,7 +98,7 @@ def disk_by_disk(grid: FarmGrid, seen: Observations) -> InformationModel:
 
 
 def by(name: str, **parameters: Any) -> Estimate:
-    """Return how an estimator estimates from nothing."""
+    """Return a function that fits a new estimator to observations."""
     return lambda grid, seen: make_estimator(name, random_state=1, **parameters).fit(grid, seen).predict()
 
 
@@ -111,11 +111,11 @@ METHODS: dict[str, Estimate] = {
 
 
 def growth(farm: str, numbers: list[int], rounds: int) -> None:
-    """Print the cost of one estimate by the number of observations, and the exponents."""
+    """Print the cost of one estimate against the number of observations, and the exponents."""
     grid = get_farm(farm).grid()
     with threadpool_limits(1):
         for estimate in METHODS.values():
-            estimate(grid, in_random_cells(grid, 30))  # Importing and compiling is not the method's cost
+            estimate(grid, in_random_cells(grid, 30))  # Excludes imports and compilation from the time
         taken_s = np.array(
             [
                 [
@@ -124,7 +124,7 @@ def growth(farm: str, numbers: list[int], rounds: int) -> None:
                 ]
                 for _ in range(rounds)
             ]
-        )  # [rounds, numbers, methods]; the paper's GP is the first
+        )  # [rounds, numbers, methods], with the paper's GP as first method
     ratios = np.median(taken_s / taken_s[:, :, :1], axis=0).T
     rows = []
     for name, own_s, by_paper in zip(METHODS, np.median(taken_s, axis=0).T, ratios, strict=True):
@@ -138,7 +138,7 @@ def growth(farm: str, numbers: list[int], rounds: int) -> None:
 
 
 def rows_over_waterberry(steps: int) -> Cells:
-    """Return a lawnmower over the owner's land of Waterberry with at least so many cells."""
+    """Return the cells of a lawnmower path of at least `steps` cells over the owner's land of Waterberry."""
     rows = max(2, steps // 4000)
     gap = 3000 // rows
     parts = []
@@ -151,7 +151,10 @@ def rows_over_waterberry(steps: int) -> Cells:
 
 
 def whole_farm(path: Path) -> bool:
-    """Estimate from saved observations, then update; in a process of its own, for the memory."""
+    """Estimate from saved observations, then update; return whether all limits are met.
+
+    Runs in a separate process, so that the measured memory is that of the estimate.
+    """
 
     def seconds(work: Callable[[], object]) -> float:
         begin_s = time.perf_counter()
@@ -177,7 +180,7 @@ def whole_farm(path: Path) -> bool:
 
 
 def whole_farm_alone(environment: Environment, n: int) -> bool:
-    """Run `whole_farm` in a process of its own."""
+    """Run `whole_farm` in a separate process."""
     with scratch_folder() as folder:
         path = folder / "seen.parquet"
         observed(environment, rows_over_waterberry(n + 4000)[: n + UPDATE * UPDATES]).save(path)
@@ -186,7 +189,7 @@ def whole_farm_alone(environment: Environment, n: int) -> bool:
 
 
 def main() -> int:
-    """Run the parts that are asked for."""
+    """Run the selected parts."""
     parser = options_of(__doc__)
     parser.add_argument("--only", choices=PARTS)
     parser.add_argument("--farm", default="miniberry-100", help="of the growth")

@@ -1,11 +1,13 @@
-"""How often our intervals of 95 % hold what they are of, and how wide they are, beside Student's.
+"""Coverage and width of our 95 % intervals, compared with Student's.
 
-Pairs of losses over n environments are drawn from made-up distributions and, with replacement, from the
-frozen rows in `results/`; the ratio of the true means is known. Means are ratios by ones. For each n: in
-how many of 100 cases the interval holds, and its median width by the true value ("inf": without an end).
-*ours* is `wbf_mission.bench.intervals`, which all tables use; *Student* of a ratio is Fieller's interval.
+Pairs of losses over n environments are drawn from synthetic distributions and, with replacement, from the
+frozen rows in `results/`; the true ratio of means is known. A mean is treated as a ratio to ones. For each n
+the table has the coverage in percent and the median width relative to the true value ("inf": an unbounded
+interval). *ours* is `wbf_mission.bench.intervals`, which all tables use. *Student* of a ratio is Fieller's
+interval.
 
-The last table has eight comparisons at a time: how often all of them hold, each by itself and together.
+The last table has eight simultaneous comparisons: the probability that all eight intervals cover the true
+values, for single intervals and for joint ones.
 
     python benchmarks/interval_coverage.py --cases 2000
 """
@@ -34,7 +36,7 @@ COMPARED = 8
 
 
 def made_up(spread: float, rare: float) -> tuple[Draw, float]:
-    """Return paired losses, one with a spread of its own and rare misses, and the ratio of their means."""
+    """Return a draw of synthetic paired losses, one with extra spread and rare misses, and the true ratio."""
 
     def draw(random: np.random.Generator, shape: tuple[int, int]) -> tuple[Floats, Floats]:
         hard = random.lognormal(0.0, 0.4, shape)
@@ -47,12 +49,15 @@ def made_up(spread: float, rare: float) -> tuple[Draw, float]:
 def by_ones(
     values: Callable[[np.random.Generator, tuple[int, int]], Floats], mean: float
 ) -> tuple[Draw, float]:
-    """Return values as of `values`, as a ratio by ones."""
+    """Return a draw of pairs of `values` and ones, and the true mean."""
     return (lambda random, shape: (values(random, shape), np.ones(shape))), mean
 
 
 def frozen(pack: str, estimator: str, above: str, below: str, field: str) -> tuple[Draw, float]:
-    """Return losses at the end (over the run of the score, "") in all scenarios of a pack, drawn again."""
+    """Return a draw of paired losses, with replacement, from all scenarios of a pack, and the true ratio.
+
+    `field` selects a field's loss at the end; an empty `field` selects the score over the run.
+    """
     pairs = []
     for group in scored(read_pack(RESULTS / pack).rows):
         losses = group.final_losses[field] if field else -group.scores
@@ -67,7 +72,7 @@ def frozen(pack: str, estimator: str, above: str, below: str, field: str) -> tup
 
 
 def cases() -> dict[str, tuple[Draw, float]]:
-    """Return how pairs are drawn, and the true ratio."""
+    """Return the draw and the true ratio of each case by name."""
     return {
         "ratio, mild": made_up(0.4, 0.0),
         "ratio, skewed": made_up(1.0, 0.0),
@@ -87,7 +92,7 @@ def cases() -> dict[str, tuple[Draw, float]]:
 
 
 def student(a: Floats, b: Floats) -> tuple[Floats, Floats]:
-    """Return the limits of Student's and Fieller's method, for pairs float64[cases, environments]."""
+    """Return the limits by Student's method, for ratios Fieller's; `a` and `b` are float64[cases, n]."""
     count = a.shape[1]
     most = stats.t.ppf(0.975, count - 1) * np.sqrt(count / (count - 1.0))
     found = [intervals._fieller(above, below, -most, most) for above, below in zip(a, b, strict=True)]
@@ -95,7 +100,7 @@ def student(a: Floats, b: Floats) -> tuple[Floats, Floats]:
 
 
 def ours(a: Floats, b: Floats, together: bool = False) -> tuple[Floats, Floats]:
-    """Return the limits of the method that is used, also of so few environments that no table shows them."""
+    """Return the limits by our method, even for fewer environments than tables require."""
     found = intervals._intervals(list(zip(a, b, strict=True)), fewest=2, together=together)
     return np.array([one.low for one in found]), np.array([one.high for one in found])
 

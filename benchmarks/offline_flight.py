@@ -1,9 +1,9 @@
-"""Measure how much faster than real time an offline flight with everything on is.
+"""Measure the real-time factor of an offline flight with all parts enabled.
 
-The vehicle with all its telemetry, the leaf camera that takes a picture each foot and reports each by two
-messages, a ground station that parses everything it would show, and a tlog that records every frame; all over
-the in-memory link on one core: short rows on Miniberry-100, and long ones at full speed on Waterberry. The
-time is that of the processor. The bar is 500 times real time.
+The parts are a vehicle with all telemetry, a leaf camera with a picture each foot and two messages per
+picture, a ground station that parses all messages it would show, and a tlog of all frames. All run on one
+core over the in-memory link. The surveys are short rows on Miniberry-100 and long rows at full speed on
+Waterberry. The factor is simulated time over processor time; the limit is 500.
 
     python benchmarks/offline_flight.py [SURVEY ...]
 """
@@ -36,15 +36,15 @@ PICTURES_M = 0.3048
 
 
 class Field:
-    """An environment that costs nothing."""
+    """Environment with trivial values, so that sampling takes no time."""
 
     def sample(self, day: int, ix: np.ndarray, iy: np.ndarray) -> np.ndarray:
-        """Return values that name their cell."""
+        """Return x, y and day of each cell as values."""
         return np.array([(x, y, day) for x, y in zip(ix.tolist(), iy.tolist(), strict=True)], np.float32)
 
 
 class Ground:
-    """A ground station that listens to what it would show or use."""
+    """Ground station that parses the messages that it would show or use."""
 
     system_id, component_id = 255, 190
     wanted = frozenset({0, 1, 24, 30, 33, 42, 44, 46, 47, 51, 40, 74, 77, 147, 245, 253, 263, 350})
@@ -53,23 +53,23 @@ class Ground:
         self.due_s, self.heard = 0.0, 0
 
     def receive(self, _message: Message, _now_s: float) -> list[Message]:
-        """Hear it."""
+        """Count a message."""
         self.heard += 1
         return []
 
     def poll(self, now_s: float) -> list[Message]:
-        """Send heartbeats."""
+        """Return a heartbeat, and schedule the next one."""
         self.due_s = now_s + 1.0
         return [m.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3)]
 
     def next_deadline(self) -> float:
-        """Return when the next heartbeat is due."""
+        """Return the time of the next heartbeat (s)."""
         return self.due_s
 
 
 @dataclass(frozen=True, slots=True)
 class Survey:
-    """A lawnmower on a farm: its rows, how long they are, the speed along them, and the bar for flying it."""
+    """Lawnmower survey of a farm: number, length and speed of the rows, and the least real-time factor."""
 
     farm: str
     rows: int
@@ -79,15 +79,15 @@ class Survey:
 
 
 SURVEYS = {
-    # Short rows: it brakes and turns as often as it flies, about 8 pictures a second.
+    # Short rows: half of the time is braking and turning, with about 8 pictures a second.
     "miniberry-100": Survey("miniberry-100", 60, 30.0, 5.0, 500.0),
-    # Long rows at full speed: 26 pictures a second along them, 21 with the way there and back.
+    # Long rows at full speed: 26 pictures a second in the rows, 21 including the flight there and back.
     "waterberry": Survey("waterberry", 10, 700.0, 8.0, 500.0),
 }
 
 
 def plan(survey: Survey) -> tuple[GeoPoint, list[MissionItem]]:
-    """Return home and the mission."""
+    """Return home and the mission items of a survey."""
     farm = get_farm(survey.farm)
     home = GeoPoint(*farm.frame.to_wgs84(*farm.home_m), farm.frame.altitude_m)
     relative = Frame.GLOBAL_RELATIVE_ALT
@@ -105,7 +105,7 @@ def plan(survey: Survey) -> tuple[GeoPoint, list[MissionItem]]:
 
 
 def fly(survey: Survey, tlog: Path) -> tuple[float, float, Simulation, LeafCameraComponent]:
-    """Fly once; returns simulated and processor seconds."""
+    """Fly once; return simulated time (s), processor time (s), simulation and camera."""
     farm = get_farm(survey.farm)
     home, items = plan(survey)
     vehicle = SimVehicle(with_autopilot(get_vehicle("quad"), "px4"), home)
@@ -124,7 +124,7 @@ def fly(survey: Survey, tlog: Path) -> tuple[float, float, Simulation, LeafCamer
 
 
 def measure(survey: Survey, tlog: Path) -> bool:
-    """Print the best of three flights; return whether it meets the bar."""
+    """Print the best real-time factor of three flights; return whether the limit is met."""
     best = max((fly(survey, tlog) for _ in range(3)), key=lambda run: run[0] / run[1])
     simulated_s, busy_s, simulation, camera = best
     factor = simulated_s / busy_s
@@ -139,7 +139,7 @@ def measure(survey: Survey, tlog: Path) -> bool:
 
 
 def main() -> None:
-    """Measure the surveys that were asked for."""
+    """Measure the selected surveys."""
     parser = options_of(__doc__)
     parser.add_argument("survey", nargs="*", help="all without", metavar="|".join(SURVEYS))
     options = parser.parse_args()

@@ -1,6 +1,6 @@
-"""Measure how fast the studio plans: from a changed draft to its plan over HTTP.
+"""Measure the time of the studio from a changed draft to the plan, over HTTP.
 
-The first of a process and later ones. Bars: 1 s for Miniberry-100, 3 s for Waterberry.
+The first plan of a process and later plans are timed. Limits: 1 s for Miniberry-100, 3 s for Waterberry.
 
     python benchmarks/page_speed.py
 """
@@ -23,7 +23,7 @@ from wbf_mission.scenario import Scenario
 
 
 def main() -> None:
-    """Print how long a changed draft takes to be planned."""
+    """Print the planning times of changed drafts."""
     options_of(__doc__).parse_args()
     for farm, bar_s in (("miniberry-100", 1.0), ("waterberry", 3.0)):
         made = Studio(Scenario(farm=farm))

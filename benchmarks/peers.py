@@ -1,8 +1,8 @@
-"""The planners of sgptools and PyPolo as planners and policies of one's own (docs/your-own.md).
+"""Planners of sgptools and PyPolo as user-defined planners and policies (docs/your-own.md).
 
-Each runs in a virtual environment of its own, because their libraries do not fit beside ours: sgptools brings
-TensorFlow, PyPolo an older NumPy and PyTorch, 1 to 2 GB each. Questions and answers cross as lines of JSON
-(``benchmarks/peer_workers``). The first command makes the environments::
+Each library runs in a separate virtual environment, because its dependencies conflict with ours: sgptools
+needs TensorFlow; PyPolo needs an older NumPy and PyTorch (1 to 2 GB each). Requests and responses are lines
+of JSON (``benchmarks/peer_workers``). The first command creates the environments::
 
     python benchmarks/peers.py FOLDER
     export WBF_MISSION_PEERS=FOLDER
@@ -40,24 +40,24 @@ from wbf_mission import Decision
 
 PACKAGES = {
     "sgptools": ("sgptools==2.0.7",),
-    # PyPolo calls what NumPy 2 has no more; later versions of bezier need NumPy 2.
+    # PyPolo uses functions that NumPy 2 removed; later versions of bezier need NumPy 2.
     "pypolo": ("pypolo==0.0.3", "numpy<2", "bezier<2024.6", "torch==2.13.0"),
 }
 FOLDER = "WBF_MISSION_PEERS"
-"""The environment variable with the folder of the virtual environments."""
+"""Environment variable with the folder of the virtual environments."""
 WORKERS = "workers"
 LAND_POINTS = 900
-"""Most points on which the objective of sgptools is defined."""
+"""Maximum number of points on which the objective of sgptools is defined."""
 _GOALS_AHEAD = 1
 
 
 class Worker:
-    """A program in another virtual environment, which answers line by line."""
+    """Process in another virtual environment, with one response line for each request line."""
 
     def __init__(self, name: str) -> None:
         python = Path(os.environ[FOLDER]) / name / "bin" / "python"
         script = Path(os.environ[FOLDER]) / WORKERS / f"{name}_worker.py"
-        # Some libraries leave files where they run.
+        # Some libraries write files into the working directory.
         end_on_signals()
         self._folder = tempfile.TemporaryDirectory()
         self._process = subprocess.Popen(
@@ -72,12 +72,12 @@ class Worker:
         self._answer()
 
     def ask(self, question: dict[str, Any]) -> dict[str, Any]:
-        """Return the answer.
+        """Send a request and return the response.
 
         Raises
         ------
         RuntimeError
-            If the worker ends, or has none.
+            If the worker ends or responds with an error.
         """
         assert self._process.stdin is not None
         with contextlib.suppress(BrokenPipeError):
@@ -86,7 +86,7 @@ class Worker:
         return self._answer()
 
     def close(self) -> None:
-        """End the program."""
+        """End the process."""
         self._process.kill()
         self._process.wait()
         self._folder.cleanup()
@@ -94,17 +94,17 @@ class Worker:
     def _answer(self) -> dict[str, Any]:
         assert self._process.stdout is not None
         line = self._process.stdout.readline()
-        told: dict[str, Any] = json.loads(line) if line else {"error": "its program has ended"}
-        if "error" in told:
-            raise RuntimeError(told["error"])
-        return told
+        response: dict[str, Any] = json.loads(line) if line else {"error": "its program has ended"}
+        if "error" in response:
+            raise RuntimeError(response["error"])
+        return response
 
 
 _workers: dict[str, Worker] = {}
 
 
 def worker(name: str) -> Worker:
-    """Return the worker of this process; it is started when it is asked for first."""
+    """Return the worker of this process; the first call starts it."""
     if name not in _workers:
         _workers[name] = Worker(name)
     return _workers[name]
@@ -114,7 +114,7 @@ _tours: dict[str, list[list[float]]] = {}
 
 
 def tour(question: dict[str, Any]) -> list[list[float]]:
-    """Return the points that sgptools plans, metres; a question is asked once in a process."""
+    """Return the waypoints planned by sgptools (m); responses are cached for the process."""
     text = json.dumps(question)
     if text not in _tours:
         _tours[text] = worker("sgptools").ask(question)["points_m"]
@@ -122,7 +122,7 @@ def tour(question: dict[str, Any]) -> list[list[float]]:
 
 
 def box(request: PlanningRequest) -> dict[str, Any]:
-    """Return what every question tells: the box that the camera's middle may reach, start and budget."""
+    """Return the common part of all requests: box of possible camera centres, start and budget."""
     x_min, y_min, x_max, y_max = request.area.bounds
     inset = request.footprint_m / 2
     low, high = [x_min + inset, y_min + inset], [x_max - inset, y_max - inset]
@@ -131,7 +131,7 @@ def box(request: PlanningRequest) -> dict[str, Any]:
 
 
 def land(request: PlanningRequest) -> list[list[float]]:
-    """Return points of the crops' land, a footprint apart or as far as `LAND_POINTS` of them are."""
+    """Return points on the crops' land, one footprint apart, or further for at most `LAND_POINTS` points."""
     area = shapely.union_all([one.area for one in request.crop_areas] or [request.area])
     step = max(request.footprint_m, math.sqrt(area.area / LAND_POINTS))
     x_min, y_min, x_max, y_max = area.bounds
@@ -142,9 +142,9 @@ def land(request: PlanningRequest) -> list[list[float]]:
 
 
 def steps_along(points_m: Any, start_m: tuple[float, float], step_m: float) -> Any:
-    """Return points a step apart along a path, float64[n, 2] in metres.
+    """Return points one step apart along a path, float64[n, 2] in metres.
 
-    A budget of steps counts whole ones for each leg, so a path of short legs would lose up to half of it.
+    A step budget rounds each leg up to whole steps, so short legs would waste up to half of the budget.
     """
     line = shapely.LineString(np.vstack((start_m, points_m)))
     count = max(1, math.ceil(line.length / step_m - 1e-9))
@@ -153,7 +153,7 @@ def steps_along(points_m: Any, start_m: tuple[float, float], step_m: float) -> A
 
 
 def fitting(points_m: Any, cost: Callable[[Any], float], limit: float) -> Any:
-    """Return a path without what is too long at its end."""
+    """Return the longest start of a path that costs at most `limit`."""
     fits = bisect.bisect_right(range(1, len(points_m) + 1), limit, key=lambda count: cost(points_m[:count]))
     return points_m[: max(1, fits)]
 
@@ -171,22 +171,22 @@ def sgptools(
 ) -> PlannedPath:
     """Plan by a method of sgptools: ContinuousSGP, CMA or HexCover.
 
-    Its plan depends on farm, start and budget alone, so that it is asked once for each in a process.
+    The plan depends only on farm, start and budget, so that plans are cached for the process.
 
     Parameters
     ----------
     request : PlanningRequest
     method : str
     reach_m, variance, noise : float
-        Length scale and variance of the kernel, and variance of the noise. The defaults are the most likely
-        ones of how sick plants look (mean 0, deviation 1) on Miniberry-30, from 500 plants of an environment:
-        the medians of ten of the tuning environments of ``benchmarks/tune_baselines.py``.
+        Lengthscale and variance of the kernel, and variance of the noise. The defaults are maximum-likelihood
+        values for the standardized illness of 500 plants on Miniberry-30: medians over ten of the tuning
+        environments of ``benchmarks/tune_baselines.py``.
     waypoints : int
-        Of ContinuousSGP and CMA.
+        Number of waypoints of ContinuousSGP and CMA.
     max_steps : int, optional
-        Of the optimiser of these; None: the method's default.
+        Maximum number of optimiser steps of ContinuousSGP and CMA, by default the method's own.
     """
-    # What a metre costs, by a leg of half the farm's width: a budget may be of steps or seconds.
+    # Cost of a metre, from a leg of half the farm's width: the budget may be in steps or seconds.
     x, y = request.start_xy_m
     leg_m = 0.5 * (request.area.bounds[2] - request.area.bounds[0])
     length_m = request.budget.limit * leg_m / request.cost(np.array([[x + leg_m, y]]))
@@ -211,32 +211,32 @@ def sgptools(
 
 
 class PyPolo:
-    """PyPolo's myopic planning as a policy: one goal after the other, by what was seen of both diseases.
+    """Policy with PyPolo's myopic planning of one goal at a time, from observations of both diseases.
 
     Parameters
     ----------
     kernel : {"RBF", "AK"}
-        Stationary, or the attentive kernel.
+        Stationary kernel, or attentive kernel.
     mean, deviation : float
-        Of how sick the plants of a farm look, 0 to 1; those of the tuning environments of
-        ``benchmarks/tune_baselines.py`` on Miniberry-30.
+        Mean and standard deviation of the plants' illness, 0 to 1. The defaults are from the tuning
+        environments of ``benchmarks/tune_baselines.py`` on Miniberry-30.
     """
 
     def __init__(self, kernel: str = "AK", mean: float = 0.0204, deviation: float = 0.0768) -> None:
         self.kernel, self.mean, self.deviation = kernel, mean, deviation
-        self._told = 0
+        self._sent = 0
 
     @property
     def triggers(self) -> Triggers:
-        """When a goal is reached."""
+        """Trigger at each reached goal."""
         return Triggers(waypoints=True)
 
     def start(self) -> None:
-        """Begin a flight."""
-        self._told = 0
+        """Start a flight."""
+        self._sent = 0
 
     def decide(self, observation: PolicyObservation) -> Decision:
-        """Fly the pilot survey, then to PyPolo's next goal, as far as the budget goes."""
+        """Return the pilot survey, then the path to PyPolo's next goal, within the budget."""
         if observation.event is Event.LOST or not observation.steerable:
             return NO_CHANGE
         vehicle = observation.steerable[0]
@@ -260,9 +260,9 @@ class PyPolo:
         return NO_CHANGE
 
     def _seen(self, observation: PolicyObservation) -> list[list[float]]:
-        """What came since the last question: x, y in metres and how sick both plants look, 0 to 1."""
-        seen, begin = observation.observations, self._told
-        self._told = len(seen)
+        """Return the observations since the last request: x, y (m) and illness of both plants, 0 to 1."""
+        seen, begin = observation.observations, self._sent
+        self._sent = len(seen)
         side = observation.farm.grid().cell_size_m
         chosen = [observation.fields.index(one.name) for one in observation.fields.diseases]
         values = 1.0 - np.nan_to_num(seen.values[begin:, chosen], nan=1.0).clip(0.0, 1.0).mean(axis=1)
@@ -271,7 +271,7 @@ class PyPolo:
 
 
 def prepare(folder: Path) -> None:
-    """Make the virtual environments that are missing, and copy the programs that run in them."""
+    """Create missing virtual environments, and copy the worker programs into the folder."""
     shutil.copytree(Path(__file__).with_name("peer_workers"), folder / WORKERS, dirs_exist_ok=True)
     for name, packages in PACKAGES.items():
         if not (folder / name / "made").exists():
@@ -283,7 +283,7 @@ def prepare(folder: Path) -> None:
 
 
 def main() -> None:
-    """Make the environments."""
+    """Create the virtual environments."""
     parser = options_of(__doc__)
     parser.add_argument("folder", type=Path, help="where the virtual environments are or go")
     folder = parser.parse_args().folder

@@ -1,12 +1,12 @@
-"""Policies against the best fixed plans, flown by the paper's robot: one, or several that share the steps.
+"""Policies compared with the best fixed plans, flown by the paper's robot: one, or several with shared steps.
 
-Every policy and every fixed planner meets the same environments (day 6, seeds that nothing was tuned or
-trained on) with the `epidemic` estimator. The robot moves one cell a step and observes the cell where it
-arrives; there is no MAVLink, only the contract of policies. The loss is the paper's weighted one of both
-diseases; the soil is neither scored nor sensed. ``run`` is the mean loss over 36 scored times of the whole
-budget (the last estimate holds when a path ends early), ``end`` the one at its end. The best fixed plan of a
-measure is the best of the planners by that measure; a fleet's fixed plans share the farm in strips. Intervals
-are 95 % intervals of the ratio of means, over environments.
+All policies and fixed planners fly the same environments (day 6, seeds not used for tuning or training) with
+the `epidemic` estimator. The robot moves one cell a step and observes the new cell. MAVLink is not used, only
+the policy interface. The loss is the paper's weighted loss of both diseases; the soil is neither scored nor
+sensed. ``run`` is the mean loss over 36 times of the whole budget; after an early end of the path, the last
+estimate counts. ``end`` is the loss at the end of the budget. The best fixed plan is chosen for each measure.
+Fixed plans of a fleet divide the farm into strips. Intervals are 95 % intervals of the ratio of means over
+environments.
 
 Examples::
 
@@ -59,7 +59,7 @@ Losses = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """A farm, and how many vehicles share the steps."""
+    """Farm and number of vehicles that share the steps."""
 
     farm: str
     vehicles: int
@@ -73,7 +73,7 @@ class Case:
 
 
 class Robot:
-    """The paper's robot under a policy: one cell a step, the place where it arrives is observed."""
+    """Robot of the paper, controlled by a policy: moves one cell a step and observes the new cell."""
 
     def __init__(self, system_id: int, request: PlanningRequest, cell_m: float) -> None:
         self.request = request
@@ -86,11 +86,11 @@ class Robot:
 
     @property
     def flying(self) -> bool:
-        """Whether it has steps and a path left."""
+        """Whether the robot has steps and waypoints remaining."""
         return len(self.rest) > 0 and self.spent < self.request.budget.limit
 
     def step(self) -> bool:
-        """Move; return whether a waypoint was reached."""
+        """Move one cell; return whether a waypoint was reached."""
         target = self.rest[0]
         dx, dy = float(target[0]) - self.here[0], float(target[1]) - self.here[1]
         distance = math.hypot(dx, dy)
@@ -104,7 +104,7 @@ class Robot:
         return reached
 
     def report(self, started: bool) -> VehicleReport:
-        """What its telemetry would tell."""
+        """Return the robot's report to the policy, in place of telemetry."""
         status = Status.READY if not started else Status.FLYING if self.flying else Status.ENDED
         travel_cost = GeometricTravelCost(self.request.budget, self.here)
         spent = float(self.spent)
@@ -115,16 +115,16 @@ class Robot:
 
 @dataclass(frozen=True, slots=True)
 class Run:
-    """What came of one flight."""
+    """Result of one flight."""
 
     losses: Losses  # [36, MEASURES]
     decisions: int
     seconds: float
-    tracks: tuple[NDArray[np.float64], ...] = ()  # of each robot, metres
+    tracks: tuple[NDArray[np.float64], ...] = ()  # Track of each robot (m)
 
 
 def request_of(farm: Farm, steps: int, seed: int, number: int = 0) -> PlanningRequest:
-    """Return a vehicle's task."""
+    """Return the planning request of a vehicle."""
     crops = tuple(
         CropArea(crop, land)
         for crop in (Crop.TOMATO, Crop.STRAWBERRY)
@@ -136,7 +136,7 @@ def request_of(farm: Farm, steps: int, seed: int, number: int = 0) -> PlanningRe
 
 
 def fly(case: Case, policy: Policy, seed: int) -> Run:
-    """Fly one environment; the seed is that of the environment and of everything drawn."""
+    """Fly one environment; `seed` determines the environment and all random draws."""
     farm = get_farm(case.farm)
     grid = farm.grid()
     environment = generate_environment(grid, days=DAY, seed=child_seed(seed, "environment"), keep_days=[DAY])
@@ -151,7 +151,7 @@ def fly(case: Case, policy: Policy, seed: int) -> Run:
     model = estimator.predict()
     period = policy.triggers.observations
     policy.start()
-    spent_s, decisions, fresh, told = 0.0, 0, 0, len(seen)
+    spent_s, decisions, fresh, learned = 0.0, 0, 0, len(seen)
     parts: list[Observations] = []
     losses = []
     tracks = [[robot.here] for robot in robots]
@@ -186,7 +186,7 @@ def fly(case: Case, policy: Policy, seed: int) -> Run:
             x, y = farm.cell_of(*np.array([robot.here for robot in flying]).T)
             n = len(flying)
             values = np.array(environment.sample(DAY, x, y), np.float32)
-            values[:, PAPER_FIELDS.index("soil")] = np.nan  # The camera does not sense it
+            values[:, PAPER_FIELDS.index("soil")] = np.nan  # The camera does not sense the soil
             parts.append(Observations(x, y, np.full(n, float(step)), np.full(n, DAY), values))
         fresh += len(flying)
         due = period is not None and fresh >= period
@@ -194,9 +194,9 @@ def fly(case: Case, policy: Policy, seed: int) -> Run:
         if step in scored or ((due or waypoint) and step < steps):
             seen = Observations.concatenate([seen, *parts])
             parts = []
-            if len(seen) > told:
-                model = estimator.partial_fit(seen[told:]).predict()
-                told = len(seen)
+            if len(seen) > learned:
+                model = estimator.partial_fit(seen[learned:]).predict()
+                learned = len(seen)
         if step in scored:
             found = running.evaluate(model).field_loss[:2]
             losses.append([float(np.average(found, weights=weights)), *found])
@@ -207,17 +207,17 @@ def fly(case: Case, policy: Policy, seed: int) -> Run:
 
 
 def made(name: str) -> Policy:
-    """Make a fixed plan or a policy by its name."""
+    """Return a fixed plan or a policy by name."""
     return FixedPlan(name) if is_fixed(name) else make_policy(name)
 
 
 def is_fixed(name: str) -> bool:
-    """Return whether a name, maybe with parameters, is a fixed planner's."""
+    """Return whether a name, with or without parameters, is that of a fixed planner."""
     return name.split(":")[0] in PLANNERS
 
 
 def fly_by_name(case: Case, name: str, seed: int) -> Run | None:
-    """Fly; None where the steps of a vehicle are too few for a fixed planner's sparsest path."""
+    """Fly one environment; None if a fixed planner's sparsest path exceeds a vehicle's steps."""
     with threadpool_limits(1):
         try:
             return fly(case, made(name), seed)
@@ -228,7 +228,7 @@ def fly_by_name(case: Case, name: str, seed: int) -> Run | None:
 
 
 def ratio(ours: Losses, theirs: Losses) -> str:
-    """Return our mean by the best of their means with its interval of 95 %, in words.
+    """Return the ratio of our mean to the best of their means, with 95 % interval, as text.
 
     Parameters
     ----------
@@ -265,7 +265,7 @@ def show(name: str, runs: dict[str, list[Run]]) -> None:
 
 
 def main() -> None:
-    """Fly and print."""
+    """Fly all cases and print the tables."""
     parser = options_of(__doc__)
     parser.add_argument("--cases", default="miniberry-30", help="farms, with xN for N vehicles; by commas")
     parser.add_argument("--policies", nargs="*", default=list(POLICIES))

@@ -1,4 +1,4 @@
-"""Recorded flights of real autopilots, and how far a simulated one is from them."""
+"""Recorded flights of real autopilots, and their comparison with simulated flights."""
 
 from __future__ import annotations
 
@@ -41,14 +41,14 @@ __all__ = [
 ]
 
 START_S = 3.0
-"""When the mission mode is entered in each recording."""
+"""Time of the change to mission mode in each recording (s)."""
 _SAMPLE_S = 0.1
 _LIMIT_S = 7200.0
 _AFTER_S = 20.0
 _WAYPOINT, _SPLINE = 16, 82
 _COLUMNS = ("t_s", "east_m", "north_m", "up_m", "ve_m_s", "vn_m_s", "vu_m_s", "heading_deg")
-# The vehicle that stands for the recorded one, by what the recording calls that: of the package, or one of
-# the autopilots' simulators.
+# Simulated vehicle by the recording's vehicle name: a vehicle of the package, or the file of a vehicle of an
+# autopilot's simulator.
 _OWN = Path(__file__).parent / "vehicles"
 _VEHICLES = {
     "copter": "quad",
@@ -63,18 +63,18 @@ _TURBULENCE_S = 0.1
 
 @dataclass(frozen=True, slots=True)
 class Flight:
-    """A flight as a table.
+    """Flight as a table of samples.
 
     Parameters
     ----------
     time_s : float64[n]
-        Since any moment.
+        Time since an arbitrary origin.
     position_m, velocity_m_s : float64[n, 3]
-        East, north, up about home.
+        East, north and up, relative to home.
     reached : tuple of (float, int)
-        When each item was reached for the first time.
+        Time at which each item was first reached, and the item's number.
     end_s : float
-        When the vehicle disarmed; NaN if it did not.
+        Time of disarming; NaN if the vehicle did not disarm.
     """
 
     time_s: NDArray[np.float64]
@@ -84,14 +84,14 @@ class Flight:
     end_s: float
 
     def window(self, items: tuple[MissionItem, ...]) -> tuple[float, float]:
-        """Return when the first and the last waypoint were reached.
+        """Return the times at which the first and the last waypoint were reached.
 
-        PX4 tells the item after the last waypoint in its place, when the two end together.
+        If the last waypoint and the next item end together, PX4 reports only the next item.
 
         Raises
         ------
         VehicleError
-            If one of them was not.
+            If one of the two was not reached.
         """
         seqs = [seq for seq, item in enumerate(items) if item.command in (_WAYPOINT, _SPLINE)]
         if len(seqs) < 2:
@@ -107,23 +107,22 @@ class Flight:
 
 @dataclass(frozen=True, slots=True)
 class Recording:
-    """A recorded flight with its mission.
+    """Recorded flight with its mission.
 
     Parameters
     ----------
     name, autopilot : str
     frame : LocalFrame
-        About the recorded home.
+        Frame with the recorded home as origin.
     items : tuple of MissionItem
-        As uploaded, without ArduPilot's home item.
+        Uploaded items, without ArduPilot's home item.
     flight : Flight
     vehicle : str
-        The vehicle that stands for the recorded one: a name or a file.
+        Name or file of the simulated vehicle.
     parameters : dict
-        Those of the recorded autopilot that were noted; none in the oldest recordings, which had the
-        defaults.
+        Stored parameters of the autopilot. The oldest recordings, with default parameters, have none.
     heading_deg : float
-        At the start.
+        Heading at the start.
     """
 
     name: str
@@ -136,14 +135,14 @@ class Recording:
     heading_deg: float = 0.0
 
     def spec(self) -> VehicleSpec:
-        """Return the vehicle with the recorded parameters, as far as they move it here."""
+        """Return the vehicle with those recorded parameters that affect the simulated motion."""
         bare = get_vehicle(self.vehicle)
         table = flight_procedures(with_autopilot(bare, self.autopilot)).parameters
         known = {name: value for name, value in self.parameters.items() if name in table}
         return with_autopilot(bare, self.autopilot, known)
 
     def wind(self) -> Wind | None:
-        """Return the recorded wind (``SIM_WIND_*`` of ArduPilot's simulator), None for calm air.
+        """Return the recorded wind (``SIM_WIND_*`` of ArduPilot's simulator); None for calm air.
 
         The simulator filters white noise of ten times ``SIM_WIND_TURB`` by 0.98 a step, which leaves a
         deviation of ``SIM_WIND_TURB`` m/s and a memory of 50 steps (``SIM_Aircraft.cpp``). Below 60 m the
@@ -160,16 +159,16 @@ class Recording:
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
-    """How far a flight is from a recorded one, from the first to the last waypoint.
+    """Differences between a simulated and a recorded flight, from the first to the last waypoint.
 
     Parameters
     ----------
     recorded_s, simulated_s : float
         Time from the first to the last waypoint.
     mean_m, p95_m : float
-        Distance of the flown path to the recorded path.
+        Mean and 95th percentile of the distance from the flown to the recorded path.
     correlation : float
-        Of the speeds over time, both counted from the first waypoint.
+        Correlation of the speeds over the time since the first waypoint.
     """
 
     recorded_s: float
@@ -180,7 +179,7 @@ class Comparison:
 
     @property
     def time_error(self) -> float:
-        """Relative error of the time."""
+        """Relative error of the simulated time."""
         return self.simulated_s / self.recorded_s - 1.0
 
 
@@ -208,7 +207,7 @@ def load_recording(path: Path) -> Recording:
         msg = f"recording {path}: {error}"
         raise VehicleError(msg) from None
     if get_autopilot(autopilot).for_vehicle(get_vehicle(vehicle).kind).profile.home_at_zero:
-        # Item 0 on the wire is home.
+        # Item 0 of an ArduPilot mission is home.
         items = items[1:]
         reached = tuple((time_s, seq - 1) for time_s, seq in reached)
     flight = Flight(
@@ -231,20 +230,20 @@ def fly_recording(
 ) -> Flight:
     """Fly the mission of a recording with a vehicle, from the ground, and sample it at 10 Hz.
 
-    A vehicle that was still armed when its recording ended is followed for a little longer than that.
+    If the vehicle was still armed at the end of the recording, the simulation ends 20 s later.
 
     Parameters
     ----------
     recording : Recording
     spec : VehicleSpec, optional
-        By default the recording's own.
+        Vehicle, by default that of the recording.
     estimate_errors : EstimateErrors, optional
-        How wrong its estimate is; exact by default.
+        Errors of the position estimate, by default none.
 
     Raises
     ------
     VehicleError
-        If the vehicle gives up or is still flying after two hours.
+        If the vehicle cannot fly an item, or is still flying after two hours.
     """
     executor = MissionExecutor(
         recording.spec() if spec is None else spec,
@@ -264,7 +263,7 @@ def fly_recording(
         enough_s = float(recording.flight.time_s[-1]) - START_S + _AFTER_S
     while executor.flight.armed and executor.time_s <= enough_s:
         state = executor.state()
-        # What its telemetry would tell, as the recording has it.
+        # Recordings contain the estimate from telemetry, so the samples include the estimate's error.
         height_m, *drift_m_s = executor.motion.estimate_error
         east_m, north_m, up_m = state.position_m
         velocity = (true + error for true, error in zip(state.velocity_m_s, drift_m_s, strict=True))
@@ -285,12 +284,12 @@ def fly_recording(
 
 
 def compare(recording: Recording, flight: Flight) -> Comparison:
-    """Compare a flight with the recorded one; on the ground without heights, which are noise of the estimate.
+    """Compare a flight with the recorded one, without heights for rovers, where heights are only noise.
 
     Raises
     ------
     VehicleError
-        If a waypoint was not reached in one of them.
+        If one of the flights did not reach the first or the last waypoint.
     """
     spans = [one.window(recording.items) for one in (recording.flight, flight)]
     paths, speeds = [], []

@@ -1,11 +1,11 @@
-"""Recorded flights of real autopilots beside the simulated ones: times, paths, phases, turns, and plots.
+"""Comparison of recorded flights of real autopilots with simulated ones: times, paths, phases, turns, plots.
 
     python benchmarks/side_by_side.py [--folder tests/data/flights] [--only rover] [--seeds 8] [--out PLOTS]
 
 The folder holds ``<autopilot>-<mission>.json`` and ``.csv.gz`` files (see `benchmarks/recordings.py`). Each
-is flown by the vehicle that stands for the recorded one, with the recorded parameters and wind. Vehicles
-whose estimate errs (PX4's multirotors) fly once for each seed: times and phases are means, with the deviation
-of a flight, and all else that of the flight whose time is in the middle.
+mission is flown by the corresponding simulated vehicle, with the recorded parameters and wind. Vehicles with
+estimate errors (PX4's multirotors) fly once for each seed. Times and phases are then means with standard
+deviations; all other figures are those of the flight with the median time.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ FIRMWARE = {
 
 @dataclass(frozen=True, slots=True)
 class Pair:
-    """A recording and the simulated flight of its mission."""
+    """Recording and simulated flights of its mission."""
 
     stem: str
     recording: Recording
@@ -59,12 +59,12 @@ class Pair:
 
     @property
     def times_s(self) -> list[float]:
-        """How long each simulated flight took from the first to the last waypoint."""
+        """Time of each simulated flight from the first to the last waypoint (s)."""
         return [last - first for first, last in (one.window(self.recording.items) for one in self.flights)]
 
     @property
     def flight(self) -> Flight:
-        """The simulated flight whose time is in the middle."""
+        """Simulated flight with the median time."""
         times_s = self.times_s
         return self.flights[sorted(range(len(times_s)), key=times_s.__getitem__)[len(times_s) // 2]]
 
@@ -74,7 +74,7 @@ class Pair:
         return FIRMWARE[self.recording.autopilot, self.spec.kind]
 
     def both(self) -> tuple[tuple[Flight, float], tuple[Flight, float]]:
-        """Return the recorded and the simulated flight, each with the time at which the mission began."""
+        """Return the recorded and the simulated flight, each with the start time of the mission (s)."""
         return (self.recording.flight, START_S), (self.flight, 0.0)
 
 
@@ -192,7 +192,7 @@ def _beside(values: Iterable[float], unit: str) -> str:
 
 
 def _plot(pairs: list[Pair], path: Path) -> None:
-    """Draw paths from above, heights and speeds of the flights of one vehicle, a row each."""
+    """Draw one row for each pair of one vehicle: ground tracks, heights and speeds."""
     from matplotlib import pyplot as plt
 
     figure, axes = plt.subplots(

@@ -1,15 +1,15 @@
-"""What a run of a benchmark takes, what of that is not the run itself, and whether memory stays flat.
+"""Measure processor time per benchmark run, overhead of the benchmark engine, and memory growth.
 
-Miniberry-30, 360 steps, scored at 36 times: the paper's four planners with two estimators over many seeds,
-flown by `wbf_mission.benchmark` into a folder, as ``wbf-mission bench run`` does. Beside it, the plain loop:
-`wbf_mission.fly` for each run of some seeds, in this process. Scores of both must be equal.
+The runs are on Miniberry-30 with 360 steps, scored at 36 times: the paper's four planners with two estimators
+over many seeds. `wbf_mission.benchmark` flies them into a folder, the same as ``wbf-mission bench run``. The
+reference is a plain loop with `wbf_mission.fly` over some seeds in this process; the scores must be equal.
 
     python benchmarks/throughput.py [--seeds 125] [--plain 5] [--jobs 1]
 
-Printed are processor seconds a run (processes that are started count, with their start), the share that is
-not the runs' own work (bar: 5 %), the ratio to the plain loop, the most memory of this process after a
-quarter of the runs and at their end, and how long 10,000 runs would take on two cores that are free (bar: 15
-minutes). The exit code tells whether the bars are held.
+The output has the processor time per run, including child processes and their start-up, and the overhead
+beyond the runs themselves (limit: 5 %). It also has the ratio to the plain loop, the peak memory of this
+process after a quarter of the runs and at the end, and the time of 10,000 runs on two idle cores (limit: 15
+minutes). The exit code is 1 if a limit is exceeded.
 """
 
 from __future__ import annotations
@@ -31,18 +31,18 @@ OVERHEAD_BAR, SWEEP_BAR_S, SWEEP_RUNS, CORES = 0.05, 900.0, 10_000, 2
 
 
 def spent_s() -> float:
-    """Return the processor seconds of this process and of those that it started and that ended."""
+    """Return the processor time of this process and of its ended child processes (s)."""
     usages = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
     return sum(one.ru_utime + one.ru_stime for one in usages)
 
 
 def most_mb() -> float:
-    """Return the most memory that this process has had."""
+    """Return the peak memory of this process (MB)."""
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
 
 
 def swept(spec: BenchSpec, jobs: int) -> tuple[Sequence[BenchRow], float, dict[float, float]]:
-    """Fly the runs; return their rows, processor seconds, and the most memory by the part that was done."""
+    """Fly the runs; return the rows, the processor time (s), and the peak memory by completed share."""
     memory: dict[float, float] = {}
 
     def note(_what: str, done: float, total: float) -> None:
@@ -56,7 +56,7 @@ def swept(spec: BenchSpec, jobs: int) -> tuple[Sequence[BenchRow], float, dict[f
 
 
 def plain_s(spec: BenchSpec, rows: Sequence[BenchRow]) -> float:
-    """Fly the runs one by one; return processor seconds a run."""
+    """Fly the runs in a plain loop; return the processor time per run (s)."""
     scores = {row.key: row.score for row in rows}
     begin = time.process_time()
     for run in spec.runs():
@@ -72,7 +72,7 @@ def main() -> int:
     parser.add_argument("--plain", type=int, default=5, help="seeds of the plain loop")
     parser.add_argument("--jobs", type=int, default=1)
     options = parser.parse_args()
-    # What is compiled and imported once in a process is no cost of a run.
+    # Imports and compilation happen once per process and are not part of a run's cost.
     swept(BenchSpec.of([SCENARIO], seeds=[options.seeds]), 1)
     rows, cpu_s, memory = swept(BenchSpec.of([SCENARIO], seeds=options.seeds), options.jobs)
     failed = [row for row in rows if row.error is not None]

@@ -1,15 +1,15 @@
-"""Tune the fixed planners on environments that no table uses, and write the chosen ones into a specification.
+"""Tune the fixed planners on environments not used in tables, and write a specification of the best ones.
 
-A policy that decides in flight is compared with paths that are fixed before the flight; that is fair only if
-these are as good as their parameters make them. `choices` has what is tried: the direction of the rows, the
-least distance of rows and rings, and how much of the budget ``adaptive-lawnmower`` gives to the tomatoes.
-``max_spacing_m`` is left out: a path already has the closest rows that the budget pays for, so it can only
-refuse. Choices that plan the same path in a scenario are flown once.
+Policies that decide in flight are compared with fixed paths. The comparison is fair only if the fixed
+planners have their best parameters. `choices` lists the candidates: row direction, least spacing of rows and
+rings, and the share of the budget that ``adaptive-lawnmower`` spends on the tomatoes. ``max_spacing_m`` is
+not tuned: a path already has the closest rows within the budget, so the parameter can only reject paths.
+Candidates with the same path in a scenario are flown once.
 
-In each scenario, with each estimator, all choices fly the first seeds. The best ``--keep`` of each planner
-and measure and the defaults then fly the rest, and the best of these by the mean over all seeds is chosen for
-each planner and measure: ``run``, the score over the flight, and ``end``, the score at its end. Tuning seeds
-begin at 910000. Scores are taken at 36 times, also where a scenario scores each step, which would take ten
+In each scenario and with each estimator, all candidates fly the first seeds. The defaults and the best
+``--keep`` of each planner and measure then fly the remaining seeds. The best mean over all seeds is chosen
+for each planner and measure: ``run`` is the score over the flight, ``end`` the score at the end. Tuning seeds
+begin at 910000. Scores are taken at 36 times, even if a scenario scores every step, which would take ten
 times as long.
 
     python benchmarks/tune_baselines.py [--scenarios WBF/Miniberry-30-v1] [--estimators epidemic,gp]
@@ -45,7 +45,7 @@ ESTIMATORS = "epidemic,gp"
 MEASURES = ("run", "end")
 DEFAULTS = ("lawnmower", "spiral", "adaptive-lawnmower")
 SHARES = (0.5, 0.6, 0.7, 0.75, 0.8, 0.85, 0.9)
-# A direction a hair's breadth from the border's costs a row, so that of y is given in full.
+# A tiny angle between rows and border costs a row, so the direction of y has all digits.
 DIRECTIONS = ("x", repr(math.pi / 2), "longest-side", "fewest-turns")
 CELLS_APART = (2, 3, 4, 5)
 SCORE_POINTS = 36
@@ -53,7 +53,7 @@ SCORE_POINTS = 36
 
 @dataclass(frozen=True, slots=True)
 class Chosen:
-    """The best parameters of a planner for a measure, and what they gain over its defaults, in pairs."""
+    """Best parameters of a planner for a measure, and the paired improvement over the defaults."""
 
     scenario: str
     estimator: str
@@ -64,7 +64,7 @@ class Chosen:
 
 
 def choices(cell_m: float) -> list[str]:
-    """Return the planners with the parameters that are tried; the defaults come first."""
+    """Return the candidates, planners with parameters; the defaults come first."""
     spacings = ["", *(f"min_spacing_m={cells * cell_m:.4g}" for cells in CELLS_APART)]
     directions = ["", *(f"direction={one}" for one in DIRECTIONS)]
     shares = ["", *(f"tomato_share={one}" for one in SHARES)]
@@ -82,7 +82,7 @@ def choices(cell_m: float) -> list[str]:
 
 
 def distinct(scenario: Scenario, names: Sequence[str]) -> list[str]:
-    """Return the first choice of each path that fits the budget."""
+    """Return the candidates with distinct paths within the budget."""
     found: dict[bytes, str] = {}
     for name in names:
         try:
@@ -101,9 +101,9 @@ def values(rows: Sequence[BenchRow], planner: str, measure: str) -> dict[int, fl
 
 
 def best(rows: Sequence[BenchRow], measure: str, count: int, family: str = "") -> list[str]:
-    """Return the best planners by the mean score, best first, of those that flew the most seeds.
+    """Return the best candidates by mean score, best first, among those with the most seeds.
 
-    A `family` is a planner's name: only it, with all parameters.
+    `family`: name of a planner, to which the result is limited.
     """
     names = dict.fromkeys(row.planner for row in rows if family in ("", row.planner.partition(":")[0]))
     flown = {name: values(rows, name, measure) for name in names}
@@ -113,7 +113,7 @@ def best(rows: Sequence[BenchRow], measure: str, count: int, family: str = "") -
 
 
 def chosen(rows: Sequence[BenchRow]) -> list[Chosen]:
-    """Return the best of each planner and measure, of the rows of one scenario and estimator."""
+    """Return the best parameters of each planner and measure, from the rows of a scenario and estimator."""
     found = []
     for measure, family in itertools.product(MEASURES, DEFAULTS):
         for winner in best(rows, measure, 1, family):
@@ -125,7 +125,7 @@ def chosen(rows: Sequence[BenchRow]) -> list[Chosen]:
 
 
 def specification(found: Sequence[Chosen], seeds: range) -> str:
-    """Return the text of a specification with the planners that were chosen, each with what for."""
+    """Return the text of a specification with the chosen planners and their measures."""
     lines = [
         "# The fixed planners with the parameters that did best on tuning environments",
         f"# (benchmarks/tune_baselines.py, seeds {seeds[0]} to {seeds[-1]}), to compare policies with.",
@@ -149,7 +149,7 @@ def specification(found: Sequence[Chosen], seeds: range) -> str:
 
 
 def fly(name: str, names: Sequence[str], estimator: str, seeds: range, out: Path | None) -> list[BenchRow]:
-    """Fly planners in a scenario."""
+    """Fly planners in a scenario; return the rows."""
     scenario = scenario_with(load_scenario(name), {"score_points": SCORE_POINTS})
     planners = tuple(choose(one, "planner") for one in names)
     spec = BenchSpec(((name, scenario),), planners, (choose(estimator, "estimator"),), tuple(seeds))
@@ -159,7 +159,7 @@ def fly(name: str, names: Sequence[str], estimator: str, seeds: range, out: Path
 def tune(
     name: str, estimator: str, names: Sequence[str], seeds: range, given: argparse.Namespace
 ) -> list[BenchRow]:
-    """Fly all choices on the first seeds, the best of them and the defaults on the others."""
+    """Fly all candidates on the first seeds, then the best ones and the defaults on the others."""
     early = fly(name, names, estimator, seeds[: given.first], given.out)
     kept = [one for one in names if one in DEFAULTS]
     for measure, family in itertools.product(MEASURES, DEFAULTS):
@@ -169,7 +169,7 @@ def tune(
 
 
 def show(rows: Sequence[BenchRow]) -> None:
-    """Print the planners that flew all seeds, best first."""
+    """Print the candidates with all seeds, best first."""
     print(f"\n{rows[0].scenario}, {rows[0].estimator}")
     for name in best(rows, "run", len(rows)):
         cells = []
@@ -180,7 +180,7 @@ def show(rows: Sequence[BenchRow]) -> None:
 
 
 def main() -> None:
-    """Tune, print, write."""
+    """Tune the planners, print the scores, and write the specification."""
     parser = options_of(__doc__)
     parser.add_argument("--scenarios", default=SCENARIOS)
     parser.add_argument("--estimators", default=ESTIMATORS)

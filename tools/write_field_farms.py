@@ -1,12 +1,11 @@
-"""Write the farms of the scenarios ``WBF/Field-NAME-v1``: outlines of real fields, made smaller.
+"""Write the farms of the scenarios ``WBF/Field-NAME-v1``: scaled outlines of real fields.
 
     python tools/write_field_farms.py [--out FOLDER]
 
-The outlines are those of `tools/fields.json` (sources and licences are there, and in each file). They
-keep their shape, direction and place; lengths are scaled so that the land has about a thousand cells of a
-foot, nearly as many as Miniberry-30, and the crops are planted in blocks of equal area across the land,
-strawberries first.
-What an id means never changes: a further farm gets a further name.
+The outlines, their sources and licences are in `tools/fields.json`. Each farm file has the source, too. The
+outlines keep their shape, direction and place. Lengths are scaled so that the land has about a thousand cells
+of a foot, nearly as many as Miniberry-30. The crops are planted in blocks of equal area across the land,
+strawberries first. The farm of a scenario id never changes: a new farm gets a new name.
 """
 
 from __future__ import annotations
@@ -31,16 +30,16 @@ from geo.units import FOOT_M
 SOURCE = Path(__file__).with_name("fields.json")
 OUT = Path(__file__).parents[1] / "wbf_mission" / "scenario" / "catalogue" / "WBF" / "farms"
 CELLS = 1000
-GAP_CELLS = 3  # Between the parts of a farm
+GAP_CELLS = 3  # Gap between the parts of a farm
 
 
 class Wanted(NamedTuple):
-    """A farm: its outlines, in how many blocks it is planted, and across which axis these are cut."""
+    """Specification of a farm: outlines, number of blocks, and the axis across which blocks are cut."""
 
     fields: tuple[str, ...]
     blocks: int
     axis: int = 1
-    island_cells: float = 0.0  # Its holes are obstacles, squares of so many cells a side
+    island_cells: float = 0.0  # Side of square obstacles in the outline's holes
 
 
 FARMS = {
@@ -54,24 +53,24 @@ FARMS = {
 
 
 def make_farm(name: str, wanted: Wanted, known: dict[str, dict[str, Any]]) -> Farm:
-    """Return a farm; its grid is the bounds of its land."""
-    outlines = [shapely.Polygon(*_rings(known[one]["rings"])) for one in wanted.fields]
-    factor = math.sqrt(CELLS * FOOT_M**2 / sum(one.area for one in outlines))
+    """Return a farm with the bounds of its land as grid."""
+    outlines = [shapely.Polygon(*_rings(known[field]["rings"])) for field in wanted.fields]
+    factor = math.sqrt(CELLS * FOOT_M**2 / sum(outline.area for outline in outlines))
     land, right_m = list[shapely.Polygon](), 0.0
-    for one in outlines:
-        scaled = affinity.scale(one, factor, factor, origin=(0.0, 0.0))
+    for outline in outlines:
+        scaled = affinity.scale(outline, factor, factor, origin=(0.0, 0.0))
         west_m, south_m, _, _ = scaled.bounds
         land.append(affinity.translate(scaled, right_m - west_m, -south_m))
         right_m = land[-1].bounds[2] + GAP_CELLS * FOOT_M
     reach_m = 0.5 * wanted.island_cells * FOOT_M
     islands = [
         shapely.box(x - reach_m, y - reach_m, x + reach_m, y + reach_m)
-        for one in land
-        for ring in one.interiors
+        for polygon in land
+        for ring in polygon.interiors
         for x, y in [shapely.Polygon(ring).centroid.coords[0]]
     ]
     whole = shapely.difference(
-        shapely.union_all([shapely.Polygon(one.exterior) for one in land]), shapely.union_all(islands)
+        shapely.union_all([shapely.Polygon(polygon.exterior) for polygon in land]), shapely.union_all(islands)
     )
     width, height = (math.ceil(whole.bounds[k] / FOOT_M - 1e-6) for k in (2, 3))
     centres = [((x + 0.5) * FOOT_M, (y + 0.5) * FOOT_M) for x in range(width) for y in range(height)]
@@ -85,7 +84,7 @@ def make_farm(name: str, wanted: Wanted, known: dict[str, dict[str, Any]]) -> Fa
         owner="owner",
         home_m=min((at for at in centres if whole.contains(shapely.Point(at))), key=sum),
         obstacles=tuple(
-            Obstacle(one, margin_m=FOOT_M, name=f"island {k}") for k, one in enumerate(islands, start=1)
+            Obstacle(island, margin_m=FOOT_M, name=f"island {k}") for k, island in enumerate(islands, start=1)
         ),
     )
 
@@ -95,13 +94,13 @@ def _rings(rings: list[list[list[float]]]) -> tuple[Any, Any]:
 
 
 def _patches(land: shapely.Geometry, wanted: Wanted) -> Iterator[Patch]:
-    """Yield the blocks: strips of equal area across the axis, the crops in turn."""
+    """Yield the blocks of a farm: strips of equal area across the axis, with alternating crops."""
     low, high = land.bounds[wanted.axis], land.bounds[wanted.axis + 2]
     ends = [_end(land, wanted.axis, low, high, k / wanted.blocks) for k in range(1, wanted.blocks)]
     for k, (begin, end) in enumerate(pairwise([low - 1.0, *ends, high + 1.0])):
         crop = (Crop.STRAWBERRY, Crop.TOMATO)[k % 2]
         pieces = shapely.get_parts(_cut(land, wanted.axis, begin, end))
-        for number, piece in enumerate((one for one in pieces if one.area > 0.0), start=1):
+        for number, piece in enumerate((part for part in pieces if part.area > 0.0), start=1):
             yield Patch(f"{crop} {k // 2 + 1}.{number}", crop, "owner", piece)
 
 
@@ -111,7 +110,7 @@ def _cut(land: shapely.Geometry, axis: int, begin: float, end: float) -> shapely
 
 
 def _end(land: shapely.Geometry, axis: int, low: float, high: float, share: float) -> float:
-    """Return up to where a share of the land lies, by bisection."""
+    """Return the coordinate below which `share` of the land's area lies, by bisection."""
     begin = low - 1.0
     for _ in range(60):
         middle = 0.5 * (low + high)
@@ -123,16 +122,16 @@ def _end(land: shapely.Geometry, axis: int, low: float, high: float, share: floa
 
 
 def main() -> None:
-    """Write the farms, with the sources of their outlines."""
+    """Write the farm files, with the sources of the outlines."""
     options = argparse.ArgumentParser(description=__doc__)
     options.add_argument("--out", type=Path, default=OUT)
     out = options.parse_args().out
-    known = {one["name"]: one for one in json.loads(SOURCE.read_text())["fields"]}
+    known = {field["name"]: field for field in json.loads(SOURCE.read_text())["fields"]}
     for name, wanted in FARMS.items():
         path = out / f"{name}.geojson"
         save_farm(make_farm(name, wanted, known), path)
-        told = [f"{known[one]['source']}, {known[one]['licence']}, scaled" for one in wanted.fields]
-        table = {**json.loads(path.read_text()), "sources": told}
+        sources = [f"{known[field]['source']}, {known[field]['licence']}, scaled" for field in wanted.fields]
+        table = {**json.loads(path.read_text()), "sources": sources}
         with atomic_write(path) as file:
             file.write(json.dumps(table) + "\n")
 

@@ -1,7 +1,7 @@
-"""Write the SHA-256 of the frozen packs in ``results`` into the package, which checks them by it.
+"""Write the table of SHA-256 digests with which the package checks the frozen packs in ``results``.
 
-``python tools/write_frozen_sums.py``, after packs were added or flown anew; ``--check`` writes nothing, and
-ends with 1 if the table is another one.
+Run ``python tools/write_frozen_sums.py`` after packs were added or flown again. ``--check`` writes nothing
+and exits with 1 if the table is out of date.
 """
 
 from __future__ import annotations
@@ -19,12 +19,12 @@ RESULTS = Path(__file__).parents[1] / "results"
 
 
 def table() -> bytes:
-    """Return the table of what is in ``results`` now."""
+    """Return the table of the packs in ``results``."""
     return msgspec.json.format(msgspec.json.encode(sums_of(RESULTS.glob("*/*.zip")))) + b"\n"
 
 
 def main() -> None:
-    """Write the table, or compare it."""
+    """Write or check the table."""
     options = argparse.ArgumentParser(description=__doc__)
     options.add_argument("--check", action="store_true")
     if options.parse_args().check:

@@ -1,7 +1,8 @@
-"""Write the golden outputs: digests of what five flights and thirty commands give.
+"""Write the golden outputs: digests of the outputs of five flights and thirty commands.
 
-``python tools/write_golden_outputs.py`` makes them anew, after a change that is meant to alter them; the
-commit says which and why. ``--keep DIR`` leaves the outputs there, so that ``diff -r`` shows what changed.
+Run ``python tools/write_golden_outputs.py`` after a change that is meant to alter outputs. The commit names
+the altered outputs and the reason. ``--keep DIR`` keeps the outputs in DIR, so that ``diff -r`` shows
+changes.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ from wbf_mission.bench.provenance import libraries
 
 TABLE = Path(__file__).parents[1] / "tests" / "data" / "golden_outputs.json"
 MEASURED = {"wall_time_s", "cpu_time_s", "realtime_factor", "timings_s", "compute_s", "seconds", "time_share"}
-"""Keys of documents whose values are of the clock of the machine."""
+"""Keys of documents with measured times as values, which differ from run to run."""
 _SMALL = "--farm miniberry-10"
 FLIGHTS = {
     "spiral": f"{_SMALL} --planner spiral --estimator gp --seed 3",
@@ -74,7 +75,7 @@ _FILES = {".tlog", ".plan", ".waypoints", ".kml", ".geojson", ".gpx", ".csv"}
 
 
 def outputs(folder: Path) -> Iterator[tuple[str, bytes]]:
-    """Run everything in a folder; yield what each gives, without times and paths of the machine."""
+    """Run all flights and commands in a folder; yield name and output, without times and machine paths."""
     (folder / "out").mkdir(parents=True)
     for name, options in FLIGHTS.items():
         printed = _run(folder, f"fly {options} --out {name} --json")
@@ -103,7 +104,7 @@ def _run(folder: Path, command: str) -> bytes:
 
 
 def _stable(text: bytes, folder: Path) -> bytes:
-    """Return a document without what depends on the machine; a text that is none as it is."""
+    """Return a JSON document without machine-dependent values; other texts are returned unchanged."""
     try:
         document = json.loads(text)
     except ValueError:
@@ -126,7 +127,7 @@ def _table(path: Path) -> bytes:
 
 
 def _page(run: Path) -> bytes:
-    """Return what the page of a run is told, message by message."""
+    """Return the messages from which the page of a run is made."""
     from wbf_mission import load_result
     from wbf_mission.addons.web.view import View
     from wbf_mission.results.replay import events_of
@@ -142,7 +143,7 @@ def _page(run: Path) -> bytes:
 
 
 def mcap_messages(path: Path) -> bytes:
-    """Return the messages of an MCAP file, whose frame names the version of the program."""
+    """Return the messages of an MCAP file without the file header, which names the program's version."""
     with path.open("rb") as file:
         found = [
             f"{channel.topic} {schema.name} {message.log_time} ".encode() + message.data
@@ -156,7 +157,7 @@ def _without_clock(messages: bytes) -> bytes:
 
 
 def digests(keep: Path | None = None) -> dict[str, str]:
-    """Return a digest of each output by its name; leave the outputs in `keep`."""
+    """Return the digest of each output by name; `keep`: folder in which the outputs are kept."""
     found = {}
     with tempfile.TemporaryDirectory() as folder:
         for name, content in outputs(Path(folder) / "golden"):
@@ -169,7 +170,7 @@ def digests(keep: Path | None = None) -> dict[str, str]:
 
 
 def main() -> None:
-    """Write the table."""
+    """Write the table of digests."""
     options = argparse.ArgumentParser(description=__doc__)
     options.add_argument("--out", type=Path, default=TABLE)
     options.add_argument("--keep", type=Path)

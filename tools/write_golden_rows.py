@@ -1,7 +1,7 @@
-"""Write the golden rows: a small benchmark whose results change only with a behaviour number.
+"""Write the golden rows: results of a small benchmark that change only with a behaviour number.
 
-``python tools/write_golden_rows.py`` flies them. Rows that differ from the kept ones are written only if a
-number of `wbf_mission.version.BEHAVIOUR` was raised; the commit says why. ``--out FILE``: elsewhere.
+``python tools/write_golden_rows.py`` flies the benchmark. Changed rows are written only if a number of
+`wbf_mission.version.BEHAVIOUR` was raised; the commit gives the reason. ``--out FILE`` writes to FILE.
 """
 
 from __future__ import annotations
@@ -23,13 +23,13 @@ from wbf_mission.version import BEHAVIOUR
 
 TABLE = Path(__file__).parents[1] / "tests" / "data" / "golden_rows.json"
 NEAR = 1e-6
-"""Relative difference of values that other versions of the libraries may give."""
+"""Tolerated relative difference between values of different library versions."""
 _APART = "WRITE_GOLDEN_ROWS_APART"
 _TAKES_MINUTES = ("Waterberry", "Miniberry-100", "-Days")
 
 
 def flown() -> dict[str, Any]:
-    """Fly the golden rows; return them by name, with the numbers and libraries that they are of."""
+    """Fly the golden rows; return them by name, with behaviour numbers and library versions."""
     from wbf_mission import BenchSpec, benchmark
     from wbf_mission.scenario import scenario_ids
 
@@ -61,7 +61,7 @@ def flown() -> dict[str, Any]:
 
 
 def changes(kept: dict[str, Any], now: dict[str, Any]) -> Iterator[str]:
-    """Yield how rows differ from the kept ones: to the bit where the libraries are the same."""
+    """Yield differences from the stored rows: to the bit with the same libraries, else beyond a tolerance."""
     within = 0.0 if kept["libraries"] == now["libraries"] else NEAR
     for name in sorted(kept["rows"].keys() | now["rows"].keys()):
         old, new = kept["rows"].get(name), now["rows"].get(name)
@@ -76,7 +76,7 @@ def changes(kept: dict[str, Any], now: dict[str, Any]) -> Iterator[str]:
 
 
 def main() -> None:
-    """Write the rows, in a process that finds nothing trained."""
+    """Write the rows, in a process without trained parameters in its cache."""
     if _APART not in os.environ:
         with tempfile.TemporaryDirectory() as folder:
             caches = {_APART: "1", "XDG_CACHE_HOME": folder, "NUMBA_CACHE_DIR": str(compiled_folder())}

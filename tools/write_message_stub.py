@@ -1,8 +1,8 @@
 """Write the types of the MAVLink messages that the code uses: ``mission/link/codec/messages.pyi``.
 
-pymavlink's dialect is untyped to type checkers and lacks the fields that `mission.link.codec.additions`
-appends. This reads the sources for the names they use of ``mavlink`` and the dialect for what those are. Run
-it after using a message or constant for the first time::
+pymavlink's dialect has no types and lacks the fields that `mission.link.codec.additions` appends. This script
+collects the names of ``mavlink`` used in the sources and looks up their types in the dialect. Run the script
+after using a message or constant for the first time::
 
     python tools/write_message_stub.py
 """
@@ -29,15 +29,15 @@ _MARK = "# What follows is written by tools/write_message_stub.py; do not edit i
 
 
 def head() -> str:
-    """Return the part of the stub that is written by hand, with the line that ends it."""
+    """Return the hand-written part of the stub, including its last line, the marker."""
     written, mark, _ = STUB.read_text(encoding="utf-8").partition(_MARK)
     return written + mark
 
 
 def used_names() -> list[str]:
-    """Return the messages and constants of the dialect that the sources use, sorted.
+    """Return the sorted names of the dialect's messages and constants in the sources.
 
-    A message is used where its class or its id is.
+    A message is included if the sources contain its class or its id.
     """
     names: set[str] = set()
     for package in _PACKAGES:
@@ -53,7 +53,7 @@ def _is_message(name: str) -> bool:
 
 
 def _type(kind: str, length: int, *, given: bool = False) -> str:
-    """Return what a field is as an attribute, or as it is given."""
+    """Return the Python type of a field as an attribute, or as a constructor argument if `given`."""
     if kind == "char":
         return "bytes" if given else "str"
     number = "float" if kind in ("float", "double") else "int"
@@ -61,7 +61,7 @@ def _type(kind: str, length: int, *, given: bool = False) -> str:
 
 
 def _fields(name: str) -> list[tuple[str, str, int, bool]]:
-    """Return the fields of a message class: name, C type, array length, and whether it may be left out."""
+    """Return the fields of a message class: name, C type, array length, and whether the field is optional."""
     message_type: Any = getattr(mavlink, name)
     lengths = dict(zip(message_type.ordered_fieldnames, message_type.array_lengths, strict=True))
     title = message_type.msgname
@@ -79,7 +79,7 @@ def _fields(name: str) -> list[tuple[str, str, int, bool]]:
 
 
 def _message(name: str) -> str:
-    """Return a class whose fields are also what it is made of; text is given as bytes."""
+    """Return the stub of a message class; its constructor takes the fields, texts as bytes."""
     fields = _fields(name)
     lines = [f"class {name}(MAVLink_message):"]
     for field, kind, length, optional in fields:
@@ -102,7 +102,7 @@ def _number(name: str) -> str:
 
 
 def stub() -> str:
-    """Return the stub module's text."""
+    """Return the text of the stub module."""
     names = used_names()
     numbers = "\n".join(_number(name) for name in names if not _is_message(name))
     messages = "\n\n".join(_message(name) for name in names if _is_message(name))

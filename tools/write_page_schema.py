@@ -1,6 +1,6 @@
-"""Write `page/src/schema.ts`, the types of the messages of a page, from `wbf_mission/addons/web/schema.py`.
+"""Write `page/src/schema.ts`, TypeScript types of the page's messages, from `addons/web/schema.py`.
 
-``python tools/write_page_schema.py`` after a change of the Python side; a test compares the two.
+Run ``python tools/write_page_schema.py`` after a change of the Python module; a test compares both files.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ _WIDTH = 116
 
 
 def typescript(source: str) -> str:
-    r"""Return the types of a module of structs in TypeScript, with their docstrings.
+    r"""Return TypeScript types, with docstrings, for the structs in the source of a Python module.
 
     >>> print(typescript('class A(Struct):\n    "One."\n    x: list[int | None]  # Many\n    y: str = ""'))
     // Made of schema.py by tools/write_page_schema.py.
@@ -57,7 +57,7 @@ def typescript(source: str) -> str:
 
 
 def _documented(body: Sequence[ast.stmt], lines: Sequence[str]) -> Iterator[tuple[ast.stmt, str | None]]:
-    """Yield statements with the docstring or the comment that follows each."""
+    """Yield each statement with the docstring or comment after it, if any."""
     for statement, following in zip(body, [*body[1:], None], strict=True):
         match following:
             case ast.Expr(value=ast.Constant(value=str(text))):

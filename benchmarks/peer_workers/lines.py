@@ -1,4 +1,4 @@
-"""Questions and answers as lines of JSON, for programs that run in another virtual environment."""
+"""Requests and responses as lines of JSON, for processes in another virtual environment."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from typing import Any
 
 
 def serve(answer: Callable[[dict[str, Any]], dict[str, Any]]) -> None:
-    """Answer each line of the standard input by one on the standard output, until the input ends.
+    """Write one response line to standard output for each request line on standard input, until its end.
 
-    An empty answer tells that the libraries are there. What libraries print goes to the standard error. An
-    error is an answer, too.
+    The first response is empty and confirms that the libraries were imported. Output of libraries goes to
+    standard error. Errors are sent as responses.
     """
     out = os.fdopen(os.dup(1), "w")
     os.dup2(2, 1)
@@ -22,8 +22,8 @@ def serve(answer: Callable[[dict[str, Any]], dict[str, Any]]) -> None:
     out.flush()
     for line in sys.stdin:
         try:
-            told = answer(json.loads(line))
+            response = answer(json.loads(line))
         except Exception as error:
-            told = {"error": " ".join(f"{type(error).__name__}: {error}".split())[:500]}
-        out.write(json.dumps(told) + "\n")
+            response = {"error": " ".join(f"{type(error).__name__}: {error}".split())[:500]}
+        out.write(json.dumps(response) + "\n")
         out.flush()

@@ -1,10 +1,10 @@
-"""Chooses goals with PyPolo's myopic planning (Chen, Khardon & Liu), in a virtual environment that has it.
+"""Worker for PyPolo's myopic planning (Chen, Khardon & Liu), run in a virtual environment with PyPolo.
 
-The first question of a flight gives the box and the kernel, and the answer the way of the pilot survey; each
-further one gives where the vehicle is and what it has seen since; the answer is the next goal. PyPolo's own
-robot is a boat with a sensor of its own rate: here the vehicle takes its place, which flies to the goal and
-sees all on the way. Kernels, learning and pilot survey are as in the authors' experiments (attentive_kernels,
-``experiments/main.py`` and ``experiments/configs``).
+The first request of a flight has the box and the kernel; the response is the path of the pilot survey. Later
+requests have the vehicle's position and the new observations; the response is the next goal. PyPolo's robot
+is a boat with its own sensor rate. Here the vehicle replaces the boat: it flies to the goal and observes all
+cells on the path. Kernels, training and pilot survey are the same as in the authors' experiments
+(attentive_kernels, ``experiments/main.py`` and ``experiments/configs``).
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ LENGTHSCALES = np.linspace(0.01, 0.5, 10)
 
 
 class Vehicle:
-    """Stands for PyPolo's robot: it is at the goal at once, and the benchmark flies there."""
+    """Replacement of PyPolo's robot that reaches a goal at once; the benchmark flies the real path."""
 
     def __init__(self) -> None:
         self.state = np.zeros(3)
@@ -35,25 +35,25 @@ class Vehicle:
 
     @property
     def has_goal(self) -> bool:
-        """Whether there is somewhere to go."""
+        """Whether a goal is pending."""
         return len(self.goal_states) > 0
 
     def control(self) -> tuple[float, None]:
-        """Nothing to control."""
+        """Return a null control input."""
         return 0.0, None
 
     def update(self, _distance: float, _action: None) -> None:
-        """Arrive."""
+        """Move to the goal."""
         self.sampling_locations.append(self.goal_states.pop(0))
 
     def commit_data(self) -> Any:
-        """Return where it arrived."""
+        """Return the position reached."""
         found, self.sampling_locations = np.vstack(self.sampling_locations), []
         return found
 
 
 class Flight:
-    """One flight: the model of what was seen, and the strategy."""
+    """One flight: the model of the observations, and the planning strategy."""
 
     def __init__(self, asked: dict[str, Any]) -> None:
         self.low, self.high = np.array(asked["low"]), np.array(asked["high"])
@@ -69,14 +69,14 @@ class Flight:
         self.model: Any = None
 
     def goal(self, position: list[float], seen: list[list[float]]) -> list[float]:
-        """Learn what was seen, and return the next goal."""
+        """Fit the model to new observations, and return the next goal."""
         data = np.array(seen, dtype=np.float64).reshape(-1, 3)
         places, values = self._scaled(data[:, :2]), (data[:, 2:] - self.mean) / self.deviation
         if self.model is None:
             self.model = GPR(places, values, self._kernel(), NOISE, **RATES, is_normalized=False)
         elif len(data):
             self.model.add_data(places, values)
-        # A step for each new sample, after the pilot survey, too.
+        # One optimiser step for each new sample, including the samples of the pilot survey.
         self.model.optimize(len(data), verbose=False)
         self.vehicle.state[:2] = self._scaled(np.array([position]))[0]
         return self._unscaled(self.strategy.get(self.model))[0].tolist()
@@ -86,10 +86,10 @@ class Flight:
         return 0.5 * float((self.high - self.low).max())
 
     def _scaled(self, places_m: Any) -> Any:
-        """Bring places to -1..1, as the kernels expect them.
+        """Return positions scaled to -1..1, the input range of the kernels.
 
-        The library's own scaling takes the limits of the places and the mean and deviation of the values from
-        the pilot survey; the deviation is zero where all plants of it are healthy.
+        PyPolo's own scaling takes limits, mean and deviation from the pilot survey. If all plants of the
+        survey are healthy, the deviation is zero.
         """
         return (places_m - (self.low + self.high) / 2) / self._half_m
 
@@ -104,8 +104,8 @@ class Flight:
 
 
 def main() -> None:
-    """Serve one flight after the other."""
-    torch.set_num_threads(1)  # the matrices are small
+    """Answer requests until the input ends; a "start" request begins a new flight."""
+    torch.set_num_threads(1)  # The matrices are too small for threads
     flights: dict[str, Flight] = {}
 
     def answer(asked: dict[str, Any]) -> dict[str, Any]:

@@ -1,11 +1,10 @@
-"""Plans paths with sgptools (Jakkala & Akella), in a virtual environment that has it.
+"""Worker for path planning with sgptools (Jakkala & Akella), run in a virtual environment with sgptools.
 
-A question gives the box that may be flown over, the points of the land that is to be known, the start, the
-length of the path, and the kernel; the answer has the points of the path.
+A request has the box in which flight is allowed, points of the land of interest, start, path length and
+kernel. The response has the points of the path.
 
-ContinuousSGP and CMA know the length as a constraint, the start as a fixed waypoint, and that the vehicle
-senses on its way. HexCover finds places, and their tour is as long as it is: the variance that its hexagons
-leave is searched.
+ContinuousSGP and CMA support a length constraint, a fixed start, and sensing along the path. HexCover returns
+positions without a length limit, so the smallest variance is searched for which a tour fits the length.
 """
 
 from __future__ import annotations
@@ -29,18 +28,18 @@ from sgptools.utils.misc import get_inducing_pts
 from sgptools.utils.tsp import resample_path, run_tsp
 
 SAMPLING_RATE = 5
-"""Points of a leg at which a path senses: what the library's tutorial has for continuous sensing."""
+"""Sensing points per leg, the value in the library's tutorial on continuous sensing."""
 CONSTRAINT_WEIGHT = 500.0
-"""Of the length, as in the tutorial's case with a distance budget."""
+"""Weight of the length constraint, the value in the tutorial with a distance budget."""
 FEWER = 0.93
 TOUR_LENGTH = 0.7124
-"""A tour of n places in an area A is about 0.7124 sqrt(n A) long (Applegate et al., 2006)."""
+"""A tour of n places in an area A has a length of about 0.7124 sqrt(n A) (Applegate et al., 2006)."""
 
 Points = Any
 
 
 class Question:
-    """What is asked, and what every method needs of it."""
+    """Request, with derived values that all methods need."""
 
     def __init__(self, asked: dict[str, Any]) -> None:
         self.low, self.high = np.array(asked["low"]), np.array(asked["high"])
@@ -55,12 +54,12 @@ class Question:
 
     @property
     def places(self) -> int:
-        """About as many places as a tour of this length passes, at most those of the grid."""
+        """Approximate number of places on a tour of the given length, at most that of the grid."""
         width, height = self.high - self.low
         return min(len(self.grid) - 1, max(3, int((self.length_m / TOUR_LENGTH) ** 2 / (width * height))))
 
     def tour(self, places: Points) -> tuple[Points, float]:
-        """Return the places in the order of a tour from the start, and its length."""
+        """Return the places in the order of a tour from the start, and the length of the tour."""
         places = np.clip(np.asarray(places, dtype=np.float64).reshape(-1, 2), self.low, self.high)
         paths, lengths = run_tsp(places, start_nodes=self.start, time_limit=20)
         return paths[0][1:], float(lengths[0])
@@ -71,8 +70,8 @@ class Question:
 
 
 def continuous(question: Question, method: str = "ContinuousSGP") -> Points:
-    """Move the waypoints of a tour until the path tells most, within the length."""
-    # As in the tutorial, the first path is a tour of evenly spread places, with as many waypoints as wanted.
+    """Return a path from a length-constrained optimisation that starts with a tour."""
+    # The tutorial's initial path: a tour of evenly spread places, resampled to the number of waypoints.
     count = question.places
     while (found := question.tour(question.spread(count)))[1] > question.length_m:
         count = int(FEWER * count)
@@ -94,13 +93,13 @@ def continuous(question: Question, method: str = "ContinuousSGP") -> Points:
 
 
 def hexagons(question: Question, variance: float) -> Points:
-    """Cover the box with hexagons that leave this variance at most."""
+    """Return places on a hexagonal cover of the box with at most this posterior variance."""
     found = get_method("HexCover")(len(question.grid), question.grid, question.kernel, question.noise)
     return np.unique(found.optimize(post_var_threshold=variance, tsp=False)[0], axis=0)
 
 
 def by_variance(question: Question) -> Points:
-    """Return the tour of the densest hexagons that fits."""
+    """Return the tour of the densest hexagonal cover within the length."""
     least = question.variance * question.noise / (question.variance + question.noise)
     best, low, high = None, 1.01 * least, 0.999 * question.variance
     for _ in range(12):
@@ -124,7 +123,7 @@ METHODS: dict[str, Callable[[Question], Points]] = {
 
 
 def answer(asked: dict[str, Any]) -> dict[str, Any]:
-    """Plan one path."""
+    """Return the path for a request."""
     np.random.seed(int(asked["seed"]))  # noqa: NPY002 - sgptools draws from it
     tf.random.set_seed(int(asked["seed"]))
     path = METHODS[asked["method"]](Question(asked))
@@ -132,7 +131,7 @@ def answer(asked: dict[str, Any]) -> dict[str, Any]:
 
 
 if __name__ == "__main__":
-    # On one core, as our planners.
+    # One core, for a fair comparison with our planners.
     tf.config.threading.set_intra_op_parallelism_threads(1)
     tf.config.threading.set_inter_op_parallelism_threads(1)
     serve(answer)

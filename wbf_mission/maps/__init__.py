@@ -1,1 +1,1 @@
-"""What is believed of a farm, in blocks of cells: maps, and the report for the farmer."""
+"""Maps of an estimate by blocks of cells, and the report for the farmer."""

@@ -1,4 +1,4 @@
-"""Sums of a farm's cells by pixels, so that reports and pictures of millions of cells take no time."""
+"""Compiled sums over the cells of each pixel, for farms of millions of cells."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ Floats = NDArray[np.float64]
 def sum_pixels(
     mask: NDArray[np.bool_], value: NDArray[np.float32], pixel: int, sums: Floats, least: Floats
 ) -> None:
-    """Sum values in 0..1, float32[W, H], of the cells of a mask over the pixels of a farm.
+    """Add the sums of `value`, float32[W, H] in 0..1, over the masked cells of each pixel to `sums`.
 
-    To float64[pixels along x, y, 4] are added: number of cells, sum of 1 - value, sum of value (1 - value),
-    cells below `SICK_BELOW`; `least` is lowered to the least value of each pixel.
+    `sums` is float64[pixels along x, pixels along y, 4]: number of cells, sum of 1 - value, sum of
+    value (1 - value), number of cells below `SICK_BELOW`. `least` is lowered to the minimum of each pixel.
     """
     width, height = mask.shape
     for x in range(width):
@@ -44,7 +44,7 @@ def sum_pixels(
 
 @compiled(nogil=True)
 def sum_squares(mask: NDArray[np.bool_], deviation: NDArray[np.float32], pixel: int, sums: Floats) -> None:
-    """Add squares of float32[W, H] over the cells of a mask to float64[pixels along x, pixels along y]."""
+    """Add the squares of `deviation`, float32[W, H], over the masked cells of each pixel to `sums`."""
     width, height = mask.shape
     for x in range(width):
         for j in range(sums.shape[1]):

@@ -1,4 +1,4 @@
-"""A farm as SVG within a page: its border, a picture of its land, names of blocks, scale, north."""
+"""SVG map of a farm: border, raster picture, block names, scale bar and north arrow."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ Colours = NDArray[np.uint8]
 
 @dataclass(frozen=True, slots=True)
 class FarmDrawing:
-    """What is drawn of a farm: the owner's land, in metres, y downwards; `unit` is a hundredth of it."""
+    """Drawing area around the owner's land, in metres, y downwards; `unit`: 1 % of the longer side."""
 
     farm: Farm
     left: float
@@ -31,22 +31,22 @@ class FarmDrawing:
 
     @classmethod
     def of(cls, farm: Farm) -> FarmDrawing:
-        """Look at the owner's land."""
+        """Return the drawing area of a farm: the bounds of the owner's land."""
         left, low, right, high = farm.owner_area.bounds
         height = farm.height_cells * farm.cell_size_m
         return cls(farm, left, right, height - high, height - low, max(right - left, high - low) / 100.0)
 
     def down(self, y_m: float) -> float:
-        """Return how far down a y of the frame lies."""
+        """Return the downward coordinate of `y_m`, a y of the farm's frame (m)."""
         return self.farm.height_cells * self.farm.cell_size_m - y_m
 
-    def text(self, x: float, y: float, text: str, size: float = 3.0, **how: str) -> str:
-        """Write a text; its size is in units."""
-        told = "".join(f' {name.replace("_", "-")}="{value}"' for name, value in how.items())
-        return f'<text x="{x:.3f}" y="{y:.3f}" font-size="{size * self.unit:.3f}"{told}>{escape(text)}</text>'
+    def text(self, x: float, y: float, text: str, size: float = 3.0, **attributes: str) -> str:
+        """Return a text element; `size` is the font size in units, `attributes` are SVG attributes."""
+        how = "".join(f' {name.replace("_", "-")}="{value}"' for name, value in attributes.items())
+        return f'<text x="{x:.3f}" y="{y:.3f}" font-size="{size * self.unit:.3f}"{how}>{escape(text)}</text>'
 
     def dot(self, x_m: float, y_m: float, label: str) -> str:
-        """Mark a place of the frame, with a short text in the mark."""
+        """Return a round mark with a short label inside, at a position in the farm's frame."""
         x, y, unit = x_m, self.down(y_m), self.unit
         return (
             f'<circle cx="{x:.3f}" cy="{y:.3f}" r="{2.2 * unit:.3f}" fill="#1d1d1b" stroke="#fff"'
@@ -57,26 +57,26 @@ class FarmDrawing:
     def svg(
         self, name: str, shows: str, pixels: NDArray[np.uint8], pixel_m: float, palette: Colours, over: str
     ) -> str:
-        """Draw the farm as an element of a page.
+        """Return the map as an SVG element.
 
         Parameters
         ----------
         name : str
-            No other drawing of the page has it.
+            Name of the map, unique in the page: part of an element's id.
         shows : str
-            For those who do not see it.
+            Description for screen readers.
         pixels : uint8[columns, rows]
-            Colours of the palette from the frame's origin on; 0 is clear.
+            Indices into `palette`, beginning at the frame's origin; 0 is transparent.
         pixel_m : float
-            Side of a pixel.
+            Side of a pixel (m).
         palette : uint8[n, 3]
-            Colours.
+            RGB colours.
         over : str
-            What is drawn over the picture.
+            SVG elements drawn over the picture.
         """
         unit, clip = self.unit, f"land-{name}"
         across, up = (n * pixel_m for n in pixels.shape)
-        border = "".join(_path(one, self) for one in shapely.get_parts(self.farm.owner_area))
+        border = "".join(_path(polygon, self) for polygon in shapely.get_parts(self.farm.owner_area))
         wide, high = self.right - self.left + 6.0 * unit, self.foot - self.top + 13.0 * unit
         return (
             f'<svg viewBox="{self.left - 5.0 * unit:.3f} {self.top - 4.0 * unit:.3f} {wide:.3f} {high:.3f}"'
@@ -107,7 +107,7 @@ def _path(polygon: shapely.Polygon, view: FarmDrawing) -> str:
 
 
 def _edges(view: FarmDrawing) -> str:
-    """Name the blocks of the report along the edges, as in its sentences."""
+    """Return the block names along the edges, as the report's sentences use them."""
     grid, unit = MapGrid.of(view.farm), view.unit
     side = grid.block * grid.cell_size_m
     how = {"size": 2.3, "text_anchor": "middle", "fill": "#55534f"}
@@ -126,7 +126,7 @@ def _edges(view: FarmDrawing) -> str:
 
 
 def _scale(view: FarmDrawing) -> str:
-    """Draw a bar of a round length, of about a quarter of the map."""
+    """Return a scale bar of at most 0.3 of the map's width: 1, 2 or 5 times a power of ten."""
     longest, unit = 0.3 * (view.right - view.left), view.unit
     power = 10.0 ** math.floor(math.log10(longest))
     length = max(step * power for step in (1.0, 2.0, 5.0) if step * power <= longest)
@@ -139,7 +139,7 @@ def _scale(view: FarmDrawing) -> str:
 
 
 def _north(view: FarmDrawing) -> str:
-    """Draw an arrow to the north, which is up only where the farm's frame is not turned."""
+    """Return a north arrow, turned by the rotation of the farm's frame."""
     x, y = view.farm.frame.from_east_north(0.0, 1.0)
     turn, unit = math.degrees(math.atan2(x, y)), view.unit
     at = f"translate({view.right - 4.0 * unit:.3f} {view.foot + 4.8 * unit:.3f}) scale({unit:.4f})"

@@ -1,12 +1,12 @@
-"""An estimate summed by pixels and blocks: how much of a field is sick, and how far that may be wrong.
+"""Sums of an estimate by pixels: number of sick plants or sum of values, with variance.
 
-*How much is sick.* The observed sick plants are counted. Of the others the expected number is taken: the sum
-of their probabilities, if the estimator has them; else the sum of what its values lie below 1, divided by how
-far a sick plant lies below it on average.
+*Number of sick plants.* Observed sick plants are counted. For unobserved plants the expected number is added:
+the sum of the estimator's probabilities, if it has class probabilities. Otherwise it is the sum of 1 - value,
+divided by the mean of 1 - value over sick plants.
 
-*How sure.* Plants of an outbreak are sick together, so the variance of a sum of plants is larger than the sum
-of their variances, by about the number of plants in an outbreak, or in the part of it that
-no look tells of: where every tenth plant is looked at, ten.
+*Variance.* Plants of one outbreak are sick together. The variance of a sum of plants is therefore larger than
+the sum of the plants' variances, by a factor of about the number of plants in an outbreak. Observations split
+outbreaks: if every tenth plant is observed, the factor is at most ten.
 """
 
 from __future__ import annotations
@@ -28,42 +28,42 @@ from wbf_mission.maps.blocks import COUNT, ILLNESS, SICK, SICK_BELOW, SPREAD, Ma
 Floats = NDArray[np.float64]
 
 SHARE_OF_A_HUMP = 0.05
-"""Part of the farm over which the errors of a continuous field are one."""
-_PRIOR_SICK = 10.0
-_DAY_BEFORE = 6  # that is assumed without observations, as estimators do
+"""Share of the farm over which the errors of a continuous field are fully correlated."""
+_PRIOR_SICK = 10.0  # Weight of the epidemic model's mean illness, in sick plants seen
+_DAY_BEFORE = 6  # Day assumed without observations, the same as in estimators
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FieldMap:
-    """One field by pixels (`MapGrid`), all arrays float64[pixels along x, pixels along y]."""
+    """Sums of one field by pixels of a `MapGrid`; arrays are float64[pixels along x, pixels along y]."""
 
     field: Field
     grid: MapGrid
-    cells: Floats  # The owner's cells with the field's crops
-    total: Floats  # Of a disease the expected number of sick plants, else the sum of the values
-    least: Floats  # The least value of a cell; infinite where there is no cell
-    # The sum of the variances of the cells, in units of `total`; None if the estimator does not tell them
+    cells: Floats  # Number of the owner's cells with the field's crops
+    total: Floats  # Disease: expected number of sick plants; continuous field: sum of the values
+    least: Floats  # Minimum value of the cells; infinite without cells
+    # Sum of the variances of the cells, in squared units of `total`; None if the estimator has none
     variance: Floats | None
-    # Observed cells, and how many of them were sick
+    # Number of observed cells, and number of observed sick cells
     seen: Floats
     seen_sick: Floats
-    finds: NDArray[np.int32]  # int32[n, 2]: the cells of the sick plants that were seen
-    together: float = 1.0  # How many cells err as one
-    # The plants that nobody looked at and that may be sick (`InformationModel.may_be_sick`); None if the
-    # estimator has no class probabilities
+    finds: NDArray[np.int32]  # Cells of the observed sick plants, int32[n, 2]
+    together: float = 1.0  # Number of cells with fully correlated errors
+    # Number of unobserved plants that may be sick (`InformationModel.may_be_sick`); None if the estimator
+    # has no class probabilities
     may_be_sick: Floats | None = None
-    # Of a continuous field the sum of the readings of the observed cells; None where it was not kept
+    # Continuous field: sum of the readings of the observed cells; None for a disease or a true map
     seen_total: Floats | None = None
 
     @property
     def share(self) -> Floats:
-        """The part of the plants that is sick, or the mean value; NaN where there is no cell."""
+        """Share of sick plants or mean value; NaN in pixels without cells."""
         share: Floats = np.where(self.cells > 0, self.total / np.maximum(self.cells, 1.0), np.nan)
         return share
 
     @property
     def deviation(self) -> Floats | None:
-        """The standard deviation of `share`; None if nothing tells it, NaN where there is no cell."""
+        """Standard deviation of `share`, NaN in pixels without cells; None if `variance` is None."""
         if self.variance is None:
             return None
         cells = np.maximum(self.cells, 1.0)
@@ -73,7 +73,11 @@ class FieldMap:
 
 
 def together_cells(cells: float, seen: float, outbreak: Outbreak | None) -> float:
-    """Return how many cells err as one, where so many of a field's cells were observed."""
+    """Return the number of cells with fully correlated errors.
+
+    `cells` is the number of the field's cells, `seen` the number of observed ones; `outbreak` is None for a
+    continuous field.
+    """
     if outbreak is None:
         return max(1.0, SHARE_OF_A_HUMP * cells)
     return max(1.0, min(outbreak.together, cells / max(seen, 1.0)))
@@ -90,13 +94,22 @@ def field_maps(
     day: int | None = None,
     grid: MapGrid | None = None,
 ) -> tuple[FieldMap, ...]:
-    """Sum an estimate, float32[n, W, H] in the order of `fields`, by pixels.
+    """Return the map of each field, summed from an estimate by pixels.
 
-    One whose values are not means needs its class probabilities. `states_deviation` tells whether its
-    uncertainty is a standard deviation.
-    With `only_seen` the cells that were not observed are left out. The last reading of a cell on the day of
-    the estimate counts; by default that is the latest day that was observed. The pixels are those of `grid`,
-    else of the pictures.
+    For each cell only the last reading on `day` is used.
+
+    Parameters
+    ----------
+    model : InformationModel
+        Estimate in the order of `fields`. If its values are not means, it must have class probabilities.
+    states_deviation : bool
+        Whether the uncertainty of `model` is a standard deviation.
+    only_seen : bool
+        Leave out the cells without an observation.
+    day : int, optional
+        Day of the estimate, by default the last observed day.
+    grid : MapGrid, optional
+        Pixels, by default those of the pictures.
     """
     grid, cells = grid or MapGrid.of(farm), farm.grid()
     if day is None:
@@ -149,7 +162,7 @@ def field_maps(
 
 
 def true_map(farm: Farm, field: Field, truth: NDArray[np.float32]) -> FieldMap:
-    """Sum the true values [W, H] of a field by pixels."""
+    """Return the map of the true values of a field, float32[W, H]."""
     grid = MapGrid.of(farm)
     sums, least = pixel_sums(grid, field.mask(farm.grid()), truth)
     nothing = np.zeros(grid.pixels)
@@ -160,7 +173,7 @@ def true_map(farm: Farm, field: Field, truth: NDArray[np.float32]) -> FieldMap:
 
 
 def _summing(grid: MapGrid) -> ModuleType:
-    """Choose what sums: loading compiled code takes longer than all sums over a farm shown cell by cell."""
+    """Return the module with the sums; loading the compiled one takes longer than sums over a small farm."""
     if grid.pixel == 1:
         return blocks
     from wbf_mission.maps import block_sums
@@ -169,14 +182,14 @@ def _summing(grid: MapGrid) -> ModuleType:
 
 
 def pixel_sums(grid: MapGrid, mask: NDArray[np.bool_], value: NDArray[np.float32]) -> tuple[Floats, Floats]:
-    """Return the sums of values in 0..1 by pixels, float64[..., 4] in the order of `COUNT`, and the least."""
+    """Return the sums of values in 0..1 by pixels and the minima, as of `block_sums.sum_pixels`."""
     sums, least = np.zeros((*grid.pixels, 4)), np.full(grid.pixels, np.inf)
     _summing(grid).sum_pixels(mask, value, grid.pixel, sums, least)
     return sums, least
 
 
 def pixel_means(grid: MapGrid, mask: NDArray[np.bool_], value: NDArray[np.float32]) -> Floats:
-    """Return the means of values over the pixels of a farm, NaN where the mask has no cell."""
+    """Return the mean of the masked values in each pixel; NaN in pixels without masked cells."""
     sums, _ = pixel_sums(grid, mask, value)
     count = sums[..., COUNT]
     return np.where(count > 0, 1.0 - sums[..., ILLNESS] / np.maximum(count, 1.0), np.nan)
@@ -185,13 +198,13 @@ def pixel_means(grid: MapGrid, mask: NDArray[np.bool_], value: NDArray[np.float3
 def _from_probabilities(
     grid: MapGrid, mask: NDArray[np.bool_], open_: NDArray[np.bool_], model: InformationModel, k: int
 ) -> tuple[tuple[Floats, Floats | None, Floats, Floats], Floats]:
-    """Return (sick plants, their variance, cells, least value) and the plants that may be sick, by pixels.
+    """Return (sick plants, variance, cells, minimum value) and the plants that may be sick, by pixels.
 
-    `open_` marks the plants that were not observed. Afterwards it marks those that may be sick.
+    `open_` is a mask of the unobserved plants. It is changed to a mask of the plants that may be sick.
     """
     value = model.value[k]
     parts, sick = [], []
-    # Strips of whole pixels save memory: the probabilities of a farm are as large as three fields.
+    # Strips save memory: the class probabilities of a whole farm take as much memory as three fields.
     for columns in column_strips(len(mask), grid.pixel):
         (healthy, *_) = model.probabilities_in(model.fields[k], columns)
         strip = replace(grid, shape=healthy.shape)
@@ -214,7 +227,7 @@ def _from_values(
     seen: Floats,
     outbreak: Outbreak | None,
 ) -> tuple[Floats, Floats | None, Floats, Floats]:
-    """Return sick plants or the sum of values, its variance, the cells and the least value."""
+    """Return by pixels: sick plants or sum of values, variance, number of cells, minimum value."""
     sums, least = pixel_sums(grid, mask, value)
     squares = None
     if deviation is not None:
@@ -222,7 +235,7 @@ def _from_values(
         _summing(grid).sum_squares(mask, deviation, grid.pixel, squares)
     if outbreak is None:
         return sums[..., COUNT] - sums[..., ILLNESS], squares, sums[..., COUNT], least
-    # Plants that were looked at are counted, the others are expected.
+    # Observed plants are counted; unobserved plants contribute their expected number.
     at = (x // grid.pixel, y // grid.pixel)
     illness = sums[..., ILLNESS].copy()
     np.subtract.at(illness, at, 1.0 - value[x, y].astype(np.float64))
@@ -239,7 +252,7 @@ def _from_values(
 def _last_readings(
     observations: Observations, height: int
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], Floats]:
-    """Return the cells that were observed, and the last readings of each."""
+    """Return x and y of the observed cells, and the last readings of each cell."""
     flat = observations.x.astype(np.int64) * height + observations.y
     _, first = np.unique(flat[::-1], return_index=True)
     last = len(flat) - 1 - first

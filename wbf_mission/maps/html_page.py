@@ -1,7 +1,8 @@
-"""HTML documents that are whole in one file: they load nothing, and run no script but their own.
+"""HTML documents in a single file, which load no other resource.
 
-Whoever writes a page for people makes it here, so that each has the same policy (Content Security Policy,
-https://www.w3.org/TR/CSP3/): styles and scripts by their digests, pictures by their data, nothing else.
+All HTML documents are made here, so that they share one Content Security Policy
+(https://www.w3.org/TR/CSP3/). The policy allows the document's own style and script by their digests, and
+pictures as data or blob URLs.
 """
 
 from __future__ import annotations
@@ -16,18 +17,18 @@ import msgspec
 
 
 def html_document(title: str, body: str, *, style: str, script: str = "", data: str = "") -> str:
-    """Return a document.
+    """Return an HTML document with its Content Security Policy.
 
     Parameters
     ----------
     title : str
-        Plain text.
+        Title, plain text.
     body : str
-        HTML; it has no style attributes and no handlers of events, which the policy forbids.
+        HTML of the body, without style attributes and event handlers, which the policy forbids.
     style, script : str
-        CSS and JavaScript; the script runs when the body is there.
+        CSS and JavaScript; the script runs after the body has been parsed.
     data : str
-        HTML with what the script needs, see `data_element`.
+        HTML with the script's data, see `data_element`.
     """
     style, script = style.replace("</style", "<\\/style"), script.replace("</script", "<\\/script")
     own_script = _digest(script) if script else "'none'"
@@ -46,21 +47,21 @@ def html_document(title: str, body: str, *, style: str, script: str = "", data: 
 
 
 def data_element(name: str, data: Any, *, packed: bool = False) -> str:
-    """Return an element with this id that holds what msgspec can encode, as JSON.
+    """Return an element with the id `name` and `data` as JSON, encoded by msgspec.
 
-    Packed, its text is base64 of the JSON packed by zlib, and ``data-packed`` is "deflate".
+    `packed`: the JSON is compressed by zlib and encoded as base64; ``data-packed`` is "deflate".
     """
     json = msgspec.json.encode(data)
     if packed:
         text, how = base64.b64encode(zlib.compress(json, 9)).decode(), ' data-packed="deflate"'
     else:
-        # The parser of HTML looks for the end of a script, and for comments, also in JSON.
+        # HTML parsers look for "</script" and "<!--" in JSON, too.
         text, how = json.decode().replace("<", "\\u003c"), ""
     return f'<script type="application/json" id="{name}"{how}>{text}</script>\n'
 
 
 def data_uri(content: bytes, kind: str = "image/png") -> str:
-    """Return an address that holds a picture itself."""
+    """Return a data URL of `content`; `kind` is the MIME type."""
     return f"data:{kind};base64,{base64.b64encode(content).decode()}"
 
 

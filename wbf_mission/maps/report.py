@@ -1,11 +1,11 @@
-"""What the farmer wants to know after a flight: how much is sick, where, and how sure that is.
+"""Report for the farmer after a flight: share of sick plants, worst blocks and 90 % intervals.
 
-A cell stands for a plant. Everything is told for the owner's cells of the field's crops, for the whole farm
-and by blocks (`wbf_mission.maps.blocks.MapGrid`).
+A cell counts as one plant. Figures are for the owner's cells with the field's crops, over the whole farm and
+by blocks (`wbf_mission.maps.blocks.MapGrid`).
 
-How much is sick, and how far that may be wrong, is summed in `maps.field_maps`. The 90 % intervals are
-those of a gamma distribution with the mean and variance of the plants that were not observed. An estimator
-that does not say how sure it is has no figure of what nobody looked at: only what was seen is counted.
+The number of sick plants and its variance are computed in `maps.field_maps`. The 90 % interval of a disease
+is that of a gamma distribution with the mean and variance of the unobserved sick plants. If the estimator has
+no variance, only observed plants are counted.
 """
 
 from __future__ import annotations
@@ -27,14 +27,14 @@ from wbf_mission.maps.field_maps import FieldMap, field_maps
 _INTERVAL = (0.05, 0.95)
 _NORMAL_90 = 1.6449
 _LEAST_SHAPE = 1e-6
-_LEAST_TOLD = 1e-4
-_TOLD_BLOCKS = 3
+_LEAST_SHARE = 1e-4  # Smallest share written with digits
+_WORST_BLOCKS = 3
 _LEAST_PART_OF_A_BLOCK = 0.1
 
 
 @dataclass(frozen=True, slots=True)
 class BlockReport:
-    """One block: name on the map, middle, number of cells, share of sick plants or mean value."""
+    """Figures of one block: name, centre, number of cells, and share of sick plants or mean value."""
 
     name: str
     latitude_deg: float
@@ -49,45 +49,44 @@ class BlockReport:
 
 @dataclass(frozen=True, slots=True)
 class FieldReport:
-    """What is believed of one field."""
+    """Figures of one field."""
 
-    # Of the field
     name: str
     title: str
-    kind: str
-    cells: int  # The owner's cells with its crops of which there is an estimate
-    # How many were observed, and how many of those were sick (0 of a continuous field)
+    kind: str  # Kind of the field: disease or continuous
+    cells: int  # Number of the owner's cells with the field's crops and an estimate
+    # Number of observed cells, and number of observed sick cells (0 in a continuous field)
     seen: int
     seen_sick: int
-    expected: float  # Of a disease the share of sick plants, else the mean value
-    # Its 90 % interval, None if the estimator does not tell how sure it is
+    expected: float  # Expected share of sick plants (disease) or mean value (continuous field)
+    # Ends of the 90 % interval of `expected`; None if the estimator has no variance
     low: float | None
     high: float | None
-    blocks: tuple[BlockReport, ...]  # The worst ones: most sick plants, or the least values
-    unit: str = ""  # Of the values of a continuous field that has a range of its own
-    # Of a disease how many plants that nobody looked at may be sick: as few as hold 90 % of the sick ones
+    blocks: tuple[BlockReport, ...]  # Worst blocks: largest shares of sick plants, or smallest mean values
+    unit: str = ""  # Unit of the values; empty for the range 0..1
+    # Smallest number of unobserved plants expected to include 90 % of the unobserved sick plants
     may_be_sick: int | None = None
 
     @property
     def is_of_seen(self) -> bool:
-        """Whether all of it was looked at: its numbers are counts, and say nothing of other plants."""
+        """Whether all cells were observed, so that the figures are counts and not estimates."""
         return self.seen >= self.cells
 
 
 @dataclass(frozen=True, slots=True)
 class FarmReport:
-    """What a flight tells the farmer; fields whose crops the owner does not grow are left out."""
+    """Figures of all fields with crops on the owner's land."""
 
     farm: str
     block_m: float
     fields: tuple[FieldReport, ...]
 
     def rows(self) -> dict[str, str]:
-        """Return one sentence for each field, by its title."""
+        """Return one sentence for each field, by the field's title."""
         return {field.title: _sentence(field) for field in self.fields}
 
     def to_dict(self) -> dict[str, Any]:
-        """Return plain values, for JSON."""
+        """Return the report as plain values, for JSON."""
         return {
             "block_m": self.block_m,
             "fields": {
@@ -105,21 +104,22 @@ def farm_report(
     fields: FieldSet = PAPER_FIELDS,
     states_deviation: bool = True,
 ) -> FarmReport:
-    """Tell what an estimate says of the farm; parameters as of `field_maps`."""
+    """Return the report of an estimate; the parameters are those of `field_maps`."""
     maps = field_maps(farm, model, observations, fields=fields, states_deviation=states_deviation)
     return report_of_maps(farm, maps)
 
 
 def report_of_maps(farm: Farm, maps: tuple[FieldMap, ...]) -> FarmReport:
-    """Tell what the maps of the fields say, where the estimator knows how sure it is; else what was seen."""
-    told = tuple(_report(farm, one) for one in map(_told, maps) if one is not None and one.cells.any())
-    return FarmReport(farm.name, MapGrid.of(farm).block * farm.cell_size_m, told)
+    """Return the report of the maps of the fields; a map without variance counts only observed cells."""
+    stated = (field_map for field_map in map(_stated, maps) if field_map is not None)
+    reports = tuple(_report(farm, field_map) for field_map in stated if field_map.cells.any())
+    return FarmReport(farm.name, MapGrid.of(farm).block * farm.cell_size_m, reports)
 
 
-def _told(of: FieldMap) -> FieldMap | None:
-    """Return the map whose figures may be stated: without a variance that of the cells that were observed.
+def _stated(of: FieldMap) -> FieldMap | None:
+    """Return the map for the report: the map itself, or without variance the map of the observed cells.
 
-    None where nothing was kept of these.
+    None if the map has no sums of the observed cells.
     """
     if of.variance is not None:
         return of
@@ -135,10 +135,10 @@ def _report(farm: Farm, of: FieldMap) -> FieldReport:
     by_cells, by_total, by_sick = (grid.by_block(part) for part in (of.cells, of.total, of.seen_sick))
     by_variance = None if of.variance is None else grid.by_block(of.variance)
     share = np.divide(by_total, by_cells, out=np.full_like(by_total, np.nan), where=by_cells > 0)
-    # A corner of a field is no block to send anybody to.
+    # Blocks with few cells, such as a field's corner, are not worth a visit.
     large = by_cells >= min(_LEAST_PART_OF_A_BLOCK * grid.block**2, by_cells.max())
     worse = share if field.kind == "disease" else -share
-    order = np.argsort(-np.where(large, worse, -np.inf), axis=None, kind="stable")[:_TOLD_BLOCKS]
+    order = np.argsort(-np.where(large, worse, -np.inf), axis=None, kind="stable")[:_WORST_BLOCKS]
     blocks = []
     for i, j in zip(*np.unravel_index(order, share.shape), strict=True):
         if not large[i, j]:
@@ -176,21 +176,21 @@ def _report(farm: Farm, of: FieldMap) -> FieldReport:
 def _interval(
     of: FieldMap, cells: float, total: float, variance: float | None, sick: float
 ) -> tuple[float, float | None, float | None]:
-    """Return the expected share, or mean value in the field's unit, and its 90 % interval."""
-    told = of.field.to_unit
+    """Return the expected share, or the mean value in the field's unit, and the ends of its 90 % interval."""
+    scaled = of.field.to_unit
     if variance is None:
-        return told(total / cells), None, None
+        return scaled(total / cells), None, None
     spread = variance * min(of.together, cells)
     if of.field.kind == "disease":
         low, high = gamma_interval(max(total - sick, 0.0), spread)
         low, high = sick + low, sick + high
     else:
         low, high = (total + sign * _NORMAL_90 * math.sqrt(spread) for sign in (-1.0, 1.0))
-    return told(total / cells), told(max(low / cells, 0.0)), told(min(high / cells, 1.0))
+    return scaled(total / cells), scaled(max(low / cells, 0.0)), scaled(min(high / cells, 1.0))
 
 
 def gamma_interval(mean: float, variance: float) -> tuple[float, float]:
-    """Return the central 90 % of a gamma distribution, which may be widened to hold the mean.
+    """Return the central 90 % interval of a gamma distribution, widened to include the mean if necessary.
 
     Examples
     --------
@@ -207,7 +207,7 @@ def gamma_interval(mean: float, variance: float) -> tuple[float, float]:
 
 
 def brief(field: FieldReport) -> str:
-    """Return how much of a field is sick, or its mean value, with the 90 % interval where it is known."""
+    """Return the share of sick plants or the mean value as text, with the 90 % interval if known."""
     write = percent if field.kind == "disease" else _value_of(field)
     if field.is_of_seen:
         return f"{write(field.expected)} of what was seen"
@@ -217,12 +217,12 @@ def brief(field: FieldReport) -> str:
 
 
 def _value_of(field: FieldReport) -> Callable[[float], str]:
-    """Return what writes a value of a continuous field."""
+    """Return a function that formats values of a continuous field."""
     return (lambda value: f"{value:.3g} {field.unit}") if field.unit else "{:.2f}".format
 
 
-def percent(share: float, least: float = _LEAST_TOLD) -> str:
-    """Return a share as people read it; one below `least` is only said to be so.
+def percent(share: float, least: float = _LEAST_SHARE) -> str:
+    """Return a share as text with two digits; shares in (0, `least`) become "under ...".
 
     >>> percent(0.0), percent(9.4e-9), percent(0.0213), percent(0.213)
     ('0 %', 'under 0.01 %', '2.1 %', '21 %')
@@ -237,7 +237,7 @@ def _number(count: int) -> str:
 
 
 def _sentence(field: FieldReport) -> str:
-    """Return a field's report as a farmer reads it."""
+    """Return a field's report as one sentence for the farmer."""
     if field.kind == "disease" and field.is_of_seen:
         text = f"{_number(field.seen_sick)} of the {_number(field.seen)} plants that were looked at are sick"
         text += f" ({percent(field.expected)}); of plants that nobody looked at nothing is known"
@@ -249,7 +249,7 @@ def _sentence(field: FieldReport) -> str:
         if field.low is not None and field.high is not None:
             text += f" (90 %: {percent(field.low)} to {percent(field.high)})"
         text += f"; {_number(field.seen_sick)} sick {plants} seen among {_number(field.seen)} looked at"
-        # Where nearly all may be, it says nothing.
+        # If more than half of the unobserved plants may be sick, their number is useless.
         if field.may_be_sick is not None and field.may_be_sick <= 0.5 * (field.cells - field.seen):
             text += f"; of those not seen {_number(field.may_be_sick)} may be sick"
         worst = [f"{_where(block)} {percent(block.expected)}" for block in field.blocks]

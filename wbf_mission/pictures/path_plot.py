@@ -1,4 +1,4 @@
-"""The picture of a run's paths: planned and flown, by day or vehicle, and where the mind was changed."""
+"""Picture of the paths of a run: planned paths, flown paths, and path changes."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ FLOWN = "#c8102e"
 PLANNED = "#1f4e79"
 CHANGED = "#0b6e4f"
 MOST_ABANDONED = 12
-"""So many abandoned rests of paths are drawn; more would hide the path that was flown."""
+"""Maximum number of path changes with the abandoned paths drawn; more would hide the flown path."""
 _MOST_RINGS = 60
 _MOST_NAMED = 8
 
@@ -32,9 +32,9 @@ _Points = NDArray[np.float64]
 def plot_run(record: RunRecord, path: Path) -> Path:
     """Write the farm with the paths of a run as a PNG picture.
 
-    A single flight is drawn with what was planned for it. Several are told apart by colour: by day if there
-    are several days, else by vehicle or flight. A ring marks each place where a vehicle was told another path
-    that it then flew, and, if these are few, a thin dashed line shows what was left unflown for it.
+    A single flight is drawn with its planned path. Several flights differ by colour: by day if the run has
+    several days, else by vehicle or flight number. A ring marks each position where a vehicle changed to
+    another path. If there are at most `MOST_ABANDONED` changes, thin dashed lines show the abandoned paths.
     """
     figure = new_figure(7.5, 6.4)
     figure.set_layout_engine("constrained")
@@ -50,7 +50,7 @@ def plot_run(record: RunRecord, path: Path) -> Path:
     axes.legend(loc="upper right", bbox_to_anchor=(1.0, -0.1), ncols=3, fontsize=7, frameon=False)
     if crops is not None:
         axes.add_artist(crops)
-        crops.set_clip_on(False)  # the layout leaves room only for what is not clipped
+        crops.set_clip_on(False)  # The layout makes room only for unclipped artists
     how = "mission file" if record.plan.planner is None else record.plan.planner
     axes.set_title(f"{record.farm.name}: {how}, {record.plan.vehicle.name}")
     return save_figure(figure, path)
@@ -66,26 +66,27 @@ def _draw_flown(axes: Axes, flights: Sequence[FlightRecord]) -> None:
         colour: str | tuple[float, float, float, float] = FLOWN
         if len(names) > 1:
             colour = colormaps["plasma"](0.85 * number / (len(names) - 1))
-        # Of many only the first and the last are named.
-        told = len(names) <= _MOST_NAMED or number in (0, len(names) - 1)
+        # With many groups only the first and the last have labels.
+        labelled = len(names) <= _MOST_NAMED or number in (0, len(names) - 1)
         label = "flown" if len(names) == 1 else f"{kind} {name}"
-        for one in groups[name]:
-            track = one.track
-            named = label if told else ""
+        for flight in groups[name]:
+            track = flight.track
+            named = label if labelled else ""
             axes.plot(track.x_m, track.y_m, color=colour, linewidth=width, zorder=4, label=named)
-            told = False
-    starts = np.array([(one.track.x_m[0], one.track.y_m[0]) for one in flights if len(one.track.x_m)])
+            labelled = False
+    tracks = [flight.track for flight in flights if len(flight.track.x_m)]
+    starts = np.array([(track.x_m[0], track.y_m[0]) for track in tracks])
     if len(starts):
         axes.plot(*starts.T, marker="o", color="black", markersize=4, linestyle="", label="start", zorder=6)
 
 
 def _groups(flights: Sequence[FlightRecord]) -> tuple[str, dict[int, list[FlightRecord]]]:
-    """Return by what flights are told apart, and the flights of each group."""
+    """Return the kind of grouping (day, vehicle or flight) and the flights of each group."""
     kinds = {"day": "day", "vehicle": "system_id", "flight": "flight"}
     for kind, name in kinds.items():
         groups: dict[int, list[FlightRecord]] = {}
-        for one in flights:
-            groups.setdefault(getattr(one, name), []).append(one)
+        for flight in flights:
+            groups.setdefault(getattr(flight, name), []).append(flight)
         if len(groups) > 1:
             return kind, groups
     return "flight", groups
@@ -95,9 +96,9 @@ def _draw_changes(axes: Axes, decisions: Sequence[DecisionRecord]) -> None:
     flown = changes_flown(decisions)
     if not flown:
         return
-    places = np.array([one.position_m for one, _ in flown])
+    places = np.array([change.position_m for change, _ in flown])
     few = len(flown) <= _MOST_RINGS
-    # Where there are many, they are points beneath the paths, so that these can be seen.
+    # Many rings would hide the paths, so they become points beneath the paths.
     axes.plot(
         *places.T,
         marker="o" if few else ".",
@@ -120,22 +121,22 @@ def _draw_changes(axes: Axes, decisions: Sequence[DecisionRecord]) -> None:
 
 
 def changes_flown(decisions: Sequence[DecisionRecord]) -> list[tuple[PathChange, _Points]]:
-    """Return the changes of paths that were flown, each with the path before it."""
+    """Return the path changes that were flown, each with the vehicle's path before the change."""
     present: dict[tuple[int, int, int], _Points] = {}
     found = []
     for record in decisions:
-        for one in record.changes:
-            if one.outcome not in (PLANNED_PATH, "flown"):
+        for change in record.changes:
+            if change.outcome not in (PLANNED_PATH, "flown"):
                 continue
-            key = (record.day, record.flight, one.system_id)
-            if one.outcome == "flown" and key in present:
-                found.append((one, present[key]))
-            present[key] = one.path_m
+            key = (record.day, record.flight, change.system_id)
+            if change.outcome == "flown" and key in present:
+                found.append((change, present[key]))
+            present[key] = change.path_m
     return found
 
 
 def rest_of_path(path_m: _Points, position_m: tuple[float, float]) -> _Points:
-    """Return what is left of a path from the place on it that is nearest to a position, which comes first.
+    """Return `position_m` and the waypoints after the point of the path nearest to it.
 
     >>> rest_of_path(np.array([[0.0, 0.0], [4.0, 0.0], [4.0, 4.0]]), (1.0, 0.5)).tolist()
     [[1.0, 0.5], [4.0, 0.0], [4.0, 4.0]]

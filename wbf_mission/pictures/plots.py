@@ -1,8 +1,8 @@
-"""PNG pictures of a run: farm and paths, one map sheet per field, score over time.
+"""PNG pictures of a run: the farm, one map sheet per field, and the score over time.
 
-A field's sheet shows the plants of a small farm one by one, and those of a large farm in blocks of cells
-(`maps.blocks`), with the path over them and the sick plants that were seen as marks. Colours run from
-light to dark (or dark to light), so that they can be told apart without red and green.
+The sheet of a field shows cells, or pixels of several cells on a large farm (`maps.blocks`), with the flown
+path and marks on observed sick plants. Colour scales run between light and dark, for readers with red-green
+colour blindness.
 """
 
 from __future__ import annotations
@@ -37,12 +37,12 @@ CROP_COLOURS: dict[str, str] = {
 }
 _FURTHER_CROPS = ("#d9c58b", "#c9b3d6", "#a8cfd0", "#e3b78c", "#c2c2b0", "#d8a8c2")
 LINE_COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000", "#8c6d31")
-"""Of curves: Okabe and Ito's, which can be told apart without red and green, and one more."""
+"""Colours of curves: the palette of Okabe and Ito, readable with colour blindness, and brown."""
 LAND = "#e9e6df"
 FINDS = "#0072b2"
 PATH = "#3b3b3b"
-WORST_COLOURS = ("#3d0a3a", "#f29e38", "#dfeaf2")  # lost, infected, healthy: dark, middle, light
-MAX_PIXELS = 600  # a crop map shows no more cells a side than this
+WORST_COLOURS = ("#3d0a3a", "#f29e38", "#dfeaf2")  # Colours of lost, infected and healthy plants
+MAX_PIXELS = 600  # Maximum number of cells along a side of a crop map
 _HOME: dict[str, Any] = {"marker": "^", "color": "#d55e00", "markeredgecolor": "white", "markersize": 9}
 _RALLY: dict[str, Any] = {"marker": "P", "color": "#0072b2", "markeredgecolor": "white", "markersize": 9}
 _OBSTACLE: dict[str, Any] = {
@@ -53,7 +53,7 @@ _OBSTACLE: dict[str, Any] = {
     "zorder": 2,
 }
 _LOW_OBSTACLE: dict[str, Any] = {**_OBSTACLE, "hatch": "///"}
-_LARGEST_SHARE = 0.02  # at least so much is shown of a large farm's scale of sick plants
+_LARGEST_SHARE = 0.02  # Minimum top of the colour scale of sick plants on a large farm
 _SHARE_RANGE = 50.0
 _MARGIN = 0.04
 _MOST_DAYS_NAMED = 12
@@ -64,14 +64,14 @@ _TITLES = {
 
 
 def new_figure(width: float, height: float, *, dpi: int = 110) -> Figure:
-    """Return a figure of so many inches."""
+    """Return a figure; `width` and `height` in inches."""
     from matplotlib.figure import Figure
 
     return Figure(figsize=(width, height), dpi=dpi)
 
 
 def save_figure(figure: Figure, path: Path) -> Path:
-    """Write a figure into a PNG file, or a PDF file if its suffix says so, complete or not at all."""
+    """Write a figure atomically to a PNG file, or to a PDF file if the suffix is .pdf."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
     FigureCanvasAgg(figure)
@@ -84,20 +84,20 @@ def save_figure(figure: Figure, path: Path) -> Path:
 
 
 def new_sheet(width: float, height: float) -> Figure:
-    """Return a figure of so many inches for print, laid out so that nothing overlaps."""
+    """Return a figure for print with constrained layout; `width` and `height` in inches."""
     figure = new_figure(width, height, dpi=200)
     figure.set_layout_engine("constrained")
     return figure
 
 
 def save_sheet(figure: Figure, paths: Sequence[Path]) -> None:
-    """Write a figure into files, the kind of each by its suffix."""
+    """Write a figure to several files; each suffix selects the format."""
     for path in paths:
         save_figure(figure, path)
 
 
 def shown_every(shape: Sequence[int]) -> int:
-    """Return which cells of a map are shown along each side: every so-manieth."""
+    """Return the stride between the cells of a crop map that are shown."""
     return max(1, -(-max(shape) // MAX_PIXELS))
 
 
@@ -107,7 +107,7 @@ def _extent(grid: FarmGrid) -> tuple[float, float, float, float]:
 
 
 def crop_colours(crops: Sequence[str]) -> dict[str, str]:
-    """Return the colour of each crop; those that are not the benchmark's take turns."""
+    """Return the colour of each crop; crops outside the benchmark share a cycle of further colours."""
     further = itertools.cycle(_FURTHER_CROPS)
     return {crop: CROP_COLOURS.get(crop) or next(further) for crop in crops}
 
@@ -115,7 +115,7 @@ def crop_colours(crops: Sequence[str]) -> dict[str, str]:
 def draw_farm(axes: Axes, farm: Farm, *, legend: bool = True) -> None:
     """Draw crops, the owner's land and obstacles into ``axes`` (metres along the farm's axes).
 
-    The legend stands beside the map; home is in it.
+    `legend`: draw home and the rally points, too, and a legend beside the map.
     """
     from matplotlib.colors import BoundaryNorm, ListedColormap
     from matplotlib.patches import Patch as LegendPatch
@@ -147,7 +147,7 @@ def draw_farm(axes: Axes, farm: Farm, *, legend: bool = True) -> None:
             (shown["rally point"],) = axes.plot(
                 *np.transpose(farm.rally_m), linestyle="none", zorder=5, clip_on=False, **_RALLY
             )
-        # Named here and not on the axes, whose own legend is for what is drawn over the farm.
+        # Explicit handles keep the farm's artists out of the legend that a caller adds for paths.
         axes.legend(
             list(shown.values()),
             list(shown),
@@ -157,12 +157,12 @@ def draw_farm(axes: Axes, farm: Farm, *, legend: bool = True) -> None:
             fontsize=7,
             frameon=False,
         )
-    for one in farm.obstacles:
-        if one.height_m is not None:
-            left, _, right, top = one.polygon.bounds
+    for obstacle in farm.obstacles:
+        if obstacle.height_m is not None:
+            left, _, right, top = obstacle.polygon.bounds
             place = ((left + right) / 2, top)
             axes.annotate(
-                f"{one.height_m:g} m",
+                f"{obstacle.height_m:g} m",
                 *(place, (0, 2)),
                 textcoords="offset points",
                 fontsize=7,
@@ -174,7 +174,7 @@ def draw_farm(axes: Axes, farm: Farm, *, legend: bool = True) -> None:
 
 
 def _outline(axes: Axes, farm: Farm) -> dict[str, Artist]:
-    """Draw the border of the owner's land and the obstacles; return what stands for them in a legend."""
+    """Draw the border of the owner's land and the obstacles; return their legend handles by label."""
     area = farm.owner_area
     shown: dict[str, Artist] = {}
     for polygon in getattr(area, "geoms", [area]):
@@ -191,7 +191,7 @@ def _outline(axes: Axes, farm: Farm) -> dict[str, Artist]:
 
 
 def plot_farm(farm: Farm, path: Path) -> Path:
-    """Write a picture of the farm alone."""
+    """Write a picture of a farm without paths."""
     figure = new_figure(7, 6)
     figure.set_layout_engine("constrained")
     axes = figure.add_subplot()
@@ -209,9 +209,16 @@ def plot_field(
     flown_m: NDArray[np.float64] | None = None,
     about: str = "",
 ) -> Path:
-    """Write the map sheet of one field as a PNG file: estimate, and the truth where somebody knows it.
+    """Write the map sheet of one field as a PNG file: estimate, minimum, standard deviation and truth.
 
-    `flown_m` is the path over ground, float64[n, 2] in metres of the farm's frame; `about` the first line.
+    Parameters
+    ----------
+    truth : FieldMap, optional
+        Map of the true values, if known.
+    flown_m : float64[n, 2], optional
+        Path over ground, metres in the farm's frame.
+    about : str
+        First line of the title.
     """
     kind, grid = estimate.field.kind, estimate.grid
     left, right, low, high = _part_shown(farm)
@@ -273,7 +280,7 @@ def _show(
     scale: str,
     unit: str,
 ) -> None:
-    # The last column and row of pixels may stand out over the farm.
+    # The last column and row of pixels may extend beyond the farm.
     extent = [0.0, 0.0, 0.0, 0.0]
     extent[1], extent[3] = (n * grid.pixel * grid.cell_size_m for n in pixels.shape)
     image = axes.imshow(
@@ -305,7 +312,7 @@ def _share_style(of: FieldMap) -> tuple[dict[str, Any], str, str]:
         return {"cmap": colours, "vmin": 0.0, "vmax": 1.0}, "plain", of.field.unit
     if of.grid.pixel == 1:
         return {"cmap": "YlOrBr", "vmin": 0.0, "vmax": 1.0}, "percent", "probability of being sick"
-    # Few plants in a thousand are sick on a large farm, and nearly all of them in an outbreak.
+    # On a large farm a few plants in a thousand are sick, but nearly all plants within an outbreak.
     top = max(_LARGEST_SHARE, float(np.nanmax(of.share, initial=0.0)))
     norm = LogNorm(top / _SHARE_RANGE, top, clip=True)
     return {"cmap": "YlOrBr", "norm": norm}, "percent", "part of the plants that is sick"
@@ -323,7 +330,7 @@ def _least_style(of: FieldMap) -> tuple[dict[str, Any], str, str]:
 
 def _deviation_style(of: FieldMap) -> tuple[dict[str, Any], str, str]:
     deviation = of.deviation
-    # Squares of few plants at the borders would make all others look alike.
+    # Pixels with few plants, at borders, have large deviations that would flatten the colour scale.
     whole = of.cells >= 0.9 * of.cells.max()
     top = 1.0 if deviation is None else float(np.max(deviation[whole], initial=0.0))
     style = {"cmap": "viridis", "vmin": 0.0, "vmax": max(top, 1e-6)}
@@ -333,7 +340,7 @@ def _deviation_style(of: FieldMap) -> tuple[dict[str, Any], str, str]:
 
 
 def _name_blocks(axes: Axes, grid: MapGrid, shown: tuple[float, float, float, float]) -> None:
-    """Write letters along the upper and numbers along the right edge."""
+    """Draw the letters of the block columns along the top and the row numbers along the right edge."""
     block = grid.block * grid.cell_size_m
     left, right, low, high = shown
     columns, rows = grid.blocks
@@ -350,7 +357,7 @@ def _name_blocks(axes: Axes, grid: MapGrid, shown: tuple[float, float, float, fl
 
 
 def _part_shown(farm: Farm) -> tuple[float, float, float, float]:
-    """Return the part of the farm with the owner's land, metres: x from and to, y from and to."""
+    """Return the bounds of the owner's land with a margin (m): least x, greatest x, least y, greatest y."""
     left, low, right, high = farm.owner_area.bounds
     width, height = farm.width_cells * farm.cell_size_m, farm.height_cells * farm.cell_size_m
     margin = _MARGIN * max(right - left, high - low)
@@ -363,7 +370,7 @@ def _part_shown(farm: Farm) -> tuple[float, float, float, float]:
 
 
 def _mark_finds(axes: Axes, of: FieldMap) -> None:
-    """Mark the sick plants that were seen."""
+    """Draw rings around the observed sick plants."""
     finds = of.finds
     if of.field.kind != "disease" or not len(finds):
         return
@@ -388,7 +395,7 @@ def plot_score(
     title: str,
     fields: FieldSet = PAPER_FIELDS,
 ) -> Path:
-    """Write the score and the loss of each field over the time of the run, with the days as marks."""
+    """Write a picture of the score and of each field's loss over time, with lines between days."""
     times_s, losses = history.times_s, history.field_losses
     figure = new_figure(7.5, 5.2)
     upper, lower = figure.subplots(2, 1, sharex=True)
@@ -407,7 +414,7 @@ def plot_score(
 
 
 def mark_days(panels: Sequence[Axes], history: ScoreHistory) -> None:
-    """Part the days of a score's picture by lines, and write their numbers at the top, not too dense."""
+    """Draw a line at the start of each day, and label at most 12 days at the top."""
     first = [k for k, day in enumerate(history.days) if k == 0 or day != history.days[k - 1]]
     if len(first) < 2:
         return

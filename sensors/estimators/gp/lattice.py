@@ -1,4 +1,4 @@
-"""A lattice of nodes for the posterior of a Gaussian process, and interpolation between the nodes.
+"""Lattice of nodes for the posterior of a Gaussian process, with interpolation between the nodes.
 
 Nodes are a quarter of a lengthscale apart, or on every cell if that is less than two cells along both axes.
 Between nodes, mean and variance are interpolated with polynomials of degree five through six nodes along each
@@ -117,9 +117,9 @@ def write_cells(
     Parameters
     ----------
     posterior : float32[slots, 3, w, h]
-        Posterior of each slot; its first node is that of the slot's tile.
+        Posterior of each slot, beginning at the first node of the slot's tile.
     tiles : int64[n, 5]
-        Slot of each tile, first and last-plus-one cell along x, and the same along y.
+        Slot of each tile, and half-open ranges of cells along x and along y: x0, x1, y0, y1.
     """
     mean, amplitude, noise = np.float32(prior[0]), np.float32(prior[1]), np.float32(prior[2])
     low, high = np.float32(limits[0]), np.float32(limits[1])
@@ -161,11 +161,11 @@ def in_parallel(work: Callable[[Sequence[Item]], None], items: Sequence[Item]) -
 
 
 class LatticeAxis:
-    """The nodes along one axis, grouped into tiles.
+    """Nodes along one axis, grouped into tiles.
 
-    `single`: each cell is a node. Otherwise there are additional nodes outside the farm for interpolation.
-    `edges` holds the first node of each tile and the end of the last tile. `first` is the position of the
-    first node, in cells.
+    `single`: each cell is a node. If `single` is false, additional nodes outside the farm support the
+    interpolation at the border. `edges` holds the first node of each tile and the end of the last tile.
+    `first` is the position of the first node, in cells.
     """
 
     def __init__(self, cells: int, step: int, *, single: bool, tile_cells: float) -> None:
@@ -204,11 +204,11 @@ class LatticeAxis:
 
 
 class NodeLattice:
-    """The posterior at nodes, in tiles, with a record of the tiles not yet written to the cells.
+    """Posterior at nodes, in tiles, with a record of the tiles not yet written to the cells.
 
-    The posterior of a node has three parts: the mean under a zero prior mean, the same for observations that
-    are all one, and the reduction of the smooth part's variance. `posterior` is float32[slots, 3, w, h]. If
-    every cell is a node, each solved tile has a slot; otherwise slot 0 holds all nodes. After a change of
+    The posterior of a node has three parts: the mean under a zero prior mean, that mean for observations
+    which are all 1, and the reduction of the smooth part's variance. `posterior` is float32[slots, 3, w, h].
+    If every cell is a node, each solved tile has a slot; otherwise slot 0 holds all nodes. After a change of
     `posterior`, `changed` must be called.
     """
 
@@ -267,8 +267,8 @@ class NodeLattice:
     ) -> NDArray[np.bool_]:
         """Write value and standard deviation (including noise) of the cells; return the written tiles.
 
-        `whole`: write all cells, not only those changed since the last call. `then` is called after writing
-        with columns, rows, and a mask of written cells (None: all); each written cell is in one call.
+        `whole`: write all cells, not only cells changed since the last call. After writing, `then` is called
+        with columns, rows, and a mask of written cells (None: all). Each written cell is in one call only.
         """
         kernel = self.kernel
         limits = (0.0, 1.0) if clip else (-math.inf, math.inf)
@@ -311,10 +311,10 @@ class NodeLattice:
         return tiles_of_boxes(self.shape, *np.array(boxes, np.int64).reshape(-1, 4).T)
 
     def _boxes(self, tiles: NDArray[np.bool_]) -> Iterator[Box]:
-        """Yield boxes of the cells that depend on the nodes of some tiles."""
+        """Yield boxes of the cells that depend on the nodes of the masked tiles."""
         for i in np.flatnonzero(tiles.any(axis=1)).tolist():
             x0, x1 = self.x.span(i, i)
-            # Begin and end of each run of neighbouring tiles.
+            # Start and end of each run of neighbouring tiles.
             ends = np.flatnonzero(np.diff(tiles[i].astype(np.int8), prepend=0, append=0))
             for first, end in ends.reshape(-1, 2).tolist():
                 y0, y1 = self.y.span(first, end - 1)

@@ -1,7 +1,7 @@
-"""A run as a moving picture: truth, estimate and uncertainty of each field, and the vehicles, over time.
+"""Animation of a run: truth, estimate and uncertainty of each field, and the vehicles, over time.
 
-The estimates are made again: a fresh estimator learns the observations in the order in which they came. So
-nothing has to be kept during a run. Of the truth and of each estimate only the means by pixels are kept.
+A run stores no intermediate estimates. A fresh estimator learns the observations again, in the order of
+their arrival. To save memory, only the pixel means of truth and estimates are kept.
 """
 
 from __future__ import annotations
@@ -48,12 +48,12 @@ if TYPE_CHECKING:
 MOST_FRAMES = 300
 _FRAMES = 150
 _FRAMES_A_SECOND = 12
-_LARGEST_SHARE = 0.02  # at least so much is shown of a large farm's scale of sick plants
+_LARGEST_SHARE = 0.02  # Minimum top of the colour scale of sick plants on a large farm
 _COLUMNS = ("truth", "estimate", "uncertainty")
-# On truth and estimate a path is shown for so long, or since the frame before: what was seen is to be seen.
+# Length of the path shown on truth and estimate (s), at least one frame: a whole path would hide the maps.
 _TAIL_S = 30.0
 _MARGIN = 0.02
-# About so many columns of cells of a large farm are read at a time.
+# Columns of cells per strip of the truth: strips save memory on a large farm.
 _STRIP_CELLS = 500
 _VEHICLES = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#000000")
 
@@ -61,16 +61,16 @@ _Floats = NDArray[np.float64]
 
 
 class AnimationError(WbfMissionError, ValueError):
-    """A run that cannot be shown as a moving picture."""
+    """A run that cannot be animated, or an invalid file name or number of frames."""
 
 
 @dataclass(frozen=True, slots=True)
 class Moment:
-    """What one frame shows."""
+    """Moment of a run shown in one frame."""
 
-    flights: tuple[FlightRecord, ...]  # Those that are in the air together
-    time_s: float  # Since they began
-    seen: int  # How many observations are known
+    flights: tuple[FlightRecord, ...]  # Simultaneous flights of all vehicles
+    time_s: float  # Time on the clock of the flights' tracks
+    seen: int  # Number of known observations
 
     @property
     def day(self) -> int:
@@ -79,35 +79,30 @@ class Moment:
 
 
 def moments(record: RunRecord, frames: int) -> list[Moment]:
-    """Return the moments of a run that are shown, about so many, evenly spread over its time in the air.
+    """Return about `frames` moments of a run, evenly spaced over its time in the air.
 
-    Each flight has its beginning and its end among them.
+    The moments include the start and the end of each flight.
     """
     together: dict[tuple[int, int], list[FlightRecord]] = {}
-    for one in record.flights:
-        together.setdefault((one.day, one.flight), []).append(one)
-    groups = [tuple(each) for each in together.values()]
-    first = [each[0].seen_before for each in groups] + [len(record.observations)]
-    ends = [
-        max((float(one.track.time_s[-1]) for one in each if len(one.track.time_s)), default=0.0)
-        for each in groups
-    ]
-    begins = [
-        min((float(one.track.time_s[0]) for one in each if len(one.track.time_s)), default=0.0)
-        for each in groups
-    ]
+    for flight in record.flights:
+        together.setdefault((flight.day, flight.flight), []).append(flight)
+    groups = [tuple(flights) for flights in together.values()]
+    first = [flights[0].seen_before for flights in groups] + [len(record.observations)]
+    times = [[flight.track.time_s for flight in flights if len(flight.track.time_s)] for flights in groups]
+    ends = [max((float(time_s[-1]) for time_s in group), default=0.0) for group in times]
+    begins = [min((float(time_s[0]) for time_s in group), default=0.0) for group in times]
     whole_s = sum(ends) - sum(begins)
     found = []
-    for number, each in enumerate(groups):
+    for number, flights in enumerate(groups):
         share = (ends[number] - begins[number]) / whole_s if whole_s > 0.0 else 0.0
         times_s = np.linspace(begins[number], ends[number], max(2, round(share * frames)))
         part = record.observations[first[number] : first[number + 1]]
-        # What came late was not known before: an image that was lost and fetched again.
+        # A lost image that was fetched again arrives after later images.
         known_s = np.maximum.accumulate(part.time_s) if len(part) else np.empty(0)
         for time_s in times_s.tolist():
             seen = int(np.searchsorted(known_s, time_s, side="right"))
-            found.append(Moment(each, time_s, first[number] + seen))
-        found[-1] = Moment(each, ends[number], first[number + 1])
+            found.append(Moment(flights, time_s, first[number] + seen))
+        found[-1] = Moment(flights, ends[number], first[number + 1])
     return found
 
 
@@ -119,13 +114,13 @@ def animate(
     estimator: Estimator | None = None,
     progress: Progress | None = None,
 ) -> Path:
-    """Write a run as a moving picture of about so many frames, 2 to 300; errors as of `Result.animate`."""
+    """Write the animation of a run as .gif or .mp4; parameters and errors are those of `Result.animate`."""
     if not 2 <= frames <= MOST_FRAMES:
         msg = f"animation: {frames} frames; give 2 to {MOST_FRAMES}"
         raise AnimationError(msg)
     _check_kind(path)
     shown = moments(record, frames)
-    if not any(len(one.track.time_s) for one in record.flights):
+    if not any(len(flight.track.time_s) for flight in record.flights):
         msg = "animation: nothing was flown"
         raise AnimationError(msg)
     progress = progress or silent
@@ -161,7 +156,7 @@ def _writer(path: Path, sheet: _Sheet) -> Any:
 
 
 def _tail_s(shown: list[Moment]) -> float:
-    """Return for how long a path stays: no piece of it is missed between two frames."""
+    """Return the duration of the path shown (s): at least the longest step between two frames."""
     steps = [b.time_s - a.time_s for a, b in pairwise(shown) if a.flights is b.flights]
     return max([_TAIL_S, *steps])
 
@@ -172,14 +167,14 @@ _Maps = tuple[list[_Floats], list[_Floats], list[_Floats]]
 def _estimates(
     record: RunRecord, estimator: Estimator, shown: list[Moment]
 ) -> Iterator[tuple[Moment, _Maps]]:
-    """Yield each moment with truth, estimate and uncertainty of each field by pixels."""
+    """Yield each moment with the pixel means of truth, estimate and uncertainty of each field."""
     farm, fields = record.farm, record.fields
     grid, cells = MapGrid.of(farm), farm.grid()
     masks = [field.mask(cells) for field in fields]
     environment = cache(partial(make_environment, record.scenario, farm))
     day, truth = None, list[_Floats]()
     known: tuple[list[_Floats], list[_Floats]] | None = None
-    again = estimates_again(record, estimator, ((one.day, one.seen, True) for one in shown))
+    again = estimates_again(record, estimator, ((moment.day, moment.seen, True) for moment in shown))
     for moment in shown:
         if moment.day != day:
             day = moment.day
@@ -187,7 +182,7 @@ def _estimates(
         model = next(again)
         if model is not None:
             known = _estimated(model, grid, masks)
-            del model  # Let go: those of large farms are large
+            del model  # Models of large farms take much memory
         assert known is not None
         yield moment, (truth, *known)
 
@@ -195,7 +190,7 @@ def _estimates(
 def _estimated(
     model: InformationModel, grid: MapGrid, masks: list[NDArray[np.bool_]]
 ) -> tuple[list[_Floats], list[_Floats]]:
-    """Return what is believed, and how surely, by pixels."""
+    """Return the pixel means of value and uncertainty of each field."""
     value, uncertainty = (
         [pixel_means(grid, mask, whole[k]) for k, mask in enumerate(masks)]
         for whole in (model.value, model.uncertainty)
@@ -210,7 +205,7 @@ def _truth(
     masks: list[NDArray[np.bool_]],
     day: int,
 ) -> list[_Floats]:
-    """Return the truth of a day by pixels: of what the record holds, else of the environment in strips."""
+    """Return the pixel means of a day's truth, from the record or else from the environment in strips."""
     values = kept_truths(record).get(day)
     if values is not None:
         return [pixel_means(grid, mask, values[k]) for k, mask in enumerate(masks)]
@@ -227,7 +222,7 @@ def _truth(
 
 
 class _Sheet:
-    """The figure: a row for each field, with truth, estimate and uncertainty, and the vehicles on them."""
+    """Figure with one row per field: panels of truth, estimate and uncertainty, with paths and vehicles."""
 
     def __init__(self, record: RunRecord, tail_s: float) -> None:
         from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -247,7 +242,7 @@ class _Sheet:
         self._images: list[list[AxesImage]] = []
         self._lines: list[list[tuple[Line2D, Line2D]]] = []
         self._about = f"{farm.name}: {record.plan.planner or 'mission file'}, {record.estimator}"
-        vehicles = sorted({one.system_id for one in record.flights})
+        vehicles = sorted({flight.system_id for flight in record.flights})
         for row, field in zip(panels, self._fields, strict=True):
             self._images.append([self._image(axes) for axes in row])
             row[0].set_ylabel(field.title, fontsize=8)
@@ -259,8 +254,8 @@ class _Sheet:
 
     @property
     def colour_maps(self) -> list[Colormap]:
-        """The colour maps of all fields, and of the uncertainty."""
-        return [*{one.name: one for one in map(_colours, self._fields)}.values(), _uncertain()]
+        """Colour maps of all fields and of the uncertainty."""
+        return [*{colours.name: colours for colours in map(_colours, self._fields)}.values(), _uncertain()]
 
     def _image(self, axes: Axes) -> AxesImage:
         cell, pixel = self._grid.cell_size_m, self._grid.pixel
@@ -268,7 +263,7 @@ class _Sheet:
         axes.set_xticks([])
         axes.set_yticks([])
         axes.set_facecolor("#e9e6df")
-        # The last column and row of pixels may stand out over the farm.
+        # The last column and row of pixels may extend beyond the farm.
         image = axes.imshow(
             np.zeros((rows, columns)),
             origin="lower",
@@ -282,7 +277,7 @@ class _Sheet:
     def show(
         self, moment: Moment, truth: list[_Floats], value: list[_Floats], uncertainty: list[_Floats]
     ) -> None:
-        """Set all parts to a moment."""
+        """Update all panels, paths and the title to a moment."""
         if not self._has_scale:
             self._has_scale = True
             for k, field in enumerate(self._fields):
@@ -291,7 +286,7 @@ class _Sheet:
             for image, pixels in zip(self._images[k], (truth[k], value[k], uncertainty[k]), strict=True):
                 sick = field.kind == "disease" and image is not self._images[k][2]
                 image.set_data(np.ma.masked_invalid(1.0 - pixels if sick else pixels).T)
-        tracks = {one.system_id: one.track for one in moment.flights}
+        tracks = {flight.system_id: flight.track for flight in moment.flights}
         for panel, lines in enumerate(self._lines):
             whole = panel % len(_COLUMNS) == len(_COLUMNS) - 1
             since_s = -math.inf if whole else moment.time_s - self._tail_s
@@ -315,14 +310,14 @@ class _Sheet:
 
 
 def _shown_m(record: RunRecord) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Return from where to where the farm is shown along x and y: the owner's land, and where they flew."""
+    """Return the shown ranges of x and y (m): the owner's land and all tracks, with a margin."""
     farm = record.farm
     owned = farm.grid().owned
     ends = []
     for axis, cells in enumerate((farm.width_cells, farm.height_cells)):
         along = np.flatnonzero(owned.any(axis=1 - axis))
         least, most = (float(along[0]), float(along[-1] + 1)) if len(along) else (0.0, float(cells))
-        tracks = [one.track.x_m if axis == 0 else one.track.y_m for one in record.flights]
+        tracks = [flight.track.x_m if axis == 0 else flight.track.y_m for flight in record.flights]
         flown = np.concatenate([[least * farm.cell_size_m, most * farm.cell_size_m], *tracks])
         ends.append((float(np.nanmin(flown)), float(np.nanmax(flown)), cells * farm.cell_size_m))
     margin_m = _MARGIN * max(most_m - least_m for least_m, most_m, _ in ends)
@@ -334,7 +329,7 @@ def _shown_m(record: RunRecord) -> tuple[tuple[float, float], tuple[float, float
 
 
 def _flown(track: Track | None, since_s: float, until_s: float) -> tuple[_Floats, _Floats]:
-    """Return what a vehicle flew in a time, with its last place before."""
+    """Return x and y of a track in a range of times; at least the last position before `until_s`."""
     if track is None:
         return np.empty(0), np.empty(0)
     until = int(np.searchsorted(track.time_s, until_s, "right"))
@@ -358,7 +353,7 @@ def _uncertain() -> Colormap:
 
 
 def _vehicle(axes: Axes, system_id: int) -> tuple[Line2D, Line2D]:
-    """Return the lines of one vehicle's path and place in a panel."""
+    """Return the artists of one vehicle's path and position in a panel."""
     colour = _VEHICLES[(system_id - 1) % len(_VEHICLES)]
     (path,) = axes.plot([], [], color=colour, linewidth=1.0)
     (place,) = axes.plot([], [], color=colour, marker="o", markersize=4, markeredgecolor="white")
@@ -366,14 +361,14 @@ def _vehicle(axes: Axes, system_id: int) -> tuple[Line2D, Line2D]:
 
 
 _MOST_COLOURS = 255
-"""One of 256 is left for pixels that stay as they were."""
+"""Maximum number of palette colours; the last of 256 marks pixels unchanged since the previous frame."""
 _GREYS = 16
 _SHADES = (0.35, 0.7, 1.0)
-"""Lines and their smooth edges, on white and on black."""
+"""Opacities of a line's anti-aliased edge on white and on black."""
 
 
 class GifWriter(PillowWriter):
-    """Writes frames of a figure, which has images with these maps of colours and lines of these colours."""
+    """Writes GIF frames with one palette for all frames, made from colour maps and line colours."""
 
     def __init__(self, fps: int, maps: Sequence[Colormap], lines: Sequence[str]) -> None:
         super().__init__(fps=fps)
@@ -382,20 +377,20 @@ class GifWriter(PillowWriter):
         self._images: list[Image.Image] = []
 
     def grab_frame(self, **savefig_kwargs: Any) -> None:
-        """Take the figure as it is now."""
+        """Draw the figure and append it as a frame."""
         drawn = BytesIO()
         self.fig.savefig(drawn, format="rgba", dpi=self.dpi, **savefig_kwargs)
         frame = Image.frombuffer("RGBA", self.frame_size, drawn.getvalue(), "raw", "RGBA", 0, 1)
         self._images.append(frame.convert("RGB").quantize(palette=self._palette, dither=Image.Dither.NONE))
 
     def finish(self) -> None:
-        """Write the file."""
+        """Write all frames to the file."""
         first, *others = self._images
         first.save(self.outfile, save_all=True, append_images=others, duration=int(1000 / self.fps), loop=0)
 
 
 def palette_of(maps: Sequence[Colormap], lines: Sequence[str]) -> NDArray[np.uint8]:
-    """Return at most 255 colours, uint8[n, 3]: greys, shades of lines, and the rest evenly from the maps.
+    """Return a palette of at most 255 colours, uint8[n, 3]: greys, shades of the lines, and the colour maps.
 
     Examples
     --------
@@ -409,12 +404,12 @@ def palette_of(maps: Sequence[Colormap], lines: Sequence[str]) -> NDArray[np.uin
     fixed = np.concatenate([greys, *shades])
     room = _MOST_COLOURS - len(fixed)
     counts = [room // len(maps) + (k < room % len(maps)) for k in range(len(maps))]
-    spread = [one(np.linspace(0.0, 1.0, count))[:, :3] for one, count in zip(maps, counts, strict=True)]
+    spread = [colours(np.linspace(0.0, 1.0, n))[:, :3] for colours, n in zip(maps, counts, strict=True)]
     return np.rint(255.0 * np.concatenate([fixed, *spread])).astype(np.uint8)
 
 
 class _Animation:
-    needs_estimate = False  # it is made again
+    needs_estimate = False  # The estimates are computed again
 
     def require(self, scenario: Scenario) -> None:
         pass

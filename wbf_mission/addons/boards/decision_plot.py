@@ -1,4 +1,4 @@
-"""The picture of decisions, in small multiples: what was weighed, what was chosen, what came of it."""
+"""Picture of a run's decisions side by side: candidates, choice and outcome."""
 
 from __future__ import annotations
 
@@ -20,54 +20,58 @@ if TYPE_CHECKING:
     from wbf_mission.run.record import RunRecord
 
 MOST_DECISIONS = 6
-"""So many are drawn, evenly spread over the run, the first and the last among them."""
+"""Maximum number of decisions in the picture, evenly spread, including the first and the last."""
 _MOST_CANDIDATES = 12
 _SICK, _HEALTHY = "#8e1f1c", "#1d91c0"
 _SICK_BEFORE, _BEFORE = "#d9a09e", "#a8a59d"
-_THOUGHT_OF: dict[str, Any] = {"color": "#3f3c37", "linewidth": 0.8, "linestyle": (0, (2, 1.5))}
+_CANDIDATE: dict[str, Any] = {"color": "#3f3c37", "linewidth": 0.8, "linestyle": (0, (2, 1.5))}
 _SCALE_QUANTILE = 0.995
 
 
 def plot_decisions(
     record: RunRecord, acquisitions: Sequence[AcquisitionMap | None], paths: Sequence[Path], *, title: str
 ) -> None:
-    """Draw a column for each of some decisions: on top what was weighed and chosen, below what came of it.
+    """Draw at most `MOST_DECISIONS` decisions, one column each: candidates and choice above, outcome below.
 
-    Below is what was read until the decision of the next column; the text also tells what was until the next
-    decision.
+    The lower panel shows the readings until the decision of the next column. The text below also gives the
+    readings until the next decision of the run.
 
     Parameters
     ----------
     record : RunRecord
-        The run.
+        Record of the run.
     acquisitions : sequence of AcquisitionMap or None
-        Of each of its decisions.
+        Acquisition map of each decision.
     paths : sequence of Path
-        The files, the kind of each by its suffix.
+        Files to write; each suffix selects the format.
     title : str
-        Of the picture.
+        Title of the picture.
     """
     from matplotlib.colors import PowerNorm
 
-    weighed = [k for k, one in enumerate(record.decisions) if one.changes or one.alternatives or one.refused]
+    weighed = [
+        k
+        for k, decision in enumerate(record.decisions)
+        if decision.changes or decision.alternatives or decision.refused
+    ]
     spread = np.linspace(0, len(weighed) - 1, MOST_DECISIONS).round().astype(int)
     shown = [weighed[k] for k in np.unique(spread)]
-    maps = [one for k in shown if (one := acquisitions[k]) is not None]
-    norm = PowerNorm(0.5, 0.0, _most(maps))  # Most of a farm is worth little
-    counts = [one.observations for one in record.decisions] + [len(record.observations)]
+    maps = [acquisition for k in shown if (acquisition := acquisitions[k]) is not None]
+    norm = PowerNorm(0.5, 0.0, _most(maps))  # Most acquisition values are small
+    counts = [decision.observations for decision in record.decisions] + [len(record.observations)]
     figure = new_sheet(1.0 + 2.1 * len(shown), 5.7)
     panels = figure.subplots(2, len(shown), squeeze=False)
     image = None
     for (above, below), k, column in zip(panels.T, shown, [*shown[1:], len(record.decisions)], strict=True):
         decision = record.decisions[k]
         image = _draw_choice(above, record, decision, acquisitions[k], norm) or image
-        # The next one that was made after something more was seen.
-        next_one = next((one for one in counts[k + 1 :] if one > counts[k]), counts[-1])
-        _draw_outcome(below, record, (counts[k], next_one, counts[column]))
+        # Number of observations at the next decision that has more of them.
+        later = next((count for count in counts[k + 1 :] if count > counts[k]), counts[-1])
+        _draw_outcome(below, record, (counts[k], later, counts[column]))
         day = f"day {decision.day}, " if len(record.days) > 1 else ""
         above.set_title(f"{k + 1}: {day}{duration(decision.time_s)}\n{decision.event}", fontsize=8)
-    panels[0, 0].set_ylabel("weighed and chosen", fontsize=9)
-    panels[1, 0].set_ylabel("what came of it", fontsize=9)
+    panels[0, 0].set_ylabel("candidates and choice", fontsize=9)
+    panels[1, 0].set_ylabel("outcome", fontsize=9)
     if image is not None:
         bar = figure.colorbar(image, ax=list(panels[0]), fraction=0.02, pad=0.01)
         bar.set_label("acquisition value", fontsize=8)
@@ -78,8 +82,8 @@ def plot_decisions(
 
 
 def _most(maps: Sequence[AcquisitionMap]) -> float:
-    """Return what the last colour of the maps stands for: a few blocks are worth more."""
-    values = [one.values[one.values > 0.0] for one in maps]
+    """Return the value at the top of the colour scale; 0.5 % of the positive values exceed the top."""
+    values = [acquisition.values[acquisition.values > 0.0] for acquisition in maps]
     known = np.concatenate(values) if values else np.empty(0)
     return float(np.quantile(known, _SCALE_QUANTILE)) if len(known) else 1.0
 
@@ -91,7 +95,7 @@ def _draw_choice(
     acquisition: AcquisitionMap | None,
     norm: Any,
 ) -> Any:
-    """Draw what was weighed and chosen; return the map's image, if there is one."""
+    """Draw acquisition map, candidates and choice; return the image of the map, or None without a map."""
     image = None
     _frame(axes, record)
     if acquisition is not None:
@@ -107,13 +111,13 @@ def _draw_choice(
         )
     else:
         axes.text(0.5, 0.02, "no acquisition map", transform=axes.transAxes, fontsize=7, ha="center")
-    begins = {one.system_id: one.position_m for one in decision.changes}
-    for one in decision.alternatives[:_MOST_CANDIDATES]:
-        points = np.asarray(one.points_m)
-        if one.system_id in begins:
-            points = np.vstack([np.asarray(begins[one.system_id])[None], points])
-        axes.plot(*points.T, **_THOUGHT_OF, alpha=0.8, zorder=3)
-        axes.plot(*points[-1], color=_THOUGHT_OF["color"], marker="o", markersize=2.5, zorder=3)
+    begins = {change.system_id: change.position_m for change in decision.changes}
+    for candidate in decision.alternatives[:_MOST_CANDIDATES]:
+        points = np.asarray(candidate.points_m)
+        if candidate.system_id in begins:
+            points = np.vstack([np.asarray(begins[candidate.system_id])[None], points])
+        axes.plot(*points.T, **_CANDIDATE, alpha=0.8, zorder=3)
+        axes.plot(*points[-1], color=_CANDIDATE["color"], marker="o", markersize=2.5, zorder=3)
     for change in decision.changes:
         path = np.vstack([np.asarray(change.position_m)[None], change.path_m])
         colour = LINE_COLOURS[change.system_id % len(LINE_COLOURS)]
@@ -126,7 +130,7 @@ def _draw_choice(
 
 
 def _draw_outcome(axes: Axes, record: RunRecord, counts: tuple[int, int, int]) -> None:
-    """Draw what was seen; `counts` are the observations then, at the next decision and at the next column."""
+    """Draw the readings; `counts`: observations at the decision, at the next decision, at the next column."""
     _frame(axes, record)
     begin, until, end = counts
     seen, grid = record.observations, record.farm.grid()
@@ -147,16 +151,16 @@ def _draw_outcome(axes: Axes, record: RunRecord, counts: tuple[int, int, int]) -
         axes.scatter(
             *at, s=size * (1.0 if marker == "o" else 2.4), color=colour, marker=marker, linewidths=0, zorder=4
         )
-    told = [f"then {until - begin} read, {np.count_nonzero(sick[begin:until])} sick"]
+    lines = [f"then {until - begin} read, {np.count_nonzero(sick[begin:until])} sick"]
     if end > until:
-        told.append(f"by the next column {end - begin}, {np.count_nonzero(sick[new])} sick")
+        lines.append(f"by the next column {end - begin}, {np.count_nonzero(sick[new])} sick")
     losses = [_loss_after(record, count) for count in counts]
-    told.append("loss " + " → ".join(f"{one:.3f}" for one in losses if one is not None))
-    axes.set_xlabel("\n".join(told), fontsize=7.5)
+    lines.append("loss " + " → ".join(f"{loss:.3f}" for loss in losses if loss is not None))
+    axes.set_xlabel("\n".join(lines), fontsize=7.5)
 
 
 def _loss_after(record: RunRecord, count: int) -> float | None:
-    """Return the loss of the latest estimate from at most so many observations; None before the first."""
+    """Return the loss of the latest estimate from at most `count` observations; None before the first."""
     history = record.history
     known = int(np.searchsorted(history.observations, count, side="right"))
     return history.entries[known - 1].loss if known else None
@@ -177,7 +181,7 @@ def _legend(figure: Any) -> None:
         return Line2D([], [], color=colour, marker=marker, markersize=4, linestyle="", label=label)
 
     handles = [
-        Line2D([], [], **_THOUGHT_OF, marker="o", markersize=2.5, label="thought of"),
+        Line2D([], [], **_CANDIDATE, marker="o", markersize=2.5, label="candidate"),
         Line2D([], [], color=LINE_COLOURS[1], linewidth=1.5, marker="o", markersize=4, label="chosen"),
         dot(_BEFORE, "o", "read before"),
         dot(_SICK_BEFORE, "o", "of it sick"),

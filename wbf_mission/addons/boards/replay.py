@@ -97,7 +97,7 @@ def row_named(rows: Sequence[BenchRow], key: str, folder: Path) -> BenchRow:
 
 
 def run_of(row: BenchRow, *, planner: Choice | None = None, estimator: Choice | None = None) -> BenchRun:
-    """Return the run of a row.
+    """Return the benchmark run that a row describes.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""``wbf-mission bench replay``, in the group of `wbf_mission.cli.bench`."""
+"""Command ``wbf-mission bench replay``, part of the group in `wbf_mission.cli.bench`."""
 
 from __future__ import annotations
 
@@ -30,35 +30,35 @@ wbf-mission bench replay results 91c0ffee --planner my_policy.py:MyPolicy
 """
 _FORMATS = ("html", "png", "pdf")
 _LISTED = 20
-_OWN = "What a row does not hold"
+_OWN = "Objects that a row does not store"
 
 
 @options.speaks()
 def replay_command(
     output: Output,
     *,
-    folder: Annotated[Path, typer.Argument(help="Folder of the results.")],
+    folder: Annotated[Path, typer.Argument(help="Folder of the benchmark's results.")],
     row: Annotated[
         str | None,
         typer.Argument(
-            help="The key of a row, or its beginning.  [default: fly nothing, list the keys, the worst first]"
+            help="Key of a row, or its first digits.  [default: fly nothing, list the keys, the worst first]"
         ),
     ] = None,
-    out: Annotated[Path, option("Folder of the page and the pictures.")] = Path("replays"),
+    out: Annotated[Path, option("Folder for the page and the pictures.")] = Path("replays"),
     formats: Annotated[
-        str, option("What is written, separated by commas: html, png, pdf.", "--format")
+        str, option("Formats to write, separated by commas: html, png, pdf.", "--format")
     ] = "html,png",
     planner: Annotated[
-        str | None, option("The planner or policy, where it was an object: FILE.py:NAME.", panel=_OWN)
+        str | None, option("Planner or policy, if it was an object: FILE.py:NAME.", panel=_OWN)
     ] = None,
     estimator: Annotated[
-        str | None, option("The estimator, where it was an object: FILE.py:NAME.", panel=_OWN)
+        str | None, option("Estimator, if it was an object: FILE.py:NAME.", panel=_OWN)
     ] = None,
 ) -> int:
-    """Fly a run of a benchmark again, compare it with its row to the bit, and show each of its decisions.
+    """Fly a benchmark run again, compare the rows to the bit, and show the run's decisions.
 
-    The page is that of 'report', with what results do not hold: the acquisition map that each decision was
-    made by. The picture shows some decisions side by side: what was weighed, the choice, and what came of it.
+    The page is that of 'report', with the acquisition map of each decision, which results do not store. The
+    picture shows up to six decisions side by side: the candidates, the choice and the outcome.
     """
     from wbf_mission.bench.rows import read_rows
     from wbf_mission.results.storage import ResultError

@@ -1,1 +1,1 @@
-"""Treatment maps: from readings to the files for GIS, sprayer and farmer, and to the next flight."""
+"""Treatment maps: readings of a flight, zones, files for GIS, sprayer and farmer, and the next flight."""

@@ -1,4 +1,4 @@
-"""``wbf-mission map``."""
+"""Command ``wbf-mission map``."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ BEGINNERS = (
     *("--loss", "--next", "--budget", "--vehicle", "--out", "--overwrite"),
 )
 
-_COSTS = "What it costs"
+_COSTS = "Costs"
 _NEXT = "The next flight"
 _HOW = "[FIELD=]NUMBER, may be repeated"
 _OF_NEXT = (
@@ -49,7 +49,7 @@ _OF_NEXT = (
     "fence_m",
     *("vehicle", "autopilot", "parameters", "wind_speed_m_s", "wind_direction_deg", "wind_gust_m_s"),
 )
-"""Options that have an effect only on the next flight."""
+"""Options that affect only the next flight."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,8 +59,8 @@ class _Costs:
     treat_cost: Annotated[
         list[str] | None,
         option(
-            f"Of treating a hectare, in any currency: {_HOW}.  [default: relative to --loss, as the field's"
-            " costs of errors]",
+            f"Cost of treating a hectare, in any currency: {_HOW}.  [default: relative to --loss, as the"
+            " field's costs of errors]",
             panel=_COSTS,
             metavar="COST",
         ),
@@ -68,7 +68,8 @@ class _Costs:
     loss: Annotated[
         list[str] | None,
         option(
-            f"Of a hectare that needs treatment and gets none: {_HOW}.  [default: relative to --treat-cost]",
+            f"Loss on an untreated hectare that needs treatment: {_HOW}.  [default: relative to"
+            " --treat-cost]",
             panel=_COSTS,
             metavar="COST",
         ),
@@ -76,7 +77,7 @@ class _Costs:
     look_cost: Annotated[
         list[str] | None,
         option(
-            f"Of looking at a hectare again: {_HOW}.  [default: a tenth of --treat-cost, an assumption]",
+            f"Cost of another look at a hectare: {_HOW}.  [default: a tenth of --treat-cost, an assumption]",
             panel=_COSTS,
             metavar="COST",
         ),
@@ -84,7 +85,7 @@ class _Costs:
     low_below: Annotated[
         list[str] | None,
         option(
-            f"A continuous field needs treatment below this value: {_HOW}.  [default: 0.4, an assumption]",
+            f"Treatment threshold of a continuous field: {_HOW}.  [default: 0.4, an assumption]",
             panel=_COSTS,
             metavar="VALUE",
         ),
@@ -92,8 +93,8 @@ class _Costs:
     rate: Annotated[
         list[str] | None,
         option(
-            "What a treated hectare gets: [FIELD=]NUMBER[UNIT], may be repeated.  [default: 200L/ha; of soil"
-            " humidity 10mm]",
+            "Application rate on treated land: [FIELD=]NUMBER[UNIT], may be repeated.  [default: 200L/ha;"
+            " for soil humidity 10mm]",
             panel=_COSTS,
             metavar="RATE",
         ),
@@ -101,7 +102,7 @@ class _Costs:
     block: Annotated[
         float | None,
         option(
-            "Side of a block that a sprayer can act on, metres.  [default: 4, less on small farms]",
+            "Side of a block, the smallest area a sprayer can treat (m).  [default: 4, less on small farms]",
             panel=_COSTS,
             parser=options.number,
         ),
@@ -145,16 +146,16 @@ def map_command(
     log: Annotated[
         Path | None,
         option(
-            "Where the camera was: a .tlog, an ArduPilot .bin, a PX4 .ulg, a folder of geotagged pictures, or"
-            " the results of a 'fly'.",
+            "Camera positions: a .tlog, an ArduPilot .bin, a PX4 .ulg, a folder of geotagged pictures, or the"
+            " results of 'fly'.",
             panel="What was flown",
         ),
     ] = None,
     observations: Annotated[
         Path | None,
         option(
-            "What it saw: CSV with a column for each field, and time, name, image, or latitude and longitude;"
-            " or observations of a 'fly'.  [default: those in the .tlog or the results]",
+            "Camera readings: a CSV file with a column for each field, and time, name, image, or latitude and"
+            " longitude; or observations of 'fly'.  [default: those in the .tlog or the results]",
             panel="What was flown",
         ),
     ] = None,
@@ -162,14 +163,18 @@ def map_command(
     next_plan: Annotated[
         Path | None,
         option(
-            "Plan another flight that looks where that is worth most, and write it there.",
+            "Plan the next flight, for the largest expected saving, and write the mission to this file.",
             "--next",
             panel=_NEXT,
         ),
     ] = None,
     overwrite: Annotated[
         bool,
-        option("Replace a map, or write among other files.", "--overwrite", panel=options.OUTPUT_PANEL),
+        option(
+            "Replace an existing map, or write into a folder with other files.",
+            "--overwrite",
+            panel=options.OUTPUT_PANEL,
+        ),
     ] = False,
     force: Force = False,
 ) -> None:
@@ -206,7 +211,7 @@ def map_command(
 def _treatment(
     given: options.Given, log: Path | None, observations: Path | None, costs: _Costs, progress: Any
 ) -> tuple[TreatmentMap, Scenario]:
-    """Return the treatment map, and the scenario of the map and of the next flight."""
+    """Return the treatment map and the scenario of the next flight."""
     from wbf_mission.addons.treatment.flights import treatment_of_log, treatment_of_result
     from wbf_mission.results.files import RECORD
 
@@ -229,7 +234,7 @@ def _treatment(
     result = load_result(log)
     progress("reading", 1, 1)
     flown = result.scenario
-    # The next flight is planned anew, even if the log is of a mission file.
+    # The next flight is planned by a policy, even if the logged flight was a mission file.
     parts = {name: getattr(flown, name) for name in PARTS}
     parts["mission"] = replace(flown.mission, file=None)
     planned = given.change(Scenario(**parts, seed=flown.seed))
@@ -253,7 +258,10 @@ def _check_next(
 
 @contextlib.contextmanager
 def _folder(out: Path, inputs: list[Path | None], *, overwrite: bool) -> Iterator[Any]:
-    """Open the folder of the map; TargetError if it holds an input, or other files without `overwrite`."""
+    """Open the folder of the map.
+
+    TargetError if the folder holds an input, or holds other files and `overwrite` is false.
+    """
     from geo.atomic import AtomicFolder, FolderError
     from wbf_mission.addons.treatment.treatment_map import SUMMARY, is_part
 

@@ -1,6 +1,6 @@
-"""One page for the farmer: what to treat, where to look again, how sure that is; whole in one HTML file.
+"""Page for the farmer: areas to treat and to look at again, with maps and costs, in one HTML file.
 
-Nothing is loaded from elsewhere, so that it can be sent by mail and opened in a field; it prints on A4.
+The page loads nothing, so that it can be sent by mail and opened offline. It fits A4 paper.
 """
 
 from __future__ import annotations
@@ -21,14 +21,14 @@ from wbf_mission.maps.html_page import html_document
 from wbf_mission.maps.report import FarmReport, percent
 
 _COLOURS = {TREAT: "#b3261e", LOOK: "#f2b705", HEALTHY: "#8fc08b"}
-_TOLD = 3
+_LISTED = 3  # Zones of each kind in a table
 _PAGE_MM = 250.0
 _MAP_MM = 88.0
 _MAP_WIDTH, _WIDE_MM, _NARROW_MM, _NARROW_FROM = "MAP", 84, 68, 3
 _PER_HECTARE = "/ha"
 _M3_PER_MM_HA = 10.0
 _DECIMALS = 5
-_LEAST_TOLD = 1e-3
+_LEAST_SHARE = 1e-3  # Smallest share written with digits
 
 _STYLE = """
 @page { size: A4 portrait; margin: 10mm 12mm; }
@@ -60,7 +60,7 @@ td, th { padding: 0.3mm 1mm 0.3mm 0; }
 
 @dataclass(frozen=True, slots=True)
 class Page:
-    """What the page tells."""
+    """Content of the page."""
 
     farm: Farm
     maps: Sequence[ZoneMap]
@@ -69,31 +69,31 @@ class Page:
     about: str
     source: str
     notes: Sequence[str]
-    tells_doubt: bool  # Whether the estimator tells how sure it is
+    states_deviation: bool  # Whether the estimator's uncertainty is a standard deviation
 
 
 def write_page(path: Path, page: Page) -> None:
-    """Write the page."""
+    """Write the page as an HTML file."""
     title = f"{page.farm.name}: what to treat"
     height_mm = min(_MAP_MM, _PAGE_MM / max(len(page.maps), 1) - 6.0)
-    sections = "".join(_section(page, one) for one in page.maps)
+    sections = "".join(_section(page, zone_map) for zone_map in page.maps)
     source = f" Made from {escape(page.source)}." if page.source else ""
     notes = "".join(f" {escape(note)}." for note in page.notes)
     doubt = " It does not tell how sure it is, so nothing is marked to be looked at again."
-    told = f"{escape(page.about)}.{source}{notes}{'' if page.tells_doubt else doubt}"
+    about = f"{escape(page.about)}.{source}{notes}{'' if page.states_deviation else doubt}"
     map_mm = _WIDE_MM if len(page.maps) < _NARROW_FROM else _NARROW_MM
     zones = "".join(f".zone{zone} {{ fill: {colour}; }}\n" for zone, colour in _COLOURS.items())
     style = (
         f"{_STYLE.replace(_MAP_WIDTH, str(map_mm))}{zones}section > svg {{ max-height: {height_mm:.1f}mm; }}"
     )
-    body = f'<header><h1>{escape(title)}</h1>\n<p class="about">{told}</p></header>\n{sections}'
+    body = f'<header><h1>{escape(title)}</h1>\n<p class="about">{about}</p></header>\n{sections}'
     with atomic_write(path) as file:
         file.write(html_document(title, body, style=style))
 
 
 def _section(page: Page, of: ZoneMap) -> str:
-    zones = [one for one in page.zones if one.field == of.field.name]
-    told = _told(zones)
+    zones = [zone for zone in page.zones if zone.field == of.field.name]
+    listed = _listed(zones)
     areas = {zone: of.area_ha(zone) for zone in (TREAT, LOOK, HEALTHY)}
     whole = sum(areas.values())
     bar, done = "", 0.0
@@ -103,29 +103,29 @@ def _section(page: Page, of: ZoneMap) -> str:
         done += width
     key = "".join(
         f'<span><svg viewBox="0 0 1 1"><rect class="zone{zone}" width="1" height="1"/></svg>'
-        f"{of.word(zone)} {area_in_words(area)}, {percent(area / whole, _LEAST_TOLD)}</span>"
+        f"{of.word(zone)} {area_in_words(area)}, {percent(area / whole, _LEAST_SHARE)}</span>"
         for zone, area in areas.items()
     )
     title, sentences = escape(of.field.title), page.report.rows()
     return (
-        f"<section>\n{_map(page.farm, of, told)}\n<div><h2>{title}</h2>\n"
+        f"<section>\n{_map(page.farm, of, listed)}\n<div><h2>{title}</h2>\n"
         f'<p class="main">{_main(of, zones)}</p>\n'
         f'<svg class="bar" viewBox="0 0 100 1" preserveAspectRatio="none">{bar}</svg>'
         f'<div class="key">{key}</div>\n'
-        f"{_table(of, told)}<p>{escape(sentences.get(of.field.title, ''))}.</p>\n"
+        f"{_table(of, listed)}<p>{escape(sentences.get(of.field.title, ''))}.</p>\n"
         f'<p class="small">{_costs(of)}</p></div>\n</section>\n'
     )
 
 
-def _told(zones: Sequence[Zone]) -> list[Zone]:
-    """Return where to go: the zones with most need, then those where a look gains most."""
-    worst = sorted((z for z in zones if z.zone == TREAT), key=lambda z: -z.need * z.area_ha)[:_TOLD]
-    look = sorted((z for z in zones if z.zone == LOOK), key=lambda z: -z.gain)[:_TOLD]
+def _listed(zones: Sequence[Zone]) -> list[Zone]:
+    """Return the zones to visit: those with the most need, then those with the most gain by a look."""
+    worst = sorted((z for z in zones if z.zone == TREAT), key=lambda z: -z.need * z.area_ha)[:_LISTED]
+    look = sorted((z for z in zones if z.zone == LOOK), key=lambda z: -z.gain)[:_LISTED]
     return [*worst, *look]
 
 
 def _main(of: ZoneMap, zones: Sequence[Zone]) -> str:
-    sprayed = sum(one.area_ha for one in zones if one.zone == TREAT)
+    sprayed = sum(zone.area_ha for zone in zones if zone.zone == TREAT)
     verb = "Water" if is_water(of.field) else "Treat"
     if not sprayed:
         text = "Nothing to treat now" if of.field.kind == "disease" else "Nothing is too low now"
@@ -139,16 +139,16 @@ def _main(of: ZoneMap, zones: Sequence[Zone]) -> str:
     return f"{verb} {area_in_words(sprayed)}: {at}."
 
 
-def _table(of: ZoneMap, told: Sequence[Zone]) -> str:
-    if not told:
+def _table(of: ZoneMap, listed: Sequence[Zone]) -> str:
+    if not listed:
         return ""
     what = "sick" if of.field.kind == "disease" else "chance of it"
     rows = "".join(
-        f'<tr><td><span class="dot">{number}</span></td><td>{one.word}</td>'
-        f'<td class="n">{one.latitude_deg:.{_DECIMALS}f}, {one.longitude_deg:.{_DECIMALS}f}</td>'
-        f'<td class="n">{area_in_words(one.area_ha)}</td>'
-        f'<td class="n">{percent(one.need, _LEAST_TOLD)}</td></tr>'
-        for number, one in enumerate(told, start=1)
+        f'<tr><td><span class="dot">{number}</span></td><td>{zone.word}</td>'
+        f'<td class="n">{zone.latitude_deg:.{_DECIMALS}f}, {zone.longitude_deg:.{_DECIMALS}f}</td>'
+        f'<td class="n">{area_in_words(zone.area_ha)}</td>'
+        f'<td class="n">{percent(zone.need, _LEAST_SHARE)}</td></tr>'
+        for number, zone in enumerate(listed, start=1)
     )
     return (
         '<table><tr><th></th><th>go to</th><th class="n">latitude, longitude</th><th class="n">area</th>'
@@ -169,22 +169,22 @@ def _costs(of: ZoneMap) -> str:
     )
 
 
-def _map(farm: Farm, of: ZoneMap, told: Sequence[Zone]) -> str:
-    """Draw the zones with the owner's border, the blocks of the report, scale and north."""
+def _map(farm: Farm, of: ZoneMap, listed: Sequence[Zone]) -> str:
+    """Return the SVG map of the zones, with numbered marks on the listed ones."""
     drawing = FarmDrawing.of(farm)
     palette = np.zeros((4, 3), np.uint8)
     for zone, colour in _COLOURS.items():
         palette[zone] = [int(colour[k : k + 2], 16) for k in (1, 3, 5)]
     dots = "".join(
         drawing.dot(*farm.frame.from_wgs84(zone.latitude_deg, zone.longitude_deg), str(number))
-        for number, zone in enumerate(told, start=1)
+        for number, zone in enumerate(listed, start=1)
     )
     shows = f"Map of {of.field.title}: what to treat and where to look again"
     return drawing.svg(of.field.name, shows, of.zone, of.block_m, palette, dots)
 
 
 def area_in_words(hectares: float) -> str:
-    """Return an area in hectares, a small one in square metres."""
+    """Return an area as text: in hectares, or in square metres below 0.1 ha."""
     if hectares >= 0.1:
         return f"{hectares:,.1f} ha" if hectares >= 10.0 else f"{hectares:.2f} ha"
     return f"{1e4 * hectares:,.0f} m²" if hectares >= 1e-3 else f"{1e4 * hectares:.2g} m²"

@@ -44,7 +44,7 @@ def treatment_of_log(
     Parameters
     ----------
     scenario : Scenario
-        Only farm, fields, day, footprint, estimator and seed are used.
+        Scenario, of which only farm, fields, day, footprint, estimator and seed are used.
     log : Path, optional
         Flight log (`wbf_mission.addons.treatment.logs.read_track`); without one the readings need positions.
     observations : Path, optional
@@ -163,7 +163,7 @@ def _estimate(
     estimator = estimator_of(scenario.estimate.estimator, scenario.seed, fields)
     require_run_memory(farm, estimator, len(seen))
     first = int(seen.day.min())
-    # With one BLAS thread, sums in user code do not depend on the number of cores.
+    # One BLAS thread, so that sums in user code do not depend on the number of cores.
     with threadpool_limits(1, user_api="blas"), attribute_errors_to(estimator):
         estimator.fit(farm.grid())
         prepare_days(estimator, first, int(seen.day.max()) - first + 1, progress)

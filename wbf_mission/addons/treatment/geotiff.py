@@ -1,4 +1,4 @@
-"""Estimates as cloud-optimised GeoTIFF."""
+"""Cloud-optimised GeoTIFF files of estimates."""
 
 from __future__ import annotations
 
@@ -19,15 +19,16 @@ _STRIP = 512
 def write_geotiff(
     path: Path, farm: Farm, field: Field, model: InformationModel, *, deviation: bool, day: int
 ) -> UtmCells:
-    """Write one field: band 1 the value in its unit, band 2 its uncertainty, float32; and return where.
+    """Write the estimate of one field as float32, and return the georeference of the cells.
 
-    Cells that are not the owner's, or have none of the field's crops, are `NODATA`. The uncertainty is a
-    standard deviation if `deviation`, else on the estimator's own scale.
+    Band 1 is the value in the field's unit, band 2 the uncertainty. Cells outside the owner's land or without
+    the field's crops are `NODATA`. `deviation`: the uncertainty is a standard deviation; otherwise it has the
+    estimator's own scale.
 
     Raises
     ------
     MapError
-        As `UtmCells.of`, or without rasterio.
+        If rasterio is not installed, or `UtmCells.of` fails.
     """
     rasterio, copying = gis("rasterio"), gis("rasterio.shutil")
     cells = UtmCells.of(farm)
@@ -48,11 +49,11 @@ def write_geotiff(
         "blockysize": _STRIP,
         "BIGTIFF": "IF_SAFER",
     }
-    # The driver of such files copies a raster that is there: one beside it, on the disk, not in memory.
+    # GDAL's COG driver can only copy an existing raster; a file on disk saves memory.
     plain = path.with_name(f".{path.name}.plain.tif")
     scale = "standard deviation" if deviation else "doubt on the estimator's own scale"
     with warnings.catch_warnings():
-        # A farm of a few cells needs no tiles.
+        # rasterio warns about tiles that are larger than the raster.
         warnings.simplefilter("ignore", rasterio.errors.RasterioDeprecationWarning)
         try:
             with rasterio.open(plain, "w", **profile) as file:

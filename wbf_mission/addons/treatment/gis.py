@@ -1,4 +1,4 @@
-"""The libraries of the extra ``gis``, and the farm's cells in a coordinate reference system that GIS know."""
+"""Imports of the extra ``gis``, and the UTM georeference of a farm's cells."""
 
 from __future__ import annotations
 
@@ -24,23 +24,23 @@ _HIGHEST_DEG = 84.0
 
 
 class MapError(WbfMissionError, ValueError):
-    """A treatment map that cannot be made or written, or costs that make no sense."""
+    """A treatment map that cannot be made or written, or an invalid cost."""
 
 
 def gis(module: str) -> Any:
-    """Import a library of the extra ``gis``; MapError that says how to install it if it is not there."""
+    """Import a module of the extra ``gis``; MapError with installation advice if the module is missing."""
     return load_extra(module, "gis", "treatment maps need", MapError)
 
 
 def require_gis() -> None:
-    """Raise MapError, before anything takes long, if a library that writes maps is not there."""
+    """Raise MapError if a library for map files is missing; call this before long computations."""
     for module in ("rasterio", "pyogrio"):
         gis(module)
 
 
 @contextlib.contextmanager
 def gdal_errors(folder: Path) -> Iterator[None]:
-    """Tell in one line what GDAL could not write."""
+    """Replace errors of rasterio and pyogrio by a MapError of one line."""
     failures = gis("rasterio.errors").RasterioError, gis("pyogrio.errors").DataSourceError
     try:
         yield
@@ -50,19 +50,21 @@ def gdal_errors(folder: Path) -> Iterator[None]:
 
 @dataclass(frozen=True, slots=True)
 class UtmCells:
-    """The cells of a farm in the UTM zone of its middle.
+    """Affine map from a farm's cells to the UTM zone of the farm's centre.
 
-    The cells are not resampled. An affine map carries them to UTM: turned by the frame's rotation and the
-    meridian's convergence, scaled by UTM's scale. `error_m` is how far it is off where it is worst, which
-    grows with the square of the farm's size: half a millimetre on a farm of a kilometre.
+    The cells are not resampled. The affine map contains the rotation of the farm's frame, the meridian
+    convergence, and the scale factor of UTM. The error of the map grows with the square of the farm's size:
+    half a millimetre on a farm of one kilometre.
 
     Parameters
     ----------
     epsg : int
-        Of the zone, on WGS84.
+        EPSG code of the UTM zone on WGS84.
     affine : tuple of float
-        a, b, c, d, e, f: ``east = a column + b row + c``, ``north = d column + e row + f`` of the corners of
-        cells; row 0 is the farm's last row of cells, so that a frame that is not turned has north up.
+        a, b, c, d, e, f: ``east = a column + b row + c``, ``north = d column + e row + f`` for the corners of
+        cells. Row 0 is the farm's northernmost row if the frame is not rotated.
+    error_m : float
+        Maximum error of the affine map (m).
     """
 
     epsg: int
@@ -71,12 +73,12 @@ class UtmCells:
 
     @classmethod
     def of(cls, farm: Farm) -> UtmCells:
-        """Fit the affine map to the farm's corners, edges and inside.
+        """Fit the affine map by least squares to a grid of 9 x 9 points over the farm.
 
         Raises
         ------
         MapError
-            If it would be off by more than half a cell, or the farm lies beyond UTM.
+            If the error is larger than half a cell, or the latitude is beyond 84 degrees.
         """
         width, height, cell_m = farm.width_cells, farm.height_cells, farm.cell_size_m
         latitude, longitude = farm.frame.to_wgs84(0.5 * width * cell_m, 0.5 * height * cell_m)
@@ -85,14 +87,14 @@ class UtmCells:
         zone = int((longitude + 180.0) // 6.0) % 60 + 1
         epsg = (_UTM_NORTH if latitude >= 0.0 else _UTM_SOUTH) + zone
         column, row = (
-            one.ravel()
-            for one in np.meshgrid(np.linspace(0.0, width, _SAMPLES), np.linspace(0.0, height, _SAMPLES))
+            axis.ravel()
+            for axis in np.meshgrid(np.linspace(0.0, width, _SAMPLES), np.linspace(0.0, height, _SAMPLES))
         )
         places = farm.frame.to_wgs84(column * cell_m, (height - row) * cell_m)
         east_north = np.column_stack(
             Transformer.from_crs("EPSG:4326", f"EPSG:{epsg}", always_xy=True).transform(*places[::-1])
         )
-        # About the middle: numbers of millions of metres would cost digits.
+        # The fit is relative to the mean: UTM coordinates of millions of metres would cost digits.
         middle = east_north.mean(axis=0)
         terms = np.column_stack((column, row, np.ones(len(column))))
         fitted, *_ = np.linalg.lstsq(terms, east_north - middle, rcond=None)
@@ -108,5 +110,5 @@ class UtmCells:
 
 
 def raster(cells: NDArray[Any]) -> NDArray[Any]:
-    """Return cells [W, H] as rows of a raster, the last row of cells first: a view."""
+    """Return a view of cells [W, H] as raster rows [H, W], the last row of cells first."""
     return cells.T[::-1]

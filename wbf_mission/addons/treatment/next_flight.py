@@ -43,7 +43,7 @@ class NextFlight:
     looked_at_ha: float  # Area of crops in the images
 
     def summary(self) -> dict[str, object]:
-        """Return plain values, for JSON."""
+        """Return the plan and the gains as plain values, for JSON."""
         values = {name: getattr(self, name) for name in ("policy", "gain", "gain_of_all", "looked_at_ha")}
         return {**values, "plan": self.plan.summary()}
 

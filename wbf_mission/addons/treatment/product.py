@@ -1,4 +1,4 @@
-"""The treatment map among the results of a run (``fly --treatment-map``)."""
+"""Treatment map as a product of a run (``fly --treatment-map``)."""
 
 from __future__ import annotations
 

@@ -63,7 +63,7 @@ def is_cells(path: Path) -> bool:
 def read_readings(path: Path, fields: FieldSet) -> Readings:
     """Read a table with a key column and a column for each sensed field.
 
-    The key is the first entry of `KEYS` with existing columns. An empty cell means not sensed.
+    The key is the first entry of `KEYS` with existing columns. The field of an empty cell was not sensed.
 
     Raises
     ------

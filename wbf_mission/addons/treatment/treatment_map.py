@@ -1,4 +1,4 @@
-"""The treatment map: from an estimate to the files for GIS, sprayer and farmer."""
+"""Treatment map of an estimate, and its files for GIS, sprayer and farmer."""
 
 from __future__ import annotations
 
@@ -29,22 +29,22 @@ _VALUES, _RATES = ("map_", ".tif"), ("prescription_", ".zip")
 
 @dataclass(frozen=True)
 class TreatmentMap:
-    """What a treatment map is made from, and what it says.
+    """Treatment map of a farm: the estimate, the costs, and the zones derived from both.
 
     Parameters
     ----------
     model : InformationModel
-        What is believed on `day`.
+        Estimate of all fields on `day`.
     states_deviation : bool
         Whether the estimator's uncertainty is a standard deviation.
     costs : mapping of str to FieldCosts
-        By the names of the fields.
+        Costs by field name.
     block_m : float, optional
-        Side of the blocks that a sprayer can act on, see `wbf_mission.addons.treatment.zones.block_grid`.
+        Side of a block (m), see `wbf_mission.addons.treatment.zones.block_grid`.
     source : str
-        From what it was made, for the farmer.
+        Names of the input files or of the run, for the farmer's page.
     notes : tuple of str
-        What to know of that.
+        Notes on the input, for the user.
     """
 
     farm: Farm
@@ -58,18 +58,18 @@ class TreatmentMap:
     block_m: float | None = None
     source: str = ""
     notes: tuple[str, ...] = ()
-    knows_only_seen: bool = False  # Whether the estimate is of the cells that were observed alone
+    knows_only_seen: bool = False  # Whether the estimate covers only observed cells
 
     @cached_property
     def report(self) -> FarmReport:
-        """How much is sick, where, and how sure that is; as `fly` prints it."""
+        """Report for the farmer, as printed by `fly`."""
         return report_of_maps(self.farm, self._maps())
 
     @cached_property
     def zone_maps(self) -> tuple[ZoneMap, ...]:
-        """The zones by blocks, of the fields whose crops the owner grows; MapError if there are none."""
+        """Zone map of each field with crops on the owner's land; MapError if no field has any."""
         maps = self._maps(grid=block_grid(self.farm, self.block_m))
-        found = tuple(zone_map(one, self.costs[one.field.name]) for one in maps if one.cells.any())
+        found = tuple(zone_map(of, self.costs[of.field.name]) for of in maps if of.cells.any())
         if not found:
             crops = ", ".join(sorted({crop for field in self.fields for crop in field.crops}))
             raise MapError(
@@ -79,8 +79,8 @@ class TreatmentMap:
 
     @cached_property
     def zones(self) -> tuple[Zone, ...]:
-        """The zones of all fields as polygons."""
-        return tuple(zone for one in self.zone_maps for zone in zones_of(self.farm, one))
+        """Zones of all fields as polygons."""
+        return tuple(zone for zones in self.zone_maps for zone in zones_of(self.farm, zones))
 
     def _maps(self, **how: Any) -> Any:
         return field_maps(
@@ -95,7 +95,7 @@ class TreatmentMap:
         )
 
     def summary(self) -> dict[str, Any]:
-        """Return plain values, for JSON."""
+        """Return the summary as plain values, for JSON."""
         return {
             "farm": self.farm.name,
             "day": self.day,
@@ -103,7 +103,7 @@ class TreatmentMap:
             "observations": len(self.observations),
             "source": self.source,
             "notes": list(self.notes),
-            "fields": {one.field.name: self._of_field(one) for one in self.zone_maps},
+            "fields": {zones.field.name: self._of_field(zones) for zones in self.zone_maps},
             "report": self.report.to_dict(),
         }
 
@@ -113,7 +113,7 @@ class TreatmentMap:
             "block_m": of.block_m,
             "area_ha": {name: of.area_ha(zone) for name, zone in _NAMED.items()},
             "prescribed_ha": sum(
-                one.area_ha for one in self.zones if one.field == of.field.name and one.zone == TREAT
+                zone.area_ha for zone in self.zones if zone.field == of.field.name and zone.zone == TREAT
             ),
             "rate": costs.rate,
             "rate_unit": costs.rate_unit,
@@ -127,7 +127,7 @@ _NAMED = {"treat": TREAT, "look_again": LOOK, "healthy": HEALTHY}
 
 
 def is_part(name: str) -> bool:
-    """Tell whether a name may be that of a file of a treatment map."""
+    """Return whether `name` is a possible file name in the folder of a treatment map."""
     many = any(name.startswith(start) and name.endswith(end) for start, end in (_VALUES, _RATES))
     return name in _NAMES or many
 
@@ -136,7 +136,7 @@ _NAMES = frozenset({PAGE, "zones.geojson", "zones.gpkg", "observations.parquet",
 
 
 def write_whole_map(treatment: TreatmentMap, folder: Path, progress: Progress) -> list[Path]:
-    """Write a treatment map, its readings and its summary; MapError as of `write_treatment_map`."""
+    """Write a treatment map, its observations and its summary; errors as of `write_treatment_map`."""
     folder.mkdir(exist_ok=True)
     with gdal_errors(folder):
         files = write_treatment_map(treatment, folder, progress)
@@ -147,16 +147,17 @@ def write_whole_map(treatment: TreatmentMap, folder: Path, progress: Progress) -
 
 
 def write_treatment_map(of: TreatmentMap, folder: Path, progress: Progress) -> list[Path]:
-    """Write all files but the summary into a folder that is there, and return them.
+    """Write rasters, zones, prescriptions and the farmer's page into an existing folder; return the files.
 
-    For each field map_NAME.tif and prescription_NAME.zip; zones.geojson, zones.gpkg, report.html.
+    Each field has map_NAME.tif and prescription_NAME.zip. zones.geojson, zones.gpkg and report.html are for
+    all fields.
 
     Raises
     ------
     MapError
         If the extra ``gis`` is not installed, or the farm does not fit into UTM.
     """
-    names = [one.field.name for one in of.zone_maps]
+    names = [zones.field.name for zones in of.zone_maps]
     steps = len(names) + 2
     progress("writing the map", 0, steps)
     files = []
@@ -167,10 +168,10 @@ def write_treatment_map(of: TreatmentMap, folder: Path, progress: Progress) -> l
         progress("writing the map", number, steps)
     files += write_zones(folder, of.farm, of.zones)
     for name in names:
-        mine = [one for one in of.zones if one.field == name]
-        if mine:
+        zones = [zone for zone in of.zones if zone.field == name]
+        if zones:
             files.append(folder / name.join(_RATES))
-            write_prescription(files[-1], of.farm, mine)
+            write_prescription(files[-1], of.farm, zones)
     progress("writing the map", steps - 1, steps)
     files.append(folder / PAGE)
     about = f"day {of.day}, estimated by {of.estimator} from {len(of.observations):,} readings"

@@ -1,4 +1,4 @@
-"""Zones and prescriptions in the files that GIS, farm software and terminals of sprayers read, by GDAL."""
+"""Vector files of zones (GeoJSON, GeoPackage) and prescriptions (Shapefile), written by GDAL."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ _LAYER = "zones"
 
 
 def write_zones(folder: Path, farm: Farm, zones: Sequence[Zone]) -> list[Path]:
-    """Write ``zones.geojson`` (RFC 7946) and ``zones.gpkg`` of all fields, in WGS84; return the files."""
+    """Write the zones of all fields to ``zones.geojson`` (RFC 7946) and ``zones.gpkg``; return the files."""
     columns: dict[str, list[Any]] = {
-        "field": [one.field for one in zones],
-        "zone": [one.word for one in zones],
-        "area_ha": [round(one.area_ha, 6) for one in zones],
-        "need": [round(one.need, 6) for one in zones],
-        "gain": [one.gain for one in zones],
-        "rate": [one.rate for one in zones],
-        "rate_unit": [one.rate_unit for one in zones],
+        "field": [zone.field for zone in zones],
+        "zone": [zone.word for zone in zones],
+        "area_ha": [round(zone.area_ha, 6) for zone in zones],
+        "need": [round(zone.need, 6) for zone in zones],
+        "gain": [zone.gain for zone in zones],
+        "rate": [zone.rate for zone in zones],
+        "rate_unit": [zone.rate_unit for zone in zones],
     }
     files = [folder / "zones.geojson", folder / "zones.gpkg"]
     _write(files[0], farm, zones, columns, driver="GeoJSON", RFC7946="YES", WRITE_NAME="NO")
@@ -37,19 +37,19 @@ def write_zones(folder: Path, farm: Farm, zones: Sequence[Zone]) -> list[Path]:
 
 
 def write_prescription(path: Path, farm: Farm, zones: Sequence[Zone]) -> None:
-    """Write the zones of one field as a zipped Shapefile with the column RATE, 0 where nothing is treated."""
+    """Write the zones of one field as a zipped Shapefile; the column RATE is 0 in untreated zones."""
     columns: dict[str, list[Any]] = {
-        "RATE": [one.rate for one in zones],
-        "UNIT": [one.rate_unit for one in zones],
-        "ZONE": [one.word for one in zones],
-        "AREA_HA": [round(one.area_ha, 6) for one in zones],
+        "RATE": [zone.rate for zone in zones],
+        "UNIT": [zone.rate_unit for zone in zones],
+        "ZONE": [zone.word for zone in zones],
+        "AREA_HA": [round(zone.area_ha, 6) for zone in zones],
     }
     with tempfile.TemporaryDirectory(dir=path.parent) as folder:
         shape = Path(folder) / f"{path.stem}.shp"
         _write(shape, farm, zones, columns, driver="ESRI Shapefile", encoding="UTF-8")
         with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
             for part in sorted(Path(folder).iterdir()):
-                # Of the epoch of such archives: the same map gives the same file.
+                # ZipInfo defaults to 1980, so that equal maps give equal files.
                 entry = zipfile.ZipInfo(part.name)
                 entry.compress_type = zipfile.ZIP_DEFLATED
                 archive.writestr(entry, part.read_bytes())
@@ -63,7 +63,7 @@ def _write(path: Path, farm: Farm, zones: Sequence[Zone], columns: dict[str, lis
     ]
     gis("pyogrio.raw").write(
         path,
-        geometry=np.array(shapely.to_wkb(to_wgs84(farm, [one.polygon for one in zones])), np.object_),
+        geometry=np.array(shapely.to_wkb(to_wgs84(farm, [zone.polygon for zone in zones])), np.object_),
         field_data=arrays,
         fields=list(columns),
         geometry_type="Polygon",

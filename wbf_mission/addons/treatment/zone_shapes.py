@@ -1,4 +1,4 @@
-"""Zones as polygons: neighbouring blocks joined, cut at the owner's land, slivers left out."""
+"""Polygons of zones: neighbouring blocks joined and cut at the owner's border, without slivers."""
 
 from __future__ import annotations
 
@@ -14,30 +14,30 @@ from geo import Farm
 from wbf_mission.addons.treatment.gis import gis
 from wbf_mission.addons.treatment.zones import HEALTHY, LOOK, TREAT, ZoneMap
 
-_LEAST_OF_A_BLOCK = 0.25
+_LEAST_OF_A_BLOCK = 0.25  # Smallest area of a zone, as a share of a block
 
 
 @dataclass(frozen=True, slots=True)
 class Zone:
-    """A piece of land that is treated alike."""
+    """Connected area with one action for one field."""
 
     field: str
-    zone: int  # `wbf_mission.addons.treatment.zones.TREAT` and others
+    zone: int  # `LOOK`, `TREAT` or `HEALTHY` of `wbf_mission.addons.treatment.zones`
     word: str
-    polygon: shapely.Polygon  # Metres of the farm's frame
-    latitude_deg: float  # Of a point inside
+    polygon: shapely.Polygon  # Outline, metres in the farm's frame
+    latitude_deg: float  # Latitude of a point inside
     longitude_deg: float
-    area_ha: float  # Of the polygon
-    need: float  # The expected part that needs treatment
-    gain: float  # What knowing it is worth, in the unit of the costs
-    rate: float  # Of the product, 0 where nothing is treated
+    area_ha: float  # Area of the polygon
+    need: float  # Expected share that needs treatment
+    gain: float  # Expected saving by perfect information, in the unit of the costs
+    rate: float  # Application rate, 0 without treatment
     rate_unit: str
 
 
 def zones_of(farm: Farm, of: ZoneMap) -> tuple[Zone, ...]:
-    """Return the zones of a field: treat, look again, healthy; in each the largest first."""
-    found = [one for zone in (TREAT, LOOK, HEALTHY) for one in _zones(farm, of, zone)]
-    return tuple(sorted(found, key=lambda one: (-one.zone, -one.area_ha)))
+    """Return the zones of a field in the order treat, look again, healthy, each from largest to smallest."""
+    found = [area for zone in (TREAT, LOOK, HEALTHY) for area in _zones(farm, of, zone)]
+    return tuple(sorted(found, key=lambda area: (-area.zone, -area.area_ha)))
 
 
 def _zones(farm: Farm, of: ZoneMap, zone: int) -> list[Zone]:
@@ -51,8 +51,8 @@ def _zones(farm: Farm, of: ZoneMap, zone: int) -> list[Zone]:
     weight = np.where(inside, of.hectares.ravel(), 0.0)
     hectares = np.bincount(numbers, weight, count + 1)
     need, gain = (
-        np.bincount(numbers[inside], (each.ravel() * weight)[inside], count + 1)
-        for each in (of.need, of.gain)
+        np.bincount(numbers[inside], (share.ravel() * weight)[inside], count + 1)
+        for share in (of.need, of.gain)
     )
     polygons, ids = _outlines(labels, of.block_m)
     land = farm.owner_area
@@ -84,7 +84,7 @@ def _zones(farm: Farm, of: ZoneMap, zone: int) -> list[Zone]:
 
 
 def _outlines(labels: NDArray[Any], block_m: float) -> tuple[NDArray[np.object_], NDArray[np.int64]]:
-    """Return the outlines of labelled pieces of blocks in metres of the frame, and their labels."""
+    """Return the outline of each labelled group of blocks (m, farm's frame), and its label."""
     features, rasterio = gis("rasterio.features"), gis("rasterio")
     scale = rasterio.Affine(block_m, 0.0, 0.0, 0.0, block_m, 0.0)
     rows = np.ascontiguousarray(labels.T)
@@ -96,7 +96,7 @@ def _outlines(labels: NDArray[Any], block_m: float) -> tuple[NDArray[np.object_]
 def to_wgs84(farm: Farm, polygons: Sequence[shapely.Polygon]) -> NDArray[np.object_]:
     """Return polygons of the farm's frame in longitude and latitude.
 
-    Across the date line longitudes go on beyond 180 degrees: nothing is torn apart.
+    Longitudes exceed 180 degrees across the antimeridian, so that polygons stay connected.
     """
     origin = farm.frame.longitude_deg
 

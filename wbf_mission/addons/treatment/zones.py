@@ -1,18 +1,17 @@
-"""Where to treat, where to look again, and what is healthy: the action of least expected cost, by blocks.
+"""Zones to treat, to look at again, and healthy: the action of least expected cost for each block.
 
-A block is what a sprayer can act on; `m` is the part of it that needs treatment, and is not known exactly.
-Per hectare of the crop, with the costs ``treat`` of treating, ``loss`` of land that needs it and is left, and
-``look`` of another look::
+A block is the smallest area that a sprayer can treat. `m` is the share of the block that needs treatment, a
+random variable. ``treat`` is the cost of treatment, ``loss`` the cost of untreated land that needs treatment,
+and ``look`` the cost of another look. The expected costs per hectare of the crop are::
 
     leave            loss E[m]
     treat            treat
     look, then act   look + E[min(treat, loss m)]
 
-What a look is worth is the expected value of perfect information, ``min(treat, loss E[m]) - E[min(treat,
-loss m)]`` (Raiffa and Schlaifer, Applied Statistical Decision Theory, 1961). Of a disease, m is the share of
-sick plants, Beta-distributed with the mean and deviation that the farmer's report has, too. A continuous
-field needs treatment where its value lies below a threshold, the whole block or nothing of it, with the
-probability that a normal distribution gives.
+The value of a look is the expected value of perfect information, ``min(treat, loss E[m]) - E[min(treat,
+loss m)]`` (Raiffa and Schlaifer, Applied Statistical Decision Theory, 1961). For a disease, m is the share of
+sick plants; it has a beta distribution with the mean and deviation of the farmer's report. For a continuous
+field, m is 1 if the block's mean value is below a threshold, else 0; the mean has a normal distribution.
 """
 
 from __future__ import annotations
@@ -36,17 +35,17 @@ from wbf_mission.maps.field_maps import FieldMap
 Floats: TypeAlias = NDArray[np.float64]
 
 NOTHING, HEALTHY, LOOK, TREAT = range(4)
-"""What a block is; nothing grows on the first."""
+"""Zone of a block; `NOTHING` is a block without the field's crops."""
 _WORDS = {
     "disease": ("", "healthy", "look again", "treat"),
     "water": ("", "enough", "look again", "dry"),
     "continuous": ("", "enough", "look again", "too low"),
 }
 LOOK_SHARE = 0.1
-"""A look costs this part of treating unless told: an assumption, drones being cheaper than sprayers."""
+"""Default cost of a look as a share of the treatment cost: assumed, as drones cost less than sprayers."""
 DRY_BELOW = 0.4
-"""A continuous field needs treatment below this part of its range unless told: an assumption."""
-BLOCK_M = 4.0
+"""Default threshold of a continuous field, as a share of the field's range: an assumption."""
+BLOCK_M = 4.0  # Default side of a block
 _LEAST_BLOCKS = 30
 _AMOUNT = re.compile(r"([-+.\de]+)\s*([^\s=,].{0,15})?", re.IGNORECASE)
 _CERTAIN = 1e-12
@@ -54,18 +53,18 @@ _CERTAIN = 1e-12
 
 @dataclass(frozen=True, slots=True)
 class FieldCosts:
-    """What the actions cost per hectare, in any unit that is the same for all, and what treating takes.
+    """Costs per hectare in any common unit, treatment threshold, and application rate of one field.
 
     Parameters
     ----------
     treat, loss, look : float
-        As in this module's text.
+        Costs of treatment, of untreated land that needs treatment, and of another look.
     below : float
-        A continuous field needs treatment below this value, in its unit.
+        Treatment threshold of a continuous field, in the field's unit.
     rate : float
-        Of the product that a treated hectare gets.
+        Application rate on treated land.
     rate_unit : str
-        Of that.
+        Unit of `rate`.
     """
 
     treat: float
@@ -77,10 +76,11 @@ class FieldCosts:
 
     @classmethod
     def of(cls, field: Field) -> FieldCosts:
-        """Take them from the costs of errors in the score, which are relative.
+        """Return default costs, in the relative unit of the score's error costs.
 
-        Treating what is healthy is an error of one below the truth, leaving what is sick one above it. So
-        treating costs ``cost_below``, and land that needs it and is left ``cost_above`` more than that.
+        Treatment of a healthy plant corresponds to an estimate that is 1 too low, so `treat` is
+        ``cost_below``. An untreated sick plant corresponds to one that is 1 too high, so `loss` is
+        ``cost_below + cost_above``. Both are multiplied by the field's weight.
         """
         weight, treat, regret = field.weight or 1.0, field.cost_below or 1.0, field.cost_above or 1.0
         below = field.to_unit(DRY_BELOW)
@@ -89,15 +89,15 @@ class FieldCosts:
 
 
 def is_water(field: Field) -> bool:
-    """Tell whether what a field lacks is water; others may develop as the soil does."""
+    """Return whether treatment of a field means irrigation; further fields may share the soil's dynamics."""
     return field.name == "soil" and isinstance(field.dynamics, SoilParameters)
 
 
 def costs_of(field_set: FieldSet, given: Mapping[str, Iterable[str]]) -> dict[str, FieldCosts]:
-    """Return the costs of each field: what was given, ``[FIELD=]NUMBER[UNIT]``, else the defaults.
+    """Return the costs of each field from texts of the form ``[FIELD=]NUMBER[UNIT]``.
 
-    The keys of `given` are those of `FieldCosts`. Of treating and loss, what is not given keeps its
-    proportion to what is; a look costs its share of treating.
+    The keys of `given` are attributes of `FieldCosts`. If only one of treat and loss is given, the other is
+    scaled in the default proportion. The default of look is `LOOK_SHARE` of treat.
 
     Raises
     ------
@@ -114,7 +114,7 @@ def costs_of(field_set: FieldSet, given: Mapping[str, Iterable[str]]) -> dict[st
     (3300.0, 200.0)
     """
     found = {field.name: FieldCosts.of(field) for field in field_set}
-    known, priced = [one.name for one in fields(FieldCosts)], set[str]()
+    known, priced = [attribute.name for attribute in fields(FieldCosts)], set[str]()
     for key in sorted(given, key=known.index):
         for text in given[key]:
             name, _, amount = text.rpartition("=")
@@ -122,21 +122,21 @@ def costs_of(field_set: FieldSet, given: Mapping[str, Iterable[str]]) -> dict[st
             if name and name not in field_set:
                 raise MapError(f"{option}: no field {name!r}; the fields are {', '.join(field_set.names)}")
             values: dict[str, Any] = _read(option, amount, key)
-            for one in (name,) if name else field_set.names:
-                if key == "below" and field_set[one].kind == "disease":
+            for of in (name,) if name else field_set.names:
+                if key == "below" and field_set[of].kind == "disease":
                     continue
-                before, changed = found[one], replace(found[one], **values)
-                low, high = field_set[one].range
+                before, changed = found[of], replace(found[of], **values)
+                low, high = field_set[of].range
                 if not low <= changed.below <= high:
-                    raise MapError(f"{option}: {one} lies in {low:g}..{high:g}; give a number of these")
+                    raise MapError(f"{option}: {of} lies in {low:g}..{high:g}; give a number of these")
                 if key == "treat":
                     changed = replace(changed, loss=changed.treat * before.loss / before.treat)
-                    priced.add(one)
-                elif key == "loss" and one not in priced:
+                    priced.add(of)
+                elif key == "loss" and of not in priced:
                     changed = replace(changed, treat=changed.loss * before.treat / before.loss)
                 if key in ("treat", "loss"):
                     changed = replace(changed, look=LOOK_SHARE * changed.treat)
-                found[one] = changed
+                found[of] = changed
     return found
 
 
@@ -165,9 +165,9 @@ def _read(option: str, text: str, key: str) -> dict[str, float | str]:
 
 
 def block_grid(farm: Farm, block_m: float | None = None) -> MapGrid:
-    """Return blocks of about so many metres a side, as pixels of a `MapGrid`.
+    """Return a `MapGrid` with blocks as pixels, about `block_m` metres a side, at least one cell.
 
-    By default 4 m, on a farm of less than 120 m a thirtieth of its longer side; a cell at least.
+    The default is 4 m, or a thirtieth of the farm's longer side if that is less.
     """
     longest = max(farm.width_cells, farm.height_cells)
     if block_m is None:
@@ -178,49 +178,49 @@ def block_grid(farm: Farm, block_m: float | None = None) -> MapGrid:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ZoneMap:
-    """One field by blocks, all arrays [blocks along x, blocks along y]; NaN where nothing of it grows."""
+    """Zones of one field; arrays are [blocks along x, blocks along y], NaN in blocks without crops."""
 
     of: FieldMap
     costs: FieldCosts
     zone: NDArray[np.uint8]
-    need: Floats  # The expected part that needs treatment
-    spread: Floats  # Its standard deviation
-    gain: Floats  # What knowing the block is worth per hectare
-    hectares: Floats  # Of the crop in the block
+    need: Floats  # Expected share that needs treatment
+    spread: Floats  # Standard deviation of that share
+    gain: Floats  # Expected saving per hectare by perfect information
+    hectares: Floats  # Area of the crop
 
     @property
     def field(self) -> Field:
-        """Which field."""
+        """Field of the map."""
         return self.of.field
 
     @property
     def block_m(self) -> float:
-        """Side of a block."""
+        """Side of a block (m)."""
         return self.of.grid.pixel * self.of.grid.cell_size_m
 
     def word(self, zone: int) -> str:
-        """Return what a zone is called."""
+        """Return the name of a zone in words of the field, such as "dry" for `TREAT` and water."""
         return _WORDS["water" if is_water(self.field) else self.field.kind][zone]
 
     def area_ha(self, zone: int) -> float:
-        """Return how much of the crop a zone has."""
+        """Return the crop area in a zone (ha)."""
         return float(self.hectares[self.zone == zone].sum())
 
     def gain_of_looks(self, looked_at: Floats) -> float:
-        """Return what looks at so many cells of each block, float64[blocks along x, y], are expected to save.
+        """Return the expected saving from looks; `looked_at` is the number of cells in each block.
 
-        Of Beta-distributed shares of sick plants, n looks tell the part ``n / (n + a + b)`` of their variance
-        (DeGroot, Optimal Statistical Decisions, 1970); of a continuous field, whose blocks lie within one
-        value, one look tells all.
+        For a share of sick plants with a beta distribution (a, b), n looks reveal the fraction
+        ``n / (n + a + b)`` of the variance (DeGroot, Optimal Statistical Decisions, 1970). In a continuous
+        field a block has a single value, so one look reveals all.
         """
         there = self.zone > NOTHING
         count, need, spread, area = (a[there] for a in (looked_at, self.need, self.spread, self.hectares))
         if self.field.kind == "disease":
             variance = np.minimum(spread**2, need * (1.0 - need))
             size = np.divide(need * (1.0 - need), variance, out=np.ones_like(need), where=variance > _CERTAIN)
-            told = np.sqrt(variance * count / np.maximum(count + size - 1.0, _CERTAIN))
+            revealed = np.sqrt(variance * count / np.maximum(count + size - 1.0, _CERTAIN))
             limit = self.costs.treat / self.costs.loss
-            gain = self.costs.loss * (np.minimum(limit, need) - _expected_least(need, told, limit))
+            gain = self.costs.loss * (np.minimum(limit, need) - _expected_least(need, revealed, limit))
             gain = np.maximum(gain, 0.0)
         else:
             gain = np.where(count > 0, self.gain[there], 0.0)
@@ -228,9 +228,10 @@ class ZoneMap:
 
     @property
     def expected_costs(self) -> dict[str, float]:
-        """What is expected to be lost or spent: all left, all treated, by the zones, and if all were known.
+        """Expected total costs by strategy.
 
-        By the zones, what is to be looked at is looked at first, and then what is best is done.
+        "leave": treat nothing. "treat": treat all crops. "zones": look again at the `LOOK` zones, then take
+        the best action in every block. "known": the best actions with perfect information.
         """
         there, costs = self.zone > NOTHING, self.costs
         need, gain, area = self.need[there], self.gain[there], self.hectares[there]
@@ -243,11 +244,11 @@ class ZoneMap:
             "zones": by_zone,
             "known": act - gain,
         }
-        return {name: float((each * area).sum()) for name, each in terms.items()}
+        return {name: float((cost * area).sum()) for name, cost in terms.items()}
 
 
 def zone_map(of: FieldMap, costs: FieldCosts) -> ZoneMap:
-    """Decide block by block; a field whose doubt the estimator does not tell has nothing to look at again."""
+    """Return the zones of a field; without a deviation of the estimate, no block is `LOOK`."""
     there = of.cells > 0
     mean, deviation = of.share[there], of.deviation
     spread = np.zeros_like(mean) if deviation is None else np.maximum(deviation[there], 0.0)
@@ -271,9 +272,9 @@ def zone_map(of: FieldMap, costs: FieldCosts) -> ZoneMap:
 
 
 def _expected_least(mean: Floats, deviation: Floats, limit: float) -> Floats:
-    """Return E[min(limit, s)] of Beta-distributed shares s; two values, 0 and 1, if the deviation is largest.
+    """Return E[min(limit, s)] of shares s with a beta distribution; s is 0 or 1 at the largest deviation.
 
-    With B(a, b) the distribution and I its distribution function::
+    For parameters a, b, t = limit, and the regularized incomplete beta function I::
 
         E[min(t, s)] = mean I_t(a + 1, b) + t (1 - I_t(a, b))
     """
@@ -291,7 +292,7 @@ def _expected_least(mean: Floats, deviation: Floats, limit: float) -> Floats:
 
 
 def _below(mean: Floats, deviation: Floats, threshold: float) -> Floats:
-    """Return the probability that values of a normal distribution lie below a threshold."""
+    """Return the probability of values below a threshold under a normal distribution."""
     from scipy.special import ndtr
 
     known = deviation > _CERTAIN

@@ -23,7 +23,7 @@ def read_track(path: Path | str) -> LogTrack:
     Raises
     ------
     LogError
-        If the log is of another kind, is larger than 1 GiB, cannot be read, or holds no position.
+        If the format is unknown, the log is larger than 1 GiB, cannot be read, or has no position.
     """
     path = Path(path)
     track = _reader(path)(path)

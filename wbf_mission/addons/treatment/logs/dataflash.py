@@ -17,7 +17,7 @@ _NOWHERE = math.nan
 
 
 class _Formats(dict[int, Any]):
-    """Message formats by number; a too short format, on which the reader would hang, raises LogError."""
+    """Message formats by number; LogError for a format shorter than its fields, which hangs pymavlink."""
 
     def __setitem__(self, number: int, form: Any) -> None:
         if form.len < _HEAD_BYTES or form.len < _HEAD_BYTES + struct.calcsize(form.msg_struct):

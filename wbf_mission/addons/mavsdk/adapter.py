@@ -208,6 +208,10 @@ class _GroundByMavsdk:
         """When `poll` has something to do."""
         return min(self._ground.next_deadline(), self._due_s if self._orders.waiting else math.inf)
 
+    def goodbye(self) -> list[Message]:
+        """Return the last messages; the program does not wait for MAVSDK's orders."""
+        return self._ground.goodbye()
+
     def hand_on(self, messages: Iterable[Message], now_s: float) -> list[Message]:
         """Give MAVSDK the orders; return the rest. MAVSDK sends the heartbeat itself."""
         rest: list[Message] = []

@@ -132,7 +132,7 @@ class MissionStart:
             self._gate.on_sys_status(message, has_position=self._monitor.knows_position)
 
     def on_heartbeat(self) -> None:
-        """End the start if a HEARTBEAT shows that a pilot has disarmed the real vehicle while it was armed."""
+        """End the start if HEARTBEATs show that the vehicle armed and that a pilot has disarmed it since."""
         if self._gate is None or self.phase is not Phase.ARM or self._order is None:
             return
         if self._armed_since and not self._monitor.is_armed:

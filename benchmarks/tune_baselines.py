@@ -35,7 +35,7 @@ from wbf_mission.bench.benchmark import benchmark
 from wbf_mission.bench.intervals import Interval, mean_interval
 from wbf_mission.bench.rows import BenchRow
 from wbf_mission.bench.spec import BenchSpec
-from wbf_mission.planning import plan
+from wbf_mission.run.plan import plan
 from wbf_mission.scenario import Scenario, load_scenario, scenario_with
 from wbf_mission.scenario.choice import choose
 

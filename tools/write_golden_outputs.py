@@ -23,7 +23,7 @@ import pyarrow.parquet
 from mcap.reader import make_reader
 
 from geo.atomic import atomic_write
-from wbf_mission.bench.program import libraries
+from wbf_mission.bench.provenance import libraries
 
 TABLE = Path(__file__).parents[1] / "tests" / "data" / "golden_outputs.json"
 MEASURED = {"wall_time_s", "cpu_time_s", "realtime_factor", "timings_s", "compute_s", "seconds", "time_share"}

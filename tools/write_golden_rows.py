@@ -18,7 +18,7 @@ from typing import Any
 
 from geo.atomic import atomic_write
 from geo.compiled import compiled_folder
-from wbf_mission.bench.program import libraries
+from wbf_mission.bench.provenance import libraries
 from wbf_mission.version import BEHAVIOUR
 
 TABLE = Path(__file__).parents[1] / "tests" / "data" / "golden_rows.json"

@@ -1,4 +1,4 @@
-"""The whole job: plan, fly, estimate, score; and the front door of the project (docs/api.md).
+"""Public API of the project: plan, fly, estimate and score (docs/api.md).
 
 >>> import wbf_mission
 >>> wbf_mission.Scenario(farm="miniberry-10", planner="lawnmower").farm.name
@@ -64,10 +64,10 @@ if TYPE_CHECKING:
     from wbf_mission.flight import Simulated as Simulated
     from wbf_mission.flight import fly as fly
     from wbf_mission.live.link import LiveLink as LiveLink
-    from wbf_mission.planning import plan as plan
     from wbf_mission.results.result import Result as Result
     from wbf_mission.results.result import load_result as load_result
     from wbf_mission.results.storage import ResultError as ResultError
+    from wbf_mission.run.plan import plan as plan
     from wbf_mission.run.resolve import FlightError as FlightError
     from wbf_mission.run.reuse import FlightMemory as FlightMemory
     from wbf_mission.scenario import Scenario as Scenario

@@ -10,7 +10,7 @@ from typing import TextIO
 def main() -> None:
     """Run the command line and end the process with its exit code."""
     _open_closed_streams()
-    for stream in (sys.stdout, sys.stderr):  # names may hold what the terminal's encoding does not
+    for stream in (sys.stdout, sys.stderr):  # names may hold characters outside the terminal's encoding
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
     warnings.showwarning = _show_warning
@@ -25,8 +25,8 @@ def main() -> None:
             code = run()
     except KeyboardInterrupt:
         code = signals.exit_code(130)
-    # CPython remembers an interrupt that came while it ran a string, as dataclasses do, and would end by the
-    # signal for it in place of the exit code. Running another string makes it forget.
+    # After Ctrl-C inside an exec (of dataclasses), CPython ends by SIGINT unless another exec clears its
+    # flag.
     exec("")  # noqa: S102
     sys.exit(code)
 
@@ -39,13 +39,13 @@ def _show_warning(
     file: TextIO | None = None,
     line: str | None = None,  # noqa: ARG001
 ) -> None:
-    """Show a warning that is meant for the user in one line; those for developers are not shown."""
+    """Print warnings meant for users in one line, and drop those meant for developers."""
     if not issubclass(category, DeprecationWarning | PendingDeprecationWarning | ImportWarning):
         (file or sys.stderr).write(f"warning: {' '.join(str(message).split())}\n")
 
 
 class _CompileNotice:
-    """Says once, on the error stream, why the first run takes longer."""
+    """Notice on stderr, printed once, that the first run takes longer because it compiles."""
 
     def __init__(self) -> None:
         self._said = False
@@ -61,9 +61,9 @@ class _CompileNotice:
 
 
 def _open_closed_streams() -> None:
-    """Give descriptors 0, 1 and 2 to nobody where the caller closed them.
+    """Open descriptors 0, 1 and 2 on the null device if the caller closed them.
 
-    The next file that is opened would get such a number, and what is meant for the terminal would go into it.
+    Otherwise the next opened file would get such a number, and terminal output would go into that file.
     """
     streams = ("stdin", "stdout", "stderr")
     missing = [number for number, name in enumerate(streams) if getattr(sys, name) is None]

@@ -1,9 +1,9 @@
-"""What happens in a run, as one stream of events that the terminal, files and pages listen to.
+"""Events of a run, in one stream to which the terminal, files and pages listen.
 
-Who makes a run tells each event once, by `EventStream.tell`; who shows or keeps it listens. Listeners are
-called in the thread in which the event came about (`Estimated` in that of the estimate), so they are quick,
-copy the arrays that they keep, and lock what they share. Times are seconds since the run began, places metres
-of the farm frame.
+The run publishes each event once, with `EventStream.tell`. Listeners are called in the thread that published
+the event (`Estimated` in the thread of the estimate). A listener must therefore be quick, copy the arrays
+that it keeps, and lock its shared state. Times are seconds since the start of the run; positions are metres
+in the farm frame.
 """
 
 from __future__ import annotations
@@ -30,30 +30,30 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class VehicleInfo:
-    """A vehicle that takes part, by its MAVLink system id."""
+    """A vehicle of the run, identified by its MAVLink system id."""
 
     system_id: int
     name: str
-    kind: str  # "copter", "plane", "rover", or another kind of airframe; empty where it is not known
+    kind: str  # "copter", "plane", "rover" or another kind of airframe; empty if unknown
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RunBegun:
-    """What is flown: it comes first, and again when more is known (of vehicles that are heard later)."""
+    """Description of the run: the first event, repeated when another vehicle is discovered."""
 
     title: str
-    farm: Farm | None  # None where nobody says over which farm a watched vehicle flies
+    farm: Farm | None  # None if the farm of the watched vehicles is unknown
     fields: FieldSet | None
     vehicles: tuple[VehicleInfo, ...] = ()
     simulated: bool = True
     seed: int | None = None
     estimator: str | None = None
-    planner: str | None = None  # A planner's or a policy's name with its parameters
+    planner: str | None = None  # Name of the planner or policy, with its parameters
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DayBegun:
-    """A day of the environment; its truth, float32[n, W, H], where a simulation knows it."""
+    """Start of a day of the environment; `truth`, float32[n, W, H], is known only in a simulation."""
 
     time_s: float
     day: int
@@ -62,7 +62,7 @@ class DayBegun:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Planned:
-    """What a vehicle is to fly: at the beginning of each flight, and when its mission changes in flight."""
+    """A vehicle's planned mission, published before each flight and after each change in flight."""
 
     time_s: float
     day: int
@@ -72,12 +72,12 @@ class Planned:
     path_m: NDArray[np.float64]  # float64[n, 2]
     duration_s: float | None = None  # Predicted
     length_m: float | None = None
-    coverage: float | None = None  # Predicted share of the land that is to be seen
+    coverage: float | None = None  # Predicted share of the land that the images cover
 
 
 @dataclass(frozen=True, slots=True)
 class VehicleMoved:
-    """A vehicle as its telemetry tells of it; None for what it does not tell."""
+    """State of a vehicle from its telemetry; None for values missing from the telemetry."""
 
     time_s: float
     day: int
@@ -91,17 +91,17 @@ class VehicleMoved:
     battery: float | None = None  # Fraction left
     mode: str = ""
     armed: bool = False
-    item: int | None = None  # The item that is flown, counted from 0 as `Mission.items` is
+    item: int | None = None  # Index of the current item in `Mission.items`
     items: int | None = None
-    phase: str = ""  # What the ground station is at (`mission.outcome.Phase`), in words
-    link_quality: float | None = None  # Part of the frames that arrived
-    silent_s: float = 0.0  # How long nothing was heard
+    phase: str = ""  # Phase of the ground station (`mission.outcome.Phase`), in words
+    link_quality: float | None = None  # Fraction of the frames that arrived
+    silent_s: float = 0.0  # Time since the last message
 
     @classmethod
     def of(
         cls, state: VehicleState, frame: LocalFrame, number: tuple[float, int, int, int], **known: Any
     ) -> VehicleMoved:
-        """Return a state in a farm's frame; `number` is when, day, flight and system id."""
+        """Return the event of a state in a farm's frame; `number` is (time_s, day, flight, system_id)."""
         x_m, y_m = state.position_m(frame)
         return cls(
             *number,
@@ -120,17 +120,17 @@ class VehicleMoved:
 
 @dataclass(frozen=True, slots=True)
 class VehicleSaid:
-    """What a vehicle said in words (STATUSTEXT)."""
+    """Text message of a vehicle (STATUSTEXT)."""
 
     time_s: float
     system_id: int
-    severity: int  # MAV_SEVERITY, 0 emergency to 7 debug
+    severity: int  # MAV_SEVERITY from 0 (emergency) to 7 (debug)
     text: str
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Seen:
-    """Readings of cells that arrived; their own times begin `offset_s` after the run did."""
+    """New readings of cells; their time 0 is `offset_s` after the start of the run."""
 
     offset_s: float
     observations: Observations
@@ -138,9 +138,9 @@ class Seen:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Estimated:
-    """What is believed at a time that is scored; the arrays may be the estimator's own.
+    """Estimate at a scored time; its arrays may be shared with the estimator.
 
-    Of a run that is over there is no model of most times.
+    A finished run keeps `model` for few of its scored times.
     """
 
     time_s: float
@@ -152,16 +152,16 @@ class Estimated:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Decided:
-    """What a policy answered; its outcome changes while it is carried out."""
+    """Decision of a policy; the outcome in `record` changes while the decision is carried out."""
 
     time_s: float
     record: DecisionRecord
-    acquisition: AcquisitionMap | None = None  # What it was chosen by
+    acquisition: AcquisitionMap | None = None  # Map by which the policy decided
 
 
 @dataclass(frozen=True, slots=True)
 class FlightEnded:
-    """One vehicle's flight is over."""
+    """End of one vehicle's flight."""
 
     time_s: float
     day: int
@@ -173,7 +173,7 @@ class FlightEnded:
 
 @dataclass(frozen=True, slots=True)
 class Progressed:
-    """How far some work is."""
+    """Progress of a task: `done` of `total`."""
 
     what: str
     done: float
@@ -182,7 +182,7 @@ class Progressed:
 
 @dataclass(frozen=True, slots=True)
 class Noted:
-    """A line for the operator."""
+    """Note or warning for the operator, in one line."""
 
     text: str
     warns: bool = False
@@ -195,30 +195,30 @@ class Found:
     severity: str  # "error", "warning" or "note"
     code: str  # Name of the rule
     text: str
-    vehicle: str = ""  # Begins the line: ``"vehicle 2: "`` where several fly
-    refuses: bool = False  # The plan is refused for it: an error that says the same follows
+    vehicle: str = ""  # Prefix of the line, such as ``"vehicle 2: "``, if several vehicles fly
+    refuses: bool = False  # The plan is refused for this finding; an error with the same text follows
 
 
 @dataclass(frozen=True, slots=True)
 class Asked:
-    """What the operator is asked, with the words that answer it; an empty question when it is answered."""
+    """Question to the operator with its valid answers; an empty question once it is answered."""
 
     question: str
     answers: tuple[str, ...] = ()
-    # An answer names it: one to the question before does not answer this one.
+    # An answer names the number of its question, so a late answer to an older question is ignored.
     number: int = field(default=0, compare=False)
 
 
 @dataclass(frozen=True, slots=True)
 class Orderable:
-    """What who watches may order now, in words; nothing where watching is all."""
+    """Orders that the operator may give now, in words; empty if orders are not possible."""
 
     orders: tuple[str, ...]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RunEnded:
-    """The run is over: its summary in plain values, as far as there is one."""
+    """End of the run, with its summary in plain values if there is one."""
 
     time_s: float
     outcome: str
@@ -247,7 +247,7 @@ Listener: TypeAlias = Callable[[Event], None]
 
 
 class EventStream:
-    """Hands each event to all who listen.
+    """Passes each event to all listeners.
 
     Examples
     --------
@@ -264,27 +264,27 @@ class EventStream:
         self._listeners: list[tuple[Listener, tuple[type, ...]]] = []
 
     def listen(self, listener: Callable[[Any], None], *kinds: type) -> None:
-        """Hand all events from now on to a listener, too, or only those of some kinds."""
+        """Add a listener to all later events, or only to those of the given `kinds`."""
         self._listeners.append((listener, kinds))
 
     def wants(self, kind: type) -> bool:
-        """Return whether anybody listens to events of a kind: those that nobody wants need not be made."""
+        """Return whether any listener takes events of `kind`; other events need not be made."""
         return any(not kinds or issubclass(kind, kinds) for _, kinds in self._listeners)
 
     def tell(self, event: Event) -> None:
-        """Hand an event on."""
+        """Pass an event to its listeners."""
         for listener, kinds in self._listeners:
             if not kinds or isinstance(event, kinds):
                 listener(event)
 
     def progress(self, what: str, done: float, total: float) -> None:
-        """Tell how far some work is: a `wbf_mission.progress.Progress`."""
+        """Publish the progress of a task, as a `wbf_mission.progress.Progress`."""
         self.tell(Progressed(what, done, total))
 
     def note(self, text: str) -> None:
-        """Hand on a line for the operator."""
+        """Publish a note for the operator."""
         self.tell(Noted(text))
 
     def warn(self, text: str) -> None:
-        """Hand on a warning for the operator."""
+        """Publish a warning for the operator."""
         self.tell(Noted(text, warns=True))

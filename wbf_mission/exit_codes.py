@@ -1,15 +1,15 @@
-"""The exit codes of the command line.
+"""Exit codes of the command line.
 
 ======  =====================================================================================
 0       done
-1       it was done, but the outcome is not good: the result says how
-2       bad input, a user's failing code included: one line on stderr says what; nothing was written
+1       done, but the outcome is not good; the result states the reason
+2       bad input, or user code that failed; the cause is in one line on stderr; nothing was written
 3       no vehicle was heard
 4       the link dropped, or the vehicle stopped answering
-5       the vehicle refused, or held something else than what was sent
-70      a mistake in the program itself
+5       the vehicle refused, or its mission differed from the uploaded one
+70      a bug in the program
 130     Ctrl-C
-141     the reader of our output has gone (``| head``)
+141     the reader of the output closed the pipe (``| head``)
 143     SIGTERM
 ======  =====================================================================================
 """
@@ -22,7 +22,7 @@ from mission.outcome import Outcome
 
 
 class ExitCode(IntEnum):
-    """What a command tells its caller; those from 128 on are 128 and the number of a signal."""
+    """Exit code of a command; a code above 128 is 128 plus the number of a signal."""
 
     GOOD = 0
     NOT_GOOD = 1
@@ -37,7 +37,7 @@ class ExitCode(IntEnum):
 
 
 def exit_code_of(error: Exception) -> ExitCode:
-    """The exit code for an error that ended a command.
+    """Return the exit code for an error that ended a command.
 
     Examples
     --------
@@ -76,7 +76,7 @@ _OF_OUTCOMES = {
 
 
 def exit_code_of_flight(outcome: Outcome) -> ExitCode:
-    """The exit code of a command whose flight ended so.
+    """Return the exit code of a command by the outcome of its flight.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""A run end to end: environment, plan, upload over MAVLink, flight, leaf camera, estimate, score."""
+"""A complete run: environment, plan, upload over MAVLink, flight, leaf camera, estimate and score."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ from wbf_mission.scenario.scenario import require_scenario
 def check_flight(scenario: Scenario) -> None:
     """Check the fields, camera and estimator of a scenario, which planning does not use.
 
-    WbfMissionError if `fly` would refuse it.
+    WbfMissionError if `fly` would refuse the scenario.
     """
     fields = load_field_set(scenario.farm.fields)
     cameras_of(scenario, fields)
@@ -48,7 +48,7 @@ def check_flight(scenario: Scenario) -> None:
 
 
 class Way(Protocol):
-    """How a run is flown: `Simulated`, or by real vehicles (`wbf_mission.live.link.LiveLink`)."""
+    """Way to fly a run: `Simulated`, or with real vehicles (`wbf_mission.live.link.LiveLink`)."""
 
     @property
     def faults(self) -> Sequence[Fault | str]:
@@ -60,11 +60,11 @@ class Way(Protocol):
 
     @property
     def change_s(self) -> float:
-        """Seconds that changing a battery takes."""
+        """Time to change a battery (s)."""
 
     @property
     def force(self) -> bool:
-        """Whether plans with errors are flown, and a mission longer than a battery at a stretch."""
+        """Whether to fly plans with errors, and not to cut a mission longer than a battery into sorties."""
 
     @property
     def console(self) -> OperatorConsole | None:
@@ -72,19 +72,19 @@ class Way(Protocol):
 
     @property
     def changer(self) -> BatteryChanger | None:
-        """Who changes the batteries of a real vehicle."""
+        """Battery changes of a real vehicle, confirmed by the operator; None in simulation."""
 
     def fitted(self, scenario: Scenario, events: EventStream) -> Scenario:
-        """Return the scenario, fitted to the vehicles."""
+        """Return the scenario, adapted to the vehicles."""
 
     def numbered(self, vehicles: Sequence[Vehicle]) -> tuple[Vehicle, ...]:
-        """Return the run's vehicles with their system ids, from where they stand."""
+        """Return the run's vehicles with their real system ids and start positions."""
 
     def check(self, campaign: Campaign, events: EventStream) -> None:
-        """Refuse plans with errors before anything takes off; PreflightError."""
+        """Raise PreflightError before take-off if a plan has errors."""
 
     def hosting(self, faults: Sequence[Fault]) -> Hosting:
-        """Return where the flights take place."""
+        """Return the hosting of the flights: a simulation, or the links to real vehicles."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,16 +98,16 @@ class Simulated:
     impairment : Impairment, optional
         Disturbances of the radio between the ground station and the vehicles.
     pace : float, optional
-        Simulated seconds per wall second; without, as fast as possible.
+        Simulated seconds per wall second; as fast as possible by default.
     tlog : Path, optional
-        File for every MAVLink frame of the run; its folder is made when the flight begins.
+        File for all MAVLink frames of the run; its folder is made when the flight begins.
     orders : Orders, optional
-        Orders of an operator in flight; a run in which something was ordered is not repeated by its seed.
+        Orders of an operator in flight; a run with orders cannot be repeated by its seed.
     change_s : float
-        Seconds that changing a battery takes. A mission of one vehicle that is longer than a battery is flown
-        in sorties (`wbf_mission.planning.sorties`).
+        Time to change a battery (s). A mission of one vehicle that is longer than a battery is flown in
+        sorties (`wbf_mission.planning.sorties`).
     force : bool
-        Fly plans in which the preflight check finds errors, and a mission longer than a battery at a stretch.
+        Fly plans with preflight errors, and do not cut a mission longer than a battery into sorties.
     """
 
     faults: Sequence[Fault | str] = ()
@@ -122,15 +122,15 @@ class Simulated:
     changer: ClassVar[None] = None
 
     def fitted(self, scenario: Scenario, events: EventStream) -> Scenario:  # noqa: ARG002
-        """Return the scenario as it is."""
+        """Return the scenario unchanged."""
         return scenario
 
     def numbered(self, vehicles: Sequence[Vehicle]) -> tuple[Vehicle, ...]:
-        """Return the vehicles as they are."""
+        """Return the vehicles unchanged."""
         return tuple(vehicles)
 
     def check(self, campaign: Campaign, events: EventStream) -> None:
-        """Refuse what the simulated autopilot would refuse, and plans with errors."""
+        """Raise an error if the simulated autopilot would refuse a mission, or a plan has errors."""
         if not campaign.run.decider.steers:
             for sortie in campaign.sorties:
                 refuse_errors(sortie.rendered)
@@ -153,33 +153,33 @@ def fly(
     memory: FlightMemory | None = None,
     use_cache: bool = True,
 ) -> Result:
-    """Do a scenario's whole job, offline or with vehicles behind links.
+    """Plan, fly, estimate and score a scenario, in simulation or with real vehicles.
 
     Parameters
     ----------
     by : Simulated or LiveLink
-        The vehicles that fly, and how.
+        Simulated or real vehicles, with their options.
     events : EventStream, optional
-        Progress, notes, findings, questions, and all that is flown. With a listener of ``VehicleMoved``,
+        Stream for progress, notes, findings, questions and the flights. With a listener of ``VehicleMoved``,
         flights are flown one after the other in this process.
     weights : ScoreWeights, optional
-        Costs of errors; the paper's by default.
+        Costs of estimation errors; the paper's by default.
     memory : FlightMemory, optional
-        Shared by several runs: equal flights of planners are flown once, and successive runs on the same
-        small environment share it.
+        Memory shared by several runs: equal flights of planners are flown once, and successive runs on the
+        same small environment reuse that environment.
     use_cache : bool
-        Read the environment of a large farm from the user's cache, or write it there
+        Read the environment of a large farm from the user's cache, or write the environment there
         (:class:`sensors.environment.cache.EnvironmentCache`).
 
     Returns
     -------
     Result
-        Also when the flight went wrong or was interrupted by Ctrl-C: the outcome says how.
+        Returned also for a failed flight or after Ctrl-C; its outcome states the reason.
 
     Raises
     ------
     WbfMissionError
-        If the scenario cannot be planned or set up, or the preflight check finds an error in what is planned.
+        If the scenario cannot be planned or set up, or the preflight check finds an error in a plan.
     """
     require_scenario(scenario)
     stream = EventStream() if events is None else events
@@ -203,13 +203,13 @@ def fly(
             watch.lap("preflight")
 
         if not run.decider.steers:
-            # A planner needs no estimate: its errors come before anything takes long.
+            # Planners need no estimate, so planning errors are raised before any slow step.
             plan()
         require_run_memory(run.farm, run.estimator, round(campaign.expected_readings))
         environments = None if memory is None else memory.environments
         environment, cached = run.environment(progress, use_cache=use_cache, memory=environments)
         watch.lap("environment")
-        # One BLAS thread: so sums of code of the user's own do not depend on the number of cores, either.
+        # With one BLAS thread, sums in user code do not depend on the number of cores.
         with threadpool_limits(1, user_api="blas"):
             campaign.learn_from(environment, ready)
             if run.decider.steers:
@@ -229,11 +229,11 @@ def fly(
 
 
 def _begun(run: Run, *, simulated: bool) -> RunBegun:
-    """Return the event of a run's begin."""
+    """Return the first event of a run."""
     asked = run.asked
+    tasks = [vehicle.task for vehicle in run.vehicles]
     vehicles = tuple(
-        VehicleInfo(one.task.system_id, one.task.builder.vehicle.name, one.task.builder.vehicle.kind)
-        for one in run.vehicles
+        VehicleInfo(task.system_id, task.builder.vehicle.name, task.builder.vehicle.kind) for task in tasks
     )
     return RunBegun(
         f"{run.farm.name}, {run.decider.label}",
@@ -248,21 +248,21 @@ def _begun(run: Run, *, simulated: bool) -> RunBegun:
 
 
 def rehearse(estimator: str) -> None:
-    """Fly a small run that compiles all functions that the estimator uses on a large farm."""
-    # `gp` would take the readings of this farm as those of a small one.
+    """Fly a small run that compiles all functions that `estimator` uses on a large farm."""
+    # Without the parameter, `gp` would choose its method for small farms here.
     chosen = "gp:method=local" if estimator == "gp" else estimator
     fly(Scenario(farm=REHEARSED_ON, planner="spiral", vehicle="ideal", estimator=chosen, budget="300steps"))
 
 
 def _result(campaign: Campaign) -> Result:
-    """Return the result of a campaign, with its last estimate scored."""
+    """Score the last estimate of a campaign and return the campaign's result."""
     estimate, watch = campaign.evidence.estimate, campaign.watch
     assert estimate is not None
     campaign.end_day()
     maps, truth = campaign.maps, campaign.truth
     true_maps: tuple[FieldMap, ...] = ()
     if truth is not None:
-        true_maps = tuple(true_map(campaign.run.farm, one.field, truth[k]) for k, one in enumerate(maps))
+        true_maps = tuple(true_map(campaign.run.farm, shown.field, truth[k]) for k, shown in enumerate(maps))
     watch.lap("report")
     return Result(
         scenario=campaign.run.asked,

@@ -1,6 +1,7 @@
-"""Planners, policies and estimators of a user's own file, as ``my_policy.py:MyPolicy:speed=3``.
+"""Planners, policies and estimators from a user's file, such as ``my_policy.py:MyPolicy:speed=3``.
 
-Only who types a command names code: scenario files, specifications and results do not, they are not trusted.
+Code can be named only on the command line. Scenario files, specifications and results are not trusted, so
+they cannot name code.
 """
 
 from __future__ import annotations
@@ -25,13 +26,12 @@ _OWN = re.compile(r"(?P<file>.+\.py):(?P<name>[^\W\d]\w*)(?::(?P<parameters>.*))
 
 
 def own_choice(text: str, what: str) -> Choice | None:
-    """Return what stands in a user's file; None if the text names no such thing.
+    """Return the planner, policy or estimator of a user's file; None if `text` names no file.
 
-    The text is ``FILE.py:NAME`` or ``FILE.py:NAME:key=value,...``; the name is that of a planner (a
-    function), or of a class, which is called with the parameters. `what` is ``planner``, ``policy`` or
-    ``estimator``.
+    `text` is ``FILE.py:NAME`` or ``FILE.py:NAME:key=value,...``. NAME is a planner (a function) or a class,
+    which is called with the parameters. `what` is ``planner``, ``policy`` or ``estimator``.
 
-    ScenarioError if the file cannot be run, has no such name, or the class does not take the parameters.
+    ScenarioError if the file cannot be run or has no such name, or the class does not take the parameters.
     """
     found = _OWN.fullmatch(text.strip())
     if found is None:
@@ -45,7 +45,9 @@ def own_choice(text: str, what: str) -> Choice | None:
     module = _run(path, what)
     made = getattr(module, name, None)
     if made is None:
-        own = [key for key, one in vars(module).items() if getattr(one, "__module__", "") == module.__name__]
+        own = [
+            key for key, value in vars(module).items() if getattr(value, "__module__", "") == module.__name__
+        ]
         msg = f"{what}: {path} has no {name}; it has {', '.join(own) or 'nothing of its own'}"
         raise ScenarioError(msg)
     if what == "planner" and inspect.isfunction(made):
@@ -79,12 +81,15 @@ def _run(path: Path, what: str) -> ModuleType:
         del sys.modules[name]
         msg = f"{what}: {path} cannot be run: {_told(error, path)}"
         raise ScenarioError(msg) from None
-    _send_by_value(module)
+    import cloudpickle
+
+    # Other processes cannot import the module, so its code is pickled by value.
+    cloudpickle.register_pickle_by_value(module)
     return module
 
 
 def below_own_code(path: str) -> str:
-    """Return a path relative to the folder of own code that holds it, which may move; any other as it is."""
+    """Return a path in the user's code folder relative to that folder, which may move; others unchanged."""
     files = (
         getattr(module, "__file__", None)
         for name, module in list(sys.modules.items())
@@ -101,10 +106,10 @@ def below_own_code(path: str) -> str:
 
 
 def _find_neighbours(path: Path, what: str) -> None:
-    """Let a file import the modules beside it; ScenarioError if one has the name of another module."""
+    """Let a file import the modules in its folder; ScenarioError if a module's name is already taken."""
     file = path.resolve()
     if (folder := str(file.parent)) not in sys.path:
-        sys.path.append(folder)  # behind all others: nothing beside the file gets in the way of a library
+        sys.path.append(folder)  # last, so that no file in the folder hides a library
     importlib.invalidate_caches()
     for name, beside in neighbours(file).items():
         known = sys.modules.get(name)
@@ -116,19 +121,12 @@ def _find_neighbours(path: Path, what: str) -> None:
             raise ScenarioError(msg)
 
 
-def _send_by_value(module: ModuleType) -> None:
-    """Let other processes get the code itself: they cannot import the module."""
-    import cloudpickle
-
-    cloudpickle.register_pickle_by_value(module)
-
-
 def _told(error: BaseException, path: Path) -> str:
-    """Return an error in one line, with the line of the file."""
+    """Return an error in one line, with its line number in `path`."""
     text = one_line(str(error))
     file = path.resolve()
     trace = traceback.extract_tb(error.__traceback__)
-    lines = [one.lineno for one in trace if Path(one.filename).resolve() == file]
+    lines = [frame.lineno for frame in trace if Path(frame.filename).resolve() == file]
     if isinstance(error, SyntaxError):
         lines = [error.lineno] if error.lineno else []
         text = error.msg

@@ -1,7 +1,7 @@
-"""Whether the packages of this project are the ones that Python finds.
+"""Check that Python imports this project's packages and not files of the same names.
 
-They have names that a user's own files may have, too (``mission``, ``sensors``). Where such a file or folder
-stands first on the path, everything would fail somewhere inside.
+A user's file or folder may be called ``mission`` or ``sensors``. If it comes first on the path, imports would
+fail later with a misleading error.
 """
 
 from __future__ import annotations
@@ -15,17 +15,17 @@ _HERE = Path(__file__).resolve().parent.parent
 
 
 def require_packages() -> None:
-    """Raise ImportError, naming the file or folder, if something else hides one of our packages."""
+    """Raise ImportError, naming the file or folder, if one hides a package of this project."""
     for name in PACKAGES:
         try:
             spec = importlib.util.find_spec(name)
-        except ValueError:  # a module of that name that was made by hand
+        except ValueError:  # find_spec refuses a module object that was made without a spec
             spec = None
         location = None if spec is None else _location(spec)
         if location is None or location != _HERE / name:
             found = "is not there" if location is None else f"is hidden by {location}"
             msg = f"wbf_mission: its package {name!r} {found}; rename that, or run from another folder"
-            # With this name, ``python -m wbf_mission`` says it in one line.
+            # With this name, ``python -m wbf_mission`` prints the error in one line.
             raise ImportError(msg, name="wbf_mission", path=str(location))
 
 

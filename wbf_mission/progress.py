@@ -1,4 +1,4 @@
-"""How long work tells how far it is."""
+"""Progress callbacks and a stopwatch for long tasks."""
 
 from __future__ import annotations
 
@@ -7,22 +7,22 @@ from collections.abc import Callable
 from typing import TypeAlias
 
 Progress: TypeAlias = Callable[[str, float, float], None]
-"""Takes what is being done, how much of it is done, and how much there is."""
+"""Callback ``progress(task, done, total)``."""
 
 
 def silent(_what: str, _done: float, _total: float) -> None:
-    """Tell nobody."""
+    """Ignore progress."""
 
 
 class Stopwatch:
-    """Wall seconds by part of a run."""
+    """Wall time of each part of a run (s)."""
 
     def __init__(self) -> None:
         self.seconds: dict[str, float] = {}
         self._since = time.perf_counter()
 
     def lap(self, name: str) -> None:
-        """Add the time since the last lap to a part."""
+        """Add the time since the last lap to the part `name`."""
         now = time.perf_counter()
         self.seconds[name] = self.seconds.get(name, 0.0) + now - self._since
         self._since = now

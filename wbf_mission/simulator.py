@@ -1,4 +1,4 @@
-"""Vehicles and their cameras as components, for the simulator on sockets."""
+"""Simulated vehicles and their cameras as components of the simulator on sockets."""
 
 from __future__ import annotations
 
@@ -44,12 +44,12 @@ _LOOKED_AT = tuple(
 
 @dataclass(frozen=True, slots=True)
 class Simulated:
-    """Vehicles that are ready to be served."""
+    """Simulated vehicles with their cameras."""
 
     fleet: Fleet
-    cameras: tuple[LeafCameraComponent, ...]  # One for each vehicle, or none
+    cameras: tuple[LeafCameraComponent, ...]  # One for each vehicle, or empty
     farm: Farm
-    environment: Environment | None  # What the cameras look at
+    environment: Environment | None  # Environment that the cameras sense
 
     @property
     def vehicles(self) -> tuple[SimVehicle, ...]:
@@ -63,17 +63,17 @@ class Simulated:
 
     @property
     def autopilot(self) -> str:
-        """Name of the autopilot that they show themselves as."""
+        """Name of the simulated autopilot."""
         return self.fleet.autopilot.name
 
     @property
     def components(self) -> list[Component]:
-        """What a host has to run."""
+        """All components that a host has to run."""
         return [*self.vehicles, *self.cameras]
 
     @property
     def images(self) -> int:
-        """How many images were taken."""
+        """Number of images taken."""
         return sum(camera.image_count for camera in self.cameras)
 
 
@@ -110,12 +110,12 @@ def make_components(
     sitl_rates: bool = False,
     progress: Callable[[str, float, float], None] | None = None,
 ) -> Simulated:
-    """Make vehicles, each with its camera, by a scenario's farm, vehicle, weather, seed, day and camera.
+    """Make simulated vehicles with cameras from the scenario's farm, vehicle, weather, seed, day and camera.
 
-    `count` are as many as there are `homes` (places and headings), else one; without homes they stand around
-    the farm's, `spacing_m` apart where they share one. Without cameras no environment is generated; None is
-    as their autopilot has it. `cold` autopilots boot when they are first spoken to; otherwise they are up.
-    With `sitl_rates` they stream what the autopilots' own simulators do.
+    `count` vehicles (default: one for each home, else one) stand at `homes`, pairs of position and heading in
+    degrees (default: the farm's home), `spacing_m` apart if they share a home. `with_camera` None is the
+    autopilot's default; without cameras no environment is made. `cold` autopilots boot at their first
+    contact. With `sitl_rates` vehicles stream the messages and rates of the autopilot's own simulator.
 
     WbfMissionError if a name is unknown or an option out of range.
     """
@@ -148,13 +148,13 @@ def make_components(
         environment = make_environment(scenario, farm, progress)
         fields = load_field_set(scenario.farm.fields)
         options = cameras_of(scenario, fields, len(fleet.vehicles))
-        for vehicle, its in zip(fleet.vehicles, options, strict=True):
+        for vehicle, camera in zip(fleet.vehicles, options, strict=True):
             names = ("camera",) if vehicle.system_id == 1 else ("camera", str(vehicle.system_id))
             optics = LeafCamera(
                 environment,
                 farm.grid().shape,
                 scenario.farm.day,
-                its,
+                camera,
                 stream(scenario.seed, *names),
             )
             position_error = vehicle.position_error if vehicle.errors is not None else None
@@ -171,10 +171,10 @@ def make_components(
 
 
 class SimulatedWatch:
-    """A component that only listens, and sees simulated vehicles as their telemetry would tell of them.
+    """Receive-only component that follows simulated vehicles as a ground station would.
 
-    It looks at them itself: some autopilots stream nothing unasked, and a fast simulation tells much more
-    than can be shown. What they say, and what their cameras send, it hears.
+    `look` reads the vehicles' telemetry directly, because some autopilots stream nothing unless requested and
+    a fast simulation sends more than can be shown. Texts and camera messages are received over MAVLink.
     """
 
     system_id, component_id = 254, int(m.MAV_COMP_ID_USER1)
@@ -183,9 +183,8 @@ class SimulatedWatch:
     )
 
     def __init__(self, simulated: Simulated, day: int) -> None:
-        self.vehicles = {
-            one.system_id: Contact((one.system_id, one.component_id)) for one in simulated.vehicles
-        }
+        ids = [(vehicle.system_id, vehicle.component_id) for vehicle in simulated.vehicles]
+        self.vehicles = {system_id: Contact((system_id, component)) for system_id, component in ids}
         self.missions: dict[int, Mission] = {}
         self._simulated = simulated
         self._plans: dict[int, tuple[tuple[MissionItem, ...], ...]] = {}
@@ -198,7 +197,7 @@ class SimulatedWatch:
             }
 
     def receive(self, message: Message, now_s: float) -> list[Message]:
-        """Take one message."""
+        """Take one message from a vehicle or camera."""
         number = message.get_srcSystem()
         contact = self.vehicles.get(number)
         if contact is None:
@@ -215,11 +214,11 @@ class SimulatedWatch:
         return []
 
     def next_deadline(self) -> float:
-        """Never."""
+        """Return infinity: `poll` never does anything."""
         return NEVER
 
     def look(self, now_s: float) -> None:
-        """Look at the vehicles."""
+        """Update the state and mission of each vehicle."""
         for vehicle in self._simulated.vehicles:
             number = vehicle.system_id
             monitor = self.vehicles[number].monitor
@@ -235,7 +234,7 @@ class SimulatedWatch:
                 self.missions[number] = Mission(items, vehicle.home, fence, rally)
 
     def seen(self) -> Iterator[tuple[float, Observations]]:
-        """Take what the cameras saw since the last call, and when their vehicles' clocks began."""
+        """Yield the boot time of each vehicle (s) with its camera's observations since the last call."""
         for number, assembler in self._assemblers.items():
             monitor = self.vehicles[number].monitor
             if assembler.waiting:

@@ -1,1 +1,1 @@
-"""Mission items into flight: legs, sequence, execution, feasibility."""
+"""Flight of mission items: feasibility checks, leg plans, item sequence, and executor."""

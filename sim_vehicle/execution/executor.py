@@ -1,4 +1,4 @@
-"""Orders to one vehicle and their flight, with its mission. Pure: no MAVLink, no clock of its own."""
+"""Executor of one vehicle's orders and mission; pure simulation without MAVLink and without a clock."""
 
 from __future__ import annotations
 
@@ -27,28 +27,28 @@ if TYPE_CHECKING:
 
 __all__ = ["MissionExecutor"]
 
-# No leg to brake is flown for a shorter stopping distance.
+# Shortest stopping distance for which a return begins with a braking leg.
 _BRAKING_M = 0.2
 
 
 class MissionExecutor:
-    """One vehicle in flight that takes orders: its `flight` flies legs, its `mission` items as legs.
+    """Executor of one simulated vehicle: `flight` flies legs, `mission` turns mission items into legs.
 
-    Use: ``mission.load(items)``, ``arm()``, ``start()``, then ``advance(until_s)`` again and again. Orders
-    take effect at the time that the vehicle was advanced to; one that cannot be taken raises VehicleError.
+    Call ``mission.load(items)``, ``arm()`` and ``start()``, then ``advance(until_s)`` repeatedly. An order
+    takes effect at the time of the last `advance`; an order that the vehicle cannot obey raises VehicleError.
 
     Parameters
     ----------
     frame : LocalFrame
-        About home: origin (0, 0) is home, ``altitude_m`` the height of the ground there above sea level.
+        Local frame with its origin at home; ``altitude_m`` is the ground elevation at home (m AMSL).
     wind : Wind, optional
-        The ideal vehicle knows none.
+        Wind field; the ideal vehicle ignores wind.
     yaw_rad : float
         Compass heading at the start.
     takes_off, epoch_unix_s
         See `sim_vehicle.execution.sequencer.MissionSequencer`.
     estimate_errors : EstimateErrors, optional
-        Errors of the autopilot's estimate; exact without.
+        Errors of the autopilot's position estimate; without them the estimate is exact.
     """
 
     def __init__(
@@ -69,21 +69,21 @@ class MissionExecutor:
 
     @property
     def spec(self) -> VehicleSpec:
-        """The vehicle, with the defaults and limits that hold now."""
+        """Vehicle specification with the defaults and limits now in force."""
         return self.flight.spec
 
     @property
     def motion(self) -> MotionModel:
-        """The motion model of the vehicle."""
+        """Motion model of the vehicle."""
         return self.flight.motion
 
     @property
     def time_s(self) -> float:
-        """The time that the vehicle was advanced to, on its grid of steps."""
+        """Simulated time, a multiple of the time step (s)."""
         return self.flight.time_s
 
     def update_spec(self, spec: VehicleSpec) -> None:
-        """Take other defaults and limits; they hold from the next leg or order on."""
+        """Replace defaults and limits; the new values apply from the next leg or order."""
         same = spec.kind == self.spec.kind and spec.step_s == self.spec.step_s
         require(same, f"vehicle {spec.name}: another kind or time step cannot be taken in flight")
         settings = self.mission.settings
@@ -101,25 +101,25 @@ class MissionExecutor:
         self.flight.disarm_step = None
 
     def disarm(self, *, force: bool = False) -> None:
-        """Stop the motors. Forced in the air, the vehicle drops: it is on the ground at once."""
+        """Stop the motors; with `force` in the air, the vehicle is on the ground at once."""
         if self.flight.landed is not LandedState.ON_GROUND:
             require(force, "cannot disarm in flight: land first, or force it")
             self.flight.touch_down()
         self.flight.stop_motors()
 
     def stay_armed(self) -> None:
-        """Let the motors run on after a touch-down, until another order."""
+        """Cancel automatic disarming after a touch-down, until the next order."""
         if self.flight.landed is LandedState.ON_GROUND and not self.flight.phase.is_lost:
             self.flight.disarm_step = None
 
     def start(self) -> None:
-        """Begin the mission, or resume it at the current item."""
+        """Begin the mission, or resume the mission at the current item."""
         self.flight.ready("start the mission")
         require(bool(self.mission.items), "cannot start the mission: none is loaded")
         self.mission.begin_at(self.mission.current_seq)
 
     def takeoff(self, altitude_m: float) -> None:
-        """Climb to an altitude above home and hold there; the arrival is a TargetReached."""
+        """Climb to `altitude_m` above home and hold there; emit TargetReached on arrival."""
         self.flight.ready("take off")
         require(not self.spec.drives, f"cannot take off: a {self.spec.kind} stays on the ground")
         self._check_height(altitude_m)
@@ -139,9 +139,9 @@ class MissionExecutor:
         speed_m_s: float | None = None,
         as_setpoint: bool = False,
     ) -> None:
-        """Fly to a position about home and hold there; the arrival is a TargetReached.
+        """Fly to a position relative to home and hold there; emit TargetReached on arrival.
 
-        As a setpoint, a multirotor in the air goes there without a path.
+        `as_setpoint`: a multirotor in the air follows the position as a setpoint, without a planned path.
         """
         settings = self.mission.settings
         self.flight.ready("fly to a position")
@@ -164,10 +164,10 @@ class MissionExecutor:
         height_m: float = math.nan,
         heading: Heading = KEEP,
     ) -> None:
-        """Keep a velocity (east, north, up) until another order; sinking ends with touch-down.
+        """Keep a velocity (east, north, up) until the next order; a descent ends with touch-down.
 
-        A velocity beyond the vehicle's limits is reduced. A ``height_m`` that is not NaN is kept in place
-        of the vertical speed.
+        A velocity beyond the vehicle's limits is reduced. A `height_m` that is not NaN replaces the vertical
+        speed by an altitude to hold.
         """
         self.flight.ready("fly at a velocity")
         if not math.isnan(height_m):
@@ -187,10 +187,10 @@ class MissionExecutor:
         *,
         heading: Heading = INWARD,
     ) -> None:
-        """Fly circles about a position (clockwise with a positive radius).
+        """Fly circles about a position; a positive radius is clockwise.
 
-        PX4's multirotors do so until another order, the nose as ``heading`` says; others fly a hundred, the
-        nose ahead, and hold.
+        PX4 multirotors circle until the next order and point the nose as `heading` says. Other vehicles fly
+        100 circles with the nose ahead, then hold.
         """
         self._in_air("orbit")
         self._check_height(altitude_m)
@@ -205,10 +205,9 @@ class MissionExecutor:
         self.flight.fly(legs, FlightPhase.GOTO)
 
     def return_home(self, position_m: Position | None = None) -> None:
-        """Climb to the return altitude, fly home or to the nearest rally point, land.
+        """Climb to the return altitude, fly home or to the nearest rally point, and land.
 
-        A position (east, north, least height) is returned to instead and not landed at; the vehicle brakes
-        before it turns to it.
+        With `position_m` (east, north, minimum height), the vehicle brakes, flies there and holds.
         """
         self._in_air("return home")
         self.flight.look_at(None)
@@ -230,7 +229,7 @@ class MissionExecutor:
         self.flight.fly(legs, FlightPhase.GOTO)
 
     def _return_circling(self, position_m: Position | None, speed: float) -> None:
-        """Return as a fixed wing does: to a circle there or over home, or to the landing of the mission."""
+        """Return with a fixed wing: to a circle at `position_m` or over home, or to the mission's landing."""
         here = self.motion.position_m
         if position_m is not None:
             height = max(position_m[2], self.mission.spec_about_home(self.spec).return_altitude_m, here[2])
@@ -246,7 +245,7 @@ class MissionExecutor:
         return procedures.return_legs(spec, here, speed, self.mission.return_point())
 
     def land(self) -> None:
-        """Land here."""
+        """Land at the present position."""
         self._in_air("land")
         self.flight.look_at(None)
         x, y, _ = self.motion.stopping_point()
@@ -257,31 +256,30 @@ class MissionExecutor:
         self.flight.fly(legs, FlightPhase.LAND, AfterLastLeg.TOUCHDOWN)
 
     def set_speed(self, speed_m_s: float) -> None:
-        """Set the ground speed until the mission sets another."""
+        """Set the ground speed until an item of the mission changes the speed."""
         self.mission.settings.speed_m_s = self._checked_speed(speed_m_s)
         self.mission.apply_speed()
 
     def advance(self, until_s: float) -> list[FlightEvent]:
-        """Fly until a time; the events of the flight, in order, each with its own time."""
+        """Fly until a time and return the events of the flight in order, each with its own time."""
         self.mission.run(self._step_at(until_s), stop_each=True)
         return self.flight.take_events()
 
     def fly_through(self, limit_s: float) -> list[FlightEvent]:
-        """Fly until the mission is over, or to a time limit; events in order.
+        """Fly until the mission is over or the time limit is reached, and return the events in order.
 
-        The same flight as with `advance`, faster: positions that need no decision are not returned to one by
-        one.
+        The flight equals that of `advance` but is faster to compute: the motion does not stop at each leg.
         """
         self.mission.run(self._step_at(limit_s), stop_each=False)
         return self.flight.take_events()
 
     def course_through(self, limit_s: float) -> Generator[tuple[int, bool], MotionEvent, list[FlightEvent]]:
-        """Fly as `fly_through` does, while the caller moves the vehicle: see `MissionSequencer.course`."""
+        """Fly as in `fly_through` while the caller moves the vehicle; see `MissionSequencer.course`."""
         yield from self.mission.course(self._step_at(limit_s), stop_each=False)
         return self.flight.take_events()
 
     def state(self) -> VehicleState:
-        """The state of the vehicle now."""
+        """Return the present state of the vehicle."""
         return self.flight.state_at(self.mission.current_seq)
 
     def _step_at(self, time_s: float) -> int:

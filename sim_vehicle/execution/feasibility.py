@@ -1,4 +1,4 @@
-"""Checks before arming whether a vehicle can fly the items of a mission."""
+"""Feasibility checks of mission items before arming."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from sim_vehicle.airframe.spec import VehicleSpec
     from sim_vehicle.motion.legs import Position
 
-# Plain numbers: the checks run over thousands of items in every prediction.
+# Plain integers in place of enumeration members: every prediction checks thousands of items.
 _WAYPOINT = int(Command.NAV_WAYPOINT)
 _FRAMES = frozenset({int(Frame.GLOBAL), int(Frame.GLOBAL_RELATIVE_ALT)})
 _MAX_RADIUS_M = 5000.0
@@ -37,7 +37,7 @@ _TIMED = frozenset({16, 19, 82, 93, 112})
 
 @dataclass(frozen=True, slots=True)
 class ItemProblem:
-    """Why a vehicle cannot fly an item, or the mission.
+    """Reason why a vehicle cannot fly an item or the mission.
 
     Examples
     --------
@@ -46,11 +46,11 @@ class ItemProblem:
     """
 
     item: int | None
-    """Counted from 0; None for the mission as a whole."""
+    """Item index from 0; None if the problem concerns the whole mission."""
     command: int
-    """MAV_CMD of the item; 0 for the mission as a whole."""
+    """MAV_CMD of the item; 0 if the problem concerns the whole mission."""
     code: str
-    """Kind of the problem, in words joined by hyphens."""
+    """Kind of the problem, in hyphenated words."""
     reason: str
 
     def __str__(self) -> str:
@@ -68,15 +68,15 @@ def check_mission(
     outside: Callable[[Position], str | None] | None = None,
     home_up_m: float = 0.0,
 ) -> list[ItemProblem]:
-    """List the problems of a mission for a vehicle, each with its item; empty without any.
+    """List the problems that a mission has for a vehicle; an empty list means that the vehicle can fly it.
 
-    Checked are commands, frames, parameters, altitudes, distances from home, jumps and the take-off; not the
-    energy (see `sim_vehicle.prediction.predict`).
+    The checks cover commands, frames, parameters, altitudes, distances from home, jumps and the take-off.
+    Energy is checked by `sim_vehicle.prediction.predict`.
 
-    The items are without home. ``needs_takeoff``: the vehicle does not take off by itself to reach the first
-    position. ``outside`` returns why a fence does not allow a position (east, north, up), None when it does;
-    as autopilots do, it checks only positions, not the paths between them. ``home_up_m`` is the height of
-    home above the frame's origin.
+    `items` does not contain home. `needs_takeoff`: the vehicle does not take off by itself to reach the first
+    position. `outside` maps a position (east, north, up) to the reason why the fence excludes the position,
+    or to None. The fence check covers positions only, not the paths between them, as in real autopilots.
+    `home_up_m` is the height of home above the frame's origin.
 
     Examples
     --------
@@ -106,7 +106,7 @@ def mission_problems(
     *,
     needs_takeoff: bool = True,
 ) -> list[ItemProblem]:
-    """As `check_mission`, with the positions of the items known."""
+    """List the problems of a mission as in `check_mission`, for item positions that are known already."""
     if not items:
         return [ItemProblem(None, 0, "empty", "the mission is empty")]
     problems: list[ItemProblem] = []
@@ -143,7 +143,7 @@ def _name(command: int) -> str:
 def _item_problems(
     item: MissionItem, position: tuple[float, float, float], count: int, spec: VehicleSpec
 ) -> list[tuple[str, str]]:
-    """Return the code and the reason of each problem."""
+    """Return a pair of code and reason for each problem."""
     command = item.command
     if command not in NAV_COMMANDS and command not in DO_COMMANDS:
         return [("unknown-command", "the vehicle does not know this command")]
@@ -187,9 +187,9 @@ def _item_problems(
 def _landing_problems(
     items: Sequence[MissionItem], positions: Sequence[Position], spec: VehicleSpec
 ) -> list[ItemProblem]:
-    """List the problems of the landings of a fixed wing; PX4 refuses an approach that is too steep.
+    """List the problems of a fixed wing's landings; PX4 rejects an approach that is too steep.
 
-    Only an approach from a waypoint is judged: a circle is left where it points to the landing.
+    Only an approach from a waypoint is checked, because a circle is left in the direction of the landing.
     """
     bound = fixed_wing_procedures(spec).steepest_approach(spec)
     if bound is None:

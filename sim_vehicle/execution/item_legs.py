@@ -1,4 +1,4 @@
-"""The legs of mission items, as far as they are flown without a decision; circles and splines."""
+"""Conversion of mission items into legs between two decisions, with circles and splines."""
 
 from __future__ import annotations
 
@@ -30,26 +30,26 @@ if TYPE_CHECKING:
 
 __all__ = ["circle_leg", "circle_legs", "lands", "orbit_legs", "plan_item_legs", "spline_legs"]
 
-# Radius of a multirotor's circle without one.
+# Radius of a multirotor's circle if the item gives none.
 _LOITER_RADIUS_M = 10.0
-# Length of the chords of a spline, and their greatest number.
+# Length of the chords of a spline, and the maximum number of chords.
 _CHORD_M = 2.0
 _MAX_CHORDS = 64
-# A longer plan is cut short: jumps can make missions without an end.
+# Limit of a plan's length: jumps can make a mission endless.
 _MAX_LEGS = 4096
 _LOOK_AHEAD = 20
-# Distance of a position that stands for a direction.
+# Distance of a point that represents a direction.
 _FAR_M = 1e6
 _NOWHERE = (0.0, 0.0, 0.0)
-# Plain numbers: an enumeration's member costs too much where a plan is made over thousands of items.
+# Plain integers: comparing enumeration members is too slow for plans of thousands of items.
 _WAYPOINT = int(Command.NAV_WAYPOINT)
 _SPLINE = int(Command.NAV_SPLINE_WAYPOINT)
 _JUMP = int(Command.DO_JUMP)
-# Items after a circle: positions that it may be left to, and further items that move the vehicle.
-_LED_TO = POSITION_COMMANDS | {int(Command.NAV_LAND)}
-_MOVES = _LED_TO | {int(Command.NAV_RETURN_TO_LAUNCH), int(Command.NAV_TAKEOFF)}
-# Their effect is known only when they are executed.
-_SURPRISING = frozenset({115, 179, 195, 197, 201})
+# Positions that the exit of a circle can point to, and all items that move the vehicle.
+_EXIT_TARGETS = POSITION_COMMANDS | {int(Command.NAV_LAND)}
+_MOVES = _EXIT_TARGETS | {int(Command.NAV_RETURN_TO_LAUNCH), int(Command.NAV_TAKEOFF)}
+# Commands that change the plan when they are executed.
+_CHANGE_PLAN = frozenset({115, 179, 195, 197, 201})
 _TURNED_AT = frozenset({17, 19, 22, 31})
 
 
@@ -62,10 +62,10 @@ def plan_item_legs(
     here: Position,
     return_point: Position = _NOWHERE,
 ) -> LegPlan:
-    """Return the legs from item ``seq``, which has a position, as far as they are flown without a pause.
+    """Return the legs from item `seq` up to the next pause or decision; the item must have a position.
 
-    ``settings`` is a copy to plan ahead with; ``here`` is where the vehicle is, ``return_point`` where it
-    returns to and the least height of the path there.
+    `settings` is a copy that planning may change. `here` is the position of the vehicle. `return_point` is
+    the destination of a return (east, north) with the minimum height of the path there.
     """
     planner = _Planner(items, positions, settings, spec, here, return_point)
     at: int | None = seq
@@ -76,7 +76,7 @@ def plan_item_legs(
 
 
 class _Planner:
-    """Plans item by item; ``last`` is the end of the legs planned, ``tangent`` the direction there."""
+    """Plans item by item; `_last` is the end of the planned legs, `_tangent` the arrival direction."""
 
     def __init__(
         self,
@@ -113,7 +113,7 @@ class _Planner:
         self._settings.heading = ALONG
 
     def next_after(self, seq: int) -> int | None:
-        """Return the item that is flown through to after this one; None where the plan ends."""
+        """Return the next item that the plan continues with, or None if the plan ends at `seq`."""
         plan, items = self.plan, self._items
         if plan.after_last is not AfterLastLeg.NEXT:
             return None
@@ -123,12 +123,11 @@ class _Planner:
         following = seq + 1
         while following < len(items) and items[following].command not in PASSED_COMMANDS:
             done, following = do_items(items, following, self._settings, self._spec.top_speed_m_s)
-            plan.unsure |= any(_surprises(items[index]) for index in done)
+            plan.unsure |= any(_may_change_plan(items[index]) for index in done)
             if not 0 <= following < len(items) or items[following].command not in CONDITIONS:
                 break
             plan.unsure = True
-            # The effect of items that wait for a condition is not known yet: when it is, the legs are planned
-            # again.
+            # Conditions are met in flight only; the legs are planned again when that happens.
             following = condition_items(items, following)[-1] + 1
         passes = 0 <= following < len(items) and items[following].command in PASSED_COMMANDS
         return following if passes else None
@@ -138,15 +137,15 @@ class _Planner:
 
     def _add_spline(self, item: MissionItem, seq: int, position: Position) -> None:
         hold, speed = number(item.param1), self._settings.speed_m_s
-        path = (self._last, position, None if hold > 0.0 else self._passed_to(seq))
+        path = (self._last, position, None if hold > 0.0 else self._position_after_spline(seq))
         legs, self._tangent = spline_legs(path, self._tangent, speed, self._settings.heading, self._spec)
         if hold > 0.0:
             legs[-1] = replace(legs[-1], radius_m=0.0)
             self._wait(hold)
         self.plan.extend(legs, seq, done=hold <= 0.0, speed=speed)
 
-    def _passed_to(self, seq: int) -> Position | None:
-        """Return the position after a spline waypoint that is flown through to, None when it stops there."""
+    def _position_after_spline(self, seq: int) -> Position | None:
+        """Return the position after a spline waypoint without a stop, or None if the vehicle stops there."""
         items, following = self._items, seq + 1
         while following < len(items) and items[following].command in DO_COMMANDS:
             if items[following].command == _JUMP:
@@ -157,7 +156,7 @@ class _Planner:
         return None if math.isnan(self._positions[following][0]) else self._positions[following]
 
     def _add_straight(self, item: MissionItem, seq: int, position: Position) -> Position:
-        """Add the legs of an item that any vehicle flies alike, and return where they end."""
+        """Add the legs of an item that all kinds of vehicle fly alike, and return the end of the legs."""
         plan, spec, settings, last = self.plan, self._spec, self._settings, self._last
         command, heading, speed = item.command, settings.heading, settings.speed_m_s
         x, y, _ = position
@@ -181,7 +180,7 @@ class _Planner:
         if command == Command.NAV_RETURN_TO_LAUNCH:
             legs = flight_procedures(spec).return_legs(spec, last, speed, self._return_point)
             plan.extend(legs, seq)
-            # A fixed wing may only circle over home.
+            # A fixed wing may circle over home without landing.
             circles = spec.circles and not lands(legs)
             plan.after_last = AfterLastLeg.NEXT if circles else AfterLastLeg.TOUCHDOWN
             return self._return_point[0], self._return_point[1], 0.0
@@ -204,14 +203,14 @@ class _Planner:
             plan.after_last = AfterLastLeg.FOREVER
         return position
 
-    # Vehicles that stay by circling: fixed wings.
+    # Fixed wings, which circle to hold a position.
 
     def _add_circling(self, item: MissionItem, seq: int, position: Position) -> bool:
-        """Add the leg of an item that a fixed wing flies in its own way; False for any other item."""
+        """Add the leg of an item that a fixed wing flies differently; return False for other items."""
         command, spec, speed = item.command, self._spec, self._settings.speed_m_s
         first, second, third = (value or 0.0 for value in (item.param1, item.param2, item.param3))
         after, wait_s = AfterLastLeg.NEXT, 0.0
-        ahead, zero = self._led_to(item, seq, position)
+        ahead, zero = self._exit_targets(item, seq, position)
         leads = zero or ahead
         leave = None if leads is None else leads[:2]
         if command == _SPLINE or (command == _WAYPOINT and first > 0.0):
@@ -239,21 +238,21 @@ class _Planner:
         self.plan.after_last, self.plan.wait_s = after, wait_s
         return True
 
-    def _led_to(
+    def _exit_targets(
         self, item: MissionItem, seq: int, position: Position
     ) -> tuple[Position | None, Position | None]:
-        """Return the next position, towards which a circle is left, and a far one towards 0 N 0 E.
+        """Return the position towards which a circle is left, and a far point in the direction of 0° N 0° E.
 
-        None where it is not sure or far on, and where the autopilot does not take the coordinates of a return
-        for that place. The bearing is that of ArduPilot's ``Location::get_bearing_to``: on a plane, with
-        degrees of longitude as long as they are at the mean latitude.
+        The position is None if a jump or an item without a position comes first. The far point is None unless
+        the autopilot turns towards the zero coordinates of a return item. The bearing follows ArduPilot's
+        ``Location::get_bearing_to``: a plane with degrees of longitude scaled at the mean latitude.
         """
         items = self._items
         for following in range(seq + 1, min(seq + 1 + _LOOK_AHEAD, len(items))):
             command = items[following].command
             if command == _JUMP:
                 break
-            if command in _LED_TO:
+            if command in _EXIT_TARGETS:
                 known = not math.isnan(self._positions[following][0])
                 return self._positions[following] if known else None, None
             if command in _MOVES:
@@ -270,13 +269,13 @@ class _Planner:
         return None, None
 
 
-def _surprises(item: MissionItem) -> bool:
+def _may_change_plan(item: MissionItem) -> bool:
     vertical = item.command == Command.DO_CHANGE_SPEED and number(item.param1) > 1.0
-    return vertical or item.command in _SURPRISING
+    return vertical or item.command in _CHANGE_PLAN
 
 
 def lands(legs: Sequence[Leg]) -> bool:
-    """Whether legs end on the ground."""
+    """Whether the legs end with a landing."""
     return legs[-1].kind is LegKind.LAND
 
 
@@ -287,16 +286,16 @@ def circle_leg(
     turns: float = 0.0,
     leave_to_m: tuple[float, float] | None = None,
 ) -> Leg:
-    """Return the leg of a circle; a radius of 0 is the autopilot's own, positive is clockwise."""
+    """Return the leg of a circle; a positive radius is clockwise, 0 selects the autopilot's own radius."""
     return Leg(centre, speed, kind=LegKind.LOITER, circle=Circle(radius_m or None, turns, leave_to_m))
 
 
 def circle_legs(
     centre: Position, last: Position, turns: float, radius: float, speed: float, spec: VehicleSpec
 ) -> list[Leg]:
-    """Return chords of 10 degrees for a circle that begins at its point nearest to the vehicle.
+    """Return 10-degree chords of a circle that begins at the circle's point nearest to the vehicle.
 
-    A positive radius is flown clockwise, a negative one the other way, 0 is 10 m.
+    A positive radius is clockwise, a negative radius counter-clockwise, and 0 selects 10 m.
     """
     x, y, z = centre
     radius = radius or _LOITER_RADIUS_M
@@ -321,10 +320,10 @@ def circle_legs(
 def orbit_legs(
     centre: Position, last: Position, radius: float, speed: float, heading: Heading, spec: VehicleSpec
 ) -> list[Leg]:
-    """Return circles as they are ordered: those without an end of PX4, or a hundred made of chords.
+    """Return the legs of an orbit order: an endless circle for PX4, otherwise 100 circles of chords.
 
-    The circle is approached at the cruise speed (PX4's ``FlightTaskOrbit``). The heading is that on circles
-    without an end; along chords the nose points ahead.
+    The vehicle flies to the circle at the cruise speed (PX4's ``FlightTaskOrbit``). `heading` applies to the
+    endless circle; along chords the nose points ahead.
     """
     within = flight_procedures(spec).orbit_within_m
     legs = circle_legs(centre, last, MAX_TURNS if within is None else 0.0, radius, speed, spec)
@@ -342,14 +341,14 @@ def spline_legs(
     heading: Heading,
     spec: VehicleSpec,
 ) -> tuple[list[Leg], Position]:
-    """Return chords of a cubic Hermite spline to a position, and the direction in which it arrives.
+    """Return chords of a cubic Hermite spline to a position, and the direction of arrival.
 
-    As ArduCopter's spline waypoints, it leaves in the direction of arrival and passes its end in the
-    direction from the position before to the position after. The length of both tangents is that of the
-    straight path, which keeps the curve free of loops.
+    As with ArduCopter's spline waypoints, the curve starts in the previous direction of arrival and ends
+    parallel to the line from the previous to the next position. Both tangents have the length of the straight
+    path, which prevents loops.
 
-    The ``path`` is where it begins, where it ends, and the position after; without one it arrives on the
-    straight line. The ``tangent`` is the direction at the beginning; zero is the straight line.
+    `path` holds the start, the end, and the position after the end; without the third position the curve ends
+    along the straight line. `tangent` is the direction at the start; zero selects the straight line.
     """
     begin, end, ahead = path
     straight = (end[0] - begin[0], end[1] - begin[1], end[2] - begin[2])
@@ -379,7 +378,7 @@ def spline_legs(
 
 
 def _curve_speed(points: list[Position], spec: VehicleSpec) -> float:
-    """Return the speed for a curve through three positions: half of the acceleration, as on circles."""
+    """Return the speed on a curve through three positions at half the acceleration limit, as on circles."""
     (ax, ay, _), (bx, by, _), (cx, cy, _) = points
     before, after = math.hypot(bx - ax, by - ay), math.hypot(cx - bx, cy - by)
     turn = math.remainder(math.atan2(cy - by, cx - bx) - math.atan2(by - ay, bx - ax), 2.0 * math.pi)

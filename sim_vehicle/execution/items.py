@@ -1,4 +1,4 @@
-"""Mission items: their commands, their positions, and their effects on the items after them."""
+"""Mission items: command sets, positions, and effects on later items."""
 
 from __future__ import annotations
 
@@ -17,45 +17,45 @@ if TYPE_CHECKING:
     from geo.frame import LocalFrame
     from sim_vehicle.motion.legs import Position
 
-# Commands that are executed between two positions.
+# Commands that are executed between two positions (DO and CONDITION commands).
 DO_COMMANDS = frozenset(
     {112, 114, 115, 177, 178, 179, 189, 195, 197, 201, 203, 205, 206, 214, 530}
     | {1000, 1001, 2000, 2001, 2003, 2500, 2501}
 )
 CAMERA_COMMANDS = frozenset({203, 206, 214, 530, 2000, 2001, 2003})
-# Regions of interest, at which the vehicle's nose and a gimbal point.
+# Regions of interest: the nose of the vehicle and the gimbal point at them.
 ROI_COMMANDS = frozenset({195, 197, 201})
 GIMBAL_COMMANDS = ROI_COMMANDS | {205, 1000, 1001}
 CONDITIONS = frozenset({int(Command.CONDITION_DELAY), int(Command.CONDITION_DISTANCE)})
 POSITION_COMMANDS = frozenset({16, 17, 18, 19, 31, 82})
-# Those, the take-off and the landing.
+# Positions, take-off and landing.
 PLACED_COMMANDS = POSITION_COMMANDS | {21, 22}
-# Positions that are flown through without a pause.
+# Positions that the vehicle flies through without a pause.
 PASSED_COMMANDS = frozenset({16, 82})
 NAV_COMMANDS = PLACED_COMMANDS | {20, 93}
 HERE_COMMANDS = frozenset({17, 18, 19, 21, 22, 31})
 MAX_TURNS = 100.0
-# Height and angle of the climb from a landing that is broken off, where no take-off was flown (ArduPlane).
+# Default height and angle of the climb of a go-around without a take-off item (ArduPlane).
 _CLIMB_M, _CLIMB_DEG = 30.0, 10.0
 
 
 @dataclass(slots=True)
 class Settings:
-    """Settings that items change for the items after them."""
+    """Speeds, heading and jump counts that mission items change for later items."""
 
     speed_m_s: float
     """Ground speed."""
     heading: Heading = ALONG
-    """Until the next position if that sets none."""
-    # Vertical speeds, None for the vehicle's own.
+    """Heading until the next position, unless the item there sets a heading."""
+    # Vertical speeds; None selects the vehicle's own.
     climb_m_s: float | None = None
     descent_m_s: float | None = None
     jumps: dict[int, int] = field(default_factory=dict)
-    """How often each jump was taken, by its item."""
+    """Number of jumps taken, by the index of the jump item."""
     default_m_s: float = 0.0
-    """Ground speed to come back to."""
+    """Ground speed that DO_CHANGE_SPEED with -2 restores."""
     yaw_rad: float = field(default=0.0, compare=False)
-    """Heading now, from which a relative one counts."""
+    """Present heading, the reference of a relative CONDITION_YAW."""
 
     def copy(self) -> Settings:
         """Return an independent copy."""
@@ -63,14 +63,14 @@ class Settings:
 
 
 def number(value: float | None, default: float = 0.0) -> float:
-    """Return a parameter, or the default when it is not set."""
+    """Return a parameter, or `default` if the parameter is None."""
     return default if value is None else value
 
 
 def item_positions(items: Sequence[MissionItem], frame: LocalFrame, home_up_m: float = 0.0) -> list[Position]:
-    """Return east, north, up about the frame's origin of each item; NaN where it has no position of its own.
+    """Return the position of each item (east, north, up) in the frame; NaN for an item without a position.
 
-    ``home_up_m`` is how high home is above the origin, for items whose altitude counts from there.
+    `home_up_m` is the height of home above the frame's origin, for items with an altitude above home.
     """
     positions = np.full((len(items), 3), np.nan)
     index = [i for i, item in enumerate(items) if item.has_position]
@@ -90,14 +90,14 @@ def item_positions(items: Sequence[MissionItem], frame: LocalFrame, home_up_m: f
 def do_items(
     items: Sequence[MissionItem], start: int, settings: Settings, top_speed_m_s: float
 ) -> tuple[list[int], int]:
-    """Execute the items before the next position on the settings.
+    """Execute the items before the next position and change `settings` accordingly.
 
     Returns
     -------
     done : list of int
-        The items that were executed, in order.
+        Indices of the executed items, in order.
     next : int
-        The next item with a position or a condition; ``len(items)`` at the end, -1 when jumps go round.
+        Index of the next item with a position or a condition; ``len(items)`` at the end, -1 in endless jumps.
     """
     done: list[int] = []
     seq = start
@@ -125,7 +125,7 @@ def do_items(
 
 
 def _change_speed(item: MissionItem, settings: Settings, top_speed_m_s: float) -> None:
-    """Ground and air speed are one (0, 1); climb and descent (2, 3); -2 is the vehicle's own speed again."""
+    """Set the ground speed (types 0 and 1), climb (2) or descent speed (3); -2 restores the vehicle's own."""
     kind, speed = number(item.param1), number(item.param2, -1.0)
     wanted = speed if speed > 0.0 else None
     if wanted is None and speed != -2.0:
@@ -139,7 +139,7 @@ def _change_speed(item: MissionItem, settings: Settings, top_speed_m_s: float) -
 
 
 def _yaw(item: MissionItem, yaw_rad: float) -> float:
-    """Return the heading of a CONDITION_YAW; the direction of an absolute one is ignored (the short way)."""
+    """Return the heading of a CONDITION_YAW; the direction of an absolute heading is ignored."""
     angle = math.radians(number(item.param1))
     if number(item.param4) == 0.0:
         return angle
@@ -147,7 +147,7 @@ def _yaw(item: MissionItem, yaw_rad: float) -> float:
 
 
 def time_of_day_wait_s(item: MissionItem, unix_s: float) -> float:
-    """Return how long NAV_DELAY waits for its time of day (UTC): hour, minute, second, -1 is any.
+    """Return the wait until the time of day of a NAV_DELAY item (hour, minute, second UTC; -1 is any).
 
     Examples
     --------
@@ -169,7 +169,7 @@ def time_of_day_wait_s(item: MissionItem, unix_s: float) -> float:
 
 
 def condition_items(items: Sequence[MissionItem], start: int) -> list[int]:
-    """Return the condition at ``start`` and the items that wait for it, up to the next position or jump."""
+    """Return the condition at `start` and the items that wait for the condition, up to a position or jump."""
     group = []
     for seq in range(start, len(items)):
         command = items[seq].command
@@ -182,9 +182,9 @@ def condition_items(items: Sequence[MissionItem], start: int) -> list[int]:
 def climb_leg(
     items: Sequence[MissionItem], seq: int, here: Position, speed: float, height_m: float | None
 ) -> Leg:
-    """Return the climb straight ahead from a landing that is broken off (ArduPlane's ``do_land``).
+    """Return the straight climb of a go-around (ArduPlane's ``do_land``).
 
-    It leads to a height that is asked for, to that of the landing (its first parameter), or of the take-off.
+    The climb ends at `height_m`, else at the landing item's first parameter, else at the take-off height.
     """
     takeoffs = [item for item in items[:seq] if item.command == Command.NAV_TAKEOFF]
     top = height_m or 0.0
@@ -203,9 +203,9 @@ def climb_leg(
 
 
 def landing_start(items: Sequence[MissionItem], positions: Sequence[Position], here: Position) -> int | None:
-    """Return the nearest item where a landing starts, None without one.
+    """Return the nearest DO_LAND_START item, or None if the mission has none.
 
-    One without a position of its own is where the next item is that has one.
+    An item without coordinates is located at the next item that has coordinates.
     """
     starts = [seq for seq, item in enumerate(items) if item.command == Command.DO_LAND_START]
     if len(starts) < 2:
@@ -222,9 +222,9 @@ def landing_start(items: Sequence[MissionItem], positions: Sequence[Position], h
 def landing_restart(
     items: Sequence[MissionItem], positions: Sequence[Position], seq: int, here: Position
 ) -> int | None:
-    """Return the item at which a landing is begun anew: where it starts, or at the position before it.
+    """Return the item at which an aborted landing restarts: the landing start, else the previous position.
 
-    ArduPilot's ``AP_Landing::restart_landing_sequence``.
+    Follows ArduPilot's ``AP_Landing::restart_landing_sequence``.
     """
     start = landing_start(items, positions, here)
     if start is not None:

@@ -1,4 +1,4 @@
-"""The flight of a plan of legs or of a velocity; the descent, and contact with the ground."""
+"""Flight of leg plans and velocities, with descent and touch-down."""
 
 from __future__ import annotations
 
@@ -31,14 +31,14 @@ if TYPE_CHECKING:
     from sim_vehicle.motion.model import MotionModel, MotionState
     from sim_vehicle.weather.wind import Wind
 
-# Speed, acceleration and jerk of a fall: those of a tumbling multirotor.
+# Speed, acceleration and jerk of a fall, as for a tumbling multirotor.
 _FALL_M_S = 18.0
 _FALL_M_S2 = 9.0
 _FALL_M_S3 = 90.0
 
 
 def drag_1_s(spec: VehicleSpec, airspeed_m_s: float) -> float:
-    """Return the drag over mass and airspeed."""
+    """Return the drag force divided by mass and airspeed (1/s)."""
     power = spec.power
     if power is None:
         return 0.0
@@ -46,38 +46,38 @@ def drag_1_s(spec: VehicleSpec, airspeed_m_s: float) -> float:
 
 
 def require(able: bool, text: str) -> None:
-    """Refuse an order that the vehicle cannot take."""
+    """Raise VehicleError with `text` unless `able`."""
     if not able:
         raise VehicleError(text)
 
 
 class AfterLastLeg(Enum):
-    """Continuation after the last leg of a plan."""
+    """Action after the last leg of a plan."""
 
     NEXT = "the next item"
     WAIT = "a pause"
-    FOREVER = "nothing, it stays"
+    FOREVER = "an endless hold"
     TOUCHDOWN = "the ground"
 
 
 @dataclass(slots=True)
 class LegPlan:
-    """Legs, and the mission items that they complete."""
+    """Legs to fly, with the mission item of each leg."""
 
     legs: list[Leg] = field(default_factory=list)
     seqs: list[int] = field(default_factory=list)
-    """The item that each leg belongs to, -1 outside a mission."""
+    """Item index of each leg, -1 outside a mission."""
     done: list[bool] = field(default_factory=list)
     """Whether the leg completes its item."""
     speeds: list[float | None] = field(default_factory=list)
-    """The ground speed that was set for the leg; a curve may be flown more slowly."""
+    """Commanded ground speed of each leg; a curve may be flown more slowly."""
     after_last: AfterLastLeg = AfterLastLeg.NEXT
     wait_s: float = 0.0
-    """Of a WAIT; NaN until the time of day that the item names."""
+    """Length of the pause of a WAIT; NaN stands for the time of day that the item names."""
     open: bool = False
-    """Whether it was cut short, so it has to be planned again before its end."""
+    """Whether the plan was cut short and must be extended before its end."""
     unsure: bool = False
-    """Whether something between its items waits for a condition, which may change it."""
+    """Whether a command between the plan's items may change the plan."""
 
     def add(self, leg: Leg, seq: int = -1, *, done: bool = False, speed: float | None = None) -> None:
         """Append a leg."""
@@ -89,12 +89,12 @@ class LegPlan:
     def extend(
         self, legs: Sequence[Leg], seq: int = -1, *, done: bool = False, speed: float | None = None
     ) -> None:
-        """Append legs, of which the last one may complete the item."""
+        """Append legs; `done`: the last leg completes the item."""
         for leg in legs:
             self.add(leg, seq, done=done and leg is legs[-1], speed=speed)
 
     def prepend(self, leg: Leg, seq: int) -> None:
-        """Put a leg before all others; it completes nothing."""
+        """Insert a leg at the front; the leg completes no item."""
         self.legs.insert(0, leg)
         self.speeds.insert(0, leg.speed_m_s)
         self.seqs.insert(0, seq)
@@ -103,16 +103,16 @@ class LegPlan:
 
 @dataclass(slots=True)
 class Waiting:
-    """Items that wait in flight for a condition; they are dropped with the plan that is flown."""
+    """Items that wait in flight for a condition; dropping the plan drops them."""
 
     seqs: list[int] = field(default_factory=list)
-    """The items, in order."""
+    """Indices of the waiting items, in order."""
     step: int | None = None
-    """The step of the motion at which the first of them is due, where its condition is a time."""
+    """Motion step at which the first waiting item is due; None if its condition is not a time."""
 
 
 class LegFollower:
-    """Flies one plan of legs, or a velocity, at a time; holds, comes down, falls."""
+    """Flies a plan of legs or a velocity, holds, lands and falls."""
 
     def __init__(self, spec: VehicleSpec, *, wind: Wind | None = None, yaw_rad: float = 0.0) -> None:
         self.spec = spec
@@ -120,11 +120,11 @@ class LegFollower:
         self.armed = False
         self.phase = FlightPhase.GROUND
         self.landed = LandedState.ON_GROUND
-        # The plan that is flown, the start of its first leg, and the number of its legs that were completed.
+        # The present plan, the start of its first leg, and the number of its completed legs.
         self.plan: LegPlan | None = None
         self.began_m: Position = (0.0, 0.0, 0.0)
         self.flown = 0
-        # Steps of the motion at which a pause ends, and at which the motors stop.
+        # Motion steps at which a pause ends and at which the motors stop.
         self.timer: int | None = None
         self.disarm_step: int | None = None
         self.waiting = Waiting()
@@ -133,11 +133,11 @@ class LegFollower:
 
     @property
     def time_s(self) -> float:
-        """The time that the vehicle was advanced to, on its grid of steps."""
+        """Simulated time, a multiple of the time step (s)."""
         return self.motion.time_s
 
     def hold(self) -> None:
-        """Stop and stay; `start` resumes a mission."""
+        """Stop and hold the position; `start` resumes a mission."""
         if self.landed is LandedState.ON_GROUND:
             self.drop_plan(FlightPhase.GROUND)
             return
@@ -147,11 +147,11 @@ class LegFollower:
         self.fly([Leg((x, y, z), speed, heading=KEEP, kind=LegKind.STAY)], FlightPhase.HOLD)
 
     def look_at(self, position_m: tuple[float, float] | None) -> None:
-        """Point the nose at a position (east, north) on any leg; None ends that."""
+        """Point the nose at a position (east, north) on all legs; None ends the pointing."""
         self.motion.look_at(position_m)
 
     def fall(self) -> None:
-        """Lose the thrust: the vehicle comes down at once and can do nothing more."""
+        """Lose all thrust: the vehicle falls at once and obeys no further orders."""
         if self.landed is LandedState.ON_GROUND:
             self.stop_motors()
             self.emit(Disarmed(self.time_s))
@@ -176,14 +176,14 @@ class LegFollower:
         self.landed = LandedState.LANDING
 
     def drain_battery(self, fraction: float) -> None:
-        """Leave no more than this fraction in the battery; nothing for a vehicle without one."""
+        """Reduce the remaining energy to at most this fraction; no effect without a battery."""
         battery = self.spec.battery
         if battery is not None:
             used = (1.0 - min(max(fraction, 0.0), 1.0)) * battery.capacity_wh * WH_J
             self.motion.use_energy(max(0.0, used - self.motion.energy_j))
 
     def change_battery(self) -> None:
-        """Put a full battery in; nothing while the motors are on."""
+        """Install a full battery; no effect while the motors run."""
         if self.spec.battery is not None and not self.armed:
             self.motion.use_energy(-self.motion.energy_j)
             self.battery_meter = BatteryMeter(self.spec.battery)
@@ -195,7 +195,7 @@ class LegFollower:
         self.drop_plan(FlightPhase.GROUND)
 
     def keep_velocity(self, velocity_m_s: Position, *, height_m: float, heading: Heading) -> None:
-        """Keep a velocity until something else is flown; sinking ends with touch-down."""
+        """Keep a velocity until the next order; a descent ends with touch-down."""
         self.motion.set_climb(None, None)
         self._keep_velocity(velocity_m_s, height_m=height_m, heading=heading)
         self.phase = FlightPhase.STEERED
@@ -203,12 +203,12 @@ class LegFollower:
         self.waiting = Waiting()
 
     def check_power(self, what: str) -> None:
-        """Refuse an order to a vehicle that is lost."""
+        """Raise VehicleError if the vehicle is falling or without power."""
         reason = "the battery is empty" if self.phase is FlightPhase.DEPLETED else "the vehicle is falling"
         require(not self.phase.is_lost, f"cannot {what}: {reason}")
 
     def ready(self, what: str) -> None:
-        """Refuse an order to a vehicle that is not armed, or lost."""
+        """Raise VehicleError unless the vehicle is armed and under control."""
         require(self.armed, f"cannot {what}: not armed")
         self.check_power(what)
 
@@ -218,7 +218,7 @@ class LegFollower:
         phase: FlightPhase,
         after_last: AfterLastLeg = AfterLastLeg.NEXT,
     ) -> None:
-        """Fly legs from here, at the vehicle's own vertical speeds."""
+        """Fly legs from the present position, at the vehicle's own vertical speeds."""
         plan = LegPlan(after_last=after_last)
         plan.extend(legs)
         self.drop_plan(phase)
@@ -232,7 +232,7 @@ class LegFollower:
         height_m: float = math.nan,
         heading: Heading = KEEP,
     ) -> None:
-        """Keep a velocity; the plan has one leg, which ends on the ground if anywhere."""
+        """Keep a velocity with a plan of one leg; only touch-down ends that leg."""
         self.motion.steer(velocity_m_s, height_m=height_m, heading=heading)
         self.plan = LegPlan(after_last=AfterLastLeg.TOUCHDOWN)
         self.plan.add(Leg(self.motion.position_m, 0.0, heading=heading))
@@ -240,7 +240,7 @@ class LegFollower:
         self._airborne()
 
     def state_at(self, current_seq: int) -> VehicleState:
-        """Read the state of the vehicle, which is at a mission item (-1 without a mission)."""
+        """Return the state of the vehicle with `current_seq` as its mission item (-1 without a mission)."""
         motion = self.motion
         now, time_s = motion.snapshot(), motion.time_s
         wind_x, wind_y = now.wind_m_s
@@ -277,21 +277,21 @@ class LegFollower:
         )
 
     def _attitude(self, now: MotionState, air: tuple[float, float], airspeed: float) -> tuple[float, float]:
-        """Roll and pitch whose thrust gives the acceleration and holds against the drag of the air."""
+        """Return roll and pitch at which the thrust gives the acceleration and balances the drag."""
         drag = drag_1_s(self.spec, airspeed)
         ax, ay, az = now.acceleration_m_s2
         east, north = ax + drag * air[0], ay + drag * air[1]
         return attitude_of(east, north, GRAVITY_M_S2 + az, now.heading_rad)
 
     def drop_plan(self, phase: FlightPhase) -> None:
-        """Fly no plan any more, and forget the items that wait for conditions."""
+        """Discard the plan and the items that wait for conditions."""
         self.plan = None
         self.timer = None
         self.waiting = Waiting()
         self.phase = phase
 
     def begin(self, plan: LegPlan) -> None:
-        """Begin a plan; items that wait for a condition go on waiting."""
+        """Begin a plan; items that wait for a condition keep waiting."""
         self.plan = plan
         self.flown = 0
         self.timer = None
@@ -308,26 +308,26 @@ class LegFollower:
             self.landed = LandedState.IN_AIR
 
     def descend(self) -> None:
-        """Note that the last part of the descent has begun."""
+        """Record that the final descent has begun."""
         self.landed = LandedState.LANDING
         if self.phase is FlightPhase.RETURN:
             self.phase = FlightPhase.LAND
 
     def take_events(self) -> list[FlightEvent]:
-        """Take the events since the last call, in order."""
+        """Return the events since the last call, in order."""
         events, self._events = self._events, []
         return events
 
     def emit(self, event: FlightEvent) -> None:
-        """Add an event."""
+        """Append an event."""
         self._events.append(event)
 
     def disarm_later(self) -> None:
-        """Let the motors stop after the delay of the vehicle."""
+        """Schedule disarming after the vehicle's disarm delay."""
         self.disarm_step = self.motion.step + round(self.spec.disarm_delay_s / self.motion.step_s)
 
     def touch_down(self) -> None:
-        """Come to rest on the ground."""
+        """Put the vehicle at rest on the ground."""
         if self.phase is FlightPhase.FALLING:
             self.motion.update_spec(self.spec)
         self.motion.touch_down()
@@ -336,7 +336,7 @@ class LegFollower:
         self.emit(Landed(self.time_s))
 
     def drain_on_ground(self) -> None:
-        """Disarm when the idling motors have emptied the battery."""
+        """Disarm once the idling motors have emptied the battery."""
         battery = self.spec.battery
         if self.armed and battery is not None and remaining_fraction(battery, self.motion.energy_j) <= 0.0:
             self.emit(BatteryDepleted(self.time_s))
@@ -344,14 +344,14 @@ class LegFollower:
             self.emit(Disarmed(self.time_s))
 
     def deplete(self) -> None:
-        """Come down where it is: nothing else is possible any more."""
+        """Descend at the present position because the battery is empty."""
         self.motion.ignore_energy()
         self.motion.lose_power()
         self.emit(BatteryDepleted(self.time_s))
         if self.phase is FlightPhase.FALLING:
             return
         x, y, _ = self.motion.stopping_point()
-        # A fixed wing comes down on a circle.
+        # A fixed wing descends on a circle.
         down = Leg((x, y, 0.0), self.spec.cruise_speed_m_s, heading=KEEP, kind=LegKind.LAND, circle=Circle())
         self.fly([down], FlightPhase.DEPLETED, AfterLastLeg.TOUCHDOWN)
         self.landed = LandedState.LANDING

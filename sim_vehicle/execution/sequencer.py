@@ -1,4 +1,4 @@
-"""The sequence of a mission: legs, pauses, conditions, jumps, landing, an empty battery."""
+"""Mission sequence: legs, pauses, conditions, jumps, landings, and an empty battery."""
 
 from __future__ import annotations
 
@@ -53,9 +53,9 @@ if TYPE_CHECKING:
     from sim_vehicle.airframe.spec import VehicleSpec
     from sim_vehicle.motion.legs import Position
 
-# A plan that was cut short is made anew this many legs before its end: the vehicle never brakes for the cut.
+# A plan that was cut short is extended this many legs before its end, so that the vehicle never brakes there.
 _REPLAN_BEFORE = 64
-_GAVE_UP = -2
+_CANNOT_FLY = -2
 _LANDING_COMMANDS = frozenset({16, 18, 19, 21, 31})
 _WAYPOINT = int(Command.NAV_WAYPOINT)
 _TRIGGERS = frozenset({206, 214, 2000, 2001, 2003})
@@ -63,15 +63,15 @@ _TRIGGERS = frozenset({206, 214, 2000, 2001, 2003})
 
 @dataclass(slots=True)
 class ReturnPoints:
-    """Home and the rally points."""
+    """Return destinations: home and the rally points."""
 
     home_m: Position = (0.0, 0.0, 0.0)
-    """East and north of the start, height above it."""
+    """East and north of the start, and height above the start."""
     rally_m: tuple[Position, ...] = ()
-    """East, north, and the least height of the path there."""
+    """East, north, and the minimum height of the path there."""
 
     def nearest(self, position_m: Position) -> Position:
-        """The point nearest to a position: east, north, and the least height of the path there.
+        """Return the point nearest to a position: east, north, and the minimum height of the path there.
 
         Examples
         --------
@@ -85,12 +85,12 @@ class ReturnPoints:
 
 
 class MissionSequencer:
-    """Flies the items of a mission one after the other, as legs of a `LegFollower`.
+    """Flies the items of a mission in sequence, as legs of a `LegFollower`.
 
-    With `takes_off` a mission that begins on the ground without a take-off item climbs first, to the height
-    of its first position or the take-off altitude if that is higher (as PX4 does); `epoch_unix_s` is the time
-    of day at time 0. `current_seq` is the item that is being flown or comes next, -1 without a mission;
-    `settings` are what items and orders have changed for the legs to come.
+    `takes_off`: a mission that begins on the ground without a take-off item climbs first, as in PX4. The
+    climb ends at the height of the first position or at the take-off altitude, if that is higher.
+    `epoch_unix_s` is the time of day at simulated time 0. `current_seq` is the present or next item, -1
+    without a mission. `settings` holds the speeds and heading for later legs, as changed by items and orders.
     """
 
     def __init__(
@@ -112,7 +112,7 @@ class MissionSequencer:
         self.return_points = ReturnPoints()
         self._positions: list[Position] = []
         self._replan = False
-        self._goes_on_at: int | None = None
+        self._resume_at: int | None = None
 
     def load(
         self,
@@ -122,10 +122,10 @@ class MissionSequencer:
         *,
         keeps_settings: bool = False,
     ) -> None:
-        """Replace the mission, to begin at an item; a vehicle that is flying one holds.
+        """Replace the mission, with `current` as its current item; a vehicle that is flying a mission holds.
 
-        ``positions`` are those of `sim_vehicle.execution.items.item_positions`, when they are known already;
-        with ``keeps_settings`` speeds stay as they are.
+        `positions` is the result of `sim_vehicle.execution.items.item_positions`, if known.
+        `keeps_settings`: the present speeds are kept.
         """
         if self.flight.phase is FlightPhase.MISSION:
             self.flight.hold()
@@ -138,13 +138,12 @@ class MissionSequencer:
     def change(
         self, items: Sequence[MissionItem], seq: int, *, at_waypoints: bool = False, keeps_jumps: bool = False
     ) -> bool:
-        """Replace the mission that is flown, and go on at an item; speeds stay as they are.
+        """Replace the mission in flight, continue at item `seq`, and return whether the turn is immediate.
 
-        A take-off is flown to its height first. A return home is flown to its end, and with it the mission.
-        ``seq`` may be beyond the end: the mission is over then. ``at_waypoints`` turns to the item at once
-        only from a waypoint, and if the item exists; otherwise the item that is flown is completed, and the
-        one after it follows. ``keeps_jumps`` goes on counting how often jumps were taken. Returns whether
-        the vehicle has turned to the item at once.
+        Speeds are kept. A take-off is completed to its height first. A return home is completed and ends the
+        mission. A `seq` beyond the end ends the mission. `at_waypoints`: the vehicle turns at once only if
+        the old item is a waypoint and `seq` exists. Otherwise the vehicle completes the old item and
+        continues with the item after that. `keeps_jumps`: the jump counts are kept.
         """
         self.flight.ready("change the mission")
         flown = self.items[self.current_seq].command if self.current_seq < len(self.items) else _WAYPOINT
@@ -154,11 +153,11 @@ class MissionSequencer:
         if self.flight.phase is FlightPhase.MISSION and self.flight.landed is not LandedState.ON_GROUND:
             completes = at_waypoints and (flown not in PASSED_COMMANDS or seq >= len(self.items))
             if flown == Command.NAV_RETURN_TO_LAUNCH:
-                self._goes_on_at = len(self.items)
+                self._resume_at = len(self.items)
             elif not completes and self.flight.landed is LandedState.TAKEOFF:
-                self._goes_on_at = seq
-            if completes or self._goes_on_at is not None:
-                # The plan of the old mission is left at the end of the present item.
+                self._resume_at = seq
+            if completes or self._resume_at is not None:
+                # The plan of the old mission ends with the present item.
                 self.flight.waiting = Waiting()
                 self._replan = True
                 return False
@@ -168,26 +167,26 @@ class MissionSequencer:
 
     def _take(self, items: Sequence[MissionItem], positions: list[Position] | None = None) -> None:
         self.items = tuple(items)
-        self._positions = positions if positions is not None else self._placed()
-        self._goes_on_at = None
+        self._positions = positions if positions is not None else self._item_positions()
+        self._resume_at = None
 
-    def _placed(self) -> list[Position]:
+    def _item_positions(self) -> list[Position]:
         return item_positions(self.items, self.frame, self.return_points.home_m[2])
 
     def move_home(self, home_m: Position) -> None:
-        """Move home; items whose altitude counts from there move with it, from the next leg on."""
+        """Move home; the positions of items with altitudes above home change from the next leg."""
         moves = home_m[2] != self.return_points.home_m[2]
         self.return_points.home_m = home_m
         if moves:
-            self._positions = self._placed()
+            self._positions = self._item_positions()
 
     def spec_about_home(self, spec: VehicleSpec) -> VehicleSpec:
-        """Return the vehicle with the return altitude above home, counted from the start."""
+        """Return `spec` with its return altitude relative to the start instead of to home."""
         up_m = self.return_points.home_m[2]
         return spec if up_m == 0.0 else replace(spec, return_altitude_m=spec.return_altitude_m + up_m)
 
     def return_point(self) -> Position:
-        """The point of a return from here, and the least height of the path."""
+        """Return the destination of a return from here, with the minimum height of the path."""
         return self.return_points.nearest(self._motion.position_m)
 
     def _default_settings(self) -> Settings:
@@ -200,14 +199,14 @@ class MissionSequencer:
             self.flight.emit(CurrentChanged(self.flight.time_s if time_s is None else time_s, seq))
 
     def begin_at(self, seq: int) -> None:
-        """Begin or go on with the mission at an item."""
+        """Begin or resume the mission at an item."""
         self.flight.disarm_step = None
         self.flight.drop_plan(FlightPhase.MISSION)
-        self._goes_on_at = None
+        self._resume_at = None
         self._continue(seq)
 
     def set_current(self, seq: int) -> None:
-        """Make an item the current one; a mission in flight goes on with it at once."""
+        """Make an item the current item; a vehicle on the mission turns to the item at once."""
         count = len(self.items)
         require(0 <= seq < count, f"mission item {seq}: the mission has {count} items")
         self.settings.jumps.clear()
@@ -217,11 +216,11 @@ class MissionSequencer:
             self.begin_at(seq)
 
     def reset_speed(self) -> None:
-        """Take the vehicle's own ground speed for the legs to come."""
+        """Reset the ground speed of later legs to the vehicle's own."""
         self.settings.speed_m_s = self.flight.spec.cruise_speed_m_s
 
     def replay_speed(self) -> None:
-        """Take the ground speed that the items before the current one set, for the legs to come."""
+        """Set the ground speed of later legs to the speed set by the items before the current item."""
         settings = self._default_settings()
         for seq, item in enumerate(self.items[: max(self.current_seq, 0)]):
             if item.command == Command.DO_CHANGE_SPEED:
@@ -229,24 +228,24 @@ class MissionSequencer:
         self.settings.speed_m_s = settings.speed_m_s
 
     def rewind_survey(self) -> None:
-        """Go back to the position before the leg that was flown, where images were taken on it.
+        """Step back to the position before an interrupted leg if the leg was triggering the camera.
 
-        PX4 v1.17, ``MissionBase::on_activation`` and ``getPreviousPositionItems``.
+        Follows ``MissionBase::on_activation`` and ``getPreviousPositionItems`` of PX4 v1.17.
         """
         before = self.items[: max(self.current_seq, 0)]
         triggers = [item for item in before if item.command in _TRIGGERS]
         positions = [seq for seq, item in enumerate(before[:-1]) if item.command in PLACED_COMMANDS]
-        if triggers and positions and _shoots(triggers[-1]):
+        if triggers and positions and _starts_images(triggers[-1]):
             self._set_current(positions[-1])
 
     def apply_speed(self) -> None:
-        """Fly the present legs at the ground speed that was set."""
+        """Apply a changed ground speed to the present legs."""
         speed_m_s = self.settings.speed_m_s
         plan = self.flight.plan
         if self.flight.phase is FlightPhase.STEERED or plan is None or self.flight.timer is not None:
             return
         if self.flight.phase is FlightPhase.MISSION:
-            if self._goes_on_at is None and self.current_seq < len(self.items):
+            if self._resume_at is None and self.current_seq < len(self.items):
                 self._fly_from(self.current_seq, self.flight.time_s)
         elif self.flight.phase in (FlightPhase.GOTO, FlightPhase.RETURN):
             left = plan.legs[self.flight.flown :]
@@ -255,32 +254,32 @@ class MissionSequencer:
 
     @property
     def returns(self) -> bool:
-        """Whether the return is flown that is the last item of the mission."""
+        """Whether the vehicle is flying a return to launch that is the last mission item."""
         on_mission = self.flight.phase is FlightPhase.MISSION and self.current_seq == len(self.items) - 1
         return on_mission and self.items[self.current_seq].command == Command.NAV_RETURN_TO_LAUNCH
 
     def leave_to_return(self) -> None:
-        """Let the return that is flown be no item of the mission any more."""
+        """Continue the present return of the mission as a return outside the mission."""
         self.flight.phase = (
             FlightPhase.LAND if self.flight.landed is LandedState.LANDING else FlightPhase.RETURN
         )
 
     @property
     def lands(self) -> bool:
-        """Whether a landing of the mission is flown."""
+        """Whether the vehicle is flying a landing item of the mission."""
         on_mission = self.flight.phase is FlightPhase.MISSION and 0 <= self.current_seq < len(self.items)
         return on_mission and self.items[self.current_seq].command == Command.NAV_LAND
 
     @property
     def goes_around(self) -> bool:
-        """Whether a landing was broken off, and it still climbs."""
+        """Whether the vehicle is climbing after an aborted landing."""
         plan = self.flight.plan
         return self.lands and plan is not None and plan.legs[0].kind is LegKind.TAKEOFF
 
     def go_around(self, height_m: float | None = None) -> float:
-        """Break off the landing: climb straight ahead, then begin it anew; return the height of the climb.
+        """Abort the landing: climb straight ahead, then restart the landing; return the height of the climb.
 
-        By default that is the height of the landing item, or of the take-off.
+        The default height is that of the landing item, or of the take-off.
         """
         self.flight.ready("go around")
         able = self.lands and self.flight.landed is not LandedState.ON_GROUND
@@ -296,11 +295,11 @@ class MissionSequencer:
         return leg.end_m[2]
 
     def landing_start(self) -> int | None:
-        """Return the nearest item where a landing starts, None without one."""
+        """Return the nearest DO_LAND_START item, or None if the mission has none."""
         return landing_start(self.items, self._positions, self._motion.position_m)
 
     def landing_legs(self) -> list[Leg]:
-        """The legs of the mission's own landing from here; none where it has none down to the ground."""
+        """Return the legs from here through the mission's landing; empty without a complete landing."""
         seq = self.landing_start()
         if seq is None:
             return []
@@ -323,7 +322,7 @@ class MissionSequencer:
         return plan_item_legs(self.items, self._positions, seq, settings, spec, here, home)
 
     def run(self, target: int, *, stop_each: bool) -> None:
-        """Fly until a step of the motion."""
+        """Fly until a motion step."""
         course = self.course(target, stop_each=stop_each)
         with suppress(StopIteration):
             steps, closely = next(course)
@@ -332,10 +331,10 @@ class MissionSequencer:
                 steps, closely = course.send(event)
 
     def course(self, target: int, *, stop_each: bool) -> Generator[tuple[int, bool], MotionEvent, None]:
-        """Fly until a step of the motion, while the caller moves the vehicle.
+        """Fly until a motion step, while the caller moves the vehicle.
 
-        Coroutine: yields ``(max_steps, stop_each)``; the caller advances the motion with them and sends the
-        MotionEvent back. Without ``stop_each`` it ends as soon as the mission is over.
+        Coroutine: yields ``(max_steps, stop_each)``. The caller advances the motion by these arguments and
+        sends the MotionEvent back. Without `stop_each` the coroutine ends as soon as the mission is over.
         """
         motion = self._motion
         while motion.step < target:
@@ -343,9 +342,9 @@ class MissionSequencer:
             for step in (self.flight.timer, self.flight.disarm_step, self.flight.waiting.step):
                 if step is not None and step < limit:
                     limit = max(step, motion.step)
-            flying = self.flight.plan is not None and self.flight.landed is not LandedState.ON_GROUND
-            if flying:
-                closely = stop_each or self._plan_needs_care()
+            plan = self.flight.plan
+            if plan is not None and self.flight.landed is not LandedState.ON_GROUND:
+                closely = stop_each or bool(self.flight.waiting.seqs) or plan.open or plan.unsure
                 event = yield limit - motion.step, closely
                 self._account(event)
             elif limit > motion.step:
@@ -363,7 +362,7 @@ class MissionSequencer:
                 return
 
     def _over(self) -> bool:
-        """Whether the mission is over, or the vehicle stays for ever."""
+        """Whether the mission is over or the vehicle holds forever."""
         plan = self.flight.plan
         forever = plan is not None and plan.after_last is AfterLastLeg.FOREVER
         if plan is not None and forever and self.flight.flown == len(plan.legs):
@@ -371,13 +370,8 @@ class MissionSequencer:
         rests = self.flight.landed is LandedState.ON_GROUND or self.flight.phase is FlightPhase.HOLD
         return rests and self.flight.phase is not FlightPhase.MISSION and self.flight.disarm_step is None
 
-    def _plan_needs_care(self) -> bool:
-        """Whether legs have to be handled one by one even in a prediction."""
-        plan = self.flight.plan
-        return bool(self.flight.waiting.seqs) or (plan is not None and (plan.open or plan.unsure))
-
     def _account(self, event: MotionEvent) -> None:
-        """Complete the legs that were flown, and act on the event that ended the motion."""
+        """Complete the legs that were flown, and handle the event that ended the motion."""
         plan = self.flight.plan
         self._complete_legs()
         if event is MotionEvent.ENERGY:
@@ -387,7 +381,7 @@ class MissionSequencer:
             if event is MotionEvent.NEAR:
                 self._release()
             elif event is MotionEvent.STALLED:
-                self._give_up("cannot make progress: the wind is too strong for the vehicle")
+                self._cannot_fly("cannot make progress: the wind is too strong for the vehicle")
 
     def _complete_legs(self) -> None:
         plan, motion = self.flight.plan, self._motion
@@ -404,11 +398,11 @@ class MissionSequencer:
         climbed = self.flight.landed is LandedState.TAKEOFF
         if climbed:
             self.flight.landed = LandedState.IN_AIR
-        if climbed and self._goes_on_at is not None and not plan.done[leg] and seq >= 0:
+        if climbed and self._resume_at is not None and not plan.done[leg] and seq >= 0:
             self._continue(self._following(seq - 1))
             return
         if self.goes_around:
-            self._land_again(seq, time_s)
+            self._restart_landing(seq, time_s)
             return
         if not final:
             if plan.after_last is AfterLastLeg.TOUCHDOWN and plan.legs[leg + 1].descends:
@@ -427,20 +421,21 @@ class MissionSequencer:
         elif plan.after_last is AfterLastLeg.NEXT:
             if seq >= 0:
                 self._complete_item()
-            else:
-                self._target_reached()
+            elif self.flight.phase in (FlightPhase.TAKEOFF, FlightPhase.GOTO):
+                self.flight.phase = FlightPhase.HOLD
+                self.flight.emit(TargetReached(self.flight.time_s))
 
-    def _land_again(self, seq: int, time_s: float) -> None:
-        """Begin anew a landing that was broken off."""
+    def _restart_landing(self, seq: int, time_s: float) -> None:
+        """Restart an aborted landing."""
         at = landing_restart(self.items, self._positions, seq, self._motion.position_m)
         if at is None:
-            self._give_up("unable to restart the landing sequence", seq)
+            self._cannot_fly("unable to restart the landing sequence", seq)
             return
         self.flight.emit(LandingRestarted(time_s, at))
         self._continue(at)
 
     def _next_leg(self, plan: LegPlan, leg: int, time_s: float) -> None:
-        """Go on to the next item of the plan, unless items between change the plan."""
+        """Continue with the next item of the plan, or plan again if commands in between require it."""
         self.flight.emit(ItemReached(time_s, plan.seqs[leg]))
         following = self._between(self._following(plan.seqs[leg]), time_s)
         nearly_out = plan.open and leg >= len(plan.legs) - _REPLAN_BEFORE
@@ -451,14 +446,14 @@ class MissionSequencer:
         self._fly_from(following, time_s)
 
     def _complete_item(self) -> None:
-        """The current item is complete: go on with the items after it."""
+        """Complete the current item and continue with the next items."""
         seq = self.current_seq
         self.flight.emit(ItemReached(self.flight.time_s, seq))
         self._fly_from(self._between(self._following(seq), self.flight.time_s), self.flight.time_s)
 
     def _following(self, seq: int) -> int:
-        """Return the item to go on at: the one after this, unless the mission was changed on the way."""
-        at, self._goes_on_at = self._goes_on_at, None
+        """Return the item that follows `seq`, or the resume item if the mission was changed in flight."""
+        at, self._resume_at = self._resume_at, None
         if at is None:
             return seq + 1
         took_off = at == seq and at < len(self.items) and self.items[at].command == Command.NAV_TAKEOFF
@@ -469,7 +464,7 @@ class MissionSequencer:
         self._fly_from(self._between(seq, time_s), time_s)
 
     def _between(self, seq: int, time_s: float) -> int:
-        """Execute the items up to the next one with a position; return it, or `_GAVE_UP`."""
+        """Execute the items before the next position and return that position's item, or `_CANNOT_FLY`."""
         self.settings.heading = ALONG
         if self.flight.waiting.seqs:
             self._execute_waiting(time_s)
@@ -482,8 +477,8 @@ class MissionSequencer:
             for index in done:
                 self._announce(index, time_s)
             if following < 0:
-                self._give_up("jumps never lead to a position", seq)
-                return _GAVE_UP
+                self._cannot_fly("jumps never lead to a position", seq)
+                return _CANNOT_FLY
             if following >= len(self.items) or self.items[following].command not in CONDITIONS:
                 break
             self.flight.waiting.seqs = condition_items(self.items, following)
@@ -517,34 +512,34 @@ class MissionSequencer:
         self.flight.emit(ItemReached(time_s, seq))
 
     def _execute(self, seq: int, time_s: float) -> None:
-        """Execute one item that waited for a condition."""
+        """Execute an item that waited for a condition."""
         if self.items[seq].command not in CONDITIONS:
             self.settings.yaw_rad = self._motion.snapshot().heading_rad
             do_items(self.items[: seq + 1], seq, self.settings, self.flight.spec.top_speed_m_s)
         self._announce(seq, time_s)
 
     def _release(self) -> None:
-        """The condition is met: execute the items that waited for it, up to the next condition."""
+        """Execute the items whose condition is met, up to the next condition."""
         time_s = self.flight.time_s
         before = self.settings.copy()
         self.flight.waiting.step = None
         self._execute(self.flight.waiting.seqs.pop(0), time_s)
-        # At the position itself, where a pause runs, there is no path left on which to wait.
+        # During a pause at the position itself, no path remains for the wait.
         while self.flight.waiting.seqs and (self.flight.timer is not None or not self._waits()):
             self._execute(self.flight.waiting.seqs.pop(0), time_s)
         if self.flight.timer is None and (self.flight.waiting.seqs or self.settings != before):
             self._fly_from(self.current_seq, time_s)
 
     def _waits(self, command: int | None = None) -> bool:
-        """Whether the next items wait for a condition (for this command)."""
+        """Whether the next items wait for a condition, or for the condition `command`."""
         if not self.flight.waiting.seqs:
             return False
         first = self.items[self.flight.waiting.seqs[0]].command
         return first in CONDITIONS if command is None else first == command
 
     def _fly_from(self, seq: int, time_s: float) -> None:
-        """Plan the legs from an item with a position on and begin to fly them."""
-        if seq == _GAVE_UP:
+        """Plan and begin the legs from an item that has a position."""
+        if seq == _CANNOT_FLY:
             return
         if seq >= len(self.items):
             self._finish(time_s)
@@ -580,7 +575,7 @@ class MissionSequencer:
         self.flight.begin(plan)
 
     def _on_ground(self, seq: int) -> None:
-        """Do an item that is not a take-off on the ground: wait, be landed, or give up."""
+        """Execute an item on the ground that is not a take-off: wait, count a landing as done, or fail."""
         command = self.items[seq].command
         if command == Command.NAV_DELAY:
             self.flight.plan = None
@@ -588,7 +583,7 @@ class MissionSequencer:
         elif command in (Command.NAV_LAND, Command.NAV_RETURN_TO_LAUNCH):
             self._complete_item()
         else:
-            self._give_up("the vehicle is on the ground: a take-off item must come first", seq)
+            self._cannot_fly("the vehicle is on the ground: a take-off item must come first", seq)
 
     def _delay_s(self, seq: int) -> float:
         item = self.items[seq]
@@ -605,12 +600,7 @@ class MissionSequencer:
         else:
             self.flight.hold()
 
-    def _target_reached(self) -> None:
-        if self.flight.phase in (FlightPhase.TAKEOFF, FlightPhase.GOTO):
-            self.flight.phase = FlightPhase.HOLD
-            self.flight.emit(TargetReached(self.flight.time_s))
-
-    def _give_up(self, reason: str, seq: int | None = None) -> None:
+    def _cannot_fly(self, reason: str, seq: int | None = None) -> None:
         on_mission = self.flight.phase is FlightPhase.MISSION
         at = self.current_seq if seq is None else seq
         self.flight.emit(CannotFly(self.flight.time_s, at if on_mission else -1, reason))
@@ -633,8 +623,8 @@ class MissionSequencer:
         self.flight.drop_plan(FlightPhase.GROUND)
 
 
-def _shoots(trigger: MissionItem) -> bool:
-    """Whether an item starts images that are taken on and on, and does not stop them."""
+def _starts_images(trigger: MissionItem) -> bool:
+    """Whether an item starts a series of images."""
     if trigger.command == Command.IMAGE_START_CAPTURE:
         return True
     return trigger.command != Command.IMAGE_STOP_CAPTURE and number(trigger.param1) > 0.0

@@ -1,4 +1,4 @@
-"""The observable side of a flight: the vehicle's state, its phases, and the events of a mission."""
+"""Observable state of a flight: vehicle state, flight phases, and mission events."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 
 class LandedState(IntEnum):
-    """As MAV_LANDED_STATE numbers them."""
+    """Ground contact, with the values of MAV_LANDED_STATE."""
 
     ON_GROUND = 1
     IN_AIR = 2
@@ -30,117 +30,116 @@ class FlightPhase(Enum):
     GOTO = "flying to a position"
     RETURN = "returning home"
     LAND = "landing"
-    STEERED = "flying as it is told"
+    STEERED = "flying at a commanded velocity"
     DEPLETED = "coming down without power"
     FALLING = "falling"
 
     @property
     def is_lost(self) -> bool:
-        """Whether the vehicle can obey no more."""
+        """Whether the vehicle no longer obeys orders."""
         return self is FlightPhase.DEPLETED or self is FlightPhase.FALLING
 
 
 class VehicleState(NamedTuple):
-    """The state of the vehicle at one time."""
+    """State of the vehicle at one time."""
 
     time_s: float
-    """Since the start of the simulation."""
-    # East, north, up about home (the ground at home is 0).
+    """Time since the start of the simulation."""
+    # East, north, up relative to home; the ground at home is at 0.
     position_m: tuple[float, float, float]
     velocity_m_s: tuple[float, float, float]
     acceleration_m_s2: tuple[float, float, float]
-    # Attitude that gives the acceleration and holds against the drag of the air; roll right and pitch up
-    # positive.
+    # Attitude at which the thrust gives the acceleration and balances the drag; right and up are positive.
     roll_rad: float
     pitch_rad: float
-    # Compass heading (clockwise from north, 0 to 2 pi) and its rate.
+    # Compass heading (clockwise from north, 0 to 2 pi) and the heading rate.
     yaw_rad: float
     yaw_rate_rad_s: float
     airspeed_m_s: float
     """Horizontal speed through the air."""
     wind_m_s: tuple[float, float]
-    """Wind now, east and north, the direction that it moves to."""
+    """Present wind velocity, east and north (towards, not from)."""
     power_w: float
-    """Electric power now."""
+    """Present electric power."""
     battery: BatteryState | None
-    """None for an endless battery."""
+    """Battery state; None for an unlimited battery."""
     path_length_m: float
-    """Length of the path since the start."""
+    """Path length since the start."""
     armed: bool
     """Whether the motors run."""
     landed: LandedState
     """Ground contact."""
     phase: FlightPhase
-    """Present phase."""
+    """Flight phase."""
     current_seq: int
-    """The mission item that is being flown, -1 without a mission."""
+    """Index of the current mission item, -1 without a mission."""
     throttle: float = 0.5
-    """0 to 1; a half where the motion has none."""
+    """Throttle from 0 to 1; 0.5 if the motion model has no throttle."""
 
 
 @dataclass(frozen=True, slots=True)
 class FlightEvent:
-    """Something that happens in a flight, at a time."""
+    """Event of a flight, with its time."""
 
     time_s: float
 
 
 @dataclass(frozen=True, slots=True)
 class ItemEvent(FlightEvent):
-    """Something that happens to a mission item."""
+    """Event of a mission item."""
 
     seq: int
 
 
 class ItemReached(ItemEvent):
-    """A mission item was completed or, for a waypoint, reached."""
+    """A mission item is complete; a waypoint is complete when the vehicle reaches it."""
 
 
 class CurrentChanged(ItemEvent):
-    """Another mission item is the current one."""
+    """The current mission item changed."""
 
 
 class LandingRestarted(ItemEvent):
-    """A landing that was broken off begins anew, at this item."""
+    """An aborted landing restarts at this item."""
 
 
 @dataclass(frozen=True, slots=True)
 class CameraCommand(ItemEvent):
-    """The mission commands the camera or its gimbal (`sim_vehicle.execution.items`)."""
+    """The mission commands the camera or its gimbal (see `sim_vehicle.execution.items`)."""
 
     item: MissionItem
 
 
 @dataclass(frozen=True, slots=True)
 class CannotFly(ItemEvent):
-    """The vehicle gave up; it holds. ``seq`` is -1 outside a mission."""
+    """The vehicle cannot continue and holds; ``seq`` is -1 outside a mission."""
 
     reason: str
 
 
 @dataclass(frozen=True, slots=True)
 class HomeMoved(FlightEvent):
-    """The mission moved home: east and north of where the vehicle started."""
+    """The mission moved home to this position, relative to the start of the vehicle."""
 
     x_m: float
     y_m: float
 
 
 class MissionComplete(FlightEvent):
-    """The last mission item was completed."""
+    """The last mission item is complete."""
 
 
 class TargetReached(FlightEvent):
-    """A direct target (take-off, go to, return height) was reached."""
+    """The vehicle reached the target of a take-off or go-to order."""
 
 
 class BatteryDepleted(FlightEvent):
-    """The battery is empty: the vehicle comes down where it is."""
+    """The battery is empty; the vehicle descends at its position."""
 
 
 class Landed(FlightEvent):
-    """The vehicle touched the ground."""
+    """The vehicle touched down."""
 
 
 class Disarmed(FlightEvent):
-    """The motors stopped by themselves after landing."""
+    """The motors stopped automatically after landing."""

@@ -1,4 +1,4 @@
-"""The simulated vehicle: an autopilot that speaks MAVLink, on the mission executor."""
+"""Simulated vehicle with an autopilot that speaks MAVLink, on top of the mission executor."""
 
 from sim_vehicle.mavlink.vehicle import SimVehicle
 

@@ -1,4 +1,4 @@
-"""ArduPilot's telemetry of the flight: targets and errors of the navigation, outputs, sensors, estimators.
+"""ArduPilot's flight telemetry: navigation targets and errors, outputs, sensors, estimators.
 
 Source: ArduPilot's ``GCS_Common.cpp``, ``GCS_MAVLink_Copter.cpp`` and the constants of its simulator (SITL).
 """
@@ -23,25 +23,25 @@ if TYPE_CHECKING:
 
 __all__ = ["ARDUPILOT_BUILDERS", "STREAMS", "group_number"]
 
-# Type masks: all ignored but a position (with ArduPilot's unused bits), but a velocity, but both.
-_ONLY_GLOBAL, _ONLY_POSITION, _ONLY_VELOCITY, _BOTH = 0xFDF8, 0xDF8, 0xC07, 0xC00
+# Type masks that use only the position (with ArduPilot's unused bits set), only the velocity, or both.
+_ONLY_GLOBAL_POSITION, _ONLY_POSITION, _ONLY_VELOCITY, _BOTH = 0xFDF8, 0xDF8, 0xC07, 0xC00
 _GAUSS = (0.25, 0.0, 0.41)
 _CENTIDEGREES = 2500
 _BOARD_MV, _FREE_BYTES = 5000, 131_072
-# TERRAIN_SPACING, and the blocks of 4 by 4 of one grid block.
+# TERRAIN_SPACING, and the number of 4 x 4 blocks in a grid block.
 _SPACING_M, _LOADED = 100, 56
 _MIDDLE_US, _LEAST_US = 1500, 1000
-_MODES_OF_PILOTS = frozenset({Mode.MANUAL, Mode.ALTITUDE, Mode.POSITION, Mode.HOLD})
-# Channels 5 to 18 of the receiver of ArduPilot's simulator.
+_MANUAL_MODES = frozenset({Mode.MANUAL, Mode.ALTITUDE, Mode.POSITION, Mode.HOLD})
+# Channels 5 to 18 of the RC receiver in ArduPilot's simulator.
 _SWITCHES = (1800, 1000, 1000, 1800, *[0] * 10)
 
 
 def _target(source: WireState) -> tuple[Position, Position] | None:
-    """Begin and end of the leg that is flown; None without one, and in modes that have no target."""
+    """Return start and end of the present leg; None without a leg and in modes without a target."""
     pilot = source.pilot
     executor = pilot.executor
     plan = executor.flight.plan
-    if plan is None or pilot.mode in _MODES_OF_PILOTS or executor.flight.phase is FlightPhase.STEERED:
+    if plan is None or pilot.mode in _MANUAL_MODES or executor.flight.phase is FlightPhase.STEERED:
         return None
     leg = min(executor.motion.leg, len(plan.legs) - 1)
     return plan.legs[leg - 1].end_m if leg else executor.flight.began_m, plan.legs[leg].end_m
@@ -73,7 +73,7 @@ def _position_target_global_int(source: WireState) -> Message | None:
         return None
     latitude, longitude, altitude_mm = source.e7_of(target[1])
     return m.MAVLink_position_target_global_int_message(
-        source.boot_ms, 0, _ONLY_GLOBAL, latitude, longitude, altitude_mm / 1000.0, *[0.0] * 8
+        source.boot_ms, 0, _ONLY_GLOBAL_POSITION, latitude, longitude, altitude_mm / 1000.0, *[0.0] * 8
     )
 
 
@@ -112,7 +112,7 @@ def _servo_output_raw(source: WireState) -> Message:
 
 
 def _readings(source: WireState, *further: int) -> list[int]:
-    """Accelerometer (1e-3 g), gyroscope (mrad/s) and compass (mgauss): forward, right, down of each."""
+    """Return accelerometer (1e-3 g), gyroscope (mrad/s) and compass (mgauss) as forward, right, down."""
     return [
         *int16_vector(source.force_m_s2, 1000.0, GRAVITY_M_S2),
         *int16_vector(source.body_rates(), 1000.0),
@@ -122,13 +122,13 @@ def _readings(source: WireState, *further: int) -> list[int]:
 
 
 def _ahrs2(source: WireState) -> Message:
-    """AHRS2, the second estimator: it takes its position from the receiver as it is."""
+    """AHRS2, the second estimator, with the unfiltered GPS position."""
     latitude, longitude, altitude_mm = source.e7_of(source.sensed.gps_m)
     return m.MAVLink_ahrs2_message(*source.angles_rad, altitude_mm / 1000.0, latitude, longitude)
 
 
 def _terrain_report(source: WireState) -> Message:
-    """TERRAIN_REPORT of ground that is as high as at home everywhere."""
+    """TERRAIN_REPORT for flat terrain at the altitude of home."""
     height_m = source.sensed.believed_m[2]
     return m.MAVLink_terrain_report_message(
         *source.position_e7[:2], _SPACING_M, source.home.altitude_m, height_m, 0, _LOADED
@@ -136,7 +136,7 @@ def _terrain_report(source: WireState) -> Message:
 
 
 def _rc_channels(source: WireState) -> Message:
-    """RC_CHANNELS: overrides of a ground station; else ArduPilot's simulator has a receiver, PX4's none."""
+    """RC_CHANNELS: a ground station's overrides, else the channels of ArduPilot's simulated receiver."""
     rules, heard = source.firmware.sticks, source.pilot.sticks
     if rules is None or not rules.overrides:
         return m.MAVLink_rc_channels_message(source.boot_ms, 0, *([UNUSED] * 18 + [255]))
@@ -160,13 +160,13 @@ ARDUPILOT_BUILDERS: dict[int, Callable[[WireState], Message | None]] = {
     ),
     m.MAVLINK_MSG_ID_POWER_STATUS: lambda _: m.MAVLink_power_status_message(_BOARD_MV, 0, 0),
     m.MAVLINK_MSG_ID_MEMINFO: lambda _: m.MAVLink_meminfo_message(0, UNUSED, _FREE_BYTES),
-    # of gyroscopes that do not drift
+    # The simulated gyroscopes do not drift.
     m.MAVLINK_MSG_ID_AHRS: lambda _: m.MAVLink_ahrs_message(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
     m.MAVLINK_MSG_ID_AHRS2: _ahrs2,
     m.MAVLINK_MSG_ID_TERRAIN_REPORT: _terrain_report,
     m.MAVLINK_MSG_ID_RC_CHANNELS: _rc_channels,
 }
-"""Builders by message id; None where there is nothing to send now."""
+"""Builders by message id; a builder returns None if there is nothing to send."""
 
 _GROUPS = {
     "RAW_SENSORS": "RAW_IMU SCALED_IMU2 SCALED_PRESSURE",
@@ -186,7 +186,7 @@ def _ids(names: str) -> tuple[int, ...]:
 
 
 def group_number(name: str) -> int:
-    """Return the number of a MAV_DATA_STREAM."""
+    """Return the number of a MAV_DATA_STREAM from its name."""
     return int(getattr(m, f"MAV_DATA_STREAM_{name}"))
 
 
@@ -194,4 +194,4 @@ STREAMS: dict[int, tuple[int, ...]] = {
     m.MAV_DATA_STREAM_ALL: _ids(" ".join(_GROUPS.values())),
     **{group_number(name): _ids(names) for name, names in _GROUPS.items()},
 }
-"""Messages of each stream of REQUEST_DATA_STREAM on an ArduPilot."""
+"""Messages of each REQUEST_DATA_STREAM stream on ArduPilot."""

@@ -1,4 +1,4 @@
-"""Commands of the vehicle to its camera, from mission items and peers, repeated until acknowledged."""
+"""Commands from the vehicle to its camera, retried until acknowledged."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 __all__ = ["CAMERA", "CameraCommands", "camera_feedback"]
 
 CAMERA = int(m.MAV_COMP_ID_CAMERA)
-# A command is sent this often, RETRY_S apart, before the operator is warned.
+# Number of attempts, RETRY_S apart, before the operator is warned.
 TRIES = 3
 RETRY_S = 0.5
 _STOPPED_BY = {
@@ -37,7 +37,7 @@ class _Pending:
 
 
 class CameraCommands:
-    """Commands to the camera of the vehicle's own system; the operator is warned of those without effect."""
+    """Commands to the camera of the vehicle's own system, with retries and a warning if they fail."""
 
     def __init__(self, state: WireState) -> None:
         self._state = state
@@ -49,11 +49,11 @@ class CameraCommands:
 
     @property
     def shooting(self) -> bool:
-        """Whether the camera shoots on and on."""
+        """Whether the camera is taking a series of images."""
         return self._stop is not None
 
     def command(self, command: int, params: tuple[float, ...], now_s: float) -> Message:
-        """Return the message that carries a command with its 7 parameters; it is watched from now on."""
+        """Return the message of a command with its 7 parameters; `poll` retries it until acknowledged."""
         if command == Command.IMAGE_STOP_CAPTURE:
             self._stop = None
         elif command in _STOPPED_BY:
@@ -67,12 +67,12 @@ class CameraCommands:
         self._pending.append(_Pending(message, 1, now_s + RETRY_S))
         return message
 
-    def _end(self, now_s: float) -> list[Message]:
-        """End such shots."""
+    def _stop_series(self, now_s: float) -> list[Message]:
+        """Stop the running series of images."""
         return [] if self._stop is None else [self.command(self._stop, (0.0,) * 7, now_s)]
 
     def watch(self, now_s: float) -> list[Message]:
-        """End shots that go on by themselves where the autopilot does so: disarmed, or out of the mission."""
+        """Stop a series of images when the autopilot does: on disarming or on leaving the mission mode."""
         pilot = self._state.pilot
         left = self._was_in_mission and pilot.mode is not Mode.MISSION
         self._was_in_mission = pilot.mode is Mode.MISSION
@@ -82,20 +82,20 @@ class CameraCommands:
         if not self.shooting:
             return []
         if not pilot.armed or (pauses and pilot.mode in (Mode.RTL, Mode.LAND)):
-            return self._end(now_s)
+            return self._stop_series(now_s)
         if not (pauses and left):
             return []
         paused = self._started
-        sent = self._end(now_s)
+        sent = self._stop_series(now_s)
         self._paused = paused
         return sent
 
     def resume(self, now_s: float) -> list[Message]:
-        """Go on with the paused shots, unless the camera got another command since."""
+        """Resume the paused series of images, unless the camera received another command since."""
         return [] if self._paused is None else [self.command(*self._paused, now_s)]
 
     def acknowledged(self, command: int, result: int) -> None:
-        """Take a COMMAND_ACK of the camera."""
+        """Handle a COMMAND_ACK from the camera."""
         if result == m.MAV_RESULT_IN_PROGRESS or all(p.message.command != command for p in self._pending):
             return
         self._pending = [p for p in self._pending if p.message.command != command]
@@ -103,7 +103,7 @@ class CameraCommands:
             self._state.pilot.warn(f"Camera refused command {command} (result {result})")
 
     def poll(self, now_s: float) -> list[Message]:
-        """Return the unacknowledged commands that are due again; after three times the operator is warned."""
+        """Return the commands to retry; after three attempts, warn the operator and drop the command."""
         again: list[Message] = []
         for pending in [p for p in self._pending if p.due_s <= now_s]:
             if pending.tries == TRIES:
@@ -118,12 +118,12 @@ class CameraCommands:
 
     @property
     def due_s(self) -> float:
-        """When `poll` has something to do."""
+        """Time of the next retry (s); infinite if no command is pending."""
         return min([p.due_s for p in self._pending]) if self._pending else NEVER
 
 
 def camera_feedback(image: m.MAVLink_camera_image_captured_message, state: VehicleState) -> Message:
-    """CAMERA_FEEDBACK of an image that the autopilot has commanded, with its attitude now."""
+    """Return CAMERA_FEEDBACK for an image that the autopilot commanded, with the present attitude."""
     return m.MAVLink_camera_feedback_message(
         image.time_utc or image.time_boot_ms * 1000,
         *(0, 0, image.image_index & 0xFFFF),

@@ -1,7 +1,7 @@
-"""COMMAND_LONG and COMMAND_INT: one table, MAV_CMD to handler.
+"""COMMAND_LONG and COMMAND_INT, with one table from MAV_CMD to handler.
 
-A further command is a row of `HANDLERS`: a function of the vehicle and the command that gives a `Result`, or
-raises RefusedError.
+To add a command, add a row to `HANDLERS`: a function of the vehicle and the command that returns a `Result`
+or raises RefusedError.
 """
 
 from __future__ import annotations
@@ -33,10 +33,10 @@ if TYPE_CHECKING:
 
 __all__ = ["HANDLERS", "CommandReceiver", "set_custom_mode"]
 
-# Beyond it the last commands are forgotten: a peer cannot fill the memory by changing its address.
+# Limit of the last commands kept: a client must not fill the memory by changing its address.
 _MOST_PEERS = 256
 _HEARTBEAT_US = 1e6
-# DO_FLIGHTTERMINATION terminates above it (common.xml).
+# Threshold of parameter 1 above which DO_FLIGHTTERMINATION terminates (common.xml).
 _TERMINATE = 0.5
 _FIRST_FREE_SERVO, _LAST_SERVO = 5, 16
 _ORBIT_HEADING = Setting("MC_ORBIT_YAW_MOD", 0.0)
@@ -55,7 +55,7 @@ _UNSUPPORTED = m.MAV_RESULT_UNSUPPORTED
 
 
 class CommandedVehicle(Protocol):
-    """A vehicle as its commands see it."""
+    """Interface of the vehicle that command handlers use."""
 
     pilot: Pilot
     state: WireState
@@ -70,30 +70,30 @@ class CommandedVehicle(Protocol):
         """Send a command to the camera."""
 
     def metadata(self) -> tuple[Message, ...]:
-        """COMPONENT_METADATA; nothing without."""
+        """Return COMPONENT_METADATA messages; empty if there are none."""
 
     def on_home_moved(self) -> None:
         """Send the position of home."""
 
     def calibrate_gyro(self) -> None:
-        """Calibrate the gyroscopes, with texts."""
+        """Calibrate the gyroscopes, with status texts."""
 
     def reboot(self) -> None:
-        """Start again."""
+        """Reboot the vehicle."""
 
 
 Handler: TypeAlias = Callable[[CommandedVehicle, VehicleCommand], Result]
 
 
 class CommandReceiver:
-    """Carries out commands and acknowledges them; a command that a peer repeats is done once."""
+    """Executes and acknowledges commands; a command that a client retries is executed once."""
 
     def __init__(self, vehicle: CommandedVehicle) -> None:
         self._vehicle = vehicle
         self._last: dict[tuple[int, int], tuple[VehicleCommand, int]] = {}
 
     def receive(self, message: CommandMessage) -> list[Message]:
-        """Take COMMAND_LONG or COMMAND_INT; return the acknowledgement and the messages after it."""
+        """Execute COMMAND_LONG or COMMAND_INT; return the acknowledgement and further messages."""
         command = read_command(message)
         if command.id in self._vehicle.state.mavlink.silent:
             return []
@@ -107,7 +107,7 @@ class CommandReceiver:
         return [_acknowledgement(command, result), *messages]
 
     def _execute(self, command: VehicleCommand) -> tuple[int, tuple[Message, ...]]:
-        """Do a command; return the MAV_RESULT and the messages after it."""
+        """Execute a command; return the MAV_RESULT and the messages that follow the acknowledgement."""
         handler = HANDLERS.get(command.id)
         profile = self._vehicle.state.mavlink
         if handler is None or command.id in profile.unsupported:
@@ -130,7 +130,7 @@ def _acknowledgement(command: VehicleCommand, result: int) -> Message:
 
 
 def set_custom_mode(vehicle: CommandedVehicle, number: int) -> None:
-    """Take the mode with this custom number; RefusedError when it is unknown or not possible now."""
+    """Enter a mode by its custom mode number; RefusedError if unknown or not possible now."""
     modes = vehicle.state.mavlink.modes
     mode = modes.mode_of(number)
     if mode is Mode.FLIP and vehicle.state.custom_mode not in modes.flips_from:
@@ -156,7 +156,7 @@ def _enter(vehicle: CommandedVehicle, mode: Mode, number: int) -> None:
 
 @contextmanager
 def _refused_as(vehicle: CommandedVehicle, number: int | None) -> Iterator[None]:
-    """Refuse the custom mode with this number in the firmware's words; None for no mode."""
+    """Refuse a custom mode with the firmware's own text; with None for `number`, keep the refusal."""
     try:
         yield
     except RefusedError as refusal:
@@ -192,7 +192,7 @@ def _set_standard_mode(vehicle: CommandedVehicle, command: VehicleCommand) -> Re
 
 
 def _available_modes(profile: MavlinkProfile, index: int) -> tuple[Message, ...]:
-    """AVAILABLE_MODES for one mode (from 1) or, with 0, for all."""
+    """Return AVAILABLE_MODES for one mode (from 1), or for all modes with 0."""
     modes = list(profile.modes.numbers.items())
     return tuple(
         m.MAVLink_available_modes_message(len(modes), i, 0, number, 0, mode.value.encode())
@@ -214,7 +214,7 @@ def _arm(vehicle: CommandedVehicle, command: VehicleCommand) -> Result:
 
 
 def _run_checks(vehicle: CommandedVehicle, _command: VehicleCommand) -> Result:
-    """Run the checks before arming, and warn of a failure."""
+    """Run the pre-arm checks and warn of a failure."""
     if vehicle.pilot.armed:
         return m.MAV_RESULT_TEMPORARILY_REJECTED
     problem = vehicle.pilot.arming.health_problem()
@@ -246,7 +246,7 @@ def _reposition(vehicle: CommandedVehicle, command: VehicleCommand) -> None:
     altitude = vehicle.state.above_start(command.params[6], command.frame)
     if math.isnan(altitude):
         altitude = pilot.state.position_m[2]
-    # The heading is in radians here, other than in mission items.
+    # DO_REPOSITION has the heading in radians, unlike mission items.
     speed, yaw_rad = command.params[0], command.params[3]
     turns = math.isfinite(yaw_rad) and vehicle.state.mavlink.reposition_turns
     pilot.goto(
@@ -259,7 +259,7 @@ def _reposition(vehicle: CommandedVehicle, command: VehicleCommand) -> None:
 
 
 def _change_altitude(vehicle: CommandedVehicle, command: VehicleCommand) -> None:
-    """DO_CHANGE_ALTITUDE: altitude and its frame, at the present position."""
+    """DO_CHANGE_ALTITUDE: altitude and frame, at the present position."""
     pilot = vehicle.pilot
     altitude, frame = command.params[0], command.number(2)
     if not math.isfinite(altitude) or frame not in (0, 3, 5, 6):
@@ -279,9 +279,9 @@ def _change_speed(vehicle: CommandedVehicle, command: VehicleCommand) -> Result:
 
 
 def _orbit(vehicle: CommandedVehicle, command: VehicleCommand) -> None:
-    """DO_ORBIT (PX4): radius, speed, heading, -, position; the defaults are 10 m, the cruise speed, here.
+    """DO_ORBIT (PX4): radius, speed, heading, -, position; defaults are 10 m, the cruise speed, and here.
 
-    PX4 takes the altitude as one above the sea, whatever the frame.
+    PX4 reads the altitude as above sea level in every frame.
     """
     pilot, modes = vehicle.pilot, vehicle.state.mavlink.modes
     radius, speed, nose, _, _, _, altitude = command.params
@@ -308,7 +308,7 @@ def _orbit(vehicle: CommandedVehicle, command: VehicleCommand) -> None:
 
 
 def _yaw(vehicle: CommandedVehicle, command: VehicleCommand) -> None:
-    """CONDITION_YAW (ArduCopter): angle, rate, direction, whether it is relative; the vehicle flies on."""
+    """CONDITION_YAW (ArduCopter): angle, rate, direction, and a flag for a relative angle."""
     angle, rate, _, relative = command.params[:4]
     if not (0.0 <= angle <= 360.0 and relative in (0.0, 1.0)):
         raise RefusedError(f"Yaw refused: angle {angle:g}, parameter 4 {relative:g}", text="")
@@ -317,7 +317,7 @@ def _yaw(vehicle: CommandedVehicle, command: VehicleCommand) -> None:
 
 
 def _region(vehicle: CommandedVehicle, command: VehicleCommand) -> None:
-    """DO_SET_ROI_LOCATION and its like: nose and gimbal point at a position; without one, no more."""
+    """DO_SET_ROI_LOCATION and similar: point nose and gimbal at a position, or stop without a position."""
     command_gimbal(vehicle.state, command)
     known = command.id != Command.DO_SET_ROI_NONE and command.frame in (0, *RELATIVE_FRAMES)
     if known and command.position is not None:
@@ -340,7 +340,7 @@ def _camera(vehicle: CommandedVehicle, command: VehicleCommand) -> Result:
 
 
 def _fence_enable(vehicle: CommandedVehicle, command: VehicleCommand) -> None:
-    """DO_FENCE_ENABLE (ArduPilot): 0 off, 1 on, 2 all but the floor."""
+    """DO_FENCE_ENABLE (ArduPilot): 0 is off, 1 is on, 2 is on without the floor."""
     kind = command.number(1, -1)
     if kind not in (0, 1, 2):
         raise RefusedError(f"Fence refused: parameter 1 is {command.params[0]:g}", denied=True)
@@ -354,17 +354,17 @@ def _terminate(vehicle: CommandedVehicle, command: VehicleCommand) -> None:
 
 
 def _go_around(vehicle: CommandedVehicle, command: VehicleCommand) -> None:
-    """DO_GO_AROUND (ArduPlane): break off the landing, climb to a height (0: the landing's own)."""
+    """DO_GO_AROUND (ArduPlane): abort the landing and climb to a height; 0 selects the landing's own."""
     height = command.params[0]
     vehicle.pilot.go_around(height if math.isfinite(height) and height > 0.0 else None)
 
 
 def _set_home(vehicle: CommandedVehicle, command: VehicleCommand) -> None:
-    """DO_SET_HOME: here (1), or at a position and altitude; PX4's counts from the sea in any frame."""
+    """DO_SET_HOME: here (parameter 1 is 1), or at a position; PX4 reads altitudes as above sea level."""
     pilot, state = vehicle.pilot, vehicle.state
     x, y, up = pilot.state.position_m
     position = pilot.frame.to_wgs84(x, y)
-    # ArduPilot takes zeros for here (``handle_command_do_set_home``).
+    # ArduPilot reads a zero position as the present position (``handle_command_do_set_home``).
     here = command.params[0] == 1.0 or not (state.mavlink.home_above_sea or any(command.params[4:6]))
     if not here:
         if command.position is None or not math.isfinite(command.params[6]):
@@ -389,7 +389,7 @@ def _mission_start(vehicle: CommandedVehicle, command: VehicleCommand) -> None:
 
 
 def _land_start(vehicle: CommandedVehicle, _command: VehicleCommand) -> None:
-    """DO_LAND_START: go on with the mission where its landing begins."""
+    """DO_LAND_START: continue the mission at the start of its landing."""
     seq = vehicle.pilot.executor.mission.landing_start()
     if seq is None:
         text = vehicle.state.mavlink.refusals.landing
@@ -431,7 +431,7 @@ def _set_interval(vehicle: CommandedVehicle, command: VehicleCommand) -> Result:
     if math.isnan(interval) or abs(interval) > 1e10:
         return _DENIED
     if message_id == m.MAVLINK_MSG_ID_HEARTBEAT and not 0.0 <= interval <= _HEARTBEAT_US:
-        # Peers lose a vehicle without heartbeats.
+        # Clients lose the connection to a vehicle without heartbeats.
         return _DENIED
     if message_id in GIMBAL_BUILDERS:
         vehicle.state.gimbal.wake()
@@ -483,19 +483,15 @@ def _calibrate(vehicle: CommandedVehicle, command: VehicleCommand) -> None:
 
 
 def _servo(vehicle: CommandedVehicle, command: VehicleCommand) -> Result:
-    """DO_SET_SERVO: the outputs of the motors are refused."""
+    """DO_SET_SERVO: motor outputs are refused."""
     channel = command.number(1)
     if 1 <= channel < _FIRST_FREE_SERVO:
         vehicle.pilot.warn(f"ServoRelayEvent: Channel {channel} is already in use")
     return None if _FIRST_FREE_SERVO <= channel <= _LAST_SERVO else _FAILED
 
 
-def _banner(vehicle: CommandedVehicle, _command: VehicleCommand) -> None:
-    vehicle.pilot.note(Severity.INFO, vehicle.state.mavlink.identity.banner)
-
-
 def _accept(_vehicle: CommandedVehicle, _command: VehicleCommand) -> None:
-    """Accept a command that changes nothing here."""
+    """Accept a command that has no effect in the simulator."""
 
 
 HANDLERS: dict[int, Handler] = {
@@ -520,7 +516,9 @@ HANDLERS: dict[int, Handler] = {
     Command.DO_LAND_START: _land_start,
     m.MAV_CMD_DO_PAUSE_CONTINUE: _pause_continue,
     m.MAV_CMD_DO_SET_MISSION_CURRENT: _set_current,
-    m.MAV_CMD_DO_SEND_BANNER: _banner,
+    m.MAV_CMD_DO_SEND_BANNER: lambda vehicle, _: vehicle.pilot.note(
+        Severity.INFO, vehicle.state.mavlink.identity.banner
+    ),
     m.MAV_CMD_GET_HOME_POSITION: _send(m.MAVLINK_MSG_ID_HOME_POSITION),
     m.MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES: _send(m.MAVLINK_MSG_ID_AUTOPILOT_VERSION),
     m.MAV_CMD_REQUEST_PROTOCOL_VERSION: _send(m.MAVLINK_MSG_ID_PROTOCOL_VERSION),
@@ -531,11 +529,11 @@ HANDLERS: dict[int, Handler] = {
     m.MAV_CMD_PREFLIGHT_CALIBRATION: _calibrate,
     m.MAV_CMD_DO_SET_ACTUATOR: _accept,
     m.MAV_CMD_DO_SET_SERVO: _servo,
-    # There is one relay, number 0.
+    # The simulated board has one relay, number 0.
     m.MAV_CMD_DO_SET_RELAY: lambda _, command: None if command.number(1, -1) == 0 else _FAILED,
     m.MAV_CMD_DO_START_MAG_CAL: _accept,
     m.MAV_CMD_DO_CANCEL_MAG_CAL: _accept,
-    # Nobody turns the vehicle about, so there is no result to accept.
+    # The simulated compass is never calibrated, so there is no result to accept.
     m.MAV_CMD_DO_ACCEPT_MAG_CAL: lambda _vehicle, _command: _FAILED,
     **dict.fromkeys(ROI_COMMANDS, _region),
     **dict.fromkeys(GIMBAL_COMMANDS, _gimbal),

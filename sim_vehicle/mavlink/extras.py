@@ -1,4 +1,4 @@
-"""Parts of every simulated vehicle that add-ons bring, found by entry points (`EXTRA_GROUP`)."""
+"""Vehicle extras: parts that add-ons add to every simulated vehicle through entry points (`EXTRA_GROUP`)."""
 
 from __future__ import annotations
 
@@ -16,34 +16,34 @@ from sim_vehicle.mavlink.wire_state import WireState
 __all__ = ["EXTRA_GROUP", "Timed", "VehicleExtra", "extras_of"]
 
 EXTRA_GROUP = "wbf_mission.vehicle_extras"
-"""Each entry makes a `VehicleExtra` of a vehicle's state, parameters and plans."""
+"""Entry point group; each entry makes a `VehicleExtra` from a vehicle's state, parameters and plans."""
 
 
 class Timed(Protocol):
-    """A part of a vehicle that has something to send at a time, its ``due_s``."""
+    """Part of a vehicle that sends messages at its ``due_s``."""
 
     @property
     def due_s(self) -> float:
-        """When `poll` has something to do next."""
+        """Time of the next `poll` that does anything (s); infinite if none."""
 
     def poll(self, now_s: float) -> Iterable[Message]:
         """Return the messages that are due."""
 
 
 class VehicleExtra(Protocol):
-    """A part of a vehicle that an add-on brings."""
+    """Part of a vehicle that an add-on provides."""
 
     capabilities: int
-    """Bits that it adds to those of AUTOPILOT_VERSION (MAV_PROTOCOL_CAPABILITY)."""
+    """Bits added to the capabilities in AUTOPILOT_VERSION (MAV_PROTOCOL_CAPABILITY)."""
     handlers: Mapping[int, Callable[[Any, float], Iterable[Message] | None]]
-    """Answers to messages at a time, by their ids."""
+    """Message handlers by message id; a handler takes the message and the time."""
     timed: Sequence[Timed]
 
     def log_frame(self, frame: bytes, message_id: int, now_s: float) -> None:
-        """Take a frame that the vehicle sent or heard."""
+        """Log a frame that the vehicle sent or received."""
 
     def metadata(self) -> tuple[Message, ...]:
-        """COMPONENT_METADATA; nothing without."""
+        """Return COMPONENT_METADATA messages; empty if the extra has none."""
 
 
 _Maker: TypeAlias = Callable[[WireState, ParameterSet, PlanReceiver], VehicleExtra]
@@ -61,6 +61,6 @@ def extras_of(state: WireState, parameters: ParameterSet, plans: PlanReceiver) -
     Raises
     ------
     VehicleError
-        If a package that gives one cannot be loaded.
+        If a package that provides an extra cannot be loaded.
     """
     return tuple(make(state, parameters, plans) for make in _makers())

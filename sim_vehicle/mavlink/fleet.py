@@ -1,4 +1,4 @@
-"""Several vehicles in one process: their homes, names and ports."""
+"""Fleet of simulated vehicles in one process: start positions, system ids and ports."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ from sim_vehicle.weather.wind import Wind
 __all__ = ["MOST_VEHICLES", "SPACING_M", "Fleet", "fleet_urls", "start_positions"]
 
 MOST_VEHICLES = 250
-"""System ids go to 255, and ground stations need some."""
+"""System ids end at 255, and ground stations need a few."""
 SPACING_M = 4.0
 
 
 def start_positions(home: GeoPoint, count: int, spacing_m: float = SPACING_M) -> list[GeoPoint]:
-    """Return start positions around home: the first at home, the others on a square spiral about it.
+    """Return start positions: the first at home, the others on a square spiral around home.
 
-    VehicleError if the spacing is not from 0.1 m to 1 km.
+    Raises VehicleError unless the spacing is 0.1 m to 1 km.
 
     Examples
     --------
@@ -46,7 +46,7 @@ def start_positions(home: GeoPoint, count: int, spacing_m: float = SPACING_M) ->
         column, row = column + dx, row + dy
         latitude, longitude = frame.to_wgs84(spacing_m * column, spacing_m * row)
         positions.append(GeoPoint(latitude, longitude, home.altitude_m))
-        # The corners of a square spiral that turns left.
+        # Corner of a square spiral that turns left.
         if column == row or (column < 0 and column == -row) or (column > 0 and column == 1 - row):
             dx, dy = -dy, dx
     return positions[:count]
@@ -55,9 +55,9 @@ def start_positions(home: GeoPoint, count: int, spacing_m: float = SPACING_M) ->
 def fleet_urls(
     autopilot: Autopilot, systems: range, named: Collection[str] = frozenset()
 ) -> tuple[ServerUrl, ...]:
-    """Return where each vehicle's own simulator would be found; only that vehicle is there.
+    """Return the URL of each vehicle's own simulator; each URL carries only that vehicle.
 
-    `named` are the links at which it streams otherwise than at the others.
+    `named` are the links with their own message rates.
 
     Examples
     --------
@@ -72,24 +72,24 @@ def fleet_urls(
 
 
 class Fleet:
-    """Vehicles whose system ids follow one another.
+    """Fleet of vehicles with consecutive system ids.
 
     Parameters
     ----------
     home : GeoPoint or sequence of (GeoPoint, heading in degrees)
-        One position for all (they stand `spacing_m` apart around it), or one for each.
+        One position, around which the vehicles stand `spacing_m` apart, or one position per vehicle.
     count : int or None
-        How many; not needed with several positions.
+        Number of vehicles; by default the number of positions.
     autopilot : Autopilot, optional
-        Whom they show themselves as; the default autopilot without.
+        Autopilot to simulate; by default the one of `get_autopilot`.
     wind : Wind, optional
-        The steady wind is the same for all; each has its own gusts.
+        Wind field: all vehicles have the same steady wind, and each vehicle has its own gusts.
     noise : SensorNoise, optional
-        Each vehicle has its own errors of this size.
+        Size of the sensor errors; each vehicle has its own errors.
     cold, sitl_rates : bool
         See `SimVehicle`.
     first_system : int
-        The system id of the first one.
+        System id of the first vehicle.
 
     Attributes
     ----------
@@ -98,7 +98,7 @@ class Fleet:
     Raises
     ------
     VehicleError
-        If the number does not fit the positions, or system ids go beyond 250.
+        If the number of vehicles differs from the number of positions, or a system id is above 250.
 
     Examples
     --------
@@ -160,14 +160,14 @@ class Fleet:
 
     @property
     def urls(self) -> tuple[ServerUrl, ...]:
-        """The ports of the autopilot's own simulators."""
+        """URLs of the autopilot's own simulators."""
         first = self.vehicles[0]
         systems = range(first.system_id, first.system_id + len(self.vehicles))
         return fleet_urls(self.autopilot, systems, first.link_names)
 
 
 def _wind_of(wind: Wind | None, system: int) -> Wind | None:
-    """Return a vehicle's wind: the first one's gusts are those of the wind as it is given."""
+    """Return the wind of a vehicle; the first vehicle has the gusts of the given seed."""
     if wind is None or system == 1 or not wind.is_gusty:
         return wind
     return replace(wind, seed=child_seed(wind.seed, f"vehicle-{system}"))

@@ -1,7 +1,7 @@
-"""The gimbal over MAVLink: its commands and its telemetry.
+"""Gimbal commands and telemetry over MAVLink.
 
-Gimbal protocol v2 with the autopilot as gimbal manager of a gimbal that is no MAVLink component of its own
-(device id 1), and the older mount messages. Sources: ArduPilot's ``AP_Mount.cpp`` and
+Implements gimbal protocol v2 with the autopilot as gimbal manager of gimbal device 1, which is not a MAVLink
+component itself, and the older mount messages. Sources: ArduPilot's ``AP_Mount.cpp`` and
 ``AP_Mount_Backend.cpp``; the answers are those of ArduCopter 4.7 in SITL with ``MNT1_TYPE`` 1.
 """
 
@@ -35,7 +35,7 @@ __all__ = [
 _DEVICE = 1
 _FAILED = m.MAV_RESULT_FAILED
 _LOCKS = m.GIMBAL_DEVICE_FLAGS_ROLL_LOCK | m.GIMBAL_DEVICE_FLAGS_PITCH_LOCK
-_AXES = 0b111_111_111 << 2  # an axis, following and lock, of roll, pitch and yaw
+_AXES = 0b111_111_111 << 2  # flags for axis, follow and lock, of roll, pitch and yaw each
 _CAPABILITIES = (
     m.GIMBAL_MANAGER_CAP_FLAGS_HAS_RETRACT
     | m.GIMBAL_MANAGER_CAP_FLAGS_HAS_NEUTRAL
@@ -48,15 +48,15 @@ _RESTING = {
     GimbalMode.RETRACT: m.GIMBAL_DEVICE_FLAGS_RETRACT,
     GimbalMode.NEUTRAL: m.GIMBAL_DEVICE_FLAGS_NEUTRAL,
 }
-# Largest difference of a quaternion's length from 1.
+# Tolerance of a unit quaternion's length.
 _UNIT = 0.1
 _NAN_3 = (math.nan, math.nan, math.nan)
 _MOST_DEG = (90.0, 180.0, 360.0)
 
 
 def _turn(gimbal: Gimbal, flags: int, angles_deg: tuple[float, ...], rates_deg: tuple[float, ...]) -> Result:
-    """Take angles, or else rates (roll, pitch, yaw), or else only the lock of the sticks' yaw."""
-    for mode, flag in _RESTING.items():  # the manager's flags are those of the device
+    """Turn the gimbal to angles, else at rates (roll, pitch, yaw), else set only the yaw lock."""
+    for mode, flag in _RESTING.items():  # manager flags equal device flags
         if flags & flag:
             gimbal.set_mode(mode)
             return None
@@ -74,19 +74,19 @@ def _turn(gimbal: Gimbal, flags: int, angles_deg: tuple[float, ...], rates_deg: 
 
 
 def _pitch_yaw(source: WireState, command: VehicleCommand) -> Result:
-    """DO_GIMBAL_MANAGER_PITCHYAW: degrees, degrees a second, flags, -, device."""
+    """DO_GIMBAL_MANAGER_PITCHYAW: angles (degrees), rates (degrees per second), flags, -, device."""
     if command.number(7, -1) not in (0, _DEVICE):
         return _FAILED
     pitch, yaw, pitch_rate, yaw_rate, flags = command.params[:5]
     if not command.long and command.frame in (0, 3, 10):
-        flags *= 1e7  # no latitude
+        flags *= 1e7  # undo the scaling of latitudes: this field holds flags
     if not 0.0 <= flags < 2**32:
         return _FAILED
     return _turn(source.gimbal, round(flags), (0.0, pitch, yaw), (0.0, pitch_rate, yaw_rate))
 
 
 def _configure(source: WireState, command: VehicleCommand) -> Result:
-    """DO_GIMBAL_MANAGER_CONFIGURE: the controller; -1 keeps it, -2 takes control, -3 gives it up."""
+    """DO_GIMBAL_MANAGER_CONFIGURE: set the controller; -1 keeps, -2 takes and -3 releases control."""
     system, component = command.params[:2]
     known = all(-3.0 <= number <= 255.0 for number in (system, component))
     if not known or command.number(7, -1) not in (0, _DEVICE):
@@ -102,12 +102,12 @@ def _configure(source: WireState, command: VehicleCommand) -> Result:
 
 
 def _mount_configure(source: WireState, command: VehicleCommand) -> None:
-    """DO_MOUNT_CONFIGURE: only the mode can be chosen."""
+    """DO_MOUNT_CONFIGURE: set the mode; other settings have no effect."""
     source.gimbal.set_mode(command.number(1, -1))
 
 
 def _mount_control(source: WireState, command: VehicleCommand) -> Result:
-    """DO_MOUNT_CONTROL: pitch, roll, yaw against the vehicle, height above home, position; the mode."""
+    """DO_MOUNT_CONTROL: pitch, roll, yaw relative to the vehicle, height above home, position, mode."""
     gimbal, mode = source.gimbal, command.number(7, -1)
     if mode == GimbalMode.TARGET:
         angles = command.params[:3]
@@ -126,7 +126,7 @@ def _mount_control(source: WireState, command: VehicleCommand) -> Result:
 
 
 def _region(source: WireState, command: VehicleCommand) -> None:
-    """DO_SET_ROI_LOCATION, DO_SET_ROI and DO_SET_ROI_NONE: point at a position; without one, no more."""
+    """DO_SET_ROI_LOCATION, DO_SET_ROI, DO_SET_ROI_NONE: point at a position, or stop without a position."""
     position = None if command.id == Command.DO_SET_ROI_NONE else command.position
     if position is None:
         source.gimbal.point_at(None)
@@ -145,11 +145,11 @@ _POINTING: dict[int, Callable[[WireState, VehicleCommand], Result]] = {
     **dict.fromkeys(ROI_COMMANDS, _region),
 }
 GIMBAL_COMMANDS = frozenset(_POINTING) - ROI_COMMANDS
-"""MAV_CMDs that are the gimbal's alone."""
+"""MAV_CMDs that concern only the gimbal."""
 
 
 def command_gimbal(source: WireState, command: VehicleCommand) -> Result:
-    """Do a command or a mission item of the gimbal; FAILED where there is no gimbal."""
+    """Execute a gimbal command or mission item; FAILED if the vehicle has no gimbal."""
     obey = _POINTING.get(command.id)
     if obey is None or not source.gimbal.fitted:
         return _FAILED
@@ -166,7 +166,7 @@ GimbalMessage = (
 
 
 def obey_gimbal_message(source: WireState, message: GimbalMessage) -> None:
-    """Obey a message to the gimbal; invalid values are ignored."""
+    """Execute a message to the gimbal; invalid values are ignored."""
     gimbal = source.gimbal
     if not gimbal.fitted:
         return
@@ -230,4 +230,4 @@ GIMBAL_BUILDERS: dict[int, Callable[[WireState], Message | None]] = {
     m.MAVLINK_MSG_ID_GIMBAL_DEVICE_ATTITUDE_STATUS: _fitted(_attitude_status),
     m.MAVLINK_MSG_ID_MOUNT_STATUS: _fitted(_mount_status),
 }
-"""Builders of its telemetry, by message id; nothing where there is no gimbal."""
+"""Builders of gimbal telemetry by message id; a builder returns None if there is no gimbal."""

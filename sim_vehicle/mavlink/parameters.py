@@ -1,7 +1,7 @@
-"""The parameters of the vehicle, as peers read and change them.
+"""Parameters of the vehicle in the parameter protocol.
 
-All names of the autopilot are here, in its own spelling and unit. Those that do something act on the vehicle
-through `RuntimeParameters`; the others are kept.
+The table holds all parameters of the autopilot, by its own names and units. Parameters with an effect act on
+the vehicle through `RuntimeParameters`; the others are only stored.
 """
 
 from __future__ import annotations
@@ -25,9 +25,9 @@ ParameterMessage: TypeAlias = (
     m.MAVLink_param_request_list_message | m.MAVLink_param_request_read_message | m.MAVLink_param_set_message
 )
 HASH = "_HASH_CHECK"
-"""Pseudo-parameter with the checksum of all parameters; a peer of PX4 reads it to reuse its cached values."""
+"""Pseudo-parameter with the checksum of all parameters; PX4 clients compare it with their cached values."""
 _NO_INDEX = 65535
-# A whole list at once would overflow a socket's buffer; so it takes about a second.
+# A list is sent in batches over about a second: all at once would overflow a socket's buffer.
 _BATCH = 25
 _BATCH_S = 0.02
 
@@ -35,7 +35,7 @@ __all__ = ["ParameterSet"]
 
 
 class ParameterSet:
-    """The side of the vehicle in the parameter protocol; ``live`` are constants, counted anew each time."""
+    """Vehicle side of the parameter protocol; ``live`` parameters are read-only and computed on each read."""
 
     def __init__(
         self, pilot: Pilot, table: tuple[MavParameter, ...], live: Mapping[str, Callable[[], float]]
@@ -53,15 +53,15 @@ class ParameterSet:
 
     @property
     def table(self) -> tuple[MavParameter, ...]:
-        """All parameters, in the order of their indices."""
+        """All parameters, in index order."""
         return self._table
 
     def default(self, name: str) -> float:
-        """Return the first value of a parameter, in its own unit; KeyError when there is none."""
+        """Return the initial value of a parameter in its own unit; KeyError if the name is unknown."""
         return self._defaults.get(name, self._table[self._index[name]].value)
 
     def poll(self, now_s: float) -> list[Message]:
-        """Return the part of a list that was asked for and is due now."""
+        """Return the next batch of a requested list, if due."""
         if now_s < self.due_s:
             return []
         end = min(self._next + _BATCH, len(self._table))
@@ -71,7 +71,7 @@ class ParameterSet:
         return messages
 
     def value(self, name: str) -> float:
-        """Return the value of a parameter in its own unit; KeyError when there is none."""
+        """Return the value of a parameter in its own unit; KeyError if the name is unknown."""
         parameter = self._table[self._index[name]]
         if name in self._live:
             return float(self._live[name]())
@@ -83,13 +83,13 @@ class ParameterSet:
         return float(round(value)) if parameter.integer else value
 
     def _held(self, parameter: MavParameter) -> float:
-        """Return the value that the vehicle uses: in SI units where it is one of its own values."""
+        """Return the value in force: in SI units if the parameter is a field of `RuntimeParameters`."""
         if parameter.field is not None:
             return float(getattr(self._values, parameter.field))
         return self._values.kept(parameter.name, parameter.value)
 
     def handle(self, message: ParameterMessage, now_s: float) -> list[Message]:
-        """Answer PARAM_REQUEST_LIST, of which the rest follows in time, PARAM_REQUEST_READ and PARAM_SET."""
+        """Answer PARAM_REQUEST_READ, PARAM_SET, and PARAM_REQUEST_LIST, which `poll` continues."""
         if is_a(message, m.MAVLink_param_request_list_message):
             self._next, self.due_s = 0, now_s
             return self.poll(now_s)
@@ -106,7 +106,7 @@ class ParameterSet:
         return [self._message(index)]
 
     def _hash(self) -> Message:
-        """Return the checksum of all names and values, as PX4 does; it answers an attempt to set it, too."""
+        """Return PX4's checksum of all names and values; an attempt to set it gets the same answer."""
         checksum = 0
         for parameter in self._table:
             value = self.value(parameter.name)
@@ -118,7 +118,7 @@ class ParameterSet:
         )
 
     def change(self, name: str, value: float) -> None:
-        """Set a parameter as PARAM_SET does; nothing happens when there is none of this name."""
+        """Set a parameter as PARAM_SET does; an unknown name has no effect."""
         index = self._index.get(name)
         if index is not None:
             self._set(self._table[index], value)
@@ -137,7 +137,7 @@ class ParameterSet:
             self._take(parameter, value)
 
     def _is_choice(self, parameter: MavParameter) -> bool:
-        """Whether its values are choices, without neighbours."""
+        """Whether the values are separate choices, so that clipping to the range makes no sense."""
         if parameter.field is None:
             return parameter.integer
         return isinstance(getattr(self._values, parameter.field), int)
@@ -152,7 +152,7 @@ class ParameterSet:
         self._values.stored[parameter.name] = value
 
     def _take(self, parameter: MavParameter, value: float) -> None:
-        """Let a value hold; beyond the range it is kept as it was given, and the nearest in it holds."""
+        """Apply a value; a value out of range is stored as given, and the nearest valid value is used."""
         holds = min(max(value, parameter.low), parameter.high)
         if parameter.field is None:
             self._values.settings[parameter.name] = holds

@@ -1,4 +1,4 @@
-"""The vehicle's side of the mission protocol, and the pilot's use of the plans."""
+"""Vehicle side of the mission protocol: receives plans and passes them to the pilot."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ _KNOWN_ITEMS = (
 
 
 class PlanReceiver:
-    """Takes missions, fences and rally points and hands them to the pilot; ``server`` is the protocol."""
+    """Receives missions, fences and rally points for the pilot; ``server`` implements the protocol."""
 
     def __init__(self, state: WireState, component_id: int, texts: StatusTexts, reports: ItemReports) -> None:
         self._state = state
@@ -55,32 +55,32 @@ class PlanReceiver:
         self._texts = texts
         self._reports = reports
         self._uploading = False
-        self._part_s = NEVER
+        self._part_received_s = NEVER
         self.server = MissionServer(
             state.system_id,
             component_id,
             profile=state.firmware.profile,
             home=state.home,
-            validator=_check_item,
+            validator=lambda item: int(wire.ACCEPTED if item.command in _KNOWN_ITEMS else wire.UNSUPPORTED),
         )
         self._attach_cards()
 
     @property
     def mission(self) -> tuple[MissionItem, ...]:
-        """The items of the mission as they were sent."""
+        """Mission items as uploaded."""
         return tuple(self.server.plan(MissionType.MISSION).items)
 
     def receive(self, message: Message, now_s: float) -> list[Message]:
-        """Take a message of the mission protocol; the answers."""
-        self._take_part(now_s)
+        """Handle a message of the mission protocol and return the answers."""
+        self._load_part(now_s)
         return self._take(self.server.receive(message, now_s), now_s)
 
     def take_plan(
         self, mission_type: MissionType, items: Sequence[wire.ItemMessage], start: int | None
     ) -> bool:
-        """Take a plan that came as a file, by the rules of the mission protocol; whether it was accepted.
+        """Load a plan from a file by the rules of the mission protocol; return whether it was accepted.
 
-        The items are numbered from 0, or from ``start``, the first one that they replace.
+        The items are numbered from 0, or from `start`, the first item that they replace.
         """
         now_s = self._state.now_us / 1e6
         if self.server.busy:
@@ -104,7 +104,7 @@ class PlanReceiver:
         return accepted
 
     def fly_to(self, message: wire.ItemMessage) -> Message:
-        """Fly to a waypoint outside of the mission, as DroneKit's `simple_goto` asks for; the answer."""
+        """Fly to a waypoint outside the mission (DroneKit's `simple_goto`) and return the answer."""
         result, pilot = wire.ERROR, self._pilot
         with suppress(RefusedError, MissionError):
             item = wire.item_from_message(message)
@@ -115,16 +115,16 @@ class PlanReceiver:
         return wire.ack(source, result, MissionType.MISSION)
 
     def poll(self, now_s: float) -> list[Message]:
-        """Do the work that is due; return the messages to send."""
-        self._take_part(now_s)
+        """Handle timeouts and return the messages that are due."""
+        self._load_part(now_s)
         return self._take(self.server.poll(now_s), now_s) if self.due_s <= now_s else []
 
     def restart(self, now_s: float) -> None:
-        """Forget the transfer that runs."""
+        """Abort the running transfer."""
         self._take(self.server.restart(now_s), now_s)
 
     def reboot(self, now_s: float) -> None:
-        """Forget the transfer that runs, and read the room for plans anew: the vehicle starts again."""
+        """Abort the running transfer and read the plan storage sizes again, as at boot."""
         self.restart(now_s)
         self._attach_cards()
 
@@ -134,31 +134,31 @@ class PlanReceiver:
 
     @property
     def due_s(self) -> float:
-        """When `poll` has something to do."""
+        """Time of the next timeout or retry (s); infinite if none."""
         deadline_s = self.server.next_deadline()
         return NEVER if deadline_s is None else deadline_s
 
     def totals(self) -> dict[str, Callable[[], float]]:
-        """The parameters that count the plans, as ArduPilot names them."""
+        """Return the parameters that count the plan items, by ArduPilot's names."""
         return {
             "MIS_TOTAL": lambda: self.server.count(MissionType.MISSION),
             "FENCE_TOTAL": lambda: self.server.count(MissionType.FENCE),
             "RALLY_TOTAL": lambda: self.server.count(MissionType.RALLY),
         }
 
-    def _take_part(self, now_s: float) -> None:
-        """Fly the items that have come of a mission that holds item by item; one time makes one change."""
-        if now_s <= self._part_s or not self._flies:
+    def _load_part(self, now_s: float) -> None:
+        """Load the received items of a mission that takes effect item by item; one change per time step."""
+        if now_s <= self._part_received_s or not self._flies:
             return
-        self._part_s = NEVER
-        self._say(self._pilot.load(self.server.live_plan(MissionType.MISSION), whole=False))
+        self._part_received_s = NEVER
+        self._announce_change(self._pilot.load(self.server.live_plan(MissionType.MISSION), whole=False))
 
     @property
     def _flies(self) -> bool:
         return self._pilot.armed and self._pilot.mode is Mode.MISSION
 
-    def _say(self, change: MissionChange) -> None:
-        """Note the consequence of a change for the flight, where the autopilot does."""
+    def _announce_change(self, change: MissionChange) -> None:
+        """Send the status text of a mission change in flight, if the autopilot has one."""
         pilot = self._pilot
         behaviour = pilot.behaviour
         if change is MissionChange.TURNED:
@@ -182,13 +182,13 @@ class PlanReceiver:
             mission, fence, rally = (self.server.plan(kind).opaque_id for kind in MissionType)
             self._state.plan_ids = (mission, fence, rally)
             if event.mission_type is not MissionType.MISSION:
-                self._take_area(event)
+                self._set_fence_or_rally(event)
         if event.mission_type is not MissionType.MISSION:
             return
         if isinstance(event, PlanPart):
-            self._part_s = now_s
+            self._part_received_s = now_s
         elif isinstance(event, PlanReplaced):
-            self._part_s = NEVER
+            self._part_received_s = NEVER
             self._replace_mission(event, now_s)
         elif isinstance(event, PlanCleared):
             self._pilot.load(())
@@ -197,7 +197,7 @@ class PlanReceiver:
         elif isinstance(event, TransferFailed) and self._uploading and event.reason is FailureReason.REFUSED:
             self._pilot.reject_mission(event.text)
 
-    def _take_area(self, event: PlanReplaced | PlanCleared) -> None:
+    def _set_fence_or_rally(self, event: PlanReplaced | PlanCleared) -> None:
         items = event.items if isinstance(event, PlanReplaced) else ()
         sound = [item for item in items if not isinstance(item, UncheckedItem)]
         is_fence = event.mission_type is MissionType.FENCE
@@ -212,7 +212,7 @@ class PlanReceiver:
                 pilot.set_current(marked)
             return
         if not event.complete and flies and tuple(event.items) == tuple(pilot.mission.items):
-            return  # the items were flown as they came
+            return  # the items were flown as they arrived
         bad = next((i for i, item in enumerate(event.items) if isinstance(item, UncheckedItem)), None)
         if bad is not None:
             pilot.load(())
@@ -220,11 +220,6 @@ class PlanReceiver:
             pilot.note(Severity.CRITICAL, f"Mission rejected: item {bad + 1} makes no sense")
             return
         self._reports.restart()
-        self._say(pilot.load(event.items, marked=marked))
+        self._announce_change(pilot.load(event.items, marked=marked))
         if flies:
             self._state.forget_item(now_s + behaviour.unknown_current_s)
-
-
-def _check_item(item: MissionItem) -> int:
-    """Judge one mission item for the transfer: MAV_MISSION_RESULT."""
-    return int(wire.ACCEPTED if item.command in _KNOWN_ITEMS else wire.UNSUPPORTED)

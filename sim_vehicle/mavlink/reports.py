@@ -1,4 +1,4 @@
-"""Messages that the vehicle sends by itself: on schedule, status texts, reached items, a calibration."""
+"""Unrequested messages: scheduled telemetry, status texts, reached items, gyroscope calibration."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ if TYPE_CHECKING:
 __all__ = ["GyroCalibration", "ItemReports", "Schedule", "StatusTexts"]
 
 SHORTEST_US = 5_000
-"""A peer cannot ask for more than 200 messages a second."""
+"""Shortest interval: 200 messages per second."""
 LONGEST_US = 2**31 - 1
-"""Longest interval that MESSAGE_INTERVAL can hold, in microseconds."""
-# Length of a STATUSTEXT.
+"""Longest interval that MESSAGE_INTERVAL can hold (microseconds)."""
+# Length of the text field of STATUSTEXT.
 _TEXT_BYTES = 50
 _REPEAT_S = 1.0
 _CALIBRATION_STEP_S = 0.25
@@ -35,10 +35,10 @@ _CALIBRATION_TEXTS = (
 
 
 class Schedule:
-    """Message intervals and their next times, from default rates by message id in the order of sending.
+    """Message intervals and due times, initially from default rates by message id in sending order.
 
-    Times are whole microseconds and every rate has its phase at zero, so messages of different rates fall on
-    the same instants and one step of the vehicle serves them all.
+    Times are whole microseconds, and every interval has its phase at zero. Messages of different rates
+    therefore coincide, and one motion step serves all of them.
 
     Examples
     --------
@@ -58,11 +58,11 @@ class Schedule:
         self._regroup(0)
 
     def interval_us(self, message_id: int) -> int:
-        """Interval of a message, -1 when it is not sent."""
+        """Return the interval of a message, or -1 if the message is off."""
         return self._interval_us.get(message_id, -1)
 
     def set_interval(self, message_id: int, interval_us: int, now_us: int) -> int:
-        """Change an interval: 0 is the default, negative is off; return the interval now (-1 is off)."""
+        """Set an interval (0 restores the default, negative is off) and return the interval in force."""
         if interval_us == 0:
             interval_us = self._default_us.get(message_id, -1)
         if interval_us < 0:
@@ -73,7 +73,7 @@ class Schedule:
         return self.interval_us(message_id)
 
     def due(self, now_us: int) -> list[int]:
-        """Return the ids whose time has come, once each, and plan their next times."""
+        """Return the ids of the messages that are due, each once, and schedule their next times."""
         if now_us < self.next_us:
             return []
         found: list[int] = []
@@ -98,7 +98,7 @@ class Schedule:
 
 
 class StatusTexts:
-    """STATUSTEXT messages, in numbered chunks where a text is longer than one message holds.
+    """STATUSTEXT messages, split into numbered chunks if a text exceeds one message.
 
     Examples
     --------
@@ -111,12 +111,12 @@ class StatusTexts:
         self._number = 0
 
     def messages(self, severity: int, text: str) -> list[Message]:
-        """The messages of one text; severity as MAV_SEVERITY."""
+        """Return the messages of one text with a MAV_SEVERITY."""
         data = text.encode("ascii", "replace")
         if len(data) <= _TEXT_BYTES:
             return [m.MAVLink_statustext_message(int(severity), data)]
         self._number = self._number % 65535 + 1
-        # The text ends with a chunk that is not full (perhaps empty).
+        # A last chunk that is not full, perhaps empty, ends the text.
         return [
             m.MAVLink_statustext_message(
                 int(severity), data[k * _TEXT_BYTES : (k + 1) * _TEXT_BYTES], self._number, k
@@ -126,7 +126,7 @@ class StatusTexts:
 
 
 class ItemReports:
-    """MISSION_ITEM_REACHED as each autopilot sends it (which items, how often), and MISSION_CURRENT later."""
+    """MISSION_ITEM_REACHED with each autopilot's choice of items and repeats, and delayed MISSION_CURRENT."""
 
     def __init__(self, state: WireState) -> None:
         self._state = state
@@ -137,13 +137,13 @@ class ItemReports:
         self._latest: tuple[int, int, float] | None = None
 
     def restart(self) -> None:
-        """Begin with another mission."""
+        """Reset for a new mission."""
         self._returning = -1
 
     def merged(self, events: list[FlightEvent], items: Sequence[MissionItem]) -> list[FlightEvent]:
-        """Keep only the last of items that ended together, where the autopilot reports only that.
+        """Keep only the last of the items that end at the same time, if the autopilot merges them.
 
-        A return that follows counts as reached already.
+        A return to launch that follows a reached item counts as reached, too.
         """
         if not self._merges:
             return events
@@ -164,17 +164,17 @@ class ItemReports:
         return kept
 
     def reached(self, seq: int, now_s: float) -> Message:
-        """Report an item; `poll` repeats it."""
+        """Return the report of a reached item; `poll` repeats the report."""
         wire_seq = self._state.wire_seq(seq)
         self._latest = (wire_seq, self._repeats, now_s + _REPEAT_S) if self._repeats else None
         return m.MAVLink_mission_item_reached_message(wire_seq)
 
     def send_current(self, due_s: float) -> None:
-        """Send MISSION_CURRENT at a time."""
+        """Schedule MISSION_CURRENT."""
         self._current_due_s = due_s
 
     def poll(self, now_s: float) -> list[Message]:
-        """Return the latest report again, and MISSION_CURRENT, where they are due."""
+        """Return due repeats of the latest report, and MISSION_CURRENT if it is due."""
         messages: list[Message] = []
         if self._latest is not None and self._latest[2] <= now_s:
             seq, left, due_s = self._latest
@@ -187,15 +187,15 @@ class ItemReports:
 
     @property
     def due_s(self) -> float:
-        """When `poll` has something to do."""
+        """Time of the next report (s); infinite if none."""
         return self._current_due_s if self._latest is None else min(self._latest[2], self._current_due_s)
 
 
 class GyroCalibration:
-    """A calibration of the gyroscopes: its texts one by one, as PX4 sends them and peers wait for them.
+    """Gyroscope calibration: PX4's sequence of status texts, which clients wait for.
 
-    A vehicle that stands still has nothing to find out, so that only the time passes. Source: PX4
-    ``calibration_messages.h`` and ``gyro_calibration.cpp``.
+    A vehicle at rest has no offsets to estimate, so only time passes. Sources: PX4 ``calibration_messages.h``
+    and ``gyro_calibration.cpp``.
 
     Examples
     --------
@@ -207,18 +207,18 @@ class GyroCalibration:
     """
 
     def __init__(self, say: Callable[[str], None]) -> None:
-        self._say = say
-        self._left: list[str] = []
+        self._note = say
+        self._remaining_texts: list[str] = []
         self.due_s = NEVER
 
     def begin(self, now_s: float) -> None:
-        """Begin; one that runs begins anew."""
-        self._left = list(_CALIBRATION_TEXTS)
+        """Begin the calibration, or restart a running one."""
+        self._remaining_texts = list(_CALIBRATION_TEXTS)
         self.due_s = now_s
 
     def poll(self, now_s: float) -> list[Message]:
-        """Note the texts that are due; there are no other messages."""
+        """Send the status texts that are due; there are no other messages."""
         while self.due_s <= now_s:
-            self._say(self._left.pop(0))
-            self.due_s = self.due_s + _CALIBRATION_STEP_S if self._left else NEVER
+            self._note(self._remaining_texts.pop(0))
+            self.due_s = self.due_s + _CALIBRATION_STEP_S if self._remaining_texts else NEVER
         return []

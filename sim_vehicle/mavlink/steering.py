@@ -1,4 +1,4 @@
-"""Messages that steer the vehicle: sticks, and setpoints of GUIDED (ArduPilot) and OFFBOARD (PX4).
+"""Stick messages, and setpoints of GUIDED (ArduPilot) and OFFBOARD (PX4).
 
 Sources: MAVLink common.xml (SET_POSITION_TARGET_LOCAL_NED, SET_POSITION_TARGET_GLOBAL_INT, their type masks),
 ArduPilot "Copter commands in guided mode", ``GCS_Common.cpp`` and ``GCS_MAVLink_Copter.cpp``, PX4 "Offboard
@@ -39,18 +39,18 @@ SetpointMessage: TypeAlias = PositionTarget | m.MAVLink_set_attitude_target_mess
 _GROUND_STATION = Setting("MAV_GCS_SYSID", 255.0)
 _GUIDED_OPTIONS, _THRUST_AS_THRUST = Setting("GUID_OPTIONS", 0.0), 8
 _FULL = 1000.0
-# MAVLink's number for an axis that the sender does not have.
+# Value of an axis that the sender does not have.
 _NO_AXIS = 2**15 - 1
 _MIDDLE_US = 1500
 _RELEASED, _KEPT = 0, 65535
 _IGNORE_POSITION, _IGNORE_FORCE, _FORCE, _IGNORE_YAW, _IGNORE_TURN = 7, 448, 512, 1024, 2048
 _IGNORE_RATES, _IGNORE_THRUST, _IGNORE_ATTITUDE = 7, 64, 128
 _IGNORE_MOTION = 63
-# MPC_THR_HOVER and MOT_THST_HOVER begin at 0.1 and 0.125.
+# Lower limit of the hover thrust; MPC_THR_HOVER and MOT_THST_HOVER have minima of 0.1 and 0.125.
 _LEAST_HOVER = 0.1
-# A vehicle that accelerates downwards keeps some thrust (m/s^2), to be steered by; all it has is 2 hovers.
+# Minimum lift (m/s^2), which keeps a vehicle steerable; maximum thrust, in hover thrusts.
 _LEAST_LIFT, _MOST_THRUST = 1.0, 2.0
-# Largest difference of a quaternion's squared length from 1.
+# Tolerance of a unit quaternion's squared length.
 _UNIT = 2e-3
 _LOCAL, _LOCAL_OFFSET, _BODY, _BODY_OFFSET, _BODY_FRD = 1, 7, 8, 9, 12
 _POLE, _DATE_LINE = 90.0, 180.0
@@ -58,7 +58,7 @@ _GLOBAL = {0: False, 5: False, 3: True, 6: True}
 
 
 class Steering:
-    """Takes the messages that steer a vehicle."""
+    """Handles stick and setpoint messages of a vehicle."""
 
     def __init__(self, state: WireState) -> None:
         self._state = state
@@ -68,11 +68,11 @@ class Steering:
 
     @property
     def by_sticks(self) -> bool:
-        """Whether sticks move the vehicle in the custom mode."""
+        """Whether sticks move the vehicle in the present custom mode."""
         return self._rules is not None and self._state.custom_mode not in self._rules.without
 
     def take_sticks(self, message: StickMessage) -> None:
-        """Take MANUAL_CONTROL or RC_CHANNELS_OVERRIDE."""
+        """Handle MANUAL_CONTROL or RC_CHANNELS_OVERRIDE."""
         rules = self._rules
         sticks = None if rules is None else self._read_sticks(message, rules)
         if sticks is None or rules is None:
@@ -87,7 +87,7 @@ class Steering:
             self._pilot.setpoints.complain(str(refusal))
 
     def take_setpoint(self, message: SetpointMessage) -> None:
-        """Take SET_POSITION_TARGET_LOCAL_NED, SET_POSITION_TARGET_GLOBAL_INT or SET_ATTITUDE_TARGET."""
+        """Handle SET_POSITION_TARGET_LOCAL_NED, SET_POSITION_TARGET_GLOBAL_INT or SET_ATTITUDE_TARGET."""
         pilot = self._pilot
         if is_a(message, m.MAVLink_set_attitude_target_message):
             mavlink = self._state.mavlink
@@ -110,7 +110,7 @@ class Steering:
                 pilot.setpoints.complain(str(refusal))
 
     def take_target(self, message: m.MAVLink_follow_target_message) -> None:
-        """Take FOLLOW_TARGET; a target without a valid position is ignored."""
+        """Handle FOLLOW_TARGET; a target without a valid position is ignored."""
         pilot = self._pilot
         latitude, longitude = message.lat / 1e7, message.lon / 1e7
         if pilot.mode is not Mode.FOLLOW or not (
@@ -124,23 +124,23 @@ class Steering:
         pilot.follow.take((east, north, message.alt - pilot.frame.altitude_m), velocity)
 
     def _read_sticks(self, message: StickMessage, rules: StickRules) -> Sticks | None:
-        """Return the positions of the sticks; None where the message does not count."""
+        """Return the stick positions; None if the message has to be ignored."""
         parameters, release = self._pilot.parameters, rules.loss.release
         if release is not None and release.of(parameters) == 0.0:
             return None
         if rules.overrides and message.get_srcSystem() != int(_GROUND_STATION.of(parameters)):
             return None
         if is_a(message, m.MAVLink_rc_channels_override_message):
-            return self._of_channels(message, rules) if rules.overrides else None
+            return self._sticks_from_channels(message, rules) if rules.overrides else None
         if message.target != self._state.system_id:
             return None
         up = _axis(message.z, middle=rules.throttle_middle)
         return Sticks(_axis(message.x), _axis(message.y), up, _axis(message.r))
 
-    def _of_channels(
+    def _sticks_from_channels(
         self, message: m.MAVLink_rc_channels_override_message, rules: StickRules
     ) -> Sticks | None:
-        """Read roll, pitch, throttle and yaw; a channel that is not overridden is centred."""
+        """Return the sticks of roll, pitch, throttle and yaw; a channel without override is centred."""
         channels = (message.chan1_raw, message.chan2_raw, message.chan3_raw, message.chan4_raw)
         self._channels = [
             before if now == _KEPT else now for before, now in zip(self._channels, channels, strict=True)
@@ -154,7 +154,7 @@ class Steering:
         return Sticks(-back, right, up, turn)
 
     def _setpoint_of(self, message: PositionTarget) -> Setpoint | AttitudeTarget:
-        """Read a position target; RefusedError for a frame that is not flown, a force, or no numbers."""
+        """Return the setpoint of a message; RefusedError for an unsupported frame, a force, or no values."""
         kind, mask = int(message.coordinate_frame), int(message.type_mask)
         if mask & _FORCE and mask & _IGNORE_FORCE != _IGNORE_FORCE:
             raise RefusedError("Setpoint refused: forces are not flown", denied=True)
@@ -178,7 +178,7 @@ class Steering:
             position = (x_m, y_m, self._state.above_start(message.alt, kind))
         elif kind in (_LOCAL, _LOCAL_OFFSET, _BODY, _BODY_OFFSET, _BODY_FRD):
             asked = mask & _IGNORE_POSITION != _IGNORE_POSITION
-            # Only ArduPilot takes positions that are offsets from the vehicle.
+            # Only ArduPilot accepts positions as offsets from the vehicle.
             if kind != _LOCAL and asked and self._pilot.rules.needs_stream:
                 raise RefusedError(f"Setpoint refused: no positions in frame {kind}", denied=True)
             position = _enu(message.x, message.y, message.z, yaw if turned else 0.0)
@@ -192,7 +192,7 @@ class Steering:
         turn = math.nan if mask & _IGNORE_TURN else float(message.yaw_rate)
         if by_acceleration and self._state.mavlink.hover_thrust is not None:
             east, north, up = _enu(message.afx, message.afy, message.afz, yaw if turned else 0.0)
-            return _leaning((east, north, up), heading, turn, yaw)
+            return _attitude_for((east, north, up), heading, turn, yaw)
         setpoint = Setpoint(_masked(position, mask), _masked(velocity, mask >> 3), heading, turn)
         if all(map(math.isnan, (*setpoint.position_m, *setpoint.velocity_m_s, heading, turn))):
             raise RefusedError("Setpoint refused: neither position nor velocity", denied=True)
@@ -200,17 +200,16 @@ class Steering:
 
 
 def _axis(value: int, middle: float = 0.0) -> float:
-    """Position of an axis of MANUAL_CONTROL; a missing axis is centred."""
+    """Return the position of a MANUAL_CONTROL axis from -1 to 1; a missing axis is centred."""
     return 0.0 if value == _NO_AXIS else min(max((value - middle) / (_FULL - middle), -1.0), 1.0)
 
 
 def _attitude_of(
     message: m.MAVLink_set_attitude_target_message, spec: VehicleSpec, hover: float, *, climbs: bool
 ) -> AttitudeTarget | None:
-    """Read SET_ATTITUDE_TARGET as ArduCopter does; None is what makes it stop.
+    """Return the target of SET_ATTITUDE_TARGET as ArduCopter reads it; None stops the vehicle.
 
-    Where the thrust ``climbs``, 1 and 0 are the vehicle's climb and descent speed; otherwise ``hover`` is the
-    thrust of a hover.
+    `climbs`: thrust 1 is the climb speed, 0 the descent speed. Otherwise `hover` is the hover thrust.
     """
     mask = int(message.type_mask)
     rates = [message.body_roll_rate, message.body_pitch_rate, message.body_yaw_rate]
@@ -242,8 +241,8 @@ def _attitude_of(
     )
 
 
-def _leaning(acceleration: Position, heading: float, turn: float, yaw: float) -> AttitudeTarget:
-    """Attitude and thrust of an acceleration (east, north, up); a component that is no number is 0."""
+def _attitude_for(acceleration: Position, heading: float, turn: float, yaw: float) -> AttitudeTarget:
+    """Return attitude and thrust for an acceleration (east, north, up); a NaN component counts as 0."""
     east, north, up = (0.0 if math.isnan(part) else part for part in acceleration)
     up = max(up, _LEAST_LIFT - GRAVITY_M_S2) + GRAVITY_M_S2
     roll, pitch = attitude_of(east, north, up, yaw if math.isnan(heading) else heading)
@@ -255,13 +254,13 @@ def _leaning(acceleration: Position, heading: float, turn: float, yaw: float) ->
 
 
 def _enu(north: float, east: float, down: float, yaw: float) -> Position:
-    """Turn north-east-down, or forward-right-down of a vehicle with this heading, into east-north-up."""
+    """Convert north-east-down, or forward-right-down at heading `yaw`, to east-north-up."""
     cos, sin = math.cos(yaw), math.sin(yaw)
     return north * sin + east * cos, north * cos - east * sin, -down
 
 
 def _masked(vector: Position, mask: int) -> Position:
-    """Hide what is to be ignored; the bits are in the order north, east, down."""
+    """Return the vector with ignored components as NaN; the mask bits are in the order north, east, down."""
     hidden = bool(mask & 3) or math.isnan(vector[0] + vector[1])
     flat = (math.nan, math.nan) if hidden else vector[:2]
     return *flat, math.nan if mask & 4 else vector[2]

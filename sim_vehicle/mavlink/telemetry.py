@@ -1,7 +1,7 @@
-"""Telemetry from the state of the vehicle: one table, message id to builder.
+"""Telemetry of the vehicle, with one table from message id to builder.
 
-A further message is a row of `BUILDERS`. Those of ArduPilot's navigation are in `ardupilot_messages`, those
-of the gimbal in `gimbal`.
+To add a message, add a row to `BUILDERS`. Builders of ArduPilot's navigation are in `ardupilot_messages`,
+builders of the gimbal in `gimbal`.
 """
 
 from __future__ import annotations
@@ -30,10 +30,10 @@ __all__ = ["BUILDERS", "built"]
 _GPS = 32
 _FENCE = 1 << 20
 _PREARM = 1 << 28
-# gyro, accelerometer, magnetometer, barometer, GPS, motors, radio control, geofence, AHRS, battery, arming
-# checks; without the geofence bit MAVProxy reports a breach, without the last one MAVSDK says not armable.
+# Gyroscope, accelerometer, magnetometer, barometer, GPS, motors, RC, geofence, AHRS, battery, pre-arm check.
+# Without the geofence bit MAVProxy reports a breach; without the pre-arm bit MAVSDK reports "not armable".
 _SENSORS = 1 | 2 | 4 | 8 | _GPS | 1 << 15 | 1 << 16 | 1 << 20 | 1 << 21 | 1 << 25 | _PREARM
-# by the level of the battery: fine, low, critical, almost empty
+# Indexed by battery level: normal, low, critical, almost empty.
 _CHARGE_STATES = (
     m.MAV_BATTERY_CHARGE_STATE_OK,
     m.MAV_BATTERY_CHARGE_STATE_LOW,
@@ -43,7 +43,7 @@ _CHARGE_STATES = (
 _NO_BATTERY = (0, 1, 1, 32767, [UNUSED] * 10, -1, -1, -1, -1, 0, 0)
 _HOME_Q = [1.0, 0.0, 0.0, 0.0]
 _UNKNOWN_COVARIANCE = [math.nan] * 21
-# attitude, velocities, positions and height above ground; without a position only what the sensors give
+# Attitude, velocities, positions, height above ground; without a position attitude and vertical motion.
 _ESTIMATES_OK = 1 | 2 | 4 | 8 | 16 | 32 | 256 | 512
 _ESTIMATES_BLIND = 1 | 4 | 32
 _FIX_3D = 3
@@ -51,7 +51,7 @@ _FIX_3D = 3
 
 def _heartbeat(source: WireState) -> Message:
     pilot, profile = source.pilot, source.mavlink
-    # Without the custom mode bit peers do not read the custom mode.
+    # Without this flag clients ignore the custom mode.
     base_mode = m.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED | profile.modes.base.of(pilot.mode)
     if pilot.armed:
         base_mode |= m.MAV_MODE_FLAG_SAFETY_ARMED
@@ -150,7 +150,7 @@ def _vfr_hud(source: WireState) -> Message:
         state.airspeed_m_s,
         math.hypot(east, north),
         int(math.degrees(state.yaw_rad)) % 360,
-        # A rover that brakes or drives backwards has a negative one; the field is a share of the power.
+        # A rover that brakes or reverses has a negative throttle, but the field is a percentage.
         min(100, round(100.0 * abs(state.throttle))) if flies else 0,
         source.altitude_m,
         up,
@@ -190,7 +190,7 @@ def _battery_status(source: WireState) -> Message:
 
 
 def _remaining_s(source: WireState) -> int:
-    """Return how long the battery lasts in flight; 0 (unknown) on the ground and from an ArduPilot."""
+    """Return the remaining flight time of the battery; 0 (unknown) on the ground and for ArduPilot."""
     battery = source.pilot.state.battery
     known = source.mavlink.tells_remaining_time and source.pilot.landed is not LandedState.ON_GROUND
     if battery is None or not known or not math.isfinite(battery.remaining_s):
@@ -277,7 +277,7 @@ def _highres_imu(source: WireState) -> Message:
 
 
 def _state_for_gimbals(source: WireState) -> Message:
-    """AUTOPILOT_STATE_FOR_GIMBAL_DEVICE; PX4 has neither taking off nor landing here."""
+    """AUTOPILOT_STATE_FOR_GIMBAL_DEVICE, which in PX4 never reports TAKEOFF or LANDING."""
     on_ground = source.pilot.landed is LandedState.ON_GROUND
     return m.MAVLink_autopilot_state_for_gimbal_device_message(
         *(0, 0, source.boot_ms * 1000),
@@ -292,13 +292,13 @@ def _state_for_gimbals(source: WireState) -> Message:
 
 
 def _pressure_hpa(source: WireState) -> float:
-    """Pressure of the ICAO standard atmosphere at the vehicle's height above the sea."""
+    """Return the pressure of the ICAO standard atmosphere at the barometer's altitude."""
     height_m = min(11_000.0, _barometer_m(source))
     return float(1013.25 * (1.0 - 2.25577e-5 * height_m) ** 5.25588)
 
 
 def _barometer_m(source: WireState) -> float:
-    """Return the barometer's height above the sea."""
+    """Return the barometer's altitude above sea level."""
     if source.errors is None:
         return source.altitude_m
     return source.sensed.barometer_m + source.home.altitude_m
@@ -326,7 +326,7 @@ def _hil_state_quaternion(source: WireState) -> Message:
 
 
 def _sim_state(source: WireState) -> Message:
-    """SIM_STATE, the true state as ArduPilot's simulator sends it, with the accuracy of its position."""
+    """SIM_STATE, the true state from ArduPilot's simulator, with the accuracy of the sensors."""
     latitude, longitude, _ = source.e7_of(source.sensed.true_m)
     noise = source.errors.noise if source.errors is not None else SensorNoise()
     return m.MAVLink_sim_state_message(
@@ -382,7 +382,7 @@ BUILDERS: dict[int, Callable[[WireState], Message | None]] = {
     ),
     m.MAVLINK_MSG_ID_ESTIMATOR_STATUS: _estimator_status,
     m.MAVLINK_MSG_ID_EKF_STATUS_REPORT: _ekf_status_report,
-    # of a vehicle that does not vibrate
+    # The simulated vehicle does not vibrate.
     m.MAVLINK_MSG_ID_VIBRATION: lambda s: m.MAVLink_vibration_message(s.unix_us, 0.0, 0.0, 0.0, 0, 0, 0),
     m.MAVLINK_MSG_ID_SCALED_PRESSURE: lambda s: m.MAVLink_scaled_pressure_message(
         s.boot_ms, _pressure_hpa(s), 0.0, 2500
@@ -397,11 +397,11 @@ BUILDERS: dict[int, Callable[[WireState], Message | None]] = {
     **ARDUPILOT_BUILDERS,
     **GIMBAL_BUILDERS,
 }
-"""Functions that make messages, by message id; None where there is nothing to send now."""
+"""Builders by message id; a builder returns None if there is nothing to send."""
 
 
 def built(message_id: int, source: WireState) -> tuple[Message, ...]:
-    """The message with this id from the state now; none if it is unknown or there is nothing to send."""
+    """Return the message with this id for the present state; empty if unknown or if there is none to send."""
     builder = BUILDERS.get(message_id)
     message = None if builder is None else builder(source)
     return () if message is None else (message,)

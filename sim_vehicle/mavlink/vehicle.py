@@ -1,4 +1,4 @@
-"""The simulated vehicle as a MAVLink component: messages, answers, telemetry."""
+"""Simulated vehicle as a MAVLink component: messages received, answers, telemetry."""
 
 from __future__ import annotations
 
@@ -47,10 +47,10 @@ __all__ = ["SimVehicle"]
 
 _AUTOPILOT = int(m.MAV_COMP_ID_AUTOPILOT1)
 _PLANNER = int(m.MAV_COMP_ID_MISSIONPLANNER)
-# An armed vehicle is advanced at least this often.
+# Longest interval between two updates of an armed vehicle.
 _TICK_S = 0.1
 _ITEM_AFTER_MODE_S = 0.03
-# ``current`` of a MISSION_ITEM that is flown to at once.
+# ``current`` of a MISSION_ITEM that the vehicle flies to at once, in GUIDED.
 _GUIDED_ITEM = 2
 _TRUTH_HZ = 10.0
 _MISSION_IDS = frozenset(wire.SERVER_MESSAGES)
@@ -59,54 +59,55 @@ _GIMBAL_ATTITUDE = m.MAVLINK_MSG_ID_GIMBAL_DEVICE_ATTITUDE_STATUS
 
 
 def _each(kinds: Any, handle: _Handler) -> dict[int, _Handler]:
-    """Return the entries of a table of handlers for all messages of a union of types."""
+    """Return handler table entries for all message types of a union."""
     return {kind.id: handle for kind in get_args(kinds)}
 
 
 class SimVehicle:
-    """A vehicle that speaks MAVLink.
+    """Simulated vehicle that speaks MAVLink.
 
     Parameters
     ----------
     spec : VehicleSpec
-        Its limits, battery and power.
+        Limits, battery and power of the vehicle.
     home : GeoPoint
-        Its position at the start; the altitude is that of the ground.
+        Start position, at ground altitude.
     autopilot : Autopilot, optional
-        The autopilot that it simulates; the default without.
+        Autopilot to simulate; by default the one of `get_autopilot`.
     yaw_deg : float
         Compass heading at the start.
     epoch_unix_s : float
-        Time of day at the host's time 0, seconds since 1970.
+        Unix time at the host's time 0.
     signing : Signing, optional
-        The host's, so that SETUP_SIGNING can change its key where it may.
+        Signing state of the host; SETUP_SIGNING changes its key if the host allows that.
     noise : SensorNoise, optional
-        Errors of its sensors; exact without.
+        Sensor errors; by default the sensors are exact.
     sd_card : bool
-        It starts with the largest room for plans on an SD card, where a parameter gives that
+        Whether plan storage on an SD card starts at its largest size, if a parameter sets that size
         (BRD_SD_MISSION and BRD_SD_FENCE of ArduPilot).
     cold : bool
-        It boots at the first message to it, as the autopilot does; otherwise it is up already.
+        Whether the vehicle boots at the first message, with the autopilot's boot stages; by default the
+        vehicle is already up.
     sitl_rates : bool
-        It streams as the autopilot's own simulator does; otherwise fewer and slower messages.
+        Whether telemetry has the rates of the autopilot's own simulator; the default rates are lower.
 
     Attributes
     ----------
     pilot : Pilot
-        The vehicle without MAVLink: state, mode, outcome.
+        Vehicle without MAVLink: state, mode, outcome.
     link : str
-        Name of the link that the next message comes from.
+        Name of the link of the message that is being received.
     state : WireState
-        Source of its telemetry: clocks, position, plans.
+        Source of the telemetry: clocks, position, plan ids.
     firmware : Firmware
-        The autopilot's, for this kind of vehicle.
+        Firmware of the autopilot for this kind of vehicle.
     errors : NavigationErrors or None
-        Those of its sensors; None for exact ones.
+        Navigation sensor errors; None if the sensors are exact.
 
     Raises
     ------
     VehicleError
-        If it is not known how this autopilot boots.
+        If the boot stages of this autopilot are unknown for this kind of vehicle.
 
     Examples
     --------
@@ -160,10 +161,10 @@ class SimVehicle:
         self.errors: NavigationErrors | None = state.errors
         self.link = ""
         self._sitl_rates = sitl_rates
-        self._heard: frozenset[int] | None = None
+        self._heard_ids: frozenset[int] | None = None
         self.has_camera = False
-        self._spoken_to = False
-        # Interval that a stream asked for while the gimbal was asleep; it holds once it wakes.
+        self._contacted = False
+        # Interval requested by a stream for a sleeping gimbal; applied when the gimbal wakes.
         self._gimbal_interval_us = 0
         self._signing = signing
         self._tick_s = 0.0
@@ -185,7 +186,7 @@ class SimVehicle:
         self._extras = extras_of(state, self._parameters, self._plans)
         for extra in self._extras:
             state.capabilities |= extra.capabilities
-        # Parts with something to send at their `due_s`, in the order of sending.
+        # Parts that send messages at their `due_s`, in the order of sending.
         self._timed: tuple[Timed, ...] = (
             self._camera,
             self._reports,
@@ -198,7 +199,7 @@ class SimVehicle:
         self.wanted: frozenset[int] | None = frozenset(self._handlers)
 
     def _message_handlers(self) -> dict[int, _Handler]:
-        """Handlers of messages by id; answers follow the messages that the handler itself sends."""
+        """Return message handlers by id; answers follow the messages that a handler sends itself."""
         handlers: dict[int, _Handler] = {
             **_each(CommandMessage, self._commands.receive),
             **_each(ParameterMessage, self._on_parameter),
@@ -213,7 +214,7 @@ class SimVehicle:
             handler(m.MAVLink_mission_set_current_message, self._on_set_current),
             handler(m.MAVLink_ping_message, self._on_ping),
             handler(m.MAVLink_request_data_stream_message, self._on_data_stream),
-            # A vehicle that has a position keeps the origin that it has.
+            # A vehicle with a position keeps its origin.
             handler(
                 m.MAVLink_set_gps_global_origin_message,
                 lambda _: self.built(m.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN),
@@ -235,44 +236,44 @@ class SimVehicle:
 
     @property
     def true_position_m(self) -> tuple[float, float, float]:
-        """True position: east and north of the start, height above it, metres."""
+        """True position: east and north of the start, height above the start (m)."""
         return self.state.sensed.true_m
 
     def position_error(self, boot_us: float) -> tuple[float, float]:
-        """Error of its believed position, east and north, at a time of its own clock."""
+        """Return the error of the estimated position (east, north) at a time since boot."""
         return self.state.position_error(boot_us)
 
     def camera_attitude(self, boot_us: float) -> tuple[float, float, float] | None:
-        """Roll, pitch and compass heading (rad) of the camera at a time of its clock; None straight down."""
+        """Return the camera's roll, pitch and heading (rad) at a time since boot; None if straight down."""
         return self.state.gimbal.attitude_at(boot_us)
 
     @property
     def plans(self) -> tuple[tuple[MissionItem, ...], ...]:
-        """The items of mission, fence and rally points as they were sent, in the order of `MissionType`."""
+        """Items of mission, fence and rally points as uploaded, in the order of `MissionType`."""
         return tuple(tuple(self._plans.server.plan(kind).items) for kind in MissionType)
 
     @property
     def outcome(self) -> Outcome:
-        """The outcome of the run; RUNNING while it goes on."""
+        """Outcome of the run; RUNNING until the run ends."""
         return self.pilot.outcome
 
     @property
     def outcome_text(self) -> str:
-        """Why it ended so."""
+        """Reason for the outcome."""
         return self.pilot.outcome_text
 
     @property
     def finished(self) -> bool:
-        """Whether the run has ended and the vehicle is down and disarmed."""
+        """Whether the run has ended and the vehicle is disarmed."""
         return self.pilot.outcome.is_over and not self.pilot.armed
 
     def receive(self, message: Message, now_s: float) -> list[Message]:
-        """Take a message and return the answers; messages to other components are ignored."""
+        """Handle a message and return the answers; messages to other components are ignored."""
         handle = self._handlers.get(type(message).id)
         if handle is None or not self._is_mine(message):
             return []
-        if not self._spoken_to:
-            self._spoken_to = True
+        if not self._contacted:
+            self._contacted = True
             if self._boots is not None:
                 self.state.set_time(round(now_s * 1e6))
                 self.state.reboot()
@@ -288,7 +289,7 @@ class SimVehicle:
         return []
 
     def poll(self, now_s: float) -> list[Message]:
-        """Fly up to now and return the messages that are due."""
+        """Advance the vehicle to `now_s` and return the messages that are due."""
         self._advance(now_s)
         for part in self._timed:
             self._outbox += part.poll(now_s)
@@ -298,9 +299,9 @@ class SimVehicle:
         return self._sent()
 
     def _due(self, schedule: Schedule) -> list[Message]:
-        """Make the telemetry that is due."""
+        """Return the telemetry that is due."""
         messages: list[Message] = []
-        heard, boot = self._heard, self.state.boot
+        heard, boot = self._heard_ids, self.state.boot
         for message_id in schedule.due(self.state.now_us):
             if boot is not None and message_id in boot.untold:
                 continue
@@ -316,23 +317,23 @@ class SimVehicle:
         return self._schedules.get(self.link, self._schedules[""])
 
     def open_links(self, names: frozenset[str]) -> None:
-        """Stream on these links, too, each at rates of its own."""
+        """Stream on further links, each with its own message rates."""
         for name in sorted(names - self._schedules.keys()):
             self._schedules[name] = self._default_schedule(name)
 
     def streamed(self) -> list[tuple[str, list[Message]]]:
-        """Return each link's telemetry that is due at the time of the last `poll`."""
+        """Return the telemetry of each link that was due at the last `poll`."""
         if len(self._schedules) == 1:
             return []
         due = ((link, self._due(schedule)) for link, schedule in self._schedules.items())
         return [(link, messages) for link, messages in due if messages]
 
     def only_heard(self, message_ids: frozenset[int] | None) -> None:
-        """Make messages of the schedule of these ids only; None is all."""
-        self._heard = message_ids
+        """Restrict scheduled messages to these ids; None lifts the restriction."""
+        self._heard_ids = message_ids
 
     def next_deadline(self) -> float:
-        """When the next telemetry, retry or piece of flight is due."""
+        """Time at which the next telemetry message, retry or motion step is due (s)."""
         next_us = min([schedule.next_us for schedule in self._schedules.values()])
         deadline_s = min(next_us / 1e6, *[part.due_s for part in self._timed])
         return min(deadline_s, self._tick_s + _TICK_S) if self.pilot.armed else deadline_s
@@ -351,7 +352,7 @@ class SimVehicle:
         return component in (0, self.component_id)
 
     def _advance(self, now_s: float) -> None:
-        """Fly up to now and send the events."""
+        """Advance the vehicle to `now_s` and send its events."""
         now_us = round(now_s * 1e6)
         if now_us <= self.state.now_us and self._shown:
             return
@@ -366,9 +367,9 @@ class SimVehicle:
             self._on_event(event, now_s)
 
     def _boot(self, boots: ColdBoot) -> None:
-        """Go on with the boot, and send its new stage."""
+        """Advance the boot, and announce a new boot stage."""
         before = self.state.boot
-        stage = self.state.boot = boots.at(self.state.boot_ms / 1e3 if self._spoken_to else 0.0)
+        stage = self.state.boot = boots.at(self.state.boot_ms / 1e3 if self._contacted else 0.0)
         self.pilot.arming.block = boots.problem(stage, self.pilot.mode)
         if before is not None and stage is not before:
             self.pilot.note(Severity.INFO, stage.text)
@@ -388,7 +389,7 @@ class SimVehicle:
             first = (item.param1, item.param2, item.param3, item.param4)
             params = (*(math.nan if value is None else value for value in first), item.x, item.y, item.z)
             if item.command in GIMBAL_ITEMS:
-                if item.command == m.MAV_CMD_DO_MOUNT_CONTROL:  # in missions always angles
+                if item.command == m.MAV_CMD_DO_MOUNT_CONTROL:  # a mission item always holds angles
                     params = (*params[:6], float(m.MAV_MOUNT_MODE_MAVLINK_TARGETING))
                 source = (self.system_id, _AUTOPILOT)
                 command_gimbal(self.state, VehicleCommand(item.command, params, item.frame, source))
@@ -396,7 +397,7 @@ class SimVehicle:
                 self.command_camera(item.command, params)
 
     def _show_changes(self) -> None:
-        """Send notices, and changes that peers wait for (mode, arming, landing, progress), at once."""
+        """Send notices and changes of mode, arming, landing and progress without delay."""
         pilot = self.pilot
         self._outbox += self._camera.watch(self._now_s)
         if self._gimbal_interval_us and self.state.gimbal.awake:
@@ -419,7 +420,7 @@ class SimVehicle:
         self._progress = shown[2]
         lag_s = self.state.mavlink.current_lag_s
         if pilot.mission.returns and pilot.mode is Mode.MISSION:
-            # The mode of returns is sent before the item that leads to it.
+            # The autopilot sends the mode of the return before the item that leads to the return.
             steps_on, lag_s = True, (pilot.behaviour.return_lag_s or 0.0) + _ITEM_AFTER_MODE_S
         changed = [old != new for old, new in zip(before, shown, strict=True)]
         if changed[0]:
@@ -437,27 +438,27 @@ class SimVehicle:
         self._send(m.MAVLINK_MSG_ID_HOME_POSITION)
 
     def log_frame(self, frame: bytes, message_id: int, now_s: float) -> None:
-        """Take a frame that was sent or heard."""
+        """Log a frame that was sent or received."""
         for extra in self._extras:
             extra.log_frame(frame, message_id, now_s)
 
     def goodbye(self) -> list[Message]:
-        """A last HEARTBEAT, of a vehicle that is powered off."""
+        """Return the last HEARTBEAT of a vehicle that is switched off."""
         (heartbeat,) = self.built(m.MAVLINK_MSG_ID_HEARTBEAT)
         assert is_a(heartbeat, m.MAVLink_heartbeat_message)
         heartbeat.system_status = m.MAV_STATE_POWEROFF
         return [heartbeat]
 
     def built(self, message_id: int) -> tuple[Message, ...]:
-        """The message with this id from the state now; none when it is unknown."""
+        """Return the message with this id for the present state; empty if the id is unknown."""
         return built(message_id, self.state)
 
     def metadata(self) -> tuple[Message, ...]:
-        """COMPONENT_METADATA; nothing without."""
+        """Return COMPONENT_METADATA messages; empty if no extra has metadata."""
         return tuple(message for extra in self._extras for message in extra.metadata())
 
     def _send(self, message_id: int) -> None:
-        """Send a message from the state now."""
+        """Send a message for the present state."""
         self._outbox += self.built(message_id)
 
     @property
@@ -465,15 +466,15 @@ class SimVehicle:
         return self.state.now_us / 1e6
 
     def calibrate_gyro(self) -> None:
-        """Calibrate the gyroscopes, with texts where the autopilot sends them."""
+        """Calibrate the gyroscopes, with status texts if the autopilot sends such texts."""
         if self.state.mavlink.tells_calibration:
             self._calibration.begin(self._now_s)
 
     def reboot(self) -> None:
-        """Start again: time since boot, ids of plans, message rates, transfers; the plans are kept.
+        """Reboot: reset the time since boot, plan ids, message rates and transfers; the plans are kept.
 
-        On the ground it comes up in its first mode. In flight it flies on in its mode: a simplified reboot by
-        a watchdog, which is enough for the ground station's side.
+        On the ground the vehicle comes up in its boot mode. In flight the vehicle keeps its mode: a
+        simplified watchdog reboot, sufficient for tests of ground stations.
         """
         self.state.reboot()
         self._plans.reboot(self._now_s)
@@ -483,7 +484,7 @@ class SimVehicle:
 
     @property
     def link_names(self) -> frozenset[str]:
-        """Links with message rates of their own."""
+        """Names of the links with their own message rates."""
         return frozenset(self._link_rates_hz) - {""}
 
     @property
@@ -492,9 +493,9 @@ class SimVehicle:
         return mavlink.sitl_rates_hz if self._sitl_rates else mavlink.link_rates_hz
 
     def _default_schedule(self, link: str) -> Schedule:
-        """Rates of the firmware on a link, at most two messages per motion step; the true state, too.
+        """Return the firmware's rates on a link, limited to one message per motion step (two at SITL rates).
 
-        The true state only where it differs from what the vehicle believes.
+        The true state is added if the vehicle has sensor errors.
         """
         mavlink = self.state.mavlink
         rates_hz = dict(self._link_rates_hz.get(link) or self._link_rates_hz.get("", mavlink.rates_hz))
@@ -504,12 +505,12 @@ class SimVehicle:
                 rates_hz |= dict.fromkeys(STREAMS[group_number(group)], rate) if rate > 0.0 else {}
         if self.errors is not None and not link:
             rates_hz[mavlink.truth_message] = _TRUTH_HZ
-        # Between two steps messages would repeat the state of the last one.
+        # Between two motion steps a message would repeat the state of the last step.
         most_hz = (2.0 if self._sitl_rates else 1.0) / self.pilot.spec.step_s
         return Schedule({kind: min(rate, most_hz) for kind, rate in rates_hz.items()})
 
     def command_camera(self, command: int, params: tuple[float, ...]) -> None:
-        """Send a command to the camera, until it is acknowledged or was sent three times."""
+        """Send a command to the camera; repeat it until it is acknowledged or was sent three times."""
         self._outbox.append(self._camera.command(command, params, self._now_s))
 
     def _is_own_camera(self, message: Message) -> bool:
@@ -523,7 +524,7 @@ class SimVehicle:
         self.has_camera |= self._is_own_camera(message)
 
     def _on_image(self, message: m.MAVLink_camera_image_captured_message) -> list[Message]:
-        """Report a shot that this vehicle has commanded, as an autopilot's own camera driver does."""
+        """Report an image that this vehicle has commanded, as an autopilot's own camera driver does."""
         own = self._is_own_camera(message) and self._camera.shooting and message.capture_result == 1
         return [camera_feedback(message, self.pilot.state)] if own else []
 
@@ -566,7 +567,7 @@ class SimVehicle:
         return [m.MAVLink_timesync_message(self.state.unix_us * 1000, message.ts1)] if answers else []
 
     def _on_setup_signing(self, message: m.MAVLink_setup_signing_message) -> None:
-        if message.target_system != self.system_id:  # a key is never for everybody
+        if message.target_system != self.system_id:  # a broadcast must not change keys
             return
         if self.pilot.armed or self._signing is None:
             why = "armed" if self.pilot.armed else "not over this link"

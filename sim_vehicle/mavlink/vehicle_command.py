@@ -1,4 +1,4 @@
-"""Commands as they come over MAVLink."""
+"""Received commands (COMMAND_LONG and COMMAND_INT) in a common form."""
 
 from __future__ import annotations
 
@@ -15,37 +15,37 @@ __all__ = ["Result", "VehicleCommand", "read_command"]
 _INT_FRAMES = {5: 0, 6: 3, 11: 10}
 
 Result: TypeAlias = "int | tuple[Message, ...] | None"
-"""Result of a command: MAV_RESULT, or (accepted) the messages after the acknowledgement; None is none."""
+"""Result of a command: MAV_RESULT, or the messages after an accepting acknowledgement; None accepts, too."""
 
 
 @dataclass(frozen=True, slots=True)
 class VehicleCommand:
-    """A command as it came, long or int."""
+    """Received COMMAND_LONG or COMMAND_INT."""
 
     id: int
     """MAV_CMD."""
     params: tuple[float, ...]
-    """Parameters 1 to 7; a position's latitude and longitude are degrees."""
+    """Parameters 1 to 7; latitude and longitude of a position are in degrees."""
     frame: int
-    """MAV_FRAME, without the INT variants; COMMAND_LONG has GLOBAL."""
+    """MAV_FRAME without INT variants; GLOBAL for COMMAND_LONG."""
     source: tuple[int, int]
     again: bool = False
-    """The sender repeats a command without an answer."""
+    """Whether this is a retry of a command that had no answer."""
     long: bool = False
-    """It came as COMMAND_LONG, with positions in 32-bit floats."""
+    """Whether the message was a COMMAND_LONG, with positions in 32-bit floats."""
 
     def number(self, index: int, default: int = 0) -> int:
-        """Return a parameter (from 1) as an integer; the default when it is not finite."""
+        """Return parameter `index` (from 1) as an integer, or `default` if the parameter is not finite."""
         value = self.params[index - 1]
         return int(value) if math.isfinite(value) else default
 
     def is_same(self, other: VehicleCommand) -> bool:
-        """Whether it is the same command with the same parameters."""
+        """Whether both commands have the same id and parameters."""
         return self.id == other.id and repr(self.params) == repr(other.params)
 
     @property
     def position(self) -> tuple[float, float] | None:
-        """Latitude and longitude, None when none is given."""
+        """Latitude and longitude; None if the command has no position."""
         latitude, longitude = self.params[4:6]
         if not (abs(latitude) <= 90.0 and abs(longitude) <= 180.0) or latitude == longitude == 0.0:
             return None
@@ -53,7 +53,7 @@ class VehicleCommand:
 
 
 def read_command(message: CommandMessage) -> VehicleCommand:
-    """Read COMMAND_LONG or COMMAND_INT."""
+    """Convert COMMAND_LONG or COMMAND_INT to a VehicleCommand."""
     source = (message.get_srcSystem(), message.get_srcComponent())
     first = (message.param1, message.param2, message.param3, message.param4)
     if is_a(message, m.MAVLink_command_long_message):

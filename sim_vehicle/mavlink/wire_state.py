@@ -1,4 +1,4 @@
-"""State of a vehicle for its messages beside that of its pilot: clocks, estimated position, plan ids."""
+"""Telemetry state of a vehicle beside the pilot's state: clocks, estimated position, plan ids."""
 
 from __future__ import annotations
 
@@ -21,18 +21,18 @@ __all__ = ["UNUSED", "WireState", "centidegrees", "int16", "int16_vector"]
 Vector: TypeAlias = tuple[float, float, float]
 
 UNUSED = 65535
-"""Value of a 16-bit field that is not known."""
-# No rates of turning from a longer time.
+"""Value of a 16-bit field for "unknown"."""
+# Longest interval over which roll and pitch rates are averaged.
 _LONGEST_MEAN_S = 1.5
 
 
 def int16(value: float) -> int:
-    """Return a number as a 16-bit integer, clipped to its range."""
+    """Return a number rounded and clipped to a 16-bit integer."""
     return max(-32767, min(32767, round(value)))
 
 
 def int16_vector(vector: Vector, scale: float, unit: float = 1.0) -> tuple[int, int, int]:
-    """Return a vector as 16-bit integers in 1/scale of a unit."""
+    """Return a vector as 16-bit integers in units of ``unit / scale``."""
     x, y, z = vector
     return int16(scale * x / unit), int16(scale * y / unit), int16(scale * z / unit)
 
@@ -47,7 +47,7 @@ def _e7(latitude_deg: float, longitude_deg: float, altitude_m: float) -> tuple[i
 
 
 class WireState:
-    """Source of a vehicle's telemetry, besides the state of its pilot."""
+    """Telemetry source of a vehicle, in addition to the state of its pilot."""
 
     def __init__(
         self,
@@ -62,80 +62,80 @@ class WireState:
         self.firmware = pilot.firmware
         self.mavlink = pilot.firmware.mavlink
         self.home = home
-        # It carries the camera; not fitted where the autopilot has none.
+        # Gimbal of the camera; not fitted if the autopilot has no gimbal.
         self.gimbal = Gimbal(pilot.parameters, self.mavlink.gimbal)
         self.system_id = system_id
         self.capabilities = self.mavlink.identity.capabilities
         self.errors = NavigationErrors(noise) if noise is not None and not noise.is_off else None
-        # Its position, in truth and by its sensors.
+        # True position and position according to the sensors.
         self.sensed = Sensed.exact((0.0, 0.0, 0.0))
-        # Home, and where it believes to be: 1e-7 degree, 1e-7 degree, millimetres above the sea.
+        # Home and estimated position: 1e-7 degree, 1e-7 degree, millimetres above sea level.
         self.home_e7 = _e7(home.latitude_deg, home.longitude_deg, home.altitude_m)
         self.position_e7 = self.home_e7
-        # Believed velocity: east, north, up.
+        # Estimated velocity: east, north, up.
         self.velocity_m_s = (0.0, 0.0, 0.0)
         # Opaque ids of mission, fence and rally points.
         self.plan_ids = (0, 0, 0)
-        # Stage of its boot; None of a vehicle that is up.
+        # Boot stage; None once the vehicle is up.
         self.boot: BootStage | None = None
-        # Time of the host, since boot, and of day.
+        # Host time, time since boot, and Unix time.
         self.now_us = 0
         self.boot_ms = 0
         self.epoch_unix_s = epoch_unix_s
         self.unix_us = round(epoch_unix_s * 1e6)
         self._epoch_us = self.unix_us
         self._boot_us = 0
-        self._unknown_until_us = 0
-        self._asked: tuple[Mode, int] | None = None
+        self._no_item_until_us = 0
+        self._requested_mode: tuple[Mode, int] | None = None
         pilot.arming.custom_mode = lambda: self.custom_mode
         self._pings = 0
         self._attitude: Vector = (-math.inf, 0.0, 0.0)
         self._rates = (0.0, 0.0, 0.0)
 
     def name_mode(self, number: int) -> None:
-        """Note the number by which the mode was asked for: several are flown alike, as BRAKE and LOITER."""
-        self._asked = (self.pilot.mode, number)
+        """Record the requested mode number: several numbers share a flight mode, such as BRAKE and LOITER."""
+        self._requested_mode = (self.pilot.mode, number)
 
     @property
     def custom_mode(self) -> int:
-        """Number of the flight mode in heartbeats."""
+        """Custom mode number for heartbeats."""
         mode = self.pilot.mode
-        if self._asked is not None and self._asked[0] is not mode:
-            self._asked = None
+        if self._requested_mode is not None and self._requested_mode[0] is not mode:
+            self._requested_mode = None
         modes = self.mavlink.modes
         if mode is Mode.HOLD and self.pilot.modes.by_itself and modes.own_hold is not None:
             return modes.own_hold
-        return modes[mode] if self._asked is None else self._asked[1]
+        return modes[mode] if self._requested_mode is None else self._requested_mode[1]
 
     def next_ping(self) -> int:
-        """Number of a PING of its own, counted from 0."""
+        """Return the sequence number of the vehicle's next PING, from 0."""
         self._pings += 1
         return self._pings - 1
 
     def forget_item(self, until_s: float) -> None:
-        """Name no item in MISSION_CURRENT until a time."""
-        self._unknown_until_us = round(until_s * 1e6)
+        """Report no current item in MISSION_CURRENT until `until_s`."""
+        self._no_item_until_us = round(until_s * 1e6)
 
     @property
     def item_known(self) -> bool:
-        """Whether MISSION_CURRENT names an item."""
-        return self.now_us >= self._unknown_until_us
+        """Whether MISSION_CURRENT reports the current item."""
+        return self.now_us >= self._no_item_until_us
 
     @property
     def ned_m(self) -> Vector:
-        """Believed position: north, east, down of home."""
+        """Estimated position relative to home: north, east, down."""
         east, north, up = self.sensed.believed_m
         return north, east, -up
 
     @property
     def ned_m_s(self) -> Vector:
-        """Believed velocity: north, east, down."""
+        """Estimated velocity: north, east, down."""
         east, north, up = self.velocity_m_s
         return north, east, -up
 
     @property
     def altitude_m(self) -> float:
-        """Believed height above the sea."""
+        """Estimated altitude above sea level."""
         return self.position_e7[2] / 1000.0
 
     @property
@@ -146,23 +146,23 @@ class WireState:
 
     @property
     def quaternion(self) -> Quaternion:
-        """The attitude: w, x, y, z."""
+        """Attitude quaternion: w, x, y, z."""
         state = self.pilot.state
         return quaternion_of(state.roll_rad, state.pitch_rad, state.yaw_rad)
 
     @property
     def turning_rad_s(self) -> Vector:
-        """Rates of roll, pitch and yaw; those of roll and pitch are in no state."""
+        """Roll, pitch and yaw rate; only the yaw rate is simulated, the others are 0."""
         return 0.0, 0.0, self.pilot.state.yaw_rate_rad_s
 
     @property
     def force_m_s2(self) -> Vector:
-        """The specific force that accelerometers feel: forward, right, down."""
+        """Specific force on the accelerometers: forward, right, down."""
         east, north, up = self.pilot.state.acceleration_m_s2
         return self.to_body(north, east, -(up + GRAVITY_M_S2))
 
     def to_body(self, north: float, east: float, down: float) -> Vector:
-        """Turn a vector from north, east, down to forward, right, down: by yaw, pitch, then roll."""
+        """Rotate a vector from north, east, down to forward, right, down: by yaw, pitch, then roll."""
         state = self.pilot.state
         cy, sy = math.cos(state.yaw_rad), math.sin(state.yaw_rad)
         cp, sp = math.cos(state.pitch_rad), math.sin(state.pitch_rad)
@@ -178,7 +178,7 @@ class WireState:
         self.unix_us = self._epoch_us + now_us
 
     def sense(self, now_s: float) -> None:
-        """Take the sensors' position of the vehicle now."""
+        """Update the sensors' position of the vehicle."""
         position = self.pilot.state.position_m
         self.sensed = Sensed.exact(position) if self.errors is None else self.errors.sense(position, now_s)
         self.velocity_m_s = self.pilot.state.velocity_m_s
@@ -193,7 +193,7 @@ class WireState:
             self.position_e7 = (0, 0, self.position_e7[2])
 
     def body_rates(self) -> Vector:
-        """Rates of turning about forward, right, down, rad/s: the mean since they were last asked for."""
+        """Return the body rates (forward, right, down; rad/s), averaged since the previous call."""
         state, (time_s, roll, pitch) = self.pilot.state, self._attitude
         passed_s = state.time_s - time_s
         if passed_s > 0.0:
@@ -213,38 +213,38 @@ class WireState:
         return self._rates
 
     def above_start(self, altitude_m: float, frame: int) -> float:
-        """Height above the start of an altitude in a MAV_FRAME, which counts from home or from the sea."""
+        """Convert an altitude in a MAV_FRAME to a height above the start."""
         return altitude_m + (self.pilot.home_m[2] if frame in RELATIVE_FRAMES else -self.home.altitude_m)
 
     def e7_of(self, position_m: Vector) -> tuple[int, int, int]:
-        """A position about home in the units of the wire; its height counts from the sea."""
+        """Return a local position as degrees * 1e7 and millimetres above sea level."""
         east, north, up = position_m
         return _e7(*self.pilot.frame.to_wgs84(east, north), up + self.home.altitude_m)
 
     def move_home(self) -> GeoPoint:
-        """Take the pilot's home; return it."""
+        """Update home from the pilot's home, and return the new position."""
         east, north, up = self.pilot.home_m
         latitude, longitude = self.pilot.frame.to_wgs84(east, north)
         self.home_e7 = _e7(latitude, longitude, self.home.altitude_m + up)
         return GeoPoint(latitude, longitude, self.home.altitude_m + up)
 
     def reboot(self) -> None:
-        """Count the time since boot from now on, and have no ids of plans until they come anew."""
+        """Restart the time since boot and clear the plan ids."""
         self._boot_us = self.now_us
         self.boot_ms = 0
         self.plan_ids = (0, 0, 0)
         self.gimbal.boot()
 
     def wire_seq(self, seq: int) -> int:
-        """Number of one of our mission items on the wire (ArduPilot counts home as item 0)."""
+        """Return the wire number of a mission item (ArduPilot counts home as item 0)."""
         return seq + self.firmware.profile.home_at_zero
 
     def own_seq(self, seq: int) -> int:
-        """Undo `wire_seq`; home itself is the first item."""
+        """Return the mission item of a wire number; home counts as the first item."""
         return max(0, seq - 1) if self.firmware.profile.home_at_zero else seq
 
     def position_error(self, boot_us: float) -> tuple[float, float]:
-        """Error of its believed position, east and north, at a time of its own clock."""
+        """Return the error of the estimated position (east, north) at a time since boot."""
         if self.errors is None:
             return 0.0, 0.0
         error = self.errors.at((boot_us + self._boot_us) / 1e6)

@@ -1,1 +1,1 @@
-"""How vehicles move: numba kernels and the motion models around them."""
+"""Vehicle motion: motion models and their numba kernels."""

@@ -1,8 +1,7 @@
-"""Many vehicles advanced in one compiled call, each along its own route, with the states of the single one.
+"""Batches of vehicles, advanced in one compiled call along their own routes, with unchanged results.
 
-The numbers of the vehicles are rows of arrays, ``[vehicle, number]``; the vehicles themselves keep views of
-their rows, so that everything else (routes, parameters, positions) is done with them as ever. The loops below
-call the kernels of the single vehicles.
+The numbers of the vehicles are rows of arrays, ``[vehicle, number]``. Each vehicle keeps views of its rows,
+so routes, parameters and positions are used as without a batch. The loops call single vehicles' kernels.
 """
 
 from __future__ import annotations
@@ -31,22 +30,22 @@ Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 Tables = tuple[Record, ...]
 
-# What a vehicle's kernel is called with: steps, whether to stop at each leg, steps between points of the
-# track, rows of the wind and the first of them; and the event that it returned.
+# Arguments of a vehicle's kernel: steps, whether to stop at each leg, steps between track points, number of
+# wind rows and index of the first; then the returned event.
 STEPS, STOPS, EVERY, WIND_ROWS, FIRST, EVENT = range(6)
 CALL = 6
 
 
 @compiled
 def _row(table: Record, k: int) -> Record:
-    """Return the row of a vehicle; records are handed over as an array of one."""
+    """Return a vehicle's row; a kernel receives a record as an array of length 1."""
     if table.ndim == 1:
         return table[k : k + 1]
     return table[k]
 
 
-# The rows of one vehicle in the tables that only its kernel has; their dimensions differ, so that compiled
-# code cannot loop over them.
+# Rows of one vehicle in its kernel's own tables. Compiled code cannot loop over tables of different
+# dimensions, hence one function for each number of tables.
 @compiled
 def _none(own: Tables, k: int) -> Tables:
     return ()
@@ -67,10 +66,10 @@ _ROWS = {0: _none, 3: _three, 4: _four}
 
 @cache
 def loop_of(dynamics: Dynamics) -> Callable[..., None]:
-    """Return the loop over ``members``, indices of vehicles, that calls a kernel for each.
+    """Return the compiled loop that calls the kernel for each of ``members``, the indices of vehicles.
 
-    It takes call int64[B, CALL], routes and arrivals one after the other from ``offsets`` on, wind[B, n, 9],
-    and the rows of the vehicles; then what their kernel has besides. It is compiled when it is first called.
+    The arguments are call int64[B, CALL], routes and arrivals concatenated at ``offsets``, wind[B, n, 9], the
+    rows of the vehicles, and the kernel's own tables. The loop is compiled on the first call.
     """
     advance, rows = dynamics.kernel, _ROWS[len(dynamics.own)]
 
@@ -119,16 +118,16 @@ class VehicleBatch:
     Parameters
     ----------
     vehicles : sequence of MotionModel
-        One or more of the same class. Their arrays become views of the batch's. Of a class that has no loop
-        here (`IdealRobot`), and a multirotor that is not flown by its autopilot at the moment, each is
-        advanced on its own.
+        One or more vehicles of the same class; their arrays become views of the batch's. Vehicles are
+        advanced one by one if their class has no loop here (`IdealRobot`), or while a multirotor is flown by
+        the generic dynamics.
     pool : concurrent.futures.Executor, optional
-        Threads that share the vehicles; they do not change the result.
+        Threads that share the work; the results do not depend on them.
 
     Raises
     ------
     VehicleError
-        Without vehicles, or when they differ in class or in the length of their tracks.
+        If there are no vehicles, or if their classes or track lengths differ.
 
     Examples
     --------
@@ -151,7 +150,7 @@ class VehicleBatch:
             raise VehicleError(msg)
         self.vehicles = tuple(vehicles)
         self._pool = pool
-        # Estimates that are wrong are drawn as they are flown with, for each vehicle on its own.
+        # Estimate errors are drawn during the flight, for each vehicle separately.
         together = all(
             isinstance(vehicle, CompiledMotion) and not vehicle.draws_errors for vehicle in vehicles
         )
@@ -173,29 +172,29 @@ class VehicleBatch:
 
     @property
     def state(self) -> NDArray[np.float64]:
-        """The states of the vehicles, float64[B, STATE]: see the kernel of their class."""
+        """States of the vehicles, float64[B, STATE]; see the kernel of their class."""
         return self._tables["state"]
 
     @property
     def counters(self) -> NDArray[np.int64]:
-        """The counters of the vehicles, int64[B, COUNTERS]."""
+        """Counters of the vehicles, int64[B, COUNTERS]."""
         return self._tables["counters"]
 
     def advance(
         self, max_steps: int | NDArray[np.int64], *, stop_each: bool | NDArray[np.bool_] = True
     ) -> NDArray[np.int64]:
-        """Advance every vehicle as its own ``advance`` would.
+        """Advance every vehicle as its own `advance` would.
 
         Parameters
         ----------
         max_steps : int or int64[B]
-            0 leaves a vehicle where it is.
+            Number of steps; 0 leaves a vehicle unchanged.
         stop_each : bool or bool[B]
 
         Returns
         -------
         int64[B]
-            `MotionEvent` of each.
+            `MotionEvent` of each vehicle.
         """
         calls, events = self._calls, np.zeros(len(self.vehicles), dtype=np.int64)
         calls[:, STEPS], calls[:, STOPS] = max_steps, stop_each
@@ -236,13 +235,13 @@ class VehicleBatch:
         if self._pool is None or len(members) == 1:
             loop(members, *rest)
             return
-        # More shares than threads, since some take longer than others.
+        # More shares than threads, because some shares take longer than others.
         shares = np.array_split(members, min(len(members), _SHARES))
         for future in [self._pool.submit(loop, share, *rest) for share in shares]:
             future.result()
 
     def _adopt(self) -> None:
-        """Copy the vehicles' arrays into the rows of the batch, and make the arrays views of them."""
+        """Copy the vehicles' arrays into the batch's rows, and replace the arrays by views of these rows."""
         assert self._dynamics is not None
         for name in self._dynamics.rows:
             views = self._views.get(name)
@@ -277,10 +276,10 @@ class VehicleBatch:
             raise VehicleError(msg)
         table = np.empty((len(own), *own[0].shape), dtype=own[0].dtype)
         views = []
-        for k, one in enumerate(own):
-            # What a track will hold is not there yet.
+        for k, array in enumerate(own):
+            # An empty track need not be copied.
             if name != "track" or self._vehicle(k).track_points:
-                table[k] = one
+                table[k] = array
             view = table[k]
             setattr(self.vehicles[k], name, view)
             views.append(view)
@@ -299,12 +298,12 @@ class VehicleBatch:
         self._blocks[k] = block
 
     def _take_routes(self) -> None:
-        """Put the routes into one array, one after the other."""
+        """Concatenate the routes in one array."""
         assert self._dynamics is not None
         routes = [getattr(self._vehicle(k), self._dynamics.route) for k in range(len(self.vehicles))]
         lengths = [0 if route is None else len(route) for route in routes]
         np.cumsum(lengths, out=self._offsets[1:])
-        # A route of other dynamics has other columns: it is not flown here.
+        # Routes of other dynamics have other columns and are not flown here.
         flown = [k for k in range(len(routes)) if self._vehicle(k).is_flown_by_its_autopilot()]
         if flown:
             columns = routes[flown[0]].shape[1:]

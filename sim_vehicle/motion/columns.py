@@ -1,10 +1,10 @@
-"""Rows of numbers by the names of their columns, for compiled code and its callers.
+"""Rows of numbers with named columns, for compiled code and its callers.
 
-The columns of a row are an `IntEnum`: code that handles whole arrays takes its members as indices, and a
-kernel gets the row as a record with an attribute for each, ``state.position_x``. A record is one pointer, an
-array seven numbers, and a column by its name is compiled twice as fast as one by its index.
+The columns of a row are an `IntEnum`. Code for whole arrays uses the members as indices. A kernel receives
+the row as a record with one attribute per column, such as ``state.position_x``: a record is passed as one
+pointer, an array as seven numbers, and a named column compiles twice as fast as an index.
 
-Below are the columns that all compiled vehicles share, events, and the grid of wind and track.
+The module defines the columns that all compiled vehicles share, the events, and the grid of wind and track.
 """
 
 from __future__ import annotations
@@ -17,23 +17,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 Record = Any
-"""A row in a kernel; its attributes are the columns in lower case."""
+"""Row of a kernel, with the columns in lower case as attributes."""
 
 
 def record_type(*columns: type[IntEnum] | list[str]) -> np.dtype[Any]:
-    """Return the type of a row that has these columns, one after the other.
+    """Return the record type of a row with these columns, in order.
 
     Examples
     --------
     >>> record_type(IntEnum("Leg", ["LEFT_M", "HEADING"], start=0)).names
     ('left_m', 'heading')
     """
-    names = [one if isinstance(one, str) else one.name.lower() for each in columns for one in each]
+    names = [name if isinstance(name, str) else name.name.lower() for group in columns for name in group]
     return np.dtype((np.record, [(name, np.float64) for name in names]), align=True)
 
 
 def row_of(kind: np.dtype[Any], values: Mapping[str, float]) -> NDArray[np.float64]:
-    """Return a row of this type with these values by column, 0 in the others.
+    """Return a row of this record type with the given values by column, and 0 in the other columns.
 
     Examples
     --------
@@ -52,26 +52,26 @@ def record_of(row: NDArray[np.float64], kind: np.dtype[Any]) -> Record:
 
 
 def records_of(rows: NDArray[np.float64], kind: np.dtype[Any]) -> NDArray[Any]:
-    """Return rows, float64[..., n], as an array of records that share their memory."""
+    """Return rows, float64[..., n], as an array of records that shares their memory."""
     return rows.view(kind)[..., 0]
 
 
-# State, float64; positions, velocities and accelerations are east, north, up.
+# State, float64; vectors are east, north, up.
 State = IntEnum(
     "State",
     "POSITION_X POSITION_Y POSITION_Z VELOCITY_X VELOCITY_Y VELOCITY_Z ACCELERATION_X ACCELERATION_Y "
     "ACCELERATION_Z HEADING "
-    "HEADING_RATE "  # Clockwise.
+    "HEADING_RATE "  # Rate of the heading, clockwise.
     "ENERGY_USED "  # J.
     "PATH_LENGTH "
     "POWER "  # W.
-    "GIVE_UP_STEP "  # Step at which the leg is given up; infinity: a new leg.
+    "GIVE_UP_STEP "  # Step at which the leg counts as stalled; infinity: a new leg.
     "WIND_EAST WIND_NORTH "
-    "LOOK_EAST LOOK_NORTH",  # Position that the nose points at; NaN: none.
+    "LOOK_EAST LOOK_NORTH",  # Region of interest; NaN: none.
     start=0,
 )
 STATE = record_type(State)
-# What is several numbers.
+# Slices of the vector quantities.
 POSITION, VELOCITY, ACCELERATION = slice(0, 3), slice(3, 6), slice(6, 9)
 LEVEL_WIND = slice(State.WIND_EAST, State.WIND_NORTH + 1)
 LOOK = slice(State.LOOK_EAST, State.LOOK_NORTH + 1)
@@ -85,7 +85,7 @@ LOOK = slice(State.LOOK_EAST, State.LOOK_NORTH + 1)
     TRACK_POINTS,  # Points of the track.
 ) = range(6)
 COUNTERS = 6
-# Why a kernel returns; WIND: its block of the wind is used up.
+# Reasons why a kernel returns; WIND: end of the wind block.
 RAN, REACHED, WIND, STALLED, ENERGY, NEAR = range(6)
-# Steps from one value of the wind, and possible point of the track, to the next.
+# Steps between two grid points; wind values and track points are on the grid.
 GRID = 5

@@ -1,4 +1,4 @@
-"""The base of compiled motion models: a state, a route, wind and energy around a kernel."""
+"""Base class of compiled motion models: state, route, wind and energy around a kernel."""
 
 from __future__ import annotations
 
@@ -30,18 +30,18 @@ _NO_TRACK = np.empty((0, 3))
 
 @dataclass(frozen=True, slots=True)
 class Dynamics:
-    """A kernel, and the arrays of a vehicle that it is called with.
+    """Kernel of a motion model, with the names and types of its array arguments.
 
     Parameters
     ----------
     kernel : callable
         See `sim_vehicle.motion.stepping.kernel_of`.
     state, limits : dtype
-        Records of the arrays that all kernels have.
+        Record types of the arrays that all kernels have.
     own : tuple of (str, dtype or None)
-        Attributes of the model that only this kernel has, in its order, first those that are records.
+        Names and record types of the arrays that only this kernel has, in argument order, records first.
     route : str
-        Attribute that is the route.
+        Name of the route array.
     """
 
     kernel: Callable[..., int]
@@ -52,7 +52,7 @@ class Dynamics:
 
     @property
     def rows(self) -> dict[str, np.dtype[Any] | None]:
-        """Attributes that are arrays of one shape for all vehicles."""
+        """Names and record types of the arrays that have the same shape in all vehicles."""
         return {
             "state": self.state,
             "counters": None,
@@ -64,7 +64,7 @@ class Dynamics:
 
 
 class CompiledMotion(MotionModel):
-    """A vehicle on the ground at home, moved by a compiled kernel.
+    """Vehicle that starts on the ground at home and is moved by a compiled kernel.
 
     Parameters
     ----------
@@ -73,7 +73,7 @@ class CompiledMotion(MotionModel):
     """
 
     dynamics: ClassVar[Dynamics]
-    """Dynamics of a vehicle that is flown by its autopilot."""
+    """Dynamics under the vehicle's autopilot."""
     _state_size: ClassVar[int]
     _energy_limit: ClassVar[int]
 
@@ -98,27 +98,27 @@ class CompiledMotion(MotionModel):
 
     @abstractmethod
     def _numbers(self, spec: VehicleSpec) -> NDArray[np.float64]:
-        """The limits in the order of the kernel."""
+        """Return the limits in the order of the kernel."""
 
     @property
     def track_points(self) -> int:
-        """Points of the track that were written."""
+        """Number of track points written."""
         return int(self.counters[col.TRACK_POINTS])
 
     @property
     def step(self) -> int:
-        """Steps since the start."""
+        """Number of steps since the start."""
         step: int = self.counters.item(col.STEP)
         return step
 
     @property
     def leg(self) -> int:
-        """Index of the leg that is being flown."""
+        """Index of the present leg."""
         return int(self.counters[col.LEG_INDEX])
 
     @property
     def position_m(self) -> Position:
-        """East, north, up about home."""
+        """East, north, up relative to home."""
         x, y, z = self.state[col.POSITION].tolist()
         return x, y, z
 
@@ -129,18 +129,18 @@ class CompiledMotion(MotionModel):
 
     @property
     def _airspeed(self) -> float:
-        """Horizontal speed through the air."""
+        """Horizontal airspeed."""
         vx, vy = self.state[State.VELOCITY_X : State.VELOCITY_Z].tolist()
         east, north = self.state[col.LEVEL_WIND].tolist()
         return math.hypot(vx - east, vy - north)
 
     @property
     def draws_errors(self) -> bool:
-        """Whether its estimate has errors."""
+        """Whether the autopilot's estimate has errors."""
         return False
 
     def snapshot(self) -> MotionState:
-        """Return the motion state now."""
+        """Return the present motion state."""
         x, y, z, vx, vy, vz, ax, ay, az, heading, rate, energy, length, power, _, east, north = self.state[
             : State.WIND_NORTH + 1
         ].tolist()
@@ -149,7 +149,7 @@ class CompiledMotion(MotionModel):
         )
 
     def place_in_flight(self, position_m: Position, velocity_m_s: Position, heading_rad: float) -> None:
-        """Be in steady flight at time 0, with nothing used yet, as if it had flown there."""
+        """Start in steady flight at time 0, with no energy used and no path flown."""
         self.counters[:] = 0
         self.state[State.POSITION_X : State.ACCELERATION_X] = (*position_m, *velocity_m_s)
         self.state[State.ACCELERATION_X : State.GIVE_UP_STEP] = 0.0
@@ -166,22 +166,22 @@ class CompiledMotion(MotionModel):
         self.counters[col.ARRIVED] = self.counters[col.NEAR_SENT] = 0
 
     def advance(self, max_steps: int, *, stop_each: bool = True) -> MotionEvent:
-        """Fly up to ``max_steps`` steps, less when something happens (see `MotionEvent`)."""
+        """Fly up to ``max_steps`` steps, fewer if an event occurs (see `MotionEvent`)."""
         return self._run(self._dynamics_now, max_steps, stop_each)
 
     @property
     def _dynamics_now(self) -> Dynamics:
-        """Dynamics of its motion now."""
+        """Dynamics of the present motion."""
         return self.dynamics
 
     def is_flown_by_its_autopilot(self) -> bool:
-        """Whether it has a route that the dynamics of its class fly."""
+        """Whether the vehicle has a route for the dynamics of its class."""
         return self._dynamics_now is self.dynamics and getattr(self, self.dynamics.route) is not None
 
     def _records(self, name: str, kind: np.dtype[Any] | None) -> Record:
-        """Return an array of the model as records that share its memory, or as it is.
+        """Return an array of the model as records that share its memory, or unchanged if `kind` is None.
 
-        Made anew only where another array has taken its place: that takes longer than a step.
+        The records are cached until the array is replaced, because making them takes longer than a step.
         """
         array = getattr(self, name)
         if kind is None:
@@ -192,7 +192,7 @@ class CompiledMotion(MotionModel):
         return known[1]
 
     def _run(self, dynamics: Dynamics, max_steps: int, stop_each: bool) -> MotionEvent:
-        """Call a kernel until an event that is not the wind's."""
+        """Call the kernel until an event other than the end of the wind block."""
         end = self.step + max_steps
         route = getattr(self, dynamics.route)
         if route is None:
@@ -220,7 +220,7 @@ class CompiledMotion(MotionModel):
             self._wind.forward()
 
     def rest(self, steps: int, *, armed: bool) -> None:
-        """Stand on the ground for a number of steps: no motion, only the idle power."""
+        """Stand on the ground for a number of steps at idle power."""
         power = float(self._power[CONSTANT_POWER]) + (self._idle_w if armed else 0.0)
         self.state[State.POWER] = power
         self.state[State.ENERGY_USED] += power * steps * self.step_s
@@ -228,11 +228,11 @@ class CompiledMotion(MotionModel):
         self.state[col.LEVEL_WIND] = self._wind.at(self.step // col.GRID, 0.0)[:2]
 
     def ignore_energy(self) -> None:
-        """Go on with an empty battery."""
+        """Keep flying with an empty battery."""
         self._limits[self._energy_limit] = math.inf
 
     def update_spec(self, spec: VehicleSpec) -> None:
-        """Take other defaults and limits; they hold from the next route on."""
+        """Replace defaults and limits; the new values apply from the next route."""
         energy = self._limits[self._energy_limit]
         self.spec = spec
         self._limits = self._numbers(spec)
@@ -240,7 +240,7 @@ class CompiledMotion(MotionModel):
             self._limits[self._energy_limit] = energy
 
     def use_energy(self, joules: float) -> None:
-        """Take energy out of the battery."""
+        """Take energy from the battery."""
         self.state[State.ENERGY_USED] += joules
 
     def touch_down(self) -> None:

@@ -1,8 +1,8 @@
-"""The paper's robot: one cell a time step, no dynamics, no battery, take-off and landing in no time.
+"""The paper's ideal robot: one cell per time step, no dynamics, no battery, instant take-off and landing.
 
-The rule (the paper's robot, docs/vehicle-model.md): a robot whose waypoint is at most one step away jumps
-exactly there, and the shortened step still costs a whole time step; otherwise it moves one step along the
-straight line. A waypoint at the position where the robot already is costs a time step, too.
+Motion rule (see docs/vehicle-model.md): a robot at most one step away from its waypoint jumps exactly to the
+waypoint, and the shortened step still takes a whole time step. Otherwise the robot moves one step along the
+straight line. A waypoint at the robot's present position takes a time step, too.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from sim_vehicle.airframe.spec import VehicleSpec
     from sim_vehicle.motion.legs import Heading, Position, Route
 
-# A waypoint that crossed the link is rounded to 1e-7 degree, 1.1 cm: that must not cost a time step.
+# Tolerance for waypoints that a link rounded to 1e-7 degree (1.1 cm): rounding must not cost a time step.
 _SLACK = 0.04
 
 
@@ -39,20 +39,20 @@ def ideal_positions(
     Parameters
     ----------
     waypoints : float[n, 2]
-        In cells.
+        Waypoints in cells.
     steps : int
         Number of time steps.
     start : tuple of float
         Position before the first step.
     velocity : float
-        Cells a step.
+        Speed in cells per step.
     repeat : bool
-        Begin again at the first waypoint after the last, otherwise stay.
+        Whether the robot restarts at the first waypoint after the last, or stays there.
 
     Returns
     -------
     float64[steps, 2]
-        Positions in cells; the observed cell is the position truncated.
+        Positions in cells; truncation gives the observed cell.
 
     Examples
     --------
@@ -81,14 +81,14 @@ def ideal_positions(
 
 
 class IdealRobot(MotionModel):
-    """The paper's robot as a motion model, in metres about home.
+    """The paper's robot as a motion model, in metres relative to home.
 
-    Heights change in no time at the beginning of a leg, and a leg that only climbs or sinks takes no step.
+    Height changes instantly at the start of a leg, and a purely vertical leg takes no step.
 
     Parameters
     ----------
     spec : VehicleSpec
-        Of kind ideal.
+        Specification of kind ``ideal``.
     yaw_rad : float
         Heading at the start.
     """
@@ -111,11 +111,11 @@ class IdealRobot(MotionModel):
 
     @property
     def position_m(self) -> Position:
-        """East, north, up about home."""
+        """East, north, up relative to home."""
         return self._place
 
     def snapshot(self) -> MotionState:
-        """Return the motion state now."""
+        """Return the present motion state."""
         return MotionState(
             position_m=self._place,
             velocity_m_s=(*self._velocity, 0.0),
@@ -129,7 +129,7 @@ class IdealRobot(MotionModel):
         )
 
     def place_in_flight(self, position_m: Position, velocity_m_s: Position, heading_rad: float) -> None:
-        """Be at a position at time 0, as if it had come there."""
+        """Start at a position at time 0, with no path flown."""
         self.step = self.leg = self.track_points = 0
         self._place = position_m
         self._velocity = velocity_m_s[:2]
@@ -155,16 +155,16 @@ class IdealRobot(MotionModel):
             self._yaw = math.atan2(tx - x, ty - y) % (2.0 * math.pi)
 
     def steer(self, velocity_m_s: Position, *, height_m: float = math.nan, heading: Heading = KEEP) -> None:
-        """Refuse: it only knows positions."""
+        """Raise VehicleError: the ideal robot has no velocity control."""
         msg = f"vehicle {self.spec.name}: the ideal robot has no velocity control, give it places"
         raise VehicleError(msg)
 
     def stopping_point(self) -> Position:
-        """Return the position: it stops at once."""
+        """Return the present position, because the robot stops at once."""
         return self._place
 
     def advance(self, max_steps: int, *, stop_each: bool = True) -> MotionEvent:
-        """Move up to ``max_steps`` steps, less at a waypoint (at the last one without ``stop_each``)."""
+        """Move up to ``max_steps`` steps, or to a waypoint (without ``stop_each``, the last waypoint)."""
         end = self.step + max_steps
         while self.leg < len(self._legs):
             tx, ty, tz, _ = self._legs[self.leg]
@@ -209,7 +209,7 @@ class IdealRobot(MotionModel):
         return MotionEvent.RAN
 
     def _record(self, begun: int, moved: int) -> None:
-        """Write the positions between ``self.step`` and ``begun + moved`` into the track."""
+        """Write the positions from ``self.step`` to ``begun + moved`` into the track."""
         if not self.track_every or not len(self._legs):
             return
         tx, ty, tz, _ = self._legs[self.leg]
@@ -228,7 +228,7 @@ class IdealRobot(MotionModel):
         self.step += steps
 
     def update_spec(self, spec: VehicleSpec) -> None:
-        """Take other defaults."""
+        """Replace defaults."""
         self.spec = spec
 
     def touch_down(self) -> None:

@@ -1,4 +1,4 @@
-"""Legs, the headings on them, and routes for the compiled motion."""
+"""Legs, their headings, and routes for the compiled motion."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 Position = tuple[float, float, float]
-"""East, north, up about home, metres."""
+"""East, north, up relative to home (m)."""
 
 
 class LegKind(IntEnum):
-    """Purpose of a leg; an autopilot treats some kinds in its own way.
+    """Purpose of a leg; autopilots fly some kinds differently.
 
-    SETPOINT is a position that a companion or ground station asks for, again and again: multirotors fly to it
-    as their position control does, without a path. LOITER_TO_HEIGHT is a circle that is
-    left once its height is reached. ORBIT is a circle about its end that goes on for ever.
+    SETPOINT is a position that a companion computer or ground station sends repeatedly; a multirotor's
+    position controller flies to it without a planned path. LOITER_TO_HEIGHT is a circle that ends at its
+    height. ORBIT is an endless circle about the leg's end.
     """
 
     WAYPOINT = 0
@@ -43,7 +43,7 @@ class LegKind(IntEnum):
 
 
 class HeadingMode(Enum):
-    """Where the nose points on a leg."""
+    """Direction of the nose on a leg."""
 
     KEEP = "the heading at the start of the leg"
     ALONG = "along the leg"
@@ -54,7 +54,7 @@ class HeadingMode(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Heading:
-    """Where the nose points on a leg: `KEEP`, `ALONG`, `INWARD`, `Heading.fixed` or `Heading.turning`.
+    """Direction of the nose on a leg: `KEEP`, `ALONG`, `INWARD`, `Heading.fixed` or `Heading.turning`.
 
     Examples
     --------
@@ -64,25 +64,25 @@ class Heading:
 
     mode: HeadingMode
     angle_rad: float = 0.0
-    """Compass heading of a fixed one."""
+    """Compass heading of a FIXED heading."""
     rate_rad_s: float = 0.0
-    """Rate of turning, clockwise."""
+    """Heading rate, clockwise."""
 
     @classmethod
     def fixed(cls, angle_rad: float) -> Heading:
-        """Return a compass heading."""
+        """Return a fixed compass heading."""
         return cls(HeadingMode.FIXED, angle_rad=angle_rad)
 
     @classmethod
     def turning(cls, rate_rad_s: float) -> Heading:
-        """Return a heading that changes at a rate, clockwise."""
+        """Return a heading that turns at a rate, clockwise."""
         return cls(HeadingMode.TURN, rate_rad_s=rate_rad_s)
 
     @property
     def numbers(self) -> tuple[float, float]:
-        """Compass heading and rate (NaN for none).
+        """Compass heading and heading rate for a route; a rate of NaN is none.
 
-        The heading is NaN along the leg, infinity for the one at its start, minus infinity inward.
+        The heading is NaN for ALONG and TURN, infinity for KEEP, and minus infinity for INWARD.
         """
         if self.mode is HeadingMode.ALONG:
             return math.nan, math.nan
@@ -102,14 +102,14 @@ INWARD = Heading(HeadingMode.INWARD)
 
 @dataclass(frozen=True, slots=True)
 class Circle:
-    """The circle of a leg: of an orbit, and of vehicles that stay by circling."""
+    """Circle of a leg: of an orbit, or of a fixed wing that holds."""
 
     radius_m: float | None = None
-    """Clockwise when positive; None is the autopilot's own."""
+    """Radius, positive for clockwise; None selects the autopilot's own."""
     turns: float = 0.0
-    """To fly before the leg is complete."""
+    """Number of turns that complete the leg."""
     leave_to_m: tuple[float, float] | None = None
-    """Position (east, north) towards which the circle is left, None for anywhere."""
+    """Position (east, north) towards which the vehicle leaves the circle; None for any direction."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,45 +118,45 @@ class Leg:
 
     end_m: Position
     speed_m_s: float | None = None
-    """Horizontal ground speed (airspeed of a fixed wing); None leaves it to the vehicle."""
+    """Horizontal ground speed (airspeed of a fixed wing); None selects the vehicle's own."""
     radius_m: float = 0.0
     """Acceptance radius; 0 is a stop."""
     heading: Heading = ALONG
     kind: LegKind = LegKind.WAYPOINT
     vertical_speed_m_s: float | None = None
-    """Speed of a vertical leg, up or down; None is the vehicle's own."""
+    """Speed of a vertical leg, up or down; None selects the vehicle's own."""
     near_m: float = 0.0
-    """Distance to the end at which the motion reports NEAR, 0 for never."""
+    """Distance to the end at which the motion reports NEAR; 0 disables the report."""
     pause_s: float = 0.0
-    """Time to stay at the end of the leg, which is a stop then."""
+    """Pause at the end of the leg; a leg with a pause ends with a stop."""
     circle: Circle | None = None
-    """A fixed wing that lands without one approaches straight."""
+    """Circle of the leg; a fixed wing that lands without a circle approaches straight."""
     pitch_rad: float = 0.0
-    """Least pitch of a fixed wing on a take-off leg; 0 is the autopilot's own."""
+    """Minimum pitch of a fixed wing on a take-off leg; 0 selects the autopilot's own."""
 
     @property
     def descends(self) -> bool:
-        """Whether it is part of a landing."""
+        """Whether the leg is part of a landing."""
         return self.kind is LegKind.LAND or self.vertical_speed_m_s is not None
 
 
-# Columns of the legs of a route: as `Leg`, with NaN for what it leaves to the vehicle.
+# Columns of the legs of a route, as in `Leg`; NaN selects the vehicle's own value.
 ROUTE = record_type(
     ["x", "y", "z", "radius", "speed", "vertical"],
     ["heading", "turn"],  # As `Heading.numbers`.
     ["near", "kind", "pause"],
     ["circle", "turns"],  # Radius: NaN for no circle, 0 for the autopilot's own.
-    ["exit_x", "exit_y"],  # Where the circle is left to; NaN for anywhere.
+    ["exit_x", "exit_y"],  # Position towards which the circle is left; NaN for any direction.
     ["pitch"],
 )
 
 
 @dataclass(frozen=True, slots=True)
 class Route:
-    """Legs that are flown without a pause between them; the last one always ends with a stop."""
+    """Legs flown without a pause between them; the last leg always ends with a stop."""
 
     legs: Record
-    """ROUTE[n]"""
+    """Legs, ROUTE[n]."""
 
     @classmethod
     def through(cls, legs: Sequence[Leg]) -> Route:
@@ -171,7 +171,7 @@ class Route:
 
     @classmethod
     def over(cls, points_m: NDArray[np.float64], leg: Leg) -> Route:
-        """Return the route through positions, float64[n, 3], to each of which leads a leg such as this."""
+        """Return the route through positions, float64[n, 3], with `leg` as the pattern of each leg."""
         table = np.tile(_numbers(leg), (len(points_m), 1))
         table[:, :3] = points_m
         return cls(records_of(table, ROUTE))
@@ -188,7 +188,7 @@ _ANYWHERE = (math.nan, math.nan)
 
 
 def _numbers(leg: Leg) -> tuple[float, ...]:
-    """Return a leg as one row of numbers, in the order of `ROUTE`."""
+    """Return a leg as a row of numbers in the order of `ROUTE`."""
     circle = _NO_CIRCLE
     if leg.circle is not None:
         circle = (leg.circle.radius_m or 0.0, leg.circle.turns, *(leg.circle.leave_to_m or _ANYWHERE))

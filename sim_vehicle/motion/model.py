@@ -1,4 +1,4 @@
-"""The base of motion models: they fly routes in fixed steps, and return when something happens."""
+"""Base class of motion models, which fly routes in fixed time steps until an event."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 class MotionEvent(IntEnum):
-    """Why a motion model returned; the values are those of the kernel."""
+    """Reason why a motion model returned; the values are those of the kernel."""
 
     RAN = 0
     REACHED = 1
@@ -29,35 +29,35 @@ class MotionEvent(IntEnum):
 
 
 class MotionState(NamedTuple):
-    """How a vehicle moves at one time."""
+    """Motion of a vehicle at one time."""
 
-    # East, north, up about home.
+    # East, north, up relative to home.
     position_m: Position
     velocity_m_s: tuple[float, float, float]
     acceleration_m_s2: tuple[float, float, float]
-    # Compass heading, and its rate (clockwise).
+    # Compass heading and heading rate, clockwise.
     heading_rad: float
     yaw_rate_rad_s: float
-    # Used and flown since the start.
+    # Totals since the start.
     energy_j: float
     path_length_m: float
     power_w: float
-    """Electric power now."""
+    """Present electric power."""
     wind_m_s: tuple[float, float]
-    """East, north: where the air moves to."""
+    """Wind velocity, east and north (towards, not from)."""
 
 
 def attitude_of(east: float, north: float, up: float, heading_rad: float) -> tuple[float, float]:
-    """Return roll and pitch of a vehicle whose thrust points there."""
+    """Return roll and pitch of a vehicle with its thrust in the given direction."""
     sine, cosine = math.sin(heading_rad), math.cos(heading_rad)
     pitch = -math.atan2(east * sine + north * cosine, up)
     return math.atan2((east * cosine - north * sine) * math.cos(pitch), up), pitch
 
 
 class MotionModel(ABC):
-    """A vehicle's motion, such as `Multirotor` or `IdealRobot`.
+    """Motion of one vehicle, such as `Multirotor` or `IdealRobot`.
 
-    Methods that mean nothing to most models have a body here.
+    Methods without effect in most models have an empty default body.
     """
 
     spec: VehicleSpec
@@ -69,7 +69,7 @@ class MotionModel(ABC):
     @property
     @abstractmethod
     def track_points(self) -> int:
-        """Points of the track that were written."""
+        """Number of track points written."""
 
     @property
     def time_s(self) -> float:
@@ -79,17 +79,17 @@ class MotionModel(ABC):
     @property
     @abstractmethod
     def step(self) -> int:
-        """Steps since the start."""
+        """Number of steps since the start."""
 
     @property
     @abstractmethod
     def leg(self) -> int:
-        """Index of the leg that is being flown."""
+        """Index of the present leg."""
 
     @property
     @abstractmethod
     def position_m(self) -> Position:
-        """East, north, up about home."""
+        """East, north, up relative to home."""
 
     @property
     @abstractmethod
@@ -98,64 +98,64 @@ class MotionModel(ABC):
 
     @property
     def estimate_error(self) -> tuple[float, float, float, float]:
-        """Errors of what the autopilot estimates, estimate less truth, all 0 without `EstimateErrors`.
+        """Errors of the autopilot's estimate (estimate minus truth), all 0 without `EstimateErrors`.
 
-        Height (m), velocity east, north, up (m/s).
+        The errors are those of height (m) and of velocity east, north, up (m/s).
         """
         return 0.0, 0.0, 0.0, 0.0
 
     def estimate_with(self, errors: EstimateErrors) -> None:
-        """Fly by an estimate that is wrong, where the autopilot's is known to be."""
+        """Add errors to the autopilot's estimate, if this model has such errors."""
         return
 
     @abstractmethod
     def snapshot(self) -> MotionState:
-        """Return the motion state now."""
+        """Return the present motion state."""
 
     def attitude(self) -> tuple[float, float, float, float] | None:
-        """Return roll, pitch, airspeed and throttle; None where they follow from the acceleration."""
+        """Return roll, pitch, airspeed and throttle, or None if the acceleration determines them."""
         return None
 
     @abstractmethod
     def place_in_flight(self, position_m: Position, velocity_m_s: Position, heading_rad: float) -> None:
-        """Be in steady flight at time 0, with nothing used yet, as if it had flown there."""
+        """Start in steady flight at time 0, with no energy used and no path flown."""
 
     @abstractmethod
     def fly(self, route: Route) -> None:
         """Begin a route."""
 
     def interrupt(self) -> None:
-        """Give up the present leg: the next route begins anew, where the autopilot does that."""
+        """Abort the present leg, so that the next route starts anew, if the autopilot does that."""
         return
 
     @abstractmethod
     def steer(self, velocity_m_s: Position, *, height_m: float = math.nan, heading: Heading = KEEP) -> None:
-        """Keep a velocity (east, north, up), or its horizontal part at a height.
+        """Keep a velocity (east, north, up), or its horizontal part at an altitude.
 
-        Sinking, it goes on to the ground and slows down to the landing speed there; the touch is REACHED.
-        A heading along the leg is that of the flight.
+        A descent slows to the landing speed near the ground, and touch-down is REACHED. With the heading
+        `ALONG`, the nose points in the direction of flight.
 
         Raises
         ------
         VehicleError
-            When the vehicle has no velocity control.
+            If the vehicle has no velocity control.
         """
 
     def look_at(self, position_m: tuple[float, float] | None) -> None:
-        """Point the nose at a position (east, north) on any leg, where it can; None ends that."""
+        """Point the nose at a position (east, north) on all legs, if the vehicle can; None ends that."""
         return
 
     def point(self, heading_rad: float) -> None:
-        """Turn the nose to a compass heading on the leg that is flown now, where that is possible."""
+        """Turn the nose to a compass heading on the present leg, if the vehicle can."""
         return
 
     @abstractmethod
     def stopping_point(self) -> Position:
-        """Return the position of rest if it brakes now."""
+        """Return the position at which the vehicle stops if it brakes now."""
 
     @abstractmethod
     def advance(self, max_steps: int, *, stop_each: bool = True) -> MotionEvent:
-        """Fly up to a number of steps, less when something happens."""
+        """Fly up to `max_steps` steps, fewer if an event occurs."""
 
     @abstractmethod
     def rest(self, steps: int, *, armed: bool) -> None:
@@ -163,18 +163,18 @@ class MotionModel(ABC):
 
     @abstractmethod
     def update_spec(self, spec: VehicleSpec) -> None:
-        """Take other defaults and limits."""
+        """Replace defaults and limits."""
 
     def set_climb(self, climb_m_s: float | None, descent_m_s: float | None) -> None:
-        """Climb and sink no faster than this, from the next route on; None is the vehicle's own limit."""
+        """Limit climb and descent speed from the next route; None selects the vehicle's own limit."""
         return
 
     def use_energy(self, joules: float) -> None:
-        """Take energy out of the battery."""
+        """Take energy from the battery."""
         return
 
     def lose_power(self) -> None:
-        """Fly on without the motor, where that is possible."""
+        """Fly on without the motor, if the vehicle can."""
         return
 
     @abstractmethod
@@ -182,5 +182,5 @@ class MotionModel(ABC):
         """Stand still on the ground."""
 
     def ignore_energy(self) -> None:
-        """Go on with an empty battery."""
+        """Keep flying with an empty battery."""
         return

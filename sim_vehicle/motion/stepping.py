@@ -1,4 +1,4 @@
-"""The loop over steps that moves all compiled vehicles: wind, track, legs, events."""
+"""Time stepping shared by all compiled vehicles: wind, track, legs, events."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ multirotor_power = compiled(allocates=False)(power.multirotor_power)
 
 @compiled(allocates=False)
 def _wind_row(step: int, first: int, rows: int) -> int:
-    """Return the row of the wind's block, from a grid index on, for a step; -1: the block is used up."""
+    """Return the row of the wind block for a step; -1 if the block ends before that step."""
     if rows == 1:
         # A steady wind.
         return 0
@@ -36,7 +36,7 @@ def _wind_row(step: int, first: int, rows: int) -> int:
 def _mark_track(
     counters: Integers, step: int, track: Floats, every: int, x: float, y: float, z: float
 ) -> None:
-    """Write the position into the track at every ``every``-th grid point (0: never), until it is full."""
+    """Append the position to the track at every `every`-th grid point (0: never) until the track is full."""
     point = counters[col.TRACK_POINTS]
     if every > 0 and (step // col.GRID) % every == 0 and point < track.shape[0]:
         track[point, 0], track[point, 1], track[point, 2] = x, y, z
@@ -45,7 +45,7 @@ def _mark_track(
 
 @compiled(allocates=False)
 def _complete_leg(counters: Integers, arrivals: Integers, step: int, stop_each: bool) -> int:
-    """Enter the arrival at the end of the current leg and go on to the next; return the event."""
+    """Record the arrival at the end of the present leg, move to the next leg, and return the event."""
     leg = counters[col.LEG_INDEX]
     arrivals[leg] = step
     counters[col.NEAR_SENT] = 0
@@ -58,21 +58,21 @@ def _complete_leg(counters: Integers, arrivals: Integers, step: int, stop_each: 
 
 @compiled(inline="always")
 def distance2(state: Record, x: float, y: float, z: float) -> float:
-    """Return the square of the distance to a position."""
+    """Return the squared distance to a position."""
     dx, dy, dz = x - state.position_x, y - state.position_y, z - state.position_z
     return float(dx**2 + dy**2 + dz**2)
 
 
 @compiled(allocates=False)
 def stop(state: Record) -> None:
-    """Have neither velocity nor acceleration."""
+    """Set velocity and acceleration to zero."""
     state.velocity_x = state.velocity_y = state.velocity_z = 0.0
     state.acceleration_x = state.acceleration_y = state.acceleration_z = 0.0
 
 
 @compiled(inline="always")
 def take_velocity(state: Record, east: float, north: float, up: float, dt: float) -> None:
-    """Have a velocity after a step in which it was come to evenly."""
+    """Set the velocity after a step, and the constant acceleration that leads to it."""
     state.acceleration_x = (east - state.velocity_x) / dt
     state.acceleration_y = (north - state.velocity_y) / dt
     state.acceleration_z = (up - state.velocity_z) / dt
@@ -86,25 +86,26 @@ def kernel_of(
     move: Callable[..., bool],
     leave: Callable[..., None],
 ) -> Callable[..., int]:
-    """Return the kernel of a vehicle: the compiled loop over its steps.
+    """Return a vehicle's kernel: the compiled loop over time steps.
 
-    Its parts are compiled functions. They take the state STATE, the limits LIMITS and ``own``, a tuple of the
-    arrays that only this vehicle has.
+    The arguments are compiled functions of the state STATE, the limits LIMITS and ``own``, a tuple of the
+    arrays that only this kind of vehicle has.
 
     Parameters
     ----------
     module : str
-        Under which the kernel is compiled and kept.
+        Module name under which the kernel is compiled and cached.
     enter : callable
-        Before a step: begins a leg, where that is due. Takes state, counters, route LEG[n], limits, own.
+        Called before a step, to begin a leg that is due. Arguments: state, counters, route LEG[n], limits,
+        own.
     feel : callable
-        On the grid of the wind: sets the wind (a tuple: east, north, up) and the power of the state, and
-        returns whether the vehicle has stopped making progress. Takes state, counters, the row of the leg,
-        the wind, limits, power, own.
+        Called on the wind grid. Sets the wind (tuple: east, north, up) and the power in the state, and
+        returns whether the vehicle has stalled. Arguments: state, counters, the leg's row, the wind, limits,
+        power, own.
     move : callable
-        Moves by one step and returns whether the leg is done. Takes what ``enter`` takes.
+        Moves the vehicle by one step and returns whether the leg is complete. Arguments as for ``enter``.
     leave : callable
-        After a leg that was done, with its row: state, counters, row, route, limits, own.
+        Called after a completed leg. Arguments: state, counters, the leg's row, route, limits, own.
     """
 
     def advance(
@@ -122,34 +123,34 @@ def kernel_of(
         track_every: int,
         *own: Any,
     ) -> int:
-        """Move up to ``max_steps`` steps along the route; return early, with the event, at an event.
+        """Advance up to ``max_steps`` steps along the route, fewer if an event occurs; return the event.
 
-        An empty battery hides that a leg was completed in the same step; ``arrivals`` has it in any case.
+        An empty battery takes precedence over a leg completed in the same step; ``arrivals`` has the leg.
 
         Parameters
         ----------
         states, counters : STATE[1], int64[COUNTERS]
-            Changed in place.
+            Modified in place.
         route : LEG[n]
-            After the last leg the vehicle stays at its end.
+            After the last leg the vehicle holds at the end of that leg.
         limits_of, power : LIMITS[1], float64[COEFFICIENTS]
         wind : float64[m, ROW]
-            On the grid of `GRID` steps from grid index ``first_wind``, see `wind_at`; one row is a steady
+            Values every `GRID` steps from grid index ``first_wind`` (see `wind_at`); a single row is a steady
             wind.
         stop_each : bool
-            Return at every waypoint, not only at the last.
+            Whether to return at every waypoint, or only at the last.
         arrivals : int64[n]
-            Receives the step at which each leg was completed.
+            Output: step of arrival at the end of each leg.
         track : float64[k, 3]
-            Receives the position every ``track_every`` grid points (0: never) until it is full.
+            Output: position every ``track_every`` grid points (0: never), until the track is full.
 
         Returns
         -------
         int
-            RAN, REACHED, WIND (the wind block is used up), STALLED (no progress), ENERGY or NEAR.
+            RAN, REACHED, WIND (end of the wind block), STALLED (no progress), ENERGY or NEAR.
         """
         state, limits = states[0], limits_of[0]
-        # Read once: a look into the limits at every step costs a tenth of the speed.
+        # Kept in locals: reading the limits in every step costs a tenth of the speed.
         dt, capacity = limits.step_s, limits.energy_limit
         for _ in range(max_steps):
             enter(state, counters, route, limits, own)

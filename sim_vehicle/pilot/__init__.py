@@ -1,1 +1,1 @@
-"""Modes, arming, failsafes, fence, setpoints: the autopilot without MAVLink."""
+"""Autopilot without MAVLink: modes, arming, failsafes, fence, setpoints."""

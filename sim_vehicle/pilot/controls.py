@@ -1,4 +1,4 @@
-"""One vehicle under a pilot: orders that may be refused, its state, and notices to the operator."""
+"""Controls of one vehicle: orders that may be refused, vehicle state, and notices to the operator."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ __all__ = ["Controls", "MissionState", "RefusedError", "Severity"]
 
 
 class Severity(IntEnum):
-    """As MAV_SEVERITY numbers them."""
+    """Severity of a notice, with the values of MAV_SEVERITY."""
 
     CRITICAL = 2
     WARNING = 4
@@ -28,7 +28,7 @@ class Severity(IntEnum):
 
 
 class MissionState(IntEnum):
-    """As MISSION_STATE numbers them."""
+    """Mission state, with the values of MISSION_STATE."""
 
     NO_MISSION = 1
     NOT_STARTED = 2
@@ -38,16 +38,16 @@ class MissionState(IntEnum):
 
 
 class RefusedError(VehicleError):
-    """An order that the vehicle does not take.
+    """An order that the vehicle refuses.
 
     Parameters
     ----------
     reason : str
-        For the operator.
+        Reason for the operator.
     denied : bool
-        The order can never be taken as it is; False when it may be taken later.
+        Whether the order is invalid; False if the vehicle may obey the order later.
     text : str
-        Text of the autopilot besides its answer; empty for none, as with most refusals.
+        The autopilot's status text beside its answer; empty if it sends none, as with most refusals.
     """
 
     def __init__(self, reason: str, *, denied: bool = False, text: str = "") -> None:
@@ -57,7 +57,7 @@ class RefusedError(VehicleError):
 
 
 class Controls:
-    """One vehicle under a pilot: executor, rules of its firmware, parameters, mode, and notices."""
+    """One vehicle under a pilot: executor, firmware rules, parameters, mode, and notices."""
 
     def __init__(self, executor: MissionExecutor, firmware: Firmware) -> None:
         self.executor = executor
@@ -67,17 +67,17 @@ class Controls:
         self.parameters = RuntimeParameters.of(executor.spec, firmware.rules.defaults)
         self.mode = firmware.mavlink.modes.boot
         self._notices: list[tuple[Severity, str]] = []
-        # After the last order or `advance`, and the time of that.
+        # State after the last order or `advance`, and the time of that state.
         self.state: VehicleState = executor.state()
         self.now_s = 0.0
-        # Roll and pitch of an attitude that is flown; None where they follow from the motion.
+        # Roll and pitch of a commanded attitude; None if the motion determines them.
         self.flown_attitude: tuple[float, float] | None = None
-        # Whether there is a position (GPS), and whether all motors run.
+        # Whether a position (GPS) is available, and whether all motors work.
         self.position_ok = self.motor_ok = True
 
     @property
     def spec(self) -> VehicleSpec:
-        """The vehicle, with the defaults and limits that hold now."""
+        """Vehicle specification with the defaults and limits now in force."""
         return self.executor.spec
 
     @property
@@ -92,11 +92,11 @@ class Controls:
 
     @property
     def home_m(self) -> tuple[float, float, float]:
-        """Home: east and north of the start, height above it."""
+        """Home: east and north of the start, height above the start."""
         return self.executor.mission.return_points.home_m
 
     def order(self, order: Callable[[], None]) -> None:
-        """Give the executor an order."""
+        """Give an order to the executor; RefusedError if the vehicle cannot obey it."""
         try:
             order()
         except RefusedError:
@@ -106,21 +106,21 @@ class Controls:
         self.refresh()
 
     def note(self, severity: Severity, text: str) -> None:
-        """Add a notice to the operator; none for an empty text."""
+        """Add a notice to the operator, unless the text is empty."""
         if text:
             self._notices.append((severity, text))
 
     def warn(self, text: str) -> None:
-        """Add a warning; none for an empty text."""
+        """Add a warning to the operator, unless the text is empty."""
         self.note(Severity.WARNING, text)
 
     def notices(self) -> list[tuple[Severity, str]]:
-        """Return the notices since the last call."""
+        """Return and clear the notices since the last call."""
         taken, self._notices = self._notices, []
         return taken
 
     def refresh(self) -> None:
-        """Read the state anew."""
+        """Update the state from the executor."""
         state = self.executor.state()
         if self.flown_attitude is not None:
             roll_rad, pitch_rad = self.flown_attitude

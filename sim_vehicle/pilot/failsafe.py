@@ -1,4 +1,4 @@
-"""Safety functions: checks before arming; in flight, watches of battery, position, fence and link."""
+"""Safety functions: pre-arm checks, and failsafes for battery, position, fence and link."""
 
 from __future__ import annotations
 
@@ -30,10 +30,10 @@ _ALMOST_EMPTY = 3
 
 
 class BatteryWatch:
-    """The levels of a battery: 0 fine, 1 low, 2 critical, 3 almost empty.
+    """Battery level: 0 normal, 1 low, 2 critical, 3 almost empty.
 
-    With `by_voltage` a voltage that stays too low is a low battery, too; such a level is not taken back when
-    the voltage recovers (ArduPilot). `reported` is the highest level since the vehicle was armed.
+    `by_voltage`: a voltage below its threshold for some time counts as a low battery, too. Such a level stays
+    even if the voltage recovers (ArduPilot). `reported` is the highest level since arming.
     """
 
     def __init__(self, controls: Controls, *, by_voltage: bool) -> None:
@@ -44,16 +44,16 @@ class BatteryWatch:
         self._sagging_since_s = [math.inf, math.inf]
 
     def reset(self) -> None:
-        """Begin again with the arming."""
+        """Reset the reported level on arming."""
         self.reported = 0
         self._sagging_since_s = [math.inf, math.inf]
 
     def give_up(self) -> None:
-        """Report no further level: the battery is empty, or the vehicle falls."""
+        """Stop reporting levels, because the battery is empty or the vehicle is falling."""
         self.reported = _ALMOST_EMPTY
 
     def check(self) -> int:
-        """Check the battery; return its level when that is higher than any before, else 0."""
+        """Return the battery level if it is a new maximum since arming, else 0."""
         battery = self._controls.state.battery
         if battery is None:
             return 0
@@ -66,7 +66,7 @@ class BatteryWatch:
         return level
 
     def level(self) -> int:
-        """The level now."""
+        """Return the present battery level."""
         battery, parameters = self._controls.state.battery, self._parameters
         if battery is None:
             return 0
@@ -78,7 +78,7 @@ class BatteryWatch:
         return max(level, self._voltage_level(), self.reported if self._by_voltage else 0)
 
     def describe(self, level: int) -> str:
-        """A level in words, with the charge or the voltage that made it."""
+        """Return the name of a level with the charge or voltage that caused it."""
         battery, parameters = self._controls.state.battery, self._parameters
         assert battery is not None
         limit = parameters.low_fraction if level == 1 else parameters.critical_fraction
@@ -88,7 +88,7 @@ class BatteryWatch:
         return f"{_LEVEL_NAMES[level]} ({amount})"
 
     def _voltage_level(self) -> int:
-        """The level of a voltage that was too low for the time of the parameter, 0 to 2."""
+        """Return the level (0 to 2) of a voltage below its threshold for longer than the parameter's time."""
         now_s, patience_s = self._controls.now_s, self._parameters.low_voltage_timer_s
         if patience_s <= 0.0:
             return 0
@@ -96,7 +96,7 @@ class BatteryWatch:
         return 2 if critical else int(low)
 
     def _time_low_voltages(self, battery: BatteryState) -> None:
-        """Note the time since which the voltage is too low, under load or without the sag."""
+        """Record since when the voltage, under load or sag-compensated, is below each threshold."""
         parameters, now_s = self._parameters, self._controls.now_s
         voltage = battery.rest_voltage_v if parameters.low_voltage_source == 1 else battery.voltage_v
         for i, limit in enumerate((parameters.low_voltage_v, parameters.critical_voltage_v)):
@@ -105,34 +105,33 @@ class BatteryWatch:
 
 
 _HOMING = (FlightPhase.RETURN, FlightPhase.LAND)
-# Phases that an action does not interrupt, because they do the same or more.
+# Flight phases in which an action changes nothing, because the vehicle already does as much or more.
 _DONE_IN = {Action.HOLD: _HOMING, Action.RETURN: _HOMING, Action.LAND: (FlightPhase.LAND,)}
-# FENCE_TYPE of ArduPilot.
+# Bits of ArduPilot's FENCE_TYPE.
 _CEILING, _RADIUS, _AREAS = 1, 2, 4
 
 
 @dataclass(frozen=True, slots=True)
 class Reaction:
-    """Reaction that a safety function demands of the pilot."""
+    """Action that a safety function demands from the pilot."""
 
     action: Action
     outcome: Outcome
-    """How the run has ended with it."""
+    """Outcome of the run after the action."""
     reason: str
     return_point_m: Position | None = None
-    """Where a return leads to instead of home (east, north, least height); the vehicle holds there."""
+    """Destination of a return in place of home (east, north, minimum height), where the vehicle holds."""
 
 
 def is_done(action: Action, phase: FlightPhase) -> bool:
-    """Return whether a vehicle in a phase already does at least as much as an action asks for."""
+    """Return whether a vehicle in this phase already does at least as much as the action."""
     return phase in _DONE_IN.get(action, ())
 
 
 class Failsafe:
-    """The safety functions of one vehicle; the pilot carries out their reactions.
+    """Failsafes of one vehicle; the pilot carries out their reactions.
 
-    `active`: one of them has taken over since the vehicle was armed. `link_lost`: heartbeats of the ground
-    station came once and come no more.
+    `active`: a failsafe has triggered since arming. `link_lost`: the ground station is silent.
     """
 
     def __init__(self, controls: Controls) -> None:
@@ -149,12 +148,12 @@ class Failsafe:
 
     @property
     def fence_enabled(self) -> bool:
-        """Whether the fence is watched at all."""
+        """Whether the fence is enabled and its action is not NONE."""
         parameters = self._parameters
         return bool(parameters.fence_enable) and self._rules.fence_action(parameters) is not Action.NONE
 
     def apply_parameters(self) -> None:
-        """Take the parameters of the fence."""
+        """Apply the fence parameters."""
         parameters = self._parameters
         kinds = parameters.fence_type
         self.fence.change(
@@ -166,41 +165,41 @@ class Failsafe:
         )
 
     def set_fence(self, fence: Fence) -> None:
-        """Take another fence plan; it holds at once."""
+        """Replace the fence plan at once."""
         self.fence.change(fence)
 
     def on_gcs_heartbeat(self, now_s: float) -> None:
-        """Note a heartbeat of a ground station, whose silence is counted."""
+        """Record a heartbeat of a ground station, for the link timeout."""
         self._last_gcs_s = now_s
         if self.link_lost:
             self.link_lost = False
-            if self._tells_link:
+            if self._reports_link:
                 self._controls.note(Severity.INFO, self._rules.link_regained)
 
     @property
-    def _tells_link(self) -> bool:
+    def _reports_link(self) -> bool:
         acts = self._rules.link_action(self._parameters) is not Action.NONE
         return acts or self._rules.tells_link_loss
 
     def on_armed(self) -> None:
-        """Begin again with the arming."""
+        """Reset the failsafes on arming."""
         self.active = self._position_lost = False
         self.battery.reset()
 
     def give_up(self) -> None:
-        """Note that the battery is empty or the vehicle falls: nothing more can be done."""
+        """Stop the battery failsafe, because the battery is empty or the vehicle is falling."""
         self.active = True
         self.battery.give_up()
 
     def outside(self, position_m: Position) -> str | None:
-        """Why the fence does not allow a position; None when it does."""
+        """Return the reason why the fence excludes a position, or None for an allowed position."""
         if not self.fence_enabled:
             return None
         breach, reason, _ = self.fence.evaluate(position_m, self._controls.home_m)
         return None if breach is Breach.NONE else reason
 
     def why_not_arm(self) -> str | None:
-        """Reason of a safety function to refuse arming; None without one."""
+        """Return the reason of a failsafe against arming, or None."""
         reason = self.outside(self._controls.state.position_m)
         if reason is not None:
             return f"fence: {reason}"
@@ -210,10 +209,9 @@ class Failsafe:
         return None
 
     def check(self) -> Iterator[Reaction]:
-        """Check everything while the vehicle is armed.
+        """Check all failsafes of an armed vehicle, and yield the reactions.
 
-        Each reaction has to be carried out before the next is asked for: the next check needs the state that
-        it leads to.
+        The caller must carry out each reaction before taking the next: later checks read the new state.
         """
         controls, parameters = self._controls, self._parameters
         if controls.state.phase.is_lost:
@@ -260,7 +258,7 @@ class Failsafe:
             self._controls.note(Severity.WARNING, self._rules.link_ignored)
             return
         acts = action is not Action.NONE and self._controls.landed is not LandedState.ON_GROUND
-        if self._tells_link:
+        if self._reports_link:
             done = f": {action.value}" if acts else ""
             self._controls.note(Severity.WARNING, self._rules.link_lost + done)
         yield from self._react(Reaction(action, Outcome.LINK_LOST, "ground station lost"))
@@ -281,14 +279,14 @@ class Failsafe:
             if point_m is None:
                 yield from self._react(reaction)
             else:
-                # From any flight to the fence's own point, to hold there, as ArduPlane does.
+                # As in ArduPlane, a return to the fence's return point interrupts any flight.
                 self.active = True
                 yield reaction
         elif before is not Breach.NONE and watch.breach is Breach.NONE:
             self._controls.note(Severity.INFO, self._rules.fence_clear)
 
     def _react(self, reaction: Reaction) -> Iterator[Reaction]:
-        """Ask for a reaction, unless the vehicle is already at something stronger."""
+        """Yield the reaction, unless the vehicle already does at least as much."""
         action = reaction.action
         if action in (Action.NONE, Action.WARN) or self._controls.landed is LandedState.ON_GROUND:
             return
@@ -299,10 +297,10 @@ class Failsafe:
 
 
 class ArmingChecks:
-    """The checks before the motors may run.
+    """Pre-arm checks.
 
-    Two attributes are assigned from outside: `block`, a further reason not to arm, and `custom_mode`, which
-    returns the number of the flight mode as peers know it.
+    The owner may assign two attributes: `block`, a further reason against arming, and `custom_mode`, a
+    function that returns the custom mode number.
     """
 
     def __init__(self, controls: Controls, failsafe: Failsafe) -> None:
@@ -312,7 +310,7 @@ class ArmingChecks:
         self._failsafe = failsafe
 
     def health_problem(self) -> str | None:
-        """Why the vehicle is not fit to fly in any mode; None when it is."""
+        """Return the reason against flying in any mode, or None."""
         controls = self._controls
         if not controls.position_ok:
             return "no position"
@@ -324,9 +322,9 @@ class ArmingChecks:
         )
 
     def why_not(self, mode: Mode, mission_problem: str | None) -> str | None:
-        """Why the vehicle cannot arm in a mode; None when it can.
+        """Return the reason against arming in a mode, or None.
 
-        ``mission_problem`` is the reason why its mission cannot be flown, or None.
+        `mission_problem` is the reason why the mission cannot be flown, or None.
         """
         problem = self.health_problem()
         if problem is not None:
@@ -355,9 +353,9 @@ class ArmingChecks:
 
 
 class IdleWatch:
-    """Counts the time that a vehicle stands on the ground with its motors on, until it is disarmed.
+    """Timer of a vehicle on the ground with running motors; the vehicle is disarmed when the time is over.
 
-    `throttle_down` returns whether no stick asks for thrust.
+    `throttle_down` returns whether no stick demands thrust.
     """
 
     def __init__(self, controls: Controls, rule: IdleDisarm, throttle_down: Callable[[], bool]) -> None:
@@ -373,11 +371,11 @@ class IdleWatch:
         return self._rule.texts
 
     def on_armed(self) -> None:
-        """Begin to count."""
+        """Start the timer."""
         self._since_s, self._has_flown = self._controls.now_s, False
 
     def is_over(self) -> bool:
-        """Whether the armed vehicle has stood for too long."""
+        """Whether the armed vehicle has been on the ground for too long."""
         controls, rule = self._controls, self._rule
         stands = controls.landed is LandedState.ON_GROUND and controls.state.phase is FlightPhase.GROUND
         self._has_flown |= not stands

@@ -1,7 +1,7 @@
-"""The geofence: its zones, the margin of a position, and breaches.
+"""Geofence: zones, distance of a position to the edge, and breaches.
 
-The check of each moment is cheap: a vehicle 100 m from the edge cannot have crossed it before it has flown
-100 m, and until then nothing is computed.
+Repeated checks are cheap: a vehicle 100 m from the edge cannot cross the edge within 100 m of path, so the
+next 100 m need no computation.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ _CIRCLES = frozenset({int(Command.NAV_FENCE_CIRCLE_INCLUSION), int(Command.NAV_F
 
 
 class Breach(IntEnum):
-    """Limit that was broken, numbered as FENCE_BREACH."""
+    """Breached limit, with the values of FENCE_BREACH."""
 
     NONE = 0
     MAX_ALTITUDE = 2
@@ -42,14 +42,14 @@ class Breach(IntEnum):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Zone:
-    """A polygon or, with a radius, a circle; ``inclusion`` means stay inside."""
+    """Polygon or, with a radius, circle; ``inclusion``: the vehicle must stay inside."""
 
     points_m: NDArray[np.float64]
     radius_m: float
     inclusion: bool
 
     def depth_m(self, x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return how far inside the zone's edge each position is, negative outside."""
+        """Return the distance of each position to the zone's edge, negative outside the zone."""
         if self.radius_m > 0.0:
             away: NDArray[np.float64] = np.hypot(x - self.points_m[0, 0], y - self.points_m[0, 1])
             return self.radius_m - away
@@ -69,18 +69,18 @@ class _Zone:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Fence:
-    """The zones of a fence plan."""
+    """Zones of a fence plan."""
 
     zones: tuple[_Zone, ...] = ()
     """Polygons and circles."""
     return_point_m: tuple[float, float, float] | None = None
-    """East, north, height of the point to return to."""
+    """Return point: east, north, height."""
     any_inclusion: bool = True
-    """Being inside one of the inclusion zones is enough (PX4); otherwise inside all (ArduPilot)."""
+    """Whether the vehicle must be inside any inclusion zone (PX4) instead of inside all (ArduPilot)."""
 
     @classmethod
     def of(cls, items: Sequence[MissionItem], frame: LocalFrame, *, any_inclusion: bool = True) -> Fence:
-        """Make a fence from the items 5000 to 5004 of a plan; incomplete zones are left out.
+        """Make a fence from the plan items 5000 to 5004; incomplete zones are ignored.
 
         Examples
         --------
@@ -111,7 +111,7 @@ class Fence:
         return cls(tuple(zones), point, any_inclusion)
 
     def margins_m(self, x_m: ArrayLike, y_m: ArrayLike) -> NDArray[np.float64]:
-        """Return the distance from each position to the nearest edge, negative outside the fence."""
+        """Return the distance of each position to the nearest edge, negative outside the fence."""
         x, y = np.atleast_1d(np.asarray(x_m, float)), np.atleast_1d(np.asarray(y_m, float))
         margin = np.full(len(x), np.inf)
         inside = [zone.depth_m(x, y) for zone in self.zones if zone.inclusion]
@@ -123,38 +123,38 @@ class Fence:
         return np.asarray(margin)
 
     def margin_m(self, x_m: float, y_m: float) -> float:
-        """As `margins_m` for one position."""
+        """Return the distance of one position to the nearest edge, negative outside the fence."""
         return float(self.margins_m(x_m, y_m)[0])
 
 
 @dataclass(frozen=True, slots=True)
 class Bounds:
-    """Limits that need no plan; 0 and infinity are none."""
+    """Limits that need no fence plan; infinity disables a limit."""
 
     ceiling_m: float = math.inf
     """Height above home."""
     radius_m: float = math.inf
     """Distance from home."""
     areas: bool = True
-    """Whether the zones of the plan count."""
+    """Whether the zones of the plan are checked."""
 
 
 @dataclass(slots=True)
 class FenceWatch:
-    """A fence and the vehicle in it."""
+    """Fence with the breaches of one vehicle."""
 
     fence: Fence = field(default_factory=Fence)
     bounds: Bounds = field(default_factory=Bounds)
-    # The present breach, and its reason in words.
+    # Present breach and its description.
     breach: Breach = Breach.NONE
     reason: str = ""
-    # Number of breaches, and the time of the last.
+    # Number of breaches, and time of the last breach.
     count: int = 0
     broken_s: float = 0.0
     _free_until_m: float = -math.inf
 
     def change(self, fence: Fence | None = None, bounds: Bounds | None = None) -> None:
-        """Take another fence or other bounds."""
+        """Replace the fence or the bounds."""
         self.fence = fence if fence is not None else self.fence
         self.bounds = bounds if bounds is not None else self.bounds
         self._free_until_m = -math.inf
@@ -162,7 +162,7 @@ class FenceWatch:
     def evaluate(
         self, place_m: tuple[float, float, float], home_m: tuple[float, float, float]
     ) -> tuple[Breach, str, float]:
-        """The breach at a position, the reason in words, and the distance to move until there is one."""
+        """Return the breach at a position, its description, and the distance to the nearest limit."""
         x, y, z = place_m[0], place_m[1], place_m[2] - home_m[2]
         bounds = self.bounds
         away = math.hypot(x - home_m[0], y - home_m[1])
@@ -183,7 +183,7 @@ class FenceWatch:
         home_m: tuple[float, float, float],
         now_s: float,
     ) -> bool:
-        """Check a vehicle after a flown distance; True when it has just broken the fence."""
+        """Check a vehicle's position and path length; return whether a breach has just begun."""
         if flown_m < self._free_until_m:
             return False
         breach, reason, free = self.evaluate(place_m, home_m)

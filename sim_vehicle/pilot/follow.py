@@ -1,7 +1,7 @@
-"""PX4's follow-me: the vehicle flies about a target that sends its position.
+"""PX4's follow-me mode: the vehicle flies at a distance from a target that sends its position.
 
 Sources: PX4's ``TargetEstimator.cpp`` and ``FlightTaskAutoFollowTarget.cpp``. The estimate has no
-acceleration and no filter behind it, and the angle about the target no limit of jerk.
+acceleration and no output filter, and the angle about the target has no jerk limit.
 """
 
 from __future__ import annotations
@@ -28,18 +28,18 @@ _ALTITUDE_MODE, _TRACKS_TARGET = Setting("FLW_TGT_ALT_M", 0.0), 2
 _RESPONSIVENESS = Setting("FLW_TGT_RS", 0.1)
 _ORBIT_SPEED = Setting("FLW_TGT_MAX_VEL", 5.0)
 _GAIN, _LEAST_GAIN = Setting("MPC_XY_P", 0.95), 0.1
-# The numbers of the sources: metres, seconds, metres per second.
+# Constants of the sources, in metres, seconds and metres per second.
 _LEAST_HEIGHT_M, _LEAST_DISTANCE_M, _LOWEST_M = 8.0, 1.0, 1.0
 _POSITION_EACH_S, _VELOCITY_EACH_S, _STALE_S = 0.5, 0.1, 3.0
 _LEAST_COURSE_M_S, _ORBIT_M_S2, _NEAR_HEIGHT_M, _LEAST_YAW_M = 1.0, 2.0, 3.0, 1.0
 _VELOCITY_SHARE = 0.9
-# Longest step of the filter.
+# Longest time step of the filter.
 _LONGEST_S = 20.0
 
 
 @dataclass(slots=True)
 class _Target:
-    """Estimate of the target: east, north, up."""
+    """Estimate of the target's position and velocity: east, north, up."""
 
     position_m: list[float]
     velocity_m_s: list[float]
@@ -49,7 +49,7 @@ class _Target:
     velocity_s: float
 
     def move(self, now_s: float) -> None:
-        """Move it on; a target that is not heard stands still."""
+        """Predict the target to `now_s`; a silent target stands still."""
         passed_s, self.now_s = now_s - self.now_s, now_s
         if now_s - self.heard_s >= _STALE_S:
             self.velocity_m_s = [0.0, 0.0, 0.0]
@@ -58,7 +58,7 @@ class _Target:
         ]
 
     def fuse(self, position_m: Position, velocity_m_s: Position | None, responsiveness: float) -> None:
-        """Correct the estimate by a measurement."""
+        """Correct the estimate with a measurement."""
         self.heard_s = now_s = self.now_s
         beta = min(max(responsiveness, 0.1), 1.0) ** (1.0 / 3.0)
         if (passed_s := now_s - self.position_s) >= _POSITION_EACH_S:
@@ -76,21 +76,21 @@ class _Target:
 
 
 class FollowPilot:
-    """Flies about the target, at a distance and an angle to its course, and looks at it."""
+    """Flies at a distance and an angle from the target's course, with the nose towards the target."""
 
     def __init__(self, controls: Controls) -> None:
         self._controls = controls
         self._target: _Target | None = None
-        # Course of the target, and the direction from it to the vehicle: clockwise from north.
+        # Course of the target, and bearing of the vehicle from the target, clockwise from north.
         self._course_rad = self._orbit_rad = self._turning_rad_s = self._flown_s = 0.0
 
     def begin(self) -> None:
-        """Wait for the first word of a target."""
+        """Wait for the first message of a target."""
         self._target = None
         self._course_rad = self._turning_rad_s = 0.0
 
     def take(self, position_m: Position, velocity_m_s: Position | None) -> None:
-        """Note where the target is, and how it moves where that is known."""
+        """Process a position and, if known, a velocity of the target."""
         controls = self._controls
         if not math.hypot(*position_m[:2]) <= controls.spec.max_distance_m:
             return
@@ -105,7 +105,7 @@ class FollowPilot:
         self._target.fuse(position_m, velocity_m_s, _RESPONSIVENESS.of(controls.parameters))
 
     def check(self) -> None:
-        """Fly on; without a target the vehicle holds."""
+        """Fly about the target; without a target the vehicle holds."""
         target, controls = self._target, self._controls
         if target is None:
             return
@@ -120,15 +120,15 @@ class FollowPilot:
         x, y, z = controls.state.position_m
         height_m = max(_HEIGHT.of(get), _LEAST_HEIGHT_M)
         if _ALTITUDE_MODE.of(get) == _TRACKS_TARGET:
-            # A target may be below the ground, by its altitude, or above all that the vehicle reaches.
+            # The target's altitude may be below the ground or above the vehicle's maximum altitude.
             height_m = min(max(height_m + target.position_m[2], _LOWEST_M), controls.spec.max_altitude_m)
         executor, gain = controls.executor, _GAIN.of(get)
         east, north, _ = executor.motion.stopping_point()
-        # First up or down, then about the target.
+        # The vehicle first climbs or descends, then flies about the target.
         if abs(height_m - z) < _NEAR_HEIGHT_M:
             sine, cosine = math.sin(self._orbit_rad), math.cos(self._orbit_rad)
             along = self._turning_rad_s * distance_m
-            # A position this time ahead asks for the velocity of the place about the target.
+            # A position setpoint this far ahead in time makes the controller fly at the setpoint's velocity.
             lead_s = 1.0 / max(gain, _LEAST_GAIN)
             east = target.position_m[0] + distance_m * sine + lead_s * (v_east + along * cosine)
             north = target.position_m[1] + distance_m * cosine + lead_s * (v_north - along * sine)
@@ -141,15 +141,15 @@ class FollowPilot:
                 speed_m_s = controls.spec.top_speed_m_s
                 executor.goto(east, north, height_m, heading=heading, speed_m_s=speed_m_s, as_setpoint=True)
             else:
-                # The plain law of motion does not brake for positions that move.
+                # The generic dynamics do not brake for moving positions.
                 velocity_m_s = (gain * (east - x), gain * (north - y), 0.0)
                 executor.steer(velocity_m_s, height_m=height_m, heading=heading)
 
-        with suppress(RefusedError):  # it is lost, or the place out of its reach
+        with suppress(RefusedError):  # the vehicle is lost, or the position is out of range
             controls.order(fly)
 
     def _turn(self, wanted_rad: float, distance_m: float, step_s: float) -> None:
-        """Turn about the target towards a direction, no faster than may be braked, and speed up as slowly."""
+        """Turn about the target towards a bearing, within the limits of speed and acceleration."""
         left_rad = math.remainder(wanted_rad - self._orbit_rad, 2.0 * math.pi)
         most = max(_ORBIT_SPEED.of(self._controls.parameters), 0.0) / distance_m
         change = _ORBIT_M_S2 / distance_m

@@ -1,8 +1,7 @@
-"""A gimbal that carries the camera: its target and its angles over time.
+"""Gimbal of the camera: target and angles over time.
 
-Source: ArduPilot's ``AP_Mount_Backend.cpp`` and ``AP_Mount_Servo.cpp``, whose parameters, modes and limits
-these are. Here it stabilises itself: it holds roll and pitch against the horizon and yaw against the
-vehicle's heading, and turns at a limited rate.
+Parameters, modes and limits follow ArduPilot's ``AP_Mount_Backend.cpp`` and ``AP_Mount_Servo.cpp``. The
+simulated gimbal stabilises roll and pitch to the horizon and yaw to the vehicle, at limited rates.
 """
 
 from __future__ import annotations
@@ -23,7 +22,7 @@ if TYPE_CHECKING:
 __all__ = ["RATE_RAD_S", "Attitude", "Gimbal", "GimbalMode"]
 
 RATE_RAD_S = math.radians(60.0)
-"""How fast each axis turns at most."""
+"""Maximum rate of each axis."""
 _DEGREE = math.radians(1.0)
 
 
@@ -33,11 +32,11 @@ def _settings(**defaults_deg: float) -> tuple[Setting, ...]:
 
 _LOW = _settings(ROLL_MIN=-30.0, PITCH_MIN=-90.0, YAW_MIN=-180.0)
 _HIGH = _settings(ROLL_MAX=30.0, PITCH_MAX=20.0, YAW_MAX=180.0)
-# A mapping camera rests looking straight down.
+# A mapping camera points straight down at rest.
 _NEUTRAL = _settings(NEUTRAL_X=0.0, NEUTRAL_Y=-90.0, NEUTRAL_Z=0.0)
 _RETRACTED = _settings(RETRACT_X=0.0, RETRACT_Y=0.0, RETRACT_Z=0.0)
 _DEFAULT_MODE = Setting("MNT1_DEFLT_MODE", 1.0)
-# Attitudes kept for images that arrive late: 10 s of a vehicle that is advanced 50 times a second.
+# Attitudes kept for late images: 10 s of a vehicle that is advanced 50 times per second.
 _REMEMBERED = 512
 _TURN = 2.0 * math.pi
 
@@ -45,14 +44,14 @@ Angles = tuple[float, float, float]
 
 
 class GimbalMode(IntEnum):
-    """As MAV_MOUNT_MODE numbers them."""
+    """Gimbal mode, with the values of MAV_MOUNT_MODE."""
 
     RETRACT = 0
     NEUTRAL = 1
     TARGET = 2
-    """Angles or rates that a peer asks for."""
+    """Angles or rates from a client."""
     STICKS = 3
-    """Sticks; without any, in the middle of its range."""
+    """Stick control; without sticks, the middle of the range."""
     POINT = 4
     HOME = 6
 
@@ -61,7 +60,7 @@ _MODES = frozenset(int(mode) for mode in GimbalMode)
 
 
 class Attitude(NamedTuple):
-    """An attitude of the camera: roll and pitch (up is positive) against the horizon, compass heading."""
+    """Camera attitude: roll and pitch (up is positive) relative to the horizon, and compass heading."""
 
     roll_rad: float
     pitch_rad: float
@@ -69,10 +68,9 @@ class Attitude(NamedTuple):
 
 
 class Gimbal:
-    """A gimbal of three axes.
+    """Three-axis gimbal.
 
-    The ``fitting`` parameter is above 0 where there is a gimbal; it is read when the vehicle boots, None is
-    never.
+    The vehicle has a gimbal if the `fitting` parameter is above 0 at boot; None stands for no gimbal.
 
     Examples
     --------
@@ -94,11 +92,11 @@ class Gimbal:
         self.boot()
 
     def boot(self) -> None:
-        """Start again, at rest in the first mode."""
+        """Reset to rest in the default mode."""
         self.fitted = self._fitting is not None and self._fitting.of(self._parameters) > 0.0
-        # Whether sticks turn it against north, not against the vehicle.
+        # Whether sticks control the yaw relative to north instead of relative to the vehicle.
         self.yaw_lock = False
-        # System and component that have taken control, zeros for nobody; it hinders nobody else.
+        # System and component id of the client in control, 0 for none; other clients may still send commands.
         self.controller = (0, 0)
         self._point = None
         self.to_default()
@@ -107,18 +105,18 @@ class Gimbal:
         self._earth = self._rates_earth = False
         self.angles_rad = self._limited(self._target)
         self._track.clear()
-        # Until the first order or request after the boot it rests, and costs no time.
+        # A neutral gimbal needs no simulation until the first order or request after boot.
         self.awake = self.mode is not GimbalMode.NEUTRAL
 
     @property
     def limits_rad(self) -> tuple[tuple[float, float], ...]:
-        """Least and greatest roll, pitch, and yaw against the vehicle."""
+        """Minimum and maximum of roll, pitch, and yaw relative to the vehicle."""
         kept = self._parameters
         return tuple((low.of(kept), high.of(kept)) for low, high in zip(_LOW, _HIGH, strict=True))
 
     @property
     def locks_yaw(self) -> bool:
-        """Whether it holds its compass heading when the vehicle turns."""
+        """Whether the gimbal keeps its compass heading when the vehicle turns."""
         if self.mode is GimbalMode.TARGET:
             return self._earth
         if self.mode is GimbalMode.STICKS:
@@ -126,11 +124,11 @@ class Gimbal:
         return self.mode in (GimbalMode.POINT, GimbalMode.HOME)
 
     def wake(self) -> None:
-        """Move from now on: a peer has asked for it."""
+        """Start the simulation of the gimbal on a client's first request."""
         self.awake = self.fitted
 
     def set_mode(self, number: int) -> bool:
-        """Take a mode by its number; False when there is none."""
+        """Set a mode by its number; return whether the mode exists."""
         if number not in _MODES:
             return False
         self.mode = GimbalMode(number)
@@ -138,12 +136,12 @@ class Gimbal:
         return True
 
     def to_default(self) -> None:
-        """Take the first mode."""
+        """Set the default mode."""
         number = _DEFAULT_MODE.of(self._parameters)
         self.mode = GimbalMode(int(number)) if number in _MODES else GimbalMode.NEUTRAL
 
     def turn_to(self, angles_rad: Sequence[float], *, earth: bool) -> None:
-        """Turn to finite roll, pitch and yaw; the yaw is from north (`earth`) or from the nose."""
+        """Turn to finite roll, pitch and yaw; `earth`: yaw is relative to north, else to the nose."""
         roll, pitch, yaw = angles_rad
         if not earth and yaw > math.pi:
             yaw -= _TURN
@@ -152,14 +150,14 @@ class Gimbal:
         self.set_mode(GimbalMode.TARGET)
 
     def turn_at(self, rates_rad_s: Sequence[float], *, earth: bool) -> None:
-        """Turn at finite rates of roll, pitch and yaw from its target."""
+        """Turn at finite rates of roll, pitch and yaw, starting from the present target."""
         roll, pitch, yaw = rates_rad_s
         self._rates = (roll, pitch, yaw)
         self._rates_earth = earth
         self.set_mode(GimbalMode.TARGET)
 
     def point_at(self, position_m: tuple[float, float, float] | None) -> None:
-        """Point at a position (east, north, above home) as the vehicle moves; None ends that."""
+        """Track a position (east, north, up) while the vehicle moves; None ends the tracking."""
         self._point = position_m
         if position_m is not None:
             self.set_mode(GimbalMode.POINT)
@@ -167,7 +165,7 @@ class Gimbal:
             self.to_default()
 
     def advance(self, state: VehicleState, boot_us: float, home_m: tuple[float, float, float]) -> None:
-        """Turn until now; ``boot_us`` is the time of the vehicle's own clock."""
+        """Advance the gimbal to the vehicle's time; `boot_us` is the time since boot."""
         passed_s, self._time_s = max(0.0, state.time_s - self._time_s), state.time_s
         if not self.awake:
             return
@@ -182,7 +180,7 @@ class Gimbal:
         self._track.append((boot_us, self._attitude(state.yaw_rad)))
 
     def attitude_at(self, boot_us: float) -> Attitude | None:
-        """Return the attitude of the camera at a time of the vehicle's clock; None before its first order."""
+        """Return the camera attitude at a time since boot; None before the first order."""
         after = None
         for time_us, attitude in reversed(self._track):
             if time_us > boot_us:
@@ -195,7 +193,7 @@ class Gimbal:
                 a + part * math.remainder(b - a, _TURN) for a, b in zip(attitude, after[1], strict=True)
             )
             return Attitude(roll, pitch, heading % _TURN)
-        # Before its first order it rested.
+        # The gimbal is at rest before its first order.
         return None
 
     def _attitude(self, heading_rad: float) -> Attitude:
@@ -203,7 +201,7 @@ class Gimbal:
         return Attitude(roll, pitch, (heading_rad + yaw) % _TURN)
 
     def _aim(self, state: VehicleState, home_m: tuple[float, float, float], passed_s: float) -> Angles | None:
-        """Return the target now, its yaw against the vehicle; None to stay."""
+        """Return the present target with yaw relative to the vehicle; None keeps the present angles."""
         if self.mode is GimbalMode.TARGET:
             self._follow_rates(state.yaw_rad, passed_s)
             roll, pitch, yaw = self._target
@@ -220,12 +218,12 @@ class Gimbal:
             aim = (roll, pitch, self._to_body(0.0, state.yaw_rad) if self.yaw_lock else yaw)
         else:
             aim = self._resting()
-        # Rates begin at this target.
+        # Later rates start from this target.
         self._target, self._earth = aim, False
         return aim
 
     def _follow_rates(self, heading_rad: float, passed_s: float) -> None:
-        """Move the target on at the rates that are asked for."""
+        """Move the target at the commanded rates."""
         if self._rates is None:
             return
         roll, pitch, yaw = self._target
@@ -243,7 +241,7 @@ class Gimbal:
         return roll, pitch, yaw
 
     def _limited(self, angles: Angles, *, earth: bool = False) -> Angles:
-        """Keep to the limits; a yaw against north has none but the turn."""
+        """Return the angles within the limits; a yaw relative to north is only wrapped."""
         roll, pitch, yaw = (
             max(low, min(angle, high)) for angle, (low, high) in zip(angles, self.limits_rad, strict=True)
         )

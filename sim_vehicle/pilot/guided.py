@@ -1,9 +1,9 @@
-"""Guided flight: setpoints, attitudes and headings that a companion or ground station asks for; a flip.
+"""Guided flight: setpoints, attitudes and headings from a companion or ground station; the flip mode.
 
-Setpoints come again and again (ArduPilot "Copter commands in guided mode", PX4 "Offboard mode"). With an
-attitude nothing holds the place: the thrust leans with the vehicle, drag pulls towards the speed of the air;
-the velocities that follow from both are flown by its velocity control, and telemetry shows the attitude
-that is flown here (ArduCopter's ``mode_guided.cpp``, ``angle_control_run``, and ``mode_flip.cpp``).
+Setpoints are sent repeatedly (ArduPilot "Copter commands in guided mode", PX4 "Offboard mode"). A commanded
+attitude does not hold the position: the vehicle accelerates by the tilted thrust, and drag pulls it towards
+the wind's velocity. The resulting velocities are flown by velocity control, and telemetry shows the attitude
+computed here (ArduCopter's ``mode_guided.cpp``, ``angle_control_run``, and ``mode_flip.cpp``).
 """
 
 from __future__ import annotations
@@ -22,52 +22,51 @@ from sim_vehicle.motion.legs import ALONG, KEEP, Heading
 from sim_vehicle.pilot.controls import RefusedError, Severity
 
 if TYPE_CHECKING:
-    from sim_vehicle.autopilot.parameters import RuntimeParameters
     from sim_vehicle.pilot.controls import Controls
     from sim_vehicle.pilot.failsafe import Failsafe
 
 __all__ = ["AttitudePilot", "AttitudeTarget", "AutoYaw", "Setpoint", "SetpointFollower"]
 
 _SLOWEST_M_S = 0.05
-# A setpoint no higher above a vehicle on the ground leaves it there: its height is rounded on the wire.
-_STANDS_M = 0.01
-# Share of the top speed from which ArduCopter's nose turns to the velocity (`AC_PosControl`).
-_TRAVELS = 0.05
-# A position at the ground or below it is flown to at this height: the autopilots press on the ground there.
+# A vehicle on the ground ignores setpoints up to this height above the vehicle: MAVLink rounds heights.
+_GROUND_MARGIN_M = 0.01
+# Share of the top speed above which ArduCopter turns the nose to the velocity (`AC_PosControl`).
+_TURNING_SHARE = 0.05
+# Minimum height of position setpoints; below, real autopilots press the vehicle onto the ground.
 _LOWEST_M = 0.1
 
 
 @dataclass(frozen=True, slots=True)
 class Setpoint:
-    """A setpoint of position, velocity and heading; NaN marks a component that is not set."""
+    """Setpoint of position, velocity and heading; NaN marks a component that is not set."""
 
     position_m: tuple[float, float, float]
-    """East, north, up about the start."""
+    """East, north, up relative to the start."""
     velocity_m_s: tuple[float, float, float]
     """East, north, up."""
-    # Compass heading, and rate of turning (clockwise).
+    # Compass heading, and heading rate (clockwise).
     yaw_rad: float = math.nan
     turn_rad_s: float = math.nan
 
     @property
     def heading(self) -> Heading | None:
-        """The heading that is asked for, None without one; a turn rate takes precedence."""
+        """Commanded heading, or None; a heading rate takes precedence."""
         if not math.isnan(self.turn_rad_s):
             return Heading.turning(self.turn_rad_s)
         return None if math.isnan(self.yaw_rad) else Heading.fixed(self.yaw_rad)
 
     @property
     def is_velocity(self) -> bool:
-        """Whether no horizontal position is asked for, but a velocity."""
+        """Whether the setpoint has a velocity but no horizontal position."""
         return math.isnan(self.position_m[0]) and not all(math.isnan(v) for v in self.velocity_m_s)
 
     def lifts_from(self, height_m: float) -> bool:
-        """Whether a multirotor that stands there takes off (PX4's ``MulticopterPositionControl::Run``)."""
-        return self.position_m[2] > height_m + _STANDS_M or self.velocity_m_s[2] > 0.0
+        """Whether a multirotor takes off for the setpoint (PX4's ``MulticopterPositionControl::Run``)."""
+        return self.position_m[2] > height_m + _GROUND_MARGIN_M or self.velocity_m_s[2] > 0.0
 
 
 class SetpointFollower:
-    """Flies the latest setpoint and notes when setpoints have stopped."""
+    """Flies the latest setpoint and detects the end of a setpoint stream."""
 
     def __init__(self, controls: Controls, failsafe: Failsafe, attitude: AttitudePilot) -> None:
         self._controls = controls
@@ -82,31 +81,31 @@ class SetpointFollower:
 
     @property
     def is_fresh(self) -> bool:
-        """Whether setpoints flow."""
+        """Whether the latest setpoint is recent enough."""
         return self._controls.now_s - self._taken_s <= self._parameters.setpoint_timeout_s
 
     @property
     def flown(self) -> Setpoint | None:
-        """The setpoint that is flown, None while something else is."""
+        """Setpoint in flight, or None if the vehicle flies something else."""
         return self._flown
 
     def listens_in(self, mode: Mode) -> bool:
-        """Whether setpoints are taken in a mode, be it only to be flown later."""
+        """Whether setpoints are accepted in a mode, perhaps only for later."""
         return self._rules.needs_stream or mode in (Mode.GUIDED, Mode.TAKEOFF)
 
     def take(self, setpoint: Setpoint | AttitudeTarget) -> None:
-        """Keep a setpoint to fly it."""
+        """Store a setpoint as the latest."""
         self._latest = setpoint
         self._taken_s = self._controls.now_s
 
     def begin(self) -> None:
-        """Fly the latest setpoint where the mode needs a stream of them."""
+        """Fly the latest setpoint if the mode needs a setpoint stream."""
         self._flown = None
         if self._rules.needs_stream and self._latest is not None:
             self.fly()
 
     def expired(self) -> Mode | None:
-        """Warn that setpoints have stopped; return the mode to take then, None while they flow."""
+        """Warn if setpoints have stopped, and return the mode to enter then; None while they arrive."""
         if self.is_fresh:
             return None
         if self._rules.needs_stream:
@@ -120,18 +119,18 @@ class SetpointFollower:
         return None
 
     def forget(self) -> None:
-        """Note that something else is flown now."""
+        """Record that the vehicle flies something else."""
         self._flown = None
 
     def fly(self) -> None:
-        """Fly the latest setpoint, unless it is flown already."""
+        """Fly the latest setpoint, unless the vehicle already flies it."""
         setpoint = self._latest
         if setpoint is None or setpoint == self._flown:
             return
         if isinstance(setpoint, AttitudeTarget):
             self._attitude.take(setpoint)
             return
-        if self._stands and not setpoint.lifts_from(self._controls.state.position_m[2]):
+        if self._waits_on_ground and not setpoint.lifts_from(self._controls.state.position_m[2]):
             return
         try:
             self._fly(setpoint)
@@ -141,14 +140,14 @@ class SetpointFollower:
         self._complaint = ""
 
     @property
-    def _stands(self) -> bool:
-        """Whether the vehicle waits on the ground for a setpoint that lifts it (PX4)."""
+    def _waits_on_ground(self) -> bool:
+        """Whether the vehicle waits on the ground for a setpoint to take off (PX4)."""
         controls = self._controls
         on_ground = controls.landed is LandedState.ON_GROUND and not controls.spec.drives
         return on_ground and self._rules.needs_stream
 
     def complain(self, text: str) -> None:
-        """Warn why a setpoint is not flown, once for the same text in a row."""
+        """Warn why a setpoint is refused, once per run of equal texts."""
         if text != self._complaint:
             self._complaint = text
             self._controls.note(Severity.WARNING, text)
@@ -161,7 +160,7 @@ class SetpointFollower:
         if math.isnan(x) and not (math.isnan(vx) and math.isnan(vz)):
             across = (0.0, 0.0) if math.isnan(vx) else (vx, vy)
             up = 0.0 if math.isnan(vz) else vz
-            travels = math.hypot(*across) > _TRAVELS * executor.spec.top_speed_m_s
+            travels = math.hypot(*across) > _TURNING_SHARE * executor.spec.top_speed_m_s
             default = ALONG if self._rules.yaws_to_setpoint and travels else KEEP
             executor.steer((*across, up), height_m=z, heading=heading or default)
             return
@@ -186,7 +185,7 @@ _STEP_S = 0.02
 _MOST_LEAN = Setting("ANGLE_MAX", 3000.0, math.radians(0.01))
 _LAG = Setting("ATC_INPUT_TC", 0.15)
 _ROLL_ACCELERATION = Setting("ATC_ACCEL_R_MAX", 110_000.0, math.radians(0.01))
-# MOT_THST_HOVER of ArduPilot's simulator, of whose throttle FLIP takes its shares.
+# MOT_THST_HOVER of ArduPilot's simulator; FLIP adds and subtracts shares of full throttle.
 _HOVER = 0.39
 # FLIP_ROTATION_RATE, FLIP_THR_INC, FLIP_THR_DEC, FLIP_RECOVERY_ANGLE, FLIP_TIMEOUT_MS; ATC_ANG_RLL_P.
 _FLIP_RAD_S, _FLIP_MORE, _FLIP_LESS, _FLIP_DONE_RAD, _FLIP_LONGEST_S = (
@@ -201,25 +200,25 @@ _ROLL_P_1_S = 4.5
 
 @dataclass(frozen=True, slots=True)
 class AttitudeTarget:
-    """The target of a SET_ATTITUDE_TARGET."""
+    """Target of SET_ATTITUDE_TARGET."""
 
-    # Right and up; NaN where only rates are asked for.
+    # Roll right and pitch up; NaN if only rates are commanded.
     roll_rad: float
     pitch_rad: float
     heading: Heading
     climb_m_s: float
-    """NaN where a thrust is asked for."""
+    """Climb rate; NaN if a thrust is commanded."""
     rates_rad_s: tuple[float, float] = (0.0, 0.0)
-    """Of roll and pitch, without angles."""
+    """Rates of roll and pitch, used without angles."""
     thrust: float = 1.0
-    """In parts of that of a hover."""
+    """Thrust in units of the hover thrust."""
 
 
 _LEVEL = AttitudeTarget(0.0, 0.0, KEEP, 0.0)
 
 
 class AttitudePilot:
-    """Flies an attitude until `stop`; it is the `flown_attitude` of the controls."""
+    """Flies an attitude until `stop`, and writes it to `flown_attitude` of the controls."""
 
     def __init__(self, controls: Controls) -> None:
         self._controls = controls
@@ -233,15 +232,15 @@ class AttitudePilot:
 
     @property
     def active(self) -> bool:
-        """Whether an attitude is flown."""
+        """Whether an attitude is being flown."""
         return self._target is not None
 
     def stop(self) -> None:
-        """Note that something else is flown from now on."""
+        """Stop, because the vehicle flies something else."""
         self._target = self._flip = self._controls.flown_attitude = None
 
     def take(self, target: AttitudeTarget = _LEVEL) -> None:
-        """Fly an attitude from now on."""
+        """Fly an attitude until the next order."""
         if self._target is None:
             state = self._controls.state
             self._velocity_m_s, self._height_m = state.velocity_m_s, None
@@ -256,16 +255,16 @@ class AttitudePilot:
         self._rolled = self._rolling = 0.0
 
     def check(self) -> bool:
-        """Fly on; return whether a flip is over."""
+        """Fly until now, and return whether a flip has ended."""
         target, controls = self._target, self._controls
         if target is None:
             return False
         if controls.now_s - self._taken_s > self._parameters.setpoint_timeout_s:
-            # GUID_TIMEOUT: level, at this height.
+            # GUID_TIMEOUT: level, at the present height.
             target = _LEVEL
         if controls.landed is LandedState.ON_GROUND:
             lifts = target.climb_m_s > 0.0 or (math.isnan(target.climb_m_s) and target.thrust > 1.0)
-            # The ground holds it until now; the first step lifts it.
+            # The vehicle takes off in the first step after a rest on the ground.
             self._flown_s, self._velocity_m_s = controls.now_s - _STEP_S, (0.0, 0.0, 0.0)
             if not lifts:
                 controls.flown_attitude = None
@@ -290,14 +289,15 @@ class AttitudePilot:
         return over
 
     def _lean(self, target: AttitudeTarget, step_s: float) -> None:
-        """Lean as asked for, no more than ANGLE_MAX, and move with the thrust."""
+        """Lean as commanded, at most ANGLE_MAX, and move by the thrust."""
         roll, pitch = target.roll_rad, target.pitch_rad
         if math.isnan(roll):
             roll = self._roll + step_s * target.rates_rad_s[0]
             pitch = self._pitch + step_s * target.rates_rad_s[1]
         size = max(math.hypot(roll, pitch) / _MOST_LEAN.of(self._parameters), 1.0)
         roll, pitch = roll / size, pitch / size
-        share = 1.0 if math.isnan(target.roll_rad) else 1.0 - math.exp(-step_s / _lag(self._parameters))
+        lag_s = max(_LAG.of(self._parameters), 1e-3)
+        share = 1.0 if math.isnan(target.roll_rad) else 1.0 - math.exp(-step_s / lag_s)
         self._roll += share * (roll - self._roll)
         self._pitch += share * (pitch - self._pitch)
         upright = math.cos(self._roll) * math.cos(self._pitch)
@@ -308,7 +308,7 @@ class AttitudePilot:
             self._velocity_m_s = (*self._velocity_m_s[:2], target.climb_m_s)
 
     def _turn_over(self, direction: float, level_rad: float, step_s: float) -> bool:
-        """Roll on; return whether the flip is over."""
+        """Continue a flip for one step, and return whether the flip has ended."""
         change = _ROLL_ACCELERATION.of(self._parameters) * step_s
         wanted, thrust, over = _FLIP_RAD_S, _FLIP_MORE, False
         if self._rolled >= math.radians(270.0):
@@ -324,7 +324,7 @@ class AttitudePilot:
         return over or self._flown_s - self._taken_s > _FLIP_LONGEST_S
 
     def _move(self, thrust: float, step_s: float) -> None:
-        """Change the velocity by the thrust (in parts of the weight), the weight and the drag."""
+        """Change the velocity by thrust (in units of the weight), weight and drag."""
         controls = self._controls
         state, spec = controls.state, controls.spec
         wind_east, wind_north = state.wind_m_s
@@ -342,16 +342,12 @@ class AttitudePilot:
         self._velocity_m_s = (east / size, north / size, up)
 
 
-def _lag(parameters: RuntimeParameters) -> float:
-    return max(_LAG.of(parameters), 1e-3)
-
-
-# LOITER and the modes of a pilot take their heading from the sticks.
+# In LOITER and the manual modes the sticks control the heading.
 _SLEWS_IN = frozenset({Mode.GUIDED, Mode.TAKEOFF, Mode.MISSION, Mode.RTL, Mode.LAND})
 
 
 class AutoYaw:
-    """CONDITION_YAW while the vehicle flies on: it turns at a rate and holds until something else is flown.
+    """CONDITION_YAW: a turn at a rate while the vehicle flies, kept until the vehicle flies something else.
 
     Source: ArduCopter's ``autoyaw.cpp``.
     """
@@ -363,18 +359,18 @@ class AutoYaw:
 
     @property
     def active(self) -> bool:
-        """Whether an ordered heading holds."""
+        """Whether an ordered heading is in force."""
         return self._flown is not None
 
     def forget(self) -> None:
-        """Note that the heading is decided otherwise from now on."""
+        """Record that the heading is controlled otherwise."""
         self._flown = None
 
     def order(self, angle_rad: float, rate_rad_s: float, direction: int, *, relative: bool) -> None:
-        """Turn to a compass heading, or by an angle (`relative`).
+        """Turn to a compass heading or, if `relative`, by an angle.
 
-        The vehicle's own rate is the limit, and holds without a positive rate. The direction is 1 clockwise,
-        -1 counter-clockwise, 0 (of a heading) the short way.
+        `rate_rad_s` is limited to the vehicle's own rate; without a positive rate the own rate is used.
+        `direction` is 1 for clockwise, -1 for counter-clockwise, and 0 for the short way.
         """
         if self._controls.mode not in _SLEWS_IN or self._controls.landed is LandedState.ON_GROUND:
             return
@@ -395,7 +391,7 @@ class AutoYaw:
         self.check()
 
     def check(self) -> None:
-        """Turn on, unless something else is flown by now."""
+        """Continue the turn, unless the vehicle flies something else."""
         if self._flown is None:
             return
         if self._flown != self._now:
@@ -410,6 +406,6 @@ class AutoYaw:
 
     @property
     def _now(self) -> tuple[Mode, int]:
-        """The mode, with the current item of a mission."""
+        """Mode and, in the mission mode, current item."""
         mode = self._controls.mode
         return mode, self._controls.executor.mission.current_seq if mode is Mode.MISSION else -1

@@ -1,4 +1,4 @@
-"""The mission of a pilot: its problems and its progress."""
+"""Mission of a pilot: problems and progress."""
 
 from __future__ import annotations
 
@@ -21,22 +21,22 @@ __all__ = ["MissionChange", "MissionStatus"]
 
 
 class MissionChange(Enum):
-    """Consequence of another mission for a vehicle."""
+    """Effect of a new mission on the vehicle."""
 
-    STORED = "it is not flown now"
-    TURNED = "the vehicle turned to the present item of the new one"
-    LATER = "the present item is flown to its end first"
-    LOST = "the present item is not there any more: it is flown to its end, then the mission is over"
+    STORED = "stored without effect on the flight"
+    TURNED = "the vehicle turned to the present item of the new mission"
+    LATER = "the present item is completed first"
+    LOST = "the present item no longer exists: its completion ends the mission"
 
 
 class MissionStatus:
     """Status of the loaded mission."""
 
     def __init__(self, controls: Controls, failsafe: Failsafe) -> None:
-        # Reasons why it cannot be flown.
+        # Reasons why the mission cannot be flown.
         self.problems: tuple[ItemProblem, ...] = ()
-        # Whether it was begun since arming, whether it was flown to its end, and whether only the way home is
-        # left, which is no part of it (PX4).
+        # Whether the mission was begun since arming, whether it was completed, and whether only the return
+        # remains, which PX4 does not count as part of the mission.
         self.started = self.complete = self.returns = False
         self._chosen = False
         self._in_air = False
@@ -45,43 +45,43 @@ class MissionStatus:
 
     @property
     def waits(self) -> bool:
-        """Whether it is over, even if an item to begin again at was chosen since."""
+        """Whether the mission is over, even if an item was chosen for a restart."""
         return self.complete or self._chosen
 
     def choose(self) -> None:
-        """Note that the current item was chosen, with which a mission that is over may begin again."""
+        """Record that the current item was chosen, from which a completed mission may restart."""
         self._chosen = self.waits or self.returns
         self.complete = self.returns = False
 
     def begin(self) -> None:
-        """Note that the mission is begun, or gone on with."""
+        """Record that the mission was begun or resumed."""
         self.complete = self.returns = self._chosen = False
         self.started = True
 
     @property
     def items(self) -> tuple[MissionItem, ...]:
-        """The mission."""
+        """Items of the mission."""
         return self._controls.executor.mission.items
 
     @property
     def size(self) -> int:
-        """Number of its items."""
+        """Number of mission items."""
         return len(self.items)
 
     @property
     def current_seq(self) -> int:
-        """The item that is flown now or next."""
+        """Index of the present or next item."""
         return max(0, self._controls.executor.mission.current_seq)
 
     @property
     def why_not(self) -> str | None:
-        """Why the mission cannot be flown; None when it can."""
+        """Reason why the mission cannot be flown, or None."""
         if not self.items:
             return "no mission"
         return str(self.problems[0]) if self.problems else None
 
     def check(self, items: Sequence[MissionItem], *, in_air: bool = False) -> None:
-        """List the problems of a mission; in the air it needs no take-off."""
+        """Update the problems of a mission; `in_air`: the mission needs no take-off."""
         self.problems = ()
         self._in_air = in_air
         if items:
@@ -101,7 +101,7 @@ class MissionStatus:
                 self.problems += (ItemProblem(None, 0, "firmware", refusal),)
 
     def why_not_begin(self) -> str | None:
-        """Why the mission cannot be begun now; in the air it needs no take-off."""
+        """Return the reason against beginning the mission now, or None; in the air it needs no take-off."""
         controls = self._controls
         in_air = controls.landed is not LandedState.ON_GROUND
         if self.problems and in_air and not self._in_air:
@@ -112,12 +112,12 @@ class MissionStatus:
         return self.why_not
 
     def check_on_ground(self) -> None:
-        """Check a mission that came in the air as one that begins on the ground."""
+        """Check a mission that was uploaded in the air as one that begins on the ground."""
         if self._in_air:
             self.check(self.items)
 
     def check_again(self) -> ItemProblem | None:
-        """Check the mission after fence or parameters have changed; return a new problem, None without."""
+        """Check the mission after a change of fence or parameters; return a new problem, or None."""
         if not self.items:
             return None
         before = self.problems

@@ -1,4 +1,4 @@
-"""The flight mode, and the orders that follow from it."""
+"""Flight mode, and the orders that follow from a mode change."""
 
 from __future__ import annotations
 
@@ -22,19 +22,19 @@ if TYPE_CHECKING:
 
 __all__ = ["ModeControl"]
 
-# PX4's ``mode_requirements.cpp`` (prevent_arming) and ``UserModeIntention.cpp``: not gone back to.
-_NOT_GONE_BACK_TO = frozenset({Mode.RTL, Mode.LAND, Mode.TAKEOFF, Mode.FOLLOW})
+# Modes that are not restored, after PX4's ``mode_requirements.cpp`` and ``UserModeIntention.cpp``.
+_NOT_RESTORED = frozenset({Mode.RTL, Mode.LAND, Mode.TAKEOFF, Mode.FOLLOW})
 _WITHOUT_POSITION = (Mode.MANUAL, Mode.ATTITUDE, Mode.FLIP)
 _BY_HAND = (Mode.MANUAL, Mode.ALTITUDE)
-# 40 of 45 degrees: a pilot who leans that far does not flip.
-_LEANS = 40.0 / 45.0
+# 40 of 45 degrees: ArduCopter does not flip from a larger lean of the sticks.
+_MAX_FLIP_STICK = 40.0 / 45.0
 _CIRCLE_RADIUS = Setting("CIRCLE_RADIUS", 1000.0, 0.01)
 _CIRCLE_RATE = Setting("CIRCLE_RATE", 20.0, math.radians(1.0))
 _CIRCLE_OPTIONS, _LOOKS_ALONG, _BEGINS_AT_CENTER = Setting("CIRCLE_OPTIONS", 1.0), 2, 4
 
 
 class ModeControl:
-    """Takes modes and gives the vehicle the orders that they stand for."""
+    """Changes the mode and gives the vehicle the orders of the new mode."""
 
     def __init__(
         self,
@@ -45,11 +45,11 @@ class ModeControl:
         follow: FollowPilot,
         sticks: StickPilot | None,
     ) -> None:
-        # The last mode that was ordered, or followed from an order, and in which a vehicle arms.
+        # Last mode that was ordered or followed from an order; the vehicle arms in this mode.
         self.intended = controls.mode
-        # Whether the vehicle took its mode by its own decision.
+        # Whether the vehicle chose its mode itself, as a failsafe.
         self.by_itself = False
-        # Altitude of the next take-off; None is the vehicle's own.
+        # Altitude of the next take-off; None selects the vehicle's own.
         self.takeoff_altitude_m: float | None = None
         self._controls = controls
         self._mission = mission
@@ -57,11 +57,11 @@ class ModeControl:
         self._attitude = attitude
         self._follow = follow
         self._sticks = sticks
-        self._flipped_in, self._circles = controls.mode, False
-        self._left: tuple[tuple[MissionItem, ...], int] | None = None
+        self._mode_before_flip, self._points_inward = controls.mode, False
+        self._left_mission: tuple[tuple[MissionItem, ...], int] | None = None
 
     def check(self, mode: Mode) -> None:
-        """Raise RefusedError for a mode that is not possible now."""
+        """Raise RefusedError if the mode is not possible now."""
         controls, sticks = self._controls, self._sticks
         if controls.state.phase.is_lost:
             why = "battery empty" if controls.state.phase is FlightPhase.DEPLETED else "falling"
@@ -80,7 +80,7 @@ class ModeControl:
             raise RefusedError("Mode guided refused: no setpoints")
 
     def why_not_arm(self) -> str | None:
-        """Why the vehicle does not arm in its mode for want of sticks or setpoints; None when it does."""
+        """Return the reason against arming for lack of sticks or setpoints, or None."""
         controls = self._controls
         if controls.mode is Mode.GUIDED and controls.rules.needs_stream and not self._setpoints.is_fresh:
             return "No offboard signal"
@@ -96,12 +96,13 @@ class ModeControl:
             return True
         if controls.mode is Mode.MANUAL and sticks.throttle_down:
             return False
-        return sticks.shown is None or abs(sticks.shown.right) < _LEANS
+        return sticks.shown is None or abs(sticks.shown.right) < _MAX_FLIP_STICK
 
     def change(self, mode: Mode) -> bool:
-        """Take a mode and, armed, fly it; the old mode stays when it cannot be flown.
+        """Change the mode and, if armed, begin the mode's flight; a refusal restores the old mode.
 
-        Returns whether the vehicle is to be disarmed: an order to land or return reached it on the ground.
+        Returns whether the vehicle must be disarmed: an order to land or return on the ground has that
+        effect.
         """
         before, intended = self._controls.mode, self.intended
         self._attitude.stop()
@@ -117,7 +118,7 @@ class ModeControl:
         return is_down
 
     def override(self, mode: Mode) -> None:
-        """Take a mode in which something else is flown than the mode's own."""
+        """Change the mode without the orders of that mode."""
         self._setpoints.forget()
         self.by_itself = False
         controls, behaviour = self._controls, self._controls.behaviour
@@ -126,21 +127,21 @@ class ModeControl:
                 controls.executor.mission.reset_speed()
             elif mode is Mode.MISSION and behaviour.replays_speed:
                 controls.executor.mission.replay_speed()
-            if mode is Mode.MISSION and behaviour.rewinds_survey and self._left == self._present_item:
+            if mode is Mode.MISSION and behaviour.rewinds_survey and self._left_mission == self._present_item:
                 controls.executor.mission.rewind_survey()
             if controls.mode is Mode.MISSION:
-                self._left = self._present_item
+                self._left_mission = self._present_item
         controls.mode = mode
-        if mode not in _NOT_GONE_BACK_TO:
+        if mode not in _NOT_RESTORED:
             self.intended = mode
 
     @property
     def _present_item(self) -> tuple[tuple[MissionItem, ...], int]:
-        """The mission and its current item, where it is left and gone on with."""
+        """Mission and current item, to recognise a mission that is resumed."""
         return self._mission.items, self._controls.executor.mission.current_seq
 
     def on_target_reached(self) -> None:
-        """Go on to the mode that follows a take-off."""
+        """Enter the mode that follows a take-off."""
         if self._controls.mode is Mode.TAKEOFF:
             self._controls.mode = self.intended = self._controls.firmware.mavlink.modes.after_takeoff
 
@@ -156,7 +157,7 @@ class ModeControl:
             controls.order(lambda: executor.takeoff(altitude_m))
         elif mode in (Mode.RTL, Mode.LAND):
             if on_ground:
-                # A rover stands where it is, and stays armed.
+                # A rover stays in place and armed.
                 return not controls.spec.drives
             controls.order(executor.return_home if mode is Mode.RTL else executor.land)
         elif not on_ground or controls.state.phase is not FlightPhase.GROUND:
@@ -173,13 +174,13 @@ class ModeControl:
         self._controls.order(executor.start)
 
     def _begin(self, mode: Mode, before: Mode) -> None:
-        """Begin the flight of a mode that is flown in a way of its own."""
+        """Begin the flight in a mode with its own flight controller."""
         controls = self._controls
         if mode is Mode.ATTITUDE:
             self._attitude.take()
         elif mode is Mode.FLIP:
             sticks = None if self._sticks is None else self._sticks.shown
-            self._flipped_in = before
+            self._mode_before_flip = before
             self._attitude.flip(-1.0 if sticks is not None and sticks.right < 0.0 else 1.0)
         elif mode is Mode.FOLLOW:
             self._follow.begin()
@@ -187,26 +188,26 @@ class ModeControl:
             self._circle()
 
     def fly_on(self) -> None:
-        """Fly the attitude, the flip or the way about a target on; leave the circle behind with its mode."""
+        """Continue a commanded attitude, flip or follow flight; after CIRCLE, stop pointing the nose."""
         controls = self._controls
         if controls.mode is Mode.FOLLOW:
             self._follow.check()
-        if self._circles and controls.mode is not Mode.CIRCLE:
-            self._circles = False
+        if self._points_inward and controls.mode is not Mode.CIRCLE:
+            self._points_inward = False
             controls.executor.flight.look_at(None)
         if not self._attitude.active:
             return
         if controls.mode not in (Mode.GUIDED, Mode.ATTITUDE, Mode.FLIP):
             self._attitude.stop()
             return
-        with suppress(RefusedError):  # it may have come down meanwhile
+        with suppress(RefusedError):  # the vehicle may have landed meanwhile
             if self._attitude.check() and controls.mode is Mode.FLIP:
-                self.change(self._flipped_in)
+                self.change(self._mode_before_flip)
 
     def _circle(self) -> None:
-        """Fly circles as ArduCopter's CIRCLE does: about a point ahead, the nose towards it.
+        """Circle about a point ahead with the nose inward, as in ArduCopter's CIRCLE mode.
 
-        ``AC_Circle::init`` and ``calc_velocities``.
+        Follows ``AC_Circle::init`` and ``calc_velocities``.
         """
         controls = self._controls
         get, spec, executor = controls.parameters, controls.spec, controls.executor
@@ -225,5 +226,5 @@ class ModeControl:
         speed = min(abs(rate) * radius, most)
         controls.order(lambda: executor.orbit(x, y, z, math.copysign(radius, rate), speed))
         if not options & _LOOKS_ALONG:
-            self._circles = True
+            self._points_inward = True
             executor.flight.look_at((x, y))

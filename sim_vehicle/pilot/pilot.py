@@ -1,4 +1,4 @@
-"""The autopilot without MAVLink: orders, reactions to events in flight, and the outcome of the run."""
+"""Autopilot without MAVLink: orders, reactions to flight events, and the outcome of the run."""
 
 from __future__ import annotations
 
@@ -48,22 +48,22 @@ if TYPE_CHECKING:
 
 __all__ = ["Pilot"]
 
-# Modes that end on the ground by themselves, where the autopilot disarms without waiting.
+# Modes that end on the ground, where the autopilot disarms without delay.
 _LANDS = (Mode.MISSION, Mode.RTL, Mode.LAND)
 _MODES = {Action.HOLD: Mode.HOLD, Action.RETURN: Mode.RTL, Action.LAND: Mode.LAND}
 
 
 class Pilot(Controls):
-    """One vehicle under orders, as a firmware flies it.
+    """One vehicle under orders, flown by a firmware.
 
-    An order that the vehicle cannot take, now or at all, raises RefusedError.
+    An order that the vehicle cannot obey raises RefusedError.
 
     Parameters
     ----------
     frame : LocalFrame
-        About home.
+        Local frame with its origin at home.
     firmware : Firmware
-        Its modes, rules, behaviour and sticks.
+        Modes, rules, behaviour and sticks of the firmware.
     yaw_rad : float
         Compass heading at the start.
     wind, epoch_unix_s, estimate_errors
@@ -72,9 +72,9 @@ class Pilot(Controls):
     Attributes
     ----------
     parameters : RuntimeParameters
-        Values that can be changed; call `apply_parameters` afterwards.
+        Values that may be changed; call `apply_parameters` after a change.
     outcome, outcome_text
-        How the run ended and why.
+        Outcome of the run and its reason.
     """
 
     def __init__(
@@ -107,7 +107,7 @@ class Pilot(Controls):
         self.setpoints = SetpointFollower(self, self.failsafe, self.attitude)
         self.auto_yaw = AutoYaw(self)
         self.follow = FollowPilot(self)
-        self._returns_s = math.inf
+        self._return_mode_s = math.inf
         self._rally: list[MissionItem] = []
         self._sticks = flown = None if firmware.sticks is None else StickPilot(self, firmware.sticks)
         self.modes = ModeControl(self, self.mission, self.setpoints, self.attitude, self.follow, flown)
@@ -117,21 +117,21 @@ class Pilot(Controls):
 
     @property
     def sticks(self) -> Sticks | None:
-        """Positions of the ground station's sticks, None while none are heard."""
+        """Stick positions of the ground station, or None while no stick messages arrive."""
         return None if self._sticks is None else self._sticks.shown
 
-    # Plans and parameters.
+    # Plans and parameters
 
     def load(
         self, items: Sequence[MissionItem], *, marked: int | None = None, whole: bool = True
     ) -> MissionChange:
-        """Replace the mission; one that cannot be flown is kept, but not flown.
+        """Replace the mission; a mission that cannot be flown is stored, but not flown.
 
-        ``marked`` is the item to go on with; without it, in flight, the item of the same number. A mission
-        that is not ``whole``, the beginning of an upload that overwrites in place, is not checked.
+        `marked` is the item to continue at; by default, in flight, the item with the same number. `whole` is
+        False for part of an upload that overwrites the mission in place; a part is not checked.
         """
         mission, behaviour = self.mission, self.behaviour
-        # A falling vehicle stores the list, as an autopilot that does not notice the fall, and flies none.
+        # A falling vehicle stores the mission without flying it, like an autopilot that notices no fall.
         flying = self.mode is Mode.MISSION and self.armed and not self.state.phase.is_lost
         airborne = self.armed and self.landed is not LandedState.ON_GROUND
         seq = marked or 0
@@ -161,7 +161,7 @@ class Pilot(Controls):
         return change
 
     def _change(self, items: Sequence[MissionItem], seq: int) -> MissionChange:
-        """Go on with another mission in flight."""
+        """Continue with another mission in flight."""
         behaviour, executor = self.behaviour, self.executor
         is_beyond = seq >= len(items)
         turned = executor.mission.change(
@@ -185,17 +185,17 @@ class Pilot(Controls):
             self._end(Outcome.RUNNING, "")
 
     def reject_mission(self, reason: str) -> None:
-        """Note that a mission was refused in its transfer; the old one stays in force."""
+        """Record that an upload was refused; the old mission stays in force."""
         if not self.armed:
             self._end(Outcome.MISSION_REJECTED, reason)
 
     def set_fence(self, items: Sequence[MissionItem]) -> None:
-        """Replace the fence; a mission that is not flown now is checked again."""
+        """Replace the fence and check the mission again, unless the mission is in flight."""
         self.failsafe.set_fence(Fence.of(items, self.frame, any_inclusion=self.rules.any_inclusion))
         self._check_mission_again()
 
     def set_rally(self, items: Sequence[MissionItem]) -> None:
-        """Replace the rally points, which are returned to when they are nearer than home."""
+        """Replace the rally points; a return leads to home or to a nearer rally point."""
         self._rally = [item for item in items if item.command == Command.NAV_RALLY_POINT]
         self._place_rally()
 
@@ -206,7 +206,7 @@ class Pilot(Controls):
         )
 
     def set_home(self, latitude_deg: float, longitude_deg: float, up_m: float) -> None:
-        """Move home, at a height above the start."""
+        """Move home to a position and a height above the start."""
         x_m, y_m = self.frame.from_wgs84(latitude_deg, longitude_deg)
         if not math.hypot(x_m, y_m) <= self.spec.max_distance_m:
             raise RefusedError(
@@ -219,7 +219,7 @@ class Pilot(Controls):
         self.failsafe.apply_parameters()
 
     def apply_parameters(self) -> None:
-        """Let the values of `parameters` hold from now on."""
+        """Apply the values of `parameters`."""
         parameters = self.parameters
         spec = parameters.applied_to(self.spec)
         self.executor.update_spec(with_autopilot(spec, spec.autopilot, parameters.settings))
@@ -238,13 +238,13 @@ class Pilot(Controls):
             self.note(Severity.CRITICAL, self.behaviour.outside_text.format(problem.item + 1))
         self.note(Severity.CRITICAL, self.behaviour.rejected_text.format(problem))
 
-    # Orders.
+    # Orders
 
     def arm(self, *, force: bool = False, text: str = "") -> None:
         """Start the motors; in mission or take-off mode the flight begins.
 
-        With ``force`` no checks are made; ``text`` is the notice, by default that of an order to arm. The
-        reason of a refusal is also the outcome of a vehicle that has not flown.
+        `force` skips the pre-arm checks. `text` is the notice to the operator, by default that of an arm
+        command. A refusal also becomes the outcome of a vehicle that has not flown.
         """
         if self.armed:
             return
@@ -277,7 +277,7 @@ class Pilot(Controls):
             self._turn_to(self.mode)
 
     def disarm(self, *, force: bool = False) -> None:
-        """Stop the motors; in the air only by force."""
+        """Stop the motors; in the air only with `force`."""
         if not self.armed:
             return
         try:
@@ -288,7 +288,7 @@ class Pilot(Controls):
         self._on_disarmed((self.rules.disarmed,))
 
     def set_mode(self, mode: Mode) -> None:
-        """Change the mode; armed, the vehicle does it at once."""
+        """Change the mode; an armed vehicle flies in it at once."""
         text = self.behaviour.empty_mission_text
         if text and mode is Mode.MISSION and not self.armed:
             if not self.mission.items:
@@ -300,7 +300,7 @@ class Pilot(Controls):
         self._change_mode(mode)
 
     def takeoff(self, altitude_m: float) -> None:
-        """Climb to an altitude above home; disarmed, as soon as it is armed."""
+        """Climb to an altitude above home; a disarmed vehicle climbs after arming."""
         if self.spec.drives:
             raise RefusedError("Takeoff refused: a rover stays on the ground", denied=True)
         if not 0.0 < altitude_m <= self.spec.max_altitude_m:
@@ -318,7 +318,7 @@ class Pilot(Controls):
         heading: Heading = ALONG,
         speed_m_s: float | None = None,
     ) -> None:
-        """Fly to a position at an altitude above home and stay there."""
+        """Fly to a position at an altitude above home and hold there."""
         self._check_flying()
         x_m, y_m = self.frame.from_wgs84(latitude_deg, longitude_deg)
         distance_m = math.hypot(x_m, y_m)
@@ -340,7 +340,7 @@ class Pilot(Controls):
         else:
             self._hold_in(mode)
         if speed_m_s is None and self.behaviour.replays_speed:
-            # The speed of the mission comes back with it.
+            # The speed of the mission is restored together with the mission.
             speed_m_s = self.spec.cruise_speed_m_s
         self.order(
             lambda: self.executor.goto(
@@ -365,13 +365,13 @@ class Pilot(Controls):
         self.order(lambda: self.executor.orbit(x_m, y_m, altitude_m, radius_m, speed_m_s, heading=heading))
 
     def look_at(self, latitude_deg: float | None, longitude_deg: float = 0.0) -> None:
-        """Point the nose at a position in any flight; None ends that."""
+        """Point the nose at a position in any flight; None ends the pointing."""
         position = None if latitude_deg is None else self.frame.from_wgs84(latitude_deg, longitude_deg)
         self.auto_yaw.forget()
         self.executor.flight.look_at(position)
 
     def pause(self) -> None:
-        """Stop and stay: in the hold mode (PX4), or without leaving the mode (ArduPilot)."""
+        """Stop and hold, in the hold mode (PX4) or without a mode change (ArduPilot)."""
         if not self.rules.pauses_in_mode:
             self.set_mode(Mode.HOLD)
             return
@@ -382,7 +382,7 @@ class Pilot(Controls):
         self.order(self.executor.flight.hold)
 
     def resume(self) -> None:
-        """Go on after a pause: with the mission, or (ArduPilot in guided mode) at the next setpoint."""
+        """Resume the mission after a pause; in ArduPilot's guided mode the next setpoint ends the pause."""
         if self.rules.pauses_in_mode and self.mode is Mode.GUIDED:
             return
         if self.rules.pauses_in_mode and self.mode is not Mode.MISSION:
@@ -390,9 +390,9 @@ class Pilot(Controls):
         self.start_mission()
 
     def start_mission(self, first: int | None = None) -> None:
-        """Begin the mission or go on with it, at an item; one that is over begins again.
+        """Begin or resume the mission at an item; a completed mission restarts.
 
-        A PX4 that stands with motors off arms, too.
+        With PX4's rules, a disarmed vehicle arms, too.
         """
         self.modes.check(Mode.MISSION)
         if first is not None:
@@ -402,7 +402,7 @@ class Pilot(Controls):
             self.arm(text=self.rules.armed_by_start)
 
     def set_current(self, seq: int) -> None:
-        """Go on with this mission item; RefusedError when there is none."""
+        """Continue at this mission item; RefusedError if it does not exist."""
         size = self.mission.size
         if not 0 <= seq < size:
             raise RefusedError(f"Mission item {seq + 1} refused: there are {size}", denied=True)
@@ -410,7 +410,7 @@ class Pilot(Controls):
         self.order(lambda: self.executor.mission.set_current(seq))
 
     def go_around(self, height_m: float | None = None) -> None:
-        """Break off the landing of the mission and climb, to begin it anew."""
+        """Abort the landing of the mission, climb, and restart the landing."""
 
         def climb() -> None:
             top_m = self.executor.mission.go_around(height_m)
@@ -419,7 +419,7 @@ class Pilot(Controls):
         self.order(climb)
 
     def set_speed(self, speed_m_s: float) -> None:
-        """Change the ground speed; RefusedError beyond the vehicle's limit."""
+        """Change the ground speed; RefusedError above the vehicle's limit."""
         if not 0.0 < speed_m_s <= self.spec.top_speed_m_s:
             raise RefusedError(
                 f"Speed refused: {speed_m_s:g} of {self.spec.top_speed_m_s:g} m/s", denied=True
@@ -427,7 +427,7 @@ class Pilot(Controls):
         self.order(lambda: self.executor.set_speed(speed_m_s))
 
     def take_setpoint(self, setpoint: Setpoint) -> None:
-        """Take a setpoint; it is flown in the mode for it, and in no other."""
+        """Store a setpoint, and fly it in the guided mode."""
         self.setpoints.take(setpoint)
         if self.mode is Mode.GUIDED:
             self.attitude.stop()
@@ -435,13 +435,13 @@ class Pilot(Controls):
             self.mode = Mode.GUIDED
         if self.mode is Mode.GUIDED and self.armed:
             if self.auto_yaw.active:
-                # The same target again has its own heading, too.
+                # An unchanged target must be flown again, because it includes a heading.
                 self.auto_yaw.forget()
                 self.setpoints.forget()
             self.setpoints.fly()
 
     def take_attitude(self, target: AttitudeTarget | None) -> None:
-        """Fly an attitude in the guided modes, None stops; where a mode needs a stream, it is kept for it."""
+        """Fly an attitude in the guided modes, or stop with None; store it if the mode needs a stream."""
         if target is not None and self.rules.needs_stream:
             self.setpoints.take(target)
         if self.mode not in (Mode.GUIDED, Mode.TAKEOFF, Mode.ATTITUDE) or not self.armed:
@@ -459,39 +459,39 @@ class Pilot(Controls):
             self.order(self.executor.flight.hold)
 
     def take_sticks(self, sticks: Sticks, *, flown: bool = True, by_rate: bool = False) -> None:
-        """Fly by the sticks of the ground station, in the modes for them.
+        """Fly by the ground station's sticks in the modes for sticks.
 
-        ``flown``: they move the vehicle in the custom mode. ``by_rate``: in it they are rates of turning.
+        `flown`: the sticks move the vehicle in the custom mode. `by_rate`: sticks command rates.
         """
         if self._sticks is None:
             return
         if (left := self._sticks.take(sticks, flown=flown, by_rate=by_rate)) is not None:
             self._turn_to(left)
         if self._sticks.breaks_off_landing and not self.executor.mission.goes_around:
-            with suppress(RefusedError):  # it does not land
+            with suppress(RefusedError):  # the vehicle is not landing
                 self.go_around()
                 self.note(Severity.INFO, "Landing aborted via throttle")
 
-    # Failures.
+    # Failures
 
     def fail_motor(self, failed: bool = True) -> None:
-        """Stop a motor for good, or repair it: without it a vehicle in the air falls, and cannot arm."""
+        """Fail or repair a motor; a vehicle with a failed motor falls and cannot arm."""
         self.motor_ok = not failed
         if failed and self.armed:
             self.terminate("motor failure")
 
     def drain_battery(self, fraction: float) -> None:
-        """Leave no more than this fraction of its capacity in the battery."""
+        """Reduce the battery's charge to at most this fraction of its capacity."""
         self.executor.flight.drain_battery(fraction)
         self.refresh()
 
     def change_battery(self) -> None:
-        """Put a full battery in; nothing while the motors are on."""
+        """Install a full battery; no effect while the motors run."""
         self.executor.flight.change_battery()
         self.refresh()
 
     def terminate(self, reason: str) -> None:
-        """Lose the thrust at once: the vehicle falls."""
+        """Stop all thrust at once, so that the vehicle falls."""
         self.note(Severity.CRITICAL, f"Flight terminated: {reason}")
         self.failsafe.give_up()
         if self.landed is not LandedState.ON_GROUND:
@@ -499,12 +499,12 @@ class Pilot(Controls):
         self.executor.flight.fall()
         self.refresh()
 
-    # Time, and its events.
+    # Time and flight events
 
     def advance(self, now_s: float, *, by_sticks: bool = False) -> list[FlightEvent]:
-        """Fly up to a time; the events until then, in order.
+        """Fly until a time, and return the events in order.
 
-        ``by_sticks``: sticks move the vehicle in the custom mode.
+        `by_sticks`: the sticks move the vehicle in the custom mode.
         """
         self.now_s = now_s
         events = self.executor.advance(now_s)
@@ -517,7 +517,7 @@ class Pilot(Controls):
             for reaction in self.failsafe.check():
                 self._carry_out(reaction)
             if self._sticks is not None:
-                # A failsafe may just have taken another mode, in which it holds.
+                # A failsafe may have just entered another mode, in which the vehicle holds.
                 flown = by_sticks and not self.modes.by_itself
                 for reaction in self._sticks.check(flown=flown):
                     self.failsafe.active = True
@@ -536,19 +536,19 @@ class Pilot(Controls):
         return events
 
     def _end_in_return(self, lag_s: float) -> None:
-        """Take the mode of returns for a mission that ends with one; the same path is flown on."""
+        """Enter the return mode if the mission ends with a return; the path does not change."""
         executor, mission, now_s = self.executor, self.mission, self.executor.time_s
         if not (self.armed and self.mode is Mode.MISSION and self.landed is not LandedState.ON_GROUND):
-            self._returns_s = math.inf
+            self._return_mode_s = math.inf
         elif not mission.returns:
-            self._returns_s = math.inf
+            self._return_mode_s = math.inf
             if not executor.mission.returns:
                 return
-            mission.returns, self._returns_s = True, now_s + lag_s
+            mission.returns, self._return_mode_s = True, now_s + lag_s
             self.note(Severity.INFO, self.behaviour.finished_texts[0])
             self.note(Severity.INFO, self.behaviour.return_text)
-        elif now_s >= self._returns_s:
-            self._returns_s, intended = math.inf, self.modes.intended
+        elif now_s >= self._return_mode_s:
+            self._return_mode_s, intended = math.inf, self.modes.intended
             executor.mission.leave_to_return()
             self.refresh()
             self.modes.override(Mode.RTL)
@@ -560,7 +560,7 @@ class Pilot(Controls):
         elif isinstance(event, LandingRestarted):
             starts = self.mission.items[event.seq].command == Command.DO_LAND_START
             how = "via DO_LAND_START:" if starts else "sequence at waypoint"
-            # Its number on the wire, where home is item 0.
+            # ArduPilot counts home as item 0, hence `+ 1`.
             self.note(Severity.NOTICE, f"Restarted landing {how} {event.seq + 1}")
         elif isinstance(event, MissionComplete):
             self.mission.complete = True
@@ -570,7 +570,7 @@ class Pilot(Controls):
                 self._turn_to(Mode.HOLD)
                 self.modes.intended = Mode.HOLD
         elif isinstance(event, CannotFly):
-            self._give_up_mission(event)
+            self._abort_mission(event)
         elif isinstance(event, BatteryDepleted):
             self.failsafe.give_up()
             self._end(Outcome.BATTERY_DEPLETED, f"battery empty at {event.time_s:.0f} s")
@@ -583,8 +583,8 @@ class Pilot(Controls):
         elif isinstance(event, Disarmed):
             self._on_disarmed(self.rules.landed)
 
-    def _give_up_mission(self, event: CannotFly) -> None:
-        """Bring the vehicle down after an item that it cannot fly: at home, or else here."""
+    def _abort_mission(self, event: CannotFly) -> None:
+        """Return home after an item that cannot be flown; land if the vehicle is already returning."""
         where = f"Item {event.seq + 1}: " if event.seq >= 0 else ""
         self.note(Severity.CRITICAL, f"{where}{event.reason}")
         if not self.outcome.is_over:
@@ -608,7 +608,7 @@ class Pilot(Controls):
             self.modes.override(self.modes.intended)
 
     def _carry_out(self, reaction: Reaction) -> None:
-        """Carry out the reaction of a safety function."""
+        """Carry out the reaction of a failsafe."""
         self._end(reaction.outcome, reaction.reason)
         point_m = reaction.return_point_m
         if point_m is not None:
@@ -634,7 +634,7 @@ class Pilot(Controls):
         self.modes.override(mode)
 
     def _turn_to(self, mode: Mode) -> None:
-        """Take a mode by the vehicle's own decision; a refusal is a warning."""
+        """Change the mode by the vehicle's own decision; a refusal becomes a warning."""
         intended = self.modes.intended
         try:
             self._change_mode(mode)
@@ -648,6 +648,6 @@ class Pilot(Controls):
             self.disarm()
 
     def _end(self, outcome: Outcome, reason: str) -> None:
-        """Note how the run ended."""
+        """Record the outcome of the run."""
         self.outcome = outcome
         self.outcome_text = reason

@@ -1,4 +1,4 @@
-"""Flight by the sticks of a ground station, and reactions to their loss."""
+"""Manual flight by the sticks of a ground station, and failsafe on their loss."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ if TYPE_CHECKING:
 
 __all__ = ["StickPilot", "StickTilt", "StickWing"]
 
-# After a longer gap the flight by sticks begins anew.
+# After a longer gap the manual flight restarts from the present motion.
 _LONGEST_STEP_S = 0.5
-# Larger angles are not flown, so no flips.
+# Largest simulated lean, which excludes flips.
 _MOST_LEAN_RAD = math.radians(70.0)
 
 
 class StickTilt:
-    """Orders velocities from sticks that lean the vehicle."""
+    """Velocity orders from sticks that lean the vehicle."""
 
     def __init__(self, controls: Controls, rules: TiltSticks) -> None:
         self._controls = controls
@@ -42,13 +42,14 @@ class StickTilt:
         self._flown_s = -math.inf
 
     def forget(self) -> None:
-        """Note that something else is flown now."""
+        """Record that the vehicle flies something else."""
         self._flown_s = -math.inf
 
     def fly(self, sticks: Sticks, climb_m_s: float | None, heading: Heading, *, by_rate: bool) -> None:
-        """Fly on at a vertical speed (at 0 the height is held), or with the stick as the thrust (None).
+        """Fly by the sticks.
 
-        `by_rate`: the sticks turn the vehicle about its axes, and it keeps its lean without them (acro).
+        `climb_m_s` is the vertical speed; 0 holds the height, and None takes the throttle stick as thrust.
+        `by_rate`: the sticks command roll and pitch rates, and centred sticks keep the lean (ACRO).
         """
         controls, rules = self._controls, self._rules
         state = controls.state
@@ -63,7 +64,7 @@ class StickTilt:
         thrust = 1.0 if climb_m_s is not None else self._thrust(sticks.up)
         lean_rad = math.hypot(forward_rad, right_rad)
         if climb_m_s is not None:
-            # The stick is the acceleration; the thrust grows with the lean, so that its upward part stays.
+            # The stick commands acceleration; the thrust grows with the lean to keep its vertical part.
             most_rad = min(rules.lean.of(self._parameters), _MOST_LEAN_RAD)
             scale = GRAVITY_M_S2 * math.tan(most_rad) / most_rad
         else:
@@ -103,7 +104,7 @@ class StickTilt:
         controls.order(lambda: executor.steer((east, north, up), height_m=height_m, heading=heading))
 
     def _lean(self, sticks: Sticks, step_s: float, *, by_rate: bool) -> tuple[float, float]:
-        """Lean forward and to the right, radians."""
+        """Return the lean forward and to the right (rad)."""
         rules, parameters = self._rules, self._parameters
         if by_rate:
             forward, right = self._lean_rad
@@ -117,7 +118,7 @@ class StickTilt:
         return forward / size, right / size
 
     def _thrust(self, up: float) -> float:
-        """Thrust that the throttle stick asks for, in parts of that of a hover."""
+        """Return the thrust that the throttle stick commands, in units of the hover thrust."""
         rules, parameters = self._rules, self._parameters
         hover = rules.hover_thrust.of(parameters)
         end = (rules.most_thrust if up > 0.0 else rules.least_thrust).of(parameters)
@@ -125,24 +126,24 @@ class StickTilt:
 
 
 def _fall(speed: float, air_speed: float, acceleration: float, drag_1_s: float, step_s: float) -> float:
-    """Speed after a time in which a force and a drag that is linear in the airspeed act."""
+    """Return the speed after a time under constant acceleration and drag linear in the airspeed."""
     if drag_1_s <= 0.0:
         return speed + acceleration * step_s
     final = air_speed + acceleration / drag_1_s
     return final + (speed - final) * math.exp(-drag_1_s * step_s)
 
 
-# A straight line ends this far ahead, and is drawn anew after half of it.
+# Length of a straight path, and the distance after which a new path is ordered.
 _AHEAD_M, _AGAIN_M = 2000.0, 1000.0
-# A bank below this is flown as a straight line; lowest height of a path, widest circle; stick positions
-# within a step are one order.
+# Bank below which a straight path is flown; minimum height of a path; maximum circle radius; resolution of
+# stick positions, within which an order is not repeated.
 _LEAST_BANK_RAD = math.radians(1.5)
 _LOWEST_M, _WIDEST_M = 5.0, 1000.0
 _STEP = 0.02
 
 
 class StickWing:
-    """Orders circles and straight lines from sticks."""
+    """Circle and straight-line orders from sticks."""
 
     def __init__(self, controls: Controls) -> None:
         self._controls = controls
@@ -151,11 +152,11 @@ class StickWing:
         self._from_m = (0.0, 0.0)
 
     def forget(self) -> None:
-        """Note that something else is flown now."""
+        """Record that the vehicle flies something else."""
         self._flown = None
 
     def fly(self, limits: WingSticks, bank: float, pitch: float) -> None:
-        """Fly with shares of the greatest bank and pitch, -1 to 1; on the ground nothing happens."""
+        """Fly at shares (-1 to 1) of the maximum bank and pitch; no effect on the ground."""
         controls = self._controls
         state = controls.state
         if controls.landed is LandedState.ON_GROUND:
@@ -183,7 +184,7 @@ class StickWing:
         self._flown, self._from_m = asked, (x, y)
 
     def _steepest(self, limits: WingSticks, *, upward: bool) -> float:
-        """Slope of the path with the stick at its end."""
+        """Return the slope of the path at full stick."""
         end = abs((limits.up if upward else limits.down).of(self._parameters))
         return end / self._controls.spec.cruise_speed_m_s if limits.by_rate else math.tan(end)
 
@@ -194,16 +195,16 @@ _SEVERITY = {
         (Action.NONE, Action.WARN, Action.HOLD, Action.RETURN, Action.LAND, Action.DISARM, Action.TERMINATE)
     )
 }
-# A rover is steered to the course that it has after this time of turning.
+# Look-ahead time of a rover's course under steering.
 _STEERS_AHEAD_S = 0.5
-# ArduPlane takes 90 % and more for it (``Plane::update_flight_stage``).
+# Stick position of 90 % throttle, ArduPlane's threshold for a go-around (``Plane::update_flight_stage``).
 _FULL_THROTTLE = 0.8
-# RC3_DZ, 30 microseconds of 500 above the end.
+# RC3_DZ: 30 microseconds of 500 above the lower end.
 _DOWN = -0.94
 
 
 class StickPilot:
-    """Flies by the sticks while they are heard; `lost`: they were heard and no longer are."""
+    """Manual flight while stick messages arrive; `lost`: the messages have stopped."""
 
     def __init__(self, controls: Controls, rules: StickRules) -> None:
         self._controls = controls
@@ -221,10 +222,10 @@ class StickPilot:
         self._left: Mode | None = None
 
     def take(self, sticks: Sticks, *, flown: bool = True, by_rate: bool = False) -> Mode | None:
-        """Fly as the sticks say; centred ones stop the vehicle where it is.
+        """Fly by the sticks; centred sticks stop the vehicle.
 
-        `flown`: they move the vehicle in the custom mode. `by_rate`: in it they are rates of turning.
-        Returns the mode to go on with when the sticks are back while the vehicle only holds.
+        `flown`: the sticks move the vehicle in the custom mode. `by_rate`: the sticks command rates in that
+        mode. Returns the mode to resume if the sticks return while the vehicle is only holding.
         """
         self._heard_s = self._controls.now_s
         self._shown = sticks
@@ -241,32 +242,32 @@ class StickPilot:
         return None
 
     def forget(self) -> None:
-        """Begin with the arming: sticks that are silent then are not missed."""
+        """Reset on arming: sticks that are silent at that time do not count as lost."""
         if self._silence_s > self._rules.loss.timeout.of(self._parameters):
             self._sticks, self.lost = None, False
         self._later = self._left = None
 
     @property
     def heard(self) -> bool:
-        """Whether there are sticks."""
+        """Whether stick messages arrive."""
         return self._sticks is not None and self._silence_s <= self._rules.loss.timeout.of(self._parameters)
 
     @property
     def shown(self) -> Sticks | None:
-        """Positions of the sticks, whether they fly or not; None while none are heard."""
+        """Stick positions, whether they move the vehicle or not; None while no messages arrive."""
         return self._shown if self.heard else None
 
     @property
     def throttle_down(self) -> bool:
-        """Whether the throttle stick is all the way down, or there is none."""
+        """Whether the throttle stick is at its lower end, or absent."""
         return not self.heard or (self._sticks is not None and self._sticks.up <= _DOWN)
 
     def lacks(self, mode: Mode) -> bool:
-        """Whether a mode needs sticks, and there are none, or the vehicle has no such mode."""
+        """Whether a mode does not exist for the vehicle, or needs sticks that are absent."""
         return mode in self._rules.impossible or (mode in self._rules.needed and not self.heard)
 
     def why_not_arm(self, mode: Mode) -> str | None:
-        """Why the vehicle does not arm; None when the sticks do not keep it from it."""
+        """Return the reason of the sticks against arming, or None."""
         arming = self._rules.loss.arming
         if arming is not None and arming.of(self._parameters) and self._sticks is not None and not self.heard:
             return "Radio failsafe on"
@@ -275,10 +276,11 @@ class StickPilot:
         return "No manual control input" if self.lacks(mode) else None
 
     def check(self, *, flown: bool) -> Iterator[Reaction]:
-        """Steer on, and yield the reactions to a loss of the sticks; `flown` as in `take`."""
+        """Continue manual flight, and yield reactions to a loss of the sticks; `flown` as in `take`."""
         if self._sticks is None:
-            receiver = self._rules.receiver
-            if receiver is not None and flown and self._flies and self._holds:
+            receiver, controls = self._rules.receiver, self._controls
+            holds = controls.state.phase is FlightPhase.HOLD and controls.landed is LandedState.IN_AIR
+            if receiver is not None and flown and self._flies and holds:
                 with suppress(RefusedError):
                     self._fly(receiver)
             return
@@ -293,7 +295,9 @@ class StickPilot:
                 self._wing.forget()
             if self._tilt is not None and not self._leans:
                 self._tilt.forget()
-            if self._flies and (self._leans or (self._steers_on and self._moves)):
+            # A rover or wing needs new orders even if the sticks do not move.
+            steers_on = self._moves and (self._rules.drives or self._wing is not None)
+            if self._flies and (self._leans or steers_on):
                 with suppress(RefusedError):
                     self._fly(self._sticks)
         elif not self.lost:
@@ -302,7 +306,7 @@ class StickPilot:
 
     @property
     def breaks_off_landing(self) -> bool:
-        """Whether the throttle asks for a landing to be broken off."""
+        """Whether the throttle stick demands a go-around."""
         switch, sticks = self._rules.landing_abort, self._sticks
         asks = sticks is not None and sticks.up >= _FULL_THROTTLE and self._controls.mode is Mode.MISSION
         return asks and switch is not None and switch.of(self._parameters) != 0.0
@@ -313,14 +317,14 @@ class StickPilot:
 
     @property
     def _action(self) -> Action:
-        """Action on the loss of the sticks in this mode."""
+        """Action on the loss of the sticks in the present mode."""
         loss = self._rules.loss
         action = loss.actions.get(int(loss.action.of(self._parameters)), Action.NONE)
         return max(action, loss.in_stick_modes, key=_SEVERITY.__getitem__) if self._flies else action
 
     @property
     def _limit_s(self) -> float:
-        """Silence after which the sticks are lost, or let go."""
+        """Silence after which the sticks count as lost or released."""
         loss = self._rules.loss
         if loss.release is None or self._action is not Action.NONE:
             return loss.timeout.of(self._parameters)
@@ -328,20 +332,10 @@ class StickPilot:
         return math.inf if release_s < 0.0 else release_s
 
     @property
-    def _steers_on(self) -> bool:
-        """Whether sticks that do not move have to be followed."""
-        return self._rules.drives or self._wing is not None
-
-    @property
     def _leans(self) -> bool:
-        """Whether the sticks lean the vehicle in this mode."""
+        """Whether the sticks lean the vehicle in the present mode."""
         tilt, mode = self._rules.tilt, self._controls.mode
         return tilt is not None and mode in tilt.holds_height | tilt.by_throttle
-
-    @property
-    def _holds(self) -> bool:
-        controls = self._controls
-        return controls.state.phase is FlightPhase.HOLD and controls.landed is LandedState.IN_AIR
 
     @property
     def _flies(self) -> bool:
@@ -403,7 +397,7 @@ class StickPilot:
         self._steer((east, north, climb), heading)
 
     def _lean(self, pilot: StickTilt, tilt: TiltSticks, sticks: Sticks) -> None:
-        """Lean with the sticks, and turn and climb as the mode does."""
+        """Lean by the sticks, and turn and climb as the mode requires."""
         rules, controls = self._rules, self._controls
         climb = None
         if self._controls.mode in tilt.holds_height:
@@ -417,7 +411,7 @@ class StickPilot:
         pilot.fly(sticks, climb, heading, by_rate=self._by_rate)
 
     def _vertical_speed(self, *, upward: bool) -> float:
-        """Return the speed of a stick that is moved all the way up or down."""
+        """Return the vertical speed at full stick."""
         rules, spec = self._rules, self._controls.spec
         climb_m_s = rules.climb.of(self._parameters) if rules.climb is not None else 0.0
         descent_m_s = rules.descent.of(self._parameters) if rules.descent is not None else 0.0
@@ -426,7 +420,7 @@ class StickPilot:
         return min(descent_m_s or climb_m_s or math.inf, spec.descent_speed_m_s)
 
     def _drive(self, speed_m_s: float, steering: float) -> None:
-        """Drive forward; backward it only stops, and it turns as fast as it drives."""
+        """Drive forward and turn in proportion to the speed; a backward stick only stops the vehicle."""
         if speed_m_s <= 0.0:
             self._stop()
             return
@@ -443,6 +437,6 @@ class StickPilot:
 
     def _stop(self) -> None:
         if self._moves and self._flies:
-            with suppress(RefusedError):  # it may have come down meanwhile
+            with suppress(RefusedError):  # the vehicle may have landed meanwhile
                 self._controls.order(self._controls.executor.flight.hold)
         self._moves = False

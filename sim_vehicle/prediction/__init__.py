@@ -1,1 +1,1 @@
-"""Predicted time, energy and path of a mission, without telemetry."""
+"""Prediction of a mission's time, energy and path, without telemetry."""

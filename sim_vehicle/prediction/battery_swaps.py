@@ -1,4 +1,4 @@
-"""How many batteries a mission needs when the vehicle comes home to change them, and where it breaks off."""
+"""Number of batteries that a mission needs if the vehicle returns home to change them."""
 
 from __future__ import annotations
 
@@ -31,25 +31,25 @@ if TYPE_CHECKING:
 
 __all__ = ["BatteryChange", "Transit", "TrialFlight", "TrialFlights", "batteries_needed", "battery_changes"]
 
-_LOOK_S = 1.0
+_SAMPLE_S = 1.0
 _LONGEST_S = 86_400.0
-# Trials of a return; each brings the place of a change nearer.
-_TRIES = 6
-# Share of the battery that may be left unused.
-_CLOSE = 0.003
+# Attempts to locate a battery change; each flies a return and brings the position nearer.
+_MAX_TRIALS = 6
+# Share of the battery that may remain unused.
+_UNUSED_SHARE = 0.003
 _GROUND_M = 0.5
 
 
 @dataclass(frozen=True, slots=True)
 class BatteryChange:
-    """Where a mission is broken off to change the battery."""
+    """Interruption of a mission for a battery change."""
 
     time_s: float
-    """Into the mission as it would be flown without a break."""
+    """Time in the uninterrupted mission."""
     place_m: tuple[float, float, float]
-    """East, north, up about home; the next battery begins here."""
+    """East, north, up relative to home; the next battery continues here."""
     seq: int
-    """The item that is being flown."""
+    """Index of the item in flight."""
     energy_wh: float
     """Energy from the old battery until the vehicle is home."""
 
@@ -62,11 +62,12 @@ def batteries_needed(
     wind: Wind | None = None,
     frame: LocalFrame | None = None,
 ) -> int | None:
-    """Return how many full batteries, each used down to its reserve, fly a mission to its end.
+    """Return the number of full batteries, each used down to its reserve, that complete a mission.
 
-    With more than one, the vehicle breaks off where what is left just takes it home, and comes back to that
-    position with the next one (see `battery_changes`). 0 for a vehicle without a battery; None when no number
-    is enough: the mission cannot be flown, or one of its positions is too far for a battery.
+    With more than one battery, the vehicle interrupts the mission when the remaining charge just suffices for
+    the return. The mission continues there with the next battery (see `battery_changes`). The result is 0 for
+    a vehicle without a battery. None means that no number suffices: the mission cannot be flown, or one
+    battery cannot reach a position and return.
 
     Examples
     --------
@@ -91,12 +92,11 @@ def batteries_needed(
 def battery_changes(
     mission: Mission, spec: VehicleSpec, *, wind: Wind | None = None, frame: LocalFrame | None = None
 ) -> tuple[BatteryChange, ...] | None:
-    """Return where a mission is broken off to change batteries, or None if that does not help.
+    """Return the battery changes of a mission, or None if no number of changes suffices.
 
-    The mission is flown once without an end of the battery. Where it is broken off is found by flying there
-    and home again, with the mission's own take-off, return and wind: what the battery gave since it was
-    changed, on the flight out, over its part of the mission and on the return, is what it has less its
-    reserve. Of gusts one sample is flown.
+    The mission is flown once with an unlimited battery. Each position of a change is found by flying there
+    and home with the mission's own take-off, return and wind. Flight out, part of the mission and return
+    together use the battery's capacity minus its reserve. In a gusty wind one sample of the gusts is flown.
     """
     battery = spec.battery
     if battery is None:
@@ -111,7 +111,7 @@ def battery_changes(
         return None
     usable = battery.capacity_wh * (1.0 - battery.reserve_fraction)
     used, track = whole.energy_wh, whole.place_m
-    # A first estimate of the return; its error is found by flying it.
+    # First estimate of the return energy; a flight of the return corrects it.
     mean_w = used[-1] / max(whole.time_s[-1], 1.0)
     rough = mean_w * time_home_s(track, spec)
     changes: list[BatteryChange] = []
@@ -119,7 +119,7 @@ def battery_changes(
     while out + used[-1] - used[begin] > usable:
         spent = out + used - used[begin]
         last, back = begin, math.inf
-        for _ in range(_TRIES):
+        for _ in range(_MAX_TRIALS):
             over = np.flatnonzero(spent[begin + 1 :] + rough[begin + 1 :] + more > usable)
             at = begin + (int(over[0]) if len(over) else len(spent) - 2 - begin)
             if at in (begin, last):
@@ -130,11 +130,11 @@ def battery_changes(
                 return None
             next_out, back = transits.out_wh, transits.back_wh
             more = back - float(rough[at])
-            if usable - _CLOSE * battery.capacity_wh <= spent[at] + back <= usable:
+            if usable - _UNUSED_SHARE * battery.capacity_wh <= spent[at] + back <= usable:
                 break
         while last > begin and spent[last] + back > usable:
-            # The return grew in between: turn back earlier by the energy that it takes too much.
-            last -= max(1, math.ceil((spent[last] + back - usable) * WH_J / mean_w / _LOOK_S))
+            # The last correction increased the return energy: turn back earlier by the excess.
+            last -= max(1, math.ceil((spent[last] + back - usable) * WH_J / mean_w / _SAMPLE_S))
             transits = ground.there_and_back(track[max(last, begin)], int(whole.seq[max(last, begin)]))
             if transits is None:
                 return None
@@ -149,7 +149,7 @@ def battery_changes(
 
 
 def time_home_s(positions_m: NDArray[np.float64], spec: VehicleSpec) -> NDArray[np.float64]:
-    """Estimate how long the return takes from positions, float64[n, 3]: at the cruise speed, then down."""
+    """Estimate the return time from positions, float64[n, 3]: cruise speed, then descent."""
     time_s: NDArray[np.float64] = np.hypot(positions_m[:, 0], positions_m[:, 1]) / spec.cruise_speed_m_s
     if not spec.drives:
         time_s += positions_m[:, 2] / spec.descent_speed_m_s
@@ -158,23 +158,23 @@ def time_home_s(positions_m: NDArray[np.float64], spec: VehicleSpec) -> NDArray[
 
 @dataclass(frozen=True, slots=True)
 class TrialFlight:
-    """A flight, sampled at short intervals, n times in all."""
+    """Samples of a flight at short intervals, n in all."""
 
     time_s: NDArray[np.float64]
     """float64[n]."""
     place_m: NDArray[np.float64]
-    """float64[n, 3]: east, north, up about home."""
+    """float64[n, 3]: east, north, up relative to home."""
     energy_wh: NDArray[np.float64]
-    """float64[n]: energy from the battery."""
+    """float64[n]: energy drawn from the battery."""
     seq: NDArray[np.int64]
-    """int64[n]: the item that is flown."""
+    """int64[n]: index of the item in flight."""
     reached_s: dict[int, float]
-    """When items were complete."""
+    """Completion time of each item."""
 
 
 @dataclass(frozen=True, slots=True)
 class Transit:
-    """Time and energy of the ways to a position and home from there."""
+    """Time and energy of the flights from home to a position and back."""
 
     out_s: float
     out_wh: float
@@ -183,9 +183,9 @@ class Transit:
 
 
 class TrialFlights:
-    """Flies a mission, and the ways to and from its positions, by a vehicle whose battery has no end.
+    """Flies a mission, and transits to and from its positions, with an unlimited battery.
 
-    Of gusts one sample is flown.
+    In a gusty wind one sample of the gusts is flown.
     """
 
     def __init__(self, mission: Mission, spec: VehicleSpec, home: LocalFrame, wind: Wind | None) -> None:
@@ -201,9 +201,9 @@ class TrialFlights:
         self._end = mission.items[landing[0] :] if landing else (MissionItem(20, 2),)
 
     def there_and_back(self, place_m: NDArray[np.float64], seq: int) -> Transit | None:
-        """Return time and energy of the transits to an item's position; None if it cannot be flown.
+        """Return time and energy of the transits to a position of an item; None if they cannot be flown.
 
-        The position is east, north, up about home.
+        `place_m` is east, north, up relative to home.
         """
         x, y, z = place_m.tolist()
         speeds = [item for item in self._items[:seq] if item.command == Command.DO_CHANGE_SPEED][-1:]
@@ -218,7 +218,7 @@ class TrialFlights:
         return Transit(arrived_s, out, back_s, float(record.energy_wh[-1]) - out)
 
     def fly(self, items: tuple[MissionItem, ...]) -> TrialFlight | None:
-        """Fly items to their end and return what happened; None if it never ends or cannot be flown."""
+        """Fly items to their end and return the samples; None if they never end or cannot be flown."""
         executor = self._new()
         motion = executor.motion
         executor.mission.load(items)
@@ -235,7 +235,7 @@ class TrialFlights:
 
         sample()
         while executor.flight.armed and end_s == math.inf:
-            events: list[FlightEvent] = executor.advance(executor.time_s + _LOOK_S)
+            events: list[FlightEvent] = executor.advance(executor.time_s + _SAMPLE_S)
             sample()
             for event in events:
                 if isinstance(event, ItemReached):

@@ -1,4 +1,4 @@
-"""Makes compiled motion ready before somebody waits for an answer."""
+"""Compilation of the vehicle motion before a user or client waits for it."""
 
 from __future__ import annotations
 
@@ -25,11 +25,12 @@ _WIND = Wind(1.0, gust_m_s=0.5)
 
 
 def warm_up(spec: VehicleSpec) -> None:
-    """Fly a second of a flight that nobody sees.
+    """Compile the motion of a vehicle by simulating a two-second flight.
 
-    The motion of a vehicle is compiled when it is first flown: up to a minute once on a machine, half a
-    second in each further process. A client that has just ordered a take-off would give up waiting.
-    `geo.compiled.compile_notices` names what is compiled. The ideal vehicle needs no compiler.
+    The motion of a vehicle is compiled on its first flight. Compilation takes up to a minute once per
+    machine, and loading takes half a second in each further process. A client that has just ordered a
+    take-off would time out. `geo.compiled.compile_notices` names the functions being compiled. The ideal
+    vehicle needs no compiler.
 
     Examples
     --------
@@ -52,9 +53,9 @@ def warm_up(spec: VehicleSpec) -> None:
 
 
 def compile_all(progress: Callable[[str, int, int], None] | None = None) -> None:
-    """Compile the dynamics of all vehicles, alone and in batches, where that was not done before.
+    """Compile the dynamics of all vehicles, alone and in batches, unless they are cached.
 
-    ``progress`` is called before each with its name, the number that are done, and that of all.
+    `progress` is called before each with a title, the number done, and the total number.
     """
     dynamics = _dynamics()
     for done, (name, spec) in enumerate(dynamics):
@@ -71,7 +72,7 @@ def compile_all(progress: Callable[[str, int, int], None] | None = None) -> None
 
 
 def _dynamics() -> list[tuple[str, VehicleSpec]]:
-    """One vehicle for each class of motion that the installed autopilots use, with a name for readers."""
+    """Return one vehicle, with a title, for each motion class that the installed autopilots use."""
     found: dict[type, tuple[str, VehicleSpec]] = {}
     for bare in [get_vehicle(get_kind(kind).typical) for kind in kind_names()]:
         if bare.is_ideal:

@@ -1,4 +1,4 @@
-"""One mission flown without telemetry, alone or together with others: the same executor, the same motion."""
+"""Predicted flights of missions, alone or in batches, by the executor and motion of the simulator."""
 
 from __future__ import annotations
 
@@ -38,55 +38,53 @@ if TYPE_CHECKING:
 __all__ = ["PredictedFlight", "Prediction", "climbs_by_itself", "fly_all", "home_frame", "without_end"]
 
 _LONGEST_S = 86_400.0
-# A step of the ideal vehicle is cheap for any time step.
+# Time limit for the ideal vehicle: a time step of any length is equally cheap to compute.
 _LONGEST_IDEAL_S = 3e8
 _TRACK_POINTS = 20_000
-# The kernels of all vehicles but the ideal one write their tracks on this grid.
+# Grid on which the kernels of all vehicles except the ideal one record their tracks.
 _GRID_STEPS = 5
 _ENDLESS_WH = 1e6
 Air: TypeAlias = "tuple[Wind | None, EstimateErrors | None]"
-"""The wind of a flight, and the errors of the estimate that it is flown by."""
+"""Wind of a flight, and errors of the autopilot's estimate."""
 
 
 @dataclass(frozen=True, slots=True)
 class Prediction:
-    """Time, energy and path of a mission, from the take-off to the end of its last item.
+    """Predicted time, energy and path of a mission, from take-off to the end of its last item.
 
-    The intervals and the bound are None when it was predicted from a single flight.
+    The intervals and the bound are None in a prediction from a single flight.
     """
 
     duration_s: float
-    """Until the mission is complete (on the ground if it ends with a landing), or until it failed."""
+    """Time until the mission is complete (on the ground if it ends with a landing) or has failed."""
     energy_wh: float
-    """0 for a vehicle without a power model."""
+    """Energy used; 0 for a vehicle without a power model."""
     battery_fraction: float
-    """Fraction that is left at the end, 0 to 1."""
+    """Battery charge at the end, 0 to 1."""
     path_length_m: float
-    """Length of the flown path, climbs included."""
+    """Length of the flown path, including climbs."""
     track_m: NDArray[np.float64]
-    """float64[n, 3]: east, north, up about home, every ``track_step_s`` and at the end."""
+    """float64[n, 3]: east, north, up relative to home, every ``track_step_s`` and at the end."""
     track_step_s: float
     feasible: bool
-    """Whether the vehicle completes the mission with the battery's reserve left."""
+    """Whether the vehicle completes the mission without using the battery's reserve."""
     reason: str
-    """Why not; empty when feasible."""
+    """Reason why the mission is infeasible; empty if feasible."""
     duration_interval_s: tuple[float, float] | None = None
-    """Bounds of one flight's duration with a probability of 90 %, when its disturbances are known only by
-    their statistics."""
+    """90 % interval of one flight's duration, if its disturbances are known only statistically."""
     energy_interval_wh: tuple[float, float] | None = None
     energy_bound_wh: float | None = None
-    """Energy of one flight at most, with `sim_vehicle.prediction.predict.BOUND_PROBABILITY`."""
+    """Energy that one flight does not exceed, with `sim_vehicle.prediction.predict.BOUND_PROBABILITY`."""
     items: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, np.int64))
-    """int64[n]: the item, from 0, that is flown at each position; empty where that is not known."""
+    """int64[n]: index of the item in flight at each track position; empty if unknown."""
     camera_orders: tuple[tuple[float, int], ...] = ()
-    """Times of orders to the camera, each with its item, from 0."""
+    """Times of camera commands, each with the index of its item."""
 
     @property
     def ground_length_m(self) -> float:
-        """Length over ground, from take-off to landing: the length of a plan.
+        """Length over ground from take-off to landing, which is the length of a plan.
 
-        It is the flown length times the track's share over ground, since a track can be only the beginning,
-        and cuts corners a little.
+        The flown length times the track's share over ground, as the track may be truncated and cuts corners.
         """
         steps = np.diff(self.track_m, axis=0, prepend=np.zeros((1, 3)))
         flown_m = float(np.sqrt((steps**2).sum(axis=1)).sum())
@@ -95,15 +93,14 @@ class Prediction:
 
     @property
     def most_wh(self) -> float:
-        """Energy of one flight at most; the expected energy where no bound is known."""
+        """Energy bound of one flight; the expected energy if there is no bound."""
         return self.energy_wh if self.energy_bound_wh is None else self.energy_bound_wh
 
 
 class PredictedFlight:
-    """One flight of a mission from home that is predicted.
+    """One flight of a mission from home, to be predicted.
 
-    Its track holds `track_points` positions; of a flight that takes longer than they do it is only the
-    beginning.
+    The track has at most `track_points` positions; the track of a longer flight is truncated.
     """
 
     def __init__(
@@ -148,7 +145,7 @@ class PredictedFlight:
         executor.start()
 
     def prediction(self) -> Prediction:
-        """The result of the flight, which is flown now if it was not yet."""
+        """Return the result of the flight, after flying it if necessary."""
         executor, spec = self.executor, self.spec
         if executor is None:
             assert self._problem is not None
@@ -160,7 +157,7 @@ class PredictedFlight:
             self.events = executor.fly_through(self.longest_s)
         motion, state = executor.motion, executor.state()
         end_s, reason = self._end(executor, self.events)
-        # The energy of the idling motors between touch-down and disarming is no part of the mission.
+        # Energy of the idling motors between touch-down and disarming does not count.
         energy_j = motion.energy_j
         if executor.time_s > end_s and spec.power is not None and not reason:
             idle_w = spec.power.avionics_w + spec.power.camera_w + spec.power.idle_w
@@ -184,7 +181,7 @@ class PredictedFlight:
         )
 
     def _items(self, points: int) -> NDArray[np.int64]:
-        """Return the item that is flown at each of a number of positions of the track, and at the end."""
+        """Return the item in flight at each of the track's positions and at the end."""
         changes = [event for event in self.events or () if isinstance(event, CurrentChanged)]
         times_s = self._track_step_s * np.arange(1, points + 2)
         since_s = np.array([event.time_s for event in changes])
@@ -192,7 +189,7 @@ class PredictedFlight:
         return numbers[np.searchsorted(since_s, times_s, side="left")]
 
     def left(self, energy_wh: float) -> tuple[float, str]:
-        """Return the battery fraction left after using this energy, and why it is too little."""
+        """Return the battery fraction left after using this energy, and the reason if it is too low."""
         battery = self.spec.battery
         if battery is None:
             return 1.0, ""
@@ -205,7 +202,7 @@ class PredictedFlight:
 
     @staticmethod
     def _end(executor: MissionExecutor, events: list[FlightEvent]) -> tuple[float, str]:
-        """Return when the flight ended, and why it did not end well."""
+        """Return the end time of the flight, and the reason if the flight failed."""
         for event in events:
             if isinstance(event, CannotFly):
                 return event.time_s, f"item {event.seq + 1}: {event.reason}"
@@ -230,9 +227,9 @@ def fly_all(
     threads: int = 1,
     track_points: int = _TRACK_POINTS,
 ) -> list[list[PredictedFlight]]:
-    """Fly each mission in each of the airs, all together; ``threads`` share the work.
+    """Fly each mission in each of `airs` in one batch, on `threads` threads.
 
-    Missions that cannot be flown are among them, with their reason.
+    Missions that cannot be flown are included, with their reason.
     """
     flights = [
         [
@@ -251,7 +248,7 @@ def fly_all(
         for mission in missions
     ]
     flown = [flight for of_mission in flights for flight in of_mission if flight.executor is not None]
-    # One alone is flown when it is asked for its prediction.
+    # A single flight is flown on demand, by `prediction`.
     if len(flown) > 1 and not spec.is_ideal:
         if threads > 1:
             with ThreadPoolExecutor(threads) as pool:
@@ -289,20 +286,20 @@ def _fly_together(flights: list[PredictedFlight], pool: ThreadPoolExecutor | Non
 
 
 def climbs_by_itself(spec: VehicleSpec) -> bool:
-    """Whether a vehicle climbs first when its mission begins on the ground without a take-off: PX4 does."""
+    """Whether the vehicle takes off by itself for a mission without a take-off item, as PX4 does."""
     firmware = firmware_of(spec)
     return spec.hovers and firmware is not None and firmware.takes_off
 
 
 def without_end(spec: VehicleSpec) -> VehicleSpec:
-    """Return a vehicle whose battery is never empty."""
+    """Return a vehicle with a practically unlimited battery."""
     if spec.battery is None:
         return spec
     return replace(spec, battery=replace(spec.battery, capacity_wh=_ENDLESS_WH))
 
 
 def home_frame(mission: Mission) -> LocalFrame:
-    """Return the frame about a mission's home, or about its first position.
+    """Return the local frame at a mission's home, or at its first position.
 
     Raises
     ------

@@ -38,48 +38,48 @@ __all__ = ["InFlight", "OnwardPredictor"]
 RETURN_HOME = (MissionItem(Command.NAV_RETURN_TO_LAUNCH),)
 _LONGEST_S = 86_400.0
 _AXIS_M = 100.0
-# Multirotors fly the legs of a path in steps of two of their own, and the way home in steps of three.
+# Time steps of multirotors, in their own steps: on the legs of a path, and on the return.
 _PATH_STEPS, _HOME_STEPS = 2, 3
-_MOST_WAYS = 100_000
+_MAX_RETURNS = 100_000
 
 
 @dataclass(frozen=True, slots=True)
 class InFlight:
-    """A vehicle in flight, from its telemetry."""
+    """State of a vehicle in flight, from telemetry."""
 
     position_m: tuple[float, float]
-    """Of the farm frame."""
+    """Position in the farm frame."""
     height_m: float
-    """Above home."""
+    """Height above home."""
     velocity_m_s: tuple[float, float] = (0.0, 0.0)
-    """Over ground, along x and y of the farm frame."""
+    """Ground velocity along x and y of the farm frame."""
     climb_m_s: float = 0.0
     heading_rad: float | None = None
-    """Compass heading; None: along the velocity."""
+    """Compass heading; None selects the direction of the velocity."""
 
 
 class OnwardPredictor:
-    """Prices the rest of missions of one vehicle: through waypoints, then home as its autopilot does it.
+    """Predicts the cost of one vehicle's remaining missions: through waypoints, then the autopilot's return.
 
     The vehicle's own motion flies the paths, many in one compiled call, in a wind without gusts. Multirotors
-    take longer steps than in a flight, which is worth about 1 % of it.
+    are flown with longer time steps than in a real flight, which changes the result by about 1 %.
 
     Parameters
     ----------
     spec : VehicleSpec
-        As its autopilot flies it (`sim_vehicle.autopilot.with_autopilot`).
+        Vehicle under its autopilot (`sim_vehicle.autopilot.with_autopilot`).
     frame : LocalFrame
-        The farm frame, in which paths, positions and home are given.
+        Farm frame, in which paths, positions and home are given.
     altitude_m, speed_m_s : float
-        Of the waypoints, above home, and of the mission; without, the speed is the vehicle's own.
+        Altitude of the waypoints above home, and speed of the mission; by default the vehicle's own speed.
     waypoints : callable, optional
-        Given a path, float64[n, 2], and where the vehicle is, the waypoints that it is sent to; without, they
-        are the points of the path.
+        Maps a path, float64[n, 2], and the vehicle's position to the waypoints sent to the vehicle; by
+        default the points of the path.
     ending : tuple of MissionItem
-        What follows the last waypoint: a return to launch, or the landing of a fixed wing; none: it ends
-        at the last waypoint.
+        Items after the last waypoint: a return to launch, or the landing of a fixed wing. Without items the
+        mission ends at the last waypoint.
     wind : Wind, optional
-        Its mean counts.
+        Wind; its gusts are ignored.
 
     Examples
     --------
@@ -120,9 +120,9 @@ class OnwardPredictor:
         self._ending_m = item_positions(ending, about_home)
         calm = None if wind is None else replace(wind, gust_m_s=0.0, turbulence=None)
         self._on_path = _Squadron(_stepping(spec, _PATH_STEPS if spec.hovers else 1), calm)
-        self._home_again = _Squadron(_stepping(spec, _HOME_STEPS), calm) if spec.hovers else self._on_path
-        # By position and velocity, in about metres and metres a second.
-        self._ways_home: dict[tuple[float, ...], tuple[float, float]] = {}
+        self._on_return = _Squadron(_stepping(spec, _HOME_STEPS), calm) if spec.hovers else self._on_path
+        # By position and velocity, rounded to about metres and metres per second.
+        self._returns: dict[tuple[float, ...], tuple[float, float]] = {}
 
     def rest(
         self,
@@ -131,21 +131,25 @@ class OnwardPredictor:
         *,
         anew: Sequence[bool] | None = None,
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return time and energy of each of several paths from here to its end.
+        """Return time and energy from here to the end of each of several paths.
 
         Parameters
         ----------
         paths : sequence of float64[n, 2]
-            Waypoints in the farm frame; none is the way home at once.
+            Waypoints in the farm frame; an empty path is an immediate return.
         anew : sequence of bool, optional
-            Which of them are other paths than the one that is flown: an autopilot that begins the leg of a
-            changed mission where the vehicle could stop (ArduPilot) does so. By default none is.
+            Whether each path differs from the path in flight, by default False. ArduPilot begins the leg of a
+            changed mission at the stopping point.
 
         Returns
         -------
         seconds, watt_hours : float64[number of paths]
-            Infinite for a path that the vehicle cannot fly (the wind is too strong); 0 Wh for a vehicle
-            without a power model. VehicleError if a number that is given is not finite.
+            Infinite for a path that the vehicle cannot fly because of the wind; 0 Wh without a power model.
+
+        Raises
+        ------
+        VehicleError
+            If an argument is not finite.
         """
         here, velocity, heading = self._start(state)
         flights = [_Flight(self._through(state, here, np.asarray(path, dtype=np.float64))) for path in paths]
@@ -161,7 +165,7 @@ class OnwardPredictor:
         )
 
     def _start(self, state: InFlight) -> tuple[Position, Position, float]:
-        """Return position, velocity and compass heading about home."""
+        """Return position, velocity and compass heading relative to home."""
         numbers = (*state.position_m, state.height_m, *state.velocity_m_s, state.climb_m_s)
         if not all(map(math.isfinite, numbers)):
             msg = f"vehicle {self.spec.name}: its position and velocity must be finite, not {numbers}"
@@ -174,7 +178,7 @@ class OnwardPredictor:
         return (x, y, state.height_m), (east, north, state.climb_m_s), heading
 
     def _through(self, state: InFlight, here: Position, path: NDArray[np.float64]) -> Route | None:
-        """Return the route through the waypoints, None without any."""
+        """Return the route through the waypoints of a path, or None for an empty path."""
         points = path.reshape(-1, 2)
         if not np.isfinite(points).all():
             msg = f"vehicle {self.spec.name}: a path has a point that is not finite"
@@ -198,30 +202,30 @@ class OnwardPredictor:
         return Route.over(places, Leg(here, self._speed_m_s, radius_m))
 
     def _fly_home(self, flights: list[_Flight]) -> None:
-        """Add the ending; multirotors fly each way home once, from the nearest of a lattice of states."""
-        if self._home_again is self._on_path:
+        """Add the ending; multirotors fly each return once, from the nearest state of a lattice."""
+        if self._on_return is self._on_path:
             self._end(flights)
             return
-        if len(self._ways_home) > _MOST_WAYS:
-            self._ways_home.clear()
+        if len(self._returns) > _MAX_RETURNS:
+            self._returns.clear()
         keys = []
         for flight in flights:
             end = flight.motion.snapshot()
             x, y, z = end.position_m
             keys.append((_outward(x), _outward(y), *(round(value) for value in (z, *end.velocity_m_s))))
-        new = [key for key in dict.fromkeys(keys) if key not in self._ways_home]
+        new = [key for key in dict.fromkeys(keys) if key not in self._returns]
         ways = [_Flight(None) for _ in new]
         states = [((x, y, z), (u, v, w), math.atan2(u, v)) for x, y, z, u, v, w in new]
-        self._home_again.place(ways, states)
+        self._on_return.place(ways, states)
         self._end(ways)
-        self._ways_home.update({key: (way.seconds, way.joules) for key, way in zip(new, ways, strict=True)})
+        self._returns.update({key: (way.seconds, way.joules) for key, way in zip(new, ways, strict=True)})
         for flight, key in zip(flights, keys, strict=True):
-            seconds, joules = self._ways_home[key]
+            seconds, joules = self._returns[key]
             flight.seconds += seconds
             flight.joules += joules
 
     def _end(self, flights: list[_Flight]) -> None:
-        """Fly the ending, one plan of legs after the other."""
+        """Fly the ending, one leg plan after another."""
         items = self._ending
         settings = Settings(self._speed_m_s, default_m_s=self._speed_m_s)
         seq = 0
@@ -236,38 +240,38 @@ class OnwardPredictor:
                 flight.route, flight.wait_s = Route.through(plan.legs), plan.wait_s
                 if plan.after_last in (AfterLastLeg.NEXT, AfterLastLeg.WAIT):
                     following = plan.seqs[-1] + 1
-            self._home_again.fly(flights)
+            self._on_return.fly(flights)
             seq = following
             flights = [flight for flight in flights if flight.seconds < math.inf]
 
 
 def _outward(value_m: float) -> float:
-    """Return the next half metre away from home: who is farther away may have to climb higher to return."""
+    """Round away from home to half metres: a vehicle farther away may have to climb higher for its return."""
     return math.copysign(math.ceil(2.0 * abs(value_m)) / 2.0, value_m)
 
 
 class _Flight:
-    """One path on its way."""
+    """Flight of one path."""
 
     __slots__ = ("joules", "motion", "route", "seconds", "slot", "wait_s")
 
     motion: MotionModel
 
     def __init__(self, route: Route | None) -> None:
-        # The next path, the pause at its end, its number in the squadron.
+        # Next route, pause at its end, and index in the squadron.
         self.route = route
         self.wait_s = 0.0
         self.slot = 0
-        # Used so far; infinite when it cannot be flown.
+        # Time and energy used; infinite for a path that cannot be flown.
         self.seconds = self.joules = 0.0
 
-    def give_up(self) -> None:
-        """It cannot be flown."""
+    def mark_impossible(self) -> None:
+        """Mark the path as impossible to fly."""
         self.seconds = self.joules = math.inf
 
 
 class _Squadron:
-    """Motions of one vehicle that are used again and again, advanced together."""
+    """Reusable motion models of one vehicle, advanced in one batch."""
 
     def __init__(self, spec: VehicleSpec, wind: Wind | None) -> None:
         self._new: Callable[[], MotionModel] = lambda: flight_procedures(spec).motion(spec, wind, 0.0)
@@ -276,8 +280,8 @@ class _Squadron:
         self._batch: VehicleBatch | None = None
 
     def place(self, flights: list[_Flight], states: Sequence[tuple[Position, Position, float]]) -> None:
-        """Put a motion of its own into flight for each."""
-        # Imported here: a program that prices nothing needs no compiler.
+        """Place a motion model in flight for each flight."""
+        # Imported here, because programs without predictions need no compiler.
         from sim_vehicle.motion.batch import VehicleBatch
 
         if len(flights) > len(self._motions):
@@ -308,7 +312,7 @@ class _Squadron:
         steps[:] = 0
         for flight in flown:
             if events[flight.slot] != MotionEvent.REACHED:
-                flight.give_up()
+                flight.mark_impossible()
             elif flight.wait_s > 0.0:
                 steps[flight.slot] = round(flight.wait_s / self._step_s)
         if steps.any():
@@ -319,12 +323,12 @@ class _Squadron:
 
 
 def _stepping(spec: VehicleSpec, steps: int) -> VehicleSpec:
-    """Return a vehicle with a time step that many times longer; the ideal robot keeps its own."""
+    """Return the vehicle with its time step multiplied by `steps`; the ideal robot keeps its step."""
     return spec if spec.is_ideal or steps == 1 else replace(spec, step_s=steps * spec.step_s)
 
 
 def _axes(farm: LocalFrame, home: LocalFrame, home_m: tuple[float, float]) -> NDArray[np.float64]:
-    """Return the matrix from directions of the farm frame to east and north about home."""
+    """Return the matrix that rotates farm-frame directions to east and north at home."""
     x, y = home_m
     latitude, longitude = farm.to_wgs84(np.array([x + _AXIS_M, x]), np.array([y, y + _AXIS_M]))
     east, north = home.from_wgs84(latitude, longitude)

@@ -1,4 +1,4 @@
-"""Predicted time, energy and path of missions: the executor and motion of a flight, without telemetry."""
+"""Prediction of missions' time, energy and path by the executor and motion of a real flight."""
 
 from __future__ import annotations
 
@@ -34,18 +34,18 @@ __all__ = [
 ]
 
 _TRACK_STEP_S = 1.0
-_TRACK_POINTS = 600  # least number of a plan: enough for the corners of a short one
+_TRACK_POINTS = 600  # minimum for the track of a plan, so that the corners of a short plan are resolved
 _FINEST_STEP_S = 0.1
 _REHEARSAL_SEED = 0x1D8F
 _ERROR_SEED = 0x4A7C
 ERROR_REHEARSALS = 8
-"""Samples of the estimate's errors with which `expected_flights` tries a flight."""
+"""Number of samples of the estimate errors in `expected_flights`."""
 REHEARSAL_PAIRS = 2
-"""Pairs of gusts, each with its opposite, in which flights are tried to choose among them."""
+"""Number of pairs of opposite gusts for comparing candidate flights."""
 PREDICTION_PAIRS = 8
-"""The same for the flight that was chosen: the power for the gusts of a pair does not cancel."""
+"""Number of pairs for the chosen flight: the gusts' effect on power does not cancel within a pair."""
 BOUND_PROBABILITY = 0.995
-"""Probability that `Prediction.energy_bound_wh` is enough for one flight."""
+"""Probability that one flight needs at most `Prediction.energy_bound_wh`."""
 
 
 def predict_flight(
@@ -60,24 +60,24 @@ def predict_flight(
 ) -> Prediction:
     """Predict a flight of the mission from home.
 
-    The vehicle is the one that flies in the simulation, so duration, energy and length are those of an
-    undisturbed flight with the same wind; a failsafe that brings a real flight home early is not played.
+    Prediction and simulation share the vehicle, so duration, energy and length are those of an undisturbed
+    flight in the same wind. Failsafes that end a flight early are not predicted.
 
     Parameters
     ----------
     frame : LocalFrame, optional
-        About home; by default about the mission's home, otherwise about its first position.
+        Frame with its origin at home; by default at the mission's home, else at its first position.
     track_step_s : float
-        Spacing of the track in time, rounded to tenths of a second (to steps for the ideal vehicle).
+        Time step of the track, rounded to tenths of a second (for the ideal vehicle, to its time step).
     epoch_unix_s : float
-        Time of day at the start, for items that wait for one.
+        Unix time at the start, for items that wait for a time of day.
     endless : bool
-        Fly on when the battery is empty, for the time and energy of the whole mission.
+        Whether to continue with an empty battery, to predict the whole mission.
 
     Raises
     ------
     VehicleError
-        If neither ``frame`` nor the mission gives home, or ``track_step_s`` is not positive.
+        If neither ``frame`` nor the mission defines home, or ``track_step_s`` is not positive.
 
     Examples
     --------
@@ -98,9 +98,9 @@ def predict_flight(
 def predict_flights(
     missions: Sequence[Mission], spec: VehicleSpec, *, wind: Wind | None = None, threads: int = 1
 ) -> list[Prediction]:
-    """Predict the flights of several missions, all of them advanced together by so many threads.
+    """Predict the flights of several missions together, on `threads` threads.
 
-    Returns what `predict_flight` returns for each, to the last bit.
+    Each result equals that of `predict_flight` to the last bit.
     """
     flown = fly_all(missions, spec, [(wind, None)], None, _TRACK_STEP_S, threads=threads)
     return [flight.prediction() for (flight,) in flown]
@@ -118,16 +118,16 @@ def expected_flights(
     estimate_errors: bool = False,
     pairs: int = REHEARSAL_PAIRS,
 ) -> list[Prediction]:
-    """Predict flights in a wind whose gusts are known by their statistics only.
+    """Predict flights in a wind with gusts that are known only statistically.
 
-    In a wind without gusts this is `predict_flights`. Otherwise each mission is flown in the `rehearsals` of
-    the wind, with so many pairs, and duration, energy and length are the means of these flights, the track
-    that of the one whose energy is nearest to the mean. That counts what gusts cost in power as well as in
-    time. A mission that is not completed in half of them is not feasible.
+    In a wind without gusts the result is that of `predict_flights`. Otherwise each mission is flown in
+    `pairs` pairs of the winds from `rehearsals`. Duration, energy and length are means over these flights,
+    and thus include the cost of gusts in power and time. The track is that of the flight with the energy
+    nearest to the mean. A mission is infeasible if at most half of its flights complete it.
 
-    With ``estimate_errors`` the same is done for the errors of PX4's estimate
-    (`sim_vehicle.airframe.estimate_errors`): `ERROR_REHEARSALS` flights or as many as there are
-    winds, each with errors of its own, always the same ones. Other autopilots' estimates are exact.
+    `estimate_errors`: the means also extend over the errors of PX4's estimate
+    (`sim_vehicle.airframe.estimate_errors`), in `ERROR_REHEARSALS` flights or one per wind, whichever is
+    more. Each flight has its own errors, the same in every call. The estimates of other autopilots are exact.
     """
     airs = _rehearsed_airs(spec, wind, pairs, estimate_errors=estimate_errors)
     flown = fly_all(missions, spec, airs, frame, track_step_s, endless=endless, threads=threads)
@@ -142,14 +142,14 @@ def rehearsed_tracks(
     track_step_s: float = _TRACK_STEP_S,
     estimate_errors: bool = False,
 ) -> list[NDArray[np.float64]]:
-    """Return the track of each of the flights in which `expected_flights` tries a mission, float64[n, 3]."""
+    """Return the track of each flight that `expected_flights` averages for a mission, float64[n, 3]."""
     airs = _rehearsed_airs(spec, wind, REHEARSAL_PAIRS, estimate_errors=estimate_errors)
     (flights,) = fly_all([mission], spec, airs, None, track_step_s, endless=True)
     return [flight.prediction().track_m for flight in flights]
 
 
 def _rehearsed_airs(spec: VehicleSpec, wind: Wind | None, pairs: int, *, estimate_errors: bool) -> list[Air]:
-    """Return the winds in which flights are tried, each with errors of the estimate."""
+    """Return the winds to fly in, each with estimate errors or None."""
     winds = rehearsals(wind, pairs)
     if not (estimate_errors and estimate_errs(spec)):
         return [(air, None) for air in winds]
@@ -169,12 +169,12 @@ def plan_prediction(
     threads: int = 1,
     estimate_errors: bool = False,
 ) -> Prediction:
-    """Predict the flight of a plan, as planning, the preflight check, a flight and its result show it.
+    """Predict the flight of a plan, as shown by planning, the preflight check, a flight and its result.
 
-    That is `expected_flights` with `PREDICTION_PAIRS`, and a track of 0.1 to 1 s steps, at least 600 of them
-    where it lasts a minute: its coverage is computed from that. Of a mission that is longer than the battery
-    duration, energy, length and track are those of the whole mission, as if the battery lasted; the reason
-    says when it is at its reserve, and when it is empty.
+    The prediction is that of `expected_flights` with `PREDICTION_PAIRS` pairs. The track has steps of 0.1 to
+    1 s, and at least 600 steps for flights longer than a minute, because the coverage is computed from the
+    track. If the battery does not last, duration, energy, length and track are those of the whole mission
+    with an unlimited battery. The reason then gives the times of reaching the reserve and an empty battery.
     """
 
     def flown(*, endless: bool, track_step_s: float) -> Prediction:
@@ -200,7 +200,7 @@ def plan_prediction(
         return limited
     one_wind = rehearsals(wind)[0]
     if not predict_flight(mission, spec, wind=one_wind, frame=frame, endless=True).feasible:
-        return limited  # it ends nowhere, battery or not
+        return limited  # the mission fails even with an unlimited battery
     whole = limited if limited.battery_fraction > 0.0 else expected(endless=True)
 
     def lasts(watt_hours: float) -> str:
@@ -230,7 +230,7 @@ def _clock(seconds: float) -> str:
 
 
 def _mean_prediction(flights: Sequence[PredictedFlight]) -> Prediction:
-    """Return the expected result of one mission that was flown in several winds."""
+    """Return the expected result of a mission that was flown in several winds."""
     predictions = [flight.prediction() for flight in flights]
     done = [prediction for prediction, flight in zip(predictions, flights, strict=True) if flight.completed]
     if len(done) == 1 == len(flights):
@@ -262,7 +262,7 @@ def _mean_prediction(flights: Sequence[PredictedFlight]) -> Prediction:
 
 
 def _interval(mean: float, values: Sequence[float], side: float = 0.95) -> tuple[float, float] | None:
-    """Return the bounds below and above one more value, each with a probability (Student's distribution)."""
+    """Return bounds of a further value, each violated with probability ``1 - side`` (Student's t)."""
     from scipy.special import stdtrit
 
     count = len(values)
@@ -274,12 +274,12 @@ def _interval(mean: float, values: Sequence[float], side: float = 0.95) -> tuple
 
 
 def rehearsals(wind: Wind | None, pairs: int = REHEARSAL_PAIRS) -> list[Wind | None]:
-    """Return winds to try a flight in when only the statistics of its wind are known.
+    """Return winds to fly in when only the statistics of the wind are known.
 
-    They have the mean, shear and gust statistics of ``wind``, but gusts of their own, always the same ones
-    whatever its seed. They come in pairs, in which the gusts of the second are those of the first the other
-    way round: effects linear in the gust then cancel in the mean, and few flights suffice (antithetic
-    variates; Hammersley and Morton 1956). A wind without gusts is returned alone.
+    The winds have the mean, shear and gust statistics of `wind`, but their own gusts, which do not depend on
+    the seed of `wind`. Winds come in pairs with opposite gusts, so that effects linear in the gust cancel in
+    the mean and few flights suffice (antithetic variates; Hammersley and Morton 1956). A steady wind is
+    returned alone.
     """
     if wind is None or not wind.is_gusty:
         return [wind]

@@ -18,9 +18,10 @@ from wbf_mission.live import link as live
 from wbf_mission.live.battery_change import REAL_FULL, BatteryWait, needed_fraction
 from wbf_mission.live.link import LiveLink
 from wbf_mission.live.watching import WatchedVehicle
-from wbf_mission.planning import MissionBuilder, plan
+from wbf_mission.planning import MissionBuilder
 from wbf_mission.planning.budget import ReserveCharge, make_budget
 from wbf_mission.planning.sorties import is_too_long
+from wbf_mission.run.plan import plan
 from wbf_mission.run.sortie import Sortie
 
 parts = st.floats(0.01, 0.99)

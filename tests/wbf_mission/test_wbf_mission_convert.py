@@ -82,7 +82,7 @@ def test_what_is_lost_is_said_and_what_the_vehicle_would_miss_is_a_warning(capsy
         "warning: field.waypoints: fence items are not kept (1 of 1)",
         "warning: field.waypoints: rally points are not kept (1 of 1)",
     ]
-    assert "2, told on stderr" in told.out
+    assert "2, listed on stderr" in told.out
     assert read_mission("field.waypoints") == replace(MISSION, fence=(), rally=())
     told = convert(capsys, "field.plan", "field.wpml.kmz", "--quiet")
     assert told.err.splitlines() == [

@@ -14,8 +14,8 @@ from mission.files import write_mission
 from mission.model import Command, GeoPoint, Mission, MissionItem
 from sim_vehicle.prediction.flight import Prediction
 from wbf_mission.flight import fly
-from wbf_mission.planning import plan
 from wbf_mission.planning.coverage import image_places, predicted_coverage, seen_share
+from wbf_mission.run.plan import plan
 from wbf_mission.scenario import Scenario, ScenarioError
 
 FRAME = LocalFrame(28.05, -82.15)

@@ -8,9 +8,9 @@ from mission.outcome import Outcome
 from mission.planners import LengthBudget, PlanningRequest
 from mission.policies.observation import GeometricTravelCost, Status, VehicleReport
 from wbf_mission import Scenario, fly
-from wbf_mission.planning.plan import plan_fleet
 from wbf_mission.replanning.spacing import KeptDistance, least_apart_m
 from wbf_mission.run.flight import departure_delays
+from wbf_mission.run.plan import plan_fleet
 from wbf_mission.scenario import ScenarioError
 
 QUADS = {"farm": "miniberry-30", "vehicle": "quad", "estimator": "point", "separation": "distance:3m"}

@@ -14,10 +14,10 @@ from mission.files.fence import polygon_at
 from mission.model import Command
 from mission.outcome import Outcome
 from wbf_mission.flight import fly
-from wbf_mission.planning import plan
 from wbf_mission.planning.fence import MOST_VERTICES, border_fence, rally_items
 from wbf_mission.preflight.run import check_mission
 from wbf_mission.preflight.subject import Circumstances
+from wbf_mission.run.plan import plan
 from wbf_mission.scenario import Scenario
 
 INSIDE, OUTSIDE = Command.NAV_FENCE_POLYGON_VERTEX_INCLUSION, Command.NAV_FENCE_POLYGON_VERTEX_EXCLUSION

@@ -14,9 +14,8 @@ from sim_vehicle.faults.fault import FaultError
 from wbf_mission import Scenario, Simulated, fly, load_result
 from wbf_mission.addons.rl.task import SurveyTask
 from wbf_mission.cli.app import main
-from wbf_mission.planning import plan
 from wbf_mission.planning.fleet import single_vehicles
-from wbf_mission.planning.plan import plan_fleet
+from wbf_mission.run.plan import plan, plan_fleet
 from wbf_mission.run.resolve import resolve
 from wbf_mission.run.reuse import FlightMemory
 from wbf_mission.scenario import ScenarioError, scenario_with

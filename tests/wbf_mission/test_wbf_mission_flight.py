@@ -20,9 +20,9 @@ from sim_vehicle.host.simulation import Impairment
 from wbf_mission.events import Found
 from wbf_mission.exit_codes import exit_code_of_flight
 from wbf_mission.flight import Simulated, fly
-from wbf_mission.planning import plan
 from wbf_mission.preflight.finding import PreflightError
 from wbf_mission.results.result import Result
+from wbf_mission.run.plan import plan
 from wbf_mission.run.resolve import make_environment
 from wbf_mission.scenario import Scenario, ScenarioError, scenario_with
 

@@ -10,8 +10,8 @@ from mission.files import write_mission
 from mission.outcome import Outcome
 from sensors.environment import cache
 from wbf_mission.flight import Simulated, fly
-from wbf_mission.planning import plan
 from wbf_mission.results.result import Result
+from wbf_mission.run.plan import plan
 from wbf_mission.run.reuse import FlightMemory
 from wbf_mission.scenario import Scenario, scenario_with
 

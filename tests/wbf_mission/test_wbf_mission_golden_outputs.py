@@ -6,7 +6,7 @@ import pytest
 from mcap.writer import Writer
 from write_golden_outputs import COMMANDS, FLIGHTS, TABLE, digests, mcap_messages
 
-from wbf_mission.bench.program import libraries
+from wbf_mission.bench.provenance import libraries
 
 KEPT = json.loads(TABLE.read_text())
 

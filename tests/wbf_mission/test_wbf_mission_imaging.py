@@ -14,8 +14,8 @@ from mission.model import Command
 from sensors.camera.optics import Imaging, get_camera
 from wbf_mission import fly
 from wbf_mission.cli.app import main
-from wbf_mission.planning import plan
 from wbf_mission.planning.imaging import shown_share
+from wbf_mission.run.plan import plan
 from wbf_mission.scenario import Scenario, ScenarioError
 
 SURVEY = {
@@ -86,22 +86,16 @@ def test_images_are_rectangles_along_the_course() -> None:
 
 
 def test_the_plan_tells_its_camera(capsys: pytest.CaptureFixture[str]) -> None:
-    given = [
-        "--farm",
-        "miniberry-100",
-        "--planner",
-        "survey",
-        "--camera",
-        "parrot-sequoia",
-        "--altitude",
-        "10",
-    ]
+    given = ["--farm", "miniberry-100", "--planner", "survey"]
+    given += ["--camera", "parrot-sequoia", "--altitude", "10"]
     assert main(["plan", *given, "--json"]) == 0
     told = json.loads(capsys.readouterr().out)
     assert told["camera"]["gsd_cm"] == pytest.approx(0.9375)
     assert told["coverage"] > 0.99
     assert main(["plan", *given]) == 0
-    assert "parrot-sequoia: 0.94 cm a pixel at 10.0 m" in capsys.readouterr().out
+    printed = capsys.readouterr().out
+    assert "parrot-sequoia: 0.94 cm a pixel at 10.0 m" in printed
+    assert "2.8 m/s (sharp up to 9.4 m/s, in time up to 2.8 m/s)" in printed
 
 
 def test_a_strip_along_a_creek_is_surveyed_within_its_border(tmp_path: Path) -> None:

@@ -23,11 +23,12 @@ from mission.planners.terrain import parts_of
 from wbf_mission.cli.app import main
 from wbf_mission.events import Found
 from wbf_mission.flight import fly
-from wbf_mission.planning import MissionBuilder, plan
+from wbf_mission.planning import MissionBuilder
 from wbf_mission.planning.keep_out import KeepOut
 from wbf_mission.preflight.finding import PreflightError
 from wbf_mission.preflight.run import check_mission
 from wbf_mission.preflight.subject import Circumstances
+from wbf_mission.run.plan import plan
 from wbf_mission.scenario import Scenario, ScenarioError
 
 PLANNERS = ("lawnmower", "spiral", "adaptive-lawnmower", "random-waypoint")

@@ -16,7 +16,7 @@ from websockets.sync.client import connect
 
 from mission.ground.link import upload
 from wbf_mission.cli.app import main
-from wbf_mission.planning import plan
+from wbf_mission.run.plan import plan
 
 
 class Page:

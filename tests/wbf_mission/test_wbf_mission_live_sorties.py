@@ -26,9 +26,9 @@ from wbf_mission.flight import fly
 from wbf_mission.live.battery_change import BatteryWait, needed_fraction, risen_fraction
 from wbf_mission.live.link import LiveLink
 from wbf_mission.live.watching import WatchedVehicle
-from wbf_mission.planning import plan
 from wbf_mission.planning.builder import MissionBuilder
 from wbf_mission.planning.sorties import rest_of, sorties_of
+from wbf_mission.run.plan import plan
 
 FARM = "miniberry-30"
 FASTER = 12.0

@@ -9,8 +9,8 @@ from wbf_mission.cli.app import main
 from wbf_mission.cli.sorties import SortieOptions
 from wbf_mission.planning.builder import budget_left
 from wbf_mission.planning.fleet import single_vehicles
-from wbf_mission.planning.plan import plan, plan_fleet
 from wbf_mission.preflight.finding import PreflightError
+from wbf_mission.run.plan import plan, plan_fleet
 
 SMALL = 'base = "quad"\nkind = "multirotor"\n[battery]\ncapacity_wh = 9.0\n'
 

@@ -16,7 +16,7 @@ from mission.outcome import Outcome
 from sim_vehicle.host.server import Server
 from tests.support.peer import running
 from wbf_mission.cli.app import main
-from wbf_mission.planning import plan
+from wbf_mission.run.plan import plan
 from wbf_mission.scenario import Scenario
 
 FAST = 8.0
@@ -242,7 +242,7 @@ def test_monitor_marks_what_cannot_be_and_folds_texts(capsys):
     assert sum(line["times"] for line in texts) > 5
     assert "120%!" in out
     assert "5.0 m!" not in out
-    told = [line for line in err.splitlines() if "cannot be" in line]
+    told = [line for line in err.splitlines() if "impossible values" in line]
     assert len(told) == 1, "once"
     assert "latitude_deg 95.12" in told[0]
     assert "ATTITUDE.roll nan" in told[0]

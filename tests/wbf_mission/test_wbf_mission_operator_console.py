@@ -129,7 +129,7 @@ def test_a_page_starts_holds_and_lets_go_on(autopilot, monkeypatch, capsys):
         "ordered by the page: hold",
         f"the vehicle holds (mode {hold})",
         "ordered by the page: resume",
-        "the vehicle goes on with its mission",
+        "the vehicle continues its mission",
     ]
     places = [told.find(text) for text in order]
     assert -1 not in places and places == sorted(places), told

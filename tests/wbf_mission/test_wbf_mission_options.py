@@ -170,7 +170,7 @@ def test_a_command_must_not_have_an_option_twice() -> None:
         (["plan", "--wind", "5,270", "--wind-shear", "log,0_1"], "--wind-shear 'log,0_1'"),
         (["plan", "--param", "NAV_ACC_RAD=1_0"], "--param 'NAV_ACC_RAD=1_0'"),
         (["bench", "run", "--out", "x", "--seeds", "1_0"], "seeds '1_0': '1_0' is neither a seed"),
-        (["bench", "run", "--out", "x", "--seeds", "0"], "seeds 0 are neither how many"),
+        (["bench", "run", "--out", "x", "--seeds", "0"], "seeds 0 are neither a number of seeds"),
         (["bench", "run", "--out", "x", "--jobs", "-2"], "-2 is out of range: give -1 to 1024"),
         (["farm", "generate", "miniberry-10", "--count", "1_0"], "'--count': '1_0' is not a whole number"),
         (["farm", "generate", "miniberry-10", "--days", "127"], "127 is out of range: give 0 to 126"),

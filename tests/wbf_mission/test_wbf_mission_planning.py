@@ -23,9 +23,11 @@ from sim_vehicle.prediction.onward import InFlight, OnwardPredictor
 from sim_vehicle.prediction.predict import PREDICTION_PAIRS, expected_flights
 from wbf_mission.cli import output
 from wbf_mission.cli.app import main
-from wbf_mission.planning import plan
 from wbf_mission.planning.budget import FlightTravelCost, LegCosts
 from wbf_mission.planning.coverage import predicted_coverage
+from wbf_mission.run import resolve as resolving
+from wbf_mission.run.plan import plan
+from wbf_mission.run.resolve import resolve
 from wbf_mission.scenario import Scenario, ScenarioError, scenario_with
 
 
@@ -335,3 +337,34 @@ def test_a_policy_plans_the_path_with_which_it_begins() -> None:
     assert first.prediction.duration_s <= 300.0
     assert not np.array_equal(first.path_m, plan(Scenario(**asked)).path_m)
     assert np.array_equal(first.path_m, plan(Scenario(policy="orienteering", **asked)).path_m)
+
+
+def test_a_plan_makes_no_estimator_and_a_run_makes_it_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    made = []
+
+    def counted(*choice: object) -> object:
+        made.append(choice)
+        return object()
+
+    monkeypatch.setattr(resolving, "estimator_of", counted)
+    scenario = Scenario(farm="miniberry-10", planner="lawnmower", budget="60m")
+    plan(scenario)
+    planned = resolve(scenario, to_fly=False)
+    assert not made
+    assert planned.estimator is planned.estimator and len(made) == 1
+    resolve(scenario)
+    assert len(made) == 2, "before a flight a wrong estimator is found at once"
+
+
+def test_a_mission_file_is_planned_without_a_task(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    rows = plan(Scenario(farm="miniberry-10", planner="lawnmower", budget="60m")).mission
+    write_mission(rows, tmp_path / "rows.plan")
+
+    def refuse(*_parts: object, **_options: object) -> None:
+        raise PlanningError("a task has a budget, and land to fly over")
+
+    monkeypatch.setattr(resolving, "vehicles_of", refuse)
+    scenario = Scenario(farm="miniberry-10", mission=str(tmp_path / "rows.plan"))
+    assert plan(scenario).mission.items == rows.items
+    with pytest.raises(PlanningError, match="a task has a budget"):
+        resolve(scenario)

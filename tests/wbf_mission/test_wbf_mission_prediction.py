@@ -15,9 +15,10 @@ from mission.planners import PlannedPath, PlanningRequest, StepBudget
 from mission.planners.budget import BatchBudget, LengthBudget
 from sim_vehicle.prediction.onward import InFlight
 from wbf_mission.flight import fly
-from wbf_mission.planning import MissionBuilder, plan
+from wbf_mission.planning import MissionBuilder
 from wbf_mission.planning.budget import flight_budget, make_budget, onward_predictor
 from wbf_mission.planning.conditions import wind_of_run
+from wbf_mission.run.plan import plan
 from wbf_mission.scenario import Scenario, scenario_with
 
 PLANNERS = ["lawnmower", "adaptive-lawnmower", "spiral", "random-waypoint"]

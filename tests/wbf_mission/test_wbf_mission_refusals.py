@@ -9,7 +9,7 @@ from stand_in import stand_in
 from mission.files import write_mission
 from mission.model import Mission, MissionItem, MissionType
 from wbf_mission.cli.app import main
-from wbf_mission.planning import plan
+from wbf_mission.run.plan import plan
 from wbf_mission.scenario import Scenario
 
 UNKNOWN = (

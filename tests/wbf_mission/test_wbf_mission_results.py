@@ -91,6 +91,8 @@ def test_class_probabilities_are_kept_where_the_estimator_has_them(result: Resul
     assert again.summary() == flown.summary()
     assert again.summary()["report"]["fields"]["ccr"]["may_be_sick"] > 0
     assert result.model is not None and result.model.probabilities is None
+    without = load_result(tmp_path / "run", probabilities=False)
+    assert without.model is not None and without.model.probabilities is None
     # An older result of the run is replaced by one without them.
     fly(SMALL).save(tmp_path / "run", plots=False, overwrite=True)
     assert not list((tmp_path / "run").glob("probabilities_*"))

@@ -11,7 +11,7 @@ from mission.ground.link import upload
 from mission.transfer import RemoteTransferError
 from wbf_mission.cli.app import main
 from wbf_mission.live.resume import resume_place
-from wbf_mission.planning import plan
+from wbf_mission.run.plan import plan
 from wbf_mission.scenario import Scenario
 
 

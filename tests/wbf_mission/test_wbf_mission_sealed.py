@@ -24,11 +24,10 @@ from sensors.observations import Observations
 from sensors.scoring.score import RunningScore
 from sim_vehicle.mavlink import SimVehicle
 from wbf_mission.flight import fly
-from wbf_mission.planning import plan
 from wbf_mission.planning.assignment import SortieNumber
 from wbf_mission.planning.fleet import vehicles_of
-from wbf_mission.planning.plan import plan_fleet
 from wbf_mission.run.estimation import estimator_of
+from wbf_mission.run.plan import plan, plan_fleet
 from wbf_mission.scenario import Choice, Scenario, choice, scenario_with
 
 FORBIDDEN = (Environment, LeafCamera, RunningScore, SimVehicle, Scenario)

@@ -15,9 +15,9 @@ from wbf_mission.planning import PlanResult
 from wbf_mission.planning.builder import coverage_together
 from wbf_mission.planning.coverage import image_places, too_little_seen
 from wbf_mission.planning.fleet import single_vehicles
-from wbf_mission.planning.plan import plan, plan_fleet
 from wbf_mission.preflight.run import check_mission, check_plan
 from wbf_mission.preflight.subject import Circumstances
+from wbf_mission.run.plan import plan, plan_fleet
 from wbf_mission.scenario import Scenario, ScenarioError, scenario_with
 
 SURVEY = {"planner": "survey", "camera_model": "dji-p1-35", "budget": "unlimited"}

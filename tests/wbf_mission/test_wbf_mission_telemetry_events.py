@@ -29,8 +29,8 @@ from wbf_mission.events import (
 from wbf_mission.live.control_station import ControlStation
 from wbf_mission.live.telemetry_events import TelemetryEvents
 from wbf_mission.live.watching import FleetWatch
-from wbf_mission.planning import plan
 from wbf_mission.run.orders import Orders
+from wbf_mission.run.plan import plan
 from wbf_mission.simulator import SimulatedWatch, make_components
 
 

@@ -18,8 +18,9 @@ from geo.farm import Farm, Obstacle
 from mission.files import read_mission, write_mission
 from mission.model import Command, Frame, Mission
 from wbf_mission.flight import fly
-from wbf_mission.planning import MissionBuilder, plan
+from wbf_mission.planning import MissionBuilder
 from wbf_mission.planning.terrain import FarmGround
+from wbf_mission.run.plan import plan
 from wbf_mission.scenario import Scenario, ScenarioError
 
 AROUND_M = 400.0
@@ -123,7 +124,7 @@ def test_heights_above_ground_need_a_ground_and_one_vehicle(tmp_path: Path) -> N
     with pytest.raises(ScenarioError, match="give either --terrain"):
         Scenario(**given, terrain=("a.tif",), terrain_frame=True)
     with pytest.raises(ScenarioError, match="plan for one vehicle"):
-        from wbf_mission.planning.plan import plan_fleet
+        from wbf_mission.run.plan import plan_fleet
 
         plan_fleet(Scenario(**given, terrain_frame=True, vehicles=2))
     with pytest.raises(GroundError, match="cannot be read"):

@@ -1,1 +1,1 @@
-"""Many runs that can be compared: what is wanted, what flies it, what is kept, what it tells."""
+"""Benchmarks: specification, execution, storage and statistics of many comparable runs."""

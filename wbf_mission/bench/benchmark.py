@@ -1,4 +1,4 @@
-"""One benchmark: fly what is missing, keep it, return all rows."""
+"""Run a benchmark: fly the missing runs, store their rows, return all rows."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from wbf_mission.progress import Progress, silent
 
 
 class BenchmarkInterrupted(KeyboardInterrupt):
-    """Ctrl-C in a benchmark.
+    """Ctrl-C during a benchmark.
 
     Parameters
     ----------
     rows : list of BenchRow
-        Of the runs that ended before.
+        Rows of the runs that ended before.
     total : int
-        How many runs were wanted.
+        Number of runs of the benchmark.
     """
 
     def __init__(self, rows: list[BenchRow], total: int) -> None:
@@ -44,44 +44,44 @@ def benchmark(
 ) -> list[BenchRow]:
     """Fly every planner with every estimator in every scenario, on the environments of all seeds.
 
-    The environment of a seed is the same for all planners and estimators, so rows can be compared in pairs. A
-    run that fails gives a row with the cause.
+    A seed gives the same environment to all planners and estimators, so rows can be compared in pairs. The
+    row of a failed run contains the cause.
 
     Parameters
     ----------
     out : path-like, optional
-        Folder where each run is kept when it ends; what it holds is not flown again.
+        Folder to which each row is written when its run ends. Runs with a row in the folder are not repeated.
     jobs : int
-        Processes at once; -1: one per core. The rows do not depend on it, but for the costs.
+        Number of parallel processes; -1: one per core. Only the costs in the rows depend on `jobs`.
     dask : str, optional
-        The address of a Dask scheduler whose workers fly, or ``local`` for one of this machine with `jobs`
-        workers.
+        Address of the Dask scheduler that distributes the runs; ``local`` starts one on this machine with
+        `jobs` workers.
     retry : bool
-        Fly again what failed.
+        Repeat failed runs.
     command : str
-        The command line that asks for it, which the folder keeps with the specification.
+        Command line of the benchmark, stored in the folder with the specification.
     progress : callable, optional
         ``progress(what, done, total)``.
 
     Returns
     -------
     list of BenchRow
-        Of all runs of the specification, by scenario, planner, estimator and seed.
+        Rows of all runs of the specification, ordered by scenario, planner, estimator and seed.
 
     Raises
     ------
     ResultError
-        If the folder holds something else, or another process writes it.
+        If the folder holds other files, or another process writes to the folder.
     ClusterError
         If Dask's scheduler or workers cannot be used, or are lost.
     OSError
-        If it cannot be written.
+        If the folder cannot be written.
     BenchmarkInterrupted
-        At Ctrl-C, with what was flown before.
+        At Ctrl-C, with the rows of the finished runs.
     """
-    tell = progress or silent
+    report = progress or silent
     runs = list(spec.runs())
-    wanted = {one.key for one in runs}
+    wanted = {run.key for run in runs}
     rows: dict[str, BenchRow] = {}
     interrupted = False
     with contextlib.ExitStack() as stack:
@@ -89,7 +89,7 @@ def benchmark(
         if out is not None:
             keep_asked(Path(out), spec, command)
         done = {} if store is None else store.done
-        missing = [one for one in runs if one.key not in done or (retry and not done[one.key])]
+        missing = [run for run in runs if run.key not in done or (retry and not done[run.key])]
         kept = len(runs) - len(missing)
         try:
             with interrupts_noted(at_once=True) as answer_interrupt:
@@ -98,15 +98,15 @@ def benchmark(
                         rows[row.key] = row
                     else:
                         store.add(row)
-                    tell("flying", number, len(runs))
+                    report("flying", number, len(runs))
                     answer_interrupt()
         except KeyboardInterrupt:
             interrupted = True
     if store is None:
-        found = [rows[one.key] for one in runs if one.key in rows]
+        found = [rows[run.key] for run in runs if run.key in rows]
     else:
         found = [row for row in store.rows if row.key in wanted]
-        names = {(one.scenario_id, one.planner, one.estimator, one.seed) for one in runs}
+        names = {(run.scenario_id, run.planner, run.estimator, run.seed) for run in runs}
         others = [
             row
             for row in store.rows

@@ -1,4 +1,4 @@
-"""Cards of scenarios: what each means, on half a page."""
+"""Scenario cards: a description of a scenario on half a page."""
 
 from __future__ import annotations
 
@@ -18,20 +18,20 @@ _OPEN = ("planner", "policy", "estimator", "seed")
 
 
 class Card(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """What a scenario means, in words.
+    """Description of a scenario in words.
 
     Attributes
     ----------
     about : str
-        A sentence; empty of a scenario file.
+        One sentence; empty for a scenario file.
     meaning : str
-        The digest of all that it means (`wbf_mission.bench.digests.meaning_of`).
+        Digest of the scenario (`wbf_mission.bench.digests.meaning_of`).
     farm : str
-        Its size and crops.
+        Size and crops of the farm.
     scored : str
-        Which fields are scored, and when.
+        The scored fields with their weights, and the scored times.
     options : dict
-        Those that are not at their defaults; planner, policy, estimator and seed are open.
+        Options that are not at their defaults, except planner, policy, estimator and seed.
     """
 
     scenario: str
@@ -41,36 +41,36 @@ class Card(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     scored: str
     options: dict[str, str]
 
-    def told(self) -> dict[str, str]:
-        """Return what a reader is told, by what it is."""
+    def entries(self) -> dict[str, str]:
+        """Return the lines of the card by their labels."""
         first = {"about": self.about, "farm and crops": self.farm, "scored": self.scored}
-        told = {key: one for key, one in first.items() if one}
-        return {**told, **self.options, "digest of the meaning": self.meaning}
+        given = {label: text for label, text in first.items() if text}
+        return {**given, **self.options, "digest of the meaning": self.meaning}
 
     def table(self) -> Table:
-        """Return the same as a table."""
-        return Table(self.scenario, ("what", "value"), tuple(self.told().items()))
+        """Return the card as a table."""
+        return Table(self.scenario, ("what", "value"), tuple(self.entries().items()))
 
 
 def card_of(name: str, scenario: Scenario) -> Card:
-    """Return the card of a scenario that is called by its id, or by its file.
+    """Return the card of a scenario; `name` is its id or its file.
 
     WbfMissionError if its farm, a field or a vehicle is unknown.
     """
     defaults = Scenario().to_dict()
-    changed = {key: one for key, one in scenario.to_dict().items() if one != defaults[key]}
+    changed = {key: value for key, value in scenario.to_dict().items() if value != defaults[key]}
     return Card(
         scenario=name,
         about=about_scenario(name) if name in scenario_ids() else "",
         meaning=meaning_of(scenario),
         farm=_farm(scenario.farm.load()),
         scored=_scored(scenario),
-        options={key: _text(one) for key, one in changed.items() if key not in _OPEN},
+        options={key: _text(value) for key, value in changed.items() if key not in _OPEN},
     )
 
 
 def known_cards(names: Iterable[str]) -> list[Card]:
-    """Return the cards of those scenarios that have an id, sorted."""
+    """Return the cards of the catalogued scenarios among `names`, sorted by id."""
     return [card_of(name, load_scenario(name)) for name in sorted(names) if name in scenario_ids()]
 
 
@@ -84,7 +84,7 @@ def _farm(farm: Farm) -> str:
 
 def _scored(scenario: Scenario) -> str:
     fields = load_field_set(scenario.farm.fields)
-    named = ", ".join(f"{one.name} ({one.weight:g})" for one in fields)
+    named = ", ".join(f"{field.name} ({field.weight:g})" for field in fields)
     points = scenario.score.points
     when = "as often as the default of the farm says" if points is None else f"at {points} times of a flight"
     return f"{named}, by these weights, {when}"
@@ -92,7 +92,7 @@ def _scored(scenario: Scenario) -> str:
 
 def _text(value: Any) -> str:
     if isinstance(value, dict):
-        return _text(f"{key}={one}" for key, one in value.items())
+        return _text(f"{key}={item}" for key, item in value.items())
     if isinstance(value, Iterable) and not isinstance(value, str):
         return ", ".join(map(str, value))
     return f"{value:g}" if isinstance(value, float) else str(value)

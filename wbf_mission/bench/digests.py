@@ -1,7 +1,7 @@
-"""Digests of scenarios, and of planners, policies and estimators of a user's own.
+"""Digests of scenarios, and of a user's planners, policies and estimators.
 
-The digest of a user's object covers its state, its classes and functions, the user's code that these name,
-and the files of all this. Code of a notebook is compared as compiled.
+The digest of a user's object covers its state, its classes and functions, the user code that these refer to,
+and the source files of all of them. Notebook code has no file, so its bytecode is compared.
 """
 
 from __future__ import annotations
@@ -30,23 +30,16 @@ from wbf_mission.scenario import Scenario
 from wbf_mission.scenario.beside import digest_beside
 
 _ROWS = ("planner", "policy", "estimator", "seed")
-_FILES = (
-    "farm",
-    "crop",
-    "farm_crs",
-    "repair",
-    "fields",
-    "vehicle",
-    "world",
-)  # What they give counts, not how
-_LABELS = ("title", "unit", "colours")  # Of a field; no score depends on them
+# The digest covers the contents of these files and objects, not their names.
+_FILES = ("farm", "crop", "farm_crs", "repair", "fields", "vehicle", "world")
+_LABELS = ("title", "unit", "colours")  # Keys of a field's table that change no score
 
 
 def meaning_of(scenario: Scenario) -> str:
-    """Return the digest of a scenario's options, farm, fields and vehicles, without what is at its default.
+    """Return the digest of a scenario's farm, fields, vehicles and options that are not at their defaults.
 
-    So a new option whose default leaves all as it was changes no meaning. A farm, field, world or vehicle
-    file counts by what is in it, not by its name.
+    Since defaults are left out, a new option changes no existing digest. A farm, field, world or vehicle file
+    counts by its contents, not by its name.
 
     WbfMissionError if the farm, a field or a vehicle is unknown.
     """
@@ -75,7 +68,7 @@ def digest(values: Any) -> str:
 
 
 def own_digest(made: Any) -> str:
-    """Return the digest of a user's function or object: its code and all that it holds.
+    """Return the digest of a user's function or object, from its code and its state.
 
     Examples
     --------
@@ -86,7 +79,7 @@ def own_digest(made: Any) -> str:
 
 
 def is_own(module: str | None) -> bool:
-    """Tell whether a module of this name is a user's: neither of this program nor installed."""
+    """Return whether a module is the user's, that is neither part of this program nor installed."""
     name = module or "builtins"
     top = name.partition(".")[0]
     if name in ("__main__", "__mp_main__"):
@@ -110,17 +103,17 @@ def _of_file(path: Path) -> str:
 
 
 class _Plain:
-    """Brings objects into plain values that are equal for equal code and state, in any process."""
+    """Converts objects to plain values that are equal for equal code and state, in any process."""
 
     def __init__(self) -> None:
         self._open: set[int] = set()
-        # What was met is kept, so that nothing else gets its id.
+        # Converted objects are kept alive, so that no other object gets their id.
         self._done: dict[int, tuple[Any, Any]] = {}
-        # A file has many functions; the files beside it do not change meanwhile.
+        # Cached, because a file has many functions and its neighbours do not change meanwhile.
         self._beside = cache(digest_beside)
 
     def of(self, value: Any) -> Any:
-        """Return the plain values of anything."""
+        """Return the plain values of any object."""
         kind = type(value)
         if isinstance(value, str | PurePath) and PurePath(value).is_absolute():
             return [kind.__name__, below_own_code(str(value))]
@@ -143,7 +136,7 @@ class _Plain:
         if type(value) in (dict, MappingProxyType):
             return [self._all(pair) for pair in value.items()]
         if isinstance(value, set | frozenset):
-            return sorted(own_digest(one) for one in value)
+            return sorted(own_digest(item) for item in value)
         if isinstance(value, ModuleType):
             return self._where(value.__name__, value.__name__)
         if isinstance(value, type):
@@ -156,52 +149,52 @@ class _Plain:
             return self._all((value.__func__, getattr(value, "__self__", None)))
         if isinstance(value, property):
             return self._all((value.fget, value.fset, value.fdel))
-        for wrapped in ("py_func", "__wrapped__"):  # of numba, of functools
+        for wrapped in ("py_func", "__wrapped__"):  # attributes set by numba and by functools
             if callable(value) and isinstance(getattr(value, wrapped, None), FunctionType):
                 return self.of(getattr(value, wrapped))
         return self._reduced(value)
 
     def _all(self, values: Iterable[Any]) -> list[Any]:
-        return [self.of(one) for one in values]
+        return [self.of(value) for value in values]
 
     def _reduced(self, value: Any) -> Any:
-        """Return what a pickle of an object would be made of."""
+        """Return the plain values of the parts that pickle would store."""
         try:
             reduced = value.__reduce_ex__(4)
-        except Exception:  # whatever cannot be pickled counts by its class
+        except Exception:  # an object that cannot be pickled counts by its class
             return self.of(type(value))
         if isinstance(reduced, str):
             return [self.of(type(value)), reduced]
-        return [self._all(one) if isinstance(one, Iterator) else self.of(one) for one in reduced]
+        return [self._all(part) if isinstance(part, Iterator) else self.of(part) for part in reduced]
 
     def _where(self, module: str, name: str) -> list[str]:
-        """Return where code stands; what is installed or a user's also with its file."""
+        """Return the name of code, with a digest of its file unless it belongs to this program."""
         top = module.partition(".")[0]
         file = None if top in PACKAGES or top in sys.stdlib_module_names else _file_of(module)
         if not is_own(module):
             return [f"{module}.{name}", "" if file is None else _of_file(file)]
-        # A file of a user's has another module's name in each folder: it counts by what is in it, and by what
-        # it uses of the files beside it. (A script may write files beside it.)
+        # A user's file counts by its contents and used neighbours: its module name depends on the folder.
+        # A script (``__main__``) counts without its neighbours, because it may write files there.
         beside = "" if file is None or module in ("__main__", "__mp_main__") else self._beside(file)
         return [name, "" if file is None else _of_file(file), *([beside] if beside else [])]
 
-    def _class(self, one: type) -> Any:
-        where = self._where(one.__module__, one.__qualname__)
-        if not is_own(one.__module__):
+    def _class(self, kind: type) -> Any:
+        where = self._where(kind.__module__, kind.__qualname__)
+        if not is_own(kind.__module__):
             return where
-        held = {key: value for key, value in vars(one).items() if key not in _NO_CODE}
-        return [where, self._all(one.__bases__), [[key, self.of(held[key])] for key in sorted(held)]]
+        held = {key: value for key, value in vars(kind).items() if key not in _NO_CODE}
+        return [where, self._all(kind.__bases__), [[key, self.of(held[key])] for key in sorted(held)]]
 
-    def _function(self, one: FunctionType) -> Any:
-        module = one.__module__ or ""
-        where = self._where(module, one.__qualname__)
+    def _function(self, function: FunctionType) -> Any:
+        module = function.__module__ or ""
+        where = self._where(module, function.__qualname__)
         if not is_own(module):
             return where
-        cells = [cell.cell_contents for cell in one.__closure__ or () if cell != CellType()]
-        named = sorted(name for name in _global_names(one.__code__) if name in one.__globals__)
-        used = [[name, self.of(one.__globals__[name])] for name in named]
-        given = self._all((one.__defaults__, one.__kwdefaults__))
-        return [where, self.of(one.__code__), given, self._all(cells), used]
+        cells = [cell.cell_contents for cell in function.__closure__ or () if cell != CellType()]
+        named = sorted(name for name in _global_names(function.__code__) if name in function.__globals__)
+        used = [[name, self.of(function.__globals__[name])] for name in named]
+        given = self._all((function.__defaults__, function.__kwdefaults__))
+        return [where, self.of(function.__code__), given, self._all(cells), used]
 
 
 _NO_CODE = frozenset(
@@ -218,9 +211,11 @@ _NO_CODE = frozenset(
 
 
 def _global_names(code: CodeType) -> set[str]:
-    """Return the names of globals that code uses, and that functions within it use."""
-    names = {one.argval for one in dis.get_instructions(code) if one.opname in ("LOAD_GLOBAL", "LOAD_NAME")}
-    return names.union(*(_global_names(one) for one in code.co_consts if isinstance(one, CodeType)))
+    """Return the names of globals used by `code` and by functions nested in it."""
+    names = {
+        step.argval for step in dis.get_instructions(code) if step.opname in ("LOAD_GLOBAL", "LOAD_NAME")
+    }
+    return names.union(*(_global_names(const) for const in code.co_consts if isinstance(const, CodeType)))
 
 
 def _field(field: Field) -> dict[str, Any]:
@@ -236,41 +231,34 @@ def _vehicle(name: str) -> dict[str, Any]:
 
 
 def _chosen(value: Any) -> Any:
-    """Return the fields of a dataclass that are not at their defaults, at any depth."""
+    """Return the fields of a dataclass that are not at their defaults, recursively."""
     if not dataclasses.is_dataclass(value):
         return value
-    held = {one.name: (getattr(value, one.name), one.default) for one in dataclasses.fields(value)}
+    held = {item.name: (getattr(value, item.name), item.default) for item in dataclasses.fields(value)}
     return {name: _chosen(given) for name, (given, default) in held.items() if given != default}
 
 
 def _farm(farm: Farm) -> dict[str, Any]:
+    frame = farm.frame
     return {
         "cells": [farm.width_cells, farm.height_cells, farm.cell_size_m],
-        "origin": [
-            farm.frame.latitude_deg,
-            farm.frame.longitude_deg,
-            farm.frame.altitude_m,
-            farm.frame.rotation_deg,
-        ],
+        "origin": [frame.latitude_deg, frame.longitude_deg, frame.altitude_m, frame.rotation_deg],
         "home": list(farm.home_m),
         "patches": [
-            [
-                shapely.to_wkt(one.polygon, rounding_precision=6),
-                _crop(farm, one),
-                one.owner == farm.owner,
-            ]
-            for one in farm.patches
+            [shapely.to_wkt(each.polygon, rounding_precision=6), _crop(farm, each), each.owner == farm.owner]
+            for each in farm.patches
         ],
-        "obstacles": [_obstacle(one) for one in farm.obstacles],
+        "obstacles": [_obstacle(obstacle) for obstacle in farm.obstacles],
     }
 
 
 def _crop(farm: Farm, patch: Patch) -> int | str:
-    """Return the number of one of the benchmark's crops, the name of another."""
+    """Return the number of a built-in crop, or the name of a user's crop."""
     number = farm.crops.index(patch.crop)
     return number if number < len(Crop) else patch.crop
 
 
-def _obstacle(one: Obstacle) -> Any:
-    outline = shapely.to_wkt(one.polygon, rounding_precision=6)
-    return outline if one.height_m is one.margin_m is None else [outline, one.height_m, one.margin_m]
+def _obstacle(obstacle: Obstacle) -> Any:
+    outline = shapely.to_wkt(obstacle.polygon, rounding_precision=6)
+    height_m, margin_m = obstacle.height_m, obstacle.margin_m
+    return outline if height_m is margin_m is None else [outline, height_m, margin_m]

@@ -1,4 +1,4 @@
-"""Flies the runs of a benchmark, each into a row: in this process, in several, or on many machines."""
+"""Execution of benchmark runs: in this process, in several processes, or on a Dask cluster."""
 
 from __future__ import annotations
 
@@ -24,8 +24,7 @@ from mission.outcome import Outcome
 from mission.planners.budget import parse_budget
 from sensors.scoring.calibration import calibration
 from wbf_mission.bench.digests import is_own
-from wbf_mission.bench.program import program, unlike
-from wbf_mission.bench.provenance import hardware, versions
+from wbf_mission.bench.provenance import hardware, program, unlike, versions
 from wbf_mission.bench.rows import BenchRow
 from wbf_mission.bench.spec import BenchRun
 from wbf_mission.flight import fly
@@ -37,24 +36,24 @@ from wbf_mission.scenario import Scenario
 
 
 def fly_run(run: BenchRun) -> BenchRow:
-    """Fly a run and return its row; of a run that fails, one with the cause."""
+    """Fly a run and return its row; the row of a failed run contains the cause."""
     try:
         return flown(run, memory=memory_of_process())[0]
     except WbfMissionError as error:
         return failed_row(run, str(error))
     except MemoryError:
         return failed_row(run, "not enough memory")
-    except Exception as error:  # a planner or estimator of somebody's: the other runs go on
+    except Exception as error:  # user code failed; the other runs continue
         return failed_row(run, told_error(error))
 
 
 def flown(run: BenchRun, **how: Any) -> tuple[BenchRow, Result]:
-    """Fly a run, as `wbf_mission.flight.fly` takes it; return its row and its result.
+    """Fly a run and return its row and its result; `how` are keywords of `wbf_mission.flight.fly`.
 
     Raises
     ------
     WbfMissionError
-        If it cannot be flown.
+        If the run cannot be flown.
     KeyboardInterrupt
         At Ctrl-C.
     """
@@ -66,15 +65,15 @@ def flown(run: BenchRun, **how: Any) -> tuple[BenchRow, Result]:
 
 
 def _fresh(scenario: Scenario) -> Scenario:
-    """Return the scenario with copies of a user's objects: a run is not to see what those before it left."""
+    """Return the scenario with copies of the user's objects, so that no state leaks between runs."""
     try:
         return copy.deepcopy(scenario)
-    except Exception:  # an object that cannot be copied is flown as it is
+    except Exception:  # an object that cannot be copied is shared by all runs
         return scenario
 
 
 def failed_row(run: BenchRun, cause: str) -> BenchRow:
-    """Return the row of a run that gave nothing."""
+    """Return the row of a run without a result."""
     return BenchRow(**_which(run), error=" ".join(cause.split()), versions=versions(), hardware=hardware())
 
 
@@ -92,7 +91,7 @@ def _row_of(run: BenchRun, result: RunRecord, wall_s: float, cpu_s: float) -> Be
         error=None if good else why,
         score=_finite(summary["score"]),
         final_score=_finite(summary["final_score"]),
-        losses={name: one for name, one in summary["losses"].items() if one is not None},
+        losses={name: loss for name, loss in summary["losses"].items() if loss is not None},
         calibration=_calibration_of(result),
         observations=summary["observations"],
         cells_observed=summary["cells_observed"],
@@ -115,9 +114,10 @@ def _row_of(run: BenchRun, result: RunRecord, wall_s: float, cpu_s: float) -> Be
 
 
 def _predicted_time_s(result: RunRecord) -> float | None:
-    """Return how long flights were to take: of a policy by its last paths that were taken up.
+    """Return the predicted time of the flights (s); for a policy, that of its last accepted paths.
 
-    None where the budget, in whose unit these are priced, is no time. (A step takes a second.)
+    A policy's paths are priced in the unit of the budget, so return None unless the unit is a time (a step
+    takes a second).
     """
     if result.scenario.mission.policy is None:
         return result.predicted_time_s
@@ -128,10 +128,10 @@ def _predicted_time_s(result: RunRecord) -> float | None:
     if unit not in ("s", "steps"):
         return None
     ends: dict[tuple[int, int, int], float] = {}
-    for one in result.decisions:
-        for change in one.changes:
+    for decision in result.decisions:
+        for change in decision.changes:
             if change.outcome == PLANNED_PATH or change.effect_s is not None:
-                ends[one.day, one.flight, change.system_id] = (change.effect_s or 0.0) + change.cost
+                ends[decision.day, decision.flight, change.system_id] = (change.effect_s or 0.0) + change.cost
     longest: dict[tuple[int, int], float] = {}
     for (day, flight, _), end_s in ends.items():
         longest[day, flight] = max(longest.get((day, flight), 0.0), end_s)
@@ -139,7 +139,7 @@ def _predicted_time_s(result: RunRecord) -> float | None:
 
 
 def _calibration_of(result: RunRecord) -> dict[str, float]:
-    """Measure what the last estimate states, on the relevant cells that nobody looked at on its day."""
+    """Return the calibration of the last estimate, on the relevant cells not observed on its day."""
     if result.model is None or result.truth is None:
         return {}
     unseen = result.fields.masks(result.plan.farm.grid())
@@ -147,8 +147,8 @@ def _calibration_of(result: RunRecord) -> dict[str, float]:
     seen = seen[seen.day == result.days[-1].day]
     for cells, sensed in zip(unseen, seen.sensed.T, strict=True):
         cells[seen.x[sensed], seen.y[sensed]] = False
-    told = all(one.variance is not None for one in result.maps)
-    return calibration(result.model, result.truth, unseen, result.fields, states_deviation=told)
+    states_deviation = all(shown.variance is not None for shown in result.maps)
+    return calibration(result.model, result.truth, unseen, result.fields, states_deviation=states_deviation)
 
 
 def _which(run: BenchRun) -> dict[str, Any]:
@@ -173,16 +173,16 @@ _WAIT_S = 60.0
 
 
 class ClusterError(WbfMissionError):
-    """A Dask cluster that is not there, is not fit or is lost."""
+    """A Dask cluster that cannot be reached, is unsuitable or was lost."""
 
 
 class Cluster:
-    """The workers of the Dask scheduler at an address, which are given `most` runs at a time.
+    """Workers of the Dask scheduler at `address`, with up to `most` runs submitted at a time.
 
-    For the address ``local`` one with `workers` is started on the loopback interface, and ends with this.
+    The address ``local`` starts a cluster with `workers` workers on the loopback interface until `close`.
 
-    ClusterError if the package is not installed, the scheduler does not answer, has no workers, or has such
-    with several threads: a run counts on the process for itself.
+    ClusterError if the package is not installed, the scheduler does not answer or has no workers, or a worker
+    has several threads: a run needs a process to itself.
     """
 
     def __init__(self, address: str, workers: int) -> None:
@@ -206,12 +206,12 @@ class Cluster:
             raise
 
     def submit(self, function: Callable[..., _T], /, *arguments: Any) -> Future[_T]:
-        """Have a call made; what is called is sent by its name."""
+        """Submit a call to the workers; the function is sent by its name."""
         future: Future[_T] = self._executor.submit(function, *arguments)
         return future
 
     def result(self, future: Future[_T]) -> _T | None:
-        """Return what a future that is done gave; None if worker after worker died of it.
+        """Return the result of a finished future; None if the call killed several workers.
 
         ClusterError if the scheduler is lost, or a worker has other code.
         """
@@ -222,14 +222,14 @@ class Cluster:
         except KilledWorker:
             return None
         except CancelledError:
-            msg = f"--dask {self._address}: the scheduler is lost; the same command goes on with what is done"
+            msg = f"--dask {self._address}: the scheduler is lost; the same command flies the missing runs"
             raise ClusterError(msg) from None
-        except Exception as error:  # such as what an older wbf-mission raises
+        except Exception as error:  # such as an error raised by a worker with an older wbf-mission
             why = one_line(str(error)) if isinstance(error, WbfMissionError) else one_line(repr(error))
             raise ClusterError(f"--dask {self._address}: a worker cannot fly: {why}") from None
 
     def close(self) -> None:
-        """Give up what is open, and leave the workers; a local cluster ends."""
+        """Cancel the pending runs and disconnect; a local cluster is stopped."""
         self._client.close()
         if self._local is not None:
             self._local.close()
@@ -252,28 +252,28 @@ _Flown: TypeAlias = BenchRow | str
 
 
 class _Workers(Protocol):
-    """Who flies runs."""
+    """Workers that fly runs: processes of this machine or a cluster."""
 
     @property
     def most(self) -> int:
-        """How many runs it is given at a time."""
+        """Greatest number of runs submitted at a time."""
 
     def submit(self, function: Callable[..., _Flown], /, *arguments: Any) -> Future[_Flown]:
-        """Have a run flown."""
+        """Submit a run."""
 
 
 def fly_all(runs: Sequence[BenchRun], *, jobs: int = 1, dask: str | None = None) -> Iterator[BenchRow]:
-    """Yield the row of each run as it ends, the same whoever flies them but for the costs.
+    """Yield the row of each run when the run ends; only the costs depend on `jobs` and `dask`.
 
-    With `dask` they are flown by the workers of the scheduler at that address, such as ``tcp://10.0.0.1:8786``,
-    or ``local`` for one of this machine with `jobs` workers.
+    `dask` is the address of a scheduler, such as ``tcp://10.0.0.1:8786``; ``local`` starts one on this
+    machine with `jobs` workers.
 
     Raises
     ------
     ClusterError
-        If there is no such scheduler, its workers are not fit, or it is lost.
+        If the scheduler does not answer or is lost, or its workers are unsuitable.
     KeyboardInterrupt
-        At Ctrl-C; what is open is given up.
+        At Ctrl-C; unfinished runs are cancelled.
     """
     from joblib import effective_n_jobs
 
@@ -292,7 +292,7 @@ _KILLED = "the process that flew it was killed; is there enough memory for it?"
 
 
 def _ended(workers: _Workers, runs: Sequence[BenchRun]) -> Iterator[tuple[BenchRun, Future[_Flown]]]:
-    """Have runs flown, and yield them as they end."""
+    """Submit all runs, and yield each when it ends."""
     waiting = iter(runs)
     flying: dict[Future[_Flown], BenchRun] = {}
     while True:
@@ -307,10 +307,10 @@ def _ended(workers: _Workers, runs: Sequence[BenchRun]) -> Iterator[tuple[BenchR
 
 
 def _submitted(workers: _Workers, run: BenchRun) -> Future[_Flown]:
-    """Have a run flown elsewhere; the result is its row, or why it has none."""
+    """Submit a run to a worker; the future's result is a row, or the cause of the failure."""
     try:
         sent = _packed(run)
-    except Exception as error:  # a planner, policy or estimator of somebody's
+    except Exception as error:  # a user's planner, policy or estimator cannot be pickled
         unsent: Future[_Flown] = Future()
         unsent.set_result(f"{_UNSENT}: {type(error).__name__}: {error}")
         return unsent
@@ -325,7 +325,7 @@ def _row(run: BenchRun, given: _Flown) -> BenchRow:
 
 
 def _packed(run: BenchRun) -> tuple[bytes, Mapping[str, str]]:
-    """Return what `_fly_packed` takes: code that the other process cannot import goes with it.
+    """Return the arguments of `_fly_packed`, with code that the other process cannot import.
 
     Dask itself would send classes by their names.
     """
@@ -347,9 +347,9 @@ def _packed(run: BenchRun) -> tuple[bytes, Mapping[str, str]]:
 
 
 def _fly_packed(sent: bytes, theirs: Mapping[str, str]) -> _Flown:
-    """Fly a run that another process of the same user packed; return its row, or why it has none.
+    """Fly a run packed by another process of the same user; return its row, or the cause of the failure.
 
-    ClusterError if this process has another program than that one: its row would be another.
+    ClusterError if this process runs another program than the sender: its row would differ.
     """
     if why := unlike(theirs):
         raise ClusterError(why)
@@ -371,9 +371,8 @@ def _in_processes(runs: Sequence[BenchRun], jobs: int) -> Iterator[BenchRow]:
                     done.add(run.key)
                     yield row
         except BrokenProcessPool:
-            remaining = [one for one in remaining if one.key not in done]
-            # A process was killed, as by a lack of memory. It flew one of the first that are open: each of
-            # them is flown by itself.
+            remaining = [run for run in remaining if run.key not in done]
+            # One of the first `jobs` runs killed its process, so each is flown alone: only the culprit fails.
             yield from map(_alone, remaining[:jobs])
             remaining = remaining[jobs:]
         else:

@@ -1,8 +1,8 @@
-"""Which rows of a scenario count, and what a run that failed counts as.
+"""Selection of the rows of a scenario that count, and the scores of failed runs.
 
-Only environments (seeds) count of which all pairs of a planner and an estimator have a row. A run that failed
-counts as the worst that any row has on its environment at any scored time: normally an estimate that knows
-nothing. So neither a lucky choice of seeds nor runs that broke off make anybody better.
+An environment (seed) counts only if every pair of planner and estimator has a row on it. A failed run counts
+as the worst value of any row on its environment at any scored time, normally that of an estimate before any
+observation. So neither a lucky choice of seeds nor failed runs can improve a result.
 """
 
 from __future__ import annotations
@@ -23,23 +23,23 @@ _SHOWN = 3
 
 @dataclass(frozen=True, slots=True)
 class Scored:
-    """The rows of one scenario that count, as arrays float64[pairs, seeds]; nan where a field has no loss.
+    """Counted rows of one scenario, as arrays float64[pairs, seeds]; nan where a field has no loss.
 
     Parameters
     ----------
     pairs : tuple of (str, str)
         Planners (or policies) with estimators.
     seeds : tuple of int
-        Of the environments that count.
+        Seeds of the counted environments.
     rows : tuple of tuples of BenchRow
-        By pair and seed.
+        Rows by pair and seed.
     scores, final_scores : float64[pairs, seeds]
-        Over the run and at its end.
+        Scores over the run and at its end.
     losses, final_losses : dict
-        The same of each field.
+        Losses by field, over the run and at its end.
     left_out : dict of int to tuple
-        The environments that do not count, with the pairs that have no row of them; none where no row of
-        anybody has a score.
+        Environments that do not count, each with the pairs without a row on it; the tuple is empty if all
+        have a row but none a score.
     """
 
     scenario: str
@@ -53,7 +53,7 @@ class Scored:
     left_out: dict[int, tuple[Pair, ...]]
 
     def environments_in_words(self) -> str:
-        """Return which environments count, which do not, and for whom these are missing."""
+        """Return the counted environments, the others, and the pairs that lack them, in words."""
         count = f"{len(self.seeds)} environments count" + (f" ({_seeds(self.seeds)})" if self.seeds else "")
         if not self.left_out:
             return f"{count}."
@@ -62,16 +62,17 @@ class Scored:
             for name in [", ".join(pair) for pair in pairs] or [_NOBODY]:
                 lacking.setdefault(name, []).append(seed)
         unscored = lacking.pop(_NOBODY, [])
-        told = [f"{name} ({_seeds(seeds)})" for name, seeds in lacking.items()]
-        more = f" and {len(told) - _SHOWN} more" if len(told) > _SHOWN else ""
-        parts = [f"not all have a row there, missing are {'; '.join(told[:_SHOWN])}{more}"] if told else []
+        missing = [f"{name} ({_seeds(seeds)})" for name, seeds in lacking.items()]
+        more = f" and {len(missing) - _SHOWN} more" if len(missing) > _SHOWN else ""
+        missing_text = f"not all have a row there, missing are {'; '.join(missing[:_SHOWN])}{more}"
+        parts = [missing_text] if missing else []
         parts += [f"nobody has a score there ({_seeds(unscored)})"] if unscored else []
         which = "does" if len(self.left_out) == 1 else "do"
         return f"{count}; {len(self.left_out)} {which} not: {' and '.join(parts)}."
 
 
 def scored(rows: Sequence[BenchRow]) -> Iterator[Scored]:
-    """Yield the rows that count of each scenario, sorted by its name."""
+    """Yield the counted rows of each scenario, sorted by the scenario's name."""
     for scenario, here in by_scenario(rows).items():
         yield _scored(scenario, here)
 
@@ -113,11 +114,11 @@ def _scored(scenario: str, rows: Sequence[BenchRow]) -> Scored:
 
 
 _SCORE = ""
-"""Stands for the score among the names of fields; its loss is what it is below zero."""
+"""Key of the score among the field names; the loss of a score is its negative."""
 
 
 def _value(row: BenchRow, name: str, over_run: bool) -> float:
-    """Return the loss of a field, or of the score, of a run that went well."""
+    """Return the loss of a field, or of the score, for a successful run."""
     if name == _SCORE:
         value = row.score if over_run else row.final_score
         return np.nan if value is None else -value
@@ -127,16 +128,16 @@ def _value(row: BenchRow, name: str, over_run: bool) -> float:
 
 
 def _worst(rows: Iterable[BenchRow]) -> dict[int, dict[str, float]]:
-    """Return the largest loss that any row has at any scored time, by seed and field; of the score, too."""
+    """Return the largest loss of any row at any scored time, by seed and field; `_SCORE` included."""
     found: dict[int, dict[str, float]] = {}
     for row in rows:
-        ends = [-one for one in (row.score, row.final_score) if one is not None]
-        told = {_SCORE: [*ends, *(-one for one in row.scores)]}
+        ends = [-score for score in (row.score, row.final_score) if score is not None]
+        losses = {_SCORE: [*ends, *(-score for score in row.scores)]}
         for name in {*row.losses, *row.history}:
-            told[name] = [*row.history.get(name, ()), *([row.losses[name]] if name in row.losses else [])]
-        for name, values in told.items():
-            # No number: a failed run may have an estimate that is none.
-            if values := [one for one in values if np.isfinite(one)]:
+            losses[name] = [*row.history.get(name, ()), *([row.losses[name]] if name in row.losses else [])]
+        for name, values in losses.items():
+            # Losses of a failed run may be nan.
+            if values := [loss for loss in values if np.isfinite(loss)]:
                 of_seed = found.setdefault(row.seed, {})
                 of_seed[name] = max(of_seed.get(name, -np.inf), *values)
     return found

@@ -1,17 +1,18 @@
-"""Intervals of means and of ratios of means over environments.
+"""Confidence intervals of means and of ratios of means over environments.
 
-All come from one method, the bootstrap-t of Fieller's statistic. If r is the ratio of the means of `values`
-and `others`, the differences values - r others have the mean 0: the interval holds each r that a t-test of
-these does not reject (E. C. Fieller, "Some problems in interval estimation", J. R. Stat. Soc. B 16, 1954).
-The distribution of t is that of resamples (J. T. G. Hwang, "Fieller's problems and resampling techniques",
-Statistica Sinica 5, 1995), but no narrower than Student's. A mean is the ratio to ones. A resample weighs
-each environment by a draw from Beta(1/2, 3/2): as accurate as drawing environments, to second order, with
-shorter intervals, and those of means are never infinite (A. B. Owen, "Better bootstrap t confidence
-intervals for the mean", arXiv:2508.10083, 2025). `benchmarks/interval_coverage.py` compares the method with
-others.
+The method is the bootstrap-t of Fieller's statistic. If r is the ratio of the means of `values` and `others`,
+the differences ``values - r * others`` have mean 0. The interval contains each r for which a t-test does not
+reject this (E. C. Fieller, "Some problems in interval estimation", J. R. Stat. Soc. B 16, 1954). The
+distribution of t is taken from resamples (J. T. G. Hwang, "Fieller's problems and resampling techniques",
+Statistica Sinica 5, 1995), but never narrower than Student's. A mean is the ratio to ones.
 
-Sums are plain ones, environment after environment, and weights need arithmetic alone: equal rows give equal
-intervals, to the bit, on every processor.
+A resample weights each environment by a draw from Beta(1/2, 3/2). To second order, this is as accurate as
+drawing environments, and the intervals are shorter; intervals of means are always finite (A. B. Owen, "Better
+bootstrap t confidence intervals for the mean", arXiv:2508.10083, 2025). `benchmarks/interval_coverage.py`
+compares the method with others.
+
+Sums run over the environments in order, and weights need only basic arithmetic, so equal rows give bit-equal
+intervals on every processor.
 """
 
 from __future__ import annotations
@@ -26,21 +27,21 @@ from scipy import stats
 
 Pair = tuple[NDArray[np.float64], NDArray[np.float64]]
 
-_DRAWS = 1999  # one less than a multiple of 40: the limits are draws
+_DRAWS = 1999  # one less than a multiple of 40, so that the 2.5 % and 97.5 % limits are draws
 _SEED = 0
 _MISSED = 0.05
 _FEWEST_TO_RESAMPLE = 5
 FEWEST_FOR_A_RATIO = 8
-# From how many environments, and in how many of 100 cases, an interval holds a mean with 10 % rare outbreaks.
+# Least number of environments, and coverage (%) of the 95 % interval for a mean with 10 % rare outbreaks.
 _HELD_WITH_RARE = ((40, None), (20, 75), (0, 50))
-_NONE = 1e-12  # spread by size of the values: equal but for rounding
+_NONE = 1e-12  # relative spread below which values are equal but for rounding
 _SMALL = 1e-3
 _ROUNDING = 1e-9
 
 
 @dataclass(frozen=True, slots=True)
 class Interval:
-    """A mean and its interval of 95 %; of one value there is none (`low` and `high` are nan)."""
+    """A mean and its 95 % interval; `low` and `high` are nan if there is no interval."""
 
     mean: float
     low: float
@@ -48,46 +49,48 @@ class Interval:
 
 
 def mean_interval(values: NDArray[np.float64]) -> Interval:
-    """Return the mean over environments and its interval of 95 %.
+    """Return the mean over environments and its 95 % interval.
 
-    There is one value an environment, nan if it has none. Below five values the interval is Student's.
+    `values` has one value per environment, nan if missing. Below five values the interval is Student's.
     """
     return mean_intervals([values])[0]
 
 
 def ratio_interval(values: NDArray[np.float64], others: NDArray[np.float64]) -> Interval:
-    """Return the ratio of the means of two over the same environments and its interval of 95 %.
+    """Return the ratio of the means of `values` and `others` with its 95 % interval.
 
-    Below eight environments there is no interval, and without a positive mean of `others` no ratio. `high` is
-    infinite where a mean of `others` near 0 cannot be excluded.
+    `values` and `others` have one value per environment, in the same order. Below eight environments there is
+    no interval. Without a positive mean of `others` there is no ratio. `high` is infinite if a mean of
+    `others` near 0 cannot be excluded.
     """
     return ratio_intervals([(values, others)])[0]
 
 
 def mean_intervals(several: Iterable[NDArray[np.float64]], *, together: bool = False) -> list[Interval]:
-    """Return means over environments with their intervals of 95 %.
+    """Return means over environments with their 95 % intervals.
 
-    `together` they hold all at once in 95 of 100 cases: all are widened to the same quantile, the least at
-    which 5 % of the resamples leave any of them (R. Beran, "Balanced simultaneous confidence sets", J. Am.
-    Stat. Assoc. 83, 1988). An environment has the same place in each.
+    With `together` the intervals are simultaneous: all hold at once in 95 of 100 cases. All intervals are
+    widened to the same quantile, at which 5 % of the resamples leave at least one interval (R. Beran,
+    "Balanced simultaneous confidence sets", J. Am. Stat. Assoc. 83, 1988). All arrays list the environments
+    in the same order.
     """
     known = [values[np.isfinite(values)] for values in several]
     return _intervals([(values, np.ones(len(values))) for values in known], fewest=2, together=together)
 
 
 def ratio_intervals(pairs: Sequence[Pair], *, together: bool = False) -> list[Interval]:
-    """Return ratios of means with their intervals of 95 %, as of `ratio_interval` and `mean_intervals`."""
+    """Return ratios of means with 95 % intervals (see `ratio_interval`; `together`: `mean_intervals`)."""
     return _intervals(pairs, fewest=FEWEST_FOR_A_RATIO, together=together)
 
 
 def _intervals(pairs: Sequence[Pair], *, fewest: int, together: bool) -> list[Interval]:
     found = [_ratio(values, others) for values, others in pairs]
-    spread = [k for k, one in enumerate(found) if len(pairs[k][0]) >= fewest and math.isfinite(one)]
+    spread = [k for k, ratio in enumerate(found) if len(pairs[k][0]) >= fewest and math.isfinite(ratio)]
     residuals = {k: pairs[k][0] - found[k] * pairs[k][1] for k in spread}
     sizes = {k: np.abs(pairs[k][0]).max() for k in spread}
     equal = [k for k in spread if np.abs(residuals[k]).max() <= _NONE * sizes[k]]
     spread = [k for k in spread if k not in set(equal)]
-    intervals = [Interval(one, math.nan, math.nan) for one in found]
+    intervals = [Interval(ratio, math.nan, math.nan) for ratio in found]
     for k in equal:
         intervals[k] = Interval(found[k], found[k], found[k])
     for k, (least, most) in zip(spread, _limits([residuals[k] for k in spread], together), strict=True):
@@ -101,8 +104,8 @@ def _ratio(values: NDArray[np.float64], others: NDArray[np.float64]) -> float:
 
 
 def _limits(residuals: Sequence[NDArray[np.float64]], together: bool) -> NDArray[np.float64]:
-    """Return what t-statistics stay within, float64[residuals, 2]."""
-    counts = np.array([len(one) for one in residuals], dtype=np.int64)
+    """Return the lower and upper limit of each t-statistic, float64[residuals, 2]."""
+    counts = np.array([len(values) for values in residuals], dtype=np.int64)
     many = np.flatnonzero(counts >= _FEWEST_TO_RESAMPLE)
     missed = np.full(len(counts), _MISSED / (max(len(counts), 1) if together else 1))
     limits = np.zeros((len(counts), 2))
@@ -123,7 +126,7 @@ def _limits(residuals: Sequence[NDArray[np.float64]], together: bool) -> NDArray
 def _drawn(
     residuals: Sequence[NDArray[np.float64]], many: NDArray[np.int64], counts: NDArray[np.int64]
 ) -> NDArray[np.float64]:
-    """Return t-statistics, float64[comparison, draw]; an environment has the same weights in all of them."""
+    """Return t-statistics, float64[comparison, draw]; each environment's weights are shared by all."""
     draw = np.random.default_rng(_SEED)
     t = np.empty((len(many), _DRAWS))
     sums, squares, weights = np.zeros_like(t), np.zeros_like(t), np.zeros(_DRAWS)
@@ -142,7 +145,7 @@ def _drawn(
 
 
 def _weights(draw: np.random.Generator) -> NDArray[np.float64]:
-    """Return draws from Beta(1/2, 3/2): the squares of a coordinate of points in a disc."""
+    """Return draws from Beta(1/2, 3/2): squared x coordinates of uniform points in the unit disc."""
     x, y = 2.0 * draw.random((2, 2 * _DRAWS)) - 1.0
     return np.asarray((x * x)[x * x + y * y < 1.0][:_DRAWS])
 
@@ -150,7 +153,7 @@ def _weights(draw: np.random.Generator) -> NDArray[np.float64]:
 def _fieller(
     values: NDArray[np.float64], others: NDArray[np.float64], least: float, most: float
 ) -> tuple[float, float]:
-    """Return between which ratios the t-statistic of values - ratio others is from `least` to `most`."""
+    """Return the limits of ratios for which t of ``values - ratio * others`` is in `least` to `most`."""
     count = len(values)
     above, below = math.fsum(values) / count, math.fsum(others) / count
     up, down = values - above, others - below
@@ -169,7 +172,7 @@ def _fieller(
 
 
 def doubt_in_words(count: int) -> str:
-    """Return what intervals over some environments do not cover.
+    """Return the limits of intervals over `count` environments, in words.
 
     >>> doubt_in_words(40)
     'What befalls fewer than 7 % of environments may be missing among 40, and no interval covers it.'
@@ -178,19 +181,19 @@ def doubt_in_words(count: int) -> str:
         return "One environment has no interval." if count else ""
     rare = 100.0 * (1.0 - _MISSED ** (1.0 / count))
     unseen = f"What befalls fewer than {rare:.0f} % of environments may be missing among {count}"
-    told = [f"{unseen}, and no interval covers it."]
+    texts = [f"{unseen}, and no interval covers it."]
     held = next((held for fewest, held in _HELD_WITH_RARE if count >= fewest), None)
     if held is not None:
-        told.append(f"Where few decide a mean, 95 % intervals may hold in {held} of 100 cases only.")
+        texts.append(f"Where few decide a mean, 95 % intervals may hold in {held} of 100 cases only.")
     if count < FEWEST_FOR_A_RATIO:
-        told.append(f"Ratios over fewer than {FEWEST_FOR_A_RATIO} have no interval.")
-    return " ".join(told)
+        texts.append(f"Ratios over fewer than {FEWEST_FOR_A_RATIO} have no interval.")
+    return " ".join(texts)
 
 
 def score_text(value: float) -> str:
-    """Return a score or a loss in four decimals, and a small one in two digits that count; "-" of nan.
+    """Return a score or loss with four decimals, a small one with two significant digits, nan as "-".
 
-    >>> [score_text(one) for one in (-0.12345, -0.0008, -3.83e-6, -1e-17, float("nan"))]
+    >>> [score_text(score) for score in (-0.12345, -0.0008, -3.83e-6, -1e-17, float("nan"))]
     ['-0.1235', '-0.00080', '-3.8e-6', '0.0000', '-']
     """
     if np.isnan(value):
@@ -202,7 +205,7 @@ def score_text(value: float) -> str:
 
 
 def verdict(difference: Interval) -> str:
-    """Return in words what an interval of differences tells.
+    """Return the verdict of an interval of differences, in words.
 
     >>> verdict(Interval(0.2, 0.1, 0.3)), verdict(Interval(0.2, -0.1, 0.5))
     ('better', 'cannot be told')

@@ -1,4 +1,4 @@
-"""A page of captions, pictures and tables: what it holds, and as Markdown beside its pictures."""
+"""A page of captions, pictures and tables, and its Markdown file."""
 
 from __future__ import annotations
 
@@ -13,27 +13,27 @@ _FENCE = "```"
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """A table of texts; all columns but the first hold numbers, of two columns both hold text."""
+    """A table of texts; the first `texts` columns hold words, the others numbers."""
 
     title: str
     header: tuple[str, ...]
     rows: tuple[tuple[str, ...], ...]
-    texts: int = 1  # So many columns hold text, the first ones
+    texts: int = 1
 
 
 @dataclass(frozen=True, slots=True)
 class Picture:
-    """A picture beside the page."""
+    """A picture in the folder of the page."""
 
     file: str
-    """Its name; a PDF is linked to, as no browser shows it as a picture."""
+    """File name; a PDF becomes a link, because browsers do not show a PDF as a picture."""
     shows: str
-    """For those who do not see it."""
+    """Alternative text."""
 
 
 @dataclass(frozen=True, slots=True)
 class Listing:
-    """Lines to be copied, such as a command or a file."""
+    """Preformatted lines, such as a command or a file."""
 
     title: str
     lines: str
@@ -42,7 +42,7 @@ class Listing:
 
 @dataclass(frozen=True, slots=True)
 class Section:
-    """A part of a page."""
+    """A section of a page, under its title."""
 
     title: str
     text: str = ""
@@ -53,14 +53,14 @@ class Section:
 
 @dataclass(frozen=True, slots=True)
 class Page:
-    """A page: what it is about, and its sections. All texts are plain."""
+    """A page with a title, an introduction and sections; all texts are plain."""
 
     title: str
     about: str
     sections: tuple[Section, ...]
 
     def write(self, path: Path) -> None:
-        """Write the page as Markdown, into the folder of its pictures."""
+        """Write the page as Markdown to `path`, which lies in the folder of its pictures."""
         with atomic_write(path) as file:
             file.writelines(f"{line}\n" for line in self._markdown())
 
@@ -72,14 +72,15 @@ class Page:
                 yield from ("", f"![{picture.shows}]({picture.file})")
             if section.text:
                 yield from ("", section.text.translate(_ESCAPED))
-            for one in section.listings:
-                fence = _FENCE * (one.lines.count(_FENCE) + 1)
-                yield from ("", f"### {one.title}", "", f"{fence}{one.language}", one.lines, fence)
+            for listing in section.listings:
+                fence = _FENCE * (listing.lines.count(_FENCE) + 1)
+                yield from ("", f"### {listing.title}", "")
+                yield from (f"{fence}{listing.language}", listing.lines, fence)
             for table in section.tables:
                 yield from ("", f"### {table.title.translate(_ESCAPED)}", "", *_markdown_table(table))
 
 
-# Names come from files of others: texts have no markup and no link of theirs.
+# Names come from other people's files: their markup and links are escaped.
 _ESCAPED = str.maketrans({"|": "\\|", "<": "&lt;", "[": "\\["})
 
 

@@ -1,8 +1,13 @@
-"""What a run was flown with, as its row tells it: versions and commit, the machine, parameters of objects."""
+"""Provenance of a row: the program, its versions and commit, the machine, and parameters of objects.
+
+A worker with another program would produce other rows, so `unlike` compares the programs of two processes.
+"""
 
 from __future__ import annotations
 
 import functools
+import hashlib
+import importlib
 import importlib.metadata
 import inspect
 import os
@@ -27,16 +32,59 @@ _GIT_S = 10.0
 _CPUS = Path("/proc/cpuinfo")
 _MOST_SHOWN = 200
 _CHANGES = "+changes"
+_LIBRARIES = ("numpy", "scipy", "numba", "shapely")
+_SOURCES = frozenset({".py", ".csv", ".npz", ".toml", ".geojson"})
+_CODE = "code of wbf-mission"
 KERNELS = "kernels"
-"""Under this name the `hardware` of a row has the kernels of linear algebra."""
+"""Key of the linear algebra kernels in the `hardware` of a row."""
+
+
+@functools.cache
+def program() -> Mapping[str, str]:
+    """Return the versions and the source digest on which rows depend."""
+    return {"wbf-mission": __version__, **libraries(), _CODE: _sources()}
+
+
+def libraries() -> dict[str, str]:
+    """Return the versions of the interpreter and of the libraries that affect the last bits of a row."""
+    return {
+        "Python": f"{platform.python_implementation()} {platform.python_version()}",
+        "C library": " ".join(platform.libc_ver()),
+        **{name: importlib.metadata.version(name) for name in _LIBRARIES},
+    }
+
+
+def _sources() -> str:
+    digest = hashlib.sha256()
+    for name in PACKAGES:
+        (root,) = importlib.import_module(name).__path__
+        for path in sorted(file for file in Path(root).rglob("*") if file.suffix in _SOURCES):
+            content = path.read_bytes()
+            digest.update(f"{name}/{path.relative_to(root).as_posix()} {len(content)}\n".encode())
+            digest.update(content)
+    return digest.hexdigest()[:12]
+
+
+def unlike(theirs: Mapping[str, str]) -> str:
+    """Return the differences between this program and another, in words; empty if there are none.
+
+    >>> unlike(program()), unlike({**program(), "numpy": "1.0"}).startswith("it has numpy ")
+    ('', True)
+    """
+    ours = program()
+    keys = [key for key in dict.fromkeys([*theirs, *ours]) if theirs.get(key) != ours.get(key)]
+    if keys[1:] and keys[-1] == _CODE:
+        del keys[-1]  # the source digest differs whenever a version does
+    texts = [f"{key} {ours.get(key, 'unknown')} in place of {theirs.get(key, 'unknown')}" for key in keys]
+    return f"it has {', '.join(texts)}; install the same there, and start the worker anew" if texts else ""
 
 
 @functools.cache
 def versions() -> dict[str, str]:
-    """Return the versions of wbf-mission, Python and numpy, and the commit if it is known.
+    """Return the versions of wbf-mission, Python and numpy, and the ``commit`` if known.
 
-    ``commit`` is that of the git checkout which holds the packages, with ``+changes`` behind it if their
-    files differ from it; of an installed package that of the repository it was installed from.
+    In a git checkout, ``commit`` is HEAD, followed by ``+changes`` if files of the packages differ from it.
+    For an installed package, it is the commit of the source repository.
     """
     found = {"wbf-mission": __version__, "python": platform.python_version(), "numpy": np.__version__}
     commit = _checked_out() if (_ROOT / ".git").exists() else _installed()
@@ -49,7 +97,7 @@ def _checked_out() -> str:
 
 
 def _git(*arguments: str) -> str:
-    """Return what git tells of the folder of the packages; nothing without git, or if it refuses."""
+    """Return the output of a git command in the project folder; empty without git or if the command fails."""
     git = shutil.which("git")
     if git is None:
         return ""
@@ -62,18 +110,17 @@ def _git(*arguments: str) -> str:
 
 
 def _installed() -> str:
-    """Return the commit that an installer wrote down (PEP 610)."""
+    """Return the commit recorded by the installer (PEP 610); empty if none."""
     text = importlib.metadata.distribution("wbf-mission").read_text("direct_url.json")
-    told = msgspec.json.decode(text) if text else {}
-    return str(told.get("vcs_info", {}).get("commit_id", ""))
+    origin = msgspec.json.decode(text) if text else {}
+    return str(origin.get("vcs_info", {}).get("commit_id", ""))
 
 
 @functools.cache
 def hardware() -> dict[str, str]:
-    """Return what is known of the machine, and of the kernels by which linear algebra is done on it.
+    """Return the processor model, number of cores, memory (GB), system and linear algebra kernels.
 
-    That is the processor's model, its cores, the memory in GB and the system. Results of code that calls
-    numpy's linear algebra may depend on the kernels by the last bits of sums.
+    The last bits of results of numpy's linear algebra may depend on the kernels.
     """
     found = {
         "processor": _processor(),
@@ -81,10 +128,10 @@ def hardware() -> dict[str, str]:
         "memory_gb": f"{psutil.virtual_memory().total / 1e9:.1f}",
         "system": f"{platform.system()} {platform.release()}".strip(),
         KERNELS: ", ".join(
-            sorted({one["architecture"] for one in threadpool_info() if "architecture" in one})
+            sorted({pool["architecture"] for pool in threadpool_info() if "architecture" in pool})
         ),
     }
-    return {key: one for key, one in found.items() if one}
+    return {key: value for key, value in found.items() if value}
 
 
 def _processor() -> str:
@@ -97,10 +144,10 @@ def _processor() -> str:
 
 
 def in_words(made: Any) -> str:
-    """Return a planner, policy or estimator that was given as an object, with its parameters.
+    """Return a description of a planner, policy or estimator given as an object, with its parameters.
 
-    These are what its class takes, by the attributes of the same names (``beta`` or ``_beta``), else its
-    public attributes; of a function what it holds of the function around it.
+    An object's parameters are attributes named as its class's parameters (``beta`` or ``_beta``), else its
+    public attributes; a function's are the variables in its closure.
 
     Examples
     --------
@@ -122,19 +169,21 @@ def _parameters(made: Any) -> Mapping[str, Any]:
     held = getattr(made, "__dict__", {})
     try:
         taken = list(inspect.signature(type(made)).parameters)
-    except (TypeError, ValueError):  # a class of C
+    except (TypeError, ValueError):  # a class of a C extension has no signature
         taken = []
     named = {name: f"_{name}" if f"_{name}" in held else name for name in taken}
     found = {name: getattr(made, where) for name, where in named.items() if hasattr(made, where)}
-    return found or {name: one for name, one in held.items() if not name.startswith("_")}
+    return found or {name: value for name, value in held.items() if not name.startswith("_")}
 
 
 def _call(name: str, values: Mapping[Any, Any]) -> str:
-    told = (_told(one) if isinstance(key, int) else f"{key}={_told(one)}" for key, one in values.items())
-    return one_line(f"{name}({', '.join(told)})", _MOST_SHOWN)
+    arguments = (
+        _shown(value) if isinstance(key, int) else f"{key}={_shown(value)}" for key, value in values.items()
+    )
+    return one_line(f"{name}({', '.join(arguments)})", _MOST_SHOWN)
 
 
-def _told(value: Any) -> str:
+def _shown(value: Any) -> str:
     if isinstance(value, np.ndarray):
         return f"array of {' x '.join(map(str, value.shape))}"
     if isinstance(value, np.generic):

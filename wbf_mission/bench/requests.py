@@ -1,4 +1,4 @@
-"""Requests of a folder of rows, in ``asked.json``: specifications, commands, cards of scenarios."""
+"""Requests stored in a benchmark folder (``asked.json``): specifications, commands and scenario cards."""
 
 from __future__ import annotations
 
@@ -20,16 +20,16 @@ ASKED = "asked.json"
 
 
 class Asked(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """A request: one specification.
+    """A request to fly one specification.
 
     Attributes
     ----------
     when : str
         Time of the first such request, UTC (ISO 8601).
     command : str
-        The command line; empty for a request from Python.
+        Command line; empty for a request from Python.
     specification : str
-        TOML that ``bench run`` takes; objects given from Python are named in a comment.
+        TOML file for ``bench run``; objects given from Python are named in a comment.
     """
 
     when: str
@@ -38,14 +38,14 @@ class Asked(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class AskedFor(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """All requests of a folder, in the order of time, and the cards of its scenarios."""
+    """All requests of a folder in order of time, and the cards of its scenarios."""
 
     asked: list[Asked] = []
     cards: list[Card] = []
 
 
 def read_asked(folder: Path) -> AskedFor:
-    """Return the requests of a folder; none for an old folder without the file.
+    """Return the requests of a folder; empty for an old folder without the file.
 
     ResultError if the file is damaged.
     """
@@ -61,18 +61,18 @@ def read_asked(folder: Path) -> AskedFor:
         why = misfit(error)
     except (msgspec.DecodeError, UnicodeDecodeError) as error:
         why = not_json(error, data)
-    raise ResultError(f"{path}: does not tell what was asked for: {why}; remove it") from None
+    raise ResultError(f"{path}: is no list of requests: {why}; remove it") from None
 
 
 def keep_asked(folder: Path, spec: BenchSpec, command: str) -> None:
-    """Add a request to the file of a folder, unless it is there already."""
+    """Add a request to the file of a folder, unless the file already has it."""
     found = read_asked(folder)
     now = datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
     asked = Asked(now, command, specification_text(spec))
-    new = all((one.command, one.specification) != (command, asked.specification) for one in found.asked)
-    known = {(one.scenario, one.meaning) for one in found.cards}
+    new = all((old.command, old.specification) != (command, asked.specification) for old in found.asked)
+    known = {(card.scenario, card.meaning) for card in found.cards}
     made = [card_of(name, scenario) for name, scenario in spec.scenarios]
-    cards = [one for one in made if (one.scenario, one.meaning) not in known]
+    cards = [card for card in made if (card.scenario, card.meaning) not in known]
     if new or cards:
         write_json(
             folder / ASKED, AskedFor([*found.asked, *([asked] if new else [])], [*found.cards, *cards])
@@ -80,7 +80,7 @@ def keep_asked(folder: Path, spec: BenchSpec, command: str) -> None:
 
 
 def specification_text(spec: BenchSpec) -> str:
-    """Return a specification as TOML that `BenchSpec.read` takes.
+    """Return a specification as TOML for `BenchSpec.read`.
 
     Examples
     --------
@@ -101,8 +101,8 @@ def specification_text(spec: BenchSpec) -> str:
 
 
 def _choices(key: str, choices: Sequence[Choice]) -> Iterator[str]:
-    named = [str(one) for one in choices if one.made is None]
-    own = [str(one) for one in choices if one.made is not None]
+    named = [str(choice) for choice in choices if choice.made is None]
+    own = [str(choice) for choice in choices if choice.made is not None]
     if named:
         yield f"{key} = {_texts(named)}"
     if own:

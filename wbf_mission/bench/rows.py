@@ -1,14 +1,16 @@
-"""The rows of a benchmark, one for each run, and the folder that keeps them as soon as they are there.
+"""Rows of a benchmark, one for each run, and the folder that stores each row when its run ends.
 
-``journal.jsonl`` takes a line for each run that ends; ``rows.parquet`` takes what is in the journal when the
-benchmark ends or begins, written whole. A process that is killed loses the runs that it was at.
+Each finished run appends a line to ``journal.jsonl``. When a benchmark begins or ends, the journal is merged
+into ``rows.parquet``, which is rewritten. A process that is killed loses only its unfinished runs.
 """
 
 from __future__ import annotations
 
 import contextlib
+import itertools
 from array import array
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from operator import attrgetter
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any, TypeAlias
 
@@ -25,11 +27,11 @@ if TYPE_CHECKING:
     Floats: TypeAlias = array[float]
 else:
     Floats = array
-    """Of type code ``d``: in a list a number takes four times as much, and a table has thousands of rows."""
+    """Array of type code ``d``: a list needs four times the memory, and tables have thousands of rows."""
 
 
 def as_floats(kind: type, value: Any) -> Floats:
-    """Return a list of numbers as an array, how msgspec reads the lists of a row; TypeError if it is none."""
+    """Convert a list of numbers to an array, as a decoding hook of msgspec; TypeError if it is no list."""
     if kind is not array or not isinstance(value, list):
         raise TypeError(f"Expected `array` of numbers, got `{type(value).__name__}`")
     return array("d", value)
@@ -40,43 +42,43 @@ def _no_floats() -> Floats:
 
 
 class BenchRow(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """A run that was flown, or that failed.
+    """Result of a successful or failed run.
 
-    Losses are means a cell, by the names of the fields; the history has the scored times. Everything but the
-    costs is decided by the run alone.
+    Losses are means per cell, by field name. Everything but the costs is determined by the run alone.
 
     Attributes
     ----------
     key, scenario, planner, estimator, seed
-        Which run (`wbf_mission.bench.spec.BenchRun`).
+        Identity of the run (`wbf_mission.bench.spec.BenchRun`).
     error : str or None
-        Why it failed; a run without a score has failed.
+        Cause of the failure; a run without a score has failed.
     score, final_score : float or None
-        Over the run and at its end; 0 is perfect.
+        Mean score over the run and score at its end; 0 is perfect.
     losses : dict
-        At the end.
+        Losses at the end of the run.
     calibration : dict
-        What the estimate at the end states, on cells that nobody looked at (`sensors.scoring.calibration`).
+        Calibration of the last estimate on cells not observed (`sensors.scoring.calibration`).
     predicted_time_s : float or None
-        Of a policy by the last paths that it chose; None if its budget is no time.
+        Predicted time of the flights; for a policy, of its last accepted paths, or None if its budget is no
+        time.
     budget : str or None
-        Of a flight, in words.
+        Budget of a flight, in words.
     battery_used : float or None
-        The share of a battery that the flight took which took most.
+        Battery fraction used by the flight that used most.
     wall_time_s, cpu_time_s : float
-        The costs: of the whole run, and by its parts in `timings_s`.
+        Costs of the whole run; `timings_s` has the wall time of its parts.
     times_s, scores, history
-        Seconds of flight, the score and the losses at the scored times.
+        Flight time (s), score and losses at the scored times.
     versions : dict
-        Of what flew it, with its ``commit`` if that is known (`wbf_mission.bench.provenance`).
+        Versions of the program and libraries, with the ``commit`` if known (`wbf_mission.bench.provenance`).
     codes : dict
         Behaviour numbers and digests (`wbf_mission.bench.spec.BenchRun`); empty in rows of old stores.
     hardware : dict
         The machine: ``processor``, ``cores``, ``memory_gb`` and ``system``.
     objects : dict
-        In words, with its parameters, a ``planner`` (or policy) and an ``estimator`` given as an object.
+        Description, with parameters, of a ``planner`` (or policy) and an ``estimator`` given as objects.
     bad_answers : dict
-        How many answers of the policy were not flown, or came too late, by what was wrong with them.
+        Number of the policy's answers that were not flown or came too late, by fault.
     """
 
     key: str
@@ -111,20 +113,20 @@ class BenchRow(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
     bad_answers: dict[str, int] = {}
 
     def __post_init__(self) -> None:
-        # A run without a score that were no failure would take its environment from all others.
-        known = (one is not None and np.isfinite(one) for one in (self.score, self.final_score))
+        # If a run without a score did not count as failed, its environment would not count for any other run.
+        known = (score is not None and np.isfinite(score) for score in (self.score, self.final_score))
         if self.error is None and not all(known):
             why = "no score" if self.observations else "no score: no cell of the farm was observed"
             msgspec.structs.force_setattr(self, "error", why)
 
     @property
     def named(self) -> str:
-        """Which run it is of, in words."""
+        """Scenario, planner, estimator and seed of the run, in words."""
         return f"{self.scenario}, {self.planner}, {self.estimator}, seed {self.seed}"
 
 
 KEY_DIGITS = 8
-"""So many digits of a key are shown; `wbf-mission bench replay` takes them."""
+"""Number of digits of a key that are shown; `wbf-mission bench replay` accepts such a short key."""
 TABLE = "rows.parquet"
 _JOURNAL = "journal.jsonl"
 _LOCK = ".lock"
@@ -140,14 +142,14 @@ _DICTS = {
     "objects": ("object_", _TEXT),
     "bad_answers": ("bad_", _WHOLE),
 }
-"""The dicts of a row: how the columns of each begin, and what they hold."""
+"""Dicts of a row, with the prefix of their columns and the type of their values."""
 _COLUMNS = {
     **dict.fromkeys(("key", "scenario", "planner", "estimator", "outcome", "error", "budget"), _TEXT),
     "seed": _SEED,
     **dict.fromkeys(("observations", "cells_observed", "decisions"), _WHOLE),
     **dict.fromkeys(("times_s", "scores"), _NUMBERS),
 }
-"""What the other columns hold; a number where nothing is said."""
+"""Types of the other columns; a number by default."""
 _GROUP_ROWS = 1000
 _NEEDED = ("key", "scenario", "planner", "estimator", "seed")
 _SHARED_TEXTS = ("scenario", "planner", "estimator", "outcome", "error", "budget")
@@ -157,21 +159,21 @@ _encoder = msgspec.json.Encoder(enc_hook=list)
 
 
 class BenchStore(Closing):
-    """The folder of a benchmark, made if need be, opened by the one who writes it.
+    """Folder of a benchmark, created if missing and locked for writing.
 
     Attributes
     ----------
     done : dict of str to bool
-        The keys of the runs that are kept, and whether each is good.
+        Keys of the stored runs, and whether each succeeded.
     rows : list of BenchRow
-        All, as `read_rows` gives them, once it is closed; none before.
+        All rows in the order of `read_rows`; empty until the store is closed.
 
     Raises
     ------
     ResultError
-        If somebody else writes it, or a file in it is damaged.
+        If another process writes to the folder, or a file in it is damaged.
     OSError
-        If it cannot be written.
+        If the folder cannot be written.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -190,14 +192,14 @@ class BenchStore(Closing):
             raise
 
     def add(self, row: BenchRow) -> None:
-        """Keep a row; it is there when this returns, whatever happens to the process."""
+        """Store a row; when this returns, the row survives the death of the process."""
         with disk_errors_named(self._folder / _JOURNAL):
             self._journal.write(_encoder.encode(row) + b"\n")
             self._journal.flush()
         self.done[row.key] = row.error is None
 
     def close(self) -> None:
-        """Bring everything into the table."""
+        """Merge the journal into the table and release the lock."""
         self._journal.close()
         try:
             self.rows = self._keep_all()
@@ -205,7 +207,7 @@ class BenchStore(Closing):
             self._lock.close()
 
     def _keep_all(self) -> list[BenchRow]:
-        """Write table and journal as one table, and return its rows."""
+        """Merge the journal into the table, and return all rows."""
         rows = read_rows(self._folder)
         journal = self._folder / _JOURNAL
         if journal.exists():
@@ -216,16 +218,16 @@ class BenchStore(Closing):
 
 
 def holds_rows(folder: Path) -> bool:
-    """Return whether a folder is that of a benchmark, also of one that is running."""
+    """Return whether a folder contains the rows of a finished or running benchmark."""
     return any((folder / name).is_file() for name in (TABLE, _JOURNAL))
 
 
 def read_rows(folder: Path) -> list[BenchRow]:
-    """Return the rows of a benchmark, also of one that is running, in the order of scenario, row and seed.
+    """Return the rows of a finished or running benchmark, ordered by scenario, planner, estimator and seed.
 
-    Of a run that was flown twice the later row counts.
+    If a run was flown twice, only the later row is returned.
 
-    ResultError if there is none, or a file is damaged.
+    ResultError if a file is damaged.
     """
     found: dict[str, BenchRow] = {}
     common = _Common()
@@ -236,7 +238,7 @@ def read_rows(folder: Path) -> list[BenchRow]:
     with contextlib.suppress(FileNotFoundError), (folder / _JOURNAL).open("rb") as journal:
         for number, line in enumerate(journal, 1):
             if not line.endswith(b"\n"):
-                break  # the process was killed while it wrote
+                break  # the process was killed while writing
             try:
                 row = _decoder.decode(line)
             except (msgspec.MsgspecError, UnicodeDecodeError):
@@ -247,23 +249,21 @@ def read_rows(folder: Path) -> list[BenchRow]:
 
 
 def by_pair(rows: Iterable[BenchRow]) -> dict[tuple[str, str], list[BenchRow]]:
-    """Return rows by planner and estimator, sorted by these."""
-    found: dict[tuple[str, str], list[BenchRow]] = {}
-    for row in rows:
-        found.setdefault((row.planner, row.estimator), []).append(row)
-    return dict(sorted(found.items()))
+    """Group rows by planner and estimator, sorted by these names."""
+    return _grouped(rows, attrgetter("planner", "estimator"))
 
 
 def by_scenario(rows: Iterable[BenchRow]) -> dict[str, list[BenchRow]]:
-    """Return rows by their scenarios, sorted by these."""
-    found: dict[str, list[BenchRow]] = {}
-    for row in rows:
-        found.setdefault(row.scenario, []).append(row)
-    return dict(sorted(found.items()))
+    """Group rows by scenario, sorted by its name."""
+    return _grouped(rows, attrgetter("scenario"))
+
+
+def _grouped(rows: Iterable[BenchRow], key: Callable[[BenchRow], Any]) -> dict[Any, list[BenchRow]]:
+    return {name: list(group) for name, group in itertools.groupby(sorted(rows, key=key), key)}
 
 
 def rows_table(rows: Sequence[BenchRow]) -> Any:
-    """Return rows as a pyarrow table, a column for each value such as ``loss_tylcv``; histories are lists."""
+    """Return a pyarrow table of rows: a column for each value (``loss_tylcv``), lists for histories."""
     import pyarrow as pa
 
     names = [name for name in BenchRow.__struct_fields__ if name not in _DICTS]
@@ -277,7 +277,7 @@ def rows_table(rows: Sequence[BenchRow]) -> Any:
 
 
 def _column(holds: str, values: Iterator[Any]) -> Any:
-    """Return the values of a column, one after the other, as an arrow array."""
+    """Return the values of a column as an arrow array."""
     import pyarrow as pa
 
     kind = {
@@ -302,7 +302,7 @@ def _column(holds: str, values: Iterator[Any]) -> Any:
 
 
 class _Common:
-    """Keeps once what many rows have in common."""
+    """Cache that lets rows share equal texts, dicts and times."""
 
     def __init__(self) -> None:
         self._texts: dict[str, str] = {}
@@ -310,7 +310,7 @@ class _Common:
         self._times: dict[bytes, Floats] = {}
 
     def of(self, row: BenchRow) -> BenchRow:
-        """Return an equal row."""
+        """Return an equal row with shared values."""
         texts = {key: self._text(getattr(row, key)) for key in _SHARED_TEXTS}
         dicts = {key: self._dict(getattr(row, key)) for key in _SHARED_DICTS}
         times_s = self._times.setdefault(row.times_s.tobytes(), row.times_s)
@@ -324,9 +324,9 @@ class _Common:
 
 
 def rows_of(path: Path, content: bytes | None = None) -> Iterator[BenchRow]:
-    """Yield the rows of a table, whose `content` may be given as that of somebody whom nobody knows.
+    """Yield the rows of a table, read from `path` or from the untrusted bytes `content`.
 
-    ResultError if it is none.
+    ResultError if the table holds no benchmark rows.
     """
     for batch in read_batches(path, _NEEDED, content):
         wheres = [_where(name) for name in batch.schema.names]
@@ -343,7 +343,7 @@ def rows_of(path: Path, content: bytes | None = None) -> Iterator[BenchRow]:
 
 
 def _where(column: str) -> tuple[str | None, str]:
-    """Return in which dict of a row a column stands, if in one, and under which name."""
+    """Return the dict of a row to which a column belongs, or None, and its key."""
     for where, (prefix, _) in _DICTS.items():
         if column.startswith(prefix):
             return where, column.removeprefix(prefix)

@@ -1,8 +1,8 @@
-"""Sealed rounds: environments that nobody knows before a round ends, and that nobody chose.
+"""Sealed rounds: environments that participants do not know before a round ends and nobody could choose.
 
-The organiser draws a secret, publishes its seal and keeps the secret. The seeds of the round follow from the
-secret (HMAC-SHA256, RFC 2104), and the seal is a commitment to it: a SHA-256 of the secret and of all that
-belongs to the round. When the secret is published, all can check that the seeds are those of the seal.
+The organiser draws a secret, publishes its seal and keeps the secret. The seeds of the round are derived from
+the secret (HMAC-SHA256, RFC 2104). The seal is a commitment to the secret: a SHA-256 of the secret and all
+settings of the round. Once the secret is published, anyone can check that the seeds match the seal.
 """
 
 from __future__ import annotations
@@ -34,17 +34,18 @@ _FORMAT = 1
 
 
 class Seal(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """What is published when a round begins.
+    """Seal of a round, published when the round begins.
 
     Attributes
     ----------
     seal : str
         SHA-256 of the secret with the other values, hexadecimal.
     environments : int
+        Number of environments.
     scenarios : list of str
-        Those of the round; empty: any.
+        Ids of the round's scenarios; empty: any.
     made : str
-        When, UTC.
+        Time of creation, UTC.
     """
 
     format: int = _FORMAT
@@ -55,7 +56,7 @@ class Seal(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True
 
 
 class Secret(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """What is published when the round ends: ``secret`` has 256 bits, hexadecimal; the rest as of `Seal`."""
+    """Secret of a round (256 bits, hexadecimal), published at its end; other attributes as in `Seal`."""
 
     format: int = _FORMAT
     secret: str
@@ -64,7 +65,7 @@ class Secret(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     made: str
 
     def seal(self) -> Seal:
-        """Return what can be published before."""
+        """Return the seal of this secret."""
         bound = [self.format, self.environments, self.scenarios, self.made, self.secret]
         text = json.dumps(bound, separators=(",", ":")).encode()
         return Seal(
@@ -76,7 +77,7 @@ class Secret(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
         )
 
     def seeds(self) -> tuple[int, ...]:
-        """Return the seeds of the round, each of 63 bits, derived one by one from the secret and its number.
+        """Return the seeds of the round, of 63 bits; seed k is derived from the secret and k.
 
         Examples
         --------
@@ -86,18 +87,18 @@ class Secret(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
         key = bytes.fromhex(self.secret)
         texts = (_SEED_TAG + str(number).encode() for number in range(self.environments))
         digests = (hmac.digest(key, text, "sha256") for text in texts)
-        return tuple(int.from_bytes(one[:8], "big") >> 1 for one in digests)
+        return tuple(int.from_bytes(digest[:8], "big") >> 1 for digest in digests)
 
 
 def new_secret(environments: int, scenarios: Sequence[str], made: datetime.datetime) -> Secret:
     """Draw a secret of 256 bits from the system's randomness.
 
-    ScenarioError if a scenario is none of the catalogue.
+    ScenarioError if a scenario is not in the catalogue.
     """
     known = scenario_ids()
-    for one in scenarios:
-        if one not in known:
-            raise ScenarioError(f"scenarios: {one!r} is no id of the catalogue; 'bench list' prints them")
+    for name in scenarios:
+        if name not in known:
+            raise ScenarioError(f"scenarios: {name!r} is no id of the catalogue; 'bench list' prints them")
     return Secret(
         secret=secrets.token_hex(_SECRET_BYTES),
         environments=environments,
@@ -107,15 +108,15 @@ def new_secret(environments: int, scenarios: Sequence[str], made: datetime.datet
 
 
 def write_round(secret: Secret, stem: Path) -> tuple[Path, Path]:
-    """Write ``STEM.secret``, which only its owner may read, and ``STEM.seal.json``; return both.
+    """Write ``STEM.secret``, readable only by its owner, and ``STEM.seal.json``; return both paths.
 
-    ScenarioError if one of them is there: a secret that is lost cannot be made again.
+    ScenarioError if one of the files exists: an overwritten secret cannot be recovered.
     """
     paths = stem.with_name(f"{stem.name}.secret"), stem.with_name(f"{stem.name}.seal.json")
     for path in paths:
         if path.exists():
-            raise ScenarioError(f"{path}: is there already, of an older round; give another name")
-    # Opened for the owner alone: a file that is closed to others afterwards was open to them before.
+            raise ScenarioError(f"{path}: already exists, of an older round; give another name")
+    # Created with mode 0600, because a later chmod would leave a moment in which others could read the file.
     with open(os.open(paths[0], os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "wb") as file:  # noqa: PTH123
         file.write(_document(secret))
     with atomic_write(paths[1], "wb") as file:
@@ -128,7 +129,7 @@ def _document(what: Seal | Secret) -> bytes:
 
 
 def read_secret(path: Path) -> Secret:
-    """Read what `write_round` wrote; ScenarioError if it is something else."""
+    """Read the secret file of `write_round`; ScenarioError if the file is anything else."""
     found = _read(path, Secret)
     try:
         right = len(bytes.fromhex(found.secret)) == _SECRET_BYTES
@@ -140,9 +141,9 @@ def read_secret(path: Path) -> Secret:
 
 
 def opened(seal_file: Path, secret_file: Path) -> Secret:
-    """Return the secret of a seal.
+    """Return the secret of a round, checked against the round's seal.
 
-    ScenarioError if a file cannot be read, or the secret is that of another seal.
+    ScenarioError if a file cannot be read, or the secret belongs to another seal.
     """
     seal, secret = _read(seal_file, Seal), read_secret(secret_file)
     if secret.seal() != seal:
@@ -151,23 +152,23 @@ def opened(seal_file: Path, secret_file: Path) -> Secret:
 
 
 def of_round(selected: Mapping[str, Any], path: Path) -> dict[str, Any]:
-    """Return what is to be flown, as `BenchSpec.of` takes it, on the environments of a secret's round.
+    """Return arguments for `BenchSpec.of` with the seeds of the round in the secret file `path`.
 
-    ScenarioError if it names seeds, or scenarios that are not the round's.
+    ScenarioError if `selected` names seeds, or scenarios outside the round.
     """
     secret = read_secret(path)
     if selected.get("seeds") is not None:
         raise ScenarioError(f"seeds are those of {path}; leave --seeds out, or --sealed")
     scenarios = selected.get("scenarios") or secret.scenarios or None
-    for one in scenarios or ():
-        if secret.scenarios and one not in secret.scenarios:
+    for name in scenarios or ():
+        if secret.scenarios and name not in secret.scenarios:
             known = ", ".join(secret.scenarios)
-            raise ScenarioError(f"scenarios: {one} is none of the round in {path}, which has {known}")
+            raise ScenarioError(f"scenarios: {name} is none of the round in {path}, which has {known}")
     return {**selected, "scenarios": scenarios, "seeds": list(secret.seeds())}
 
 
 def require_seeds(secret: Secret, rows: Iterable[BenchRow]) -> None:
-    """Raise ResultError unless rows are those of a round: its scenarios, each on all of its environments."""
+    """Raise ResultError unless rows are of the round's scenarios, each on exactly its environments."""
     seeds = set(secret.seeds())
     for scenario, here in by_scenario(rows).items():
         own = {row.seed for row in here}

@@ -1,4 +1,4 @@
-"""What a benchmark is to run: scenarios, planners and policies, estimators and seeds."""
+"""Specification of a benchmark: scenarios, planners and policies, estimators and seeds."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING, Any, Self
 
 from geo.imports import load_entry
 from geo.texts import parse_whole
+from mission.planners import make_planner
 from mission.policies.policy import Policy, make_policy
 from sensors.field_files import load_field_set
 from wbf_mission.bench.digests import digest, meaning_of, own_digest
 from wbf_mission.bench.provenance import in_words
-from wbf_mission.planning import planner_of
 from wbf_mission.run.estimation import estimator_of
 from wbf_mission.scenario import (
     Choice,
@@ -49,42 +49,44 @@ class BenchRun:
     """One run of a benchmark."""
 
     key: str
-    """Names it: the digest of all that decides it."""
+    """Unique key of the run: a digest of everything that decides its result."""
     scenario_id: str
-    """The scenario's id, or its file."""
+    """Id or file of the scenario."""
     planner: str
-    """With parameters, as the estimator; it may be a policy."""
+    """Planner or policy, with parameters."""
     estimator: str
+    """Estimator, with parameters."""
     scenario: Scenario
-    """All of it, with planner, estimator and seed."""
+    """Complete scenario, with planner, estimator and seed."""
     codes: dict[str, str] = field(default_factory=dict)
-    """Behaviour numbers of the built-in ``code`` (`wbf_mission.version.behaviour`), digests of the meaning of
-    the ``scenario`` and of a ``planner`` and an ``estimator`` that are no part of this program."""
+    """Behaviour numbers of the built-in ``code`` (`wbf_mission.version.behaviour`) and the digest of the
+    ``scenario``; also digests of a ``planner`` and an ``estimator`` from outside this program."""
     objects: dict[str, str] = field(default_factory=dict)
-    """In words, with its parameters, a ``planner`` (or policy) and an ``estimator`` given as an object."""
+    """Description, with parameters, of a ``planner`` (or policy) and an ``estimator`` given as objects."""
 
     @property
     def seed(self) -> int:
-        """The seed: the environment of a seed is the same for all planners and estimators."""
+        """Seed of the run; each seed gives the same environment to all planners and estimators."""
         return self.scenario.seed
 
 
 @dataclass(frozen=True, slots=True)
 class BenchSpec:
-    """Planners and policies with estimators in scenarios, over seeds.
+    """All combinations of scenarios, planners or policies, estimators and seeds.
 
     Parameters
     ----------
     scenarios : tuple of (str, Scenario)
-        With their ids or files.
+        Scenarios with their ids or files.
     planners, estimators : tuple of Choice
-        A planner is a policy where no planner has its name.
+        Planners or policies, and estimators. A name that is no planner's is taken as a policy's.
     seeds : tuple of int
+        Seeds of the environments.
 
     Raises
     ------
     ScenarioError
-        If something is missing, given twice, unknown or does not fit.
+        If a value is missing, repeated, unknown or does not fit.
     WbfMissionError
         If a parameter of a planner, policy or estimator is wrong.
     """
@@ -97,14 +99,14 @@ class BenchSpec:
     def __post_init__(self) -> None:
         columns: dict[str, Sequence[Any]] = {
             "scenarios": [name for name, _ in self.scenarios],
-            "planners": [str(one) for one in self.planners],
-            "estimators": [str(one) for one in self.estimators],
+            "planners": [str(planner) for planner in self.planners],
+            "estimators": [str(estimator) for estimator in self.estimators],
             "seeds": self.seeds,
         }
         for key, values in columns.items():
             if not values:
                 raise ScenarioError(f"{key} are empty: give at least one")
-            twice = [one for one in values if list(values).count(one) > 1][:1] if key != "seeds" else []
+            twice = [value for value in values if list(values).count(value) > 1][:1] if key != "seeds" else []
             if twice:
                 raise ScenarioError(f"{key}: {twice[0]} is given twice; give it once")
         if len(set(self.seeds)) != len(self.seeds):
@@ -127,7 +129,7 @@ class BenchSpec:
         *,
         folder: Path | None = None,
     ) -> Self:
-        """Return what these say; what is left out is as in the paper's experiment.
+        """Return a specification from ids, names and counts; defaults are those of the paper's experiment.
 
         Parameters
         ----------
@@ -136,14 +138,14 @@ class BenchSpec:
         planners, estimators : sequence
             Names with parameters, tables, or objects.
         seeds : int, str or sequence of int
-            How many, from 0 on, or which; as a text such as ``"5,7,100..139"`` (`seeds_of`).
+            Number of seeds from 0 on, a list of seeds, or a text such as ``"5,7,100..139"`` (`seeds_of`).
         folder : Path, optional
-            Where files are looked for first.
+            Folder in which scenario files are searched first.
 
         Raises
         ------
         ScenarioError
-            If something is missing, unknown or wrong.
+            If a value is missing, unknown or wrong.
 
         Examples
         --------
@@ -151,34 +153,35 @@ class BenchSpec:
         80
         """
         names = _given("scenarios", scenarios)
-        for one in names:
-            if not isinstance(one, (str, Path)):
-                raise ScenarioError(f"scenarios: {one!r} is neither an id nor a file")
+        for name in names:
+            if not isinstance(name, (str, Path)):
+                raise ScenarioError(f"scenarios: {name!r} is neither an id nor a file")
         return cls(
-            scenarios=tuple((str(one), _scenario(one, folder)) for one in names),
-            planners=tuple(choose(one, "planner") for one in _given("planners", planners)),
-            estimators=tuple(choose(one, "estimator") for one in _given("estimators", estimators)),
+            scenarios=tuple((str(name), _scenario(name, folder)) for name in names),
+            planners=tuple(choose(planner, "planner") for planner in _given("planners", planners)),
+            estimators=tuple(choose(given, "estimator") for given in _given("estimators", estimators)),
             seeds=_seeds(_SEEDS if seeds is None else seeds),
         )
 
     @classmethod
     def read(cls, path: str | Path, changes: Mapping[str, Any] | None = None) -> Self:
-        """Read what is to run from a TOML file.
+        """Read a specification from a TOML file.
 
-        Its keys are the parameters of `of`: ``scenarios``, which may be files that lie beside it,
-        ``planners``, ``estimators`` and ``seeds``. Those of `changes` that are not None take their place.
+        The keys of the file are the parameters of `of`: ``scenarios`` (ids, or files in the same folder),
+        ``planners``, ``estimators`` and ``seeds``. Values of `changes` override those of the file unless
+        None.
 
         Raises
         ------
         ScenarioError
-            If the file cannot be read, or something in it is missing, unknown or wrong.
+            If the file cannot be read, or a value in it is missing, unknown or wrong.
         """
         table = read_table(path)
         try:
             for key in table:
                 if key not in _KEYS:
                     raise ScenarioError(unknown_key(key, list(_KEYS)))
-            given = {key: one for key, one in (changes or {}).items() if one is not None}
+            given = {key: value for key, value in (changes or {}).items() if value is not None}
             return cls.of(**{**table, **given}, folder=Path(path).parent)
         except ScenarioError as error:
             raise ScenarioError(f"{path}: {error}") from error
@@ -187,10 +190,10 @@ class BenchSpec:
         return len(self.scenarios) * len(self.planners) * len(self.estimators) * len(self.seeds)
 
     def runs(self) -> Iterator[BenchRun]:
-        """Yield all runs; those of the same environment follow one another."""
-        own = [_code_of(one, "planner" if _is_planner(one) else "policy") for one in self.planners]
+        """Yield all runs, those on the same environment in succession."""
+        own = [_code_of(mover, "planner" if _is_planner(mover) else "policy") for mover in self.planners]
         movers = list(zip(self.planners, own, strict=True))
-        estimators = [(one, _code_of(one, "estimator")) for one in self.estimators]
+        estimators = [(estimator, _code_of(estimator, "estimator")) for estimator in self.estimators]
         for name, base in self.scenarios:
             built_in = {"code": behaviour(), "scenario": meaning_of(base)}
             for seed in self.seeds:
@@ -198,7 +201,7 @@ class BenchSpec:
                     mover = "planner" if _is_planner(planner) else "policy"
                     scenario = scenario_with(base, {mover: planner, "estimator": estimator, "seed": seed})
                     own_codes = {"planner": of_planner, "estimator": of_estimator}
-                    codes = built_in | {key: one for key, one in own_codes.items() if one}
+                    codes = built_in | {key: code for key, code in own_codes.items() if code}
                     yield BenchRun(
                         key=_key(codes, mover, str(planner), str(estimator), seed),
                         scenario_id=name,
@@ -215,17 +218,17 @@ def _key(codes: Mapping[str, str], mover: str, planner: str, estimator: str, see
 
 
 def run_keys(row: BenchRow) -> tuple[str, ...]:
-    """Return the keys that the run of a row can have: that of a planner, and that of a policy."""
+    """Return the two possible keys of a row's run: with its mover as a planner, and as a policy."""
     given = (row.planner, row.estimator, row.seed)
     return tuple(_key(row.codes, mover, *given) for mover in ("planner", "policy"))
 
 
 def _objects(**choices: Choice) -> dict[str, str]:
-    return {key: in_words(one.made) for key, one in choices.items() if one.made is not None}
+    return {key: in_words(choice.made) for key, choice in choices.items() if choice.made is not None}
 
 
 def _given(key: str, given: Any) -> Sequence[Any]:
-    """Return a list that is given, or the default."""
+    """Return the given list, or the default for None; ScenarioError if it is no list or empty."""
     if given is None:
         return _DEFAULTS[key]
     if isinstance(given, (list, tuple)) and given:
@@ -239,16 +242,17 @@ def _seeds(given: Any) -> tuple[int, ...]:
         return seeds_of(given)
     if isinstance(given, int) and not isinstance(given, bool) and 1 <= given <= _MOST_RUNS:
         return tuple(range(given))
-    if isinstance(given, (list, tuple, range)) and given and all(_is_seed(one) for one in given):
+    if isinstance(given, (list, tuple, range)) and given and all(_is_seed(seed) for seed in given):
         return tuple(given)
-    msg = f"seeds {given!r} are neither how many (1 to {_MOST_RUNS}) nor a list of whole numbers from 0 on"
+    number = f"a number of seeds (1 to {_MOST_RUNS})"
+    msg = f"seeds {given!r} are neither {number} nor a list of whole numbers from 0 on"
     raise ScenarioError(msg)
 
 
 def seeds_of(text: str) -> tuple[int, ...]:
-    """Return the seeds that a text names: how many from 0 on, or which, separated by commas.
+    """Return the seeds of a text: a number of seeds from 0 on, or a list of seeds and ranges.
 
-    ScenarioError if it names none.
+    ScenarioError if the text is neither.
 
     Examples
     --------
@@ -265,7 +269,7 @@ def seeds_of(text: str) -> tuple[int, ...]:
         if not (len(ends) <= _MOST_ENDS and _is_seed(first) and _is_seed(last) and first <= last):
             msg = (
                 f"seeds {text!r}: {'..'.join(ends)!r} is neither a seed nor a range of seeds;"
-                f" give how many (10), a range (100..139) or a list (5,7,100..139) of whole numbers from 0 on"
+                f" give a number of seeds (10), a range (100..139) or a list (5,7,100..139)"
             )
             raise ScenarioError(msg)
         if last - first + len(found) >= _MOST_RUNS:
@@ -275,7 +279,7 @@ def seeds_of(text: str) -> tuple[int, ...]:
 
 
 def seeds_text(seeds: Sequence[int]) -> str:
-    """Return seeds as the shortest text of which `seeds_of` makes them again, in their order.
+    """Return the shortest text that `seeds_of` converts back to the same seeds, in the same order.
 
     Examples
     --------
@@ -288,7 +292,7 @@ def seeds_text(seeds: Sequence[int]) -> str:
 
 
 def seed_ranges(seeds: Sequence[int]) -> str:
-    """Return which seeds these are, for a reader.
+    """Return seeds as a list of ranges, for display.
 
     >>> seed_ranges(range(10)), seed_ranges([5, 7])
     ('0..9', '5,7')
@@ -318,7 +322,7 @@ def _is_planner(choice: Choice) -> bool:
 
 
 def _code_of(choice: Choice, what: str) -> str:
-    """Return the digest of a user's object, or of what another package registered; empty if built in."""
+    """Return the digest of a user's object or of another package's class; empty if built in."""
     if choice.made is not None:
         return own_digest(choice.made)
     entry = registered_elsewhere(choice.name, what)
@@ -326,9 +330,9 @@ def _code_of(choice: Choice, what: str) -> str:
 
 
 def require_mover(choice: Choice) -> None:
-    """Raise an error if there is no such planner or policy, or it has no such parameter."""
+    """Raise an error if the planner or policy is unknown, or one of its parameters is."""
     if _is_planner(choice):
-        planner_of(choice)
+        make_planner(choice.chosen, **choice.params)
         return
     if choice.made is not None:
         make_policy(choice.made)

@@ -1,4 +1,4 @@
-"""What rows of a benchmark tell: standings, differences, and losses divided by those of fixed planners."""
+"""Statistics of benchmark rows: standings, differences, and losses relative to fixed planners."""
 
 from __future__ import annotations
 
@@ -19,39 +19,42 @@ from wbf_mission.bench.versions import apart
 
 @dataclass(frozen=True, slots=True)
 class Standing:
-    """How a planner with an estimator did on the environments of a scenario that count (`scored`)."""
+    """Result of a planner with an estimator, over the counted environments of a scenario (`scored`)."""
 
     scenario: str
     planner: str
     estimator: str
     environments: int
     failed: int
-    """Runs on these that failed, and count as the worst, and those where everybody's failed."""
+    """Number of failed runs, which count as the worst; includes environments where all runs failed."""
     score: Interval
-    """Over the run, as at the end; 0 is perfect."""
+    """Mean score over the scored times of a run; 0 is perfect."""
     final_score: Interval
+    """Score at the end of a run; 0 is perfect."""
     behind: Interval
-    """By how much the score is below that of the scenario's best, in pairs of runs on the same environment;
-    the intervals of a scenario hold together. 0 and no interval for the best itself."""
+    """Difference between the score of the scenario's best and this score, paired by environment.
+
+    The intervals of a scenario are simultaneous. The best has 0 and no interval."""
     losses: dict[str, float]
-    """Mean loss a cell at the end, by field."""
+    """Mean loss per cell at the end, by field."""
     losses_over_run: dict[str, float]
-    """The same in the mean over the scored times."""
+    """Mean loss per cell over the scored times, by field."""
     rank: float
-    """Mean over the seeds of its place among all of the scenario, by score; 1 is the best."""
+    """Mean rank by score over the seeds, among all of the scenario; 1 is the best."""
     wins: float
-    """Seeds on which it has the best score; shared ones in parts."""
+    """Number of seeds with the best score; k pairs that share a win get 1/k each."""
     wall_time_s: float
-    """Of a run that went well, in the mean."""
+    """Mean wall time of the successful runs (s)."""
     cpu_time_s: float
+    """Mean CPU time of the successful runs (s)."""
     decisions: int
-    """Answers of the policy in all runs."""
+    """Number of answers of the policy in all runs."""
     bad_answers: dict[str, int]
-    """How many of these were not flown or came too late, by what was wrong, also in runs that failed."""
+    """Number of answers not flown or too late, by fault; failed runs included."""
 
     @property
     def bad_share(self) -> float:
-        """The share of the answers that were bad; nan of a planner, which answers once a run."""
+        """Share of bad answers; nan for a planner, which answers once per run."""
         if self.decisions <= self.environments and not self.bad_answers:
             return np.nan
         return sum(self.bad_answers.values()) / max(self.decisions, 1)
@@ -60,9 +63,9 @@ class Standing:
 def standings(rows: Sequence[BenchRow]) -> list[Standing]:
     """Return the standing of each planner with each estimator, by scenario, the best score first.
 
-    Rows of different code do not stand in one table, see `apart`.
+    Rows of different code get different names (`apart`).
     """
-    return [one for group in scored(apart(rows)) for one in standings_of(group)]
+    return [standing for group in scored(apart(rows)) for standing in standings_of(group)]
 
 
 def standings_of(group: Scored) -> list[Standing]:
@@ -96,21 +99,21 @@ def standings_of(group: Scored) -> list[Standing]:
                 bad_answers=dict(sum((Counter(row.bad_answers) for row in own), Counter[str]())),
             )
         )
-    return sorted(found, key=lambda one: (np.isnan(one.score.mean), -one.score.mean))
+    return sorted(found, key=lambda standing: (np.isnan(standing.score.mean), -standing.score.mean))
 
 
 def _means(losses: dict[str, NDArray[np.float64]], k: int) -> dict[str, float]:
-    """Return the mean loss of one pair, of each field that it has."""
-    return {name: _mean(one[k]) for name, one in losses.items() if np.isfinite(one[k]).any()}
+    """Return the mean loss of pair `k`, by field; fields without a finite loss are left out."""
+    return {name: _mean(table[k]) for name, table in losses.items() if np.isfinite(table[k]).any()}
 
 
 def _mean(values: Iterable[float]) -> float:
-    known = np.array([one for one in values if np.isfinite(one)])
+    known = np.array([value for value in values if np.isfinite(value)])
     return float(known.mean()) if len(known) else np.nan
 
 
 def _places(scores: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the mean rank and the wins of each row of float64[rows, seeds]; nan without any seed."""
+    """Return the mean rank and the wins of each row of float64[rows, seeds]; ranks are nan without seeds."""
     if not scores.shape[1]:
         return np.full(len(scores), np.nan), np.zeros(len(scores))
     ranks = stats.rankdata(-scores, axis=0, method="average")
@@ -120,54 +123,55 @@ def _places(scores: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[n
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
-    """By how much the scores of one are above those of another; positive is better."""
+    """Difference between the scores of `mine` and `against`; positive is better for `mine`."""
 
     scenario: str
     estimator: str
     mine: str
     against: str
     environments: int
-    """On which both have a score."""
+    """Number of environments on which both have a score."""
     score: Interval
-    """Mean difference over the run, as at its end."""
+    """Mean difference of the scores over the run."""
     final_score: Interval
+    """Mean difference of the scores at the end."""
     better: float
-    """The part of the environments on which the score over the run is better."""
+    """Share of the environments on which `mine` has the better score over the run."""
 
 
 def compare(rows: Sequence[BenchRow], mine: str | Sequence[str], against: Sequence[str]) -> list[Comparison]:
-    """Compare one, or each of several, with others, by scenario and estimator, on the same environments.
+    """Compare each planner of `mine` with each of `against`, in pairs of runs on the same environment.
 
-    Environments and failed runs count as in the `standings`; rows of different code are not compared with
-    each other, but by code (`apart`). The intervals of a scenario hold together.
+    Environments and failed runs count as in `standings`. Rows are compared only with rows of the same code
+    (`apart`). The intervals of a scenario are simultaneous.
     """
     found: list[Comparison] = []
-    several = [mine] if isinstance(mine, str) else mine
+    planners = [mine] if isinstance(mine, str) else mine
     for group in scored(apart(rows)):
         place = {pair: k for k, pair in enumerate(group.pairs)}
         estimators = sorted({estimator for _, estimator in group.pairs})
-        named = list(itertools.product(estimators, several, against))
+        named = list(itertools.product(estimators, planners, against))
         differences = []
-        for estimator, each, other in named:
-            both = (each, estimator), (other, estimator)
+        for estimator, planner, other in named:
+            both = (planner, estimator), (other, estimator)
             known = all(pair in place for pair in both)
-            one, two = (place[pair] for pair in both) if known else (0, 0)
+            first, second = (place[pair] for pair in both) if known else (0, 0)
             count = len(group.seeds) if known else 0
-            differences.append((group.scores[one] - group.scores[two])[:count])
-            differences.append((group.final_scores[one] - group.final_scores[two])[:count])
+            differences.append((group.scores[first] - group.scores[second])[:count])
+            differences.append((group.final_scores[first] - group.final_scores[second])[:count])
         intervals = mean_intervals(differences, together=True)
         found += [
             Comparison(
                 group.scenario,
                 estimator,
-                each,
+                planner,
                 other,
                 len(scores),
                 over_run,
                 at_end,
                 float((scores > 0.0).mean()) if len(scores) else np.nan,
             )
-            for (estimator, each, other), scores, over_run, at_end in zip(
+            for (estimator, planner, other), scores, over_run, at_end in zip(
                 named, differences[::2], intervals[::2], intervals[1::2], strict=True
             )
         ]
@@ -175,21 +179,21 @@ def compare(rows: Sequence[BenchRow], mine: str | Sequence[str], against: Sequen
 
 
 WHOLE = "whole"
-"""Names the score among the fields."""
+"""Key of the whole score among the field names."""
 
 
 @dataclass(frozen=True, slots=True)
 class Ratio:
-    """The losses of a planner or policy divided by those of the best fixed planner with the same estimator.
+    """Losses of a planner or policy divided by the losses of the best fixed planner with the same estimator.
 
     Parameters
     ----------
     fixed : bool
-        Whether it is a fixed planner itself: one that decides once, before the flight.
+        Whether `planner` is fixed: it decides only once, before the flight.
     ratios : dict of str to Interval
-        Of the `WHOLE` and of each field; below 1 is better. The intervals with an estimator hold together.
+        Ratio for `WHOLE` and each field; below 1 is better. The intervals of an estimator are simultaneous.
     best : dict of str to str
-        The fixed planner by whose loss each is divided: the best in this alone.
+        Name of the best fixed planner for `WHOLE` and for each field, whose loss is the divisor.
     """
 
     planner: str
@@ -200,9 +204,9 @@ class Ratio:
 
 
 def by_fixed(group: Scored, *, over_run: bool) -> list[Ratio]:
-    """Return the losses of all divided by those of the best fixed planner, the smallest first.
+    """Return the losses of each pair divided by those of the best fixed planner, the smallest first.
 
-    Each field has a best fixed planner of its own. With an estimator without fixed planners there are none.
+    Each field has its own best fixed planner. Estimators without a fixed planner are skipped.
     """
     scores, losses = (group.scores, group.losses) if over_run else (group.final_scores, group.final_losses)
     tables = {WHOLE: -scores, **losses}
@@ -212,8 +216,8 @@ def by_fixed(group: Scored, *, over_run: bool) -> list[Ratio]:
         fixed = [k for k in places if _is_fixed(group.rows[k])]
         if not fixed:
             continue
-        best = {name: fixed[_least([one[k].mean() for k in fixed])] for name, one in tables.items()}
-        pairs = [(one[k], one[best[name]]) for k in places for name, one in tables.items()]
+        best = {name: fixed[_least([table[k].mean() for k in fixed])] for name, table in tables.items()}
+        pairs = [(table[k], table[best[name]]) for k in places for name, table in tables.items()]
         ratios = iter(ratio_intervals(pairs, together=True))
         found += [
             Ratio(
@@ -225,7 +229,7 @@ def by_fixed(group: Scored, *, over_run: bool) -> list[Ratio]:
             )
             for k in places
         ]
-    return sorted(found, key=lambda one: (one.estimator, one.ratios[WHOLE].mean))
+    return sorted(found, key=lambda ratio: (ratio.estimator, ratio.ratios[WHOLE].mean))
 
 
 def _least(values: Sequence[float]) -> int:

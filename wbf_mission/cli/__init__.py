@@ -1,1 +1,1 @@
-"""The command line of wbf-mission."""
+"""Command line of wbf-mission."""

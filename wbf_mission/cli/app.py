@@ -1,4 +1,4 @@
-"""The command line: ``wbf-mission COMMAND``. What each command does is in the modules beside this one."""
+"""Entry of the command line ``wbf-mission COMMAND``; other modules of this package define the commands."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ _COMMANDS = {
     "check-estimator": Command(contracts.check_estimator_command, contracts.EXAMPLES),
 }
 for _name, _command in _COMMANDS.items():
-    # A height of -5 is a value of `command`, no option.
+    # For `command`, -5 is a height and not an option.
     _command.add_to(app, _name, **({"ignore_unknown_options": True} if _name == "command" else {}))
 for _group in (farm, vehicle, bench):
     app.add_typer(_group.app, name=_group.__name__.rpartition(".")[2])
@@ -87,14 +87,11 @@ def _root(
         bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version.")
     ] = False,
 ) -> None:
-    """Plan drone scouting missions, fly them in simulation or upload them, and score the map they give."""
+    """Plan drone scouting missions, fly them in simulation or upload them, and score the resulting maps."""
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run the command line and return its exit code ; errors are one line on stderr.
-
-    The exit codes are those of `wbf_mission.exit_codes`.
-    """
+    """Run the command line and return its exit code; each error is one line on stderr."""
     warnings.formatwarning = _one_line_warning
     _silence_asyncio()
     try:
@@ -110,7 +107,7 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def _silence_asyncio() -> None:
-    """Let tasks of libraries that Ctrl-C left behind end without a traceback on the terminal."""
+    """Suppress tracebacks of library tasks that Ctrl-C left unfinished."""
     logger = logging.getLogger("asyncio")
     logger.propagate = False
     if not logger.handlers:
@@ -135,13 +132,15 @@ def _run(arguments: list[str]) -> int:
     except SystemExit as error:
         if users_line(error) is not None:
             return _complain(f"code of yours ended the program: {told_error(error)}", ExitCode.BAD_INPUT)
-        if isinstance(error.__context__, OSError):  # typer's way to end when nobody reads its help
+        if isinstance(error.__context__, OSError):  # typer exits like this when its help cannot be written
             return ExitCode.OUTPUT_CLOSED
-        code = error.code  # completion ends so
+        code = error.code  # shell completion exits like this
     except MemoryError:
         return _complain("out of memory: choose a smaller farm or fewer days", ExitCode.BAD_INPUT)
     except OSError as error:
-        if error.filename is None and error.errno == errno.ENOSPC:  # help on stdout: files have names
+        if (
+            error.filename is None and error.errno == errno.ENOSPC
+        ):  # an error without a file name is of stdout
             raise StdoutError(error) from error
         where = f"{error.filename}: " if error.filename else ""
         return _complain(f"{where}{error.strerror or error}", ExitCode.BAD_INPUT)
@@ -161,7 +160,7 @@ def _run(arguments: list[str]) -> int:
 
 
 def _usage(error: typer.TyperException) -> str:
-    """Return how the command at hand was called wrongly, without what libraries put around the words."""
+    """Return the message of a usage error, without the prefixes that libraries add."""
     at: Any = getattr(error, "ctx", None)
     command = "wbf-mission" if at is None else at.command_path
     text = error.format_message().replace("Value error, ", "", 1).replace("\n\t", " ")
@@ -181,7 +180,7 @@ def _complain(text: str, code: int) -> int:
 
 
 def _discard_output() -> None:
-    """Let what stdout still holds go nowhere: flushing it once more at the end must not complain."""
+    """Redirect stdout to the null device, so that the final flush of buffered output cannot fail."""
     nowhere = os.open(os.devnull, os.O_WRONLY)
     with contextlib.suppress(OSError, ValueError):
         os.dup2(nowhere, sys.stdout.fileno())

@@ -1,4 +1,4 @@
-"""The bar that shows on a terminal what is being done; imported only where one is shown."""
+"""Progress bar on a terminal; imported only when a bar is shown, because importing rich is slow."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from rich.progress import (
 
 from geo.texts import printable
 
-# All in one line of 80 columns: what is wider is wrapped by the terminal, and its rest is never removed.
+# Widths for one line of 80 columns. A terminal wraps a longer line, and rich would not erase the rest.
 _DESCRIPTION, _BAR = 24, 20
 _REFRESHES_S = 4.0
 
 
 class Bars:
-    """Shows one bar, that of what is being done now; it is gone once that is done."""
+    """A single bar for the current task, removed when the task is done."""
 
     def __init__(self, console: Console) -> None:
         self._console = console
@@ -39,7 +39,7 @@ class Bars:
         self.show(True)
 
     def update(self, what: str, done: float, total: float) -> None:
-        """Show how far something is."""
+        """Show the progress of a task."""
         total = max(total, 1e-9)
         if what not in self._tasks:
             self._tasks[what] = self._progress.add_task(printable(what), total=total)
@@ -49,14 +49,14 @@ class Bars:
         self._progress.update(self._tasks[what], completed=done, total=total, visible=done < total)
 
     def show(self, wanted: bool) -> None:
-        """Show the bar, or take it away."""
+        """Show the bar, or hide it."""
         progress = self._progress
         if progress.live.is_started == wanted:
             return
         if not wanted:
             progress.stop()
             return
-        # One that was stopped remembers where it was, and would erase what was written there since.
+        # A stopped `Live` remembers its position, and would erase text written there since.
         progress.live = Live(
             console=self._console,
             refresh_per_second=_REFRESHES_S,

@@ -1,4 +1,4 @@
-"""``wbf-mission bench``: many runs that can be compared."""
+"""``wbf-mission bench``: many comparable runs."""
 
 from __future__ import annotations
 
@@ -60,12 +60,16 @@ _TOLD_EVERY_S = 60.0
 def list_command(
     output: Output,
     families: Annotated[
-        bool, option("List the families of scenarios: what differs, who is at home.", "--families")
+        bool,
+        option(
+            "List the families of scenarios, with their differences from the benchmark's own world.",
+            "--families",
+        ),
     ] = False,
 ) -> int:
-    """List the scenarios that results can be compared by.
+    """List the scenarios of the catalogue, by which results can be compared.
 
-    What an id means never changes; a change gets a new version.
+    The meaning of an id never changes; a changed scenario gets a new version.
     """
     from msgspec import to_builtins
 
@@ -73,26 +77,26 @@ def list_command(
 
     if families:
         found = known.families()
-        rows = [[one.name, one.about, one.at_home, "\n".join(one.scenarios)] for one in found]
+        rows = [[family.name, family.about, family.at_home, "\n".join(family.scenarios)] for family in found]
         header = ["family", "what differs", "at home", "scenarios"]
         output.table(to_builtins(found), header, rows, left=True)
         return ExitCode.GOOD
     values = [
         {
-            "scenario": one,
-            "about": known.about_scenario(one),
-            "family": None if (family := known.family_of(one)) is None else family.name,
-            "meaning": _meaning(known.load_scenario(one)),
+            "scenario": name,
+            "about": known.about_scenario(name),
+            "family": None if (family := known.family_of(name)) is None else family.name,
+            "meaning": _meaning(known.load_scenario(name)),
         }
-        for one in known.scenario_ids()
+        for name in known.scenario_ids()
     ]
-    rows = [[str(one["scenario"]), str(one["family"] or ""), str(one["about"])] for one in values]
+    rows = [[str(listed["scenario"]), str(listed["family"] or ""), str(listed["about"])] for listed in values]
     output.table(values, ["scenario", "family", "what it is"], rows, left=True)
     return ExitCode.GOOD
 
 
 def _meaning(scenario: Scenario) -> str | None:
-    """Return the digest of a scenario's meaning; None where its kind of vehicle is not installed."""
+    """Return the digest of a scenario's meaning; None if its kind of vehicle is not installed."""
     from sim_vehicle.errors import VehicleError
     from wbf_mission.bench.digests import meaning_of
 
@@ -107,23 +111,23 @@ def _meaning(scenario: Scenario) -> str | None:
 def show_command(
     output: Output, scenario: Annotated[str, typer.Argument(help="An id (see 'bench list') or a file.")]
 ) -> int:
-    """Show what a scenario means: its farm, what is scored when, and what is not at its default."""
+    """Show a scenario: its farm, its scored fields and times, and its options that are not at defaults."""
     from msgspec import to_builtins
 
     from wbf_mission.bench.cards import card_of
     from wbf_mission.scenario import load_scenario
 
     card = card_of(scenario, load_scenario(scenario))
-    output.result(to_builtins(card), card.told())
+    output.result(to_builtins(card), card.entries())
     return ExitCode.GOOD
 
 
 def _choices(text: str, what: str) -> list[Choice]:
-    """Return what is named, separated by commas; also what stands in a file of the user's."""
+    """Return comma-separated planners, policies or estimators, by name or as FILE.py:NAME."""
     from wbf_mission.own_code import own_choice
     from wbf_mission.scenario.choice import choose, split_choices
 
-    return [own_choice(one, what) or choose(one, what) for one in split_choices(text, what)]
+    return [own_choice(name, what) or choose(name, what) for name in split_choices(text, what)]
 
 
 def selection(
@@ -144,13 +148,14 @@ def selection(
     seeds: Annotated[
         str | None,
         option(
-            "How many environments, from seed 0 on, or which: 100..139, or 5,7,100..139.", panel=RUN_PANEL
+            "Number of environments, from seed 0 on, or a list of seeds: 100..139, or 5,7,100..139.",
+            panel=RUN_PANEL,
         ),
     ] = None,
 ) -> dict[str, Any]:
-    """Return what `BenchSpec.of` takes, of options that are given."""
+    """Return the given options as arguments of `BenchSpec.of`."""
     return {
-        "scenarios": None if scenarios is None else [one.strip() for one in scenarios.split(",")],
+        "scenarios": None if scenarios is None else [name.strip() for name in scenarios.split(",")],
         "planners": None if planners is None else _choices(planners, "planner"),
         "estimators": None if estimators is None else _choices(estimators, "estimator"),
         "seeds": seeds,
@@ -159,7 +164,7 @@ def selection(
 
 @dataclass(frozen=True, slots=True)
 class _Flying:
-    """How runs are flown."""
+    """Options of the execution of runs."""
 
     jobs: options.Jobs = 1
     dask: Annotated[
@@ -170,12 +175,12 @@ class _Flying:
             metavar="ADDRESS",
         ),
     ] = None
-    retry: Annotated[bool, option("Fly again what failed.", "--retry")] = False
+    retry: Annotated[bool, option("Repeat failed runs.", "--retry")] = False
 
     def rows(
         self, output: Output, wanted: BenchSpec, out: Path | None, context: typer.Context
     ) -> tuple[list[BenchRow], bool]:
-        """Fly what is missing; return the rows, and whether Ctrl-C came."""
+        """Fly the missing runs; return all rows, and whether Ctrl-C came."""
         from wbf_mission.bench.benchmark import BenchmarkInterrupted, benchmark
 
         options.require_processes(self.jobs)
@@ -185,7 +190,7 @@ class _Flying:
                 how["command"] = shlex.join(["wbf-mission", *context.obj])
                 return benchmark(wanted, out=out, progress=progress, **how), False
         except BenchmarkInterrupted as stop:
-            output.warn(f"{stop}" + ("; the same command goes on with them" if out else ""))
+            output.warn(f"{stop}" + ("; the same command flies the others" if out else ""))
             return stop.rows, True
 
 
@@ -201,28 +206,28 @@ def run_command(
     spec: Annotated[
         Path | None,
         typer.Argument(
-            help="What to run (TOML); the options below change it.  [default: the paper's experiment]"
+            help="Specification (TOML); the options below change it.  [default: the paper's experiment]"
         ),
     ] = None,
     family: Annotated[
         str | None,
         option(
-            "A family (see 'bench list --families'): its scenarios, planners and estimators, where the"
-            " options below do not say others.",
+            "Family of scenarios (see 'bench list --families'), flown with its planners and estimators; the"
+            " options below override them.",
             panel=RUN_PANEL,
         ),
     ] = None,
     sealed: Annotated[
         Path | None,
-        option("The secret of a round ('bench seal'), whose environments are flown.", panel=RUN_PANEL),
+        option("Secret of a round ('bench seal'), to fly the round's environments.", panel=RUN_PANEL),
     ] = None,
     selected: dict[str, Any],
     flying: _Flying,
 ) -> int:
-    """Fly what is missing of a benchmark, and print what all of it tells.
+    """Fly the missing runs of a benchmark, and print the standings.
 
-    Each run that ends is kept at once: the same command goes on after Ctrl-C, and when it was killed. A run
-    that fails is kept with the cause, and the others go on.
+    Each row is stored when its run ends, so the same command continues after Ctrl-C or a kill. A failed run
+    is stored with its cause, and the other runs continue.
     """
     from wbf_mission.bench.spec import BenchSpec
     from wbf_mission.scenario import ScenarioError, get_family
@@ -232,7 +237,7 @@ def run_command(
             raise ScenarioError(f"--family {family} and {spec}: give one of them")
         of = get_family(family)
         whole = {"scenarios": of.scenarios, "planners": of.planners, "estimators": of.estimators}
-        selected |= {key: list(one) for key, one in whole.items() if selected[key] is None}
+        selected |= {key: list(names) for key, names in whole.items() if selected[key] is None}
     if sealed is not None:
         from wbf_mission.bench.sealed import of_round
 
@@ -249,7 +254,7 @@ _OPTIONS = options.taken_by(selection)
 
 @app.command("compare", cls=HelpCommand, epilog=COMPARE_EXAMPLES)
 @options.speaks()
-@options.gives("selected", selection, {key: (_OPTIONS[key][0], one) for key, one in _COMPARED.items()})
+@options.gives("selected", selection, {key: (_OPTIONS[key][0], value) for key, value in _COMPARED.items()})
 @options.gives("flying", _Flying)
 def compare_command(
     output: Output,
@@ -259,14 +264,14 @@ def compare_command(
     against: Annotated[
         str, option("Planners and policies, separated by commas.", panel=RUN_PANEL)
     ] = "greedy",
-    out: Annotated[Path | None, option("Folder of the results.  [default: they are not kept]")] = None,
+    out: Annotated[Path | None, option("Folder of the results.  [default: they are not stored]")] = None,
     selected: dict[str, Any],
     flying: _Flying,
 ) -> int:
-    """Tell whether a planner or policy is better than others, on the same environments.
+    """Compare a planner or policy with others, on the same environments.
 
-    Differences of scores, positive where the first is better, with intervals of 95 %. With --out, only what
-    is missing is flown.
+    Prints differences of scores with 95 % intervals, positive if the first is better. With --out, only
+    missing runs are flown.
     """
     from dataclasses import asdict
 
@@ -276,23 +281,23 @@ def compare_command(
 
     wanted = BenchSpec.of(**selected | {"planners": _choices(f"{mine},{against}", "planner")})
     rows, interrupted = flying.rows(output, wanted, out, context)
-    first, *others = (str(one) for one in wanted.planners)
+    first, *others = map(str, wanted.planners)
     found = compare(rows, first, others)
     values = [
-        asdict(one) | {"verdict": verdict(one.score), "final_verdict": verdict(one.final_score)}
-        for one in found
+        asdict(pair) | {"verdict": verdict(pair.score), "final_verdict": verdict(pair.final_score)}
+        for pair in found
     ]
     table = [
         [
-            f"{one.scenario}, {one.estimator}",
-            one.against,
-            *bench_output.difference(one.score),
-            verdict(one.score),
-            *bench_output.difference(one.final_score),
-            verdict(one.final_score),
-            "-" if math.isnan(one.better) else f"{one.better:.0%} of {one.environments}",
+            f"{pair.scenario}, {pair.estimator}",
+            pair.against,
+            *bench_output.difference(pair.score),
+            verdict(pair.score),
+            *bench_output.difference(pair.final_score),
+            verdict(pair.final_score),
+            "-" if math.isnan(pair.better) else f"{pair.better:.0%} of {pair.environments}",
         ]
-        for one in found
+        for pair in found
     ]
     of_score = ("95 %", "verdict")
     header = ["scenario, estimator", "against", "run", *of_score, "end", *of_score, "better on"]
@@ -312,7 +317,7 @@ def report_command(
         option("Write a report into this folder: report.md, report.html and a picture for each scenario."),
     ] = None,
 ) -> int:
-    """Print what the results in a folder tell, also while they are made, or write it as a report."""
+    """Print the standings of the results in a folder, also during a benchmark, or write a report."""
     from wbf_mission.bench.report import report_page
     from wbf_mission.bench.requests import read_asked
     from wbf_mission.bench.rows import read_rows
@@ -329,6 +334,6 @@ def report_command(
         write_page(out / "report.html", page, out, rows)
         pictures = [picture.file for section in page.sections for picture in section.pictures]
         files = ["report.md", "report.html", *pictures]
-        output.note(f"written: {', '.join(str(out / one) for one in files)}")
+        output.note(f"written: {', '.join(str(out / file) for file in files)}")
     bench_output.print_standings(output, rows, title=f"{folder}: {len(rows)} runs")
     return ExitCode.GOOD

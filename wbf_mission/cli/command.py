@@ -1,4 +1,4 @@
-"""Commands that packages bring: entry points of one group, each a `Command`."""
+"""Commands provided by packages: entry points of one group, each a `Command`."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from wbf_mission.cli.help import HelpCommand
 from wbf_mission.cli.options import TargetError
 
 GROUP = "wbf_mission.commands"
-"""Entry points by the command's name; ``bench.NAME`` is one of ``wbf-mission bench``."""
+"""Group of entry points, named by command; ``bench.NAME`` becomes ``wbf-mission bench NAME``."""
 
 
 class Command(NamedTuple):
@@ -21,11 +21,11 @@ class Command(NamedTuple):
     Attributes
     ----------
     call : callable
-        As `typer` takes it; its docstring is the help.
+        Function with parameters for `typer`; its docstring is the help.
     examples : str
         A heading, and a line for each example.
     beginners : tuple of str
-        The options that ``--help`` shows, of a command with more than twenty; ``--help-all`` shows all.
+        Options in ``--help``, for a command with more than twenty; ``--help-all`` shows all.
     """
 
     call: Callable[..., Any]
@@ -33,15 +33,15 @@ class Command(NamedTuple):
     beginners: tuple[str, ...] = ()
 
     def add_to(self, app: typer.Typer, name: str, **settings: Any) -> None:
-        """Add the command to a group; `settings` are those of its context."""
+        """Add the command to a group; `settings` are context settings of typer."""
         kind = HelpCommand.showing(self.beginners)
         app.command(name, cls=kind, epilog=self.examples, context_settings=settings)(self.call)
 
 
 def add_commands(apps: dict[str, typer.Typer]) -> None:
-    """Add the commands that packages registered to the groups, by the groups' names; the root's is empty.
+    """Add the commands of packages to the groups in `apps`, by group name; the root's name is empty.
 
-    A command that cannot be loaded is there, too, and says why.
+    A command that cannot be loaded is added too, and raises the error when it is called.
     """
     for entry in sorted(entry_points(GROUP), key=lambda entry: entry.name):
         group, _, name = entry.name.rpartition(".")

@@ -1,4 +1,4 @@
-"""A rich console that prints text as it is; imported only when something is printed (rich takes a while)."""
+"""Rich console for plain text; imported only to print, because importing rich is slow."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from rich.console import Console
 
 
 class PlainConsole(Console):
-    """A console without markup, emoji codes and highlighting, as wide as the terminal unless told."""
+    """Console without markup, emoji codes and highlighting; `width` defaults to that of the terminal."""
 
     def __init__(self, stream: IO[str], *, width: int | None = None, wrap: bool = True) -> None:
         super().__init__(
@@ -16,5 +16,5 @@ class PlainConsole(Console):
         )
 
     def on_broken_pipe(self) -> None:
-        """Let the caller decide what it means that nobody reads (rich would end the process)."""
+        """Raise the error to the caller, where rich would end the process."""
         raise

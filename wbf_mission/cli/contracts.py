@@ -31,18 +31,18 @@ def check_planner_command(
     land: Annotated[
         str | None,
         option(
-            "The kinds of land that it is made for, separated by commas: convex, concave, pierced, apart"
-            " (parts that do not hang together).",
+            "Kinds of land that the planner is made for, separated by commas: convex, concave, pierced, apart"
+            " (disconnected parts).",
             "--land",
             metavar="KINDS",
             show_default="all",
         ),
     ] = None,
 ) -> int:
-    """Check that a planner keeps its contract: budget, area, the same path again."""
+    """Check that a planner keeps its contract: budget, area, repeatable paths."""
     from mission.planners.conformance import LANDS, check_planner
 
-    lands = LANDS if land is None else tuple(one.strip() for one in land.split(","))
+    lands = LANDS if land is None else tuple(kind.strip() for kind in land.split(","))
     return _run(output, name, "planner", lambda choice: check_planner(choice.chosen, lands, **choice.params))
 
 
@@ -50,8 +50,9 @@ def check_planner_command(
 def check_policy_command(output: Output, name: _Name) -> int:
     """Check that a policy keeps its contract.
 
-    Budget, area, the same answers again, no truth, sensible answers when nothing or all was seen and when a
-    vehicle is lost; and how much of its computing time it takes.
+    The checks are: budget, area, repeatable answers, no use of the truth, and sensible answers when no cell
+    or every cell was observed and when a vehicle is lost. The share of the allowed computing time is
+    measured.
     """
     from mission.policies.conformance import check_policy
 
@@ -60,7 +61,7 @@ def check_policy_command(output: Output, name: _Name) -> int:
 
 @options.speaks(quiet=False)
 def check_estimator_command(output: Output, name: _Name) -> int:
-    """Check that an estimator keeps its contract: scikit-learn's habits, shapes, ranges, equal maps."""
+    """Check that an estimator keeps its contract: scikit-learn's conventions, shapes, ranges, equal maps."""
     from sensors.estimators import check_estimator
     from sensors.fields import PAPER_FIELDS
     from wbf_mission.run.estimation import estimator_of
@@ -71,7 +72,7 @@ def check_estimator_command(output: Output, name: _Name) -> int:
 
 
 def _run(output: Output, name: str, what: str, check: Callable[[Choice], Any]) -> int:
-    """Check what is named; what a check measured, if anything, is told, too."""
+    """Run a contract check on a named planner, policy or estimator, and print its result."""
     from geo.errors import told_error, users_line
     from wbf_mission.own_code import own_choice
     from wbf_mission.scenario.choice import choose
@@ -82,7 +83,7 @@ def _run(output: Output, name: str, what: str, check: Callable[[Choice], Any]) -
         measured = check(choice)
     except AssertionError as error:
         text = str(error) if users_line(error) is None else told_error(error)
-        broken = " ".join(text.split()) or "a check failed without saying why"
+        broken = " ".join(text.split()) or "a check failed without a message"
     except Exception as error:
         if users_line(error) is None or isinstance(error, MemoryError):
             raise
@@ -91,7 +92,7 @@ def _run(output: Output, name: str, what: str, check: Callable[[Choice], Any]) -
     rows = {what: str(choice), "contract": "kept" if broken is None else f"broken: {broken}"}
     if measured is not None:
         values |= {"decisions": measured.decisions, "time_share": measured.time_share}
-        rows["computing time"] = f"{measured.time_share:.1%} of what it has"
+        rows["computing time"] = f"{measured.time_share:.1%} of the allowed time"
         rows["decisions"] = str(measured.decisions)
     output.result(values, rows)
     return ExitCode.GOOD if broken is None else ExitCode.NOT_GOOD

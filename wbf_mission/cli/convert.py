@@ -28,9 +28,9 @@ wbf-mission convert track.gpx track.plan --altitude 25 --json
 def write_and_tell(
     output: Output, mission: Mission, path: Path, firmware: Firmware
 ) -> tuple[Mission, list[Loss]]:
-    """Write what one file can hold of a mission, and say what is not kept; return both.
+    """Write a mission as far as the file's format can hold it; return the written part and the losses.
 
-    What the vehicle would fly otherwise without is a warning, the rest are notes.
+    Losses are printed: those that change the flight as warnings, the others as notes.
     """
     from mission.files import fitted, losses, write_mission
 
@@ -54,16 +54,17 @@ def convert_command(
     source: Annotated[Path, typer.Argument(help=f"A mission or a drawn path: {_READ}.")],
     target: Annotated[Path, typer.Argument(help="The file to write: such a mission, or .wpml.kmz for DJI.")],
     autopilot: Annotated[
-        Literal["px4", "ardupilot"], option("Whose numbers a .plan or .waypoints holds.", "--autopilot")
+        Literal["px4", "ardupilot"],
+        option("Autopilot whose numbers a .plan or .waypoints uses.", "--autopilot"),
     ] = "px4",
     altitude: Annotated[
         float | None,
-        option("Metres above home of the waypoints of a drawn path.", "--altitude", parser=options.number),
+        option("Height above home of a drawn path's waypoints, m.", "--altitude", parser=options.number),
     ] = None,
-    path: Annotated[str | None, option("Which of several drawn paths, by its name.", "--path")] = None,
+    path: Annotated[str | None, option("Name of the drawn path, if the file has several.", "--path")] = None,
     overwrite: Overwrite = False,
 ) -> None:
-    """Read a mission or a drawn path from one file and write it as another, and say what is not kept."""
+    """Convert a mission or a drawn path to another file format, and report losses."""
     from dataclasses import asdict, astuple
 
     from mission.files import Firmware, open_mission, writer_for
@@ -93,7 +94,7 @@ def convert_command(
         "home": "unknown" if home is None else f"{home[0]:.7f}, {home[1]:.7f}, {home[2]:g} m above sea level",
         "fence items": str(len(kept.fence)),
         "rally points": str(len(kept.rally)),
-        "losses": f"{len(lost)}, told on stderr" if lost else "none",
+        "losses": f"{len(lost)}, listed on stderr" if lost else "none",
         "file": str(target),
     }
     output.result(values, rows, title="Converted")

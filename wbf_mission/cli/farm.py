@@ -39,11 +39,11 @@ FarmArgument = Annotated[
 _READS_FARM = options.scenario_options(
     FarmOptions, without=(*options.OF_DAYS, "farm", "fields", "seed", "scenario")
 )
-"""Gives a command, whose farm is an argument, the options that say how it is read."""
+"""Decorator that adds the options for reading a farm file, for a command with the farm as an argument."""
 
 
 def _load(given: options.Given, name: str, output: Output) -> Farm:
-    """Return the farm, and say what its user should know of how it was read."""
+    """Return the farm, and print the notes of its reader."""
     farm = replace(given.scenario().farm, name=name).load()
     output.notes(farm.notes)
     return farm
@@ -74,7 +74,7 @@ _PLACE = ("frame.latitude_deg", "frame.longitude_deg")
 
 
 def _values(farm: Any, *names: str) -> dict[str, Any]:
-    """Return attributes by the last part of their names."""
+    """Return attributes of a farm by the last part of their dotted names."""
     return {name.rpartition(".")[2]: attrgetter(name)(farm) for name in names}
 
 
@@ -103,17 +103,17 @@ def show_command(given: options.Given, output: Output, *, farm: FarmArgument) ->
         "home_m": list(shown.home_m),
         "crops": counts,
         "patches": [
-            {"name": one.name, "crop": str(one.crop), "owner": one.owner, "area_m2": one.polygon.area}
-            for one in shown.patches
+            {"name": patch.name, "crop": str(patch.crop), "owner": patch.owner, "area_m2": patch.polygon.area}
+            for patch in shown.patches
         ],
         "obstacles": [
             {
-                **_values(one, "name", "height_m", "margin_m"),
-                "bounds_m": list(one.polygon.bounds),
-                "area_m2": one.polygon.area,
-                "from_home_m": one.polygon.distance(home),
+                **_values(obstacle, "name", "height_m", "margin_m"),
+                "bounds_m": list(obstacle.polygon.bounds),
+                "area_m2": obstacle.polygon.area,
+                "from_home_m": obstacle.polygon.distance(home),
             }
-            for one in shown.obstacles
+            for obstacle in shown.obstacles
         ],
         "rally_m": [list(place) for place in shown.rally_m],
         "notes": list(shown.notes),
@@ -130,14 +130,14 @@ def show_command(given: options.Given, output: Output, *, farm: FarmArgument) ->
             for name, count in counts.items()
             if count["cells"]
         },
-        **{f"patch {i}": f"{one.name} ({one.crop}, {one.owner})" for i, one in enumerate(shown.patches, 1)},
+        **{f"patch {i}": f"{p.name} ({p.crop}, {p.owner})" for i, p in enumerate(shown.patches, 1)},
         **{
-            f"obstacle {i}": f"{one.name + ': ' if one.name else ''}x {x0:.1f} to {x1:.1f} m, "
-            f"y {y0:.1f} to {y1:.1f} m; {one.polygon.area:.1f} m2, "
-            f"{'not to be flown over' if one.height_m is None else f'{one.height_m:g} m high'}, "
-            f"{distance(one.polygon.distance(home))} from home"
-            for i, one in enumerate(shown.obstacles, 1)
-            for x0, y0, x1, y1 in [one.polygon.bounds]
+            f"obstacle {i}": f"{obstacle.name + ': ' if obstacle.name else ''}x {x0:.1f} to {x1:.1f} m, "
+            f"y {y0:.1f} to {y1:.1f} m; {obstacle.polygon.area:.1f} m2, "
+            f"{'not to be flown over' if obstacle.height_m is None else f'{obstacle.height_m:g} m high'}, "
+            f"{distance(obstacle.polygon.distance(home))} from home"
+            for i, obstacle in enumerate(shown.obstacles, 1)
+            for x0, y0, x1, y1 in [obstacle.polygon.bounds]
         },
         **{
             f"rally point {i}": f"{distance(x)} east, {distance(y)} north of the origin"
@@ -183,7 +183,7 @@ def save_command(
     out: Annotated[Path, option("GeoJSON file.")],
     overwrite: Overwrite = False,
 ) -> None:
-    """Save a farm as GeoJSON: one from another program's file, mended, or a start for one of your own."""
+    """Save a farm as GeoJSON, to convert or repair another program's file, or to start one of your own."""
     from geo import save_farm
 
     refuse_overwrite(out, [farm], suffixes=(".geojson",), overwrite=overwrite)
@@ -207,7 +207,7 @@ def generate_command(
     given: options.Given,
     output: Output,
     count: Annotated[
-        int, option("How many environments.", parser=options.whole_number_in(1, 100_000), min=1, max=100_000)
+        int, option("Number of environments.", parser=options.whole_number_in(1, 100_000), min=1, max=100_000)
     ] = 1,
     days: Annotated[
         int | None,
@@ -222,7 +222,7 @@ def generate_command(
 ) -> int:
     """Generate environments of a farm: diseases and soil on each day, as Zarr stores.
 
-    Ctrl-C keeps what is finished, and the same command goes on with it.
+    Ctrl-C keeps the finished environments, and the same command makes the others.
     """
     import time
 
@@ -255,7 +255,9 @@ def generate_command(
                 progress=lambda done, total: progress("environments", done, total),
             )
     except KeyboardInterrupt:
-        output.warn(f"stopped; what is finished in {folder} is kept, and the same command goes on with it")
+        output.warn(
+            f"stopped; finished environments in {folder} are kept, and the same command makes the others"
+        )
         return ExitCode.INTERRUPTED
     seconds = time.perf_counter() - begin
     size = sum(path.stat().st_size for path in ensemble.folder.rglob("*") if path.is_file())
@@ -282,7 +284,7 @@ def generate_command(
 
 
 def _days(text: str) -> list[int]:
-    """Read ``0,6,10-15``.
+    """Parse a list of days, such as ``0,6,10-15``.
 
     >>> _days("0,4-6")
     [0, 4, 5, 6]
@@ -300,7 +302,7 @@ def _days(text: str) -> list[int]:
 
 
 def _ranges(days: tuple[int, ...]) -> str:
-    """Write days as ``0, 4-6``.
+    """Return days as a list of ranges, such as ``0, 4-6``.
 
     >>> _ranges((0, 4, 5, 6))
     '0, 4-6'
@@ -314,7 +316,7 @@ def _ranges(days: tuple[int, ...]) -> str:
 
 
 def _file_name(farm: str) -> Path:
-    """A picture's name from a farm's, which may hold anything.
+    """Return a safe picture name for a farm, whose own name may contain any characters.
 
     >>> _file_name("../[bold]x[/nope]")
     PosixPath('bold-x-nope.png')

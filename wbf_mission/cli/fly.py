@@ -16,7 +16,7 @@ from mission.outcome import in_words
 from wbf_mission.cli import options, signals
 from wbf_mission.cli.live import SPEED, LivePage
 from wbf_mission.cli.options import Force, option
-from wbf_mission.cli.output import Output, told
+from wbf_mission.cli.output import Output, filled
 from wbf_mission.exit_codes import ExitCode, exit_code_of_flight
 from wbf_mission.progress import Progress
 from wbf_mission.scenario import (
@@ -58,7 +58,7 @@ BEGINNERS = (
 
 @dataclass(frozen=True, slots=True)
 class _Links:
-    """The links to vehicles that fly in place of simulated ones, if there are any."""
+    """Options of the links to real vehicles."""
 
     connect: Annotated[
         list[str] | None,
@@ -82,7 +82,7 @@ class _Links:
     via: options.Via = "own"
 
     def counted(self, given: options.Given) -> options.Given:
-        """Return what was given with the number of vehicles: so many links fly together."""
+        """Return the given options with the number of vehicles, taken from the number of links."""
         count = max(len(self.connect or ()), len(self.system_id or ()))
         if not self.connect or count < 2:
             return given
@@ -91,7 +91,7 @@ class _Links:
     def live(
         self, output: Output, orders: Orders | None, *, force: bool, simulates: bool, change_s: float
     ) -> LiveLink | None:
-        """Return the links, with the operator at this terminal; not where a simulated flight is wanted."""
+        """Return the links, with the operator at this terminal; None for a simulated flight."""
         if not self.connect:
             if self.yes or self.system_id or self.via != "own":
                 with_link = "--yes, --system-id and --via go with --connect"
@@ -102,7 +102,7 @@ class _Links:
         from wbf_mission.live.link import LiveLink, via_named
 
         if not self.yes and orders is None and not sys.stdin.isatty():
-            msg = "--connect asks before the motors start, but nobody is at the terminal: give --yes"
+            msg = "--connect asks before the motors start, but there is no terminal: give --yes"
             raise ScenarioError(msg)
         via = via_named(self.via)
         if simulates:
@@ -126,7 +126,7 @@ _OUT = options.OUTPUT_PANEL
 
 @dataclass(frozen=True, slots=True)
 class _Saving:
-    """Where the results go, if anywhere, and with which pictures."""
+    """Options of the results: folder, files and pictures."""
 
     out: Annotated[
         Path | None,
@@ -155,14 +155,14 @@ class _Saving:
     ] = False
 
     def products(self) -> list[str]:
-        """Return the names of the products that are written beside the results."""
+        """Return the names of the products to write in addition to the results."""
         from wbf_mission.results.products import ANIMATION, TREATMENT
 
         wanted = {ANIMATION: self.animate, TREATMENT: self.treatment_map}
         return [name for name in wanted if wanted[name]]
 
     def require_products(self, chosen: Scenario) -> None:
-        """Refuse a product that could not be written, before anything flies."""
+        """Raise an error before the flight if a product could not be written."""
         from wbf_mission.results.products import product
 
         if not self.files and (self.animate or self.treatment_map):
@@ -173,7 +173,7 @@ class _Saving:
             product(name).require(chosen)
 
     def write(self, result: Result, folder: ResultFolder | None, progress: Progress) -> bool:
-        """Write the results, if that is wanted; return False if Ctrl-C came between."""
+        """Write the results, unless `folder` is None; return False if Ctrl-C interrupted the writing."""
         try:
             if folder is not None:
                 folder.write(
@@ -190,7 +190,7 @@ class _Saving:
     def folder(
         self, given: options.Given, chosen: Scenario, output: Output, *, real: bool
     ) -> ResultFolder | None:
-        """Return the folder of the run, which holds nothing that it reads."""
+        """Return the folder for the results, which must not contain an input; None without files."""
         if not self.files:
             return None
         from wbf_mission.results.writing import ResultFolder, run_name
@@ -234,7 +234,7 @@ def fly_command(
         float,
         option(
             "Duration of a battery change between sorties, s; with --connect and --yes the longest wait for"
-            " it.",
+            " the change.",
             panel="What to run",
             parser=options.number,
         ),
@@ -258,9 +258,9 @@ def fly_command(
     ] = True,
     force: Force = False,
 ) -> int:
-    """Do the whole job: plan, upload over MAVLink, fly, look, estimate, score; offline, or with --connect.
+    """Plan, upload over MAVLink, fly, observe, estimate and score, in simulation or with --connect.
 
-    One vehicle flies a mission that is longer than its battery in sorties.
+    A mission of a single vehicle that is longer than a battery is flown in sorties.
     Writes the plan, a telemetry log, the observations, the information model with the truth, a summary
     and pictures.
     """
@@ -290,7 +290,7 @@ def fly_command(
                 stack.enter_context(folder)
             if folder is not None and live is None:
                 kept = f"interrupted: what was flown is estimated and saved in {folder.path}"
-                # From the flight's beginning.
+                # The log exists once the flight has begun.
                 stack.enter_context(
                     signals.announcing(f"{kept}; again ends at once", when=folder.tlog.exists)
                 )
@@ -320,7 +320,7 @@ def fly_command(
 def _show(
     output: Output, result: Result, summary: dict[str, Any], *, interrupted: bool, simulated: bool
 ) -> None:
-    """Print what a run gave, and what its user should know."""
+    """Print the result of a run, with its notes and warnings."""
     output.notes(result.farm.notes, "farm")
     if simulated and (left := result.budget_left):
         output.notes([left])
@@ -336,7 +336,8 @@ def _show(
     if result.rest is not None and summary["files"]:
         folder = summary["files"]
         output.note(
-            f"what is left is {folder}/rest.plan: go on with fly --mission, or plan --resume {folder}"
+            f"the rest of the mission is {folder}/rest.plan: continue with fly --mission, or plan --resume"
+            f" {folder}"
         )
     title = f"{result.farm.name}: {result.plan.planner or 'mission file'}, {result.estimator}"
     title += f", {result.plan.vehicle.name}, seed {result.scenario.seed}"
@@ -350,30 +351,30 @@ def _show(
 
 
 def _rows(result: Result, summary: Mapping[str, Any], *, simulated: bool) -> dict[str, str]:
-    """Return what the terminal shows of a run."""
+    """Return the rows of a run's table."""
     transfer = summary["transfer"]
     losses = ", ".join(
         f"{name} {value:.4g}" for name, value in summary["losses"].items() if value is not None
     )
-    # Of a policy only the first path is known before.
+    # With a policy, only the first path is known before the flight.
     plans = result.scenario.mission.policy is None
-    predicted = told(" (predicted {predicted_coverage:.2%})", summary) if plans else ""
+    predicted = filled(" (predicted {predicted_coverage:.2%})", summary) if plans else ""
     rows = {
         "outcome": in_words(result.outcome, result.reason),
-        "score": told("{score:.5f} over the run, {final_score:.5f} at the end (0 is perfect)", summary),
+        "score": filled("{score:.5f} over the run, {final_score:.5f} at the end (0 is perfect)", summary),
         "loss a cell at the end": losses or "-",
         **(result.report.rows() if result.report is not None else {}),
-        "observations": told("{observations}, of {cells_observed} different cells", summary),
-        "coverage": told("{coverage:.2%} of the land to be seen", summary) + predicted,
+        "observations": filled("{observations}, of {cells_observed} different cells", summary),
+        "coverage": filled("{coverage:.2%} of the land to be seen", summary) + predicted,
         "flown": result.flown(predicted=plans),
         **_sortie_rows(result),
         **_decision_rows(result),
-        "battery used": told("{battery_used:.1%}", summary),
+        "battery used": filled("{battery_used:.1%}", summary),
         "mission transfer": f"{transfer['items']} items, {transfer['retries']} retries, "
         + ("verified" if transfer["verified"] else "not verified"),
         "wall time": f"{duration(summary['wall_time_s'])}: "
         + ", ".join(f"{name} {seconds:.2f} s" for name, seconds in summary["timings_s"].items()),
-        **({"flight speed": told("{realtime_factor:.0f} x real time", summary)} if simulated else {}),
+        **({"flight speed": filled("{realtime_factor:.0f} x real time", summary)} if simulated else {}),
         "files": summary["files"] or "not written",
         **({"see it": f"wbf-mission report {shlex.quote(summary['files'])}"} if summary["files"] else {}),
     }
@@ -383,26 +384,24 @@ def _rows(result: Result, summary: Mapping[str, Any], *, simulated: bool) -> dic
 
 
 def _sortie_rows(result: Result) -> dict[str, str]:
-    """Return how many sorties a mission longer than a battery took; nothing of any other."""
-    farm, vehicles = result.scenario.farm, len({one.system_id for one in result.flights})
+    """Return the row with the number of sorties; empty if there was only one."""
+    farm, vehicles = result.scenario.farm, len({flight.system_id for flight in result.flights})
     sorties = len(result.flights) // max(vehicles * farm.days * farm.flights_per_day, 1)
     return {"sorties": f"{sorties}, with a full battery each"} if sorties > 1 else {}
 
 
 def _decision_rows(result: Result) -> dict[str, str]:
-    """Return what the terminal tells of a policy's decisions; nothing of a planner's."""
+    """Return the row of a policy's decisions; empty for a planner."""
     if result.scenario.mission.policy is None:
         return {}
     from wbf_mission.replanning.record import PLANNED_PATH, SKIPPED
 
     records, skipped = result.decisions, result.skipped_flights
-    changes = [
-        one for record in records for one in record.changes if one.outcome not in (PLANNED_PATH, SKIPPED)
-    ]
-    flown = [one for one in changes if one.outcome == "flown"]
-    delays = [
-        one.effect_s - one.sent_s for one in flown if one.effect_s is not None and one.sent_s is not None
-    ]
+    changes = [change for record in records for change in record.changes]
+    changes = [change for change in changes if change.outcome not in (PLANNED_PATH, SKIPPED)]
+    flown = [change for change in changes if change.outcome == "flown"]
+    times_s = [(change.sent_s, change.effect_s) for change in flown]
+    delays = [effect - sent for sent, effect in times_s if sent is not None and effect is not None]
     refused = [record.refused for record in records if record.refused]
     text = f"{len(records)} questions, {len(flown)} of {len(changes)} changed paths flown"
     if delays:
@@ -415,15 +414,15 @@ def _decision_rows(result: Result) -> dict[str, str]:
 
 
 def _print_days(output: Output, result: Result) -> None:
-    """Print a table with a row for each day: score, and of each field how much is expected, with 90 %."""
+    """Print a table with a row for each day: the score, and each field's estimate with its 90 % interval."""
     from wbf_mission.maps.report import brief
 
     titles = [field.title for field in result.report.fields] if result.report is not None else []
     rows = []
-    for values, one in zip(result.by_day(), result.days, strict=True):
-        fields = [brief(field) for field in one.report.fields] if one.report is not None else []
+    for values, day in zip(result.by_day(), result.days, strict=True):
+        fields = [brief(field) for field in day.report.fields] if day.report is not None else []
         forms = ("{day}", "{flights}", "{observations}", "{score:.5f}", "{final_score:.5f}")
-        rows.append([*(told(form, values) for form in forms), *(fields or ["-"] * len(titles))])
+        rows.append([*(filled(form, values) for form in forms), *(fields or ["-"] * len(titles))])
     header = ["day", "flights", "observations", "score", "at its end", *titles]
     output.table(None, header, rows, title="Days")
 
@@ -431,20 +430,20 @@ def _print_days(output: Output, result: Result) -> None:
 def _print_fleet(output: Output, result: Result) -> None:
     """Print a table with a row for each vehicle."""
     rows = []
-    for number in sorted({one.system_id for one in result.flights}):
-        mine = [one for one in result.flights if one.system_id == number]
-        bad = next((one for one in mine if not one.outcome.is_good), mine[0])
-        batteries = [one.battery_used for one in mine if one.battery_used is not None]
+    for number in sorted({flight.system_id for flight in result.flights}):
+        flights = [flight for flight in result.flights if flight.system_id == number]
+        bad = next((flight for flight in flights if not flight.outcome.is_good), flights[0])
+        batteries = [flight.battery_used for flight in flights if flight.battery_used is not None]
         rows.append(
             [
                 str(number),
-                mine[0].plan.vehicle.name,
+                flights[0].plan.vehicle.name,
                 in_words(bad.outcome, bad.reason),
-                str(len(mine)),
-                distance(sum(one.track.length_m for one in mine)),
-                duration(sum(one.flight_time_s for one in mine)),
+                str(len(flights)),
+                distance(sum(flight.track.length_m for flight in flights)),
+                duration(sum(flight.flight_time_s for flight in flights)),
                 f"{max(batteries):.1%}" if batteries else "-",
-                str(sum(one.camera.images for one in mine)),
+                str(sum(flight.camera.images for flight in flights)),
             ]
         )
     header = ["vehicle", "name", "outcome", "flights", "flown", "time", "most battery", "images"]

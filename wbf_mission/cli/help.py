@@ -1,6 +1,6 @@
-"""Help pages: options by panel, or only those for beginners; examples as they are typed.
+"""Help pages: options by panel, or only those for beginners, with examples to copy.
 
-Plain text on purpose: drawing boxes around it would take longer than everything else that ``--help`` does.
+The text is plain because drawing rich's boxes would take longer than the rest of ``--help``.
 """
 
 from __future__ import annotations
@@ -20,31 +20,31 @@ HELP_ALL = "--help-all"
 
 
 class _Help:
-    """What the help of commands and of groups has in common."""
+    """Help layout shared by commands and groups."""
 
     def format_options(self: Any, ctx: Any, formatter: Any) -> None:
-        """Write arguments first, then the options of each panel in the order in which the panels are met."""
+        """Write the arguments, then the options of each panel, in the order of their first options."""
         sections: dict[str, list[tuple[str, str]]] = {_ARGUMENTS: []}
         for panel, parameter in self.shown(ctx):
             record = parameter.get_help_record(ctx)
             if record is not None:
                 name, text = record
                 sections.setdefault(panel, []).append((name.replace(" range>", ">"), text))
-        sections[_OPTIONS] = sections.pop(_OPTIONS, [])  # last: --help and what belongs nowhere else
+        sections[_OPTIONS] = sections.pop(_OPTIONS, [])  # the last panel: --help and options without a panel
         for title, rows in sections.items():
             if rows:
                 with formatter.section(title):
                     formatter.write_dl(rows)
 
     def shown(self: Any, ctx: Any) -> Iterable[tuple[str, Any]]:
-        """Return the parameters that the help shows, each with its panel."""
+        """Yield the parameters of the help page, each with its panel."""
         for parameter in self.get_params(ctx):
             is_argument = parameter.param_type_name == "argument"
             panel = _ARGUMENTS if is_argument else getattr(parameter, "rich_help_panel", None) or _OPTIONS
             yield panel, parameter
 
     def format_epilog(self: Any, ctx: Any, formatter: Any) -> None:  # noqa: ARG002
-        """Write the first line as a heading and the others as they are, so that they can be copied."""
+        """Write the first line as a heading and the other lines unwrapped, so that they can be copied."""
         if self.epilog:
             title, *lines = (line for line in self.epilog.splitlines() if line.strip())
             with formatter.section(title):
@@ -53,10 +53,10 @@ class _Help:
 
 
 class HelpCommand(_Help, TyperCommand):
-    """A command whose help shows its options by panel."""
+    """Command with its options by panel in the help."""
 
     beginners: ClassVar[tuple[str, ...]] = ()
-    """The options that ``--help`` shows, in this order, where ``--help-all`` shows the others; none: all."""
+    """Options in ``--help``, in this order; empty: all. ``--help-all`` shows the others."""
 
     def __init__(self, *args: Any, **settings: Any) -> None:
         super().__init__(*args, **settings)
@@ -66,11 +66,11 @@ class HelpCommand(_Help, TyperCommand):
 
     @classmethod
     def showing(cls, beginners: tuple[str, ...]) -> type[HelpCommand]:
-        """Return the class of a command whose ``--help`` shows these options; of none: all of its options."""
+        """Return a command class whose ``--help`` shows only the options `beginners`; all if empty."""
         return type(cls.__name__, (cls,), {"beginners": beginners})
 
     def shown(self, ctx: Any) -> Iterable[tuple[str, Any]]:
-        """Return the parameters that the help shows, each with its panel."""
+        """Return the parameters of the help page, each with its panel."""
         every = list(super().shown(ctx))
         if not self.beginners or ctx.meta.get(HELP_ALL):
             return every
@@ -80,13 +80,13 @@ class HelpCommand(_Help, TyperCommand):
         return [*arguments, *main, (_OPTIONS, by_flag["--help"]), (_OPTIONS, by_flag[HELP_ALL])]
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """Read the arguments; who wants to replace a file with ``--force`` is told what does it."""
+        """Parse the arguments; an unknown ``--force`` gets an error that points to ``--overwrite``."""
         try:
             return super().parse_args(ctx, args)
         except typer.TyperException as error:
             wanted = getattr(error, "option_name", None)
-            if wanted == "--force" and any("--overwrite" in one.opts for one in self.params):
-                msg = f"{ctx.command_path} has no --force: --overwrite replaces a file that is there"
+            if wanted == "--force" and any("--overwrite" in parameter.opts for parameter in self.params):
+                msg = f"{ctx.command_path} has no --force: --overwrite replaces an existing file"
                 raise TargetError(msg) from None
             raise
 
@@ -103,7 +103,7 @@ def _help_all(count: int) -> Any:
 
     @only.command()
     def command(_: bool = typer.Option(False, HELP_ALL, help=text, is_eager=True, callback=show)) -> None:
-        """Has the option, which only typer can make."""
+        """Define the option, because typer creates options only from commands."""
 
     (option,) = typer.main.get_command(only).params
     option.expose_value = False
@@ -111,20 +111,20 @@ def _help_all(count: int) -> Any:
 
 
 class HelpGroup(_Help, TyperGroup):
-    """A group of commands whose help looks like theirs; without a command it shows that help."""
+    """Group of commands with the same help layout; called without a command, it prints the help."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """Read the arguments; none at all: print the help and end with exit code 2."""
+        """Parse the arguments; without any, print the help and end with exit code 2."""
         if not args and not ctx.resilient_parsing:
             sys.stdout.write(ctx.get_help() + "\n")
             raise typer.Exit(ExitCode.BAD_INPUT)
         return super().parse_args(ctx, args)
 
     def format_options(self, ctx: Any, formatter: Any) -> None:
-        """Write the commands, each with its whole first sentence, then the options of the group itself."""
+        """Write the commands, each with the first sentence of its help, then the options of the group."""
         commands = ((name, self.get_command(ctx, name)) for name in self.list_commands(ctx))
         with formatter.section("Commands"):
             formatter.write_dl(
-                [(name, one.get_short_help_str(limit=200)) for name, one in commands if one is not None]
+                [(name, found.get_short_help_str(limit=200)) for name, found in commands if found is not None]
             )
         super().format_options(ctx, formatter)

@@ -1,4 +1,4 @@
-"""The page that shows what happens while it does: its options, and when it is served."""
+"""Options and serving of the live page."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ if TYPE_CHECKING:
 
 PANEL = "The live page"
 SPEED = 20.0
-"""Simulated seconds in a second of wall time of a flight that somebody wants to look at, unless told."""
+"""Default pace of a simulated flight with a live page, simulated seconds per second of wall time."""
 
 
 @dataclass(frozen=True, slots=True)
 class LivePage:
-    """Whether and where the page is served."""
+    """Options of the live page."""
 
     live: Annotated[
         int | None,
@@ -58,11 +58,11 @@ class LivePage:
 
     @property
     def wanted(self) -> bool:
-        """Whether the page is served."""
+        """Whether to serve the page."""
         return self.live is not None
 
     def check(self) -> None:
-        """Refuse options that have no effect, with ScenarioError."""
+        """Raise ScenarioError for options of the page without ``--live``."""
         given = {
             "--open": self.open_page,
             "--control": self.control,
@@ -75,7 +75,7 @@ class LivePage:
                 raise ScenarioError(msg)
 
     def orders(self, output: Output) -> Orders | None:
-        """Return what takes the page's orders, None where it may give none."""
+        """Return the channel for the page's orders; None unless ``--control`` is given."""
         self.check()
         if not self.control:
             return None
@@ -85,9 +85,10 @@ class LivePage:
 
     @contextmanager
     def serve(self, output: Output, events: EventStream, orders: Orders | None = None) -> Iterator[None]:
-        """Serve the page of a stream of events, if it is wanted; the page takes orders if there are `orders`.
+        """Serve the page of an event stream during the block, if ``--live`` is given.
 
-        LinkError if the port is taken; a ValueError of ours if there is no page, or the tiles cannot be used.
+        With `orders` the page can command the vehicles. LinkError if the port is in use, another
+        WbfMissionError if no page is installed or the tiles cannot be used.
         """
         self.check()
         if self.live is None:
@@ -96,13 +97,15 @@ class LivePage:
         page = live_page()(host=self.live_host, port=self.live, orders=orders, tiles=self.tiles)
         with page as (url, take):
             output.note(f"live page: {url}")
-            events.listen(take)  # Not before: its address, which may hold a token, is not for the page
+            events.listen(
+                take
+            )  # after the note, because the page must not show its own address with the token
             if self.open_page:
                 webbrowser.open(url)
             yield
 
     def stay(self, output: Output) -> None:
-        """Serve on after the run is over, until Ctrl-C; returns at once if no page is served."""
+        """Keep serving the page after the run until Ctrl-C; return at once if no page is served."""
         if self.live is None:
             return
         output.note("the page stays; Ctrl-C ends it")

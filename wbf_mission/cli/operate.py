@@ -14,7 +14,7 @@ from geo.texts import printable
 from wbf_mission.cli import options, signals
 from wbf_mission.cli.live import LivePage
 from wbf_mission.cli.options import option
-from wbf_mission.cli.output import Output, to_stdout, told
+from wbf_mission.cli.output import Output, filled, to_stdout
 from wbf_mission.events import RunBegun, RunEnded
 from wbf_mission.exit_codes import ExitCode
 from wbf_mission.scenario import FarmOptions
@@ -52,7 +52,7 @@ _COLUMNS = {
     "GPS": (13, "fix {gps_fix}, {of_satellites} sat"),
     "link": (14, "{link}"),
 }
-"""Headings of the lines, how wide their columns are, and what they tell of a vehicle."""
+"""Columns of the lines: heading, width, and the format of the cell."""
 
 
 _REPEATS_S = 30.0
@@ -82,12 +82,12 @@ def monitor_command(
     ] = None,
     interval: Annotated[float, option("Seconds between two reports.", parser=options.number)] = 1.0,
 ) -> int:
-    """Show what the vehicles on a link tell of themselves: mode, item, position, battery, link, texts.
+    """Show the telemetry of the vehicles on a link: mode, item, position, battery, link, texts.
 
-    A value that cannot be (a latitude of 95, a battery at 120 %) is warned of once, and marked with "!" in
-    its column; a text that comes again and again is shown each 30 s, with the number of times.
+    An impossible value (a latitude of 95, a battery at 120 %) causes one warning, and is marked with "!" in
+    its column. A repeated text is printed at most every 30 s, with the number of times.
 
-    With --live on a page, too: over a farm, if one is given, and with the mission that each vehicle holds.
+    With --live the vehicles and their missions are also shown on a page, over the farm if one is given.
     """
     from sim_vehicle.host.server import Server
     from sim_vehicle.host.simulation import StopReason
@@ -103,9 +103,9 @@ def monitor_command(
     output.notes(() if farm is None else farm.notes, "farm")
     orders = page.orders(output)
     watch = FleetWatch(output.warn if page.wanted else None)
-    told = _Told(output, watch)
+    printer = _Printer(output, watch)
     components: list[Component] = [watch] if orders is None else [watch, ControlStation(orders)]
-    # Ctrl-C is how it is ended by hand, at any moment.
+    # Ctrl-C is the normal way to end `monitor`, at any moment.
     with (
         contextlib.suppress(KeyboardInterrupt),
         page.serve(output, output.events, orders),
@@ -121,19 +121,19 @@ def monitor_command(
         while server.now_s < end_s:
             if server.run(until=looks, limit_s=min(interval, end_s - server.now_s)) is StopReason.STOPPED:
                 break
-            told.report(server.now_s)
-        told.report(server.now_s, last=True)
+            printer.report(server.now_s)
+        printer.report(server.now_s, last=True)
         output.events.tell(RunEnded(server.now_s, "ended", ""))
     code = signals.exit_code(ExitCode.GOOD)
     if code not in (ExitCode.GOOD, ExitCode.INTERRUPTED):
         return code
     if not watch.vehicles:
-        output.warn(f"{url}: nobody was heard")
+        output.warn(f"{url}: no vehicle was heard")
     return ExitCode.GOOD if watch.vehicles else ExitCode.NO_VEHICLE
 
 
 def _watched_farm(given: options.Given, page: LivePage) -> Farm | None:
-    """Return the farm over which vehicles are shown, if one is given; ScenarioError if it has no use."""
+    """Return the farm of the live page, if given; ScenarioError if there is no page."""
     from wbf_mission.scenario import ScenarioError
 
     farm = given.farm(None if given.file is None else given.scenario().farm.name)
@@ -146,28 +146,28 @@ def _watched_farm(given: options.Given, page: LivePage) -> Farm | None:
 
 
 def _named(heard: Contact) -> tuple[str, str]:
-    """Return name and kind of a vehicle that is heard."""
+    """Return name and kind of a discovered vehicle."""
     from sim_vehicle.airframe.kind import kind_of_type
 
     return heard.profile.name, kind_of_type(heard.monitor.vehicle_type)
 
 
-class _Told:
-    """Prints a watched fleet: one header, then a line for each vehicle and report, and its texts.
+class _Printer:
+    """Printer of a watched fleet: one header, then a line for each vehicle and report, and its texts.
 
-    A text that comes again and again is printed with the number of times, each 30 s at most.
+    A repeated text is printed at most every 30 s, with the number of times.
     """
 
     def __init__(self, output: Output, watch: FleetWatch) -> None:
         self._output, self._watch = output, watch
         self._texts: dict[int, int] = {}
-        # By vehicle, severity and text: when it was printed last, when it came last, how often since then.
+        # By vehicle, severity and text: time of the last print, time of the last receipt, count since then.
         self._waiting: dict[tuple[int, int, str], tuple[float, float, int]] = {}
         self._wrong: dict[int, set[str]] = {}
         self._headed = False
 
     def report(self, now_s: float, *, last: bool = False) -> None:
-        """Print what there is now, and the texts since the last time."""
+        """Print the state of each vehicle, and the texts since the last report."""
         for number, vehicle in self._watch.vehicles.items():
             texts = vehicle.texts.texts
             for time_s, severity, text in texts[self._texts.get(number, 0) :]:
@@ -177,15 +177,15 @@ class _Told:
             self._texts[number] = len(texts)
         self._print_texts(now_s, last=last)
         for vehicle in () if last else self._watch.vehicles.values():
-            one = vehicle.summary(now_s)
-            self._warn(one)
+            state = vehicle.summary(now_s)
+            self._warn(state)
             if self._output.as_json:
-                _json_line({"time_s": now_s, **one})
+                _json_line({"time_s": now_s, **state})
                 continue
             if not self._headed:
                 self._headed = True
                 _line(_aligned(_COLUMNS))
-            _line(_aligned(_row(one, now_s, silent=vehicle.is_silent(now_s))))
+            _line(_aligned(_row(state, now_s, silent=vehicle.is_silent(now_s))))
 
     def _print_texts(self, now_s: float, *, last: bool) -> None:
         for (number, severity, text), (printed_s, time_s, times) in list(self._waiting.items()):
@@ -200,20 +200,20 @@ class _Told:
                 _json_line(said | {"times": times})
             else:
                 often = f" ({times} times)" if times > 1 else ""
-                self._output.note(f"vehicle {number}: {text}{often}", tells=False)
+                self._output.note(f"vehicle {number}: {text}{often}", publish=False)
 
-    def _warn(self, one: dict[str, Any]) -> None:
-        """Say once of a value that cannot be that it is so."""
-        number, wrong = one["system_id"], one["impossible"]
+    def _warn(self, state: dict[str, Any]) -> None:
+        """Warn once of each impossible value."""
+        number, wrong = state["system_id"], state["impossible"]
         fresh = {key: value for key, value in wrong.items() if key not in self._wrong.get(number, ())}
         self._wrong[number] = set(wrong)
         if fresh and not self._output.as_json:
             values = ", ".join(f"{key} {value}" for key, value in fresh.items())
-            self._output.warn(f"vehicle {number}: it tells what cannot be: {values}")
+            self._output.warn(f"vehicle {number}: impossible values: {values}")
 
 
 def _json_line(values: dict[str, Any]) -> None:
-    """Print one line of JSON at once."""
+    """Print one line of JSON and flush it."""
     import msgspec
 
     _line(msgspec.json.encode(values).decode())
@@ -225,29 +225,28 @@ def _line(text: str) -> None:
 
 
 def _aligned(cells: Iterable[str]) -> str:
-    """Return cells as a line, each under its heading."""
+    """Return cells as one line, aligned with the headings."""
     widths = (width for width, _ in _COLUMNS.values())
     return "  ".join(cell.ljust(width) for cell, width in zip(cells, widths, strict=True)).rstrip()
 
 
-def _row(one: dict[str, Any], now_s: float, *, silent: bool) -> list[str]:
-    """Return what a line tells of a vehicle."""
+def _row(state: dict[str, Any], now_s: float, *, silent: bool) -> list[str]:
+    """Return the cells of a vehicle's line."""
     from mission.ground.link_state import milliseconds
 
-    link = told("{link_quality:.0%}", one)
-    if one["round_trip_s"] is not None:
-        link += f", {milliseconds(one['round_trip_s'])}"
+    link = filled("{link_quality:.0%}", state)
+    if state["round_trip_s"] is not None:
+        link += f", {milliseconds(state['round_trip_s'])}"
     more = {
         "now_s": now_s,
-        "yes_or_no": "yes" if one["armed"] else "no",
-        "of_items": "" if one["items"] is None else f" of {one['items']}",
-        "of_satellites": str(one["satellites"]),
-        "link": f"silent for {one['silent_s']:.0f} s" if silent else link,
+        "yes_or_no": "yes" if state["armed"] else "no",
+        "of_items": "" if state["items"] is None else f" of {state['items']}",
+        "of_satellites": str(state["satellites"]),
+        "link": f"silent for {state['silent_s']:.0f} s" if silent else link,
     }
-    cells = [told(form, one | more) for _, form in _COLUMNS.values()]
-    marks = (
-        "!" if any(f"{{{key}" in form for key in one["impossible"]) else "" for _, form in _COLUMNS.values()
-    )
+    forms = [form for _, form in _COLUMNS.values()]
+    cells = [filled(form, state | more) for form in forms]
+    marks = ("!" if any(f"{{{key}" in form for key in state["impossible"]) else "" for form in forms)
     return [cell + mark for cell, mark in zip(cells, marks, strict=True)]
 
 
@@ -262,14 +261,14 @@ def command_command(
             " NAME."
         ),
     ],
-    value: Annotated[str, typer.Argument(help="What the order takes.")] = "",
+    value: Annotated[str, typer.Argument(help="Height, item number or mode of the order.")] = "",
     arm: Annotated[
-        bool, option("The order mission may start the motors of a PX4 and take off.", "--arm")
+        bool, option("Allow the order mission to start the motors of a PX4 and take off.", "--arm")
     ] = False,
     system_id: options.SystemId = None,
     wait: options.Wait = 10.0,
 ) -> None:
-    """Give a vehicle one order, and wait until it shows that it obeys."""
+    """Give a vehicle one order, and wait until its telemetry shows that it obeys."""
     from mission.ground.command import MotorsStandError, OperatorCommand
 
     try:
@@ -284,7 +283,7 @@ def command_command(
 
 
 def _give(wanted: OperatorCommand, url: str, system_id: int | None, wait: float, output: Output) -> None:
-    """Give an order over a link of its own, and tell what came of it."""
+    """Open a link, give an order, and print the result."""
     from sim_vehicle.host.server import Server
     from sim_vehicle.host.simulation import StopReason
     from wbf_mission.live.command_session import CommandSession
@@ -309,5 +308,5 @@ def _give(wanted: OperatorCommand, url: str, system_id: int | None, wait: float,
         "value": wanted.value or None,
         "mode": session.mode,
     }
-    told = f"{wanted.order} {wanted.value}".strip()
-    output.result(done, {"vehicle": f"system {session.vehicle[0]}", "done": told, "mode": session.mode})
+    order = f"{wanted.order} {wanted.value}".strip()
+    output.result(done, {"vehicle": f"system {session.vehicle[0]}", "done": order, "mode": session.mode})

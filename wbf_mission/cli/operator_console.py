@@ -1,4 +1,4 @@
-"""The operator console: the terminal while a real vehicle flies."""
+"""Operator console: the terminal during the flight of real vehicles."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ _STATUS_S = 5.0
 _SILENCE_S = 5.0
 _OBEYS_S = 5.0
 _APART_M = 0.5 * SPACING_M
-"""Vehicles of a fleet that stand nearer to each other are told of."""
+"""Distance between vehicles on the ground below which the console warns (m)."""
 _STARTING = (Phase.ARM, Phase.START)
 _ABLE = (Stage.ASKING, Stage.WAITING)
 _QUESTION = "[h]old, [r]eturn, [l]eave it flying, [c]ontinue? Ctrl-C again leaves it flying"
@@ -42,16 +42,17 @@ _QUESTION_OF_ALL = (
 )
 _ANSWER = re.compile(r"([hrlc])[a-z]*\s*(\d*)")
 _CHOICES = {"h": Maneuver.HOLD, "r": Maneuver.RETURN}
-# What a page may answer, and what that would be at the terminal. It starts motors by a confirmed order.
+# Answers of a page, with the equal answers at the terminal. A page can start motors only by a confirmed
+# order.
 _START = {"do not start": "n"}
 _STOP = {"hold": "h", "return": "r", "continue": "c"}
 _BATTERY = {"battery changed": "\n", "no more": "q"}
 
 
 class _Vehicle:
-    """One vehicle: what was said of it, and what was ordered.
+    """State of one vehicle on the console: reported texts and events, and the given order.
 
-    Where no other flies with it it is `alone`; otherwise each line begins with its number.
+    `alone`: no other vehicle flies, so lines do not begin with the vehicle's number.
     """
 
     def __init__(self, sortie: Sortie, output: Output, *, alone: bool) -> None:
@@ -63,13 +64,13 @@ class _Vehicle:
         self._phase: Phase | None = None
         self._status_s = 0.0
         self._can_start = alone
-        self._silent = self._looked_aside = False
+        self._silent = self._distance_checked = False
         self._ordered: Maneuver | None = None
         self._ordered_s: float | None = None
 
     @property
-    def waits_for_word(self) -> bool:
-        """Whether it would start at the operator's word."""
+    def waits_for_consent(self) -> bool:
+        """Whether the vehicle only waits for the operator's consent to start."""
         ground = self.sortie.ground
         return (
             ground.phase is Phase.READY
@@ -78,7 +79,7 @@ class _Vehicle:
         )
 
     def report(self, now_s: float) -> None:
-        """Say what is new."""
+        """Print changes since the last report."""
         ground = self.sortie.ground
         if ground.phase is not self._phase:
             self._phase = ground.phase
@@ -87,7 +88,7 @@ class _Vehicle:
                 self._output.note(self.at + in_words(ground.outcome, ground.reason))
         self._report_silence(now_s)
         for _, _, text in ground.texts[self._texts :]:
-            self._output.note(f"{self.who.removeprefix('the ')}: {text}", tells=False)
+            self._output.note(f"{self.who.removeprefix('the ')}: {text}", publish=False)
         self._texts = len(ground.texts)
         for _, event in ground.pilot.events[self._events :]:
             waits = "; nothing is ordered until it is back in its mission"
@@ -103,15 +104,15 @@ class _Vehicle:
             self._output.note(f"{self.at}it can arm; all start together")
         if ground.phase is Phase.FLIGHT and now_s >= self._status_s + _STATUS_S:
             self._status_s = now_s
-            self._output.note(self.at + status_line(self.sortie, now_s), tells=False)
+            self._output.note(self.at + status_line(self.sortie, now_s), publish=False)
         self._report_obedience(now_s)
 
-    def look_aside(self, others: Sequence[_Vehicle]) -> None:
-        """Warn once if another one stands where this one's column of climbing and landing is."""
+    def warn_if_near(self, others: Sequence[_Vehicle]) -> None:
+        """Warn once if another vehicle stands too near for this one's vertical climb and landing."""
         state, frame = self.sortie.ground.vehicle_state, self.sortie.plan.farm.frame
-        if self._looked_aside or self.sortie.ground.phase is not Phase.READY or math.isinf(state.heard_s):
+        if self._distance_checked or self.sortie.ground.phase is not Phase.READY or math.isinf(state.heard_s):
             return
-        self._looked_aside = True
+        self._distance_checked = True
         here = state.position_m(frame)
         for other in others:
             theirs = other.sortie.ground.vehicle_state
@@ -126,7 +127,7 @@ class _Vehicle:
                 )
 
     def order(self, flight: JointFlight, kind: Maneuver) -> None:
-        """Take it out of its mission; one that has not started does not start any more."""
+        """Order the vehicle out of its mission; a vehicle that has not started is no longer started."""
         ground = self.sortie.ground
         if ground.phase in (Phase.MODE, Phase.READY) and ground.arming_gate is not None:
             ground.arming_gate.refuse()
@@ -139,7 +140,7 @@ class _Vehicle:
             self._output.warn(f"{self.at}{error}")
 
     def _report_obedience(self, now_s: float) -> None:
-        """Say whether the vehicle does what was ordered, by whomever, by what it shows."""
+        """Print whether the vehicle's telemetry shows that it obeys the last order."""
         ground, pilot = self.sortie.ground, self.sortie.ground.pilot
         if pilot.ordered not in (None, self._ordered):
             self._ordered, self._ordered_s = pilot.ordered, now_s
@@ -147,7 +148,7 @@ class _Vehicle:
         if ordered_s is None:
             return
         if pilot.ordered is None and self._ordered is Maneuver.RESUME:
-            self._output.note(f"{self.who} goes on with its mission: {doing(ground, now_s)}")
+            self._output.note(f"{self.who} continues its mission: {doing(ground, now_s)}")
             self._ordered = None
         elif pilot.obeyed:
             self._output.note(f"{self.who} {pilot.obeyed}")
@@ -156,10 +157,10 @@ class _Vehicle:
         elif pilot.ordered is None:
             self._output.warn(f"{self.who} flies on: {doing(ground, now_s)}")
         elif now_s - ordered_s > _OBEYS_S + 4.0 * (ground.link.round_trip.known_s or 0.0):
-            told = (
-                f"{pilot.ordered.value} was ordered, but the vehicle does not show it: {doing(ground, now_s)}"
+            seen = doing(ground, now_s)
+            self._output.warn(
+                f"{self.at}{pilot.ordered.value} was ordered, but the vehicle does not show it: {seen}"
             )
-            self._output.warn(self.at + told)
         else:
             return
         self._ordered_s = None
@@ -176,9 +177,9 @@ class _Vehicle:
 
 
 class TerminalConsole:
-    """Shows how the flight goes, asks before the start, and asks what Ctrl-C means.
+    """Console that shows the flight, and asks the operator before the start and after Ctrl-C.
 
-    Who may give orders (`Orders`) may answer, too, unless that leaves the vehicles alone or starts them.
+    With `orders` a page may answer too, except to start the vehicles or to leave them alone.
     """
 
     def __init__(self, output: Output, orders: Orders | None = None) -> None:
@@ -191,7 +192,7 @@ class TerminalConsole:
         self._standstill = Standstill(steady_s)
 
     def tend(self, flight: JointFlight) -> None:
-        """Say what is new, and take an answer if there is one."""
+        """Print changes, and handle signals and answers."""
         if (stood_s := self._standstill.look()) and self._words and sys.stdin.isatty():
             while _line():
                 pass
@@ -199,26 +200,26 @@ class TerminalConsole:
             self._asked = False
             if self._stopping:
                 self._output.note(self._question)
-        if [one.sortie for one in self._vehicles] != list(flight.sorties):
+        if [vehicle.sortie for vehicle in self._vehicles] != list(flight.sorties):
             self._asked = self._stopping = False
             alone = len(flight.sorties) == 1
-            self._vehicles = [_Vehicle(one, self._output, alone=alone) for one in flight.sorties]
-        phases = {one.ground.phase for one in flight.sorties}
+            self._vehicles = [_Vehicle(sortie, self._output, alone=alone) for sortie in flight.sorties]
+        phases = {sortie.ground.phase for sortie in flight.sorties}
         signals.defer(phases != {Phase.DONE})
         if signals.came() and not self._stopping:
             self._on_signal(phases, flight.now_s)
-        for k, one in enumerate(self._vehicles):
-            one.report(flight.now_s)
-            one.look_aside(self._vehicles[:k])
-        left = [one for one in self._vehicles if not one.sortie.done]
-        if self._asked or (left and all(one.waits_for_word for one in left)):
-            self._prepare(left)
+        for k, vehicle in enumerate(self._vehicles):
+            vehicle.report(flight.now_s)
+            vehicle.warn_if_near(self._vehicles[:k])
+        remaining = [vehicle for vehicle in self._vehicles if not vehicle.sortie.done]
+        if self._asked or (remaining and all(vehicle.waits_for_consent for vehicle in remaining)):
+            self._prepare(remaining)
         if self._stopping:
             self._take_choice(flight)
         self._output.show_bars(not self._stopping and phases.isdisjoint((Phase.MODE, Phase.READY)))
 
     def goes_on(self, question: str) -> bool | None:
-        """Ask for another battery once, and take an answer if there is one; the end of the input is a no."""
+        """Ask once for another battery; return the answer (no at the end of input) or None."""
         if question != self._question_between:
             self._question_between = question
             self._output.show_bars(False)
@@ -231,7 +232,7 @@ class TerminalConsole:
         return answer.strip().lower() not in ("q", "quit") and answer != ""
 
     def _ask(self, question: str, words: dict[str, str]) -> None:
-        """Show a question to those who watch, with the words by which they may answer it."""
+        """Publish a question to the page; `words` are the page's answers, with those at the terminal."""
         self._words = words
         if self._orders is not None:
             self._orders.ask(question, tuple(words))
@@ -239,9 +240,9 @@ class TerminalConsole:
             self._output.events.tell(Asked(question))
 
     def _answer(self) -> str | None:
-        """Return what was answered, at the terminal or by who watches, None while there is nothing.
+        """Return the answer of the terminal or of the page; None while there is none.
 
-        The end of the input is an empty answer, where nobody else could give one.
+        The end of the input is an empty answer, unless a page can still answer.
         """
         answer = None
         if self._orders is None or sys.stdin.isatty():
@@ -260,46 +261,46 @@ class TerminalConsole:
         return _QUESTION_OF_ALL.format(number=self._vehicles[-1].sortie.system_id)
 
     def _on_signal(self, phases: AbstractSet[Phase], now_s: float) -> None:
-        """Ask what is to become of the vehicles; before the flight, and without a terminal, just leave."""
+        """Ask what the vehicles shall do; raise KeyboardInterrupt before the flight or without a terminal."""
         if not phases.isdisjoint(_STARTING) and sys.stdin.isatty():
-            return  # in a moment it flies, or it does not
+            return  # while a vehicle starts, the question waits until the outcome is known
         if Phase.FLIGHT not in phases or not sys.stdin.isatty():
             signals.defer(False)
             raise KeyboardInterrupt
         self._stopping = True
         self._output.show_bars(False)
-        for one in self._vehicles:
-            ground = one.sortie.ground
+        for vehicle in self._vehicles:
+            ground = vehicle.sortie.ground
             home = " (all waypoints are flown: it is on its way home)" * ground.flies_home
             if ground.phase is Phase.FLIGHT:
-                self._output.note(f"{one.at}{doing(ground, now_s)}{home}")
+                self._output.note(f"{vehicle.at}{doing(ground, now_s)}{home}")
         self._output.note(self._question)
         self._ask(self._question, _STOP)
 
-    def _prepare(self, left: Sequence[_Vehicle]) -> None:
-        """Ask for the start once the vehicles can arm."""
-        if not any(one.waits_for_word for one in left):
+    def _prepare(self, remaining: Sequence[_Vehicle]) -> None:
+        """Ask for consent to start, and pass the answer to the vehicles."""
+        if not any(vehicle.waits_for_consent for vehicle in remaining):
             if self._words is _START:
-                # Somebody has started them who watches.
+                # A page has started the vehicles, so the question is withdrawn.
                 self._ask("", {})
             return
         if not self._asked:
             self._asked = True
             self._output.show_bars(False)
-            told = [(one.at, _planned(one.sortie)) for one in left]
+            plans = [(vehicle.at, _planned(vehicle.sortie)) for vehicle in remaining]
             if len(self._vehicles) == 1:
-                self._output.note(f"ready: {told[0][1]}; start the motors? [y/N]", tells=False)
+                self._output.note(f"ready: {plans[0][1]}; start the motors? [y/N]", publish=False)
             else:
-                for at, plan in told:
+                for at, plan in plans:
                     self._output.note(f"{at}ready: {plan}")
-                which = ", ".join(str(one.sortie.system_id) for one in left)
-                self._output.note(f"start the motors of vehicles {which}? [y/N]", tells=False)
-            self._ask("; ".join(at + "ready: " + plan for at, plan in told) + "; start the motors?", _START)
+                which = ", ".join(str(vehicle.sortie.system_id) for vehicle in remaining)
+                self._output.note(f"start the motors of vehicles {which}? [y/N]", publish=False)
+            self._ask("; ".join(at + "ready: " + plan for at, plan in plans) + "; start the motors?", _START)
         answer = self._answer()
         if answer is not None:
             self._ask("", {})
-            for one in left:
-                gate = one.sortie.ground.arming_gate
+            for vehicle in remaining:
+                gate = vehicle.sortie.ground.arming_gate
                 assert gate is not None
                 gate.agree() if answer.strip().lower() in ("y", "yes") else gate.refuse()
 
@@ -309,14 +310,14 @@ class TerminalConsole:
             return
         match = _ANSWER.fullmatch(answer.strip().lower())
         choice, number = match.groups() if match is not None else ("", "")
-        named = [one for one in self._vehicles if number in ("", str(one.sortie.system_id))]
+        named = [vehicle for vehicle in self._vehicles if number in ("", str(vehicle.sortie.system_id))]
         if choice == "l" and not number:
             signals.defer(False)
             raise KeyboardInterrupt
         if choice in _CHOICES and named:
-            for one in named:
-                if number or not one.sortie.done:
-                    one.order(flight, _CHOICES[choice])
+            for vehicle in named:
+                if number or not vehicle.sortie.done:
+                    vehicle.order(flight, _CHOICES[choice])
         elif choice != "c" or number:
             self._output.note(self._question)
             return
@@ -326,7 +327,7 @@ class TerminalConsole:
 
 
 def _planned(sortie: Sortie) -> str:
-    """Return what is going to be flown, in words."""
+    """Return the prediction of the planned flight, in words."""
     prediction = sortie.plan.prediction
     if not prediction.feasible:
         return f"the predicted flight FAILS after {prediction.duration_s:.0f} s: {prediction.reason}"
@@ -335,13 +336,13 @@ def _planned(sortie: Sortie) -> str:
 
 
 def status_line(sortie: Sortie, now_s: float) -> str:
-    """Return what is known of a vehicle in flight, in a line; how old it is when nothing is heard."""
+    """Return the state of a flying vehicle in one line, with its age if the vehicle is silent."""
     ground, state = sortie.ground, sortie.ground.vehicle_state
-    left = state.battery.remaining
+    remaining = state.battery.remaining
     parts = [
         doing(ground, now_s),
         f"{state.ground_speed_m_s:.1f} m/s",
-        "battery -" if left is None else f"battery {left:.0%}",
+        "battery -" if remaining is None else f"battery {remaining:.0%}",
         f"{sortie.assembler.statistics.images} images",
         ground.link.brief(),
     ]
@@ -349,6 +350,6 @@ def status_line(sortie: Sortie, now_s: float) -> str:
 
 
 def _line() -> str | None:
-    """Return a line that was typed, None while there is none; the end of the input is an empty one."""
+    """Return a typed line; None if there is none yet, an empty text at the end of the input."""
     ready, _, _ = select.select([sys.stdin], [], [], 0.0)
     return sys.stdin.readline() if ready else None

@@ -1,8 +1,8 @@
-"""The command line of a run, made from the options of its parts.
+"""Options of the command line, generated from the options of a scenario's parts.
 
-`scenario_options` gives a command one option for each option of the parts that it uses; what each is called,
-means, takes and defaults to stands in the part alone (`wbf_mission.scenario.parts`). Options that are no
-part of a run (``--json``, ``--overwrite``) are here.
+`scenario_options` adds an option to a command for each option of the parts that it uses. Names, help, ranges
+and defaults are defined only in the parts (`wbf_mission.scenario.parts`). This module also defines options
+that are not part of a scenario, such as ``--json`` and ``--overwrite``.
 """
 
 from __future__ import annotations
@@ -36,12 +36,12 @@ Reader: TypeAlias = Callable[[str], Number]
 
 
 def option(text: str, *names: str, panel: str | None = None, **more: Any) -> Any:
-    """Return an option of the command line: what it is, its names, its heading; `more` is typer's."""
+    """Return an option with the help `text`, the flags `names` and the heading `panel`."""
     return typer.Option(*names, help=text, rich_help_panel=panel, **more)
 
 
 def complete(kind: str) -> Callable[[str], list[str]]:
-    """Return what completes the names of a kind: farm, planner, estimator, autopilot or vehicle."""
+    """Return a completion function for names of `kind`: farm, planner, estimator, autopilot or vehicle."""
 
     def names(incomplete: str) -> list[str]:
         from wbf_mission.scenario.choice import names_of
@@ -52,7 +52,7 @@ def complete(kind: str) -> Callable[[str], list[str]]:
 
 
 def _reader(parse: Callable[[str], Number], low: float | None = None, high: float = 0.0) -> Reader[Number]:
-    """Return what reads an option's number, in a range if there is one; typer's own takes ``1_0`` for 10."""
+    """Return a parser of numbers in an optional range; typer's own parser would read ``1_0`` as 10."""
 
     def read(text: str) -> Number:
         try:
@@ -71,19 +71,22 @@ number = _reader(parse_number)
 
 
 def whole_number_in(low: int, high: int) -> Reader[int]:
-    """Return a reader of whole numbers from `low` to `high`."""
+    """Return a parser of whole numbers from `low` to `high`."""
     return _reader(parse_whole, low, high)
 
 
 _READERS: Mapping[Any, Reader[Any]] = {int: _reader(parse_whole), float: number}
 
 Jobs = Annotated[
-    int, option("Processes at once; -1: one per core.", parser=whole_number_in(-1, 1024), min=-1, max=1024)
+    int,
+    option(
+        "Number of parallel processes; -1: one per core.", parser=whole_number_in(-1, 1024), min=-1, max=1024
+    ),
 ]
 
 
 def require_processes(jobs: int) -> None:
-    """Raise ScenarioError if no process is to work."""
+    """Raise ScenarioError for zero jobs."""
     if jobs == 0:
         msg = "--jobs 0 runs nothing: give a number of processes, or -1 for one per core"
         raise ScenarioError(msg)
@@ -95,9 +98,9 @@ ScenarioFile = Annotated[
 ]
 LINK_PANEL = "The vehicle's link"
 LINKS = "udpin:, udpout:, tcp: or tcpin:HOST:PORT, or serial:DEVICE:BAUD."
-"""The addresses of a link, for the help."""
+"""Forms of a link's address, for the help."""
 Way = Literal["own", "mavsdk"]
-"""Who talks to a vehicle behind a link."""
+"""MAVLink client for a real vehicle."""
 Via = Annotated[
     Way,
     option("MAVLink client: wbf-mission's own, or MAVSDK, which is independent of it.", panel=LINK_PANEL),
@@ -116,25 +119,25 @@ SystemId = Annotated[
 
 
 def link(what: str) -> Any:
-    """Return the option ``--connect``."""
+    """Return the option ``--connect``; `what` begins its help."""
     return option(f"{what}: {LINKS}", panel=LINK_PANEL, metavar="LINK")
 
 
 MISSION_SUFFIXES = (".plan", ".waypoints", ".wpl")
-"""Of files that hold nothing but missions; a .json, .txt, .kml or .gpx may hold anything."""
+"""Suffixes of files that contain only missions; a .json, .txt, .kml or .gpx may contain other data."""
 
 Overwrite = Annotated[
     bool, option("Replace an existing output file, whatever its kind.", "--overwrite", panel=OUTPUT_PANEL)
 ]
-"""Replaces files that are there; `Force` does not."""
+"""Option that replaces existing files; `Force` does not."""
 Force = Annotated[
-    bool, option("Go on despite errors that the preflight check finds.", "--force", panel=CHECK_PANEL)
+    bool, option("Continue despite errors of the preflight check.", "--force", panel=CHECK_PANEL)
 ]
-"""Does what has errors; `Overwrite` does not."""
+"""Option that continues despite errors; `Overwrite` does not."""
 
 
 class TargetError(WbfMissionError, ValueError):
-    """An output that would destroy a file, or that cannot be one."""
+    """Invalid output: it would destroy a file, or cannot be written."""
 
 
 def refuse_overwrite(
@@ -144,10 +147,10 @@ def refuse_overwrite(
     suffixes: tuple[str, ...] = (),
     overwrite: bool = False,
 ) -> None:
-    """Raise TargetError if an output is one of the inputs, a file of another kind, a folder, or in no folder.
+    """Raise TargetError if an output is an input, a folder, a file of another kind, or in a missing folder.
 
-    Inputs that are no files are passed over. An existing file with another suffix than the command's (in
-    lower case, if there are any) is somebody else's, and only replaced with `overwrite`; an input never is.
+    Inputs that are not files are ignored, and an input file is never replaced. `suffixes` are the command's,
+    in lower case. An existing file with another suffix is replaced only with `overwrite`.
 
     >>> refuse_overwrite(Path("/dev/null"), ["miniberry-30", None])
     """
@@ -161,20 +164,21 @@ def refuse_overwrite(
         raise TargetError(msg)
     if not out.exists():
         return
-    # The name of a layer may follow that of a farm file.
-    named = [Path(part) for one in inputs if one is not None for part in (one, str(one).partition("|")[0])]
+    # A farm file's name may be followed by ``|`` and a layer.
+    parts = (part for name in inputs if name is not None for part in (name, str(name).partition("|")[0]))
+    named = map(Path, parts)
     for given in named:
         if given.exists() and out.samefile(given):
             msg = f"{out}: this is the file that is read; give another name for the output"
             raise TargetError(msg)
     if not overwrite and suffixes and out.is_file() and out.suffix.lower() not in suffixes:
-        kinds = " or ".join(one for one in suffixes if one)
+        kinds = " or ".join(filter(None, suffixes))
         msg = f"{out}: a file that is already there and is no {kinds}; give another name, or --overwrite"
         raise TargetError(msg)
 
 
 def _own(key: str, given: Any) -> Any:
-    """Return what is meant by an option: what stands in a file of the user's, otherwise as it was given."""
+    """Return the object if a planner, policy or estimator is given as FILE.py:NAME, else the given value."""
     if key not in ("planner", "policy", "estimator") or not isinstance(given, str) or ".py:" not in given:
         return given
     from wbf_mission.own_code import own_choice
@@ -184,29 +188,29 @@ def _own(key: str, given: Any) -> Any:
 
 @dataclass(frozen=True, slots=True)
 class Given:
-    """What of a run was given on the command line."""
+    """Options of a run that were given on the command line."""
 
     file: Path | None
-    """The scenario file."""
+    """Scenario file."""
     changes: dict[str, Any]
-    """Options of the scenario by their keys."""
+    """Given options of the scenario, by key."""
     others: dict[str, Any]
-    """Options of further parts (of the simulator) by their keys."""
+    """Given options of other parts (those of the simulator), by key."""
     defaults: Mapping[str, Any]
-    """What the command takes where nothing was given, if that is not the option's default."""
+    """Defaults of the command that differ from those of the options, by key."""
 
     def scenario(self) -> Scenario:
-        """Return the run: the file's, without one the defaults, changed as was given.
+        """Return the scenario of the file, or else the default one, with the given options applied.
 
-        ScenarioError if the file or an option is wrong, or an option was given that has no effect.
+        ScenarioError if the file or an option is invalid, or a given option has no effect.
         """
-        defaults = {key: one for key, one in self.defaults.items() if one is not None}
+        defaults = {key: value for key, value in self.defaults.items() if value is not None}
         return self.change(load_scenario(self.file) if self.file else Scenario(**defaults))
 
     def farm(self, name: str | None = None) -> FarmOptions | None:
-        """Return how the farm that is named is read, for a command that may do without; None if none is.
+        """Return the farm's options, for a command with an optional farm; None if no farm is given.
 
-        ScenarioError if options are given that say how a farm is read, and no farm.
+        ScenarioError if options for reading a farm file are given without a farm.
         """
         name = self.changes.get("farm", name)
         how = [key for key in READS_FARM if key in self.changes]
@@ -216,40 +220,43 @@ class Given:
         return None if name is None else replace(self.scenario().farm, name=name)
 
     def change(self, base: Scenario) -> Scenario:
-        """Return a scenario with what was given; ScenarioError if part of that is wrong or has no effect."""
-        chosen = scenario_with(base, {key: _own(key, one) for key, one in self.changes.items()})
+        """Return `base` with the given options; ScenarioError if one is invalid or has no effect."""
+        chosen = scenario_with(base, {key: _own(key, value) for key, value in self.changes.items()})
         self._check_effects(chosen.to_dict(), is_fleet=len(chosen.vehicle.fleet) > 1)
         return chosen
 
     def _check_effects(self, values: Mapping[str, Any], *, is_fleet: bool) -> None:
-        """Refuse what was given and has no effect, rather than fly something else than was meant."""
-        for one in (_flag_of(key) for key in self.changes):
-            if one.needs and values[one.needs] == all_options()[one.needs][2].initial:
-                msg = f"{one.flag} has an effect only with {_flag_of(one.needs).flag}: give that, too"
+        """Raise ScenarioError for given options without effect: the user meant another flight."""
+        for given in (_flag_of(key) for key in self.changes):
+            if given.needs and values[given.needs] == all_options()[given.needs][2].initial:
+                msg = f"{given.flag} has an effect only with {_flag_of(given.needs).flag}: give that, too"
                 raise ScenarioError(msg)
-            if one.needs_fleet and not is_fleet:
-                msg = f"{one.flag} has an effect only with several vehicles: give --vehicles, or leave it out"
+            if given.needs_fleet and not is_fleet:
+                msg = (
+                    f"{given.flag} has an effect only with several vehicles: give --vehicles, or leave it out"
+                )
                 raise ScenarioError(msg)
-            for other in one.not_with:
+            for other in given.not_with:
                 if values[other] is not None:
                     with_what = f"{_flag_of(other).flag} {values[other]}"
-                    msg = f"{one.flag} has no effect with {with_what}: leave one of the two out"
+                    msg = f"{given.flag} has no effect with {with_what}: leave one of the two out"
                     raise ScenarioError(msg)
 
 
 OF_DAYS = ("day", "days", "flights_per_day", "world")
-"""The options of `FarmOptions` that say what happens on the farm."""
+"""Options of `FarmOptions` about days and the true development, not about the farm's file."""
+_NOT_OF_FILES = ("farm", "fields", *OF_DAYS)
 READS_FARM = tuple(
-    one.key for one in options_of(FarmOptions).values() if one.key not in ("farm", "fields", *OF_DAYS)
+    key for key in (held.key for held in options_of(FarmOptions).values()) if key not in _NOT_OF_FILES
 )
-"""The options that say how a farm's file is read, which every command has that reads one."""
+"""Options for reading a farm's file, common to all commands that read one."""
 Command: TypeAlias = Callable[..., Any]
 
 
 def taken_by(make: Callable[..., Any]) -> dict[str, tuple[Any, Any]]:
-    """Return the parameters of a callable: annotations and defaults by name."""
+    """Return annotation and default of each parameter of a callable, by name."""
     taken = inspect.signature(make, eval_str=True).parameters
-    return {name: (one.annotation, one.default) for name, one in taken.items()}
+    return {name: (parameter.annotation, parameter.default) for name, parameter in taken.items()}
 
 
 def gives(
@@ -259,10 +266,10 @@ def gives(
     *,
     last: bool = False,
 ) -> Callable[[Command], Command]:
-    """Give a command options in place of one of its parameters, which takes what `make` makes of them.
+    """Replace a command's parameter by options; the parameter gets ``make(**options)``.
 
-    The options, names with their annotation and default, are the parameters of `make` (a dataclass, say) if
-    none are given. They stand where the parameter stands, or `last`.
+    `options` are annotations and defaults by name; by default, the parameters of `make`, such as a dataclass.
+    The options take the place of `parameter`, or come `last`.
     """
     options = taken_by(make) if options is None else options
 
@@ -278,8 +285,8 @@ def gives(
             return command(**{parameter: made}, **values)
 
         every: dict[str, tuple[Any, Any]] = {}
-        for name, one in own.items():
-            every |= {name: one} if name != parameter else {} if last else options
+        for name, defined in own.items():
+            every |= {name: defined} if name != parameter else {} if last else options
         every |= options
         run.__signature__ = inspect.Signature(  # type: ignore[attr-defined]
             [
@@ -299,7 +306,7 @@ _QUIET = Annotated[bool, option("No progress, no notes.", "--quiet", "-q", panel
 
 
 def speaks(*, quiet: bool = True, json: Any = _JSON) -> Callable[[Command], Command]:
-    """Give a command ``--json`` and mostly ``--quiet``, and an `Output` by them as ``output``."""
+    """Add ``--json`` and, unless `quiet` is False, ``--quiet`` to a command; ``output`` gets an `Output`."""
     flags = {"json": (json, False), **({"quiet": (_QUIET, False)} if quiet else {})}
 
     def output(json: bool, quiet: bool = False) -> Output:
@@ -314,95 +321,95 @@ def scenario_options(
     more: tuple[type[Part], ...] = (),
     defaults: Mapping[str, Any] = types.MappingProxyType({}),
 ) -> Callable[[Command], Command]:
-    """Give a command the options of some parts of a run, ``--scenario`` and ``--seed``.
+    """Add the options of some parts of a scenario, ``--scenario`` and ``--seed`` to a command.
 
-    The first parameter of the command is called ``given`` and takes a `Given`. Options stand in ``--help`` in
-    the order of the parts; `more` are parts that are no part of a `Scenario`, `without` keys that have no
-    meaning for the command (``scenario`` among them), `defaults` those of this command that are not those of
-    the options; None for nothing unless it is given.
+    The first parameter of the command is named ``given`` and gets a `Given`. Options appear in ``--help`` in
+    the order of the parts. `without` are keys of options to leave out (``scenario``: ``--scenario``), `more`
+    are parts that do not belong to `Scenario`, and `defaults` override those of the options (None: no
+    default).
     """
     known = {
-        str(one.flag).removeprefix("--").replace("-", "_"): (part, one)
+        str(defined.flag).removeprefix("--").replace("-", "_"): (part, defined)
         for part in (*parts, Scenario, *more)
-        for one in _on_command_line(part)
-        if not set(_keys(one)) & set(without)
+        for defined in _on_command_line(part)
+        if not set(_keys(defined)) & set(without)
     }
-    flags = {str(one.flag) for _, one in known.values()}
+    flags = {str(defined.flag) for _, defined in known.values()}
 
     def given(scenario: Path | None, **texts: Any) -> Given:
         changes: dict[str, Any] = {}
         others: dict[str, Any] = {}
-        for name, (part, one) in known.items():
+        for name, (part, defined) in known.items():
             value = texts[name]
             if value is not None and value != []:
-                read = value if one.read is None else one.read(value)
-                (others if part in more else changes).update(read if one.sets else {one.key: read})
+                read = value if defined.read is None else defined.read(value)
+                (others if part in more else changes).update(read if defined.sets else {defined.key: read})
         return Given(scenario, changes, others, defaults)
 
-    made = {name: (_annotation(one, flags, defaults), None) for name, (_, one) in known.items()}
+    made = {name: (_annotation(defined, flags, defaults), None) for name, (_, defined) in known.items()}
     if "scenario" in without:
         return gives("given", partial(given, None), made)
     return gives("given", given, {**made, "scenario": (ScenarioFile, None)})
 
 
 def _on_command_line(part: type[Any]) -> list[Option]:
-    own = [one for one in options_of(part).values() if one.flag is not None]
+    own = [defined for defined in options_of(part).values() if defined.flag is not None]
     return [*own, *(part.COMPOUND if issubclass(part, Part) else ())]
 
 
-def _keys(one: Option) -> tuple[str, ...]:
-    return one.sets or (one.key,)
+def _keys(defined: Option) -> tuple[str, ...]:
+    return defined.sets or (defined.key,)
 
 
 def _flag_of(key: str) -> Option:
-    """Return the option of the command line that sets an option of a run; the last where there are two."""
+    """Return the last command-line option that sets the option `key` of a run."""
     part = all_options()[key][0]
-    return next(one for one in reversed(_on_command_line(part)) if key in _keys(one))
+    return next(defined for defined in reversed(_on_command_line(part)) if key in _keys(defined))
 
 
-def _annotation(one: Option, flags: set[str], defaults: Mapping[str, Any]) -> Any:
-    """Return the annotation of a command's parameter; `flags` are all that the command has."""
-    wanted = _command_line_type(one)
-    name, default = str(one.flag), defaults.get(one.key, one.initial)
-    if default is None and one.key in defaults:
+def _annotation(defined: Option, flags: set[str], defaults: Mapping[str, Any]) -> Any:
+    """Return the annotation of a command's parameter; `flags` are all flags of the command."""
+    wanted = _command_line_type(defined)
+    name, default = str(defined.flag), defaults.get(defined.key, defined.initial)
+    if default is None and defined.key in defaults:
         default = "none"
     made = option(
-        _help(one, default, flags),
+        _help(defined, default, flags),
         f"{name}/--no-{name.removeprefix('--')}" if wanted is bool else name,
-        panel=one.panel,
-        metavar=one.metavar,
+        panel=defined.panel,
+        metavar=defined.metavar,
         parser=_READERS.get(wanted),
-        autocompletion=complete(one.kind) if one.kind else None,
+        autocompletion=complete(defined.kind) if defined.kind else None,
     )
     return Annotated[wanted | None, made]
 
 
-def _command_line_type(one: Option) -> Any:
-    """Return as what the command line takes an option: a list where it repeats, else a number or text."""
-    wanted = one.wanted
+def _command_line_type(defined: Option) -> Any:
+    """Return the command-line type of an option: list of str if it repeats, else int, float, bool or str."""
+    wanted = defined.wanted
     kinds = [kind for kind in typing.get_args(wanted) if kind is not type(None)]
     if isinstance(wanted, types.UnionType):
         wanted = kinds[0] if len(kinds) == 1 else str
-    if typing.get_origin(wanted) is dict or (typing.get_origin(wanted) is tuple and one.read is None):
+    if typing.get_origin(wanted) is dict or (typing.get_origin(wanted) is tuple and defined.read is None):
         return list[str]
     return wanted if wanted in (int, float, bool) else str
 
 
-def _help(one: Option, default: Any, flags: set[str]) -> str:
-    """Return the help of an option: its subject, range or unit, more on it, its dependence, the default."""
-    scale = one.allowed if not (one.choices or one.read) else ""
-    choices = f": {one.allowed}" if one.choices else ""
-    depends = ""
-    for word, keys in (("only", (one.needs,) if one.needs and not one.sets else ()), ("not", one.not_with)):
+def _help(defined: Option, default: Any, flags: set[str]) -> str:
+    """Return the help of an option: subject, range or unit, details, dependence on other options, default."""
+    scale = defined.allowed if not (defined.choices or defined.read) else ""
+    choices = f": {defined.allowed}" if defined.choices else ""
+    depends, needs = "", (defined.needs,) if defined.needs and not defined.sets else ()
+    for word, keys in (("only", needs), ("not", defined.not_with)):
         there = [flag for flag in (str(_flag_of(key).flag) for key in keys) if flag in flags]
         if there:
             depends = f" ({word} with {' or '.join(there)})"
     if isinstance(default, bool):
-        default = f"{'' if default else 'no-'}{str(one.flag).removeprefix('--')}"
-    told = one.default or (
+        default = f"{'' if default else 'no-'}{str(defined.flag).removeprefix('--')}"
+    shown = defined.default or (
         "" if default is None else f"{default:g}" if isinstance(default, float) else default
     )
-    range_or_unit = f", {scale}" if scale else f", {one.unit}" if one.unit else ""
-    subject, more, rest = one.help.partition("; ")
+    range_or_unit = f", {scale}" if scale else f", {defined.unit}" if defined.unit else ""
+    subject, more, rest = defined.help.partition("; ")
     text = f"{subject}{choices}{range_or_unit}{more}{rest}{depends}."
-    return text + (f"  [default: {told}]" if told != "" else "")
+    return text + (f"  [default: {shown}]" if shown != "" else "")

@@ -1,4 +1,4 @@
-"""How commands speak: one line of JSON or a readable table on stdout, progress and warnings on stderr."""
+"""Output of commands: one JSON document or a table on stdout, progress and warnings on stderr."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ if TYPE_CHECKING:
     from wbf_mission.cli.bars import Bars
     from wbf_mission.cli.console import PlainConsole
 
-_LEARNING = "training the estimator"  # as sensors.estimators.base.LEARNING, which would load numpy
+_LEARNING = "training the estimator"  # sensors.estimators.base.LEARNING, not imported to avoid numpy
 _TELL_AFTER_S = {_LEARNING: 0.0, "planning": 5.0}
 _BEGINS = {_LEARNING: f"{_LEARNING} for this farm and day; what it learns is kept for later runs"}
 _LEFT_EVERY_S = 10.0
 _MANY = 10
-"""So many steps are counted; fewer are told by their percentage."""
+"""Least number of steps that progress counts; with fewer steps, progress is a percentage."""
 FILE_WIDTH = 140  # columns of a table that goes to a file or a pipe
 _LEAST_NAME, _LONGEST_NAME = 8, 60
 _LONGEST_WORD = 14
@@ -37,7 +37,7 @@ _BESIDE_A_CELL = 3
 
 
 class StdoutError(Exception):
-    """Results that cannot be printed, because of what stdout says."""
+    """Results cannot be printed, because writing to stdout failed."""
 
     def __init__(self, cause: OSError) -> None:
         super().__init__(cause.strerror or str(cause))
@@ -45,11 +45,11 @@ class StdoutError(Exception):
 
 
 class Output:
-    """Where a command's results, warnings and progress go.
+    """Printer of a command's results, warnings and progress.
 
-    Everything is printed as text: names come from files and from vehicles, so markup in them is not obeyed
-    and control characters are shown, not sent to the terminal. With `as_json` results are one JSON document
-    on stdout, and nothing else is there; when `quiet` there is no progress and no note.
+    All text is printed literally, because names come from files and vehicles: markup in them has no effect,
+    and control characters are escaped. With `as_json` the result is one JSON document, alone on stdout. With
+    `quiet` progress and notes are not printed.
     """
 
     def __init__(self, *, as_json: bool = False, quiet: bool = False) -> None:
@@ -57,7 +57,7 @@ class Output:
 
         self.as_json = as_json
         self.quiet = quiet
-        self.events = EventStream()  # Each line for the user is an event of it
+        self.events = EventStream()  # Stream that carries each line for the user as an event
         self.events.listen(self._show, Noted)
         self.events.listen(self._found, Found)
         self.events.listen(lambda event: self._advance(event.what, event.done, event.total), Progressed)
@@ -65,17 +65,17 @@ class Output:
         self._stderr = PlainConsole(sys.stderr, wrap=False)
         self._bars: Bars | None = None
 
-    def note(self, text: str, *, tells: bool = True) -> None:
-        """Say something that a script does not need; `tells` not where an event tells it already."""
-        (self.events.tell if tells else self._show)(Noted(text))
+    def note(self, text: str, *, publish: bool = True) -> None:
+        """Print a note for people; `publish` False: another event already has the text."""
+        (self.events.tell if publish else self._show)(Noted(text))
 
     def notes(self, notes: Iterable[str], of: str = "") -> None:
-        """Say how an input was understood, a line each; `of` names it."""
+        """Print notes on an input, one line each; `of` is the name of the input."""
         for text in notes:
             self.note(f"note: {of}{': ' if of else ''}{text}")
 
     def warn(self, text: str) -> None:
-        """Say something that went wrong but does not end the command."""
+        """Print a warning; the command continues."""
         self.events.warn(text)
 
     def _show(self, event: Noted) -> None:
@@ -85,22 +85,22 @@ class Output:
             self._say(event.text)
 
     def _found(self, event: Found) -> None:
-        """Say errors and warnings, and notes unless they are not wanted.
+        """Print a preflight finding.
 
-        The error that ends the command is told at its end and not here, too.
+        A finding that refuses the plan is skipped, because the error at the end has the same text.
         """
         label = "preflight error" if event.severity == "error" else "preflight"
         if not event.refuses:
             (self.note if event.severity == "note" else self.warn)(f"{event.vehicle}{label}: {event.text}")
 
     def _say(self, text: str, style: str | None = None) -> None:
-        with contextlib.suppress(OSError):  # a note that cannot be shown does not end the command
+        with contextlib.suppress(OSError):  # a note that cannot be printed is no reason to end the command
             self._stderr.print(printable(text), style=style)
 
     def result(
         self, values: Mapping[str, Any], rows: Mapping[str, str] | None = None, title: str = ""
     ) -> None:
-        """Print the command's result: ``values`` as JSON, or ``rows`` (name, text) as a table."""
+        """Print a result: `values` as JSON, or `rows` (texts by label) as a table of two columns."""
         if self.as_json:
             self.raw_json(values)
             return
@@ -121,15 +121,15 @@ class Output:
         left: bool = False,
         lines: bool = False,
     ) -> None:
-        """Print several results: ``values`` as JSON, or a table with a header; numbers to the right.
+        """Print several results: `values` as JSON, or a table with a header.
 
-        With ``lines`` the cells have several lines, and the rows are parted by a rule.
+        Columns but the first are aligned to the right, unless `left`. `lines` draws rules between the rows.
         """
         if self.as_json:
             self.raw_json(values)
             return
         table = _new_table(title, show_lines=lines)
-        # Words and numbers are not broken: what is too wide is the name's, or is told in more lines.
+        # Numbers and short words are not broken. If the table is too wide, the first column is wrapped.
         least = [_longest_word([name, *(row[k] for row in rows)]) for k, name in enumerate(header)]
         room = _stdout_console().width - sum(least[1:]) - _BESIDE_A_CELL * len(header) - 1
         longest = max((len(row[0]) for row in rows), default=0)
@@ -148,22 +148,22 @@ class Output:
         _print_table(table)
 
     def raw_json(self, values: Any) -> None:
-        """Print ``values`` as one JSON document."""
+        """Print `values` as one JSON document."""
         import msgspec
 
         try:
             encoded = msgspec.json.encode(values)
-        except UnicodeEncodeError:  # a file name that is no UTF-8
+        except UnicodeEncodeError:  # a file name that is not UTF-8
             encoded = msgspec.json.encode(_encodable(values))
         with to_stdout():
             sys.stdout.write(msgspec.json.format(encoded).decode() + "\n")
 
     @contextmanager
     def progress(self, every_s: float | None = None) -> Iterator[ProgressCallback]:
-        """Show a bar with the time left of the progress that events tell; the callback tells it.
+        """Show the progress events of the command in a bar with the remaining time; yield a callback.
 
-        Without a terminal, only what may take a minute is told, in a line: training when it begins, planning
-        when it is not over after some seconds; with `every_s` a line after each so many seconds instead.
+        Without a terminal, print a line when training begins and when planning takes more than some seconds.
+        With `every_s` print a line at this interval (s) instead.
         """
         try:
             self._advance = self._shown_progress(every_s)
@@ -199,13 +199,13 @@ class Output:
         return self._bars.update
 
     def show_bars(self, wanted: bool) -> None:
-        """Show the bar, or take it away while somebody is asked something on the same terminal."""
+        """Show the bar, or hide it while a question is on the same terminal."""
         if self._bars is not None:
             self._bars.show(wanted)
 
 
 class _Lines:
-    """Tells from time to time how far something is, and how long it will take if it goes on so."""
+    """Progress in lines: steps done and estimated remaining time, at most one line every `every_s`."""
 
     def __init__(self, note: Callable[[str], None], every_s: float) -> None:
         self._note = note
@@ -216,7 +216,7 @@ class _Lines:
     def __call__(self, what: str, done: float, total: float) -> None:
         now_s = time.monotonic()
         if self._begun is None:
-            # What was done before the first call tells nothing of how fast it goes.
+            # Steps done before the first call say nothing about the speed.
             self._begun, self._told_s = (now_s, done), now_s
             return
         begun_s, before = self._begun
@@ -229,7 +229,7 @@ class _Lines:
 
 
 def _encodable(value: Any) -> Any:
-    """Plain values with every text as `printable` gives it."""
+    """Return plain values with all texts made printable."""
     if isinstance(value, str):
         return printable(value)
     if isinstance(value, Mapping):
@@ -255,14 +255,14 @@ def _stdout_console() -> PlainConsole:
 
 
 def _longest_word(texts: list[str]) -> int:
-    """Return how wide the longest word is that is not broken in a table: numbers and short words."""
+    """Return the width of the longest word that must not be broken: a number or a short word."""
     words = (len(word) for text in texts for word in text.split())
     return max((width for width in words if width <= _LONGEST_WORD), default=1)
 
 
 @contextmanager
 def to_stdout() -> Iterator[None]:
-    """Write to stdout, and flush it; raise StdoutError if it takes no more."""
+    """Flush stdout after the block; raise StdoutError if writing fails."""
     try:
         yield
         sys.stdout.flush()
@@ -270,10 +270,10 @@ def to_stdout() -> Iterator[None]:
         raise StdoutError(error) from error
 
 
-def told(form: str, values: Mapping[str, Any]) -> str:
-    """Return values in words; a dash if one of them is not known.
+def filled(form: str, values: Mapping[str, Any]) -> str:
+    """Return `form` filled with values; a dash if one of the values is None.
 
-    >>> told("{mass_kg:g} kg", {"mass_kg": 2.5}), told("{mass_kg:g} kg", {"mass_kg": None})
+    >>> filled("{mass_kg:g} kg", {"mass_kg": 2.5}), filled("{mass_kg:g} kg", {"mass_kg": None})
     ('2.5 kg', '-')
     """
     names = [name for _, name, _, _ in Formatter().parse(form) if name]

@@ -1,4 +1,4 @@
-"""Pages in the browser, which an add-on brings: entry points of one group, by the names of the pages."""
+"""Browser pages provided by add-ons: entry points of one group, by page name."""
 
 from __future__ import annotations
 
@@ -22,52 +22,52 @@ GROUP = "wbf_mission.pages"
 
 
 class LivePage(Protocol):
-    """``live``: serves the page of a run; the context gives its address, and the listener that fills it."""
+    """``live``: context that serves the page of a run, and gives the page's address and its listener."""
 
     def __call__(
         self, *, host: str, port: int, orders: Orders | None, tiles: Path | None
     ) -> AbstractContextManager[tuple[str, Callable[[Event], None]]]:
-        """LinkError if the port is taken; a ValueError of ours if the tiles cannot be used."""
+        """LinkError if the port is in use; a WbfMissionError if the tiles cannot be used."""
 
 
 class RunPage(Protocol):
-    """``run``: the page of one run that is flown now, with the acquisition map of each decision."""
+    """``run``: page of one run, filled while the run is flown, with the acquisition map of each decision."""
 
     def __init__(self, events: EventStream, scored: int) -> None:
-        """Listen to a run with this number of scored times."""
+        """Listen to a run with `scored` scored times."""
 
     def write(
         self, path: Path, record: RunRecord, *, log: Path | None, notes: Sequence[str], progress: Progress
     ) -> Sequence[str]:
-        """Write the page; return the notes that it shows: those given, and what it leaves out."""
+        """Write the page; return its notes: `notes`, and notes on data left out of the page."""
 
 
 class BenchPage(Protocol):
     """``bench``: writes a report as one HTML file."""
 
     def __call__(self, path: Path, page: Page, folder: Path, rows: Sequence[BenchRow] = ()) -> None:
-        """Replace the file at `path`; `folder` has the pictures, `rows` make one table of all standings."""
+        """Write the file `path`; `folder` has the pictures, `rows` add a table of all standings."""
 
 
 def live_page() -> LivePage:
-    """Return the live page; TargetError if no add-on brings it, as for the others."""
-    page: LivePage = _brought("live")
+    """Return the live page; TargetError if no add-on provides one."""
+    page: LivePage = _provided("live")
     return page
 
 
 def run_page() -> type[RunPage]:
-    """Return the page of a run."""
-    page: type[RunPage] = _brought("run")
+    """Return the page of a run; TargetError if no add-on provides one."""
+    page: type[RunPage] = _provided("run")
     return page
 
 
 def bench_page() -> BenchPage:
-    """Return the page of a benchmark."""
-    page: BenchPage = _brought("bench")
+    """Return the page of a benchmark; TargetError if no add-on provides one."""
+    page: BenchPage = _provided("bench")
     return page
 
 
-def _brought(name: str) -> Any:
+def _provided(name: str) -> Any:
     entry = next((entry for entry in entry_points(GROUP) if entry.name == name), None)
     if entry is None:
         msg = f"no package that is installed brings the page '{name}' ({GROUP}): install wbf-mission anew"

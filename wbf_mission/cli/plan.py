@@ -85,19 +85,19 @@ def plan_command(
     overwrite: Overwrite = False,
     force: Force = False,
 ) -> None:
-    """Plan a mission within a budget and say what it takes: length, time, coverage, battery.
+    """Plan a mission within a budget and predict its length, time, coverage and battery use.
 
-    One that is longer than a battery is cut into sorties where that costs least.
+    A mission that is longer than a battery is cut into sorties at the places of least cost.
     """
     from mission.files import Firmware, writer_for
     from mission.transfer import Severity
     from wbf_mission.flight import check_flight
-    from wbf_mission.planning.batteries import batteries_in, plan_for_batteries
     from wbf_mission.planning.builder import budget_left, coverage_together, not_used
     from wbf_mission.planning.coverage import too_little_seen
     from wbf_mission.planning.fleet import single_vehicles
-    from wbf_mission.planning.plan import plan_fleet
     from wbf_mission.preflight.run import check_plans
+    from wbf_mission.run.batteries import batteries_in, plan_for_batteries
+    from wbf_mission.run.plan import plan_fleet
 
     given, sorties = sorties.with_rest(given)
     batteries = batteries_in(given.changes.get("budget"))
@@ -124,10 +124,10 @@ def plan_command(
         vehicles = single_vehicles(chosen)
         if batteries is None:
             results = plan_fleet(chosen, progress=progress)
-            cuts = [sorties.cut(result, one) for result, one in zip(results, vehicles, strict=True)]
+            cuts = [sorties.cut(result, vehicle) for result, vehicle in zip(results, vehicles, strict=True)]
         else:
             whole, cut = plan_for_batteries(
-                chosen, batteries, lambda one: sorties.cut(one, vehicles[0]), progress=progress
+                chosen, batteries, lambda whole: sorties.cut(whole, vehicles[0]), progress=progress
             )
             results, cuts = (whole,), [cut]
         progress("planning", 1, 1)
@@ -136,7 +136,7 @@ def plan_command(
     for paths in files:
         refuse(paths)
     check_plans(
-        [(plan, one) for plans, one in zip(flown, vehicles, strict=True) for plan in plans],
+        [(plan, vehicle) for plans, vehicle in zip(flown, vehicles, strict=True) for plan in plans],
         "nothing was written",
         output.events,
         force=force,
@@ -153,8 +153,8 @@ def plan_command(
         if batteries is not None and len(flown[0]) < batteries:
             unused = [not_used(str(len(flown[0])), results[0].budget_text)]
         output.notes(filter(None, dict.fromkeys(unused)))
-    notes = [one for plan in every for one in plan.rendered.remarks if one.severity is Severity.NOTE]
-    output.notes(dict.fromkeys(str(one) for one in notes))
+    remarks = [remark for plan in every for remark in plan.rendered.remarks]
+    output.notes(dict.fromkeys(str(remark) for remark in remarks if remark.severity is Severity.NOTE))
     for plan, path in zip(every, chain.from_iterable(files), strict=True):
         if path is not None:
             write_and_tell(output, plan.mission, path, Firmware(plan.mav_autopilot))
@@ -167,10 +167,10 @@ def plan_command(
         output.result(values[0], tables[0], title="Plan")
     else:
         rows = [
-            [str(number), *(one[name] for name in _OF_EACH)] for number, one in enumerate(tables, start=1)
+            [str(number), *(shown[name] for name in _OF_EACH)] for number, shown in enumerate(tables, start=1)
         ]
         title = f"{results[0].farm.name}: {results[0].planner}, {results[0].budget_text} each"
-        last_s = max(finish_s(*one) for one in zip(results, cuts, strict=True))
+        last_s = max(finish_s(*planned) for planned in zip(results, cuts, strict=True))
         together = {"vehicles": len(results), "finish_s": last_s, "plans": values}
         output.table(together, ["", *_OF_EACH], rows, title=title, left=True)
     for number, (cut, paths) in enumerate(zip(cuts, files, strict=True), start=1):
@@ -191,15 +191,15 @@ _OF_EACH = (
     "battery use",
     "file",
 )
-"""What is told of each plan of a fleet."""
+"""Columns of the table of a fleet's plans."""
 
 
 def _rows_of_sorties(cut: SortiePlan, paths: Sequence[Path | None]) -> dict[str, str]:
-    """Return what is told of a plan in sorties."""
+    """Return the rows of a plan in sorties."""
     rows, count = _rows(cut.whole, None), len(cut.sorties)
-    used = [one.battery_used for one in cut.plans if one.battery_used is not None]
-    lengths_m = sum(one.length_m for one in cut.plans)
-    told = {
+    used = [plan.battery_used for plan in cut.plans if plan.battery_used is not None]
+    lengths_m = sum(plan.length_m for plan in cut.plans)
+    changed = {
         "length": f"{distance(lengths_m)} over ground, as predicted",
         "predicted time": f"{duration(cut.flight_s)} in the air, {duration(cut.total_s)} with the changes"
         if count > 1
@@ -208,30 +208,27 @@ def _rows_of_sorties(cut: SortiePlan, paths: Sequence[Path | None]) -> dict[str,
         "batteries": str(count),
         "file": ", ".join(map(str, paths)) if paths[0] is not None else rows["file"],
     }
-    return {**rows, **told}
+    return {**rows, **changed}
 
 
 def _camera_rows(result: PlanResult) -> dict[str, str]:
-    """Return what is told of a camera by its sensor and lens."""
-    one = result.camera
-    if one is None:
+    """Return the rows of a camera by sensor and lens; empty for the leaf camera."""
+    camera = result.camera
+    if camera is None:
         return {}
-    in_time = one["interval_speed_m_s"]
-    image = f"{one['footprint_across_m']:.1f} m across the flight, {one['footprint_along_m']:.1f} m along"
-    limits = f"sharp up to {one['blur_speed_m_s']:.1f} m/s"
-    if in_time is not None:
-        limits += f", in time up to {in_time:.1f} m/s"
-    return {
-        "camera": f"{one['name']}: {one['gsd_cm']:.2f} cm a pixel at {one['height_m']:.1f} m",
-        "image": image,
-        "overlap": f"{one['front_overlap']:.0%} front, {one['side_overlap']:.0%} side",
-        "images": f"{one['images']}, one each {one['image_distance_m']:.1f} m",
-        "speed": f"{one['speed_m_s']:.1f} m/s ({limits})",
+    in_time = "" if camera["interval_speed_m_s"] is None else ", in time up to {interval_speed_m_s:.1f} m/s"
+    forms = {
+        "camera": "{name}: {gsd_cm:.2f} cm a pixel at {height_m:.1f} m",
+        "image": "{footprint_across_m:.1f} m across the flight, {footprint_along_m:.1f} m along",
+        "overlap": "{front_overlap:.0%} front, {side_overlap:.0%} side",
+        "images": "{images}, one each {image_distance_m:.1f} m",
+        "speed": "{speed_m_s:.1f} m/s (sharp up to {blur_speed_m_s:.1f} m/s" + in_time + ")",
     }
+    return {label: form.format_map(camera) for label, form in forms.items()}
 
 
 def _rows(result: PlanResult, path: Path | None) -> dict[str, str]:
-    """Return what is told of a plan."""
+    """Return the rows of a plan."""
     prediction, battery = result.prediction, result.battery_used
     time = duration(prediction.duration_s)
     if prediction.duration_interval_s is not None:

@@ -65,12 +65,12 @@ CHECKED = options.scenario_options(
     ),
     defaults={"farm": None},
 )
-"""Gives a command the farm, the margin, the camera, the vehicle and the air that a plan is checked for."""
+"""Decorator that adds the options of a check: farm, margin, camera, vehicle and weather."""
 
 
 @dataclass(frozen=True, slots=True)
 class Surroundings:
-    """What a plan is checked for besides the options of a run."""
+    """Options of a check that are not options of a run."""
 
     camera_interval: Annotated[
         float | None,
@@ -83,11 +83,11 @@ class Surroundings:
     ] = None
 
     def circumstances(self, given: options.Given, mission: Mission, output: Output) -> Circumstances:
-        """Return what a plan is checked for, by the command line, and say how the farm's file was read."""
+        """Return the circumstances of a check from the command line, and print the notes of the farm."""
         from sim_vehicle.camera.component import MIN_INTERVAL_S
         from wbf_mission.planning.imaging import imaging_of
-        from wbf_mission.planning.plan import farm_of
         from wbf_mission.preflight.subject import Circumstances, level_of_plan
+        from wbf_mission.run.resolve import farm_of
 
         interval_s = self.camera_interval
         if interval_s is not None and not 0.0 < interval_s <= 3600.0:
@@ -136,14 +136,14 @@ def preflight_command(
     output: Output,
     file: Annotated[Path, typer.Argument(help="Mission file: .plan, .waypoints, .json, .kml ...")],
     around: Surroundings,
-    connect: Annotated[str | None, options.link("Ask the vehicle behind this link, too")] = None,
+    connect: Annotated[str | None, options.link("Link to the vehicle, which is then checked, too")] = None,
     system_id: options.SystemId = None,
     wait: options.Wait = 10.0,
 ) -> int:
-    """Check a mission file before it is flown, and with --connect the vehicle that is to fly it.
+    """Check a mission file before the flight, and with --connect also the vehicle.
 
-    Each finding has a code, which docs/preflight.md explains. Exit code 1 tells that there are errors;
-    warnings and notes are none.
+    Each finding has a code, which docs/preflight.md explains. Exit code 1 means that there are errors;
+    warnings and notes do not count.
     """
     from wbf_mission.preflight.inquiry import ask_vehicle
     from wbf_mission.preflight.run import check_mission
@@ -165,7 +165,7 @@ def preflight_command(
 
 
 def read_and_tell(file: Path, output: Output) -> Mission:
-    """Return the mission of a file, and say how it was understood."""
+    """Return the mission of a file, and print the notes of its reader."""
     from mission.files import open_mission
 
     mission, notes = open_mission(file)
@@ -176,9 +176,10 @@ def read_and_tell(file: Path, output: Output) -> Mission:
 def fitted_circumstances(
     circumstances: Circumstances, given: options.Given, snapshot: VehicleSnapshot
 ) -> Circumstances:
-    """Return what a plan is checked for with the autopilot that is heard, which has to be the one named.
+    """Return the circumstances with the autopilot of the connected vehicle.
 
-    Where nobody named a vehicle it is a typical one of the kind that was heard.
+    Without ``--vehicle``, a typical vehicle of the connected vehicle's kind is assumed. ScenarioError if
+    ``--autopilot`` names another autopilot.
     """
     from mission.transfer.vehicles import Vehicle
     from wbf_mission.live.discovery import fitted_to, typical_vehicle
@@ -216,19 +217,19 @@ def _show(output: Output, file: Path, checked: Preflight) -> None:
         f"{number} {name if number != 1 else name.removesuffix('s')}"
         for name, number in report.counts.items()
     )
-    rows = [_row(one) for one in report.findings]
+    rows = [_row(finding) for finding in report.findings]
     output.table(values, _HEADER, rows, title=title, left=True, lines=True)
 
 
 def _row(finding: Finding) -> list[str]:
-    """Return the cells of a finding, of several lines each, which fit a narrow terminal."""
+    """Return the cells of a finding; several lines each, to fit a narrow terminal."""
     plan = "" if finding.plan == "mission" else f"{finding.plan} "
     item = [plan.strip()] if finding.item is None else [f"{plan}{finding.item}", finding.command]
     if finding.count > 1:
         item.append(f"and {finding.count - 1} more")
-    said = [finding.text]
+    texts = [finding.text]
     if finding.measure is not None:
-        said.append(f"measured: {finding.measure}")
+        texts.append(f"measured: {finding.measure}")
     if finding.fix:
-        said.append(f"to do: {finding.fix}")
-    return [f"{finding.severity.value}\n{finding.code}", "\n".join(filter(None, item)), "\n".join(said)]
+        texts.append(f"to do: {finding.fix}")
+    return [f"{finding.severity.value}\n{finding.code}", "\n".join(filter(None, item)), "\n".join(texts)]

@@ -1,4 +1,4 @@
-"""Ctrl-C, SIGTERM and SIGHUP: each ends a command as Ctrl-C does, with its own exit code."""
+"""Handling of SIGINT (Ctrl-C), SIGTERM and SIGHUP: all interrupt a command, each with its own exit code."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ _repeats: list[Repeats] = [Repeats()]
 def install() -> None:
     """Make the signals raise KeyboardInterrupt in the main thread.
 
-    The first one lets a command close its files and tell what it has; the second ends that, too; the third
-    ends the process on the spot. What comes within a second of another one repeats it.
+    After the first signal, a command closes its files and prints its results. The second signal stops this
+    too, and the third ends the process at once. A signal within a second of another is ignored as a repeat.
     """
     _received.clear()
     _repeats[0] = Repeats()
     defer(False)
-    # A command in the background of a script ignores SIGINT, one under nohup SIGHUP: those stay ignored.
+    # Shells ignore SIGINT for background commands, and nohup ignores SIGHUP; ignored signals stay ignored.
     for number in INTERRUPTS:
         handler = signal.getsignal(number)
         if handler is not signal.SIG_IGN and handler is not None:
@@ -35,7 +35,7 @@ def install() -> None:
 
 
 def restore() -> None:
-    """Put back the handlers from before `install`."""
+    """Restore the handlers from before `install`."""
     for number, handler in _before.items():
         signal.signal(number, handler)  # type: ignore[arg-type]
     _before.clear()
@@ -43,28 +43,28 @@ def restore() -> None:
 
 
 def defer(wanted: bool) -> None:
-    """Let the first signal be noted only (`came`), for work that must not be broken off just anywhere."""
+    """Only record the first signal (`came`), during work that must not be interrupted at any point."""
     _deferred[0] = wanted
 
 
 def came() -> bool:
-    """Whether a signal has come."""
+    """Return whether a signal was received."""
     return bool(_received)
 
 
 def forget() -> None:
-    """Clear the received signals once they are handled, so that the command goes on."""
+    """Clear the received signals once they are handled, so that the command continues."""
     _received.clear()
 
 
 def exit_code(otherwise: int) -> int:
-    """128 and the number of the first signal that came; `otherwise` when none came."""
+    """Return 128 plus the number of the first received signal; `otherwise` if there was none."""
     return 128 + _received[0] if _received else otherwise
 
 
 @contextlib.contextmanager
 def announcing(text: str, when: Callable[[], bool] = lambda: True) -> Iterator[None]:
-    """Say a line on stderr at once when a signal comes, if it is true by then: what follows takes a while."""
+    """Print `text` on stderr as soon as a signal comes, if `when()` holds: shutting down may be slow."""
     _announced.append((text, when))
     try:
         yield
@@ -81,7 +81,7 @@ def _interrupt(number: int, _frame: FrameType | None) -> None:
     text, when = _announced[-1] if _announced else ("", lambda: False)
     if len(_received) == 1 and when():
         with contextlib.suppress(OSError):
-            # Not through sys.stderr: it may be in the middle of a line.
+            # os.write, because the signal may have interrupted sys.stderr in the middle of a line.
             os.write(2, ("\n" * os.isatty(2) + text + "\n").encode(errors="backslashreplace"))
     if len(_received) > 1:
         for other in _before:

@@ -70,7 +70,7 @@ def sim_command(
         str | None,
         option(
             "MAVLink signing key: 64 hexadecimal digits, a phrase, or @FILE that holds one; the vehicles"
-            " sign, and hear only messages signed with it.",
+            " sign their messages, and accept only messages signed with this key.",
             panel=LINKS,
             envvar="WBF_MISSION_SIGNING_KEY",
             show_envvar=True,
@@ -103,8 +103,8 @@ def sim_command(
 ) -> int:
     """Run simulated vehicles with leaf cameras on UDP, TCP or serial lines, for ground stations and programs.
 
-    It binds to loopback unless a link says otherwise. End it with Ctrl-C or SIGTERM: the vehicles say goodbye
-    (a HEARTBEAT with the state POWEROFF) and the log is complete.
+    Links use the loopback interface unless their address says otherwise. Stop the simulator with Ctrl-C or
+    SIGTERM: the vehicles then send a last HEARTBEAT with the state POWEROFF, and the log is complete.
     """
     from mission.link.tlog import TlogWriter
     from sim_vehicle.epoch import EPOCH_UNIX_S
@@ -165,7 +165,7 @@ def sim_command(
             ) as server,
         ):
             if tlog is not None:
-                # Only now: what keeps the simulator from starting leaves an older log as it was.
+                # The log is opened only now, so that a failed start leaves an older log unchanged.
                 log = TlogWriter(tlog)
                 cleanup.callback(log.close)
             output.note(_greeting(simulated, scenario.vehicle.name, server.urls))
@@ -196,11 +196,11 @@ def sim_command(
     }
     output.result(values, _rows(simulated, values), title="Simulator stopped")
     code = signals.exit_code(ExitCode.GOOD)
-    return ExitCode.GOOD if code == ExitCode.INTERRUPTED else code  # Ctrl-C is how it is ended by hand
+    return ExitCode.GOOD if code == ExitCode.INTERRUPTED else code  # Ctrl-C is the normal way to end `sim`
 
 
 class _Followed:
-    """What a page shows of the simulation."""
+    """Source of the simulation's events for the live page."""
 
     def __init__(self, simulated: Simulated, scenario: Scenario, events: EventStream) -> None:
         from wbf_mission.simulator import SimulatedWatch
@@ -209,13 +209,13 @@ class _Followed:
         self.watch = SimulatedWatch(simulated, scenario.farm.day)
 
     def begin(self) -> Callable[[float], bool]:
-        """Tell what is simulated, once somebody listens; return what tells more at each step."""
+        """Publish the first events, once the page listens; return the callback for each later step."""
         from sensors.field_files import load_field_set
         from wbf_mission.live.telemetry_events import TelemetryEvents
 
         simulated, scenario, events = self._simulated, self._scenario, self._events
         environment, day = simulated.environment, scenario.farm.day
-        specs = [(one.system_id, one.pilot.spec) for one in simulated.vehicles]
+        specs = [(vehicle.system_id, vehicle.pilot.spec) for vehicle in simulated.vehicles]
         begun = RunBegun(
             f"{simulated.farm.name}, simulated {simulated.autopilot}",
             simulated.farm,
@@ -230,8 +230,9 @@ class _Followed:
 
 
 def _with_camera(given: options.Given, chosen: bool | None) -> bool | None:
-    """Whether the vehicles carry a camera, None as their autopilot has it; its options ask for one."""
-    asked = next((one.flag for one in options_of(CameraOptions).values() if one.key in given.changes), None)
+    """Return whether vehicles carry a camera (implied by its options); None is the autopilot's default."""
+    defined = options_of(CameraOptions).values()
+    asked = next((option.flag for option in defined if option.key in given.changes), None)
     if chosen is False and asked is not None:
         msg = f"{asked} has no effect without the camera: leave it or --no-camera out"
         raise ScenarioError(msg)
@@ -239,7 +240,7 @@ def _with_camera(given: options.Given, chosen: bool | None) -> bool | None:
 
 
 def _rows(simulated: Simulated, values: Mapping[str, Any]) -> dict[str, str]:
-    """Return the result as a table's rows."""
+    """Return the rows of the result's table."""
     rows = {
         "simulated time": duration(values["simulated_s"]),
         "end": values["stopped"],
@@ -247,18 +248,18 @@ def _rows(simulated: Simulated, values: Mapping[str, Any]) -> dict[str, str]:
         "links": "\n".join(_some(values["urls"])),
         "log": values["tlog"] or "not written (give --tlog FILE)",
     }
-    for one in simulated.vehicles:
-        rows[f"vehicle {one.system_id}"] = in_words(one.outcome, one.outcome_text)
+    for vehicle in simulated.vehicles:
+        rows[f"vehicle {vehicle.system_id}"] = in_words(vehicle.outcome, vehicle.outcome_text)
     return rows
 
 
 def _some(urls: Sequence[str]) -> list[str]:
-    """Return the first links, and how many more there are."""
+    """Return the first links, and the number of the others."""
     return list(urls) if len(urls) <= _SHOWN_LINKS else [*urls[:7], f"{len(urls) - 7} more"]
 
 
 def _signing(key: str | None) -> Signing | None:
-    """Return what signs with a key as it was typed, None without one."""
+    """Return the signing of messages with a key as given on the command line; None without a key."""
     if key is None:
         return None
     import time

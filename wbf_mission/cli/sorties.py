@@ -1,4 +1,4 @@
-"""The options of sorties, and what a mission in sorties is told by."""
+"""Options of sorties, and the tables of a mission in sorties."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _REST = "rest.plan"
 
 @dataclass(frozen=True, slots=True)
 class SortieOptions:
-    """How a mission that is longer than a battery is flown."""
+    """Options for a mission that is longer than a battery."""
 
     whole: Annotated[
         bool,
@@ -47,8 +47,9 @@ class SortieOptions:
     overlap: Annotated[
         float | None,
         option(
-            "Length flown again where a sortie goes on, m.  [default: twice the distance between images, and"
-            " the way needed to come onto the row]",
+            "Length flown again where the next sortie begins, m.  [default: twice the distance between "
+            "images,"
+            " plus the length needed to line up with the row]",
             panel=_PANEL,
             parser=options.number,
         ),
@@ -60,22 +61,22 @@ class SortieOptions:
     resume: Annotated[
         str | None,
         option(
-            "Place where the mission file was broken off, to go on from there: an item (12), metres on the"
-            " way to it (12+35m), a telemetry log, a results folder, or the vehicle's link.",
+            "Place from which to resume the mission file: an item (12), metres on the leg to it (12+35m), a"
+            " telemetry log, a results folder, or the vehicle's link.",
             panel=_PANEL,
             metavar="FROM",
         ),
     ] = None
 
     def check(self, *, mission: str | None) -> None:
-        """Refuse numbers out of range, and options that do not go together."""
+        """Raise ScenarioError for numbers out of range and options that contradict each other."""
         for name, value, most in (("overlap", self.overlap, 1e4), ("change-time", self.change_time, _DAY_S)):
             if value is not None and not 0.0 <= value <= most:
                 msg = f"--{name} {value:g} is out of range: give 0 to {most:g}"
                 raise ScenarioError(msg)
         if self.resume is not None and mission is None:
             msg = (
-                "--resume goes on with a mission that was flown: give its file with --mission, too (or the"
+                "--resume continues a mission that was flown: give its file with --mission, too (or the"
                 f" results of a flight that left a {_REST})"
             )
             raise ScenarioError(msg)
@@ -85,13 +86,13 @@ class SortieOptions:
             raise ScenarioError(msg)
 
     def check_counted(self) -> None:
-        """Refuse what does not go with a budget of batteries."""
+        """Raise ScenarioError for options that contradict a budget in batteries."""
         if self.whole:
             msg = "--whole leaves the mission as it is, a budget of batteries cuts it: leave one of them out"
             raise ScenarioError(msg)
 
     def with_rest(self, given: options.Given) -> tuple[options.Given, SortieOptions]:
-        """Return what was given with the mission that a results folder has left, if it is such a one."""
+        """Return the given options with the mission file of a results folder's remaining mission, if any."""
         if self.resume is None or "mission" in given.changes:
             return given, self
         rest = Path(self.resume) / _REST
@@ -100,7 +101,7 @@ class SortieOptions:
         return replace(given, changes={**given.changes, "mission": str(rest)}), replace(self, resume=None)
 
     def homes(self, altitude_m: float) -> list[GeoPoint]:
-        """Return where sorties may begin; ScenarioError if one is no position."""
+        """Return the take-off places of sorties; ScenarioError if one is not a position."""
         from geo.texts import parse_number
         from mission.errors import MissionError
         from mission.model import GeoPoint
@@ -115,10 +116,10 @@ class SortieOptions:
                 raise ScenarioError(msg) from None
         return found
 
-    def cut(self, whole: PlanResult, one: SingleVehicle) -> SortiePlan | None:
-        """Return a vehicle's mission in sorties; None for one that is left whole, because it can or must be.
+    def cut(self, whole: PlanResult, vehicle: SingleVehicle) -> SortiePlan | None:
+        """Return a vehicle's mission in sorties; None if it stays whole.
 
-        WbfMissionError if it is to be resumed and cannot be.
+        WbfMissionError if the mission cannot be resumed.
         """
         from wbf_mission.planning.sorties import is_too_long, sorties_of
 
@@ -132,7 +133,7 @@ class SortieOptions:
             begin = resume_place(self.resume, Course(whole.mission))
         return sorties_of(
             whole,
-            one,
+            vehicle,
             begin=begin,
             homes=self.homes(whole.farm.frame.altitude_m),
             overlap_m=self.overlap,
@@ -141,9 +142,9 @@ class SortieOptions:
 
 
 def numbered_files(out: Path | None, count: int, what: str = "") -> list[Path | None]:
-    """Return the file of each of several missions, with numbers; one alone keeps its name.
+    """Return numbered file names for several missions; a single mission keeps the name `out`.
 
-    >>> [str(one) for one in numbered_files(Path("rows.plan"), 2, "-sortie")]
+    >>> [str(file) for file in numbered_files(Path("rows.plan"), 2, "-sortie")]
     ['rows-sortie-1.plan', 'rows-sortie-2.plan']
     """
     if out is None or count == 1:
@@ -158,10 +159,10 @@ SORTIE_HEADER = ["", "items", "length", "time", "at most", "battery use", "from"
 
 
 def sortie_rows(cut: SortiePlan, files: Sequence[Path | None]) -> list[list[str]]:
-    """Return a row for each sortie, and one for all."""
+    """Return a row for each sortie, and a row of totals."""
     rows = []
-    for number, (one, path) in enumerate(zip(cut.sorties, files, strict=True), start=1):
-        plan, battery = one.plan, one.plan.battery_used
+    for number, (sortie, path) in enumerate(zip(cut.sorties, files, strict=True), start=1):
+        plan, battery = sortie.plan, sortie.plan.battery_used
         rows.append(
             [
                 str(number),
@@ -170,13 +171,13 @@ def sortie_rows(cut: SortiePlan, files: Sequence[Path | None]) -> list[list[str]
                 duration(plan.prediction.duration_s),
                 f"{plan.prediction.most_wh:.1f} Wh",
                 "-" if battery is None else f"{battery:.1%}",
-                str(one.begin),
-                "the end" if one.end is None else str(one.end),
+                str(sortie.begin),
+                "the end" if sortie.end is None else str(sortie.end),
                 "-" if path is None else str(path),
             ]
         )
-    lengths_m = sum(one.length_m for one in cut.plans)
-    most_wh = sum(one.prediction.most_wh for one in cut.plans)
+    lengths_m = sum(plan.length_m for plan in cut.plans)
+    most_wh = sum(plan.prediction.most_wh for plan in cut.plans)
     total = [distance(lengths_m), duration(cut.flight_s), f"{most_wh:.1f} Wh"]
     return [*rows, ["all", "", *total, "", "", "", ""]]
 
@@ -185,13 +186,13 @@ FLEET_HEADER = ["", "sorties", "in the air", "with the changes"]
 
 
 def finish_s(result: PlanResult, cut: SortiePlan | None) -> float:
-    """Return after how many seconds a vehicle has flown its plan, the changes of its battery counted."""
+    """Return the time of a vehicle's whole plan, battery changes included (s)."""
     return result.prediction.duration_s if cut is None else cut.total_s
 
 
 def fleet_rows(results: Sequence[PlanResult], cuts: Sequence[SortiePlan | None]) -> list[list[str]]:
-    """Return a row for each vehicle, with its totals, and one for when the last of them is done."""
-    rows, every_s = [], [finish_s(*one) for one in zip(results, cuts, strict=True)]
+    """Return a row of totals for each vehicle, and a row with the time of the last one."""
+    rows, every_s = [], [finish_s(*planned) for planned in zip(results, cuts, strict=True)]
     for number, (result, cut, total_s) in enumerate(zip(results, cuts, every_s, strict=True), start=1):
         aloft_s = result.prediction.duration_s if cut is None else cut.flight_s
         count = 1 if cut is None else len(cut.sorties)
@@ -200,9 +201,9 @@ def fleet_rows(results: Sequence[PlanResult], cuts: Sequence[SortiePlan | None])
 
 
 def sortie_summary(cut: SortiePlan, files: Sequence[Path | None]) -> dict[str, Any]:
-    """Return plain values for JSON."""
+    """Return a mission in sorties as plain values, for JSON."""
     values = cut.summary()
     names = [None if path is None else str(path) for path in files]
-    for one, name in zip(values["sorties"], names, strict=True):
-        one["file"] = name
+    for sortie, name in zip(values["sorties"], names, strict=True):
+        sortie["file"] = name
     return {**values, "file": names[0] if len(names) == 1 else None}

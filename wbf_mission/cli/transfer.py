@@ -21,7 +21,7 @@ from wbf_mission.cli.preflight import (
 )
 from wbf_mission.exit_codes import ExitCode
 
-Connect = Annotated[str, options.link("The vehicle")]
+Connect = Annotated[str, options.link("Link to the vehicle")]
 UPLOAD_EXAMPLES = """
 Examples
 wbf-mission upload spiral.plan --connect udpin:127.0.0.1:14550
@@ -54,9 +54,8 @@ def upload_command(
 ) -> int:
     """Check a mission file, upload it (mission, fence, rally points), download it again and compare.
 
-    The check is that of preflight --connect; without --vehicle it is made for a typical vehicle of the kind
-    that is heard. Exit code 5 tells that the vehicle refused it, or stored it and
-    would not fly it.
+    The check is that of preflight --connect; without --vehicle, a typical vehicle of the connected vehicle's
+    kind is assumed. Exit code 5 means that the vehicle refused the mission, or stored it but will not fly it.
     """
     from wbf_mission.live.link import via_named
     from wbf_mission.live.uploading import upload_checked
@@ -88,7 +87,7 @@ def upload_command(
     rows["messages"] = (
         f"{report.messages_sent} sent, {report.messages_received} received, {report.retries} retries"
         if report.messages_sent
-        else "not told by MAVSDK"
+        else "not reported by MAVSDK"
     )
     rows["time"] = duration(report.duration_s)
     findings = [finding.summary() for finding in checked.findings]

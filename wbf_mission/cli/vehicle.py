@@ -8,7 +8,7 @@ import typer
 
 from wbf_mission.cli import options
 from wbf_mission.cli.help import HelpCommand, HelpGroup
-from wbf_mission.cli.output import Output, told
+from wbf_mission.cli.output import Output, filled
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -31,7 +31,7 @@ def list_command(output: Output) -> None:
 
     vehicles = [get_vehicle(name) for name in vehicle_names()]
     values = [_summary(vehicle) for vehicle in vehicles]
-    rows = [[told(form, one) for form in _COLUMNS.values()] for one in values]
+    rows = [[filled(form, listed) for form in _COLUMNS.values()] for listed in values]
     output.table(values, list(_COLUMNS), rows)
 
 
@@ -74,7 +74,7 @@ def show_command(output: Output, vehicle: VehicleArgument) -> None:
 
 
 def _by_autopilot(spec: VehicleSpec, speed: Callable[[VehicleSpec], float]) -> str:
-    """Tell a speed of the vehicle as each autopilot flies it."""
+    """Return a speed of the vehicle under each autopilot, in words."""
     from sim_vehicle.autopilot import autopilot_names, with_autopilot
 
     speeds: dict[str, list[str]] = {}
@@ -86,7 +86,7 @@ def _by_autopilot(spec: VehicleSpec, speed: Callable[[VehicleSpec], float]) -> s
 
 
 def _add_endurance(spec: VehicleSpec, values: dict[str, Any], rows: dict[str, str]) -> None:
-    """Add time and distance on one battery by the model, and what the maker publishes."""
+    """Add the predicted time and distance on one battery, and the manufacturer's published endurance."""
     from sim_vehicle.energy.power import best_speeds, endurance_s, flight_power_w
 
     battery, power = spec.battery, spec.power
@@ -125,7 +125,7 @@ def _add_endurance(spec: VehicleSpec, values: dict[str, Any], rows: dict[str, st
 
 
 def _least_airspeed_m_s(spec: VehicleSpec) -> float | None:
-    """Return the least airspeed of a fixed wing by its own parameters for the default autopilot, if there."""
+    """Return the least airspeed in a fixed wing's parameters for the default autopilot; None if not set."""
     from sim_vehicle.airframe.kind import DEFAULT_AUTOPILOT
     from sim_vehicle.autopilot import fixed_wing_procedures
 

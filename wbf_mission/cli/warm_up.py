@@ -18,8 +18,8 @@ Example
 wbf-mission warm-up
 """
 
-# Flights that go through what is compiled besides the vehicles' motion: a policy chooses among routes of its
-# own kind; `gp` takes the readings of a larger farm in windows first, then in tiles, which are scored apart.
+# Flights that run all compiled functions but the vehicles' motion.
+# Each policy has its own route search, and `gp` has extra functions for farms that need tiles.
 _FLIGHTS: dict[str, dict[str, str]] = {
     "estimator adaptive-disk": {"planner": "spiral", "vehicle": "ideal", "estimator": "adaptive-disk"},
     "estimator gp": {
@@ -34,14 +34,14 @@ _FLIGHTS: dict[str, dict[str, str]] = {
     "policy orienteering": {"policy": "orienteering", "vehicle": "ideal"},
 }
 GROUP = "wbf_mission.warm_ups"
-"""Entry points of functions that compile the rest ahead; each announces by its argument what it compiles."""
+"""Group of entry points: functions that compile add-ons, and announce each step to their callback."""
 
 
 @options.speaks()
 def warm_up_command(output: Output) -> None:
-    """Compile everything ahead, once after an installation, so that no later run has to.
+    """Compile all functions once after an installation, so that no later run has to.
 
-    What is compiled is kept in the user's cache; a second warm-up has nothing to do but to look.
+    Compiled code is kept in the user's cache, so a second warm-up only checks the cache.
     """
     from sim_vehicle.prediction.compile_ahead import compile_all
 
@@ -56,22 +56,22 @@ def warm_up_command(output: Output) -> None:
     for entry in entry_points(GROUP):
         try:
             load_entry(entry, f"the warm-up {entry.name}", TargetError)(begin)
-        except WbfMissionError as error:  # as where an extra is not installed
+        except WbfMissionError as error:  # such as a missing extra
             output.note(str(error))
     ends = [*(since_s for _, since_s in begun[1:]), time.perf_counter()]
     seconds = {what: end_s - since_s for (what, since_s), end_s in zip(begun, ends, strict=True)}
     wall_time_s = sum(seconds.values())
-    rows = {what: duration(one_s) for what, one_s in seconds.items()}
+    rows = {what: duration(taken_s) for what, taken_s in seconds.items()}
     values = {"seconds": seconds, "wall_time_s": wall_time_s}
     output.result(values, {**rows, "together": duration(wall_time_s)}, title="Ready")
 
 
-def fly_all(told: Callable[[str], None]) -> None:
-    """Fly what goes through everything that is compiled besides the vehicles' motion; each is told before."""
+def fly_all(announce: Callable[[str], None]) -> None:
+    """Fly all of `_FLIGHTS`, each announced before."""
     from wbf_mission.flight import fly
     from wbf_mission.scenario import Scenario
 
     for what, given in _FLIGHTS.items():
-        told(what)
+        announce(what)
         options: dict[str, Any] = {"farm": "miniberry-10", **given}
         fly(Scenario(**options))

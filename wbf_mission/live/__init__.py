@@ -1,1 +1,1 @@
-"""Flights of vehicles at the other end of a link."""
+"""Flights of vehicles behind links."""

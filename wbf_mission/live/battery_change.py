@@ -1,4 +1,4 @@
-"""Battery change between two sorties: the operator's word, and the vehicle's reading."""
+"""Battery change between two sorties, by the operator's answer and the vehicle's reading."""
 
 from __future__ import annotations
 
@@ -15,12 +15,13 @@ from wbf_mission.planning import PlanResult
 __all__ = ["REAL_FULL", "BatteryWait", "needed_fraction", "risen_fraction"]
 
 REAL_FULL = 0.95
-"""Least reading of a fresh battery: batteries age, and autopilots estimate by voltage."""
+"""Least reading of a fresh battery; below 1 because batteries age and autopilots estimate charge by
+voltage."""
 _LOOK_S = 0.5
-# A vehicle whose battery is not heard of in this time does not report it.
+# A vehicle without a battery message in this time (s) sends none.
 _TELLS_S = 6.0
 _BACK = 0.5
-"""Without an operator, a battery counts as changed once this part of the used charge is back."""
+"""Fraction of the used charge whose return shows a battery change, without an operator."""
 
 
 def needed_fraction(plan: PlanResult) -> float | None:
@@ -32,9 +33,9 @@ def needed_fraction(plan: PlanResult) -> float | None:
 
 
 def risen_fraction(before: float | None, lowest: float | None) -> float | None:
-    """Return the least reading of a changed battery: half of the charge of the last sortie is back.
+    """Return the least reading of a changed battery: the lowest reading plus half the used charge.
 
-    None if the vehicle did not tell its readings before the last sortie, and the lowest of it.
+    None if a reading is unknown: `before` the last sortie, or the `lowest` in it.
 
     >>> risen_fraction(0.75, 0.25), risen_fraction(None, 0.5)
     (0.5, None)
@@ -44,21 +45,21 @@ def risen_fraction(before: float | None, lowest: float | None) -> float | None:
 
 @dataclass(slots=True)
 class BatteryWait:
-    """Waits until a vehicle has the battery for its next sortie.
+    """Waits for a vehicle's battery change before its next sortie.
 
     Parameters
     ----------
     needs : float or None
-        What the battery has to read.
+        Required reading of the battery; None for an endless battery.
     asks : callable or None
-        Asked every half second: the operator has changed the battery (True), wants no more (False), or has
-        not said yet (None). Without an operator the reading tells it.
+        Called every half second; returns True once the operator has changed the battery, False to end the
+        mission, None before an answer. Without an operator the reading decides.
     risen : float or None
-        What a battery reads at least that was changed, where nobody says so; None if that is not known.
+        Least reading that shows a change without an operator; None if unknown.
     limit_s : float
-        How long to wait where nobody can say that it is enough.
+        Timeout without an operator (s).
     note : callable
-        Takes lines for the operator.
+        Receives lines for the operator.
     """
 
     needs: float | None
@@ -66,12 +67,12 @@ class BatteryWait:
     risen: float | None
     limit_s: float
     note: Callable[[str], None]
-    _said: bool = False  # The operator says that it is changed
+    _said: bool = False  # Whether the operator has confirmed the change
     _told: str = ""
     _heard_s: float = 0.0
 
     def wait(self, url: str, system_id: int) -> str:
-        """Return why the vehicle does not fly on, empty if it can; KeyboardInterrupt at Ctrl-C."""
+        """Return why the vehicle cannot fly the next sortie, empty if it can; KeyboardInterrupt at Ctrl-C."""
         began_s = time.monotonic()
         while True:
             try:
@@ -83,14 +84,14 @@ class BatteryWait:
                         why = self._settled(watch.vehicles.get(system_id), time.monotonic() - began_s)
                 return why
             except LinkError as error:
-                # The radio may be powered by the battery.
+                # The battery may power the radio, so the link can vanish during the change.
                 self._tell(f"{error}; trying again")
                 time.sleep(_LOOK_S)
                 if (ended := self._settled(None, time.monotonic() - began_s)) is not None:
                     return ended
 
     def _settled(self, vehicle: WatchedVehicle | None, waited_s: float) -> str | None:
-        """Return why it does not fly on, empty if it can; None while that is open."""
+        """Return why the vehicle cannot fly the next sortie, empty if it can; None while undecided."""
         if self.asks is not None:
             said = self.asks()
             if said is False:
@@ -120,7 +121,7 @@ class BatteryWait:
         return "" if self._said else None
 
     def _without_reading(self, waited_s: float) -> str | None:
-        """Believe the operator about the battery of a vehicle that does not tell of it."""
+        """Decide by the operator alone, for a vehicle without battery messages."""
         if waited_s - self._heard_s < _TELLS_S:
             return None
         if self.asks is None:
@@ -131,7 +132,7 @@ class BatteryWait:
         return None
 
     def _tell(self, text: str) -> None:
-        """Say something once."""
+        """Send a line to the operator, unless it repeats the last line."""
         if text != self._told:
             self._told = text
             self.note(text)

@@ -1,4 +1,4 @@
-"""One order to one vehicle, confirmed by what the vehicle shows then, not by its answer alone."""
+"""One order to one vehicle, confirmed by the vehicle's telemetry, not only by its acknowledgement."""
 
 from __future__ import annotations
 
@@ -25,34 +25,34 @@ from mission.transfer.wire import GROUND_STATION, command_long
 __all__ = ["OFF_GROUND_M", "CommandSession", "Step", "is_ready", "step_of"]
 
 OFF_GROUND_M = 0.5
-"""A vehicle that is so high above home has left the ground."""
+"""Height above home above which a vehicle is in the air (m)."""
 
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """What is sent to a vehicle, and what shows that it is carried out."""
+    """Messages of an order, and the telemetry that confirms it."""
 
-    # Tells by what was heard of the vehicle whether it is carried out
+    # Returns whether the vehicle's telemetry confirms the order
     shown: Callable[[VehicleMonitor], bool]
-    command: int | None = None  # MAV_CMD; None where only `message` is sent
+    command: int | None = None  # MAV_CMD; None if only `message` is sent
     params: tuple[float, ...] = ()
-    # What is sent to a vehicle that does not know the command. Nothing answers it.
+    # Alternative for vehicles that do not know the command; never acknowledged
     message: Message | None = None
 
 
 def is_ready(wanted: OperatorCommand, heard: VehicleMonitor) -> bool:
-    """Tell whether all is heard of a vehicle that `step_of` asks for."""
+    """Return whether the telemetry that `step_of` needs was received."""
     if wanted.order == "takeoff":
-        # Who stands with motors that are off is refused anyway.
+        # The order is refused for a disarmed vehicle, whatever its position.
         return not heard.state.armed or (heard.position_heard_s > -math.inf and heard.flies is not None)
     return wanted.order != "set-item" or heard.item_heard_s > -math.inf
 
 
 def step_of(wanted: OperatorCommand, vehicle: tuple[int, int], heard: VehicleMonitor) -> Step:
-    """Return how a vehicle is given an order.
+    """Return the messages that give a vehicle an order.
 
-    VehicleRefusedError if it could not carry it out as it is now, MotorsStandError if it would start its
-    motors and the order does not say so, ModeError if it has no mode of that name.
+    Raises VehicleRefusedError if the vehicle's state rules out the order, MotorsStandError if an order
+    without permission would start its motors, and ModeError for an unknown mode.
     """
     if wanted.order in ("arm", "disarm"):
         arms = wanted.order == "arm"
@@ -128,9 +128,9 @@ _STREAMED = (
 
 
 class CommandSession:
-    """A component that gives one order to one vehicle, to the first that is heard where none is named.
+    """Component that gives one order to one vehicle: that of `system_id`, or the first that is heard.
 
-    With a `contact` somebody else keeps that up to date, and sends the heartbeat of our side.
+    A given `contact` is updated by its owner, who also sends the ground station's heartbeat.
     """
 
     system_id, component_id = GROUND_STATION
@@ -157,7 +157,7 @@ class CommandSession:
 
     @property
     def vehicle(self) -> tuple[int, int] | None:
-        """System and component of the vehicle, once it was heard."""
+        """System and component id of the vehicle; None before it is heard."""
         if self._heartbeat is None:
             return self._contact.vehicle
         found = self.search.found
@@ -170,12 +170,12 @@ class CommandSession:
 
     @property
     def texts(self) -> list[str]:
-        """What the vehicle said meanwhile, each text once; what is part of `error` is left out."""
+        """Texts of the vehicle since the order, without repetitions and without the text in `error`."""
         said = dict.fromkeys(text for _, _, text in self._contact.texts.texts)
         return [text for text in said if self.error is None or text not in str(self.error)]
 
     def receive(self, message: Message, now_s: float) -> list[Message]:
-        """Take one message."""
+        """Receive a message."""
         if self.done:
             return []
         found = self.search.take(message) if self._heartbeat is not None else None
@@ -188,7 +188,7 @@ class CommandSession:
         return self._note(message, now_s)
 
     def poll(self, now_s: float) -> list[Message]:
-        """Send what is due."""
+        """Send the due messages."""
         if self.done:
             return []
         out = self._contact.link.poll(now_s)
@@ -221,7 +221,7 @@ class CommandSession:
         return out
 
     def next_deadline(self) -> float:
-        """When `poll` has something to do."""
+        """Time of the next `poll` that does anything (s)."""
         if self.done:
             return math.inf
         due_s = [self._end_s, self._message_s, self._contact.link.next_deadline()]
@@ -239,22 +239,22 @@ class CommandSession:
 
     @property
     def _end_s(self) -> float:
-        """When the vehicle has to have shown that it obeys; later over a slow link, whose orders repeat."""
+        """Deadline for the confirmation by telemetry (s); later on a slow link, where orders are retried."""
         return self._begun_s + _PATIENCE_S + _ROUND_TRIPS * self._trip_s
 
     @property
     def _ready_s(self) -> float:
-        """When the order is given, though the vehicle has not told all that it takes."""
+        """Time (s) at which the order is sent even if required telemetry is missing."""
         return self._begun_s + _KNOWN_S + _ROUND_TRIPS * self._trip_s
 
     @property
     def _said(self) -> str:
-        """What the vehicle warned of last since it was given the order; empty for nothing."""
+        """Last warning of the vehicle since the order; empty if none."""
         return self._contact.texts.last_warning("", self._texts_before)
 
     @property
     def _advice(self) -> str:
-        """What to do where it refused to arm in a mode in which it does not; empty for nothing."""
+        """Advice if the flight mode is why arming was refused; empty if none."""
         name = self._contact.monitor.modes.arming
         if self._wanted.order != "arm" or not self._contact.monitor.in_mission or name is None:
             return ""
@@ -269,9 +269,9 @@ class CommandSession:
         return "vehicle" if self.vehicle is None else f"system {self.vehicle[0]}"
 
     def _ask_for_streams(self, vehicle: tuple[int, int], now_s: float) -> list[Message]:
-        """Ask for what shows that it obeys; again and again, for a request may get lost.
+        """Request the telemetry that confirms the order; repeated, since requests may be lost.
 
-        What comes to who keeps the contact is not asked for: that would change how often.
+        Messages that the contact's owner receives are not requested: that would change their rate.
         """
         comes: tuple[bool, ...] = (False,) * len(_STREAMED)
         if self._heartbeat is None:
@@ -310,7 +310,7 @@ class CommandSession:
         return changed or disarmed or lost
 
     def _begin(self, now_s: float) -> list[Message]:
-        """Give the order, once all is known that it takes, or the vehicle does not tell it."""
+        """Send the order once the required telemetry is known, or overdue."""
         vehicle = self.vehicle
         if vehicle is None or not (is_ready(self._wanted, self._contact.monitor) or now_s >= self._ready_s):
             return []
@@ -329,7 +329,7 @@ class CommandSession:
         return self._order.send(now_s)
 
     def _say(self, step: Step, now_s: float) -> list[Message]:
-        """Send the message that is not answered, until the vehicle shows that it obeys."""
+        """Repeat the unacknowledged message until the vehicle's telemetry confirms the order."""
         assert step.message is not None
         self._accepted = True
         self._message_s = now_s + _SAY_AGAIN_S + self._trip_s
@@ -347,7 +347,7 @@ class CommandSession:
             return []
         if self._step.message is not None and message.result == m.MAV_RESULT_UNSUPPORTED:
             return self._say(self._step, now_s)
-        # ArduPilot says why after its answer; a long text comes in pieces.
+        # ArduPilot sends the reason after the acknowledgement; a long text comes in chunks.
         waits_s = _REST_S if self._said else _LAST_WORDS_S + self._trip_s
         self._refusal = result_name(message.result), now_s + waits_s
         return []

@@ -1,4 +1,4 @@
-"""A ground station that gives vehicles what is ordered by who watches them, each order confirmed."""
+"""Ground station that carries out a watcher's orders to vehicles, and confirms each."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _AUTOPILOT = int(m.MAV_COMP_ID_AUTOPILOT1)
 
 
 def commands_of(order: WatchersOrder, heard: VehicleMonitor) -> list[OperatorCommand]:
-    """Return what a vehicle is given one after the other; a vehicle that has to be armed is armed first."""
+    """Return the commands of an order; arming comes first if a disarmed vehicle needs it."""
     if order.order not in (START, "arm"):
         return [order.command]
     begins = order.order == START
@@ -42,7 +42,7 @@ def commands_of(order: WatchersOrder, heard: VehicleMonitor) -> list[OperatorCom
 
 @dataclass(slots=True)
 class _Vehicle:
-    """A vehicle that is heard, and the order under way."""
+    """A vehicle and its current order."""
 
     contact: Contact
     order: WatchersOrder | None = None
@@ -51,15 +51,15 @@ class _Vehicle:
 
 
 class ControlStation:
-    """A component that carries out what is ordered (`Orders`), by one `CommandSession` after the other.
+    """Component that carries out `Orders` by successive `CommandSession` objects.
 
-    A new order to a vehicle takes the place of the one before. The station says nothing to vehicles before
-    the first order; from then on it sends a heartbeat, for a vehicle may miss one that it has once heard.
-    After a time in which this program stood still, by `clock`, it drops the orders under way: nobody knows
-    what has become of the vehicles meanwhile.
+    A new order to a vehicle replaces the previous one. The station sends nothing before the first order.
+    After it the station sends heartbeats without end, since a vehicle may trigger a failsafe when heartbeats
+    stop. If `clock` shows that the program was suspended, the station discards the current orders, because
+    the state of the vehicles is unknown.
     """
 
-    # Another component than who watches on the same link.
+    # Differs from the component that watches on the same link.
     system_id, component_id = GROUND_STATION[0], int(m.MAV_COMP_ID_USER1)
     wanted: frozenset[int] | None = None
 
@@ -70,7 +70,7 @@ class ControlStation:
         self._look_s = -math.inf
 
     def receive(self, message: Message, now_s: float) -> list[Message]:
-        """Take one message."""
+        """Receive a message."""
         self._look_at_clock()
         if message.get_srcComponent() != _AUTOPILOT:
             return []
@@ -87,7 +87,7 @@ class ControlStation:
         return out + self._go_on(vehicle, now_s)
 
     def poll(self, now_s: float) -> list[Message]:
-        """Take what was ordered, and send what is due."""
+        """Take new orders, and send the due messages."""
         self._look_at_clock()
         self._look_s = now_s + _LOOK_S
         for order in self._orders.taken():
@@ -102,12 +102,12 @@ class ControlStation:
         return out
 
     def next_deadline(self) -> float:
-        """When `poll` has something to do."""
+        """Time of the next `poll` that does anything (s)."""
         sessions = (vehicle.session for vehicle in self._vehicles.values())
         return min([self._look_s, *(session.next_deadline() for session in sessions if session is not None)])
 
     def _look_at_clock(self) -> None:
-        """Drop what is under way if nobody has called for a while."""
+        """Discard the current orders if the program was suspended."""
         stood_s = self._standstill.look()
         if stood_s == 0.0:
             return
@@ -125,12 +125,12 @@ class ControlStation:
         vehicle.left = deque(commands_of(order, vehicle.contact.monitor))
 
     def _go_on(self, vehicle: _Vehicle, now_s: float) -> list[Message]:
-        """Begin with the next command where one is over; say what came of it all."""
+        """Start the next command after a finished one; report the outcome of the order."""
         session = vehicle.session
         if session is not None and not session.done:
             return []
         if session is not None and session.error is not None:
-            # Errors name the vehicle.
+            # The error's text names the vehicle.
             self._orders.warn(str(session.error))
             vehicle.order, vehicle.session = None, None
             vehicle.left.clear()

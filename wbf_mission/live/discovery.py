@@ -23,11 +23,11 @@ __all__ = [
 
 
 class LiveFlightError(WbfMissionError, ValueError):
-    """A run that a vehicle behind a link cannot do."""
+    """A run that is not possible with a vehicle behind a link."""
 
 
 def require_single_flight(scenario: Scenario) -> None:
-    """Refuse with LiveFlightError what needs hands: more flights than one, robots of no size."""
+    """Raise LiveFlightError for a run of several flights, and for the paper's ideal robots."""
     if scenario.farm.days * scenario.farm.flights_per_day > 1:
         msg = "--connect does one flight: batteries are not changed by a program; leave out days and flights"
         raise LiveFlightError(msg)
@@ -40,10 +40,10 @@ def require_single_flight(scenario: Scenario) -> None:
 def wanted_vehicles(
     urls: Sequence[str], system_ids: Sequence[int], named: int
 ) -> tuple[tuple[str, int | None], ...]:
-    """Return link and system id of each vehicle; None is one that need not be named.
+    """Return link and system id of each vehicle; an id of None accepts any vehicle.
 
-    One link stands for all, and one of the names that the scenario has, too. LiveFlightError if the numbers
-    do not fit, or one vehicle is named twice.
+    A single link serves all vehicles, and so does a single name in the scenario. Raises LiveFlightError if
+    the counts do not match, or a vehicle is named twice.
 
     Examples
     --------
@@ -71,12 +71,12 @@ def wanted_vehicles(
 
 
 def fitted_to(scenario: Scenario, *vehicles: Vehicle) -> Scenario:
-    """Return a scenario as the vehicles that were heard fly it: by the rules of their autopilots.
+    """Return the scenario with the vehicles that were heard, and the rules of their autopilots.
 
-    Those of the scenario hold for an autopilot of which no rules are known.
+    For an unknown autopilot the scenario's rules are kept.
 
-    The scenario's vehicles are those that were heard, in this order; the answer has them by their system ids.
-    LiveFlightError if one is of another kind.
+    `vehicles` are in the order of the scenario's; the returned scenario orders them by system id. Raises
+    LiveFlightError if a vehicle is of another kind.
     """
     options = scenario.vehicle if len(vehicles) == 1 else replace(scenario.vehicle, vehicles=len(vehicles))
     fitted = []
@@ -96,12 +96,12 @@ def fitted_to(scenario: Scenario, *vehicles: Vehicle) -> Scenario:
 
 
 def _for_each(names: Sequence[str]) -> str:
-    """Return a scenario's names of all vehicles; a single name if they are equal."""
+    """Return the names of all vehicles for a scenario, a single name if all are equal."""
     return names[0] if len(set(names)) == 1 else ",".join(names)
 
 
 def typical_vehicle(vehicle: Vehicle) -> str:
-    """Return the typical vehicle of the kind that was heard, for a run that names none.
+    """Return the default vehicle of the kind that was heard, for a run without a vehicle name.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Vehicles behind links: the way to them, and their flights on the wall clock."""
+"""Flights of vehicles behind links, in real time."""
 
 from __future__ import annotations
 
@@ -35,38 +35,38 @@ Note = Callable[[str], None]
 Heard = tuple[str, Vehicle]
 """A vehicle with its link."""
 _AUTOPILOT = int(m.MAV_COMP_ID_AUTOPILOT1)
-_NAMED = 4  # Senders whose datagrams were dropped, in a line
+_NAMED = 4  # Largest number of named senders in a line about dropped datagrams
 
 
 @dataclass(frozen=True, slots=True)
 class LinkHosting:
-    """Vehicles behind links: ours are the ground stations, and the leaf cameras that ride along."""
+    """Hosting of vehicles behind links: this program is their ground stations and leaf cameras."""
 
     heard: Sequence[Heard]
-    tlog: Path | None  # Where every MAVLink frame is written that is heard and sent here
-    agreed: bool  # The operator agrees to the start beforehand
-    force: bool  # Send also what the autopilot would refuse or not fly
-    note: Note  # Takes lines for the operator
+    tlog: Path | None  # File for every MAVLink frame that is received or sent
+    agreed: bool  # Whether the operator confirmed the start in advance
+    force: bool  # Whether plans are uploaded that the autopilot would refuse or not fly
+    note: Note  # Receives lines for the operator
     via: Via
     orders: Orders | None = None
 
     @property
     def pace(self) -> None:
-        """The vehicles decide."""
+        """No pace: the vehicles fly in real time."""
         return
 
     @property
     def waits_for_decisions(self) -> bool:
-        """Real vehicles fly on."""
+        """Whether the vehicles wait for decisions: real vehicles never do."""
         return False
 
     @property
     def transfers(self) -> TransferMaker:
-        """Who carries the plans up to the vehicles."""
+        """Makes the mission transfers."""
         return self.via.transfers
 
     def arming_gate(self, system_id: int) -> ArmingGate:
-        """Return what has to hold before the motors start: the vehicle's own checks, and the operator."""
+        """Return the gate before arming: the vehicle's pre-arm checks and the operator's confirmation."""
         return ArmingGate((system_id, _AUTOPILOT), agreed=self.agreed, clock=steady_s)
 
     def open(
@@ -75,14 +75,14 @@ class LinkHosting:
         writer: FrameSink | None,
         **_of_a_simulation: object,
     ) -> LinkHost:
-        """Open the links; LinkError if an address is wrong, in use or not reachable."""
-        cameras = [riding_camera(one) for one in sorties]
+        """Open the links; LinkError if an address is wrong, in use or unreachable."""
+        cameras = [riding_camera(sortie) for sortie in sorties]
         tap = tap_of(writer, lambda _now_s: time.time())
-        return self.via.serve(self.heard, cameras, [one.ground for one in sorties], tap, self.note)
+        return self.via.serve(self.heard, cameras, [sortie.ground for sortie in sorties], tap, self.note)
 
 
 def links_of(heard: Iterable[Heard]) -> tuple[ServerUrl, ...]:
-    """Return the links of vehicles that were heard; of several each carries its own vehicles only."""
+    """Return the links of vehicles that were heard; each of several links carries only its own vehicles."""
     systems: dict[str, set[int]] = {}
     for url, vehicle in heard:
         systems.setdefault(url, set()).add(vehicle.system_id)
@@ -92,14 +92,14 @@ def links_of(heard: Iterable[Heard]) -> tuple[ServerUrl, ...]:
 
 
 def _as_it_is(messages: Iterable[Message], _now_s: float) -> Iterable[Message]:
-    """Send everything."""
+    """Return the messages unchanged."""
     return messages
 
 
 class LinkHost(Closing):
-    """A server whose Ctrl-C is the caller's.
+    """Host of real links; Ctrl-C raises KeyboardInterrupt in the caller.
 
-    ``through`` takes what a component sends by itself, and the time; it returns what is sent as it is.
+    ``through`` maps the messages of a component, and the time, to the messages that are sent directly.
     """
 
     def __init__(
@@ -119,22 +119,22 @@ class LinkHost(Closing):
 
     @property
     def frames(self) -> int:
-        """How many MAVLink frames were sent."""
+        """Number of MAVLink frames sent."""
         return self._server.frames
 
     def run(self, until: Callable[[float], bool] | None = None, limit_s: float = NEVER) -> StopReason:
-        """Serve until a condition holds or time is up; the link stays open at KeyboardInterrupt."""
+        """Serve until a condition holds or time is up; a KeyboardInterrupt leaves the link open."""
         reason = self._server.run(until=until, limit_s=limit_s)
         if reason is StopReason.STOPPED:
             raise KeyboardInterrupt
         return reason
 
     def send(self, component: Component, messages: Iterable[Message]) -> None:
-        """Send messages of a component now."""
+        """Send messages of a component at the current time."""
         self._server.send(component, self._through(messages, self._server.now_s))
 
     def close(self) -> None:
-        """Close what it stands on."""
+        """Close the server."""
         if dropped := self._server.dropped.most_common(_NAMED):
             named = ", ".join(f"{sender} ({count})" for sender, count in dropped)
             self._note(f"datagrams of {named} were dropped: this program was too busy to take them")
@@ -142,11 +142,11 @@ class LinkHost(Closing):
 
 
 class Via:
-    """A way to a vehicle: our own transfers and orders; another way says where it differs."""
+    """Access to vehicles by MAVLink; add-ons override it for other libraries."""
 
     @property
     def transfers(self) -> TransferMaker:
-        """Who carries the plans up to the vehicles."""
+        """Makes the mission transfers."""
         return OWN_TRANSFERS
 
     def serve(
@@ -157,24 +157,24 @@ class Via:
         tap: Tap | None,
         note: Note,
     ) -> LinkHost:
-        """Open the links of ground stations, and of the cameras beside them; LinkError if one cannot be."""
+        """Open the links of ground stations and their cameras; LinkError if a link cannot be opened."""
         pairs = zip(cameras, grounds, strict=True)
         components: list[Component] = [part for pair in pairs for part in pair]
         return LinkHost(Server(components, links_of(heard), tap=tap, at_once=True), note=note)
 
     def driver(self, url: str, on_event: OnEvent, on_text: OnText | None = None) -> TransferDriver:
-        """Open a link; return what transfers plans over it. LinkError if the link cannot be opened."""
+        """Open a link, and return its transfer driver; LinkError if the link cannot be opened."""
         return own_driver(url, on_event, on_text)
 
     def check_count(self, vehicles: int) -> None:
-        """Refuse more vehicles than can be flown together in this way, with LiveFlightError."""
+        """Raise LiveFlightError for more vehicles than this access supports."""
 
     def check(self, scenario: Scenario, vehicle: Vehicle) -> None:
-        """Refuse what cannot be done in this way with a vehicle that was heard, with LiveFlightError."""
+        """Raise LiveFlightError if a vehicle that was heard cannot fly the scenario by this access."""
 
 
 def riding_camera(sortie: Sortie) -> RidingCamera:
-    """Return the leaf camera that rides beside the vehicle of a sortie."""
+    """Return the leaf camera that follows the telemetry of a sortie's vehicle."""
     camera = LeafCameraComponent(sortie.leaf_camera, sortie.plan.farm, system_id=sortie.system_id)
     riding = RidingCamera(camera, sortie.held_mission, sortie.is_changing, sortie.follow)
     sortie.images_missed = lambda: riding.missed

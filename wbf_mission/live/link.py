@@ -1,4 +1,4 @@
-"""The links to the vehicles that fly a run's mission."""
+"""Runs with vehicles behind links: discovery, preflight, battery change."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ _NEAR_M = 5.0
 
 
 def _in_a_layer(finding: Finding) -> Finding:
-    """Return what a finding means where others fly below and above."""
+    """Return a finding about the return altitude as a warning about other layers; others unchanged."""
     if finding.code != "other-return":
         return finding
     text = "it returns at another height than its layer's, where others may fly"
@@ -61,23 +61,23 @@ def _in_a_layer(finding: Finding) -> Finding:
 
 @dataclass(slots=True)
 class LiveLink:
-    """The vehicles behind a link or several, and who stands by while they fly.
+    """Vehicles behind one or several links, and the operator of their flight.
 
     Parameters
     ----------
     urls : str or sequence of str
-        ``udpin:``, ``udpout:``, ``tcp:`` or ``tcpin:HOST:PORT``, or ``serial:DEVICE:BAUD``: one for each
-        vehicle, or one for all.
+        ``udpin:``, ``udpout:``, ``tcp:`` or ``tcpin:HOST:PORT``, or ``serial:DEVICE:BAUD``: one per vehicle,
+        or one for all.
     system_ids : sequence of int
-        Of each vehicle; without, those that are heard first.
+        System id of each vehicle; by default the first vehicles that are heard.
     force : bool
-        Fly a plan in which the preflight check finds errors, among them what the autopilot would refuse.
+        Fly a plan despite errors of the preflight check, also if the autopilot would refuse it.
     change_s : float
-        With `agreed`: how long at most to wait until the battery is changed between two sorties.
+        With `agreed`: timeout of a battery change between two sorties (s).
     tlog : Path, optional
         File for every MAVLink frame of the run.
     orders : Orders, optional
-        Orders of who watches the flight.
+        Orders of a watcher.
     """
 
     urls: str | Sequence[str]
@@ -92,7 +92,7 @@ class LiveLink:
     orders: Orders | None = None
     _events: EventStream = field(default_factory=EventStream, init=False)
     _heard: dict[int, tuple[str, HeardVehicle]] = field(default_factory=dict, init=False)
-    # Vehicles as plans assume them, before they were asked
+    # Options that plans assume, before the vehicle's answers
     _assumed: dict[int, VehicleOptions] = field(default_factory=dict, init=False)
 
     full: ClassVar[float] = REAL_FULL
@@ -100,17 +100,18 @@ class LiveLink:
 
     @property
     def changer(self) -> BatteryChanger:
-        """It asks for another battery itself."""
+        """The link waits for battery changes by itself."""
         return self
 
     def note(self, text: str) -> None:
-        """Tell the operator a line."""
+        """Send a line to the operator."""
         self._events.note(text)
 
     def fitted(self, scenario: Scenario, events: EventStream) -> Scenario:
-        """Wait for the vehicles; return the scenario by the rules of their autopilots.
+        """Wait for the vehicles, and return the scenario with the rules of their autopilots.
 
-        LiveFlightError if these vehicles cannot do the run; LinkError or NoVehicleError without any.
+        Raises LiveFlightError if the run is not possible with these vehicles, LinkError without a link, and
+        NoVehicleError without a vehicle.
         """
         self._events = events
         require_single_flight(scenario)
@@ -139,13 +140,14 @@ class LiveLink:
         return fitted_to(scenario, *(one for _, one in heard))
 
     def numbered(self, vehicles: Sequence[Vehicle]) -> tuple[Vehicle, ...]:
-        """Return the run's vehicles with the system ids of those that were heard, from where these stand.
+        """Return the run's vehicles with the system ids and positions of the vehicles that were heard.
 
-        They start and land there: their budgets pay the way to the first waypoint and back. The run's own
-        start stays that of one that stands within a few metres of it, and of one that is too far away to be
-        started at all.
+        A vehicle starts and lands at its position, so its budget includes the flight to the first waypoint
+        and back. A vehicle within a few metres of the planned start, or too far away to fly, keeps the
+        planned start.
 
-        WbfMissionError if the budget does not suit a vehicle from there, or it is not there any more.
+        Raises WbfMissionError if the budget does not suit a vehicle at its position, or the vehicle is no
+        longer heard.
         """
         return tuple(
             self._standing(replace(one, task=replace(one.task, system_id=number)))
@@ -153,7 +155,7 @@ class LiveLink:
         )
 
     def _standing(self, one: Vehicle) -> Vehicle:
-        """Ask a vehicle where it stands and what is set on it; let it start from there, and fly like that."""
+        """Return the vehicle with its reported position and parameters."""
         task = one.task
         snapshot, who = self._asked(task.system_id, placed=True), self._who(task.system_id)
         self._assumed[task.system_id], own = one.vehicle, snapshot.as_set(one.vehicle)
@@ -170,7 +172,7 @@ class LiveLink:
         return replace(one, vehicle=own).starting_at(home_m)
 
     def _start_of(self, one: Vehicle, stands: GeoPoint | None, who: str) -> tuple[float, float]:
-        """Return where a vehicle's flight begins, in metres of the farm frame."""
+        """Return a vehicle's start position, in metres of the farm frame."""
         planned_m, frame = one.task.builder.home_m, one.task.builder.farm.frame
         if stands is None:
             self.note(f"{who}it does not say where it stands: planned from the start of the farm")
@@ -184,11 +186,11 @@ class LiveLink:
         return x_m, y_m
 
     def _who(self, number: int) -> str:
-        """Return how lines about a vehicle begin."""
+        """Return the prefix of lines about a vehicle."""
         return f"vehicle {number}: " if len(self._heard) > 1 else ""
 
     def _asked(self, number: int, *, placed: bool = False) -> VehicleSnapshot:
-        """Ask a vehicle for what a plan assumes; `placed` as of `Inquiry`."""
+        """Query a vehicle's state and settings; `placed` as in `Inquiry`."""
         (url, _), who = self._heard[number], self._who(number)
 
         def note(text: str) -> None:
@@ -197,7 +199,7 @@ class LiveLink:
         return ask_vehicle(url, wait_s=self.wait_s, system_id=number, note=note, placed=placed)
 
     def check(self, campaign: Campaign, events: EventStream) -> None:
-        """Refuse plans with errors, those of later sorties, too, before anything takes off (`check_sent`)."""
+        """Refuse plans with errors before take-off, including those of later sorties (`check_sent`)."""
         planned, cut = campaign.planned, campaign.cut
         if cut is not None:
             self.note(cut.told())
@@ -210,11 +212,12 @@ class LiveLink:
         self.check_sent(planned)
 
     def check_sent(self, planned: Iterable[tuple[Vehicle, PlanResult]]) -> None:
-        """Check plans before they go up, and ask each vehicle for what its plan assumes.
+        """Check plans before their upload, against the answers of each vehicle.
 
-        That a vehicle cannot arm yet is no error: the start waits for it.
+        A vehicle that cannot arm yet is no error: the start waits until it can.
 
-        PreflightError if there are errors, unless they are overruled; all vehicles are asked before.
+        All vehicles are queried first. Raises PreflightError if there are errors, unless `force` overrides
+        them.
         """
         refusals = []
         for vehicle, plan in planned:
@@ -222,7 +225,7 @@ class LiveLink:
             who, snapshot = self._who(number), self._asked(number)
             given = Circumstances.of(vehicle, plan.farm, snapshot)
             layered = bool(who) and vehicle.vehicle.keeps.kind == LAYERS
-            if layered:  # It should return at the height of its layer, whatever it was planned with
+            if layered:  # The return altitude must be that of the layer, not the vehicle's own setting
                 given = replace(given, vehicle=self._assumed.get(number, vehicle.vehicle))
             report = check_mission(plan.mission, given).report
             if layered:
@@ -236,9 +239,10 @@ class LiveLink:
             raise refusals[0]
 
     def change_battery(self, vehicle: Vehicle, plan: PlanResult, *, last: FlightRecord, which: str) -> str:
-        """Wait until the battery is changed, and check the next sortie; why it is not flown, empty if it is.
+        """Wait for the battery change, and check the next sortie.
 
-        Without an operator who says so (`agreed`) the reading has to rise within `change_s`.
+        Return why the sortie cannot be flown, empty if it can. With `agreed` no operator confirms the
+        change: the reading has to rise within `change_s`.
         """
         number = vehicle.task.system_id
         url, _ = self._heard[number]
@@ -261,7 +265,7 @@ class LiveLink:
         return ""
 
     def hosting(self, faults: Sequence[Fault]) -> Hosting:  # noqa: ARG002
-        """Return where the flight takes place, and where who watches it gives orders."""
+        """Return the hosting of the flight."""
         return LinkHosting(
             tuple(self._heard.values()),
             self.tlog,
@@ -274,7 +278,7 @@ class LiveLink:
 
 
 def via_named(name: str) -> Via:
-    """Return a way by its name: ``own``, or one that a package registered, which is loaded only then."""
+    """Return the `Via` of a name: ``own``, or the name of an entry point, which is loaded on demand."""
     for entry in entry_points("wbf_mission.vias"):
         if entry.name == name:
             way: Via = load_entry(entry, f"the way {name}", LinkError)()

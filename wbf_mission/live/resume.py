@@ -1,4 +1,4 @@
-"""Place where a mission is resumed: at an item, or where a log or the vehicle shows its end."""
+"""Resume place of a mission: at an item, or from a log or the vehicle."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _ITEM = re.compile(r"(\d{1,5})(?:\+(\d+(?:\.\d*)?|\.\d+)\s*m)?")
 _LINK = re.compile(r"(udpin|udpout|udp|tcp|tcpin|serial):.+")
 _TLOG = "flight.tlog"
 _ENOUGH_S = 2.5
-"""Time of listening to a flying vehicle: positions count once a later heartbeat confirms them."""
+"""Listening time for a flying vehicle (s): a later heartbeat must confirm its positions."""
 
 
 def resume_place(text: str, course: Course, *, wait_s: float = 10.0) -> Place:
@@ -36,18 +36,18 @@ def resume_place(text: str, course: Course, *, wait_s: float = 10.0) -> Place:
         An item, counted from 1, with metres flown towards it (``12``, ``12+35m``), a telemetry log, a folder
         with the results of a flight, or the address of a vehicle's link.
     course : Course
-        Of the mission.
+        Course of the mission.
     wait_s : float
-        How long to wait for the vehicle behind a link.
+        Timeout for the vehicle behind a link (s).
 
     Raises
     ------
     ScenarioError
         If the text is none of these, or the mission has no such item.
     MissionError
-        If a log or the vehicle does not tell how far the mission is flown, or it is flown to its end.
+        If a log or the vehicle does not show the progress of the mission, or the mission is complete.
     LinkError
-        If a log cannot be read, or a link not opened; NoVehicleError without a vehicle.
+        If a log cannot be read or a link cannot be opened; NoVehicleError without a vehicle.
     """
     if (item := _ITEM.fullmatch(text)) is not None:
         return _at_item(text, int(item.group(1)), float(item.group(2) or 0.0), course)
@@ -78,7 +78,7 @@ def _at_item(text: str, number: int, metres: float, course: Course) -> Place:
 
 
 def _of_log(path: Path, course: Course) -> MissionProgress:
-    """Follow the first vehicle of a log."""
+    """Return the mission progress of the first vehicle in a log."""
     progress, vehicle = MissionProgress(course), 0
     for time_s, message in read_tlog(path):
         if message.get_srcComponent() != m.MAV_COMP_ID_AUTOPILOT1:
@@ -91,7 +91,7 @@ def _of_log(path: Path, course: Course) -> MissionProgress:
 
 
 def _told(what: str, progress: MissionProgress) -> Place:
-    """Return the place that was reached; errors name the source."""
+    """Return the reached place; errors name the source `what`."""
     try:
         place = progress.place()
     except MissionError as error:
@@ -104,7 +104,7 @@ def _told(what: str, progress: MissionProgress) -> Place:
 
 
 class _Listener(FleetWatch):
-    """Listens to the first vehicle that is heard."""
+    """Tracks the mission progress of the first vehicle that is heard."""
 
     def __init__(self, course: Course) -> None:
         super().__init__()
@@ -112,7 +112,7 @@ class _Listener(FleetWatch):
         self.begun_s = math.inf
 
     def receive(self, message: Message, now_s: float) -> list[Message]:
-        """Take one message."""
+        """Receive a message."""
         out = super().receive(message, now_s)
         first = (next(iter(self.vehicles), 0), int(m.MAV_COMP_ID_AUTOPILOT1))
         if (message.get_srcSystem(), message.get_srcComponent()) == first:
@@ -121,12 +121,12 @@ class _Listener(FleetWatch):
         return out
 
     def has_told(self, now_s: float) -> bool:
-        """Return whether enough was heard."""
+        """Return whether the received messages are enough."""
         return self.progress.monitor.state.item is not None and now_s > self.begun_s + _ENOUGH_S
 
 
 def _of_link(url: str, course: Course, wait_s: float) -> Place:
-    """Ask a vehicle: one that flies its mission is where it is, any other at its present item."""
+    """Return the resume place of a vehicle: its position in flight, else the start of its current item."""
     listener = _Listener(course)
     with Server([listener], [url]) as server:
         name = server.urls[0]

@@ -1,4 +1,4 @@
-"""The leaf camera beside a real autopilot: by telemetry alone, and silent where a camera is on board."""
+"""Leaf camera beside a real autopilot: follows its telemetry, and stays silent if a camera is on board."""
 
 from __future__ import annotations
 
@@ -25,16 +25,16 @@ __all__ = ["MissionShots", "RidingCamera", "Silence", "images_in"]
 _Place = tuple[float, float]
 _PATIENCE_S = 2.0
 _CORNER = 0.7
-"""Of the difference of corner and chord, what the way through the acceptance radius is shorter; measured."""
+"""Shortening of the path at a corner, as a fraction of the difference between corner and chord; measured."""
 
 
 class MissionShots:
-    """Compares what a camera does with what the mission orders, whoever is to tell the camera so.
+    """Compares the camera's shooting with the mission's camera commands.
 
-    A vehicle that commands the camera is given a moment, because its command may be on its way; one that
-    does not command it is not waited for. So a command that is lost, late, or overtaken by an older one
-    does not decide for longer than that. What a ground station ordered holds until the mission orders
-    something else. A vehicle that orders image by image needs nothing of this.
+    An autopilot that commands the camera gets a short delay, since its command may still arrive; without such
+    an autopilot the mission's command applies at once. So a lost, late or reordered command has an effect
+    only for that delay. A ground station's command holds until the mission's command changes. An autopilot
+    that triggers single images needs no comparison.
     """
 
     def __init__(self) -> None:
@@ -44,19 +44,19 @@ class MissionShots:
         self._differs_s = math.inf
 
     def restart(self) -> None:
-        """After a restart of the vehicle nobody has told the camera anything."""
+        """Forget the commands, after a restart of the vehicle."""
         self.commanded = self.single = False
         self._overruled, self._differs_s = None, math.inf
 
     def overrule(self) -> None:
-        """A ground station has told the camera something."""
+        """Note a ground station's command to the camera."""
         self._overruled = self._ordered
 
     def due(self, ordered: Shots | None, does: Shots, now_s: float, *, may_stop: bool) -> bool:
-        """Return whether the camera has to do now what the mission orders.
+        """Return whether to apply the mission's camera command now.
 
-        While the mission is being changed it may not stop: an item of the one, read in the other, must not
-        end the images.
+        `may_stop` is false during a mission change: an item number of the old mission, applied to the new
+        one, must not stop the images.
         """
         self._ordered = ordered
         if ordered != self._overruled:
@@ -82,34 +82,34 @@ class Seen:
 
 @dataclass(frozen=True, slots=True)
 class Silence:
-    """A vehicle before and after a time in which nothing was heard of it."""
+    """A gap in a vehicle's telemetry, with positions before and after."""
 
     before: _Place
     after: _Place
-    item: int  # Of the mission, that was told last before; -1 if none was
+    item: int  # Last mission item before the gap; -1 if none
     seconds: float
     shots: Shots
-    reach_m: float = math.inf  # How far it can have flown, by the greatest speed that it told
-    lead: Seen | None = None  # To its begin, from where the item was told
-    tail: Seen | None = None  # From its end, to where the item was told again
+    reach_m: float = math.inf  # Largest possible distance, by the greatest reported speed
+    lead: Seen | None = None  # From the last item report to the start of the gap
+    tail: Seen | None = None  # From the end of the gap to the next item report
 
 
 def images_in(silence: Silence, mission: Mission, item: int) -> int:
-    """Return about how many images the mission orders on the way that nobody saw.
+    """Return the approximate number of images that the mission orders during a telemetry gap.
 
-    The way leads by the positions of the items from where one was told before the silence to where one was
-    told after it, without what was seen of it at both ends; its time is spread evenly over its length. Where
-    a mission orders nothing of the camera, it does what it did.
+    The path leads along the items' positions, from the last item report before the gap to the first after it,
+    less the observed parts at both ends. The vehicle's speed along the path is taken as constant. Without a
+    camera command in the mission, the camera continues as before the gap.
 
-    From the number of items on, ``item`` means that the mission is over.
+    An ``item`` equal to or above the number of items means that the mission is over.
     """
     items = mission.items
     first, last = silence.item, min(item, len(items) - 1)
     known = range(first, last + 1) if first >= 0 else ()
     passed = [k for k in known if items[k].has_position and not is_return(items[k])]
     if not passed:
-        # Outside a mission the camera does what somebody told it; else it hovers, or another mission has
-        # taken the place of the one before.
+        # Outside a mission the camera follows its last command. Otherwise the vehicle hovers, or its mission
+        # was replaced.
         shots = (shots_before(items, last) if first >= 0 else None) or silence.shots
         return _images([(apart_m(silence.before, silence.after), shots)], silence)
     lead, tail = silence.lead or Seen(silence.before), silence.tail or Seen(silence.after)
@@ -117,22 +117,22 @@ def images_in(silence: Silence, mission: Mission, item: int) -> int:
     if passed[-1] == last:
         passed.pop()
     else:
-        orders.append(Shots())  # On the way home
+        orders.append(Shots())  # Flight home
     corners = [((items[k].x, items[k].y), _radius_m(items[k])) for k in passed]
     if corners and apart_m(corners[-1][0], tail.place) <= corners[-1][1]:
-        # It has been as near as it has to come, and has not turned yet.
+        # The vehicle is within the acceptance radius, but has not turned yet.
         corners.pop()
     legs = list(zip(_lengths_m(lead.place, corners, tail.place), orders, strict=False))
     return _images(_without(_without(legs, lead.metres)[::-1], tail.metres), silence)
 
 
 def _radius_m(item: MissionItem) -> float:
-    """Return how near a vehicle comes to a waypoint before it turns to the next."""
+    """Return the acceptance radius of a waypoint (m), 0 for other items."""
     return max(item.param2 or 0.0, 0.0) if item.command == Command.NAV_WAYPOINT else 0.0
 
 
 def _lengths_m(begin: _Place, corners: Sequence[tuple[_Place, float]], end: _Place) -> list[float]:
-    """Return the lengths of the legs of a way that cuts its corners within a radius of each."""
+    """Return the leg lengths of a path that cuts its corners within their acceptance radii (m)."""
     way = [begin, *(place for place, _ in corners), end]
     straight_m = [apart_m(*leg) for leg in pairwise(way)]
     lengths_m = straight_m[:]
@@ -154,7 +154,7 @@ def _toward(a: _Place, b: _Place, part: float) -> _Place:
 
 
 def _without(legs: Sequence[tuple[float, Shots]], metres: float) -> list[tuple[float, Shots]]:
-    """Return legs without their first metres."""
+    """Return the legs without their first `metres`."""
     rest = []
     for length_m, shots in legs:
         off_m = min(length_m, metres)
@@ -164,9 +164,9 @@ def _without(legs: Sequence[tuple[float, Shots]], metres: float) -> list[tuple[f
 
 
 def _images(legs: list[tuple[float, Shots]], silence: Silence) -> int:
-    """Return how many images are taken on legs of a length each.
+    """Return the number of images on legs, each with a length and a camera command.
 
-    Legs that it cannot have flown in the time, as of a mission that was changed meanwhile, are shortened.
+    Legs longer than the vehicle can fly in the time, such as those of a replaced mission, are shortened.
     """
     whole_m = sum(length_m for length_m, _ in legs)
     flown = min(1.0, silence.reach_m / whole_m) if whole_m > 0.0 else 1.0
@@ -197,15 +197,13 @@ _UNKNOWN_ITEM = 65535
 
 
 class RidingCamera:
-    """A leaf camera that rides along by telemetry alone.
+    """Leaf camera that follows a vehicle by telemetry alone.
 
-    It first listens for a camera that is on board already; if there is one, it stays silent for good. An
-    autopilot with a camera of its own driver commands this one, too (DO_SET_CAM_TRIGG_DIST, CAMERA_TRIGGER).
-    Such a command may be lost or late, and an autopilot that commands none does not know of this camera: so
-    what the mission has ordered before the item that MISSION_CURRENT tells holds while the vehicle flies its
-    mission (`MissionShots`). What it has ordered to stop stays stopped in any mode: a PX4
-    tells the last item, the return, after it has left the mission's mode for that of returns, in which its
-    shots stop anyway.
+    The camera first listens for a camera on board; if there is one, it stays silent for good. An autopilot
+    with its own camera driver also commands this camera (DO_SET_CAM_TRIGG_DIST, CAMERA_TRIGGER). Such a
+    command may be lost or late, and other autopilots send none. So in a mission the last camera command
+    before the item in MISSION_CURRENT applies (`MissionShots`). A stop applies in any mode: PX4 reports the
+    last item, the return, after it has switched from mission to return mode, where its images stop anyway.
     """
 
     def __init__(
@@ -230,29 +228,33 @@ class RidingCamera:
         self._before: Any = None
         self._item = -1
         self._seen: Seen | None = None
-        self._then: tuple[int, Seen | None, Shots] = (-1, None, Shots())  # At the last position
+        self._then: tuple[int, Seen | None, Shots] = (
+            -1,
+            None,
+            Shots(),
+        )  # Item, place and shots at the last position
         self._silence: Silence | None = None
         self._fastest_m_s = 0.0
         self.missed = 0
 
     def next_deadline(self) -> float:
-        """Return when the camera has something to say."""
+        """Return the time of the next heartbeat (s)."""
         if self._other:
             return math.inf
         return max(self._camera.next_deadline(), self._heard_s + _LISTEN_S)
 
     def poll(self, now_s: float) -> list[Message]:
-        """Send the heartbeat when it is due."""
+        """Send the due heartbeat."""
         if self._other or now_s < self._heard_s + _LISTEN_S:
             return []
         return self._camera.poll(now_s)
 
     def goodbye(self) -> list[Message]:
-        """A last HEARTBEAT, unless it never spoke."""
+        """Return a last HEARTBEAT, unless the camera never sent one."""
         return [] if self._other or math.isinf(self._heard_s) else self._camera.goodbye()
 
     def receive(self, message: Message, now_s: float) -> list[Message]:
-        """Follow the vehicle."""
+        """Receive a message, and follow the vehicle."""
         source = (message.get_srcSystem(), message.get_srcComponent())
         is_autopilot = source == (self.system_id, mavlink.MAV_COMP_ID_AUTOPILOT1)
         if is_autopilot:
@@ -277,12 +279,12 @@ class RidingCamera:
         self._home = int(profile_for(message.autopilot).home_at_zero)
         armed = bool(message.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
         self._in_mission = armed and is_in_mission(message)
-        # Only a mode that nothing but a mission's last return leads to tells that the mission is over.
+        # The mission is over only in a mode that nothing but a mission's final return enters.
         ends = VehicleModes(message.autopilot, message.type).ends(Command.NAV_RETURN_TO_LAUNCH)
         self._returns = armed and ends == {mode_name(message)}
 
     def _on_command(self, message: CommandMessage) -> None:
-        """Note who commands the camera."""
+        """Note whether the autopilot or a ground station commands the camera."""
         system, component = message.target_system, message.target_component
         mine = system in (0, self.system_id) and component in (0, self.component_id)
         if not mine or message.command not in _TRIGGERS:
@@ -295,13 +297,13 @@ class RidingCamera:
             self._shots.commanded = True
 
     def _on_single(self) -> None:
-        """The autopilot orders image by image: what was read from the mission would be taken twice."""
+        """The autopilot triggers single images: applying the mission's commands would take images twice."""
         if not self._shots.single:
             self._shots.single = True
             self._camera.trigger.stop()
 
     def _on_position(self, message: mavlink.MAVLink_global_position_int_message, now_s: float) -> None:
-        """Count what a silence cost; after a restart of the autopilot nobody has told the camera to shoot."""
+        """Note a telemetry gap for the count of missed images; reset after a restart of the autopilot."""
         before, (item, lead, did) = self._before, self._then
         self._before = message
         self._fastest_m_s = max(self._fastest_m_s, math.hypot(message.vx, message.vy) / 100.0)
@@ -313,7 +315,7 @@ class RidingCamera:
         if before is not None:
             places = (_place(before), _place(message))
             if time_ms - before_ms > MAX_GAP_MS:
-                # What was flown of the mission meanwhile is known when the vehicle tells its item.
+                # The next item report shows the mission's progress during the gap.
                 seconds = (time_ms - before_ms) / 1000.0
                 reach_m = max(self._fastest_m_s * seconds, apart_m(*places))
                 silence = self._silence or Silence(*places, item, 0.0, did, 0.0, lead)
@@ -326,24 +328,24 @@ class RidingCamera:
                 self._seen = Seen(places[1])
             elif self._seen is not None:
                 self._seen = replace(self._seen, metres=self._seen.metres + apart_m(*places))
-        # The item may be told before the position when the vehicle is heard again.
+        # After a gap the item may be reported before the position.
         self._then = (self._item, self._seen, self._does)
 
     @property
     def _does(self) -> Shots:
-        """What the camera does by itself."""
+        """Current automatic shooting of the camera."""
         trigger = self._camera.trigger
         return Shots(trigger.distance_m, trigger.interval_us / 1000.0)
 
     def _on_item(self, sequence: int, now_s: float) -> list[Message]:
-        """Do what the mission orders before the item that is flown, if nobody else sees to that."""
+        """Apply the mission's last camera command before the current item, if it is due."""
         if sequence == _UNKNOWN_ITEM:
             return []
         here = None if self._before is None else _place(self._before)
         silence, self._silence = self._silence, None
         if silence is not None and here is not None and self._seen is not None:
             mission = self._mission()
-            # Some autopilots start at the first item again when the mission is over.
+            # Some autopilots report the first item again after the end of the mission.
             item = sequence - self._home if self._in_mission else len(mission.items)
             silence = replace(silence, tail=Seen(here, self._seen.metres))
             self.missed += images_in(silence, mission, item)
@@ -360,6 +362,6 @@ class RidingCamera:
         command = Command.DO_SET_CAM_TRIGG_INTERVAL if by_time else Command.DO_SET_CAM_TRIGG_DIST
         value = ordered.interval_ms if by_time else ordered.distance_m
         order = command_long((self.system_id, self.component_id), command, value, 0.0, 1.0)
-        # The first image; nobody waits for the answer.
+        # Sends the first image; the acknowledgement has no receiver.
         answers = self._camera.receive(order, now_s)
         return [one for one in answers if not is_a(one, mavlink.MAVLink_command_ack_message)]

@@ -1,4 +1,4 @@
-"""The events of vehicles that are watched: what they tell of themselves, whoever flies them."""
+"""Events of watched vehicles, from their telemetry."""
 
 from __future__ import annotations
 
@@ -28,44 +28,44 @@ _SIDE_M = 500.0
 
 
 class Watch(Protocol):
-    """Who hears vehicles."""
+    """Source of the telemetry of vehicles."""
 
     @property
     def vehicles(self) -> Mapping[int, Contact]:
-        """What is known of each, by its system id."""
+        """State of each vehicle, by system id."""
 
     @property
     def missions(self) -> Mapping[int, Mission]:
-        """What each holds, as far as that is known; another object when it holds something else."""
+        """Known missions by system id; a changed mission is another object."""
 
     def look(self, now_s: float) -> None:
-        """Bring it up to date."""
+        """Update the state to `now_s`."""
 
     def seen(self) -> Iterable[tuple[float, Observations]]:
-        """Take what cameras saw since the last call, and when their times began."""
+        """Return the observations since the last call, each with the start time of its clock."""
 
 
 @dataclass(slots=True)
 class _Told:
-    """What was told of a vehicle."""
+    """State of the events already sent about a vehicle."""
 
     mission: Mission | None = None
     texts: int = 0
-    flight: int = 0  # How often it was armed
+    flight: int = 0  # Number of times the vehicle was armed
     armed: bool = False
     moved: VehicleMoved | None = None
 
 
 class TelemetryEvents:
-    """Tells what a watch hears: of each vehicle at most ten states a second of wall time.
+    """Emits the events of a watch, with at most ten states per vehicle and second of wall time.
 
     Parameters
     ----------
     begun : RunBegun
-        What is watched, told at once. Vehicles are added as they are heard, and where it has no farm a square
-        of land about the first one.
+        Start of the run, sent at once. Vehicles are added when first heard. Without a farm, a square of land
+        around the first vehicle is added.
     named : callable, optional
-        Returns a vehicle's name and kind; without, those that were given with `begun` are all.
+        Returns a vehicle's name and kind. By default only the vehicles in `begun` are known.
     """
 
     def __init__(
@@ -84,7 +84,7 @@ class TelemetryEvents:
         events.tell(begun)
 
     def look(self, now_s: float) -> bool:
-        """Tell what is new, if it is time; False, so that it can be what a server runs until."""
+        """Emit new events if they are due; return False, for use as a server's end condition."""
         wall_s = time.monotonic()
         if wall_s >= self._due_wall_s:
             self._due_wall_s = wall_s + _APART_S
@@ -110,10 +110,10 @@ class TelemetryEvents:
                 self._events.tell(Seen(offset_s, observations))
 
     def _meet(self, located: Mapping[int, Contact]) -> None:
-        """Tell of vehicles that are heard for the first time."""
+        """Announce vehicles that are heard for the first time."""
         begun = self._begun
         if self._named is not None:
-            known = {one.system_id for one in begun.vehicles}
+            known = {vehicle.system_id for vehicle in begun.vehicles}
             new = [
                 VehicleInfo(number, *self._named(one))
                 for number, one in located.items()
@@ -128,7 +128,7 @@ class TelemetryEvents:
             self._events.tell(begun)
 
     def _tell_plan(self, number: int, told: _Told, mission: Mission, frame: LocalFrame, now_s: float) -> None:
-        """Tell what a vehicle holds; that it holds nothing only if it held something before."""
+        """Emit a vehicle's mission; an empty mission only after another one."""
         if told.mission is not None or mission.items or mission.fence:
             told.mission = mission
             flight, path_m = max(1, told.flight), _path_of(mission, frame)
@@ -136,8 +136,8 @@ class TelemetryEvents:
 
     def _tell_texts(self, number: int, contact: Contact, told: _Told, now_s: float) -> None:
         said = begun_until(contact.texts.texts, told.texts, now_s - WHOLE_S)
-        for one in said:
-            self._events.tell(VehicleSaid(one[0], number, *one[1:]))
+        for said_text in said:
+            self._events.tell(VehicleSaid(said_text[0], number, *said_text[1:]))
         told.texts += len(said)
 
     def _tell_state(
@@ -152,11 +152,11 @@ class TelemetryEvents:
             (now_s, self._day, max(1, told.flight), number),
             mode=monitor.mode,
             link_quality=contact.link.quality,
-            # Where it was when its place came last: that it is heard otherwise makes that no newer.
+            # Age of the position: other messages do not make the position newer.
             silent_s=max(0.0, now_s - monitor.position_heard_s),
         )
         before = told.moved
-        # Who stands still, and tells nothing new, is told of now and then.
+        # An unchanged state is repeated at a lower rate.
         if (
             before is None
             or now_s - before.time_s >= _AGAIN_S
@@ -167,21 +167,21 @@ class TelemetryEvents:
 
 
 def _is_located(contact: Contact) -> bool:
-    """Return whether a vehicle tells where it is, and that is on the globe."""
+    """Return whether a vehicle's position is known and valid."""
     state = contact.monitor.state
     on_globe = abs(state.latitude_deg) <= 90.0 and abs(state.longitude_deg) <= 180.0
     return on_globe and contact.monitor.knows_position
 
 
 def _path_of(mission: Mission, frame: LocalFrame) -> np.ndarray[tuple[int, int], np.dtype[np.float64]]:
-    """Return the places of the items that are flown to, float64[n, 2], in metres of a frame."""
-    places = [(one.x, one.y) for one in mission.items if one.command in FLOWN_TO and one.has_position]
+    """Return the positions of the mission's items, float64[n, 2], in metres of a frame."""
+    places = [(item.x, item.y) for item in mission.items if item.command in FLOWN_TO and item.has_position]
     latitude, longitude = np.array(places, np.float64).reshape(-1, 2).T
     return np.column_stack(frame.from_wgs84(latitude, longitude))
 
 
 def land_about(latitude_deg: float, longitude_deg: float) -> Farm:
-    """Return a square of land about a place of which nothing is known, for who watches without a farm.
+    """Return a square of land around a position, for watching without a farm.
 
     Examples
     --------

@@ -24,13 +24,14 @@ def upload_checked(
     force: bool = False,
     open_driver: DriverMaker = own_driver,
 ) -> tuple[TransferReport, Report]:
-    """Ask a vehicle, check a mission for it, send it, read it back; return the transfer and the findings.
+    """Query a vehicle, check a mission for it, upload and read back; return transfer and findings.
 
-    `around` makes the circumstances of the check from the vehicle's answers. The other parameters and errors
-    are those of `mission.ground.link.upload`; PreflightError if the check finds errors and it is not forced.
+    `around` returns the circumstances of the check for the vehicle's answers. The other parameters and errors
+    are those of `mission.ground.link.upload`. Raises PreflightError if the check finds errors, unless
+    `force`.
     """
     snapshot = ask_vehicle(link, wait_s=wait_s, system_id=system_id, note=events.note)
-    # How it stands there matters for a start only.
+    # The vehicle's present state matters only for a start.
     found = check_mission(mission, around(snapshot)).report.about(Concern.PLAN, Concern.PARAMETERS)
     found.require_no_errors("nothing was sent", events, force=force)
     report = upload(

@@ -1,4 +1,4 @@
-"""Watching any number of vehicles on a link: what each told last, and how well it is heard."""
+"""Watch of all vehicles on a link: latest telemetry and link quality."""
 
 from __future__ import annotations
 
@@ -28,10 +28,10 @@ _ASK_AGAIN_S = 5.0
 _SILENT_S = 3.0
 _MOST_VEHICLES = 250
 _TELLS_S = 3.0
-"""Within this time a vehicle that tells of its mission at all has done so."""
+"""Time (s) within which a vehicle that sends mission state has sent it."""
 _READ_AGAIN_S, _REST_S = 10.0, 1.0
 _TRIES = 3
-# What a number of `WatchedVehicle.summary` can be at all, on the earth and in any aircraft.
+# Possible range of the numbers in `WatchedVehicle.summary`, for any aircraft on earth.
 _POSSIBLE = {
     "latitude_deg": (-90.0, 90.0),
     "longitude_deg": (-180.0, 180.0),
@@ -40,7 +40,7 @@ _POSSIBLE = {
     "battery": (0.0, 1.0),
     "gps_fix": (0, 8),
 }
-# Messages all of whose numbers are known to a vehicle that sends them; in others NaN stands for unknown.
+# Messages in which NaN is an error; in other messages NaN stands for unknown.
 _OF_NUMBERS = (
     m.MAVLink_attitude_message,
     m.MAVLink_attitude_quaternion_message,
@@ -50,10 +50,10 @@ _OF_NUMBERS = (
 
 
 class PlanReader:
-    """Reads mission and fence of a vehicle: when it is heard first, and when it holds another mission.
+    """Reads mission and fence of a vehicle: when first heard, and after each change of its mission.
 
-    That it does is told by its MISSION_CURRENT (id or number of items), or by an upload of somebody else that
-    is overheard. `failed` takes why a plan could not be read, after three tries.
+    MISSION_CURRENT (mission id or item count) or an overheard upload shows a change. `failed` receives the
+    reason after three failed tries.
     """
 
     def __init__(self, vehicle: WatchedVehicle, failed: Callable[[str], None]) -> None:
@@ -62,13 +62,13 @@ class PlanReader:
         self._kinds: deque[MissionType] = deque()
         self._read: dict[MissionType, DownloadComplete] = {}
         self._transfer: Transfer | None = None
-        self._held: tuple[int, int | None] | None = None  # As it was told when that was read
+        self._held: tuple[int, int | None] | None = None  # MISSION_CURRENT's id and count at the last read
         self._heard_s = math.inf
         self._due_s = -math.inf
         self._tries = 0
 
     def receive(self, message: Message, now_s: float) -> list[Message]:
-        """Take a message of the vehicle."""
+        """Receive a message of the vehicle."""
         self._heard_s = min(self._heard_s, now_s)
         if type(message).id not in CLIENT_MESSAGES:
             return []
@@ -79,7 +79,7 @@ class PlanReader:
         return []
 
     def poll(self, now_s: float) -> list[Message]:
-        """Begin to read, and go on with it."""
+        """Start or continue reading."""
         if self._transfer is not None:
             return self._take(self._transfer.poll(now_s), now_s)
         monitor = self._vehicle.monitor
@@ -92,7 +92,7 @@ class PlanReader:
         return self._next(now_s)
 
     def next_deadline(self) -> float:
-        """When `poll` has something to do while it reads; it begins at any other poll."""
+        """Deadline of the current transfer (s); a new read begins at any `poll`."""
         deadline_s = None if self._transfer is None else self._transfer.next_deadline()
         return math.inf if deadline_s is None else deadline_s
 
@@ -100,7 +100,7 @@ class PlanReader:
         if self._kinds:
             self._transfer = self._vehicle.download(self._kinds.popleft())
             return self._take(self._transfer.start(now_s), now_s)
-        # One that changes its mind all the time is not asked all the time.
+        # Limits the reads of a vehicle whose mission changes all the time.
         self._transfer, self._tries, self._due_s = None, 0, now_s + _REST_S
         mission = self._read[MissionType.MISSION]
         fence = self._read[MissionType.FENCE].items if MissionType.FENCE in self._read else ()
@@ -114,7 +114,7 @@ class PlanReader:
                 self._read[event.mission_type] = event
                 out += self._next(now_s)
             elif isinstance(event, TransferFailed) and MissionType.MISSION in self._read:
-                # Without its fence: not every autopilot tells that.
+                # Not every autopilot sends its fence: keep the mission without it.
                 self._kinds.clear()
                 out += self._next(now_s)
             elif isinstance(event, TransferFailed):
@@ -132,14 +132,14 @@ class PlanReader:
 
 
 class WatchedVehicle(Contact):
-    """One vehicle: what it told, and how well it is heard."""
+    """Telemetry and link quality of one vehicle."""
 
     def __init__(self, vehicle: tuple[int, int]) -> None:
         super().__init__(vehicle)
         self._no_numbers: dict[str, float] = {}
 
     def receive(self, message: Message, now_s: float) -> None:
-        """Take any message of its autopilot."""
+        """Receive a message of the vehicle's autopilot."""
         super().receive(message, now_s)
         if isinstance(message, _OF_NUMBERS):
             kind = message.get_type()
@@ -158,10 +158,10 @@ class WatchedVehicle(Contact):
         return wrong | {name: str(value) for name, value in self._no_numbers.items()}
 
     def summary(self, now_s: float) -> dict[str, Any]:
-        """Return plain values for JSON; what is not known is None.
+        """Return plain values for JSON; None for unknown values.
 
-        ``item`` counts from 1, without home; ``seq`` is MISSION_CURRENT's own number. ``impossible``
-        has values outside their possible range, and message fields that are not numbers.
+        ``item`` is the item number from 1, without home; ``seq`` is the number in MISSION_CURRENT.
+        ``impossible`` lists values outside their possible range, and message fields that are NaN.
         """
         state = self.monitor.state
         located = state.heard_s > -math.inf
@@ -188,29 +188,29 @@ class WatchedVehicle(Contact):
         return summary | {"impossible": self._impossible(summary)}
 
     def is_silent(self, now_s: float) -> bool:
-        """Whether nothing was heard of it for a while."""
+        """Return whether the vehicle has been silent for a while."""
         return now_s - self.link.heard_s > _SILENT_S
 
 
 class FleetWatch:
-    """A ground station that only listens, to all vehicles that are there.
+    """Ground station that only listens, to all vehicles on its links.
 
-    It sends a heartbeat, and asks autopilots that stream nothing unasked for their telemetry. Given
-    `plan_failed`, it reads what each vehicle holds, too (`PlanReader`).
+    The station sends a heartbeat, and requests telemetry from autopilots that stream none. With `plan_failed`
+    it also reads the vehicles' missions (`PlanReader`).
     """
 
     system_id, component_id = GROUND_STATION
     wanted: frozenset[int] | None = None
 
     def __init__(self, plan_failed: Callable[[str], None] | None = None) -> None:
-        self.vehicles: dict[int, WatchedVehicle] = {}  # By system id, as they were heard
+        self.vehicles: dict[int, WatchedVehicle] = {}  # By system id, in order of discovery
         self._readers: dict[int, PlanReader] = {}
         self._plan_failed = plan_failed
         self._heartbeat = Heartbeat()
         self._asked_s: dict[int, float] = {}
 
     def receive(self, message: Message, now_s: float) -> list[Message]:
-        """Take one message."""
+        """Receive a message."""
         if message.get_srcComponent() != m.MAV_COMP_ID_AUTOPILOT1:
             return []
         system_id = message.get_srcSystem()
@@ -227,8 +227,8 @@ class FleetWatch:
         return [] if reader is None else reader.receive(message, now_s)
 
     def poll(self, now_s: float) -> list[Message]:
-        """Send the heartbeat, and requests for telemetry that does not come."""
-        reading = [one for reader in self._readers.values() for one in reader.poll(now_s)]
+        """Send the heartbeat, and requests for missing telemetry."""
+        reading = [output for reader in self._readers.values() for output in reader.poll(now_s)]
         out = self._heartbeat.poll(now_s)
         if not out:
             return reading
@@ -238,7 +238,7 @@ class FleetWatch:
             if not vehicle.profile.streams_on_request:
                 continue
             quiet = now_s - vehicle.monitor.position_heard_s > _ASK_AGAIN_S
-            # Another ground station may have asked for positions alone.
+            # Another ground station may have requested only positions.
             if (quiet or vehicle.monitor.gps_fix is None) and now_s - self._asked_s.get(
                 system_id, -math.inf
             ) >= _ASK_AGAIN_S:
@@ -251,18 +251,18 @@ class FleetWatch:
         return out
 
     def next_deadline(self) -> float:
-        """When `poll` has something to do."""
-        return min([self._heartbeat.due_s, *(one.next_deadline() for one in self._readers.values())])
+        """Time of the next `poll` that does anything (s)."""
+        return min([self._heartbeat.due_s, *(reader.next_deadline() for reader in self._readers.values())])
 
     @property
     def missions(self) -> dict[int, Mission]:
-        """What each vehicle holds, as far as that was read."""
+        """Missions that were read, by system id."""
         read = {number: one.mission for number, one in self._readers.items()}
         return {number: mission for number, mission in read.items() if mission is not None}
 
     def look(self, now_s: float) -> None:
-        """Do nothing: it is always up to date."""
+        """Do nothing: the state is always current."""
 
     def seen(self) -> tuple[tuple[float, Observations], ...]:
-        """Return nothing: what cameras send is for who flies them."""
+        """Return nothing: images go to the ground station that flies the vehicle."""
         return ()

@@ -1,8 +1,7 @@
-"""From a scenario to a mission: budget, path, and what it will take."""
+"""Mission planning for a scenario: budget, path, mission and prediction."""
 
 from wbf_mission.planning.assignment import VehicleAssignment
 from wbf_mission.planning.builder import MissionBuilder, PlanResult, flown_vehicle, home_of
-from wbf_mission.planning.plan import plan, planner_of
 
 __all__ = [
     "MissionBuilder",
@@ -10,6 +9,4 @@ __all__ = [
     "VehicleAssignment",
     "flown_vehicle",
     "home_of",
-    "plan",
-    "planner_of",
 ]

@@ -1,4 +1,4 @@
-"""What one vehicle may do in a flight: where, from where, for how much; and from its path to the plan."""
+"""Task of one vehicle in a flight: its planning request, and the plan of its path."""
 
 from __future__ import annotations
 
@@ -34,20 +34,20 @@ _LEAST_M = 1e-3
 
 @dataclass(frozen=True, slots=True)
 class SortieNumber:
-    """Which flight of a run it is."""
+    """Number of one vehicle's flight in a run."""
 
-    day: int  # Of the environment
-    flight: int  # On that day, from 1
-    system_id: int  # Of the vehicle
-    first_day: int  # The first day that is flown
+    day: int  # Day of the environment
+    flight: int  # Number of the flight on the day, from 1
+    system_id: int  # MAVLink system id of the vehicle
+    first_day: int  # First day of the run
 
     @classmethod
     def first(cls, day: int, system_id: int) -> SortieNumber:
-        """Return a vehicle's first flight of a run that begins on a day."""
+        """Return the number of a vehicle's first flight in a run that begins on `day`."""
         return cls(day, 1, system_id, day)
 
     def stream_names(self, part: str) -> tuple[str, ...]:
-        """Return the names of a part's random stream; the first flight of a run has the part's own."""
+        """Return the names of a part's random stream; vehicle 1's first flight uses the part's name alone."""
         names = [part]
         if (self.day, self.flight) != (self.first_day, 1):
             names += [f"day-{self.day}", f"flight-{self.flight}"]
@@ -58,15 +58,15 @@ class SortieNumber:
 
 @dataclass(frozen=True, slots=True)
 class VehicleAssignment:
-    """One vehicle's task."""
+    """Task of one vehicle."""
 
     system_id: int  # The vehicle's MAVLink system id
     builder: MissionBuilder  # Makes its missions and predicts them
-    request: PlanningRequest  # What its planner is asked
+    request: PlanningRequest  # Request to the planner or policy
     budget_text: str  # The budget in words
-    seed: int  # The run's, for the record
-    drawing_seed: int  # From which its planner or policy draws
-    footprint: int  # Cells on a side of what the camera sees
+    seed: int  # Seed of the run, for the plan's record
+    drawing_seed: int  # Seed of the planner or policy
+    footprint: int  # Side of the camera's footprint, in cells
 
     @classmethod
     def of(
@@ -79,7 +79,7 @@ class VehicleAssignment:
         number: SortieNumber,
         progress: Progress = silent,
     ) -> VehicleAssignment:
-        """Return the task of a vehicle in a flight; the camera's footprint is so many cells wide."""
+        """Return the task of a vehicle in a flight; `footprint` is in cells a side."""
         farm = builder.farm
         means, text = _means(mission, builder)
         camera: dict[str, Any] = {"footprint_m": footprint * farm.cell_size_m}
@@ -104,16 +104,16 @@ class VehicleAssignment:
         return cls(number.system_id, builder, request, text, seed, drawn, footprint)
 
     def moved(self, mission: MissionOptions, builder: MissionBuilder) -> VehicleAssignment:
-        """Return the same task from where another builder has its home; errors as of `of`."""
+        """Return the task with the home of `builder`; errors as in `of`."""
         means, text = _means(mission, builder)
         return replace(self, builder=builder, request=replace(self.request, **means), budget_text=text)
 
     def of_sortie(self, number: SortieNumber) -> VehicleAssignment:
-        """Return the same task for another flight of the run, for which its planner draws anew."""
+        """Return the task for another flight of the run, with the planner's seed of that flight."""
         return replace(self, request=replace(self.request, seed=_planner_seed(self.drawing_seed, number)))
 
     def report(self, *, steered: bool = False) -> VehicleReport:
-        """Return the vehicle as it stands at its start, for its first path; `steered` as of `plan_of`."""
+        """Return the report of the vehicle before take-off; `steered` as in `plan_of`."""
         return VehicleReport(
             self.system_id,
             self.request,
@@ -129,9 +129,9 @@ class VehicleAssignment:
         )
 
     def travel_cost_in_flight(self, first_m: Points) -> Callable[[InFlight, Points, bool], TravelCost]:
-        """Return what tells what flying on costs the vehicle, in what state and on what path it is.
+        """Return a function from the vehicle's state and path in flight to its travel cost.
 
-        The last argument is whether its autopilot leaves its mission for a change.
+        The function's last argument: whether the autopilot leaves its mission for a change.
         """
         rough = leg_travel_cost(self.request, self.builder)
         if isinstance(rough, GeometricTravelCost):
@@ -147,10 +147,10 @@ class VehicleAssignment:
         )
 
     def plan_of(self, decision: Decision, decided_by: str, *, steered: bool = False) -> PlanResult:
-        """Return the plan that flies the path of this vehicle in a decision.
+        """Return the plan of this vehicle's path in a decision.
 
-        A `steered` path is changed in flight: then the way to its first point is looked at, too, and a point
-        that is named again is a joint of two pieces, not a loiter.
+        `steered`: the path is changed in flight. Then the camera is on from take-off, and a repeated point
+        joins two pieces of the path instead of being a loiter.
         """
         spacing_m = decision.spacing_m.get(self.system_id)
         path = PlannedPath(decision.paths[self.system_id], spacing_m, decided_by)
@@ -167,15 +167,15 @@ class VehicleAssignment:
 
 
 def _means(mission: MissionOptions, builder: MissionBuilder) -> tuple[dict[str, Any], str]:
-    """Return what of a planner's request depends on where the vehicle starts, and the budget in words."""
+    """Return the fields of a planning request that depend on the home, and the budget in words."""
     budget, text = make_budget(mission.budget, builder, steered=mission.policy is not None)
     area, passable = land_of(builder.farm, builder.keep_out)
-    if builder.vehicle.is_ideal and passable is not None:  # the paper's robot sees ponds, too
+    if builder.vehicle.is_ideal and passable is not None:  # The paper's robot also senses ponds.
         area, passable = passable, None
     means = {"area": area, "passable": passable, "start_xy_m": builder.home_m, "budget": budget}
     return means, text
 
 
 def _planner_seed(seed: int, number: SortieNumber) -> SeedSequence:
-    """Return what the planner of a flight draws from."""
+    """Return the seed of a flight's planner."""
     return sealed_seed(seed, *number.stream_names("planner"))

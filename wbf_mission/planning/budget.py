@@ -1,4 +1,4 @@
-"""A run's budget in the vehicle's own terms, and what flying costs of it."""
+"""Budgets of flights, and travel costs in the budget's unit."""
 
 from __future__ import annotations
 
@@ -26,15 +26,16 @@ from wbf_mission.scenario import ScenarioError
 from wbf_mission.scenario.parts import UNLIMITED
 
 _UNLIMITED_S = 1e9
-PAPER_STEPS_PER_CELL = 0.4  # timesteps of a day for each of the owner's cells (Matloob et al., experiments)
+PAPER_STEPS_PER_CELL = 0.4  # Timesteps per day and owner's cell (Matloob et al., experiments)
 
 Paths = Sequence[NDArray[np.float64]]
 
 _MOST_KNOWN = 2000
-# Fraction of the usable battery kept back where paths are decided in flight: the last decision is priced from
-# rounded telemetry that is a moment old.
+# Fraction of the usable battery that is held back if a policy decides in flight: telemetry is rounded and
+# delayed, so the price of the last path is inexact.
 _SPARED = 0.02
-# Fraction of the limit: the reserve is learned from a path that costs at least this; cheaper ones fit anyway.
+# Least price, as a fraction of the limit, of the path from which the reserve is learned; cheaper paths fit
+# with any reserve.
 _NEAR = 0.5
 
 
@@ -42,18 +43,20 @@ _NEAR = 0.5
 class ReserveCharge:
     """Charge for gusts and estimate errors, so that a flight lands with the battery's reserve.
 
-    A path's price assumes an exact estimate and few gusts. One flight is predicted in full, with the
-    estimate's errors and more gusts. The prices of all others are multiplied by its ratio of
-    `Prediction.energy_bound_wh` to price. The spread grows with the square root of the energy flown.
+    A path's price assumes an exact position estimate and few gusts. One flight is predicted in full, with
+    estimate errors and more gusts. Its ratio of `Prediction.energy_bound_wh` to price multiplies the prices
+    of all other flights. The spread grows with the square root of the energy.
     """
 
     builder: MissionBuilder
-    factor: float | None = None  # bound over price, of a whole flight; None until one was predicted
+    factor: float | None = (
+        None  # Ratio of bound to price of a whole flight; None before the first full prediction
+    )
     _onward: float = 1.0
     _spread: float = 0.0
 
     def learn(self, mission: Mission, price_wh: float) -> None:
-        """Predict a priced flight in full, and learn the charge from it."""
+        """Predict a priced flight in full, and derive the charge from its bound."""
         full = self.builder.predict(mission)
         if not (full.energy_wh > 0.0 and 0.0 < price_wh < math.inf):
             return
@@ -70,15 +73,17 @@ class ReserveCharge:
 
 @dataclass(frozen=True, slots=True)
 class FlightBudget:
-    """A budget in seconds or watt hours, charged by flying the paths' missions in the vehicle's own model."""
+    """Budget in seconds or watt hours; a path costs the predicted flight of its mission."""
 
-    limit: float  # The most that the whole flight may take, from take-off to touch-down
+    limit: float  # Largest cost of the whole flight, from take-off to touch-down
     unit: str  # {"s", "Wh"}
-    # The predicted seconds or watt hours of each of several paths, float64[n, 2]; infinite for one that the
-    # vehicle cannot fly
+    # Returns the predicted cost of each path, float64[n, 2]; infinite if the vehicle cannot fly it
     price: Callable[[Paths], list[float]]
-    explain: Callable[[NDArray[np.float64]], str]  # Why the vehicle cannot fly a path; empty if it can
-    # Maps a path of the whole flight to the function from the cost of a rest in the mean wind to its charge
+    explain: Callable[
+        [NDArray[np.float64]], str
+    ]  # Returns why the vehicle cannot fly a path; empty if it can
+    # Maps a path of the whole flight to a function from the mean-wind cost of the remaining path to its
+    # charge
     onward: Callable[[NDArray[np.float64]], Callable[[float], float]]
 
     def cost(self, path_xy_m: NDArray[np.float64]) -> float:
@@ -86,7 +91,7 @@ class FlightBudget:
         return self.costs([path_xy_m])[0]
 
     def costs(self, paths_xy_m: Paths) -> list[float]:
-        """Return the `cost` of each path; they are flown together."""
+        """Return the `cost` of each path; one call predicts all paths in parallel."""
         return self.price(paths_xy_m)
 
     def reason(self, path_xy_m: NDArray[np.float64]) -> str:
@@ -104,14 +109,15 @@ def flight_budget(
 ) -> FlightBudget:
     """Return a budget in "s" or "Wh" that charges predicted flights, and the `reserve`.
 
-    A path beyond one battery is priced with an endless one: its mission is flown in sorties.
+    With `one_battery` false, a path beyond one battery is priced with an endless battery, since its mission
+    is flown in sorties.
     """
 
     def mission_of(path_xy_m: NDArray[np.float64]) -> Mission:
         points = np.asarray(path_xy_m, dtype=np.float64).reshape(-1, 2)
         return builder.mission(PlannedPath(points[1:] if len(points) > 1 else points, None, "candidate"))
 
-    # The flights of many days are planned one after the other, mostly with the same candidates.
+    # Plans of successive flights mostly price the same candidate paths.
     known: dict[bytes, float] = {}
 
     def price(paths_xy_m: Paths) -> list[float]:
@@ -124,7 +130,7 @@ def flight_budget(
             short = [k for k, one in enumerate(flown) if is_short_of_battery(one)]
             for k, one in zip(short, builder.price([missions[k] for k in short], endless=True), strict=True):
                 flown[k] = one
-        prices = [price_of(one) for one in flown]
+        prices = [price_of(prediction) for prediction in flown]
         if reserve is not None:
             prices = charged(reserve, missions, prices)
         costs |= zip(new, prices, strict=True)
@@ -135,16 +141,16 @@ def flight_budget(
 
     def price_of(prediction: Prediction) -> float:
         spent = prediction.duration_s if unit == "s" else prediction.energy_wh
-        # A flight that exceeds the budget before it fails is priced by what it has spent.
+        # A flight that exceeds the limit before it fails gets the cost up to the failure.
         return spent if prediction.feasible or spent > limit else math.inf
 
     def charged(reserve: ReserveCharge, missions: list[Mission], prices: list[float]) -> list[float]:
-        """Return the charges; the first flight of about the budget's size sets the reserve's factor."""
+        """Return the charges; the first flight near the limit sets the reserve's factor."""
         near = [k for k, one in enumerate(prices) if _NEAR * limit <= one <= limit]
         if near and reserve.factor is None:
             best = max(near, key=lambda k: prices[k])
             reserve.learn(missions[best], prices[best])
-        return [one * (reserve.factor or 1.0) for one in prices]
+        return [price * (reserve.factor or 1.0) for price in prices]
 
     def is_short_of_battery(prediction: Prediction) -> bool:
         battery = builder.vehicle.battery
@@ -167,12 +173,12 @@ def flight_budget(
 
 
 def unlimited_budget(builder: MissionBuilder) -> FlightBudget:
-    """Return a budget without a limit: paths are compared by their predicted time."""
+    """Return a budget without a limit; a path costs its predicted time (s)."""
 
     def price(paths_xy_m: Paths) -> list[float]:
         missions = [builder.mission(PlannedPath(path[1:], None, "candidate")) for path in paths_xy_m]
         flown = builder.price(missions, endless=True)
-        return [one.duration_s if one.feasible else math.inf for one in flown]
+        return [prediction.duration_s if prediction.feasible else math.inf for prediction in flown]
 
     def explain(path_xy_m: NDArray[np.float64]) -> str:
         (prediction,) = builder.price(
@@ -184,11 +190,11 @@ def unlimited_budget(builder: MissionBuilder) -> FlightBudget:
 
 
 def make_budget(text: str | None, builder: MissionBuilder, *, steered: bool = False) -> tuple[Budget, str]:
-    """Return a budget and how to say it; PlanningError or ScenarioError if it does not suit the vehicle.
+    """Return a budget, and the budget in words.
 
-    Without a text it is the vehicle's battery less its reserve, for the ideal vehicle 0.4 times the owner's
-    cells in timesteps. Of a battery a little is spared if the path is `steered`: the last decision is priced
-    from what telemetry tells, which is rounded and a moment old.
+    Without `text` the budget is the battery less its reserve, for the ideal vehicle 0.4 timesteps per owner's
+    cell. A `steered` path leaves a small part of the battery unused, since telemetry is rounded and delayed.
+    Raises PlanningError or ScenarioError if the budget does not suit the vehicle.
     """
     farm, vehicle = builder.farm, builder.vehicle
     home = None if vehicle.is_ideal else builder.home_m
@@ -218,7 +224,7 @@ def make_budget(text: str | None, builder: MissionBuilder, *, steered: bool = Fa
     if unit == "Wh" and vehicle.power is None:
         msg = f"budget {text}: vehicle {vehicle.name} uses no energy; give metres, minutes or steps"
         raise ScenarioError(msg)
-    # What is decided in flight goes home on the battery that it has.
+    # A policy plans for one battery: no battery is changed within its flight.
     words = f"{value:g} {unit}"
     if steered and (lasts := _battery_in(unit, builder)) < value:
         words += f" (a battery less its reserve lasts for about {lasts:.3g} {unit})"
@@ -238,24 +244,25 @@ def _battery_in(unit: str, builder: MissionBuilder) -> float:
     )
 
 
-# Time of a turn, in braking times from cruise speed to rest: an average turn brakes, and speeds up again.
+# Time lost in a turn, in multiples of the braking time from cruise speed: an average turn brakes partly and
+# accelerates again.
 _TURN_SHARE = 1.0
 _SLOWEST_M_S = 0.5
-# Items round degrees to 1e-7: a point read back from its mission is off by up to this.
+# Mission items round degrees to 1e-7, so a point read back from its mission is off by up to this.
 _SAME_M = 0.05
 
 
 @dataclass(frozen=True, slots=True)
 class LegCosts:
-    """Approximate cost of straight legs: the time at the ground speed in the mean wind, and one turn."""
+    """Approximate cost of straight legs: time at ground speed in the mean wind, plus one turn per leg."""
 
-    speed_m_s: float  # Through the air
-    acceleration_m_s2: float  # With which the vehicle brakes and speeds up
-    wind_m_s: tuple[float, float]  # Mean wind, the velocity of the air along x and y of the farm frame
+    speed_m_s: float  # Airspeed
+    acceleration_m_s2: float  # Horizontal acceleration
+    wind_m_s: tuple[float, float]  # Velocity of the mean wind along x and y of the farm frame
     a_second: float  # Cost of a second of flight, in the unit of the budget
 
     def legs(self, from_m: Points, to_m: Points) -> NDArray[np.float64]:
-        """Return the costs of the legs, float64[n, m], from n points to m others."""
+        """Return the costs of the legs from n points to m points, float64[n, m]."""
         steps = np.asarray(to_m, np.float64)[None, :, :] - np.asarray(from_m, np.float64)[:, None, :]
         length_m = np.hypot(steps[..., 0], steps[..., 1])
         along = steps / np.maximum(length_m, 1e-9)[..., None]
@@ -270,11 +277,11 @@ class LegCosts:
 
 @dataclass(frozen=True, slots=True)
 class StartTravelCost:
-    """The travel cost of a vehicle that stands at its start: whole flights, as its budget prices them."""
+    """Travel cost of a vehicle before take-off: its budget's price of whole flights."""
 
     request: PlanningRequest
     builder: MissionBuilder
-    # Whether paths are changed in flight: a repeated point is then no hover (`VehicleAssignment.plan_of`)
+    # Whether the path is changed in flight: a repeated point is then no loiter (`VehicleAssignment.plan_of`)
     steered: bool = False
 
     def rest(self, paths_m: Sequence[Points]) -> list[float]:
@@ -284,33 +291,33 @@ class StartTravelCost:
         return [next(costs) if len(path) else 0.0 for path in paths_m]
 
     def legs(self, from_m: Points, to_m: Points) -> NDArray[np.float64]:
-        """Return roughly what straight legs cost, float64[n, m]."""
+        """Return the approximate costs of straight legs, float64[n, m]."""
         return leg_travel_cost(self.request, self.builder).legs(from_m, to_m)
 
     def change(self, points_m: Points) -> float:  # noqa: ARG002 (the same for every path)
-        """Return 0: no path is flown yet."""
+        """Return 0: the vehicle has no path yet."""
         return 0.0
 
 
 @dataclass(frozen=True, slots=True)
 class FlightTravelCost:
-    """The travel cost of a vehicle in flight, where the budget counts seconds or watt hours."""
+    """Travel cost of a vehicle in flight, with a budget in seconds or watt hours."""
 
-    state: InFlight  # The vehicle, as its telemetry tells it
+    state: InFlight  # State of the vehicle from its telemetry
     predictor: OnwardPredictor
     rough: LegCosts | GeometricTravelCost
     unit: str  # {"s", "Wh"}
-    # Maps the cost of a rest in the mean wind to its charge (`FlightBudget.onward`)
+    # Maps the mean-wind cost of the remaining path to its charge (`FlightBudget.onward`)
     charged: Callable[[float], float]
-    # float64[n, 2]: the path that is flown
+    # Present path, float64[n, 2]
     present_m: Points = field(default_factory=lambda: np.empty((0, 2)))
-    # Whether the autopilot leaves its mission for a change, and begins anew where it could stop
+    # Whether the autopilot leaves its mission for a change and so has to brake
     loses_speed: bool = False
-    # The policy and the check of its answer ask for the same rests.
+    # The policy and the check of its answer price the same paths.
     _known: dict[bytes, float] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     def rest(self, paths_m: Sequence[Points]) -> list[float]:
-        """Return the costs of rests of the path, with the way home and the landing."""
+        """Return the cost of each remaining path, with the flight home and the landing."""
         keys = [np.asarray(path, np.float64).tobytes() for path in paths_m]
         new = {key: path for key, path in zip(keys, paths_m, strict=True) if key not in self._known}
         if new:
@@ -321,14 +328,14 @@ class FlightTravelCost:
         return [self._known[key] for key in keys]
 
     def legs(self, from_m: Points, to_m: Points) -> NDArray[np.float64]:
-        """Return roughly what straight legs cost, float64[n, m]."""
+        """Return the approximate costs of straight legs, float64[n, m]."""
         return self.rough.legs(from_m, to_m)
 
     def change(self, points_m: Points) -> float:
-        """Return the cost of leaving the present path, beyond the difference in length.
+        """Return the cost of leaving the present path for another, beyond the difference in length.
 
-        Both first legs are predicted from the present speed, the new one as the autopilot begins it after a
-        change.
+        Both first legs are predicted from the present velocity; the new leg begins as the autopilot flies it
+        after a change.
         """
         if not self.loses_speed or not len(points_m) or not len(self.present_m):
             return 0.0
@@ -344,13 +351,13 @@ class FlightTravelCost:
 
 
 def is_same_path(one_m: Points, other_m: Points) -> bool:
-    """Return whether two paths have the same points, to the digits of a mission item."""
+    """Return whether two paths have the same points, up to the rounding of mission items."""
     one, other = np.asarray(one_m, np.float64), np.asarray(other_m, np.float64)
     return one.shape == other.shape and bool(np.allclose(one, other, rtol=0.0, atol=_SAME_M))
 
 
 def onward_predictor(builder: MissionBuilder) -> OnwardPredictor:
-    """Return the predictor that prices rests of a vehicle's paths."""
+    """Return the predictor of the cost of a vehicle's remaining path."""
     vehicle = builder.priced_vehicle
     return OnwardPredictor(
         vehicle,
@@ -373,7 +380,7 @@ def leg_travel_cost(request: PlanningRequest, builder: MissionBuilder) -> LegCos
 
 
 def leg_costs(builder: MissionBuilder, a_second: float = 1.0) -> LegCosts:
-    """Return the approximate costs of straight legs of a vehicle, for a cost of `a_second` per second."""
+    """Return the approximate leg costs of a vehicle, for a cost of `a_second` per second."""
     wind = wind_of(builder.weather, builder.level, gusts=False).mean_at(builder.level.altitude_m)
     return LegCosts(
         min(builder.level.speed_m_s, builder.vehicle.top_speed_m_s),

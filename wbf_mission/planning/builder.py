@@ -1,4 +1,4 @@
-"""From paths to missions, and from missions to what they will take."""
+"""Missions of paths, and predictions of missions."""
 
 from __future__ import annotations
 
@@ -60,29 +60,30 @@ from wbf_mission.scenario.parts import VehicleParts
 
 @dataclass(frozen=True, slots=True)
 class PlanResult:
-    """A mission and what it will take.
+    """A planned mission with its prediction.
 
     Parameters
     ----------
     planner : str or None
-        The planner with its parameters; None for a mission file.
+        Planner or policy with its parameters; None for a mission file.
     seed : int
-        The run's.
+        Seed of the run.
     path_m : float64[n, 2]
-        The waypoints in metres of the farm frame.
+        Points of the path, in metres of the farm frame.
     spacing_m : float or None
-        Distance between neighbouring rows or rings; None where the planner has none.
+        Spacing of rows or rings; None for a planner without rows.
     budget_text : str
         The budget in words.
     length_m : float
         Length over ground of the predicted flight, from take-off to landing.
     coverage : float
-        Share of the land that is to be seen which the images of that flight show
+        Share of the scouted land that the images of the predicted flight show
         (`wbf_mission.planning.coverage`).
     prediction : Prediction
-        Time, energy and feasibility from the vehicle's own model.
+        Time, energy and feasibility from the vehicle's motion model.
     batteries : int or None
-        How many the mission needs, changed at home; 0 for a vehicle without one, None if no number is enough.
+        Number of batteries that the mission needs, changed at home; 0 for a vehicle without a battery, None
+        if no number is enough.
     """
 
     farm: Farm
@@ -97,18 +98,18 @@ class PlanResult:
     coverage: float
     prediction: Prediction
     batteries: int | None
-    imaging: Imaging | None = None  # A camera by its sensor and lens
+    imaging: Imaging | None = None  # Mapping camera
 
     @property
     def misses_farm(self) -> bool:
-        """Whether no waypoint lies on the farm, so that its camera sees nothing of it."""
+        """Whether all waypoints are off the farm, so that the camera sees nothing of it."""
         width, height = self.farm.width_cells, self.farm.height_cells
         ground = shapely.box(0.0, 0.0, width * self.farm.cell_size_m, height * self.farm.cell_size_m)
         return not shapely.MultiPoint(self.path_m).intersects(ground)
 
     @property
     def rendered(self) -> Rendered:
-        """The mission as the vehicle's autopilot takes it; planned with the parameters of the vehicle."""
+        """The mission as uploaded to the vehicle's autopilot, by the vehicle's parameters."""
         firmware = firmware_of(self.vehicle)
         if firmware is None:
             return render(self.mission, GENERIC)
@@ -117,20 +118,20 @@ class PlanResult:
 
     @property
     def mav_autopilot(self) -> int:
-        """MAV_AUTOPILOT for whom the mission is meant; PX4 for a vehicle of none, whose rules are its own."""
+        """MAV_AUTOPILOT of the mission's target; PX4 for a vehicle without an autopilot."""
         firmware = firmware_of(self.vehicle)
         return PX4.autopilot if firmware is None else firmware.mavlink.identity.mav_autopilot
 
     @property
     def camera(self) -> dict[str, Any] | None:
-        """What a camera by its sensor and lens shows; None for the leaf camera."""
+        """Values of the mapping camera for JSON; None for the leaf camera."""
         if self.imaging is None:
             return None
         return imaging_summary(self.imaging, len(self.image_places), self.mission.cruise_speed_m_s)
 
     @property
     def image_places(self) -> Points:
-        """Where its images are taken, float64[n, 2], metres of the farm's frame."""
+        """Positions of the images, float64[n, 2], in metres of the farm frame."""
         placed = self.mission
         if placed.home is None:
             placed = replace(placed, home=home_of(placed, self.farm))
@@ -138,12 +139,12 @@ class PlanResult:
 
     @property
     def asks_whole(self) -> bool:
-        """Whether the whole land is to be seen (`wbf_mission.planning.coverage.asks_whole`)."""
+        """Whether the plan aims at full coverage (`wbf_mission.planning.coverage.asks_whole`)."""
         return asks_whole(self.imaging, self.planner)
 
     @property
     def warnings(self) -> list[str]:
-        """Return what an operator should know before flying, each in one line."""
+        """Warnings for the operator before the flight, each in one line."""
         found = []
         if not self.prediction.feasible:
             found.append(f"the vehicle cannot fly this mission: {self.prediction.reason}")
@@ -151,12 +152,12 @@ class PlanResult:
             found.append("the mission never starts the camera: there will be no observations")
         if self.misses_farm:
             found.append(f"no waypoint lies on the farm {self.farm.name}: is this the right --farm?")
-        found += [str(one) for one in self.rendered.remarks if one.severity is not Severity.NOTE]
+        found += [str(remark) for remark in self.rendered.remarks if remark.severity is not Severity.NOTE]
         return found
 
     @property
     def battery_used(self) -> float | None:
-        """Fraction of the battery that the flight takes, above 1 if that is too much; None without one."""
+        """Used fraction of the battery, above 1 if one battery is not enough; None without a battery."""
         if self.vehicle.battery is None:
             return None
         prediction = self.prediction
@@ -190,7 +191,7 @@ class PlanResult:
 
 
 def budget_left(sorties: Sequence[PlanResult]) -> str:
-    """Return a note on a budget that is much larger or smaller than all sorties together; else empty."""
+    """Return a note if all sorties together use much less or more than the budget; else empty."""
     text = sorties[0].budget_text
     try:
         value, unit = parse_budget(text)
@@ -215,23 +216,23 @@ def budget_left(sorties: Sequence[PlanResult]) -> str:
 
 
 def not_used(taken: str, budget: str) -> str:
-    """Say how much of its budget a mission takes."""
+    """Return the note on the used part of a budget."""
     return f"the plan takes {taken} of its budget of {budget}: the planner finds no longer path within it"
 
 
 def coverage_together(plans: Sequence[PlanResult], footprint: int) -> float:
-    """Return the coverage of the plans of vehicles that fly together: land that several see counts once."""
+    """Return the joint coverage of several vehicles' plans; land that several vehicles see counts once."""
     if len(plans) == 1:
         return plans[0].coverage
     places = np.vstack([plan.image_places for plan in plans])
     return coverage_from(plans[0].farm, places, footprint, plans[0].imaging)
 
 
-# Where a fixed wing's climb-out leads to, and the height of its final approach.
+# Distance of a fixed wing's climb-out point, and height of its final approach.
 CLIMB_OUT_M = 150.0
 APPROACH_ALTITUDE_M = 30.0
 _MOST_THREADS = 4
-# Of a budget: planners that add row by row leave a tenth of it.
+# Used fraction of a budget below which a note is given; planners that add row by row leave a tenth.
 _USED = 0.85
 _OVER = 1.05
 _PROBE_STEP_S, _OFF_THE_GROUND_M = 0.2, 0.3
@@ -239,39 +240,37 @@ _PROBE_STEP_S, _OFF_THE_GROUND_M = 0.2, 0.3
 
 @dataclass(frozen=True, slots=True)
 class MissionBuilder:
-    """Turns paths into missions of one run, and predicts them.
+    """Builds and predicts one vehicle's missions.
 
-    It knows the weather as a forecast does (mean wind, statistics of the gusts), not the run's seed.
+    The builder knows the weather as a forecast (mean wind, gust statistics), without the run's seed.
     """
 
     farm: Farm
-    vehicle: VehicleSpec  # As its autopilot flies it
+    vehicle: VehicleSpec  # The vehicle with its autopilot's parameters
     level: FlightLevel
     weather: WeatherOptions
     image_spacing_m: float  # Distance between images
-    cornering: Cornering  # How the autopilot takes the corners of a path
-    home_m: tuple[float, float]  # Where the vehicle takes off and lands, in metres of the farm frame
-    # Whether the vehicle flies by an estimate that errs: known by its statistics
+    cornering: Cornering  # Cornering of the autopilot
+    home_m: tuple[float, float]  # Take-off and landing position, in metres of the farm frame
+    # Whether the vehicle's position estimate has errors, predicted by their statistics
     estimate_errors: bool = False
-    # What its paths lead round; None where no obstacle is in the way at the height of its flight, and for the
-    # paper's robot, which has no size
+    # Area that paths avoid; None if no obstacle reaches the flight height, and for the paper's robot, which
+    # has no size
     keep_out: KeepOut | None = None
-    barred: tuple[Obstacle, ...] = ()  # The obstacles that are too high to be flown over
-    fence_m: float | None = None  # How far outside of the land's border its plans have a fence; None: none
-    imaging: Imaging | None = None  # A camera by its sensor and lens; None: the leaf camera
-    ground: FarmGround | None = None  # Which the flight follows; None: flat, at the height of home
-    follows_terrain: bool = False  # Whether the autopilot does that by itself
-    station_range: StationRange | None = (
-        None  # How far the radio at the farm's home reaches; None: everywhere
-    )
+    barred: tuple[Obstacle, ...] = ()  # Obstacles too high to be flown over
+    fence_m: float | None = None  # Distance of the fence outside the land's border; None: no fence
+    imaging: Imaging | None = None  # Mapping camera; None: the leaf camera
+    ground: FarmGround | None = None  # Ground that the flight follows; None: flat, at the height of home
+    follows_terrain: bool = False  # Whether the autopilot follows the terrain by itself
+    station_range: StationRange | None = None  # Range of the radio at the farm's home; None: unlimited
 
     @classmethod
     def of(cls, one: VehicleParts, farm: Farm, home_m: tuple[float, float] | None = None) -> MissionBuilder:
-        """Return the builder of a run's vehicle, which starts at the farm's home if nothing else is said."""
+        """Return the builder of a vehicle; its home defaults to the farm's home."""
         camera, mission, options = one.camera, one.mission, one.vehicle
         vehicle = flown_vehicle(options)
         check_speed(mission, vehicle)
-        # What the vehicle was built for, not what an autopilot does that is told nothing.
+        # Defaults are the vehicle's design values, not the autopilot's default parameters.
         level = flight_level(mission, options)
         require_height(camera, mission)
         imaging = imaging_of(camera, mission, level)
@@ -300,23 +299,23 @@ class MissionBuilder:
         check_wind(made)
         lowest_m = made.level.altitude_m - separation_margin_m(height_error_m(options, vehicle), 0.0)
         barred = [
-            one
-            for one in farm.obstacles
-            if one.bars(lowest_m - made.relief_m(one, mission.margin_m), mission.margin_m)
+            obstacle
+            for obstacle in farm.obstacles
+            if obstacle.bars(lowest_m - made.relief_m(obstacle, mission.margin_m), mission.margin_m)
         ]
         if not barred or vehicle.is_ideal:
             return made
-        # The satellites' error is that of where it believes to be, which it follows.
+        # The vehicle follows its estimated position, so a GNSS error adds to the deviation.
         stray = made.stray_m() + separation_margin_m(options.gps_noise_m, 0.0)
         return replace(made, keep_out=KeepOut.of(barred, mission.margin_m, stray), barred=tuple(barred))
 
     @property
     def priced_vehicle(self) -> VehicleSpec:
-        """The vehicle by which ways home are priced: a promise holds on both sides of an edge near home."""
+        """The vehicle for prices; with estimate errors its flights home have a return-altitude margin."""
         return with_return_margin(self.vehicle) if self.estimate_errors else self.vehicle
 
     def mission(self, path: PlannedPath, *, camera_on_approach: bool = False) -> Mission:
-        """Return the mission that flies ``path``, with the camera on from its first point or before."""
+        """Return the mission of ``path``; `camera_on_approach` starts the camera before the first point."""
         vehicle, farm = self.vehicle, self.farm
         return build_mission(
             replace(path, points_m=self._around(path.points_m, self.home_m)[0]),
@@ -335,11 +334,11 @@ class MissionBuilder:
         )
 
     def relief_m(self, obstacle: Obstacle, margin_m: float) -> float:
-        """Return how much nearer to an obstacle's top a flight may be for the ground that it follows."""
+        """Return by how much terrain following reduces the height above an obstacle's top (m)."""
         return 0.0 if self.ground is None else self.ground.relief_m(obstacle, margin_m)
 
     def with_zones(self, mission: Mission, path_m: Points) -> Mission:
-        """Return a mission that flies a path with the fence asked for and the farm's rally points."""
+        """Return the mission with the requested fence around `path_m` and the farm's rally points."""
         fence: tuple[MissionItem, ...] = ()
         if self.fence_m is not None:
             way = np.vstack((self.home_m, self.flown_way(path_m), self.home_m))
@@ -359,9 +358,9 @@ class MissionBuilder:
         spacing_m: float | None = None,
         prediction: Prediction | None = None,
     ) -> PlanResult:
-        """Return what a mission that flies ``path_m`` will take; one without a home starts at the farm's.
+        """Return the plan of a mission that flies ``path_m``, predicted unless `prediction` is given.
 
-        It is predicted, unless that was done.
+        A mission without home starts at the farm's home.
         """
         farm = self.farm
         placed = mission if mission.home is not None else replace(mission, home=home_of(mission, farm))
@@ -383,19 +382,19 @@ class MissionBuilder:
         )
 
     def waypoints(self, path_m: Points, from_m: tuple[float, float]) -> Waypoints:
-        """Return where the vehicle is sent to fly a path from somewhere, and as far as need be home."""
+        """Return the waypoints that fly a path from `from_m`, with those around obstacles on the leg home."""
         points, of_point = self._around(path_m, from_m)
         sent = self.cornering.waypoints(points, from_m, avoid=self._obstacles())
         return sent if points is path_m else replace(sent, of_point=of_point[sent.of_point])
 
     def flown_way(self, path_m: Points) -> Points:
-        """Return the way that a path from its first point to its last one is flown, round the obstacles."""
+        """Return the flown path from the first point to the last, around obstacles."""
         return path_m if self.keep_out is None else self.keep_out.around(path_m)[0]
 
     def _around(self, path_m: Points, from_m: tuple[float, float]) -> tuple[Points, NDArray[np.int64]]:
-        """Return a path with the points between which it leads round obstacles: from somewhere, and home.
+        """Return the path with added points around obstacles, and the number of each point's path point.
 
-        What leads home counts as its last point.
+        The path starts at `from_m` and leads home. Added points on the leg home belong to the last point.
         """
         if self.keep_out is None or not len(path_m):
             return path_m, np.arange(len(path_m))
@@ -405,11 +404,11 @@ class MissionBuilder:
         return points[1:end], np.minimum(of_point[1:end] - 1, len(path_m) - 1)
 
     def _obstacles(self) -> Area | None:
-        """Return where no leg is led on to."""
+        """Return the area that lengthened legs must not enter."""
         return None if self.keep_out is None else self.keep_out.near
 
     def _pattern(self) -> WingPattern | None:
-        """Return how a fixed wing takes off and lands, into the wind."""
+        """Return the take-off and landing pattern of a fixed wing, into the wind; None for other vehicles."""
         vehicle, weather = self.vehicle, self.weather
         if not vehicle.circles:
             return None
@@ -419,7 +418,7 @@ class MissionBuilder:
         return WingPattern(
             heading_rad=math.radians(weather.wind_direction_deg) if weather.wind_speed_m_s > 0.0 else 0.0,
             climb_out_m=CLIMB_OUT_M,
-            # A little flatter than the steepest slope.
+            # 10 % flatter than the steepest slope.
             approach_m=1.1 * down_m / law.landing_slope,
             approach_altitude_m=down_m,
             radius_m=max(abs(law.loiter_radius), 1.2 * law.tightest_m(law.airspeed_trim)),
@@ -427,7 +426,7 @@ class MissionBuilder:
         )
 
     def predict(self, mission: Mission) -> Prediction:
-        """Predict the flight of ``mission``, of gusts and the estimate's errors by their statistics only."""
+        """Predict the flight of ``mission``; gusts and estimate errors enter by their statistics only."""
         wind = wind_of(self.weather, self.level)
         return plan_prediction(
             mission, self.vehicle, wind=wind, threads=_threads(), estimate_errors=self.estimate_errors
@@ -436,21 +435,21 @@ class MissionBuilder:
     def price(
         self, missions: Sequence[Mission], *, gusts: bool = True, endless: bool = False
     ) -> list[Prediction]:
-        """Predict the flights of several missions, to choose among them: as if the estimate were exact.
+        """Predict the flights of candidate missions, with an exact position estimate.
 
-        That is eight times faster. With waypoints of two metres, as planned ones have, PX4's errors make a
-        flight up to 3 % longer; ways home near a step of the return altitude are those of its dearer side.
-        Without ``gusts`` they are flown in the mean wind; `endless` flights go on when the battery is empty.
+        An exact estimate makes the prediction eight times faster; with acceptance radii of two metres, PX4's
+        estimate errors make a flight up to 3 % longer. A flight home near a step of the return altitude costs
+        the dearer side. Without ``gusts`` the wind is the mean wind. `endless` flights continue on an empty
+        battery.
         """
         wind = wind_of(self.weather, self.level, gusts=gusts)
         return expected_flights(missions, self.priced_vehicle, wind=wind, threads=_threads(), endless=endless)
 
     def stray_m(self) -> float:
-        """Return how far the vehicle leaves the legs that it is sent along, metres.
+        """Return the largest deviation of the vehicle from its legs (m).
 
-        Its own motion flies a path of many turns, through the same waypoints as any path, in rehearsals of
-        the wind and, where the estimate errs, of its errors. That counts corners that are cut or swung wide,
-        legs that are led on, the drift in the wind.
+        The vehicle's motion model flies a path of many turns in simulated wind, with estimate errors if the
+        vehicle has them. The deviation includes cut or overshot corners, lengthened legs and wind drift.
         """
         path, wind = probe_path(self.home_m, self.level.speed_m_s), wind_of(self.weather, self.level)
         tracks = rehearsed_tracks(
@@ -468,30 +467,30 @@ class MissionBuilder:
         return stray_m(planned, flown, gusty=wind is not None and wind.is_gusty)
 
     def batteries(self, mission: Mission, prediction: Prediction) -> int | None:
-        """How many batteries ``mission`` needs (`sim_vehicle.prediction.battery_swaps.batteries_needed`)."""
+        """Return the number of batteries for ``mission``, by `battery_swaps.batteries_needed`."""
         wind = wind_of(self.weather, self.level)
         return batteries_needed(mission, self.priced_vehicle, prediction, wind=wind)
 
 
 def flown_vehicle(vehicle: VehicleOptions) -> VehicleSpec:
-    """Return a vehicle as its autopilot flies it."""
+    """Return a vehicle's specification with its autopilot and parameters."""
     return with_autopilot(get_vehicle(vehicle.name), vehicle.autopilot, vehicle.parameters)
 
 
 def cornering_of(vehicle: VehicleSpec, radius_m: float | None = None) -> Cornering:
-    """Return how a vehicle takes the corners of a path, with the acceptance radius that was asked for."""
+    """Return the cornering of a vehicle's autopilot, with the requested acceptance radius `radius_m`."""
     firmware = firmware_of(vehicle)
     own = Cornering() if firmware is None else firmware.cornering
     return own if radius_m is None else replace(own, radius_m=radius_m)
 
 
 def _threads() -> int:
-    """Return how many candidates are flown at the same time; the predictions do not depend on it."""
+    """Return the number of prediction threads; results do not depend on it."""
     return min(_MOST_THREADS, os.cpu_count() or 1)
 
 
 def check_wind(builder: MissionBuilder) -> None:
-    """Raise ScenarioError if the mean wind at the height of the flight would blow the vehicle away."""
+    """Raise ScenarioError if the mean wind at flight height reaches the vehicle's airspeed limit."""
     vehicle, limit = builder.vehicle, builder.vehicle.airspeed_limit_m_s
     wind = wind_of(builder.weather, builder.level, gusts=False)
     speed = math.hypot(*wind.mean_at(builder.level.altitude_m))
@@ -504,7 +503,7 @@ def check_wind(builder: MissionBuilder) -> None:
 
 
 def check_speed(mission: MissionOptions, vehicle: VehicleSpec) -> None:
-    """Raise ScenarioError if a cruise speed was asked for that the vehicle cannot fly."""
+    """Raise ScenarioError if the requested cruise speed exceeds the vehicle's limit."""
     asked, most = mission.cruise_speed_m_s, vehicle.fastest_m_s
     if asked is not None and asked > most:
         msg = f"cruise speed {asked:g} m/s: vehicle {vehicle.name} flies at most {most:.3g} m/s"
@@ -512,6 +511,6 @@ def check_speed(mission: MissionOptions, vehicle: VehicleSpec) -> None:
 
 
 def home_of(mission: Mission, farm: Farm) -> GeoPoint:
-    """Return where a flight of ``mission`` begins: at its own home, without one at the farm's."""
+    """Return the home of ``mission``, by default the farm's home."""
     latitude_deg, longitude_deg = farm.frame.to_wgs84(*farm.home_m)
     return mission.home or GeoPoint(latitude_deg, longitude_deg, farm.frame.altitude_m)

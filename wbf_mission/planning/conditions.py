@@ -1,4 +1,4 @@
-"""Wind at the height of a flight, and the position errors of its vehicle."""
+"""Wind at flight height, and position errors of a vehicle."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class FlightLevel:
 
 
 def flight_level(mission: MissionOptions, vehicle: VehicleOptions) -> FlightLevel:
-    """Return the height and speed of a mission's flight: as asked for, else what the vehicle is built for."""
+    """Return the requested height and speed of a flight; the vehicle's design values by default."""
     built = get_vehicle(vehicle.name)
     return FlightLevel(
         mission.height_above_ground_m or mission.altitude_m or built.takeoff_altitude_m,
@@ -38,7 +38,7 @@ def flight_level(mission: MissionOptions, vehicle: VehicleOptions) -> FlightLeve
 
 
 def wind_of_run(scenario: Scenario) -> Wind:
-    """Return the wind that a run's first flight meets, gusts included."""
+    """Return the wind of a run's first flight, with gusts."""
     level = flight_level(scenario.mission, scenario.vehicle)
     return wind_of(scenario.weather, level, child_seed(scenario.seed, "wind"))
 
@@ -46,9 +46,10 @@ def wind_of_run(scenario: Scenario) -> Wind:
 def wind_of(
     weather: WeatherOptions, level: FlightLevel, seed: SeedSequence | int = 0, *, gusts: bool = True
 ) -> Wind:
-    """Return the wind of a weather, or without ``gusts`` its mean; Dryden's turbulence depends on the level.
+    """Return the wind at a flight level; without ``gusts`` only its mean.
 
-    Predictions must not know the seed of the run's gusts, and leave it out.
+    Dryden's turbulence depends on the flight's height and airspeed. Predictions omit `seed`: they must not
+    know the run's gusts.
 
     Examples
     --------
@@ -70,9 +71,9 @@ def wind_of(
     )
     if not gusts or weather.turbulence is None:
         return mean
-    # With and against the wind the vehicle flies at this airspeed on average (root of the mean square).
+    # Root mean square airspeed of legs in all directions.
     airspeed_m_s = max(_SLOWEST_M_S, math.hypot(level.speed_m_s, *mean.mean_at(level.altitude_m)))
-    # The wind at 20 ft decides the turbulence: that of a level, of the mean wind, or as given.
+    # Turbulence is set by the wind at 20 ft: of a named level, of the mean wind, or a given value.
     w20_m_s = weather.turbulence
     if w20_m_s == "wind":
         w20_m_s = math.hypot(*mean.mean_at(REFERENCE_M))
@@ -92,7 +93,7 @@ def wind_of(
 def noise_of(
     vehicle: VehicleOptions, seed: SeedSequence | int, names: tuple[str, ...] = ("navigation",)
 ) -> SensorNoise:
-    """Return the position errors of a run's vehicle; `names` are those of its random stream."""
+    """Return the position errors of a run's vehicle; `names` name its random stream."""
     own = child_seed(seed, *names)
     return SensorNoise(vehicle.gps_noise_m, vehicle.baro_noise_m, own, vehicle.estimate_errors)
 
@@ -102,9 +103,9 @@ _STEPS_PER_M = 10
 
 
 def separation_margin_m(first_m: float, second_m: float) -> float:
-    """Return the margin for the errors of two vehicles about their distance.
+    """Return the margin for the position errors of two vehicles (m).
 
-    Three standard deviations of the difference of their independent errors, rounded up to 0.1 m.
+    The margin is three standard deviations of the difference of their errors, rounded up to 0.1 m.
 
     Examples
     --------
@@ -117,13 +118,13 @@ def separation_margin_m(first_m: float, second_m: float) -> float:
 def ground_separation_margin_m(options: VehicleOptions) -> float:
     """Return the horizontal `separation_margin_m` of two vehicles of a run.
 
-    Swings by estimate errors are no larger than those by gusts, for which the separation has room.
+    Estimate errors need no margin: they move vehicles no farther than gusts, which the separation allows for.
     """
     return separation_margin_m(options.gps_noise_m, options.gps_noise_m)
 
 
 def height_error_m(options: VehicleOptions, spec: VehicleSpec) -> float:
-    """Return the standard deviation of a vehicle's error about its height above its take-off."""
+    """Return the standard deviation of a vehicle's height error, relative to take-off (m)."""
     errs = options.estimate_errors and estimate_errs(with_autopilot(spec, options.autopilot))
-    # The barometer erred at take-off, too.
+    # The barometer also errs at take-off, so its error counts twice.
     return math.hypot(HEIGHT_M if errs else 0.0, math.sqrt(2.0) * options.baro_noise_m)

@@ -1,7 +1,7 @@
-"""Coverage: the share of the land that somebody wants to see which the images of a flight show.
+"""Coverage: share of the scouted land that the images of a flight show.
 
-A plan, its check and the flown result mean the same by it: images are taken where the camera fires, each
-shows the cells of its footprint, and those of the land to be seen (`geo.Farm.scouted_cells`) count once.
+Plan, preflight check and result use one definition. Images are taken where the camera fires, and each shows
+the cells of its footprint. Each scouted cell (`geo.Farm.scouted_cells`) counts once.
 """
 
 from __future__ import annotations
@@ -24,11 +24,11 @@ from wbf_mission.planning.imaging import shown_share
 
 _REPORT_S = 0.1
 LEAST_OF_WHOLE = 0.95
-"""A survey that shows a smaller part of the land says so."""
+"""Least coverage of a survey; below it the plan has a warning."""
 
 
 def seen_share(farm: Farm, x: NDArray[np.integer], y: NDArray[np.integer]) -> float:
-    """Return the share of the cells to be seen that are among some cells, which may lie outside the farm."""
+    """Return the share of the scouted cells among cells x, y; cells outside the farm are ignored."""
     wanted = farm.scouted_cells
     on_farm = (x >= 0) & (y >= 0) & (x < farm.width_cells) & (y < farm.height_cells)
     x, y = x[on_farm].astype(np.int64), y[on_farm].astype(np.int64)
@@ -45,13 +45,13 @@ def predicted_coverage(
 ) -> float:
     """Return the coverage of a predicted flight.
 
-    Its images show so many cells a side, or what a camera by its sensor and lens shows.
+    An image shows `footprint` x `footprint` cells, or the ground of a mapping camera if `imaging` is given.
     """
     return coverage_from(farm, image_places(farm, mission, prediction), footprint, imaging)
 
 
 def coverage_from(farm: Farm, places: Points, footprint: int, imaging: Imaging | None) -> float:
-    """Return the coverage of images from several places, of one flight or of those of a fleet."""
+    """Return the coverage of images at `places`, of one flight or a fleet's flights."""
     if not len(places):
         return 0.0
     if imaging is not None:
@@ -62,7 +62,7 @@ def coverage_from(farm: Farm, places: Points, footprint: int, imaging: Imaging |
 
 
 def asks_whole(imaging: Imaging | None, planner: str | None) -> bool:
-    """Return whether a plan asks for the whole land: with a mapping camera, or by the survey.
+    """Return whether a plan aims at full coverage: a mapping camera, or planner `survey`.
 
     Examples
     --------
@@ -73,9 +73,9 @@ def asks_whole(imaging: Imaging | None, planner: str | None) -> bool:
 
 
 def too_little_seen(coverage: float, *, whole: bool) -> str:
-    """Return a warning if the coverage is below the one that was asked for, else an empty text.
+    """Return a warning if the coverage is too low, else an empty text.
 
-    Of a plan that does not ask for the `whole` land something of it is to be seen.
+    A plan of the `whole` land needs `LEAST_OF_WHOLE`; other plans need any coverage above 0.
     """
     if coverage <= 0.0:
         return "no image shows the land that is to be seen"
@@ -85,7 +85,7 @@ def too_little_seen(coverage: float, *, whole: bool) -> str:
 
 
 def image_places(farm: Farm, mission: Mission, prediction: Prediction) -> Points:
-    """Return where the images of a predicted flight are taken, float64[n, 2], metres of the farm's frame."""
+    """Return the image positions of a predicted flight, float64[n, 2], in metres of the farm frame."""
     about_home = home_frame(mission)
     track_deg = np.column_stack(about_home.to_wgs84(*prediction.track_m[:, :2].T))
     orders = [
@@ -94,7 +94,7 @@ def image_places(farm: Farm, mission: Mission, prediction: Prediction) -> Points
         if (shots := shots_ordered(item := mission.items[seq])) is not None
     ]
     times_s = prediction.track_step_s * np.arange(1, len(track_deg) + 1)
-    # The camera knows where it is from reports: orders begin and end at the last one before them.
+    # The camera knows its position from reports, so an order takes effect at the report before it.
     begins = [math.floor(time_s / _REPORT_S + 1e-6) for time_s, *_ in orders]
     ends = [*begins[1:], math.floor(times_s[-1] / _REPORT_S + 1e-6)] if orders else []
     places = [np.empty((0, 2))]
@@ -114,7 +114,7 @@ def image_places(farm: Farm, mission: Mission, prediction: Prediction) -> Points
 def _smooth(
     when_s: NDArray[np.floating[Any]], times_s: NDArray[np.floating[Any]], places: Points, speeds: Points
 ) -> Points:
-    """Return where a track is at some times, bent as it is at its points: chords would shorten the way."""
+    """Return a track's positions at times `when_s`, cubic because chords would shorten the track."""
     step_s, most = times_s[1] - times_s[0], len(times_s) - 1
     past = np.clip((when_s - times_s[0]) / step_s, 0.0, most)
     k = np.minimum(past.astype(np.int64), most - 1)
@@ -126,7 +126,7 @@ def _smooth(
 
 
 def _by_distance(reports_deg: Points, distance_m: float, *, at_once: bool) -> Points:
-    """Return where the camera fires along reported positions, float64[n, 2]: latitude, longitude."""
+    """Return the trigger positions by distance along reports, float64[n, 2]: latitude, longitude."""
     trigger, exposures = CameraTrigger(), list[Exposure]()
     step_ms = round(1000.0 * _REPORT_S)
     reports_e7 = np.rint(DEGREES_E7 * reports_deg).astype(np.int64).tolist()
@@ -147,7 +147,7 @@ def _by_distance(reports_deg: Points, distance_m: float, *, at_once: bool) -> Po
 def _by_time(
     begin_s: float, end_s: float, interval_ms: float, times_s: NDArray[np.floating[Any]], track_deg: Points
 ) -> Points:
-    """Return where the camera fires at the first and after every interval, degrees."""
+    """Return the trigger positions by time, at the start and after every interval, in degrees."""
     count = 1 if math.isinf(interval_ms) else 1 + math.floor((end_s - begin_s) * 1000.0 / interval_ms + 1e-9)
     wanted_s = begin_s + np.arange(count) * (interval_ms / 1000.0 if count > 1 else 0.0)
     return np.column_stack([np.interp(wanted_s, times_s, along) for along in track_deg.T])

@@ -1,4 +1,4 @@
-"""The fence and the rally points of a plan, from the farm's border, its obstacles and its rally points."""
+"""Fence and rally points of a plan, from the farm's border, obstacles and rally points."""
 
 from __future__ import annotations
 
@@ -14,21 +14,21 @@ from mission.model import Command, Frame, MissionItem
 from mission.planners.path import Area, Points
 
 MOST_VERTICES = 60
-"""Of all polygons of a fence: a PX4 stores 64 items (NUM_MISSIONS_SUPPORTED, dataman)."""
+"""Largest number of vertices of a fence: PX4 stores 64 items (NUM_MISSIONS_SUPPORTED, dataman)."""
 _LEAST_M = 0.05
 _NEAR_M = 0.01
-_OF_OBSTACLES = MOST_VERTICES // 2  # At most so many vertices are theirs
-_LEAST_VERTICES = 4  # What every outline can be told by: that of its tightest rectangle
+_OF_OBSTACLES = MOST_VERTICES // 2  # Largest number of vertices for exclusion polygons
+_LEAST_VERTICES = 4  # Enough for every outline: its smallest rectangle
 
 
 def border_fence(
     farm: Farm, path_m: Points, distance_m: float, barred: Sequence[Obstacle] = ()
 ) -> tuple[MissionItem, ...]:
-    """Return a fence about the owner's land and a path, float64[n, 2], from home and back.
+    """Return a fence around the owner's land and a path, float64[n, 2], from home and back.
 
-    One polygon to stay in, at least `distance_m` outside of the land's border and of the path; one to stay
-    out of about each obstacle that bars the way, as it is. Few vertices tell their outlines: those to stay in
-    are drawn a little wider, those to stay out of are the convex hulls where they have too many.
+    The inclusion polygon is at least `distance_m` outside the land's border and the path; each obstacle of
+    `barred` has an exclusion polygon without margin. Outlines are simplified to few vertices: the inclusion
+    polygon becomes slightly wider, and an exclusion polygon with too many vertices becomes its convex hull.
     """
     count = min(_OF_OBSTACLES // _LEAST_VERTICES, len(barred))
     if count < len(barred):
@@ -38,31 +38,31 @@ def border_fence(
     nearest = sorted(barred, key=lambda one: float(one.polygon.distance(way)))[:count]
     each = _OF_OBSTACLES // max(count, 1)
     outlines = [_around(one.polygon, 0.0, each) for one in nearest]
-    left = MOST_VERTICES - sum(len(one) for one in outlines)
+    left = MOST_VERTICES - sum(len(outline) for outline in outlines)
     land = shapely.union_all([farm.owner_area, way])
     inside = _around(land, distance_m, left)
     return (
         *_polygon(inside, farm.frame, Command.NAV_FENCE_POLYGON_VERTEX_INCLUSION),
         *(
             item
-            for one in outlines
-            for item in _polygon(one, farm.frame, Command.NAV_FENCE_POLYGON_VERTEX_EXCLUSION)
+            for outline in outlines
+            for item in _polygon(outline, farm.frame, Command.NAV_FENCE_POLYGON_VERTEX_EXCLUSION)
         ),
     )
 
 
 def _around(area: Area, distance_m: float, most: int) -> Points:
-    """Return the corners of a polygon of few vertices that holds an area and its surroundings."""
+    """Return the corners of a polygon with at most `most` vertices around an area and its surroundings."""
     held, tolerance_m, more_m = area, _LEAST_M, 0.0
     while True:
-        # What is simplified moves inwards by no more than it is too wide.
+        # Simplifying moves the outline inwards by at most the added tolerance.
         wide = shapely.buffer(area, distance_m + tolerance_m + more_m, join_style="mitre", mitre_limit=2.0)
-        # Lands apart from each other: a vehicle has to fly between them.
+        # One hull around separate lands: a vehicle flies between them.
         whole = wide if isinstance(wide, shapely.Polygon) else shapely.convex_hull(wide)
         outline = shapely.simplify(shapely.Polygon(whole.exterior), tolerance_m)
         corners: Points = shapely.get_coordinates(orient(outline))[:-1]
         if len(corners) <= most:
-            # Sharp corners are cut, nearer than they should be.
+            # The mitre limit cuts sharp corners, which brings the outline too near.
             short_m = distance_m - float(shapely.distance(outline.exterior, held))
             if short_m < _NEAR_M:
                 return corners
@@ -85,7 +85,7 @@ def _polygon(corners_m: Points, frame: LocalFrame, command: Command) -> list[Mis
 
 
 def rally_items(farm: Farm, altitude_m: float) -> tuple[MissionItem, ...]:
-    """Return the farm's rally points as items, at a height above home."""
+    """Return the farm's rally points as mission items, `altitude_m` above home."""
     places = [farm.frame.to_wgs84(*place) for place in farm.rally_m]
     return tuple(
         MissionItem(

@@ -1,4 +1,4 @@
-"""The vehicles of a run: where each starts, how high it flies, what it may do."""
+"""Vehicles of a run, with start position, flight height and task."""
 
 from __future__ import annotations
 
@@ -43,33 +43,33 @@ _ROW_FACTOR = 1.5
 
 @dataclass(frozen=True, slots=True)
 class SingleVehicle:
-    """The options of a run for one of its vehicles."""
+    """Options of one vehicle of a run."""
 
     vehicle: VehicleOptions
-    """With its name, and with the parameters of its layer."""
+    """Options with the vehicle's own name and the parameters of its layer."""
     mission: MissionOptions
-    """With the height of its layer."""
+    """Options with the height of the vehicle's layer."""
     weather: WeatherOptions
     camera: CameraOptions
 
 
 @dataclass(frozen=True, slots=True)
 class Vehicle(SingleVehicle):
-    """One of the vehicles of a run, with its task."""
+    """A vehicle of a run, with its task."""
 
     task: VehicleAssignment
 
     def wind(self, number: SortieNumber) -> Wind:
-        """Return the wind that it meets in a flight, gusts included."""
+        """Return the wind of a flight of the vehicle, with gusts."""
         seed = child_seed(self.task.seed, *number.stream_names("wind"))
         return wind_of(self.weather, self.task.builder.level, seed)
 
     def noise(self, number: SortieNumber) -> SensorNoise:
-        """Return how wrong it is about its position in a flight."""
+        """Return the vehicle's position errors in a flight."""
         return noise_of(self.vehicle, self.task.seed, number.stream_names("navigation"))
 
     def starting_at(self, home_m: tuple[float, float]) -> Vehicle:
-        """Return the same vehicle, which starts and lands elsewhere."""
+        """Return the vehicle with another home."""
         builder = MissionBuilder.of(self, self.task.builder.farm, home_m)
         return replace(self, task=self.task.moved(self.mission, builder))
 
@@ -79,8 +79,8 @@ def vehicles_of(
 ) -> tuple[Vehicle, ...]:
     """Return the vehicles of a run, each with its task.
 
-    The first one starts at the farm's home. The others stand behind it in a row that leads away from the
-    farm. Ideal robots, which have no size, all start at home, as in the paper.
+    The first vehicle starts at the farm's home. Further vehicles start behind it, in a row that leads away
+    from the farm. Ideal robots have no size and all start at home, as in the paper.
     """
     if len(options.vehicle.fleet) > 1 and options.mission.height_above_ground_m is not None:
         msg = "height above ground: vehicles keep apart by heights above home; plan for one vehicle"
@@ -103,12 +103,12 @@ def vehicles_of(
 
 
 def _check_radio(range_m: float | None, farm: Farm, vehicles: Sequence[Vehicle]) -> None:
-    """Raise ScenarioError if a vehicle starts beyond the radio's range: no command would reach it."""
-    for one in vehicles:
-        away_m = math.dist(one.task.builder.home_m, farm.home_m)
+    """Raise ScenarioError if a vehicle starts beyond radio range, where no command reaches it."""
+    for vehicle in vehicles:
+        away_m = math.dist(vehicle.task.builder.home_m, farm.home_m)
         if range_m is not None and away_m >= range_m:
             msg = (
-                f"radio range {range_m:g} m: vehicle {one.task.system_id} starts {away_m:.1f} m from the"
+                f"radio range {range_m:g} m: vehicle {vehicle.task.system_id} starts {away_m:.1f} m from the"
                 f" ground station; give more than {math.ceil(away_m)} m, or fewer vehicles"
             )
             raise ScenarioError(msg)
@@ -117,9 +117,9 @@ def _check_radio(range_m: float | None, farm: Farm, vehicles: Sequence[Vehicle])
 def single_vehicles(options: VehicleParts) -> tuple[SingleVehicle, ...]:
     """Return the options of each vehicle of a run, in the order of their system ids.
 
-    With layers, each flying vehicle flies and returns higher than the one before it. The distance of two
-    layers is the separation of the scenario plus a margin for the height errors of both vehicles. A vehicle
-    that stands farther behind crosses the columns of those before it above them; they never cross its own.
+    With layers, each flying vehicle flies and returns higher than the vehicle before it. The distance of two
+    layers is the scenario's separation plus a margin for both vehicles' height errors. So a vehicle crosses
+    the take-off columns of lower layers only above them.
     """
     asked, mission, separation = options.vehicle, options.mission, options.vehicle.keeps
     vehicles = [
@@ -160,12 +160,12 @@ def single_vehicles(options: VehicleParts) -> tuple[SingleVehicle, ...]:
 
 
 def flies(spec: VehicleSpec) -> bool:
-    """Return whether a vehicle can be at different heights: rovers and the paper's robot cannot."""
+    """Return whether a vehicle can change its height; rovers and the paper's robot cannot."""
     return spec.hovers or spec.circles
 
 
 def _parameters(vehicle: VehicleOptions, spec: VehicleSpec, height_m: float) -> dict[str, float]:
-    """Return the parameters of a vehicle in its layer; what the user gave holds."""
+    """Return a vehicle's parameters with its layer's return altitude; the user's own take precedence."""
     given = vehicle.parameters
     firmware = get_autopilot(vehicle.autopilot).firmware(spec.kind)
     if firmware is None or firmware.return_height is None:
@@ -175,7 +175,7 @@ def _parameters(vehicle: VehicleOptions, spec: VehicleSpec, height_m: float) -> 
 
 
 def _start_m(options: VehicleOptions, farm: Farm, number: int) -> tuple[float, float]:
-    """Return where a vehicle stands: in a row behind home, as seen from the farm."""
+    """Return a vehicle's start position: in a row behind home, as seen from the farm."""
     separation = options.keeps
     spacing_m = SPACING_M
     if separation.kind in (LAYERS, DISTANCE):

@@ -1,4 +1,4 @@
-"""A camera by its sensor and lens in a plan: the height and speed of the flight, and what the images show."""
+"""Mapping cameras in plans: height and speed of the flight, and ground coverage of the images."""
 
 from __future__ import annotations
 
@@ -16,13 +16,16 @@ from wbf_mission.planning.conditions import FlightLevel
 from wbf_mission.scenario import CameraOptions, MissionOptions, ScenarioError
 
 _SAME_HEIGHT = 0.01
-_LOWEST_M = 2.0  # Below it preflight warns
+_LOWEST_M = 2.0  # Preflight warns below this height
 _MOST_CELLS = 200_000
 _LONGEST_H = 24.0
 
 
 def require_height(camera: CameraOptions, mission: MissionOptions) -> None:
-    """Refuse to plan for a mapping camera at the height of the leaf camera, because nobody told another."""
+    """Raise ScenarioError if a mapping camera has neither flight height nor ground sampling distance.
+
+    The default height is the leaf camera's.
+    """
     told = (camera.gsd_cm, mission.altitude_m, mission.height_above_ground_m)
     if camera.model is not None and mission.file is None and not any(told):
         msg = (
@@ -32,15 +35,14 @@ def require_height(camera: CameraOptions, mission: MissionOptions) -> None:
 
 
 def imaging_of(camera: CameraOptions, mission: MissionOptions, level: FlightLevel) -> Imaging | None:
-    """Return the camera of a plan at the height of its flight; None for the leaf camera.
+    """Return the mapping camera of a plan at its flight height; None for the leaf camera.
 
     Raises
     ------
     CameraError
         If there is no such camera, or its file cannot be read.
     ScenarioError
-        If the ground sampling distance and the height contradict each other, or the speed that is asked for
-        is too fast.
+        If ground sampling distance and height contradict each other, or the requested speed is too fast.
     """
     if camera.model is None:
         return None
@@ -75,7 +77,7 @@ def imaging_of(camera: CameraOptions, mission: MissionOptions, level: FlightLeve
 
 
 def require_flight(camera: CameraOptions, vehicle: VehicleSpec) -> None:
-    """Refuse a mapping camera on a vehicle that drives."""
+    """Raise ScenarioError for a mapping camera on a ground vehicle."""
     if camera.model is not None and vehicle.drives:
         msg = (
             f"camera {camera.model} takes images from the air, and vehicle {vehicle.name} drives:"
@@ -85,14 +87,14 @@ def require_flight(camera: CameraOptions, vehicle: VehicleSpec) -> None:
 
 
 def level_of(imaging: Imaging | None, level: FlightLevel) -> FlightLevel:
-    """Return the height and speed of a flight with a camera."""
+    """Return the height and speed of a flight with a mapping camera; `level` without one."""
     if imaging is None:
         return level
     return FlightLevel(imaging.height_m, min(level.speed_m_s, imaging.top_speed_m_s))
 
 
 def check_extent(farm: Farm, imaging: Imaging, level: FlightLevel) -> None:
-    """Refuse a survey that would be in the air for days, before it is planned for minutes."""
+    """Raise ScenarioError for a survey with days of flight time, before minutes of planning."""
     rows_m = farm.scouted_area.area / imaging.row_spacing_m
     hours = rows_m / level.speed_m_s / 3600.0
     if hours > _LONGEST_H:
@@ -106,14 +108,14 @@ def check_extent(farm: Farm, imaging: Imaging, level: FlightLevel) -> None:
 
 
 def shown_share(farm: Farm, places: Points, imaging: Imaging) -> float:
-    """Return the share of the cells to be seen that images show, which lie along the course at their places.
+    """Return the share of the scouted cells that images at `places` show; images are aligned with the course.
 
-    Of many cells evenly spread ones are looked at.
+    Of more than `_MOST_CELLS` cells an evenly spaced sample is checked.
     """
     x, y = np.nonzero(farm.scouted_cells)
     if not len(x) or not len(places):
         return 0.0
-    if len(places) == 1:  # whose course nobody knows: northward
+    if len(places) == 1:  # The course is unknown: assume north
         places = np.vstack((places, places + np.array((0.0, 1e-3))))
     some = slice(None, None, max(1, len(x) // _MOST_CELLS))
     centres = (np.column_stack((x[some], y[some])) + 0.5) * farm.cell_size_m
@@ -128,7 +130,7 @@ def shown_share(farm: Farm, places: Points, imaging: Imaging) -> float:
 
 
 def imaging_summary(imaging: Imaging, images: int, speed_m_s: float | None) -> dict[str, Any]:
-    """Return plain values of a plan's camera for JSON."""
+    """Return plain values of a plan's mapping camera for JSON."""
     in_time = imaging.interval_speed_m_s
     return {
         "name": imaging.camera.name,

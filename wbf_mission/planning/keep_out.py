@@ -1,4 +1,4 @@
-"""How far planned paths stay away from obstacles, and the ways round them."""
+"""Keep-out areas around obstacles, and paths around them."""
 
 from __future__ import annotations
 
@@ -19,49 +19,49 @@ from wbf_mission.scenario import ScenarioError
 _SMOOTH_M = 0.25
 _GRAZES_M = 0.01
 _WIDE_M = 200_000.0
-_SLIVER = 0.5  # Of a cell: what is narrower than twice that is no land of its own
+_SLIVER = 0.5  # In cells: land narrower than twice this is ignored
 _SPARE, _SPARE_IN_GUSTS = 1.25, 2.0
-"""Paths have other turns than the probe, and a flight of an hour meets stronger gusts than one of minutes."""
+"""Factors on the probe's deviation, in calm air and in gusts: paths have other turns than the probe, and a
+flight of an hour meets stronger gusts than one of minutes."""
 _PROBE_S, _SHORTEST_PROBE_M = 6.0, 20.0
-# Turns between the legs of the probe, degrees: rows to and fro, squares and triangles both ways round.
+# Turns of the probe path (degrees): rows back and forth, squares and triangles in both directions.
 _TURNS_DEG = (90, 90, 90, 45, 120, 120, 120, 30, -90, -90, -90, -45, -120, -120, -120, 180, 75, 180)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class KeepOut:
-    """The ground round obstacles over which no path is planned."""
+    """Area around obstacles over which no path is planned."""
 
-    # The obstacles, wider by `distance_m` (or a little more), without what they enclose; metres of the farm
-    # frame
+    # Obstacles widened by at least `distance_m`, in metres of the farm frame; enclosed gaps are left out
     area: Area
-    distance_m: float  # How far planned legs stay away from the obstacles
-    near: Area  # The obstacles, wider by the margins of the flown path
-    outside: Terrain  # The plane round it, in which ways are found
+    distance_m: float  # Distance of planned legs from the obstacles
+    near: Area  # Obstacles widened by the margins of the flown path
+    outside: Terrain  # Plane outside the area, for the search of paths
     _crossed: Area
 
     @classmethod
     def of(cls, obstacles: Sequence[Obstacle], margin_m: float, stray: float) -> KeepOut:
-        """Return what a path keeps out of whose flight strays by so much and keeps a margin, metres.
+        """Return the keep-out area of paths that deviate by `stray` and keep `margin_m` from obstacles (m).
 
-        The margin is that of obstacles that have none of their own.
+        An obstacle's own margin replaces `margin_m`.
         """
         distance_m = margin_m + stray
-        wide = [one.widened(margin_m, stray + _SMOOTH_M + _GRAZES_M) for one in obstacles]
-        # What is simplified moves by no more than it is too wide.
+        wide = [obstacle.widened(margin_m, stray + _SMOOTH_M + _GRAZES_M) for obstacle in obstacles]
+        # Simplifying moves the outline by at most the added width.
         parts = parts_of(shapely.union_all(shapely.simplify(wide, _SMOOTH_M)))
         area = shapely.union_all([shapely.Polygon(part.exterior) for part in parts])
         x0, y0, x1, y1 = area.bounds
         plane = shapely.box(x0 - _WIDE_M, y0 - _WIDE_M, x1 + _WIDE_M, y1 + _WIDE_M)
         crossed = shapely.buffer(area, -_GRAZES_M)
         shapely.prepare(crossed)
-        near = shapely.union_all([one.widened(margin_m) for one in obstacles])
+        near = shapely.union_all([obstacle.widened(margin_m) for obstacle in obstacles])
         return cls(area, distance_m, near, Terrain(shapely.difference(plane, area), 0.0), crossed)
 
     def around(self, path_m: Points) -> tuple[Points, NDArray[np.int64]]:
-        """Return a path round the obstacles, and which point of the given one each of its points leads to.
+        """Return a path around the obstacles, and for each of its points the number of the next given point.
 
-        Legs that keep away are flown as they are. A point that is too near an obstacle itself, as home may
-        be, is left and come to on the shortest way.
+        Legs outside the area do not change. From a point inside the area, such as home, the path takes the
+        shortest way out.
         """
         numbers = np.arange(len(path_m))
         if len(path_m) < 2:
@@ -79,7 +79,7 @@ class KeepOut:
         return np.vstack((*pieces, path_m[done:])), np.concatenate((*owners, numbers[done:]))
 
     def _way(self, begin_m: Points, end_m: Points) -> Points:
-        """Return the points between two, float64[n, 2]."""
+        """Return the points of the shortest path between two points, float64[n, 2]."""
         leave, enter = self._border(begin_m), self._border(end_m)
         inner = self.outside.legs([enter[None]], leave)[0][:-1]
         ends = [np.array([one]) for one, at in ((leave, begin_m), (enter, end_m)) if one is not at]
@@ -89,7 +89,7 @@ class KeepOut:
         return way
 
     def _border(self, point_m: Points) -> Points:
-        """Return the nearest place that is not too near an obstacle."""
+        """Return the nearest point outside the area."""
         point = shapely.Point(point_m)
         if not shapely.intersects(self._crossed, point):
             return point_m
@@ -97,7 +97,7 @@ class KeepOut:
 
 
 def probe_path(start_m: tuple[float, float], speed_m_s: float) -> Points:
-    """Return a path of turns by many angles, float64[n, 2], with legs long enough to come up to the speed."""
+    """Return a path with turns of many angles, float64[n, 2], and legs that allow cruise speed."""
     length_m = max(_SHORTEST_PROBE_M, _PROBE_S * speed_m_s)
     heading = np.radians(np.cumsum((0.0, *_TURNS_DEG)))
     steps = length_m * np.column_stack((cos(heading), sin(heading)))
@@ -106,16 +106,18 @@ def probe_path(start_m: tuple[float, float], speed_m_s: float) -> Points:
 
 
 def stray_m(planned_m: Points, flown: Iterable[Points], *, gusty: bool) -> float:
-    """Return how far from a planned path flights of it are to be expected, metres, up to the next 0.1 m."""
+    """Return the expected largest deviation from a planned path (m), rounded up to 0.1 m."""
     planned = shapely.LineString(planned_m)
     shapely.prepare(planned)
-    farthest_m = max(float(shapely.distance(shapely.points(one), planned).max(initial=0.0)) for one in flown)
+    farthest_m = max(
+        float(shapely.distance(shapely.points(track), planned).max(initial=0.0)) for track in flown
+    )
     spare = _SPARE_IN_GUSTS if gusty else _SPARE
     return math.ceil(spare * farthest_m * 10.0 - 1e-9) / 10.0
 
 
 def land_of(farm: Farm, keep_out: KeepOut | None) -> tuple[Area, Area | None]:
-    """Return the owner's land that is to be seen, and over which paths may lead: None if that is no more."""
+    """Return the owner's scouted land, and the land open to paths; the latter is None if both are equal."""
     room = flyable_area(farm, keep_out)
     parts = [
         part
@@ -128,7 +130,7 @@ def land_of(farm: Farm, keep_out: KeepOut | None) -> tuple[Area, Area | None]:
 
 
 def flyable_area(farm: Farm, keep_out: KeepOut | None) -> Area:
-    """Return the owner's land over which a vehicle's path may lead."""
+    """Return the owner's land that is open to a vehicle's path."""
     if keep_out is None:
         return farm.without_obstacles(farm.owner_area)
     wide = [

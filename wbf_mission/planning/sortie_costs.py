@@ -1,4 +1,4 @@
-"""What the parts of a mission would take as flights of their own, roughly, and the cheapest of them."""
+"""Approximate costs of a mission's parts as sorties, and the cheapest cut."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ __all__ = ["Choice", "SortieCosts"]
 _PROBES = 25
 _PLACES = 300
 _CLOSEST_M = 5.0
-# A cut in the midst of a leg has to save so much: the images of a row are better of one flight.
+# Least saving (s) of a cut within a leg: images of one row are better from one flight.
 _MIDST_S = 1.0
 _MOST_SORTIES = 200
 
 
 @dataclass(frozen=True, slots=True)
 class Choice:
-    """Which sorties are flown: between which of the places, and from which of the homes."""
+    """A cut: place numbers of the sorties' ends, and home number of each sortie."""
 
     ends: tuple[int, ...]
     homes: tuple[int, ...]
@@ -38,16 +38,16 @@ class Choice:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SortieCosts:
-    """What a sortie from any of some places to any later one takes, from each home.
+    """Costs of the sorties between all pairs of places, from each home.
 
     Parameters
     ----------
     places : tuple
-        Where a sortie may begin or end, in their order; None is the mission's end.
+        Possible ends of sorties, in order; None is the mission's end.
     seconds, watt_hours : float64[h, n, n]
-        From each of h homes, by the places where it begins and ends.
+        Costs from each of h homes, by the sortie's start and end.
     midst : bool[n]
-        Which places lie in the midst of a leg.
+        Whether a place is within a leg.
     """
 
     places: tuple[Place | None, ...]
@@ -65,10 +65,10 @@ class SortieCosts:
         homes: Sequence[GeoPoint],
         overlap_m: float,
     ) -> SortieCosts | None:
-        """Return the costs of the parts of a course from a place on; None if it cannot be flown.
+        """Return the costs of the parts of a course from `begin`; None if the course cannot be flown.
 
-        The whole is flown once, and the ways to and home from some of its positions; what those of others
-        take is interpolated by how long they take straight on in the mean wind.
+        The whole course is predicted once, and outbound and return flights at some of its positions. Flights
+        at other positions are interpolated by straight-line time in the mean wind.
         """
         wind = wind_of(builder.weather, builder.level)
         trials = TrialFlights(course.mission, builder.priced_vehicle, course.frame, wind)
@@ -76,7 +76,7 @@ class SortieCosts:
         if flown is None:
             return None
         way_m = np.maximum.accumulate(course.along(flown.seq, flown.place_m[:, 0], flown.place_m[:, 1]))
-        count = int(np.searchsorted(way_m, course.length_m)) + 1  # what follows is the way home
+        count = int(np.searchsorted(way_m, course.length_m)) + 1  # The flight home follows
         way_m, place_m = way_m[:count], flown.place_m[:count]
         frame = builder.farm.frame
         track_m = np.column_stack(frame.from_wgs84(*course.frame.to_wgs84(place_m[:, 0], place_m[:, 1])))
@@ -90,7 +90,9 @@ class SortieCosts:
         from_m = np.column_stack(frame.from_wgs84(course.frame.latitude_deg, course.frame.longitude_deg))
         places = _places(course, begin, overlap_m)
         begins = [resumed_at(course, place, overlap_m) if place is not None else None for place in places]
-        begin_m = np.array([course.length_m if one is None else course.metres(one) for one in begins])
+        begin_m = np.array(
+            [course.length_m if begin_place is None else course.metres(begin_place) for begin_place in begins]
+        )
         end_m = np.array([_end_m(course, place) for place in places])
         probed_m = _spread(straight_s(from_m, at(end_m)).ravel(), end_m)
         transits = []
@@ -120,16 +122,16 @@ class SortieCosts:
         return cls(tuple(places), seconds, watt_hours, midst)
 
     def charged(self, charge: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the energy of all sorties, times what is charged from place to place on the way of each."""
+        """Return the energy of all sorties, times the mean charge factor of the places that each covers."""
         before, number = np.concatenate(([0.0], np.cumsum(charge[:-1]))), np.arange(len(charge))
         places = np.maximum(number[None, :] - number[:, None], 1)
         charged: NDArray[np.float64] = self.watt_hours * ((before[None, :] - before[:, None]) / places)
         return charged
 
     def cheapest(self, most_wh: float, charge: NDArray[np.float64]) -> Choice | None:
-        """Return the fewest sorties of at most so much energy, and of these the fastest; None without any.
+        """Return the fastest of the cuts with the fewest sorties of at most `most_wh`; None without a cut.
 
-        What they take is `charged`, float64[n]: from each place to the next; the last one is not used.
+        `charge`, float64[n], scales the energy from each place to the next; the last entry is not used.
         """
         seconds = np.where(self.charged(charge) <= most_wh, self.seconds + _MIDST_S * self.midst, np.inf)
         later = np.triu(np.ones(seconds.shape[1:], dtype=np.bool_), 1)
@@ -150,7 +152,7 @@ class SortieCosts:
 
 
 def _places(course: Course, begin: Place, overlap_m: float) -> list[Place | None]:
-    """Return where a sortie may begin or end: beginnings of legs, and places on them; None is the end."""
+    """Return the possible ends of sorties: starts of legs, and places on legs; None is the mission's end."""
     working_m = sum(float(course.lengths_m[k]) for k, leg in enumerate(course.legs) if leg.works)
     step_m = max(working_m / _PLACES, overlap_m, _CLOSEST_M)
     first = course.after(begin)
@@ -168,7 +170,7 @@ def _places(course: Course, begin: Place, overlap_m: float) -> list[Place | None
 
 
 def _end_m(course: Course, place: Place | None) -> float:
-    """Return how much of the way is flown by a sortie that ends at a place."""
+    """Return the distance along the course (m) that a sortie to `place` has flown."""
     if place is None:
         return course.length_m
     number = course.leg_of(place)
@@ -179,7 +181,7 @@ def _end_m(course: Course, place: Place | None) -> float:
 
 
 def _spread(straight_s: NDArray[np.float64], metres: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return some of the places that are spread evenly over how far they are away."""
+    """Return a sample of the places, evenly spaced by rank of straight-line time."""
     ranks = np.unique(np.linspace(0, len(metres) - 1, _PROBES).astype(np.int64))
     chosen: NDArray[np.float64] = metres[np.argsort(straight_s, kind="stable")[ranks]]
     return chosen
@@ -188,9 +190,9 @@ def _spread(straight_s: NDArray[np.float64], metres: NDArray[np.float64]) -> NDA
 def _interpolated(
     straight_s: NDArray[np.float64], known_s: NDArray[np.float64], takes: list[float], beyond: float
 ) -> NDArray[np.float64]:
-    """Return what ways take, by how long they take straight on: between those that are known, and beyond.
+    """Return the costs of flights, interpolated by straight-line time and extrapolated at rate `beyond`.
 
-    Autopilots return from near home at another height than from afar, so nothing smooth is fitted.
+    The interpolation is linear, since return altitudes of autopilots change in steps with distance from home.
     """
     order = np.argsort(known_s, kind="stable")
     farther = np.maximum(straight_s - known_s[order[-1]], 0.0)

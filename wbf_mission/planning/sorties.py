@@ -1,4 +1,4 @@
-"""A mission that is longer than a battery, cut into sorties where that costs least."""
+"""Cuts a mission beyond one battery into sorties, at least cost."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from mission.sorties import Way, image_spacing_m, part_of, resumed_at
 from sim_vehicle.autopilot import fixed_wing_procedures
 from sim_vehicle.prediction.flight import Prediction
 from wbf_mission.planning.builder import MissionBuilder, PlanResult, home_of
-from wbf_mission.planning.plan import positions_of
+from wbf_mission.planning.mission_file import positions_of
 from wbf_mission.planning.sortie_costs import Choice, SortieCosts
 from wbf_mission.scenario.parts import VehicleParts
 
@@ -32,9 +32,9 @@ __all__ = [
 ]
 
 CHANGE_S = 180.0
-"""What changing a battery takes, by default."""
+"""Default duration of a battery change (s)."""
 _IMAGES = 2
-"""So many distances between images are flown again where a sortie goes on."""
+"""Image spacings that a resumed sortie flies again."""
 _HOLD_S = 2.0
 _TRIES = 12
 _SPARE = 1.003
@@ -42,12 +42,12 @@ _SPARE = 1.003
 
 @dataclass(frozen=True, slots=True)
 class PlannedSortie:
-    """One flight of a mission that is flown in several."""
+    """One sortie of a mission."""
 
     begin: Place
-    """Where it goes on, on the whole mission; what is flown again before that is not counted."""
+    """Start of the sortie on the whole mission, without the repeated overlap before it."""
     end: Place | None
-    """Where it breaks off; None at the mission's end."""
+    """End of the sortie on the whole mission; None for the mission's end."""
     plan: PlanResult
 
     def summary(self, course: Course) -> dict[str, Any]:
@@ -85,27 +85,27 @@ class SortiePlan:
     @property
     def plans(self) -> tuple[PlanResult, ...]:
         """The plan of each sortie."""
-        return tuple(one.plan for one in self.sorties)
+        return tuple(sortie.plan for sortie in self.sorties)
 
     @property
     def flight_s(self) -> float:
-        """Seconds in the air, of all sorties."""
-        return sum(one.prediction.duration_s for one in self.plans)
+        """Flight time of all sorties (s)."""
+        return sum(plan.prediction.duration_s for plan in self.plans)
 
     @property
     def total_s(self) -> float:
-        """The same with the changes of batteries."""
+        """Flight time with battery changes (s)."""
         return self.flight_s + self.change_s * (len(self.sorties) - 1)
 
     def told(self) -> str:
-        """Say in a line how the mission is flown."""
-        minutes = " + ".join(f"{one.prediction.duration_s / 60.0:.0f}" for one in self.plans)
+        """Return a line with the number and duration of the sorties."""
+        minutes = " + ".join(f"{plan.prediction.duration_s / 60.0:.0f}" for plan in self.plans)
         return f"longer than a battery: {len(self.sorties)} sorties of {minutes} min"
 
     def reached(self, number: int, place: Place | None) -> Place | None:
-        """Return how far the whole is flown when a sortie, from 0, has come to a place of its own mission.
+        """Return the place on the whole mission for a place on the mission of sortie `number`, from 0.
 
-        None at the whole's end; for the end of the sortie's own mission, None, where the sortie ends.
+        None stands for the end of each mission: a sortie at its own end has reached its `end`.
         """
         one, course = self.sorties[number], self.course
         begin = resumed_at(course, one.begin, self.overlap_m)
@@ -114,7 +114,7 @@ class SortiePlan:
         own = Course(one.plan.mission)
         leg, led, first = own.leg_of(place), 0, 0
         if one.begin > course.start and begin > course.start:
-            # What leads to where it goes on has no legs on the whole mission.
+            # Legs to the resume point do not exist on the whole mission.
             there, first = course.position(begin)[:2], course.leg_of(begin)
             led = 1 + next(k for k, other in enumerate(own.legs) if _is_at(other.end[:2], there))
         if leg < led:
@@ -132,23 +132,23 @@ class SortiePlan:
         return one.end if found is None else max(one.begin, found)
 
     def summary(self) -> dict[str, Any]:
-        """Return plain values for JSON: those of a plan, with what is flown in sorties."""
-        predictions = [one.prediction for one in self.plans]
+        """Return a plan's plain values for JSON, with totals over the sorties."""
+        predictions = [plan.prediction for plan in self.plans]
         whole = self.whole.summary()
         told = {"reason": "", "feasible": True, "batteries": len(self.sorties)}
-        warnings = dict.fromkeys(text for one in self.plans for text in one.warnings)
+        warnings = dict.fromkeys(text for plan in self.plans for text in plan.warnings)
         return {
             **whole,
             **told,
             "warnings": list(warnings),
-            "length_m": sum(one.length_m for one in self.plans),
+            "length_m": sum(plan.length_m for plan in self.plans),
             "predicted_time_s": self.flight_s,
             "predicted_time_interval_s": None,
-            "predicted_energy_wh": sum(one.energy_wh for one in predictions),
+            "predicted_energy_wh": sum(prediction.energy_wh for prediction in predictions),
             "predicted_energy_interval_wh": None,
-            "battery_used": max(one.battery_used or 0.0 for one in self.plans),
+            "battery_used": max(plan.battery_used or 0.0 for plan in self.plans),
             "time_with_changes_s": self.total_s,
-            "sorties": [one.summary(self.course) for one in self.sorties],
+            "sorties": [sortie.summary(self.course) for sortie in self.sorties],
         }
 
 
@@ -163,41 +163,41 @@ def cut_plan(
     change_s: float = CHANGE_S,
     full: float = 1.0,
 ) -> SortiePlan | None:
-    """Cut a mission into as few sorties as batteries allow, and then so that they take the least time.
+    """Cut a mission into the fewest sorties that batteries allow, and of these the fastest.
 
-    A quick model (the whole mission flown once, the ways to it and home from a few of its positions) tells
-    what each part would take; of all cuts at ends of legs and on them the best is found by dynamic
-    programming. Each sortie is then predicted in full, as any plan is; where one takes more than a battery
-    less its reserve, at the most that its gusts and errors make it take, all are charged more and cut anew.
+    A quick model estimates the cost of each part: the whole mission is flown once, with outbound and return
+    flights at a few positions. Dynamic programming finds the best cuts at leg ends and on legs. Each sortie
+    is then predicted in full, as any plan. If the upper bound of a sortie exceeds a battery less its reserve,
+    the estimates are scaled up and the mission is cut again.
 
     Parameters
     ----------
     whole : PlanResult
-        Its mission may be longer than a battery lasts; its jumps are written out.
+        Plan of the whole mission; jumps in the mission are unrolled.
     builder : MissionBuilder
-        Of the vehicle that flies.
+        Builder of the vehicle.
     footprint : int
-        How many cells a side an image shows.
+        Side of an image, in cells.
     begin : Place, optional
-        What lies before it is flown already.
+        Start of the first sortie; the mission before it is flown already.
     homes : sequence of GeoPoint, optional
-        Where the vehicle can take off and land; a sortie lands where it took off. By default its home.
+        Take-off positions, by default the mission's home. A sortie lands where it took off.
     overlap_m : float, optional
-        See `mission.sorties.part_of`; by default that of `overlap_of`.
+        See `mission.sorties.part_of`; by default `overlap_of` decides.
     change_s : float
-        What changing a battery takes.
+        Duration of a battery change (s).
     full : float
-        What a battery holds when it is put in, as part of its capacity.
+        Charge of an inserted battery, as a fraction of its capacity.
 
     Returns
     -------
     SortiePlan or None
-        None if no number of batteries is enough: a position is too far away, or cannot be flown to at all.
+        None if no number of batteries is enough: a position is too far away or unreachable.
 
     Raises
     ------
     MissionError
-        If the mission cannot be cut, or nothing of it is left to fly.
+        If the mission cannot be cut, or nothing remains to be flown.
     """
     placed = replace(whole.mission, home=home_of(whole.mission, builder.farm))
     whole = replace(whole, mission=unrolled(placed))
@@ -210,32 +210,32 @@ def cut_plan(
 
 
 def _is_at(one: tuple[float, float], other: tuple[float, float]) -> bool:
-    """Return whether two positions, degrees, are the same in a mission item."""
+    """Return whether two positions (degrees) are equal up to the rounding of mission items."""
     return max(abs(a - b) for a, b in zip(one, other, strict=True)) <= 1.0 / DEGREES_E7
 
 
 def rest_of(cut: SortiePlan, builder: MissionBuilder, begin: Place) -> Mission:
-    """Return what is left of a mission from a place on, as one that takes off and lands at its home."""
+    """Return the rest of a mission from `begin`, as a mission that takes off and lands at home."""
     home = home_of(cut.whole.mission, builder.farm)
     cutter = _Cutter(cut.whole, builder, cut.course, begin, [home], cut.overlap_m, 1)
     return cutter.mission((begin, None, 0))
 
 
 def is_too_long(whole: PlanResult) -> bool:
-    """Return whether a mission takes more than a battery less its reserve."""
+    """Return whether a mission needs more than a battery less its reserve."""
     battery, prediction = whole.vehicle.battery, whole.prediction
     return battery is not None and prediction.battery_fraction < battery.reserve_fraction
 
 
 def sorties_of(whole: PlanResult, one: VehicleParts, **how: Any) -> SortiePlan | None:
-    """Cut the mission of one vehicle of a run; `how` as of `cut_plan`."""
+    """Cut the mission of one vehicle of a run; `how` are options of `cut_plan`."""
     return cut_plan(whole, MissionBuilder.of(one, whole.farm), footprint=one.camera.footprint, **how)
 
 
 def overlap_of(builder: MissionBuilder, whole: PlanResult) -> float:
-    """Return how many metres a sortie flies again: two images, and what it takes to come onto the row."""
+    """Return the overlap of a resumed sortie (m): two image spacings and the distance to line up."""
     spacing = image_spacing_m(whole.mission, builder.level.speed_m_s)
-    # Both the end before and the beginning are passed within the radius.
+    # The end of the last sortie and the start of the next are each passed within the acceptance radius.
     line_up_m = 2.0 * builder.cornering.radius_m
     if builder.vehicle.circles:
         law = fixed_wing_procedures(builder.vehicle).limits(builder.vehicle)
@@ -244,7 +244,7 @@ def overlap_of(builder: MissionBuilder, whole: PlanResult) -> float:
 
 
 def _way_of(builder: MissionBuilder) -> Way | None:
-    """Return what leads round the farm's obstacles, None if there are none."""
+    """Return a function that finds the points around obstacles; None without obstacles."""
     keep_out, frame = builder.keep_out, builder.farm.frame
     if keep_out is None:
         return None
@@ -260,7 +260,7 @@ def _way_of(builder: MissionBuilder) -> Way | None:
 
 
 Flown: TypeAlias = "tuple[Place, Place | None, int]"
-"""Where a sortie begins and ends, and the number of its home."""
+"""Start, end and home number of a sortie."""
 
 
 @dataclass(slots=True)
@@ -278,7 +278,7 @@ class _Cutter:
     _predicted: dict[Flown, tuple[Mission, Prediction]] = field(default_factory=dict)
 
     def cut(self) -> tuple[PlannedSortie, ...] | None:
-        """Return the sorties; None if there are none."""
+        """Return the sorties; None if no number of batteries is enough."""
         battery = self.builder.vehicle.battery
         costs = None
         if battery is not None:
@@ -309,7 +309,7 @@ class _Cutter:
         return None if best is None else tuple(map(self._planned, best))
 
     def _priced(self, flown: Sequence[Flown]) -> list[float]:
-        """Return about what each sortie takes at most: priced, times what is predicted of one of them."""
+        """Return the approximate energy bound of each sortie: its price, scaled by one full prediction."""
         prices = [one.energy_wh for one in self.builder.price([self.mission(one) for one in flown])]
         dearest = max(range(len(prices)), key=prices.__getitem__)
         more = self._full(flown[dearest]).most_wh / prices[dearest]
@@ -329,7 +329,7 @@ class _Cutter:
         )
 
     def _full(self, flown: Flown) -> Prediction:
-        """Return the prediction of a sortie, as any plan is predicted."""
+        """Return the full prediction of a sortie."""
         if flown not in self._predicted:
             mission = self.mission(flown)
             self._predicted[flown] = mission, self.builder.predict(mission)
@@ -351,7 +351,7 @@ class _Cutter:
 
 
 def _charge(costs: SortieCosts, choice: Choice, takes_wh: Sequence[float]) -> NDArray[np.float64]:
-    """Return what is charged at each place, from what sorties take and were thought to."""
+    """Return the charge factor at each place: predicted over estimated energy of its sortie."""
     charge = np.ones(len(costs.places))
     for (first, last), home, takes in zip(pairwise(choice.ends), choice.homes, takes_wh, strict=True):
         charge[first:last] = takes / costs.watt_hours[home, first, last]

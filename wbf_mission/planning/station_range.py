@@ -1,4 +1,4 @@
-"""How far the radio of the ground station reaches, as far as plans over ground go."""
+"""Radio range of the ground station, over ground at flight height."""
 
 from __future__ import annotations
 
@@ -13,32 +13,33 @@ from sim_vehicle.autopilot import firmware_of
 from wbf_mission.planning.conditions import FlightLevel
 
 SLOWER, SPARE_S = 1.2, 5.0
-"""A flight beyond the range may take so much longer than expected, in parts and in seconds."""
+"""Allowed delay of a flight beyond radio range: a factor, and seconds."""
 ENDING_S = 3.0
-"""A policy is asked so long before a path ends."""
+"""Time before the end of a path at which a policy is asked (s)."""
 _STEP_M, _MOST_STEPS = 0.5, 20_000
 _WELL_INSIDE = 0.9
 _ASIDE_S, _WHOLE_S = 8.0, 2.0
-"""So long may a change of the mission take, aside from it or as a whole; meanwhile it has to be in range."""
+"""Largest duration of a mission change (s), with and without leaving the mission; the vehicle must stay in
+range meanwhile."""
 _HEARD_S = 2.0
-"""So long after it came into range a vehicle is surely heard."""
+"""Time after entering radio range until a vehicle is certainly heard (s)."""
 
 
 @dataclass(frozen=True, slots=True)
 class StationRange:
-    """The range of the ground station's radio, as far as plans over ground go."""
+    """Radio range of the ground station, for paths at one height and speed."""
 
-    range_m: float  # In space
-    station_xy_m: tuple[float, float]  # Where the ground station stands, in metres of the farm frame
-    height_m: float  # At which the vehicle flies above it
-    speed_m_s: float  # At which it flies
-    leaves_mission: bool = False  # Whether it leaves its mission while that is changed (ArduPilot)
+    range_m: float  # Slant range
+    station_xy_m: tuple[float, float]  # Position of the ground station, in metres of the farm frame
+    height_m: float  # Flight height above the ground station
+    speed_m_s: float  # Speed of the flight
+    leaves_mission: bool = False  # Whether the vehicle leaves its mission during a change (ArduPilot)
 
     @classmethod
     def of(
         cls, range_m: float, station_xy_m: tuple[float, float], level: FlightLevel, vehicle: VehicleSpec
     ) -> StationRange:
-        """Return how far a radio in this place reaches for a vehicle that flies so."""
+        """Return the range of a radio at `station_xy_m` for a vehicle at a flight level."""
         firmware = firmware_of(vehicle)
         aside = {} if firmware is None else firmware.profile.change_modes or {}
         leaves = firmware is not None and firmware.mavlink.identity.mav_type in aside
@@ -47,11 +48,11 @@ class StationRange:
 
     @property
     def radius_m(self) -> float:
-        """How far it reaches over ground at the height of the flight; 0 if not so high."""
+        """Range over ground at flight height (m); 0 if the flight height is beyond the range."""
         return float(np.sqrt(max(self.range_m**2 - self.height_m**2, 0.0)))
 
     def absence_s(self, position_m: tuple[float, float], onward_m: Points, mean_speed_m_s: float) -> float:
-        """Return after how long at most a vehicle that was heard here last is in range again.
+        """Return the latest time (s) until a vehicle, last heard at `position_m`, is in range again.
 
         Examples
         --------
@@ -69,24 +70,24 @@ class StationRange:
         length_m = 0.0
         if outside.any():
             left = int(np.argmax(outside))
-            # Where it only grazes the border nothing may be heard of it.
+            # A path that only grazes the border may give no contact.
             back = np.flatnonzero(away_m[left:] < _WELL_INSIDE * self.radius_m - _STEP_M)
             length_m = float(flown_m[left + back[0]]) if len(back) else total_m
         return SLOWER * length_m / min(mean_speed_m_s, self.speed_m_s) + SPARE_S
 
     def is_near_border(self, position_m: tuple[float, float], delay_s: float = 0.0) -> bool:
-        """Return whether a vehicle may leave the range before a change of its mission is over.
+        """Return whether a vehicle may leave radio range during a change of its mission.
 
-        Until it turned it took `delay_s` so far.
+        `delay_s` is the usual time from sending a change to the turn.
         """
         distance_m = float(np.hypot(*np.subtract(position_m, self.station_xy_m)))
         return distance_m + (self._change_s + delay_s) * self.speed_m_s > self.radius_m
 
     def contact_area(self, delay_s: float = 0.0) -> ContactArea:
-        """Return where a path has to end so that its vehicle is heard and told of another one before.
+        """Return the area in which a path must end, so that the vehicle can receive its next path in time.
 
-        It is asked for a moment before the end. Then the vehicle must have come into range, and must not be
-        able to leave it while the change lasts.
+        The next path is decided shortly before the end. At that decision the vehicle must be in range, and it
+        must stay in range during the mission change.
         """
         deep_s = ENDING_S + max(self._change_s + 2.0 * delay_s, _HEARD_S)
         return ContactArea(self.station_xy_m, self.radius_m - deep_s * self.speed_m_s)

@@ -1,4 +1,4 @@
-"""Flights that follow the ground: its heights about a farm, the vehicle's slopes, and what obstacles bar."""
+"""Terrain following: ground heights around a farm, slope limits of a vehicle, relief at obstacles."""
 
 from __future__ import annotations
 
@@ -17,31 +17,31 @@ from sim_vehicle.airframe.spec import VehicleSpec
 from wbf_mission.planning.conditions import FlightLevel
 
 _AROUND_M = 300.0
-# Of the ground's pixels, and at least so wide.
+# Samples per raster pixel, and least sample distance (m).
 _STEPS_A_PIXEL, _FINEST_M = 2.0, 0.5
-# Of the rates that the vehicle climbs and descends with: what wind and corners leave.
+# Usable fraction of climb and descent rates; wind and corners need the rest.
 _OF_RATE = 0.8
 
 
 def above_terrain(mission: Mission) -> Mission:
-    """Return a mission whose waypoints' altitudes are above the terrain, which its autopilot follows."""
+    """Return the mission with waypoint altitudes above terrain, for an autopilot that follows it."""
     items = tuple(
-        replace(one, frame=int(Frame.GLOBAL_TERRAIN_ALT)) if one.command == Command.NAV_WAYPOINT else one
-        for one in mission.items
+        replace(item, frame=int(Frame.GLOBAL_TERRAIN_ALT)) if item.command == Command.NAV_WAYPOINT else item
+        for item in mission.items
     )
     return replace(mission, items=items)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FarmGround:
-    """The heights of the ground of a farm, in metres of its frame."""
+    """Ground heights of a farm, by positions in its frame (m)."""
 
     farm: Farm
     ground: Ground
 
     @classmethod
     def read(cls, farm: Farm, home_m: tuple[float, float], files: tuple[str, ...]) -> FarmGround:
-        """Read the rasters about a farm and home; GroundError as of `Ground.read`."""
+        """Read the rasters around a farm and home; raises GroundError as `Ground.read`."""
         width, height = farm.width_cells * farm.cell_size_m, farm.height_cells * farm.cell_size_m
         x = np.array([0.0, width, home_m[0]])
         y = np.array([0.0, height, home_m[1]])
@@ -55,16 +55,16 @@ class FarmGround:
         return cls(farm, Ground.read(files, (south, west, north, east)))
 
     def __call__(self, points_m: Points) -> NDArray[np.float64]:
-        """Return the heights at points, float64[n, 2]."""
+        """Return the ground heights at points, float64[n, 2] (m)."""
         return self.ground.heights(*self.farm.frame.to_wgs84(points_m[:, 0], points_m[:, 1]))
 
     @property
     def step_m(self) -> float:
-        """How far apart the ground is looked at."""
+        """Distance between samples of the ground (m)."""
         return max(self.ground.step_m / _STEPS_A_PIXEL, _FINEST_M)
 
     def profile(self, level: FlightLevel, vehicle: VehicleSpec, home_m: tuple[float, float]) -> HeightProfile:
-        """Return how a vehicle follows the ground."""
+        """Return the height profile by which a vehicle follows the ground."""
         return HeightProfile(
             self,
             level.altitude_m,
@@ -75,10 +75,10 @@ class FarmGround:
         )
 
     def relief_m(self, obstacle: Obstacle, margin_m: float) -> float:
-        """Return how much lower than the top's ground a flight over an obstacle may be, metres.
+        """Return the ground relief at an obstacle (m), by which a flight over it may come nearer to its top.
 
-        An obstacle stands on the highest ground under it; a flight may be over the lowest, and as much lower
-        as legs may deviate.
+        The obstacle's top counts from the highest ground under it. The flight may follow the lowest ground,
+        less the allowed deviation of legs.
         """
         polygon = obstacle.widened(margin_m)
         low_x, low_y, high_x, high_y = polygon.bounds

@@ -14,7 +14,7 @@ from wbf_mission.events import EventStream, Found
 
 
 class PreflightError(WbfMissionError, ValueError):
-    """A plan that must not go up, because the preflight check found errors (`finding`), or cannot check."""
+    """Refusal of a plan: the preflight check found errors (`finding`), or could not be made."""
 
     def __init__(self, message: str, finding: Finding | None = None) -> None:
         super().__init__(message)
@@ -22,27 +22,27 @@ class PreflightError(WbfMissionError, ValueError):
 
 
 class Concern(Enum):
-    """Concern of a finding, which decides when it counts."""
+    """Subject of a finding, which decides when the finding applies."""
 
     PLAN = "plan"
     """The plan alone."""
     PARAMETERS = "parameters"
     """Settings of the vehicle."""
     STATE = "state"
-    """The vehicle as it stands there: battery, position. It counts before a start."""
+    """Present state of the vehicle, such as battery and position; applies before take-off."""
     READINESS = "readiness"
-    """What passes by waiting: satellites, estimator, the vehicle's own checks."""
+    """Temporary state: satellites, estimator, the vehicle's own pre-arm checks."""
 
 
 class Against(StrEnum):
     """Comparison of a measured number with its limit."""
 
     LEAST = "at least"
-    """It should not be less."""
+    """The number should not be below the limit."""
     MOST = "at most"
-    """It should not be more."""
+    """The number should not be above the limit."""
     PLANNED = "planned"
-    """The plan and its prediction count on this one."""
+    """The plan and its prediction assume the limit's value."""
 
 
 _DIGITS = range(3, 8)
@@ -50,7 +50,7 @@ _DIGITS = range(3, 8)
 
 @dataclass(frozen=True, slots=True)
 class Measure:
-    """A measured number and its limit; without a unit it is a count.
+    """A measured number and its limit; a count has no unit.
 
     Examples
     --------
@@ -68,24 +68,24 @@ class Measure:
 
     @classmethod
     def at_least(cls, name: str, value: float, limit: float, unit: str = "") -> Measure:
-        """Return a measure that should not be less than its limit."""
+        """Return a measure with a lower limit."""
         return cls(name, value, limit, unit, Against.LEAST)
 
     @classmethod
     def at_most(cls, name: str, value: float, limit: float, unit: str = "") -> Measure:
-        """Return a measure that should not be more than its limit."""
+        """Return a measure with an upper limit."""
         return cls(name, value, limit, unit, Against.MOST)
 
     @property
     def is_broken(self) -> bool:
-        """Whether the number is not what it should be."""
+        """Whether the number violates its limit."""
         if self.against is Against.LEAST:
             return self.value < self.limit
         return self.value > self.limit if self.against is Against.MOST else self.value != self.limit
 
     def __str__(self) -> str:
         written = ((self._quantity(self.value, n), self._quantity(self.limit, n)) for n in _DIGITS)
-        # A limit that is broken by little has to look broken.
+        # Enough digits to show a small violation of the limit.
         value, limit = next(
             (pair for pair in written if not self.is_broken or pair[0] != pair[1]),
             (self._quantity(self.value, 17), self._quantity(self.limit, 17)),
@@ -116,16 +116,16 @@ class Finding:
     """One finding of a check."""
 
     severity: Severity
-    code: str  # What was found, in words joined by hyphens; it never changes, so that scripts can rely on it
-    text: str  # What is wrong
-    fix: str = ""  # What to do; empty for a note
+    code: str  # Code of the rule, words joined by hyphens; stable, so that scripts can use it
+    text: str  # Description of the fault
+    fix: str = ""  # Remedy; empty for a note
     plan: str = "mission"  # ``mission``, ``fence`` or ``rally``
-    # Counted from 1, without a home item; None for the plan as a whole. Where several items share a finding,
-    # the worst.
+    # Item number from 1, without a home item; None for the whole plan. The worst item if several share the
+    # finding.
     item: int | None = None
     command: str = ""  # Name of the item's command
     measure: Measure | None = None
-    count: int = 1  # How many items share the finding
+    count: int = 1  # Number of items that share the finding
     concern: Concern = Concern.PLAN
 
     @property
@@ -168,7 +168,7 @@ _ORDER = {severity: rank for rank, severity in enumerate(Severity)}
 
 @dataclass(frozen=True, slots=True)
 class Report:
-    """All findings of a check, the worst first, else as the checks came to them."""
+    """All findings of a check, ordered by severity, then by check."""
 
     findings: tuple[Finding, ...]
 
@@ -178,15 +178,15 @@ class Report:
 
     def of(self, severity: Severity) -> tuple[Finding, ...]:
         """Return the findings of one severity."""
-        return tuple(one for one in self.findings if one.severity is severity)
+        return tuple(finding for finding in self.findings if finding.severity is severity)
 
     def about(self, *concerns: Concern) -> Report:
-        """Return the report without what is about anything else."""
-        return Report(tuple(one for one in self.findings if one.concern in concerns))
+        """Return the report with only the findings of these concerns."""
+        return Report(tuple(finding for finding in self.findings if finding.concern in concerns))
 
     @property
     def has_errors(self) -> bool:
-        """Whether the plan must not go up."""
+        """Whether the plan has errors, so that it must not be uploaded."""
         return bool(self.of(Severity.ERROR))
 
     @property
@@ -195,7 +195,7 @@ class Report:
         return {f"{severity.value}s": len(self.of(severity)) for severity in Severity}
 
     def refusal(self, consequence: str) -> PreflightError | None:
-        """Return the error of a plan that must not go up; ``consequence`` tells what was not done."""
+        """Return the refusal of a plan with errors, else None; ``consequence`` names the skipped action."""
         errors = self.of(Severity.ERROR)
         if not errors:
             return None
@@ -205,13 +205,13 @@ class Report:
         return PreflightError(msg, errors[0])
 
     def tell(self, events: EventStream, refused: PreflightError | None, vehicle: str = "") -> None:
-        """Tell each finding; `refused` is the error that follows, `vehicle` begins each line."""
+        """Emit each finding; `refused` is the error raised afterwards, `vehicle` the prefix of each line."""
         for finding in self.findings:
             refuses = refused is not None and finding is refused.finding
             events.tell(Found(finding.severity.value, finding.code, str(finding), vehicle, refuses))
 
     def require_no_errors(self, consequence: str, events: EventStream, *, force: bool = False) -> None:
-        """Tell the findings, and raise the `refusal`, if there is one and it is not overruled."""
+        """Emit the findings, and raise the `refusal` if there is one, unless `force`."""
         refused = None if force else self.refusal(consequence)
         self.tell(events, refused)
         if refused is not None:
@@ -220,7 +220,7 @@ class Report:
 
 @dataclass(frozen=True, slots=True)
 class Hit:
-    """An item, counted from 0, with the value that a check measured there."""
+    """Value that a check measured at an item; items count from 0."""
 
     item: int
     value: float
@@ -228,15 +228,15 @@ class Hit:
 
 
 def worst_of(hits: Iterable[Hit], *, largest: bool) -> tuple[Hit, int] | None:
-    """Return the worst hit and at how many items there was one; None without any.
+    """Return the worst hit and the number of items with hits; None without hits.
 
     Examples
     --------
     >>> worst_of([Hit(1, 2.0), Hit(4, 3.0), Hit(4, 1.0)], largest=True)
     (Hit(item=4, value=3.0, measured=None), 2)
     """
-    found: Sequence[Hit] = [one for one in hits if not math.isnan(one.value)]
+    found: Sequence[Hit] = [hit for hit in hits if not math.isnan(hit.value)]
     if not found:
         return None
     worst = (max if largest else min)(found, key=lambda one: one.value)
-    return worst, len({one.item for one in found})
+    return worst, len({hit.item for hit in found})

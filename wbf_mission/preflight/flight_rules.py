@@ -1,4 +1,4 @@
-"""The predicted flight: speeds, turns, climbs, wind, battery, and the images that it takes."""
+"""Checks of the predicted flight: speeds, turns, climbs, wind, battery and images."""
 
 from __future__ import annotations
 
@@ -39,9 +39,9 @@ _MOST_POINTS = 20_000
 
 
 def share_flown(subject: Subject, legs: Sequence[Leg], within_m: float) -> float | None:
-    """Return the share of the legs' length, 0 to 1, within a horizontal distance of the flown path.
+    """Return the fraction of the legs' length within `within_m` of the flown path, horizontally.
 
-    Of several flights the least; None without a predicted flight.
+    With several predicted flights the smallest fraction is returned; None without a prediction.
     """
     tracks = [track.points_m[:, :2] for track in subject.tracks if len(track.points_m) > 1]
     lengths_m = np.array([leg.length_m for leg in legs])
@@ -83,7 +83,7 @@ _GROUND_OR_AIR = (0.0, 1.0)
     ),
 )
 def check_speeds(subject: Subject) -> Iterator[Finding]:
-    """Speeds that the vehicle does not reach, or at which it would stall."""
+    """Find speeds above the vehicle's maximum or below its stall speed."""
     vehicle = subject.vehicle
     orders = [
         Hit(k, item.param2)
@@ -115,9 +115,9 @@ _MOST_OF_IT = 0.9
     )
 )
 def check_short_legs(subject: Subject) -> Iterator[Finding]:
-    """Several legs that lie within one acceptance radius, so that the vehicle leaves them out.
+    """Find successive legs within one acceptance radius, which the vehicle skips.
 
-    One short leg alone is the way from a row to the next, and many along a line or a wide curve are followed.
+    A single short leg joins two rows. Short legs along a line or a wide curve are flown.
     """
     vehicle = subject.vehicle
     if vehicle.circles or _flies_to_the_end(subject):
@@ -138,7 +138,7 @@ def _is_short(leg: Leg) -> bool:
 
 
 def _flies_to_the_end(subject: Subject) -> bool:
-    """ArduCopter flies its path to the end, whatever the radius."""
+    """Return whether the autopilot flies each leg to its end, whatever the radius (ArduCopter)."""
     lossy = subject.profile.lossy.get(int(Command.NAV_WAYPOINT), frozenset())
     return subject.vehicle.hovers and "param2" in lossy
 
@@ -146,7 +146,7 @@ def _flies_to_the_end(subject: Subject) -> bool:
 _TURN_BACK = 2.0
 
 _BESIDE_M = 5.0
-"""An image from 10 m and more still shows ground this far beside the path."""
+"""Half-width of the ground that an image from 10 m or higher shows."""
 
 
 @CHECKS.finds(
@@ -158,7 +158,7 @@ _BESIDE_M = 5.0
     )
 )
 def check_turns(subject: Subject) -> Iterator[Finding]:
-    """Corners for which the legs are too short, so that a fixed wing does not fly what is planned."""
+    """Find corners with legs too short for a fixed wing's turns."""
     vehicle = subject.vehicle
     if not vehicle.circles:
         return
@@ -190,7 +190,7 @@ def check_turns(subject: Subject) -> Iterator[Finding]:
 
 
 def _turn_rad(one: Leg, following: Leg) -> float:
-    """Return by how much the direction changes, 0 to pi."""
+    """Return the change of direction between two legs, 0 to pi."""
     first = math.atan2(one.end_m[1] - one.start_m[1], one.end_m[0] - one.start_m[0])
     second = math.atan2(following.end_m[1] - following.start_m[1], following.end_m[0] - following.start_m[0])
     return abs(math.remainder(second - first, math.tau))
@@ -206,7 +206,7 @@ def _turn_rad(one: Leg, following: Leg) -> float:
     )
 )
 def check_climbs(subject: Subject) -> Iterator[Finding]:
-    """Legs that climb or sink faster than the vehicle does at the speed of the leg."""
+    """Find legs steeper than the vehicle's climb or descent rate at the leg's speed."""
     vehicle, wing = subject.vehicle, subject.vehicle.circles
     if not (vehicle.hovers or wing):
         return
@@ -227,7 +227,7 @@ def check_climbs(subject: Subject) -> Iterator[Finding]:
 TOO_GUSTY = "too-gusty"
 
 _SHORT_GUSTS_S = 1.0
-"""Inertia carries a vehicle through gusts that last less than this in a whole flight."""
+"""Total duration of gusts (s) below which a vehicle's inertia is enough."""
 
 
 @CHECKS.finds(
@@ -249,7 +249,7 @@ _SHORT_GUSTS_S = 1.0
     ),
 )
 def check_wind(subject: Subject) -> Iterator[Finding]:
-    """A mean wind in which the vehicle would be blown away; gusts that it cannot hold its path against."""
+    """Find a mean wind above the vehicle's airspeed, and gusts that push it off its path."""
     vehicle, wind = subject.vehicle, subject.wind
     if vehicle.is_ideal:
         return
@@ -293,7 +293,7 @@ _COMFORT = 0.1
     Rule("flight", NOTE, "{flight}", measured=LEFT),
 )
 def check_battery(subject: Subject) -> Iterator[Finding]:
-    """What is left of a full battery at the end, against its reserve; and what the flight takes."""
+    """Compare the remaining battery at landing with the reserve, and report the flight's use."""
     prediction, battery = subject.prediction, subject.vehicle.battery
     if prediction is None:
         return
@@ -350,7 +350,7 @@ def _batteries(subject: Subject, prediction: Prediction) -> str:
     Rule("no-camera", NOTE, "the mission never starts a camera"),
 )
 def check_camera(subject: Subject) -> Iterator[Finding]:
-    """Images that would have to follow each other faster than the camera takes them; one that is left on."""
+    """Find image intervals below the camera's shortest, and a camera that is never switched off."""
     speeds = {leg.item: leg.speed_m_s for leg in legs_of(subject)}
     hits: list[Hit] = []
     on: int | None = None
@@ -383,7 +383,7 @@ def check_camera(subject: Subject) -> Iterator[Finding]:
     )
 )
 def check_coverage(subject: Subject) -> Iterator[Finding]:
-    """Images that show less of the farm than was asked for: nothing, or of the whole land a part."""
+    """Find a plan whose images show nothing of the farm, or only a part of a whole survey."""
     given = subject.given
     coverage = subject.coverage if given.coverage is None or subject.prediction is None else given.coverage
     whole = asks_whole(given.imaging, given.planner)

@@ -1,4 +1,4 @@
-"""Questions to a vehicle about its parameters and state, and its answers."""
+"""Inquiry of a vehicle's parameters and state."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ class FirmwareVersion:
 
     @property
     def is_official(self) -> bool:
-        """Whether it is a release."""
+        """Whether the version is an official release."""
         return self.kind == 255
 
     def __str__(self) -> str:
@@ -72,14 +72,14 @@ class Gps:
 
 @dataclass(frozen=True, slots=True)
 class VehicleSnapshot:
-    """A vehicle as it answered; None for what it did not tell."""
+    """Answers of a vehicle; None for unanswered values."""
 
-    # Ids of its heartbeat: MAV_AUTOPILOT, MAV_TYPE
+    # From the heartbeat: system id, MAV_AUTOPILOT, MAV_TYPE
     system_id: int
     autopilot: int
     vehicle_type: int
     armed: bool = False
-    # Those that it told, of those that were asked for
+    # The requested parameters that the vehicle sent
     parameters: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))
     version: FirmwareVersion | None = None
     # Of SYS_STATUS: MAV_SYS_STATUS_SENSOR
@@ -89,23 +89,23 @@ class VehicleSnapshot:
     gps: Gps | None = None
     # ESTIMATOR_STATUS_FLAGS, or EKF_STATUS_FLAGS, whose lower bits mean the same
     estimator_flags: int | None = None
-    position: GeoPoint | None = None  # Where it stands
-    battery: float | None = None  # Fraction that is left
-    reasons: tuple[str, ...] = ()  # Why it would not arm, in its own words
+    position: GeoPoint | None = None  # Position of the vehicle
+    battery: float | None = None  # Remaining fraction
+    reasons: tuple[str, ...] = ()  # Reasons not to arm, in the vehicle's words
 
     @property
     def questions(self) -> Questions:
-        """What of its parameters a plan depends on."""
+        """Parameters on which plans depend, by meaning."""
         return profile_for(self.autopilot).settings.asked_of(self.vehicle_type)
 
     def told(self, meaning: Meaning) -> tuple[str, float] | None:
-        """Return the name and the value of a parameter, if the vehicle told it."""
+        """Return the name and value of a parameter; None if the vehicle did not send it."""
         return answer_to(meaning, self.questions, self.parameters)
 
     def as_set(self, options: VehicleOptions) -> VehicleOptions:
-        """Return the options with the vehicle's own parameters in place of assumed ones.
+        """Return the options with the vehicle's parameters in place of assumed ones.
 
-        Parameters and values that its model of motion does not know are left out.
+        Parameters and values outside the motion model's range are ignored.
         """
         spec = flown_vehicle(options)
         firmware = firmware_of(spec)
@@ -118,7 +118,7 @@ class VehicleSnapshot:
             )
             if told is None or (known := table.get(name)) is None or not known.low <= told <= known.high:
                 continue
-            # On the link a parameter has the digits of a float of four bytes.
+            # MAVLink carries parameters as float32.
             if not math.isclose(told, parameter_value(spec, name, table), rel_tol=1e-6, abs_tol=1e-9):
                 found[name] = round(told) if known.integer else float(f"{told:.7g}")
         return replace(options, parameters={**options.parameters, **found}) if found else options
@@ -141,7 +141,7 @@ ESTIMATES = (int(m.MAVLINK_MSG_ID_ESTIMATOR_STATUS), int(m.MAVLINK_MSG_ID_EKF_ST
 
 
 def _changes(message: Message) -> dict[str, Any]:
-    """Return the contents of a message, by the names of `VehicleSnapshot`."""
+    """Return the contents of a message by the field names of `VehicleSnapshot`."""
     if isinstance(message, m.MAVLink_autopilot_version_message):
         return {"version": FirmwareVersion.of(message.flight_sw_version)}
     if isinstance(message, m.MAVLink_sys_status_message):
@@ -162,7 +162,7 @@ def _changes(message: Message) -> dict[str, Any]:
 
 
 def _point(message: m.MAVLink_global_position_int_message) -> GeoPoint | None:
-    """Return a position; None without one, and for one that cannot be."""
+    """Return a message's position; None if it is unset or invalid."""
     if message.lat == 0 and message.lon == 0:
         return None
     try:
@@ -181,13 +181,13 @@ _INTEGERS = {1: "<B", 2: "<b", 3: "<H", 4: "<h", 5: "<I", 6: "<i"}
 
 
 class Inquiry:
-    """A component that asks one vehicle, of a system id or the first that is heard, until it has answered.
+    """Component that queries one vehicle: that of a system id, or the first that is heard.
 
-    What is not answered is asked again, at the pace of the link: as long as the first answer took. A
-    parameter that a vehicle does not have is never answered; it is given up after some tries.
+    Unanswered requests are retried; the interval follows the delay of the first answer. A parameter that the
+    vehicle does not have is never answered, so retries are limited.
 
-    With `placed` it goes on until the vehicle knows where it is, for three minutes at most: ArduCopter tells
-    positions before it does, for 40 s after its boot.
+    With `placed` the inquiry waits until the vehicle knows its position, at most three minutes. ArduCopter
+    sends positions before it knows them, for 40 s after boot.
     """
 
     system_id, component_id = GROUND_STATION
@@ -203,7 +203,7 @@ class Inquiry:
 
     def __init__(self, *, system_id: int | None = None, placed: bool = False) -> None:
         self.done = False
-        self.waits_for_place = False  # All is answered but where the vehicle is, which does not know it yet
+        self.waits_for_place = False  # Whether only the vehicle's position is missing
         self._placed = placed
         self.search = VehicleSearch(system_id)
         self._monitor = VehicleMonitor()
@@ -223,12 +223,12 @@ class Inquiry:
 
     @property
     def vehicle(self) -> tuple[int, int] | None:
-        """System and component, once it was heard."""
+        """System and component id; None before the vehicle is heard."""
         found = self.search.found
         return None if found is None else (found.system_id, found.component_id)
 
     def receive(self, message: Message, now_s: float) -> list[Message]:
-        """Take one message."""
+        """Receive a message."""
         source = (message.get_srcSystem(), message.get_srcComponent())
         if self.done:
             return []
@@ -243,7 +243,7 @@ class Inquiry:
         return []
 
     def poll(self, now_s: float) -> list[Message]:
-        """Send the heartbeat, and ask again what was not answered."""
+        """Send the heartbeat, and retry unanswered requests."""
         if self.done:
             return []
         out = self._heartbeat.poll(now_s)
@@ -253,14 +253,14 @@ class Inquiry:
         return out
 
     def next_deadline(self) -> float:
-        """When `poll` has something to do."""
+        """Time of the next `poll` that does anything (s); infinite after the end."""
         if self.done:
             return math.inf
         waits_s = self._due_s if self._settled_s is None else self._settled_s
         return min(self._heartbeat.due_s, waits_s)
 
     def snapshot(self) -> VehicleSnapshot:
-        """Return what the vehicle told until now; it has to have been heard."""
+        """Return the answers received by now; requires that the vehicle was heard."""
         assert self.vehicle is not None
         monitor = self._monitor
         return VehicleSnapshot(
@@ -285,18 +285,18 @@ class Inquiry:
 
     @property
     def _open(self) -> list[str | int]:
-        """Names of parameters and ids of messages that are not answered and not given up."""
+        """Names of parameters and ids of messages that are unanswered and still retried."""
         groups = [*self._questions.values(), *self._motion.values()]
         names = dict.fromkeys(
             name for names in groups if self._parameters.keys().isdisjoint(names) for name in names
         )
         messages = [one for one in (*STATE_MESSAGES, self._profile.estimator_message) if one not in self._ids]
         every: list[str | int] = [*names, *messages]
-        return [one for one in every if self._answer_s is None or self._tries.get(one, 0) <= _TRIES]
+        return [key for key in every if self._answer_s is None or self._tries.get(key, 0) <= _TRIES]
 
     def _ask(self, now_s: float) -> list[Message]:
         assert self.vehicle is not None
-        # Before the first answer it is not known how slow the link is.
+        # The link's delay is unknown before the first answer.
         pace_s = _FIRST_RETRY_S if self._answer_s is None else max(_FIRST_RETRY_S, 1.5 * self._answer_s)
         self._due_s = now_s + (2.0 * pace_s if self._answer_s is None else pace_s)
         out: list[Message] = []
@@ -310,9 +310,9 @@ class Inquiry:
                 out.append(self._command(int(m.MAV_CMD_REQUEST_MESSAGE), float(key)))
         if self.waits_for_place:
             self._due_s = now_s + max(_PLACE_AGAIN_S, pace_s)
-            # An earlier answer says nothing about now.
+            # Earlier answers are outdated: request again.
             asked = (*_PLACE_MESSAGES, self._profile.estimator_message)
-            out += [self._command(int(m.MAV_CMD_REQUEST_MESSAGE), float(one)) for one in asked]
+            out += [self._command(int(m.MAV_CMD_REQUEST_MESSAGE), float(message_id)) for message_id in asked]
         return out
 
     def _command(self, command: int, first: float) -> Message:
@@ -331,7 +331,7 @@ class Inquiry:
             self._ids.add(type(message).id)
             self._told |= _changes(message)
             if not self._questions:
-                # Otherwise parameters tell it: they come when asked only, these may have come by themselves.
+                # Streamed messages are no answers; parameters are, so prefer them as a measure of the delay.
                 self._measure_pace(now_s)
 
     def _on_parameter(self, message: m.MAVLink_param_value_message, now_s: float) -> None:
@@ -344,7 +344,7 @@ class Inquiry:
             self._measure_pace(now_s)
 
     def _measure_pace(self, now_s: float) -> None:
-        """Set the pace of the link by the first answer."""
+        """Set the retry interval from the delay of the first answer."""
         if self._answer_s is None:
             self._answer_s = now_s - self._begun_s
             self._due_s = min(self._due_s, now_s + max(_FIRST_RETRY_S, 1.5 * self._answer_s))
@@ -354,7 +354,7 @@ class Inquiry:
         return profile_for(self._monitor.autopilot)
 
     def _settle(self, now_s: float) -> None:
-        """End once everything is answered or given up, and the vehicle had time for its reasons."""
+        """End once nothing is open, and the vehicle had time to send its reasons not to arm."""
         if self.vehicle is None:
             return
         longest_s = _LONGEST_SILENCE_S if self._answer_s is None else _LONGEST_S
@@ -370,9 +370,9 @@ class Inquiry:
 
 
 def decoded(value: float, kind: int, *, bytewise: bool) -> float | None:
-    """Return the number that PARAM_VALUE carries, of a MAV_PARAM_TYPE; None for one that is not finite.
+    """Return the number in a PARAM_VALUE of MAV_PARAM_TYPE `kind`; None if it is not finite.
 
-    Bytewise, integers travel as the bytes of the float (PX4), not as numbers (ArduPilot).
+    `bytewise`: integers are encoded as the float's bytes (PX4), otherwise as numbers (ArduPilot).
 
     Examples
     --------
@@ -387,7 +387,7 @@ def decoded(value: float, kind: int, *, bytewise: bool) -> float | None:
 
 
 def _silent(_text: str) -> None:
-    """Tell nobody."""
+    """Discard the text."""
 
 
 def ask_vehicle(
@@ -398,10 +398,10 @@ def ask_vehicle(
     note: Callable[[str], None] = _silent,
     placed: bool = False,
 ) -> VehicleSnapshot:
-    """Wait for the vehicle behind a link, and ask for the settings that plans assume; nothing is changed.
+    """Wait for the vehicle behind a link, and read its state and the settings that plans assume.
 
-    `placed` as of `Inquiry`. LinkError without a link, NoVehicleError if nobody is heard, KeyboardInterrupt
-    at Ctrl-C.
+    `placed` as in `Inquiry`. Raises LinkError without a link, NoVehicleError without a vehicle, and
+    KeyboardInterrupt at Ctrl-C.
     """
     inquiry = Inquiry(system_id=system_id, placed=placed)
     with Server([inquiry], [url]) as server:

@@ -1,4 +1,4 @@
-"""The path of a plan: fence, obstacles, heights, and the legs between its items."""
+"""Checks of a plan's path: fence, obstacles, heights and legs."""
 
 from __future__ import annotations
 
@@ -41,35 +41,35 @@ _PASSED = frozenset({int(Command.NAV_WAYPOINT), int(Command.NAV_SPLINE_WAYPOINT)
 
 @dataclass(frozen=True, slots=True)
 class Leg:
-    """The way to an item, in the order of the items; jumps are not followed."""
+    """Leg to an item, in the order of the items; jumps are not followed."""
 
     item: int
-    """The item at its end, counted from 0."""
+    """Item at the end of the leg, from 0."""
     start_m: Position
-    """East, north, up about home."""
+    """East, north, up from home."""
     end_m: Position
     speed_m_s: float
-    """Ordered."""
+    """Commanded speed."""
     radius_m: float
-    """At which its end counts as reached."""
+    """Acceptance radius of the leg's end."""
     passed: bool
-    """It is flown through, without a pause at its end."""
+    """Whether the vehicle passes the leg's end without a stop."""
 
     @property
     def length_m(self) -> float:
-        """Over ground."""
+        """Length over ground (m)."""
         return math.hypot(self.end_m[0] - self.start_m[0], self.end_m[1] - self.start_m[1])
 
     @property
     def climb_m(self) -> float:
-        """Height of its end above its start."""
+        """Height of the leg's end above its start (m)."""
         return self.end_m[2] - self.start_m[2]
 
 
 def legs_of(subject: Subject) -> tuple[Leg, ...]:
     """Return the legs of a mission; the first begins at home, on the ground.
 
-    An item without a position of its own, and a return, begin the legs anew at the next position.
+    After a return or an item without position, the next leg starts at the next position.
     """
     legs: list[Leg] = []
     settings = Settings(subject.vehicle.cruise_speed_m_s, default_m_s=subject.vehicle.cruise_speed_m_s)
@@ -92,7 +92,7 @@ def legs_of(subject: Subject) -> tuple[Leg, ...]:
 
 
 def _radius_m(subject: Subject, item: int) -> float:
-    """Return the acceptance radius of an item: its own where the autopilot keeps it."""
+    """Return the acceptance radius of an item; the item's own if the autopilot honours it."""
     one = subject.items[item]
     own = one.param2 if one.command == Command.NAV_WAYPOINT else None
     kept = "param2" not in subject.profile.lossy.get(one.command, frozenset())
@@ -125,14 +125,15 @@ def _radius_m(subject: Subject, item: int) -> float:
     ),
 )
 def check_fence(subject: Subject) -> Iterator[Finding]:
-    """Whether home, the rally points and the path that is flown stay within the fence, with the margin."""
+    """Find home, rally points and flown path outside the fence or within its margin."""
     if not subject.mission.fence:
         return
     try:
         geo_fence(subject.mission.fence)
     except MissionFileError as error:
         told = any(
-            one.plan is MissionType.FENCE and one.severity is Severity.ERROR for one in remarks_of(subject)
+            remark.plan is MissionType.FENCE and remark.severity is Severity.ERROR
+            for remark in remarks_of(subject)
         )
         if not told:
             yield found(subject, "bad-fence", plan="fence", error=error)
@@ -159,7 +160,7 @@ def check_fence(subject: Subject) -> Iterator[Finding]:
 
 
 def _fence_of(subject: Subject) -> Fence:
-    """Return the fence as the autopilot takes it: within one area or within all."""
+    """Return the fence by the autopilot's rule: inside any inclusion area, or inside all."""
     from sim_vehicle.autopilot import autopilot_of_number
 
     firmware = autopilot_of_number(subject.profile.autopilot).for_vehicle(subject.vehicle.kind)
@@ -183,7 +184,7 @@ def _fence_of(subject: Subject) -> Fence:
     ),
 )
 def check_obstacles(subject: Subject) -> Iterator[Finding]:
-    """Whether the path that is flown stays clear of the farm's obstacles, beside or above them."""
+    """Find flown paths too near the farm's obstacles, beside or above them."""
     touched: list[Hit] = []
     too_near: dict[float, list[Hit]] = {}
     for obstacle in subject.obstacles:
@@ -194,7 +195,7 @@ def check_obstacles(subject: Subject) -> Iterator[Finding]:
             legs = shapely.linestrings(np.stack((track.points_m[:-1, :2], track.points_m[1:, :2]), axis=1))
             above = np.maximum(np.minimum(track.points_m[:-1, 2], track.points_m[1:, 2]) - top_m, 0.0)
             near = np.flatnonzero(shapely.dwithin(legs, obstacle.polygon, margin_m) & (above <= margin_m))
-            # Beside it, over it, or both: the nearest corner of its top is as far as that.
+            # Distance to the nearest edge of the obstacle's top, beside and above it.
             away = np.hypot(shapely.distance(legs[near], obstacle.polygon), above[near])
             for k, metres in zip(near, away, strict=True):
                 hits = touched if metres == 0.0 else too_near.setdefault(margin_m, [])
@@ -206,12 +207,12 @@ def check_obstacles(subject: Subject) -> Iterator[Finding]:
         yield from worst(subject, "near-obstacle", hits, margin_m)
 
 
-# Spacing of the points of a straight leg; a leg beyond 1 km has wider ones
+# Point spacing on a straight leg (m), and largest number of points: legs beyond 1 km have wider spacing
 _STEP_M, _MOST_STEPS = 1.0, 1000
 
 
 def _paths(subject: Subject) -> list[FlownTrack]:
-    """Return the paths to check: the predicted flights, else straight legs between the positions."""
+    """Return the paths to check: predicted flights, or straight legs without a prediction."""
     if subject.tracks:
         return [track for track in subject.tracks if len(track.points_m) > 1]
     placed = [(k, position) for k, position in enumerate(subject.positions) if not np.isnan(position[0])]
@@ -252,7 +253,7 @@ _LOWEST_M = 2.0
     ),
 )
 def check_heights(subject: Subject) -> Iterator[Finding]:
-    """Positions above the allowed height and below 2 m, and a path that gets higher than its positions."""
+    """Find positions above the allowed height or below 2 m, and paths that climb above their waypoints."""
     if subject.vehicle.drives or subject.vehicle.is_ideal:
         return
     heights = [
@@ -267,7 +268,8 @@ def check_heights(subject: Subject) -> Iterator[Finding]:
     ]
 
     def above(height_m: float) -> list[Hit]:
-        # A return may climb to a height of its own; half a metre above a waypoint is the controller's.
+        # A return may climb to its own altitude. The altitude controller overshoots a waypoint by up to 0.5
+        # m.
         high = [hit for hit in heights if hit.value > height_m]
         return high or [hit for hit in flown if hit.value > height_m + 1.0]
 
@@ -295,7 +297,7 @@ _FARTHEST_START_M = 1000.0
     )
 )
 def check_start_distance(subject: Subject) -> Iterator[Finding]:
-    """A mission that lies far from home. On a large farm the first position alone may be far away."""
+    """Find a mission far from home; on a large farm the first position alone may be far."""
     positions = zip(subject.items, subject.positions, strict=True)
     away = [
         Hit(k, math.hypot(x, y))
@@ -318,7 +320,7 @@ _LONGEST_M = 10_000.0
     Rule("long-leg", WARNING, "a very long leg", "is the position right?", at_most("length of the leg", "m")),
 )
 def check_lengths(subject: Subject) -> Iterator[Finding]:
-    """Legs of no length, and longer than 10 km."""
+    """Find legs of zero length, and legs longer than 10 km."""
     legs = legs_of(subject)
     yield from worst(
         subject, "zero-leg", (Hit(leg.item, 0.0) for leg in legs if leg.passed and _is_zero(leg, subject))
@@ -348,7 +350,7 @@ _SMALLEST_RADIUS_M = 1.0
     )
 )
 def check_radii(subject: Subject) -> Iterator[Finding]:
-    """Acceptance radii that the vehicle cannot hold: the error of its height estimate counts in them."""
+    """Find acceptance radii that are too small for the vehicle, whose height error counts in the radius."""
     if subject.profile.radius_in_space and subject.vehicle.hovers:
         small = [Hit(leg.item, leg.radius_m) for leg in legs_of(subject) if leg.radius_m < _SMALLEST_RADIUS_M]
         yield from worst(subject, "small-radius", small, _SMALLEST_RADIUS_M, autopilot=subject.profile.name)

@@ -1,4 +1,4 @@
-"""The list of items itself: what cannot be flown, is never flown, or does not fit into the autopilot."""
+"""Checks of the mission items: items that cannot be flown, are never flown, or exceed the autopilot."""
 
 from __future__ import annotations
 
@@ -45,11 +45,11 @@ _FIXES = {
 
 @CHECKS.finds(Rule("stops", ERROR, "{reason}", "change the item, or fly another vehicle", by_vehicle=True))
 def check_problems(subject: Subject) -> Iterator[Finding]:
-    """What the vehicle cannot fly, as its own checks before arming find it."""
-    # Where a jump leads is told of every autopilot.
-    problems = [one for one in subject.problems if one.code != "jump-target"]
-    for code in dict.fromkeys(one.code for one in problems):
-        same = [one for one in problems if one.code == code]
+    """Find items that the vehicle cannot fly, by its checks before arming."""
+    # `check_dialect` reports jump targets, for every autopilot.
+    problems = [problem for problem in subject.problems if problem.code != "jump-target"]
+    for code in dict.fromkeys(problem.code for problem in problems):
+        same = [problem for problem in problems if problem.code == code]
         one = same[0]
         yield Finding(
             Severity.ERROR,
@@ -75,14 +75,14 @@ def check_problems(subject: Subject) -> Iterator[Finding]:
     )
 )
 def check_predicted(subject: Subject) -> Iterator[Finding]:
-    """A plan whose flight could not be predicted: several checks know less then."""
+    """Find a plan without a predicted flight, for which several checks are weaker."""
     if subject.prediction is None:
         yield found(subject, "no-prediction")
 
 
 @CHECKS.finds()
 def check_dialect(subject: Subject) -> Iterator[Finding]:
-    """What the autopilot would refuse, change or ignore, as `mission.transfer.rendering` tells."""
+    """Find items that the autopilot would refuse, change or ignore (`mission.transfer.rendering`)."""
     for remark in remarks_of(subject):
         yield Finding(
             remark.severity,
@@ -98,7 +98,7 @@ def check_dialect(subject: Subject) -> Iterator[Finding]:
 
 
 def remarks_of(subject: Subject) -> tuple[Remark, ...]:
-    """Return what is to be said of the plan before it is sent to such an autopilot."""
+    """Return the remarks on uploading the plan to the autopilot."""
     mission, profile = subject.mission, subject.profile
     told, planned = subject.parameters, dict(subject.vehicle.parameters)
     return render(mission, profile, subject.vehicle_type, parameters=told, planned=planned).remarks
@@ -119,7 +119,7 @@ def remarks_of(subject: Subject) -> tuple[Remark, ...]:
     ),
 )
 def check_unknown(subject: Subject) -> Iterator[Finding]:
-    """Commands and heights that the prediction leaves out."""
+    """Find commands and heights that the prediction ignores."""
     items = list(enumerate(subject.items))
     unknown = [k for k, one in items if one.command not in NAV_COMMANDS and one.command not in DO_COMMANDS]
     terrain = [k for k, one in items if one.frame == Frame.GLOBAL_TERRAIN_ALT]
@@ -136,7 +136,7 @@ def check_unknown(subject: Subject) -> Iterator[Finding]:
     )
 )
 def check_flown(subject: Subject) -> Iterator[Finding]:
-    """Items behind the end of the mission."""
+    """Find items after the end of the mission."""
     seen = reachable(subject.items)
     yield from first(subject, "unreachable", [k for k in range(len(subject.items)) if k not in seen])
 
@@ -150,7 +150,7 @@ def check_flown(subject: Subject) -> Iterator[Finding]:
     )
 )
 def check_ends(subject: Subject) -> Iterator[Finding]:
-    """Jumps that go round for ever."""
+    """Find endless jumps."""
     if never_ends(subject.items):
         jump = max((k for k in reachable(subject.items) if k < len(subject.items)), default=0)
         yield found(subject, "endless", item=jump)
@@ -172,7 +172,7 @@ _FRAMES = {
     )
 )
 def check_frames(subject: Subject) -> Iterator[Finding]:
-    """Heights that count from different levels."""
+    """Find heights with different reference levels."""
     frames = [
         (k, item.frame)
         for k, item in enumerate(subject.items)
@@ -205,12 +205,12 @@ _LOWEST_TAKEOFF_M = 1.5
     ),
 )
 def check_takeoff(subject: Subject) -> Iterator[Finding]:
-    """A take-off that is missing, late or low."""
+    """Find a missing, late or low take-off."""
     if subject.vehicle.drives or subject.vehicle.is_ideal:
         return
     nav = [k for k, item in enumerate(subject.items) if item.command <= LAST_NAV]
     takeoffs = [k for k in nav if subject.items[k].command in TAKEOFFS]
-    known = any(one.code == "no-takeoff" for one in subject.problems)
+    known = any(problem.code == "no-takeoff" for problem in subject.problems)
     if nav and not known and (not takeoffs or takeoffs[0] != nav[0]):
         yield found(subject, "late-takeoff" if takeoffs else "climbs-by-itself", item=nav[0])
     for k in takeoffs[:1]:
@@ -238,7 +238,7 @@ _FARTHEST_LANDING_M = 50.0
     ),
 )
 def check_end(subject: Subject) -> Iterator[Finding]:
-    """An end in the air, or far from home."""
+    """Find a mission that ends in the air or far from home."""
     if not subject.items or subject.vehicle.is_ideal:
         return
     endless = never_ends(subject.items)
@@ -255,7 +255,7 @@ def check_end(subject: Subject) -> Iterator[Finding]:
 
 
 def _is_last(subject: Subject, item: int) -> bool:
-    """Return whether the mission ends with a NAV item: nothing but DO items may follow it."""
+    """Return whether only DO items follow a NAV item."""
     items = subject.items
     if items[item].command > LAST_NAV:
         return False

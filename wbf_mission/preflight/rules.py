@@ -26,7 +26,7 @@ def at_most(name: str, unit: str = "") -> tuple[Against, str, str]:
 
 
 def planned(unit: str) -> tuple[Against, str, str]:
-    """Return a parameter's value of which the plan assumes another."""
+    """Return a limit on a parameter: the value that the plan assumes."""
     return Against.PLANNED, "{name}", unit
 
 
@@ -36,15 +36,15 @@ LEFT = at_least("left in the battery at the end", "%")
 
 @dataclass(frozen=True, slots=True)
 class Rule:
-    """One kind of finding; the check that finds it fills in the words in braces."""
+    """One kind of finding; the check fills in the words in braces."""
 
     code: str
     severity: Severity
     text: str
     fix: str = ""
-    # How the measured number compares with its limit, its name, and its unit
+    # Comparison, name and unit of the measured number
     measured: tuple[Against, str, str] | None = None
-    # It depends on the vehicle: while the vehicle is only assumed, an error is a warning
+    # Whether an error is only a warning if the vehicle is assumed
     by_vehicle: bool = False
     concern: Concern = Concern.PLAN
 
@@ -52,12 +52,12 @@ class Rule:
 RULES: dict[str, Rule] = {}
 """Every rule that a check declares, by its code.
 
-What an autopilot or the executor itself says of a plan has codes of its own.
+Findings by the dialect of an autopilot or by the executor have codes of their own.
 """
 
 
 class Checks(Generic[P]):
-    """The checks of a module, in the order in which they run."""
+    """Checks of a module, in order of execution."""
 
     def __init__(self) -> None:
         self.all: list[Callable[P, Iterable[Finding]]] = []
@@ -119,7 +119,7 @@ def _command(subject: Subject, plan: str, item: int | None) -> str:
 
 
 def first(subject: Subject, code: str, items: Sequence[int], **words: Any) -> Iterator[Finding]:
-    """Yield a rule's finding at the first of several items, if there is one."""
+    """Yield a rule's finding at the first of `items`; nothing without items."""
     if items:
         yield found(subject, code, item=items[0], count=len(items), **words)
 
@@ -127,7 +127,7 @@ def first(subject: Subject, code: str, items: Sequence[int], **words: Any) -> It
 def worst(
     subject: Subject, code: str, hits: Iterable[Hit], limit: float = math.nan, **words: Any
 ) -> Iterator[Finding]:
-    """Yield a rule's finding at the worst of several hits, if there is one."""
+    """Yield a rule's finding at the worst of `hits`; nothing without hits."""
     rule = RULES[code]
     largest = rule.measured is None or rule.measured[0] is Against.MOST
     if (worst_hit := worst_of(hits, largest=largest)) is not None:

@@ -15,9 +15,9 @@ from wbf_mission.preflight.subject import Circumstances, Subject, subject_of
 from wbf_mission.scenario.parts import VehicleParts
 
 PLAN_CHECKS = (*plan_rules.CHECKS.all, *path_rules.CHECKS.all, *flight_rules.CHECKS.all)
-"""Each takes a plan, and yields its findings."""
+"""Checks of a plan; each yields findings."""
 VEHICLE_CHECKS = tuple(vehicle_rules.CHECKS.all)
-"""Each takes a plan and the vehicle's answers, and yields its findings."""
+"""Checks of a plan against the vehicle's answers; each yields findings."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,7 +29,7 @@ class Preflight:
 
 
 def check_mission(mission: Mission, circumstances: Circumstances | None = None) -> Preflight:
-    """Check a plan before it goes up.
+    """Check a plan before its upload.
 
     VehicleError if the vehicle or a parameter of its autopilot is unknown, or a value out of range;
     PreflightError if several vehicles are named, or the mission's home is unknown.
@@ -53,7 +53,7 @@ def check_mission(mission: Mission, circumstances: Circumstances | None = None) 
 def check_plan(plan: PlanResult, vehicle: VehicleParts, coverage: float | None = None) -> Report:
     """Check the plan of one vehicle of a run; every plan of the paper's ideal robot passes.
 
-    `coverage` is that of all plans of the run; by default this plan is the only one.
+    `coverage` is the joint coverage of all plans of the run, by default this plan's.
     """
     if plan.vehicle.is_ideal:
         return Report(())
@@ -61,6 +61,7 @@ def check_plan(plan: PlanResult, vehicle: VehicleParts, coverage: float | None =
         Circumstances.of(vehicle, plan.farm),
         imaging=plan.imaging,
         prediction=plan.prediction,
+        predicted_coverage=plan.coverage,
         planner=plan.planner,
         coverage=coverage,
     )
@@ -76,8 +77,8 @@ def check_plans(
 ) -> None:
     """Refuse plans in which the check finds errors (`check_plan`).
 
-    Gusts that the vehicle cannot hold its path against are shown, too. The PreflightError has the first error
-    and the `consequence`, as ``nothing was flown``. With `force` errors and gusts are only shown.
+    Gusts that push the vehicle off its path are reported, too. The PreflightError has the first error and the
+    `consequence`, such as ``nothing was flown``. With `force` errors and gusts are only reported.
     """
     found = [
         finding

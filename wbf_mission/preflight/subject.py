@@ -1,4 +1,4 @@
-"""Subject of a preflight check: plan, vehicle, autopilot, air, surroundings, and the predicted flight."""
+"""Subject of a preflight check: plan, vehicle, autopilot, weather, farm and predicted flight."""
 
 from __future__ import annotations
 
@@ -42,15 +42,15 @@ _ENDINGS = frozenset({int(Command.NAV_RETURN_TO_LAUNCH), int(Command.NAV_LOITER_
 TAKEOFFS = frozenset({int(Command.NAV_TAKEOFF), 84})
 LANDINGS = frozenset({int(Command.NAV_LAND), 85})
 PLACED = frozenset({16, 17, 18, 19, 22, 31, 82})
-"""Commands that are flown to at a height of their own."""
+"""Commands with a position and a height."""
 LAST_NAV = 95
-"""Commands up to it are NAV commands (MAV_CMD)."""
+"""Last NAV command (MAV_CMD)."""
 
 
 def followers(items: Sequence[MissionItem], seq: int) -> tuple[int, ...]:
     """Return the items that may follow item ``seq``, counted from 0; ``len(items)`` is the end.
 
-    After a landing only a take-off goes on. Jumps to nowhere lead nowhere.
+    After a landing only a take-off continues. A jump without a valid target has no followers.
     """
     item = items[seq]
     if item.command in _ENDINGS:
@@ -69,9 +69,9 @@ def followers(items: Sequence[MissionItem], seq: int) -> tuple[int, ...]:
 
 
 def reachable(items: Sequence[MissionItem]) -> frozenset[int]:
-    """Return the items that are flown at some time, and ``len(items)`` if the mission comes to its end.
+    """Return the items that can be flown, and ``len(items)`` if the mission can end.
 
-    It begins at item 0, and at every DO_LAND_START, where a return may enter.
+    The mission begins at item 0, or at a DO_LAND_START, where a return may enter.
 
     Examples
     --------
@@ -92,7 +92,7 @@ def reachable(items: Sequence[MissionItem]) -> frozenset[int]:
 
 
 def never_ends(items: Sequence[MissionItem]) -> bool:
-    """Return whether jumps go round for ever: nothing that is flown ends the mission.
+    """Return whether jumps repeat for ever, so that the mission cannot end.
 
     Examples
     --------
@@ -106,8 +106,8 @@ def never_ends(items: Sequence[MissionItem]) -> bool:
 
 
 _TRACK_STEP_S = 0.2
-_TRACK_POINTS = 100_000  # over five hours of such steps; longer flights have longer ones
-# A DO item that changes nothing of the flight.
+_TRACK_POINTS = 100_000  # Five hours at the shortest step; longer flights have longer steps
+# A DO item without an effect on the flight.
 _NO_OPERATION = int(m.MAV_CMD_SET_CAMERA_MODE)
 
 
@@ -116,35 +116,36 @@ class FlownTrack:
     """A predicted flight of the plan."""
 
     points_m: NDArray[np.float64]
-    """East, north, up about home."""
+    """East, north, up from home."""
     items: NDArray[np.int64]
-    """The item that is flown at each, counted from 0."""
+    """Item flown at each point, from 0."""
 
 
 @dataclass(frozen=True, slots=True)
 class Circumstances:
-    """Vehicle, farm and air of a plan."""
+    """Vehicle, farm and weather of a plan."""
 
-    vehicle: VehicleOptions = field(default_factory=VehicleOptions)  # Of one vehicle
+    vehicle: VehicleOptions = field(default_factory=VehicleOptions)  # Options of one vehicle
     weather: WeatherOptions = field(default_factory=WeatherOptions)
-    farm: Farm | None = None  # Whose obstacles count
-    # How far the flown path has to stay away from fence and obstacles
+    farm: Farm | None = None  # Farm with the obstacles; None: no obstacles
+    # Least distance of the flown path from fence and obstacles
     margin_m: float = MissionOptions().margin_m
-    max_altitude_m: float = MissionOptions().max_altitude_m  # The highest allowed, above home
+    max_altitude_m: float = MissionOptions().max_altitude_m  # Highest allowed altitude above home
     image_interval_s: float = MIN_INTERVAL_S  # The camera's shortest interval
-    assumed: bool = False  # The vehicle was not given: findings that depend on it are no errors
+    assumed: bool = False  # Whether the vehicle is only assumed: findings that depend on it are no errors
     snapshot: VehicleSnapshot | None = None  # The vehicle's answers
     footprint: int = 1  # Side of an image, in cells of the farm
-    imaging: Imaging | None = None  # The camera, if it is not the leaf camera
-    # Planning's prediction, for this vehicle in this air; without one, the check predicts
+    imaging: Imaging | None = None  # Mapping camera; None: the leaf camera
+    # Prediction by planning, for this vehicle and weather; None: the check predicts
     prediction: Prediction | None = None
+    predicted_coverage: float | None = None  # Coverage of `prediction`, if planning computed it
     planner: str | None = None  # The planner with its parameters, if it is known
-    # Coverage of all plans that are flown together; None if this one is flown alone
+    # Joint coverage with other vehicles' plans; None for a single vehicle
     coverage: float | None = None
 
     @classmethod
     def of(cls, one: VehicleParts, farm: Farm, snapshot: VehicleSnapshot | None = None) -> Self:
-        """Return those of one vehicle of a run."""
+        """Return the circumstances of one vehicle of a run."""
         return cls(
             one.vehicle,
             one.weather,
@@ -160,22 +161,24 @@ class Circumstances:
 class Subject:
     """A plan with everything that its checks need."""
 
-    mission: Mission  # With home, if that is known from anywhere
+    mission: Mission  # Mission with home, if the home is known
     given: Circumstances
-    vehicle: VehicleSpec  # As its autopilot flies it, with the parameters that it sent
-    planned: VehicleSpec  # With those that plans assume
-    profile: Profile  # How that autopilot speaks the mission protocol
+    vehicle: VehicleSpec  # The vehicle with its autopilot and the parameters that it sent
+    planned: VehicleSpec  # The vehicle with the parameters that plans assume
+    profile: Profile  # Mission protocol of the autopilot
     wind: Wind
     frame: LocalFrame  # East and north about home
-    positions: tuple[Position, ...]  # Of the items: east, north, up about home; NaN where they have none
-    problems: tuple[ItemProblem, ...]  # Why the vehicle cannot fly it
-    # Flights by an exact estimate, one for each rehearsal of the wind's gusts; empty if it cannot be flown
+    positions: tuple[
+        Position, ...
+    ]  # Positions of the items: east, north, up from home; NaN for items without position
+    problems: tuple[ItemProblem, ...]  # Items that the vehicle cannot fly
+    # Flights with an exact position estimate, one per sample of the gusts; empty if the plan cannot be flown
     tracks: tuple[FlownTrack, ...] = ()
-    # What planning predicts of it, too (`sim_vehicle.prediction.predict.plan_prediction`)
+    # Prediction as in planning (`sim_vehicle.prediction.predict.plan_prediction`)
     prediction: Prediction | None = None
     # The coverage of the predicted flight; None without a farm or a prediction
     coverage: float | None = None
-    # The item, from 0, at which a predicted flight ended before its end, and why
+    # Item, from 0, at which a predicted flight ended early, and the reason
     stopped: tuple[int, str] | None = None
 
     @property
@@ -185,7 +188,7 @@ class Subject:
 
     @property
     def vehicle_type(self) -> int:
-        """MAV_TYPE: as heard, else of the firmware that flies such a vehicle."""
+        """MAV_TYPE: from the heartbeat, or of the vehicle's firmware."""
         if self.given.snapshot is not None:
             return self.given.snapshot.vehicle_type
         firmware = firmware_of(self.vehicle)
@@ -193,12 +196,12 @@ class Subject:
 
     @property
     def parameters(self) -> Mapping[str, float]:
-        """The parameters that the vehicle answered."""
+        """Parameters received from the vehicle."""
         return {} if self.given.snapshot is None else self.given.snapshot.parameters
 
     @property
     def obstacles(self) -> list[Obstacle]:
-        """The farm's obstacles, in metres about home."""
+        """Obstacles of the farm, in metres from home."""
         farm, frame = self.given.farm, self.frame
 
         def moved(points: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -206,13 +209,15 @@ class Subject:
             return np.column_stack(frame.from_wgs84(*farm.frame.to_wgs84(points[:, 0], points[:, 1])))
 
         obstacles = () if farm is None else farm.obstacles
-        return [replace(one, polygon=shapely.transform(one.polygon, moved)) for one in obstacles]
+        return [
+            replace(obstacle, polygon=shapely.transform(obstacle.polygon, moved)) for obstacle in obstacles
+        ]
 
 
 def subject_of(mission: Mission, given: Circumstances) -> Subject:
-    """Predict the flights of a plan, and return them with the plan; errors as of `check_mission`.
+    """Predict the flights of a plan, and return the subject of its check; errors as in `check_mission`.
 
-    A mission without a home gets the farm's, else the position of the vehicle.
+    A mission without home gets the farm's home, or the position of the vehicle.
     """
     if len(given.vehicle.fleet) > 1:
         msg = f"vehicle {given.vehicle.name}: a plan is one vehicle's; name one"
@@ -241,7 +246,7 @@ def subject_of(mission: Mission, given: Circumstances) -> Subject:
 
 
 def level_of_plan(mission: Mission, options: VehicleOptions) -> FlightLevel:
-    """Return the height and speed of a plan, on which its wind depends."""
+    """Return the height and speed of a plan, for its wind."""
     level = flight_level(MissionOptions(), options)
     heights = [
         item.z
@@ -252,7 +257,7 @@ def level_of_plan(mission: Mission, options: VehicleOptions) -> FlightLevel:
 
 
 def _with_home(mission: Mission, given: Circumstances) -> Mission:
-    """Return the mission with the home of its file, else the farm's, else where the vehicle stands."""
+    """Return the mission with a home: its own, the farm's, or the vehicle's position."""
     if mission.home is not None:
         return mission
     if given.farm is not None:
@@ -266,7 +271,10 @@ def _with_home(mission: Mission, given: Circumstances) -> Mission:
 
 
 def _predictable(item: MissionItem) -> MissionItem:
-    """Return an item as the prediction takes it: heights above terrain as above home, others do nothing."""
+    """Return an item for the prediction: heights above terrain become heights above home.
+
+    Items that the prediction cannot fly become items without effect.
+    """
     if item.frame == Frame.GLOBAL_TERRAIN_ALT:
         item = replace(item, frame=int(Frame.GLOBAL_RELATIVE_ALT))
     known = item.command in NAV_COMMANDS or item.command in DO_COMMANDS
@@ -274,7 +282,7 @@ def _predictable(item: MissionItem) -> MissionItem:
 
 
 def _predicted(subject: Subject, mission: Mission) -> Subject:
-    """Return the subject with its flights."""
+    """Return the subject with its predicted flights."""
     vehicle, wind, frame = subject.vehicle, subject.wind, subject.frame
     airs, endless = [(air, None) for air in rehearsals(wind)], not never_ends(mission.items)
 
@@ -285,19 +293,19 @@ def _predicted(subject: Subject, mission: Mission) -> Subject:
         return found
 
     flown = flights(_TRACK_STEP_S)
-    longest_s = max(one.prediction().duration_s for one in flown)
+    longest_s = max(flight.prediction().duration_s for flight in flown)
     if longest_s > _TRACK_STEP_S * _TRACK_POINTS:
         flown = flights(longest_s / _TRACK_POINTS + _TRACK_STEP_S)
-    # A flight is flown when its track is asked for.
-    ended = [one.prediction() for one in flown]
-    stops = [stop for one in flown if (stop := _stop_of(one)) is not None]
+    # Flights are lazy: each is flown when its track is read.
+    ended = [flight.prediction() for flight in flown]
+    stops = [stop for flight in flown if (stop := _stop_of(flight)) is not None]
     given = subject.given
     errs = given.vehicle.estimate_errors and estimate_errs(vehicle)
     prediction = given.prediction or plan_prediction(
         mission, vehicle, wind=wind, frame=frame, estimate_errors=errs
     )
-    coverage = None
-    if given.farm is not None:
+    coverage = given.predicted_coverage
+    if coverage is None and given.farm is not None:
         coverage = predicted_coverage(given.farm, subject.mission, prediction, given.footprint, given.imaging)
     return replace(
         subject,

@@ -1,4 +1,4 @@
-"""The vehicle behind a link: its state, and its settings against those that the plan assumes."""
+"""Checks of the vehicle behind a link: its state, and its settings against the plan's assumptions."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ _readiness = partial(Rule, concern=Concern.READINESS)
     _state("no-release", WARNING, "{firmware} is no release", "fly a release where it matters"),
 )
 def check_firmware(subject: Subject, snapshot: VehicleSnapshot) -> Iterator[Finding]:
-    """Which firmware it is, and whether it is a release."""
+    """Report the firmware, and warn if it is no release."""
     version = snapshot.version
     if version is None:
         yield found(subject, "firmware-unknown")
@@ -78,7 +78,7 @@ _SENSORS = {
     _state("armed", WARNING, "the motors are running", "is it flying?"),
 )
 def check_readiness(subject: Subject, snapshot: VehicleSnapshot) -> Iterator[Finding]:
-    """Whether its own checks pass, and sensors that are not healthy."""
+    """Find failed pre-arm checks and unhealthy sensors."""
     health = snapshot.sensors_health
     if health is None:
         return
@@ -110,7 +110,7 @@ _POOR_HDOP = 2.0
     ),
 )
 def check_gps(subject: Subject, snapshot: VehicleSnapshot) -> Iterator[Finding]:
-    """No fix, or a poor one."""
+    """Find a missing or poor GNSS fix."""
     gps = snapshot.gps
     if gps is None or subject.vehicle.is_ideal:
         return
@@ -133,7 +133,7 @@ _PARTS = {
     _readiness("estimator", ERROR, "the estimator does not know: {parts}", "wait until it has settled")
 )
 def check_estimator(subject: Subject, snapshot: VehicleSnapshot) -> Iterator[Finding]:
-    """Parts of the state that the estimator does not know."""
+    """Find states that the estimator does not know."""
     flags = snapshot.estimator_flags
     unknown = [name for bit, name in _PARTS.items() if flags is not None and not flags & bit]
     if unknown:
@@ -152,7 +152,7 @@ def check_estimator(subject: Subject, snapshot: VehicleSnapshot) -> Iterator[Fin
     _state("battery-unknown", NOTE, "the vehicle does not tell what its battery holds"),
 )
 def check_battery_now(subject: Subject, snapshot: VehicleSnapshot) -> Iterator[Finding]:
-    """The battery now against what the plan needs and the reserve."""
+    """Compare the present battery with the plan's need and the reserve."""
     battery = subject.vehicle.battery
     if battery is None or subject.prediction is None:
         return
@@ -187,7 +187,7 @@ _HEIGHT_M = 10.0
     ),
 )
 def check_place(subject: Subject, snapshot: VehicleSnapshot) -> Iterator[Finding]:
-    """Distance and height of the vehicle from the home of the plan."""
+    """Check the vehicle's distance and height from the plan's home."""
     home = subject.mission.home
     position = None if snapshot.armed or _is_unsettled(snapshot) else snapshot.position
     if position is None or home is None:
@@ -208,20 +208,19 @@ def check_place(subject: Subject, snapshot: VehicleSnapshot) -> Iterator[Finding
 
 
 def _is_unsettled(snapshot: VehicleSnapshot) -> bool:
-    """Return whether the vehicle itself reports that it has no position yet."""
+    """Return whether the vehicle reports that it has no position yet."""
     if snapshot.estimator_flags is None:
         return snapshot.gps is not None and snapshot.gps.fix < _FIX_3D
     return not snapshot.estimator_flags & m.ESTIMATOR_POS_HORIZ_ABS
 
 
-_NOTICEABLE = 0.05  # Relative difference of a speed from which on it is reported
+_NOTICEABLE = 0.05  # Least relative difference of a speed that is reported
 
 _NOTICEABLE_RADIUS_M = 0.5
 
 _NOTICEABLE_HEIGHT_M = 1.0
 
-# What plans assume unless a parameter decides it, and by which part and by how much more the
-# vehicle's may differ
+# Values that plans assume, with relative and absolute tolerance of the vehicle's parameter
 _ASSUMED = {
     "other-speed": (Meaning.CRUISE_SPEED, "cruise_speed_m_s", _NOTICEABLE, 0.0),
     "other-radius": (Meaning.ACCEPTANCE_RADIUS, "acceptance_radius_m", 0.0, _NOTICEABLE_RADIUS_M),
@@ -230,7 +229,7 @@ _ASSUMED = {
 
 
 def _other(subject: Subject, snapshot: VehicleSnapshot, code: str) -> Iterator[Finding]:
-    """Yield a finding if a parameter differs from the one that plans assume."""
+    """Yield a finding if a parameter differs from the plans' assumption."""
     meaning, attribute, part, more = _ASSUMED[code]
     if (told := snapshot.told(meaning)) is None:
         return
@@ -268,7 +267,7 @@ def _other(subject: Subject, snapshot: VehicleSnapshot, code: str) -> Iterator[F
     ),
 )
 def check_motion_settings(subject: Subject, snapshot: VehicleSnapshot) -> Iterator[Finding]:
-    """Speeds and acceptance radius other than those that plans assume."""
+    """Find speeds and acceptance radius that differ from the plans' assumptions."""
     items, legs = subject.items, legs_of(subject)
     first_order = next((k for k, one in enumerate(items) if one.command == Command.DO_CHANGE_SPEED), math.inf)
     if any(leg.item < first_order and leg.length_m > 1.0 for leg in legs):
@@ -295,7 +294,7 @@ def check_motion_settings(subject: Subject, snapshot: VehicleSnapshot) -> Iterat
     ),
 )
 def check_return_height(subject: Subject, snapshot: VehicleSnapshot) -> Iterator[Finding]:
-    """A return that climbs too high, or to another height than predicted."""
+    """Find a return altitude that is too high, or differs from the prediction."""
     told = snapshot.told(Meaning.RETURN_HEIGHT)
     if told is None or subject.vehicle.drives:
         return
@@ -321,7 +320,7 @@ def check_return_height(subject: Subject, snapshot: VehicleSnapshot) -> Iterator
     ),
 )
 def check_landing_rules(subject: Subject, snapshot: VehicleSnapshot) -> Iterator[Finding]:
-    """Missions that the autopilot would not arm with: without the landing that it wants, or with one."""
+    """Find missions that prevent arming: a required landing or take-off is missing, or one is not allowed."""
     commands = {item.command for item in subject.items}
     takes_off, lands = bool(commands & TAKEOFFS), bool(commands & LANDINGS)
     rule = snapshot.told(Meaning.TAKEOFF_AND_LANDING)
@@ -338,7 +337,7 @@ def check_landing_rules(subject: Subject, snapshot: VehicleSnapshot) -> Iterator
 
 
 def _told_by_dialect(subject: Subject, name: str, value: float) -> bool:
-    """Return whether the remarks on the autopilot's dialect cover such a parameter."""
+    """Return whether the remarks on the autopilot's dialect cover this parameter."""
     return any(
         one.parameter == name and subject.vehicle_type in one.vehicle_types and value in one.refusing
         for one in subject.profile.dialect.conditions
@@ -380,7 +379,7 @@ _CEILING_BIT, _RADIUS_BIT = 1, 2  # FENCE_TYPE of ArduPilot
     ),
 )
 def check_fence_settings(subject: Subject, snapshot: VehicleSnapshot) -> Iterator[Finding]:
-    """A fence that does nothing, and a ceiling or a radius that the plan breaks."""
+    """Find a fence without effect, and a ceiling or radius that the plan exceeds."""
     on, action = snapshot.told(Meaning.FENCE_ON), snapshot.told(Meaning.FENCE_ACTION)
     settings = subject.profile.settings
     off = on if on is not None and on[1] == 0.0 else None
@@ -407,7 +406,7 @@ def check_fence_settings(subject: Subject, snapshot: VehicleSnapshot) -> Iterato
 def _highest_m(subject: Subject) -> float:
     """Return the height above home of the highest item or of the predicted return."""
     planned = [leg.end_m[2] for leg in legs_of(subject)]
-    # The controllers overshoot by centimetres.
+    # The altitude controller overshoots by up to 0.5 m.
     flown = [float(track.points_m[:, 2].max()) - 0.5 for track in subject.tracks]
     return max((*planned, *flown), default=0.0)
 
@@ -416,7 +415,7 @@ def _farthest_m(subject: Subject) -> float:
     return max((math.hypot(*leg.end_m[:2]) for leg in legs_of(subject)), default=0.0)
 
 
-_CONTINUES_BIT = 2  # FS_OPTIONS of ArduCopter: a mission goes on without a ground station
+_CONTINUES_BIT = 2  # FS_OPTIONS of ArduCopter: continue the mission without a ground station
 
 
 @CHECKS.finds(
@@ -430,7 +429,7 @@ _CONTINUES_BIT = 2  # FS_OPTIONS of ArduCopter: a mission goes on without a grou
     _setting("link-lost-ends", NOTE, "{name} is {value:g}: a link lost for long ends the mission"),
 )
 def check_failsafes(subject: Subject, snapshot: VehicleSnapshot) -> Iterator[Finding]:
-    """Effects of a low battery and of a lost link on the mission."""
+    """Report the effects of a low battery and a lost link on the mission."""
     yield from _zero(subject, snapshot, Meaning.LOW_BATTERY, "no-battery-failsafe")
     link = snapshot.told(Meaning.LINK_LOST)
     if link is None:
@@ -460,7 +459,7 @@ _CALIBRATED = {
 
 @CHECKS.finds(_setting("not-calibrated", ERROR, "{name} is 0: there is no calibrated {sensor}", "{mend}"))
 def check_calibration(subject: Subject, snapshot: VehicleSnapshot) -> Iterator[Finding]:
-    """Sensors that were never calibrated."""
+    """Find sensors that were never calibrated."""
     for meaning, (severity, mend) in _CALIBRATED.items():
         sensor = meaning.value.removeprefix("the ").removesuffix("'s calibration")
         words: dict[str, Any] = {"severity": severity, "sensor": sensor, "mend": mend}
@@ -469,7 +468,7 @@ def check_calibration(subject: Subject, snapshot: VehicleSnapshot) -> Iterator[F
 
 @CHECKS.finds(_setting("parameter-unread", NOTE, "could not be read: {names}"))
 def check_unread(subject: Subject, snapshot: VehicleSnapshot) -> Iterator[Finding]:
-    """Parameters that the vehicle does not have, or did not tell."""
+    """Find parameters that the vehicle did not send."""
     missing = [
         " or ".join(names)
         for names in snapshot.questions.values()

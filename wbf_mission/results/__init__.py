@@ -1,1 +1,1 @@
-"""Results, and the folders that hold them."""
+"""Results of runs, and their folders."""

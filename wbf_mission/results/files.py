@@ -1,4 +1,4 @@
-"""The files of a run's flights: plans, tracks, and what the record says of each."""
+"""Files of a run: plans, tracks, arrays, tables and the record."""
 
 from __future__ import annotations
 
@@ -51,10 +51,10 @@ _TRACK = ("time_s", "latitude_deg", "longitude_deg", "relative_altitude_m", "x_m
 
 
 def _entry_of(record: type[Any], **other: Any) -> type[Any]:
-    """Return a strict struct of the fields of a record.
+    """Return a strict struct type with the fields of a record.
 
-    `other`: types of arrays as the file has them, of records within, and of fields of the file alone; None
-    leaves a field out.
+    `other` are types that differ in the file: arrays, nested records, and fields of the file alone. None
+    omits a field.
     """
     kinds = get_type_hints(record) | other
     fields: list[Any] = []
@@ -81,12 +81,12 @@ _Decision = _entry_of(
 
 
 def plan_name(number: int, flight: Any) -> str:
-    """Return the name of a flight's mission files without their ending; the first one's is ``plan``."""
+    """Return the name of a flight's mission files without suffix; the first flight's is ``plan``."""
     return "plan" if number == 0 else f"plan-day{flight.day}-flight{flight.flight}-vehicle{flight.system_id}"
 
 
 def write_flights(flights: Sequence[FlightRecord], folder: Path) -> list[Path]:
-    """Write the missions and tracks of flights, and return the files."""
+    """Write missions and tracks of flights, and return the files."""
     written = []
     for number, one in enumerate(flights):
         for suffix in (".plan", ".json"):
@@ -95,7 +95,7 @@ def write_flights(flights: Sequence[FlightRecord], folder: Path) -> list[Path]:
             written.append(path)
     write_table(folder / TRACK, track_table(flights))
     written.append(folder / TRACK)
-    if any(one.true_track is not None for one in flights):
+    if any(flight.true_track is not None for flight in flights):
         write_table(folder / TRUE_TRACK, true_track_table(flights))
         written.append(folder / TRUE_TRACK)
     return written
@@ -104,8 +104,8 @@ def write_flights(flights: Sequence[FlightRecord], folder: Path) -> list[Path]:
 def read_flights(
     entries: Sequence[Any], folder: Path, farm: Farm, vehicles: Sequence[VehicleSpec], seed: int
 ) -> tuple[FlightRecord, ...]:
-    """Return the flights of a folder."""
-    if not entries or not all(1 <= one.system_id <= len(vehicles) for one in entries):
+    """Read the flights of a folder."""
+    if not entries or not all(1 <= entry.system_id <= len(vehicles) for entry in entries):
         msg = "the record has no flights, or of vehicles that are not there"
         raise ValueError(msg)
     tracks = _read_tracks(folder / TRACK)
@@ -131,14 +131,14 @@ def read_flights(
 
 
 def track_table(flights: Sequence[FlightRecord]) -> Any:
-    """Return the tracks of flights as one pyarrow table, with the true positions where they are known."""
-    known = any(one.true_track is not None for one in flights)
-    return _table(flights, [one.track for one in flights], with_true=known)
+    """Return the tracks of flights as one pyarrow table, with true positions where known."""
+    known = any(flight.true_track is not None for flight in flights)
+    return _table(flights, [flight.track for flight in flights], with_true=known)
 
 
 def true_track_table(flights: Sequence[FlightRecord]) -> Any:
     """Return the true tracks of flights as one pyarrow table."""
-    return _table(flights, [one.true_track for one in flights])
+    return _table(flights, [flight.true_track for flight in flights])
 
 
 def _table(
@@ -175,13 +175,13 @@ def _read_tracks(path: Path) -> dict[tuple[int, int, int], Track]:
 
 
 def _entry(kind: type[Any], record: object, **other: Any) -> Any:
-    """Return the entry of a record; `other` are the fields that the record has otherwise, or not at all."""
+    """Return the entry of a record; `other` are the fields that differ from the record's."""
     names = [name for name in kind.__struct_fields__ if name not in other]
     return kind(**{name: getattr(record, name) for name in names}, **other)
 
 
 def _record_of(kind: type[T], entry: Any) -> T:
-    """Return the record of an entry."""
+    """Return the record of a file's entry."""
     return msgspec.convert(entry, kind, from_attributes=True, dec_hook=_array)
 
 
@@ -192,24 +192,24 @@ FORMAT = 4
 MAX_JSON_BYTES = 64 * 2**20
 RECORD = "result.json"
 REST = "rest.plan"
-"""What is left of a mission of which not all sorties were flown."""
+"""Rest of a mission whose sorties were not all flown."""
 PROBABILITIES = "probabilities_"
 DECISIONS = "decisions.parquet"
 WORLD = "world.toml"
-"""How the fields really developed, if that came from a file."""
+"""True dynamics of the fields, if a file defines them."""
 _DAYS = "_days"
 _SCORE = ("field_loss", "field_mse", "field_mae", "field_weighted_mae")
 
 
 _PLAIN = ("simulated_s", "frames", "timings_s", "environment_cached", "stopped")
-"""What a result and its record both hold."""
+"""Fields that a result and its record share."""
 
 
 _Day = _entry_of(DayRecord, truth=None, model=None)
 
 
 class _Record(msgspec.Struct, forbid_unknown_fields=True):
-    """What `RECORD` holds: all of a result that has no file of its own."""
+    """Contents of `RECORD`: the parts of a result without a file of their own."""
 
     format: int
     scenario: dict[str, Any]
@@ -222,14 +222,14 @@ class _Record(msgspec.Struct, forbid_unknown_fields=True):
     environment_cached: bool
     fields: tuple[dict[str, Any], ...]
     files: tuple[str, ...]
-    """Without which the result is not whole."""
+    """Files without which the result is incomplete."""
     stopped: str = ""
 
 
 def write_arrays(result: RunRecord, folder: Path, pool: Executor) -> dict[Path, Future[None]]:
-    """Begin to write truth, value, uncertainty and class probabilities; return the files and what ends each.
+    """Start writing truth, estimate and class probabilities; return a future for each file.
 
-    Compressing lets go of the interpreter's lock, so that the other files can be written meanwhile.
+    Compression releases the GIL, so other files can be written meanwhile.
     """
     model = result.model
     arrays = {
@@ -241,9 +241,9 @@ def write_arrays(result: RunRecord, folder: Path, pool: Executor) -> dict[Path, 
     begun = {}
     if len(result.days) > 1:
         days: dict[str, list[Any]] = {
-            "truth": [one.truth for one in result.days],
-            "value": [None if one.model is None else one.model.value for one in result.days],
-            "uncertainty": [None if one.model is None else one.model.uncertainty for one in result.days],
+            "truth": [day.truth for day in result.days],
+            "value": [None if day.model is None else day.model.value for day in result.days],
+            "uncertainty": [None if day.model is None else day.model.uncertainty for day in result.days],
         }
         arrays |= {
             f"{name}{_DAYS}": np.stack(each)
@@ -258,7 +258,7 @@ def write_arrays(result: RunRecord, folder: Path, pool: Executor) -> dict[Path, 
     for disease in probabilities:
         path = _probabilities_path(folder, disease)
         assert model is not None
-        # In strips, as they may be computed only now and are large on large farms.
+        # In strips: probabilities may be computed on access, and are large on large farms.
         strip = partial(model.probabilities_in, disease)
         shape = (len(CLASSES), *model.shape)
         begun[path] = pool.submit(write_strips, path, strip, shape, CLASSES)
@@ -281,13 +281,13 @@ def _array(kind: Any, value: Any) -> NDArray[Any]:
 
 
 def write_json(path: Path, values: Any) -> None:
-    """Write plain values as JSON that people can read."""
+    """Write plain values as indented JSON."""
     with atomic_write(path) as stream:
         stream.write(msgspec.json.format(msgspec.json.encode(values, enc_hook=_listed)).decode() + "\n")
 
 
 def history_table(history: ScoreHistory, fields: tuple[str, ...]) -> Any:
-    """Return the scored times as a table of pyarrow: when, observations, score, losses, errors by field."""
+    """Return the scored times as a pyarrow table: time, observations, score, losses and errors by field."""
     import pyarrow as pa
 
     columns: dict[str, Any] = {
@@ -295,20 +295,19 @@ def history_table(history: ScoreHistory, fields: tuple[str, ...]) -> Any:
         "time_s": pa.array(history.times_s, pa.float64()),
         "observations": pa.array(history.observations, pa.int64()),
         "score": pa.array(history.scores, pa.float64()),
-        "authors_axis_max": pa.array([one.authors_axis_max for one in history.entries], pa.float64()),
+        "authors_axis_max": pa.array([entry.authors_axis_max for entry in history.entries], pa.float64()),
     }
     for what in _SCORE:
         for number, field in enumerate(fields):
-            values = [getattr(one, what)[number] for one in history.entries]
+            values = [getattr(entry, what)[number] for entry in history.entries]
             columns[f"{what.removeprefix('field_')}_{field}"] = pa.array(values, pa.float64())
     return pa.table(columns)
 
 
 def write_result(result: RunRecord, folder: Path, arrays: Iterable[Path]) -> list[Path]:
-    """Write a result without its pictures into a folder, and return the files.
+    """Write a result without pictures into a folder, and return the files.
 
-    The arrays are those that `write_arrays` writes; the record names them with the other files that make the
-    result whole.
+    `arrays` are the files of `write_arrays`. The record lists all files of a complete result.
     """
     written = [folder / name for name in (RECORD, "summary.json")]
     write_json(written[1], result.summary())
@@ -343,8 +342,8 @@ def write_result(result: RunRecord, folder: Path, arrays: Iterable[Path]) -> lis
     return written
 
 
-def read_result(folder: Path, kind: type[R]) -> R:
-    """Read what `write_result` wrote; see `wbf_mission.results.result.load_result`."""
+def read_result(folder: Path, kind: type[R], *, probabilities: bool = True) -> R:
+    """Read a result from the files of `write_result`; see `wbf_mission.results.result.load_result`."""
     record = _read_record(folder / RECORD)
     for name in record.files:
         if not (folder / name).is_file():
@@ -364,12 +363,12 @@ def read_result(folder: Path, kind: type[R]) -> R:
     )
     model = None
     if value is not None and uncertainty is not None:
-        probabilities = {}
-        for field in fields.diseases:
+        classes = {}
+        for field in fields.diseases if probabilities else ():
             array = _read_array(_probabilities_path(folder, field.name), CLASSES, farm)
             if array is not None:
-                probabilities[field.name] = array
-        model = InformationModel(value, uncertainty, fields=fields.names, probabilities=probabilities or None)
+                classes[field.name] = array
+        model = InformationModel(value, uncertainty, fields=fields.names, probabilities=classes or None)
     rest = (folder / REST).with_suffix(".json")
     return kind(
         scenario=scenario,
@@ -383,13 +382,13 @@ def read_result(folder: Path, kind: type[R]) -> R:
         fields=fields,
         maps=read_maps(folder / "maps.npz", "estimate", farm, fields),
         true_maps=read_maps(folder / "maps.npz", "truth", farm, fields),
-        decisions=[_record_of(DecisionRecord, one) for one in record.decisions],
+        decisions=[_record_of(DecisionRecord, decision) for decision in record.decisions],
         days=_read_days(record.days, folder, fields.names, farm),
     )
 
 
 def _vehicles(scenario: Scenario, folder: Path) -> list[VehicleSpec]:
-    """Return the vehicles of a run; those that came from a file are in the folder."""
+    """Return the vehicles of a run; vehicle files are in the folder."""
     names = []
     for number, name in enumerate(scenario.vehicle.names, start=1):
         own = folder / _vehicle_name(number)
@@ -419,16 +418,16 @@ def _record(result: RunRecord, files: tuple[str, ...]) -> _Record:
 
 
 def _read_array(path: Path, fields: tuple[str, ...], farm: Farm) -> NDArray[np.float32] | None:
-    """Return the array of a file; None without one."""
+    """Read the array of a file; None without the file."""
     return read_array(path, (len(fields), farm.width_cells, farm.height_cells)) if path.is_file() else None
 
 
 def _read_days(
     entries: Sequence[Any], folder: Path, fields: tuple[str, ...], farm: Farm
 ) -> tuple[DayRecord, ...]:
-    """Return the days of a run, with truth and estimate where these were kept."""
+    """Read the days of a run, with truth and estimate where they were kept."""
     shape = (len(entries), len(fields), farm.width_cells, farm.height_cells)
-    # One day's arrays are those of the run.
+    # A single day has the run's arrays.
     end = _DAYS if len(entries) > 1 else ""
     paths = [folder / f"{name}{end}{SUFFIX}" for name in ("truth", "value", "uncertainty")]
     kept = keeps_days(farm, len(fields), len(entries))

@@ -1,4 +1,4 @@
-"""Files and folders that add-ons write beside the results of a run: entry points by their names."""
+"""Products: files and folders that add-ons write beside a run's results, found by entry points."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ ANIMATION, TREATMENT = "run.gif", "treatment"
 
 
 class Product(Protocol):
-    """A file or folder that an add-on makes of a run.
+    """File or folder that an add-on makes from a run.
 
     Attributes
     ----------
@@ -32,7 +32,7 @@ class Product(Protocol):
         """Raise WbfMissionError, before anything flies, if the product of this scenario cannot be made."""
 
     def is_possible(self, run: RunRecord) -> bool:
-        """Return whether the run has what the product shows."""
+        """Return whether the run has the data of the product."""
 
     def write(self, run: RunRecord, path: Path, progress: Progress) -> None:
         """Write the file or folder; `progress` may raise KeyboardInterrupt."""
@@ -44,7 +44,7 @@ def product_names() -> frozenset[str]:
 
 
 def product(name: str) -> Product:
-    """Return the product of a name; ResultError if no installed package brings it."""
+    """Return a product by name; ResultError if no installed package provides it."""
     entry = next((entry for entry in entry_points(GROUP) if entry.name == name), None)
     if entry is None:
         msg = f"no package that is installed makes '{name}' ({GROUP}): install wbf-mission anew"

@@ -1,4 +1,4 @@
-"""A finished run as the stream of events that it told while it was flown."""
+"""Replay of a finished run as the stream of events of its flights."""
 
 from __future__ import annotations
 
@@ -47,29 +47,29 @@ if TYPE_CHECKING:
     from wbf_mission.run.record import FlightRecord, RunRecord
 
 MOST_STATES = 20_000
-"""Of longer tracks only every second, third, ... state is told."""
+"""Largest number of states per track; longer tracks are thinned to every n-th state."""
 _SEEN_S = 1.0
-"""What was seen is told so often."""
+"""Interval between events of observations (s)."""
 
-_SAME_S = 1e-3  # times of a log are whole microseconds
+_SAME_S = 1e-3  # Times in a log are whole microseconds
 _LONGEST_GAP_S = 5.0
-"""After a longer gap in the telemetry the state is unknown."""
+"""Longest gap in the telemetry within which the last state applies (s)."""
 
 _Timed = tuple[float, Event]
 
 
 @dataclass(frozen=True, slots=True)
 class _Flight:
-    """The vehicles that flew together."""
+    """Records of a joint flight."""
 
     records: tuple[FlightRecord, ...]
-    begun_s: float  # Since the run began
-    seen: slice  # Their observations
+    begun_s: float  # Seconds after the start of the run
+    seen: slice  # Observations of the flight
 
     @property
     def started_s(self) -> float:
-        """When the mission of the first vehicle began, since the run began: as its first fix tells."""
-        firsts = [float(one.track.time_s[0]) for one in self.records if len(one.track.time_s)]
+        """Start of the first vehicle's mission, by its first fix (s after the start of the run)."""
+        firsts = [float(record.track.time_s[0]) for record in self.records if len(record.track.time_s)]
         return self.begun_s + min(firsts, default=0.0)
 
 
@@ -81,28 +81,28 @@ def events_of(
     log: Path | None = None,
     progress: Progress = silent,
 ) -> Iterator[Event]:
-    """Yield the events of a finished run in the order of their times, over all days, flights and vehicles.
+    """Yield the events of a finished run in order of time, over all days, flights and vehicles.
 
-    What is not known is None: of vehicles' states without a log all but place and speed, of large farms the
-    truth of all days but the last. Every scored time is an `Estimated`, in the order of the history: where
-    several vehicles fly, what arrives later may have been seen a little earlier.
+    Unknown values are None: without a log all of a vehicle's state except position and speed, on large farms
+    the truth of all days except the last. Every scored time is an `Estimated` event, in the order of the
+    history. With several vehicles, observations may arrive out of order of their times.
 
     Parameters
     ----------
     estimates : int
-        At about so many of the scored times, evenly spread, the model is made again: a fresh estimator learns
-        the observations. Those that the result holds, at the end of days, are there in any case.
+        Approximate number of scored times, evenly spaced, at which a fresh estimator recomputes the model.
+        Stored models, at the ends of days, are always included.
     estimator : Estimator, optional
-        Makes them in place of the run's; it is fitted anew.
+        Replaces the run's estimator; it is fitted again.
     log : path, optional
-        The run's telemetry log (``flight.tlog`` in its folder), which knows more of the vehicles' states.
+        The run's telemetry log (``flight.tlog`` in its folder), with full vehicle states.
     progress : callable
-        Told how far learning and the estimates are.
+        Receives the progress of the estimates.
 
     Raises
     ------
     EstimatorError
-        If the run's estimator cannot be made again: a loaded result does not hold one given as an object.
+        If the run's estimator cannot be made again: a loaded result does not contain estimator objects.
     ResultError
         If the log cannot be read.
 
@@ -138,10 +138,10 @@ def events_of(
 
 def _flights(result: RunRecord) -> list[_Flight]:
     together = [tuple(each) for _, each in groupby(result.flights, lambda one: (one.day, one.flight))]
-    firsts = [each[0].seen_before for each in together] + [len(result.observations)]
+    firsts = [flight[0].seen_before for flight in together] + [len(result.observations)]
     found, end_s = list[_Flight](), 0.0
     for number, each in enumerate(together):
-        # Results of earlier versions do not tell when a flight began: it follows the one before.
+        # Results of earlier versions lack the start of a flight: assume that it follows the previous one.
         begun_s = max(each[0].begun_s, end_s)
         found.append(_Flight(each, begun_s, slice(firsts[number], firsts[number + 1])))
         ends = [float(one.track.time_s[-1]) for one in each if len(one.track.time_s)]
@@ -151,8 +151,8 @@ def _flights(result: RunRecord) -> list[_Flight]:
 
 def _begun(result: RunRecord) -> RunBegun:
     vehicles = {
-        one.system_id: VehicleInfo(one.system_id, one.plan.vehicle.name, one.plan.vehicle.kind)
-        for one in reversed(result.flights)
+        flight.system_id: VehicleInfo(flight.system_id, flight.plan.vehicle.name, flight.plan.vehicle.kind)
+        for flight in reversed(result.flights)
     }
     decider = result.plan.planner or result.scenario.mission.file
     return RunBegun(
@@ -160,8 +160,8 @@ def _begun(result: RunRecord) -> RunBegun:
         result.farm,
         result.fields,
         tuple(vehicles[number] for number in sorted(vehicles)),
-        # The link to a real vehicle is told of.
-        simulated=all(one.link is None for one in result.flights),
+        # Only flights of real vehicles have a link report.
+        simulated=all(flight.link is None for flight in result.flights),
         seed=result.scenario.seed,
         estimator=result.estimator,
         planner=decider,
@@ -169,9 +169,9 @@ def _begun(result: RunRecord) -> RunBegun:
 
 
 def _days(result: RunRecord, flights: Sequence[_Flight]) -> Iterator[_Timed]:
-    # Days on which nothing was flown are scored, too.
+    # Days without a flight are scored, too.
     begun_s = dict(zip(reversed(result.history.days), reversed(result.history.times_s), strict=True))
-    begun_s |= {one.records[0].day: one.begun_s for one in reversed(flights)}
+    begun_s |= {flight.records[0].day: flight.begun_s for flight in reversed(flights)}
     truths = kept_truths(result)
     for day, time_s in sorted(begun_s.items()):
         yield time_s, DayBegun(time_s, day, truths.get(day))
@@ -203,11 +203,11 @@ def _planned(result: RunRecord, flight: _Flight, record: FlightRecord) -> Iterat
 
 def _decisions(result: RunRecord, flight: _Flight) -> list[DecisionRecord]:
     numbers = flight.records[0].day, flight.records[0].flight
-    return [one for one in result.decisions if (one.day, one.flight) == numbers]
+    return [decision for decision in result.decisions if (decision.day, decision.flight) == numbers]
 
 
 def _changed(record: FlightRecord, change: PathChange) -> Mission:
-    """Return the mission of a path that was changed in flight."""
+    """Return the mission of a changed path."""
     mission = record.plan.mission
     waypoints = [item for item in mission.items if item.command == Command.NAV_WAYPOINT]
     if not waypoints:
@@ -223,9 +223,9 @@ def _changed(record: FlightRecord, change: PathChange) -> Mission:
 
 
 def _moved(flight: _Flight, record: FlightRecord, step: int, told: StateLog | None) -> Iterator[_Timed]:
-    """Yield a vehicle's places with the states that it sent; without these its speed is that of its track.
+    """Yield a vehicle's positions with its logged states, or with speeds from its track.
 
-    The last place has the last state that it sent, in which it is disarmed.
+    The last position has the last logged state, which is disarmed.
     """
     track, last = record.track, len(record.track.time_s) - 1
     if last < 0:
@@ -269,11 +269,11 @@ def _ended(flight: _Flight, record: FlightRecord) -> Iterator[_Timed]:
 
 
 def _seen(result: RunRecord, flight: _Flight) -> Iterator[_Timed]:
-    """Yield what was seen, in parts as long as those that arrive in flight."""
+    """Yield the observations, in parts as in flight."""
     part = result.observations[flight.seen]
     if not len(part):
         return
-    # What came late was not known before: an image that was lost and fetched again.
+    # An image that was lost and fetched again was known only on arrival.
     known_s = np.maximum.accumulate(part.time_s)
     ends = np.flatnonzero(np.diff(np.floor(known_s / _SEEN_S)) > 0.0) + 1
     for begin, end in zip([0, *ends.tolist()], [*ends.tolist(), len(part)], strict=True):
@@ -282,7 +282,7 @@ def _seen(result: RunRecord, flight: _Flight) -> Iterator[_Timed]:
 
 def _decided(result: RunRecord, flight: _Flight) -> Iterator[_Timed]:
     for record in _decisions(result, flight):
-        # Before the flight it was asked for the first paths.
+        # The first paths are decided before the flight.
         time_s = flight.started_s + record.time_s if record.time_s > 0.0 else flight.begun_s
         yield time_s, Decided(time_s, record)
 
@@ -313,12 +313,12 @@ def _estimated(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StateLog:
-    """States of a vehicle by its telemetry over some time.
+    """States of a vehicle over time, from its telemetry.
 
     Parameters
     ----------
     time_s : float64[n]
-        Seconds since the log began.
+        Seconds after the start of the log.
     states : list of (VehicleState, str)
         State and name of the flight mode at each time.
     """
@@ -327,7 +327,7 @@ class StateLog:
     states: list[tuple[VehicleState, str]]
 
     def at(self, time_s: NDArray[np.float64]) -> list[tuple[VehicleState, str] | None]:
-        """Return state and mode at times; None without telemetry shortly before."""
+        """Return state and mode at times; None without recent telemetry."""
         last = np.searchsorted(self.time_s, time_s + _SAME_S, side="right") - 1
         is_known = (last >= 0) & (time_s - self.time_s[np.maximum(last, 0)] <= _LONGEST_GAP_S)
         return [
@@ -337,10 +337,9 @@ class StateLog:
 
 
 def states_in(path: Path, begins_s: Sequence[float]) -> dict[tuple[int, int], StateLog]:
-    """Return the states of the vehicles of a .tlog, by system id and part.
+    """Read the states of the vehicles in a .tlog, by system id and part.
 
-    Part k begins at `begins_s[k]`, in seconds since the log began. Telemetry before a part does not count in
-    it.
+    Part k begins `begins_s[k]` seconds after the start of the log, and does not use earlier telemetry.
 
     Raises
     ------
@@ -361,7 +360,7 @@ def states_in(path: Path, begins_s: Sequence[float]) -> dict[tuple[int, int], St
             monitor.receive(message, time_s)
             rows = found.setdefault(key, [])
             state, mode = monitor.state, monitor.mode
-            # Arming, disarming and changes of the mode count between positions, too: one may come last.
+            # Arming, disarming and mode changes also count between positions, since one may come last.
             changes = bool(rows) and (rows[-1][1].armed, rows[-1][2]) != (state.armed, mode)
             if changes or is_a(message, m.MAVLink_global_position_int_message):
                 rows.append((time_s, state, mode))

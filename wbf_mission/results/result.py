@@ -1,4 +1,4 @@
-"""The result of a run: what can be done with it, and how one is loaded."""
+"""Result of a run: comparing, drawing, saving and loading."""
 
 from __future__ import annotations
 
@@ -23,10 +23,9 @@ from wbf_mission.run.record import RunRecord
 
 @dataclass(slots=True, eq=False)
 class Result(RunRecord):
-    """What a run gave (`wbf_mission.run.record.RunRecord` tells its parts), to be shown and saved.
+    """Result of a run, with the parts of `wbf_mission.run.record.RunRecord`.
 
-    Results are equal when all that is saved of them is: the result of `load_result` equals the one that was
-    saved.
+    Results are equal if all their saved values are equal, so a loaded result equals the saved one.
     """
 
     def __eq__(self, other: object) -> bool:
@@ -44,7 +43,7 @@ class Result(RunRecord):
         }
 
     def plot(self, path: str | Path) -> Path:
-        """Draw the farm with the planned and the flown paths into a PNG file.
+        """Draw the farm with planned and flown paths into a PNG file.
 
         Raises
         ------
@@ -65,25 +64,25 @@ class Result(RunRecord):
     ) -> Path:
         """Write the run as a moving picture: truth, estimate, uncertainty and vehicles over time.
 
-        The estimates are made again by a fresh estimator from the observations.
+        A fresh estimator recomputes the estimates from the observations.
 
         Parameters
         ----------
         path : path-like
             A ``.gif`` file, or ``.mp4``, which needs the program ffmpeg.
         frames : int
-            About so many, 2 to 300.
+            Approximate number of frames, 2 to 300.
         estimator : Estimator, optional
-            In place of the run's; it is fitted anew.
+            Replaces the run's estimator; it is fitted again.
         progress : callable, optional
             ``progress(what, done, total)``.
 
         Raises
         ------
         AnimationError
-            If nothing was flown, or the number of frames or the kind of the file is none that is known.
+            If nothing was flown, the number of frames is out of range, or the file type is unknown.
         EstimatorError
-            If the run's estimator cannot be made again: a loaded result does not hold one given as an object.
+            If the run's estimator cannot be made again: a loaded result does not contain estimator objects.
         OSError
             If the file cannot be written.
         """
@@ -92,23 +91,23 @@ class Result(RunRecord):
         return Path(path)
 
     def save(self, path: str | Path, *, plots: bool = True, overwrite: bool = False) -> Path:
-        """Save everything into a folder, from where `wbf_mission.load_result` loads an equal result.
+        """Save the result into a folder, for `wbf_mission.load_result`.
 
-        The files are written beside the folder first and take its place when they are complete.
+        The files are written to a temporary folder, which replaces the target when it is complete.
 
         Parameters
         ----------
         path : path-like
-            The folder; its own parents are made.
+            The folder; parents are created.
         plots : bool
-            Whether pictures are drawn among the files.
+            Whether to write pictures, too.
         overwrite : bool
-            Replace the result of another run, or write among other files.
+            Replace the result of another run, or write into a folder with other files.
 
         Raises
         ------
         ResultError
-            If the folder holds something else that must not be replaced.
+            If the folder contains other files, and `overwrite` is false.
         OSError
             If a file cannot be written.
         """
@@ -117,15 +116,22 @@ class Result(RunRecord):
         return Path(path)
 
 
-def load_result(path: str | Path) -> Result:
-    """Load the result that a run or `Result.save` left in a folder.
+def load_result(path: str | Path, *, probabilities: bool = True) -> Result:
+    """Load a result from a folder of a run or of `Result.save`.
 
-    The arrays are read into memory, 1.1 GB for a farm like Waterberry.
+    The arrays are read into memory, 1.8 GB for a farm like Waterberry.
+
+    Parameters
+    ----------
+    path : path-like
+        The folder.
+    probabilities : bool
+        Whether the class probabilities of the estimate are read, 0.7 GB of Waterberry.
 
     Raises
     ------
     ResultError
-        If the folder holds no result, or a damaged one.
+        If the folder contains no result, or a damaged one.
 
     Examples
     --------
@@ -136,7 +142,7 @@ def load_result(path: str | Path) -> Result:
     """
     try:
         settle_result(Path(path))
-        return read_result(Path(path), Result)
+        return read_result(Path(path), Result, probabilities=probabilities)
     except (WbfMissionError, OSError, TypeError, KeyError, ValueError, OverflowError) as error:
         if isinstance(error, ResultError):
             raise
@@ -145,12 +151,12 @@ def load_result(path: str | Path) -> Result:
 
 
 def _alike(one: Any, other: Any) -> bool:
-    """Return whether two values are the same to the bit, as far as they are saved."""
+    """Return whether the saved parts of two values are bit-identical."""
     if isinstance(one, np.ndarray) or isinstance(other, np.ndarray):
         same = isinstance(one, np.ndarray) and isinstance(other, np.ndarray) and one.dtype == other.dtype
         return same and np.array_equal(one, other, equal_nan=one.dtype.kind == "f")
     if isinstance(one, InformationModel):
-        # What an estimator knows besides, for decisions in flight, is not saved.
+        # Other data of the model, for decisions in flight, is not saved.
         names = ("value", "uncertainty", "fields", "probabilities")
         return isinstance(other, InformationModel) and all(
             _alike(getattr(one, name), getattr(other, name)) for name in names

@@ -1,4 +1,4 @@
-"""Arrays and tables in files: each written complete or not at all, and read back without trust."""
+"""Arrays and tables in files: written atomically, validated on reading."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ _MOST_PARTS, _MOST_VALUES, _MOST_BYTES = 1000, 50_000_000, 2**29
 
 
 class ResultError(WbfMissionError, ValueError):
-    """A folder that holds no result, or one that cannot be read or must not be replaced."""
+    """A folder without a result, or with one that cannot be read or must not be replaced."""
 
 
 def write_table(path: Path, table: Any, *, group_rows: int | None = None) -> None:
-    """Write a pyarrow table as Parquet; with `group_rows` in groups that are read one after the other."""
+    """Write a pyarrow table as Parquet, in row groups of `group_rows` rows."""
     import pyarrow.parquet as pq
 
     with atomic_write(path, "wb") as stream:
@@ -56,8 +56,7 @@ def read_table(path: Path, columns: tuple[str, ...]) -> Any:
 def read_batches(path: Path, columns: tuple[str, ...], content: bytes | None = None) -> Iterator[Any]:
     """Read all columns of a Parquet file in parts: pyarrow record batches of a few hundred rows.
 
-    The `content`, where it is given, is somebody's whom nobody knows: of what it claims to hold only so much
-    is read.
+    A given `content` is untrusted, so its unpacked size is limited.
     """
     with _opened(path, columns, content) as file:
         for batch in file.iter_batches(batch_size=_BATCH_ROWS):
@@ -67,9 +66,9 @@ def read_batches(path: Path, columns: tuple[str, ...], content: bytes | None = N
 
 @contextlib.contextmanager
 def _opened(path: Path, columns: tuple[str, ...], content: bytes | None = None) -> Iterator[Any]:
-    """Open a Parquet file; whatever is wrong with it, also while it is read, is a ResultError.
+    """Open a Parquet file; any error on opening or reading becomes a ResultError.
 
-    Who reads validates: else a text that is none comes up only where it is used.
+    Readers must validate tables: pyarrow reports invalid text only on access.
     """
     import pyarrow as pa
     import pyarrow.parquet as pq
@@ -87,14 +86,14 @@ def _opened(path: Path, columns: tuple[str, ...], content: bytes | None = None) 
             yield file
     except ResultError:
         raise
-    # A name that is no UTF-8 is a ValueError.
+    # pyarrow raises ValueError for a column name that is not UTF-8.
     except (pa.ArrowException, OSError, ValueError) as error:
         msg = f"{path}: is not a Parquet file that can be read ({str(error).splitlines()[0]})"
         raise ResultError(msg) from None
 
 
 def _require_bounded(path: Path, metadata: Any) -> None:
-    """Refuse a table that unpacks to much more than its size: a list of equal numbers takes a few bytes."""
+    """Raise ResultError for a table that unpacks to much more than its size, as equal numbers do."""
     groups, columns = metadata.num_row_groups, metadata.num_columns
     if max(groups, columns) > _MOST_PARTS:
         raise ResultError(f"{path}: has {groups} row groups of {columns} columns, too many to be read")
@@ -110,11 +109,11 @@ _DIMENSIONS = ("day", "field", "x", "y")
 
 
 class ArrayFileError(WbfMissionError, ValueError):
-    """A file that is not an array of a run."""
+    """A file that is no array of a run."""
 
 
 def write_array(path: Path, array: NDArray[np.floating], fields: Sequence[str]) -> None:
-    """Write float[n, W, H] or float[days, n, W, H] over a farm as float32, complete or not at all."""
+    """Write float[n, W, H] or float[days, n, W, H] over a farm as float32, atomically."""
     write_strips(path, lambda columns: array[..., columns, :], array.shape, fields)
 
 
@@ -153,7 +152,7 @@ def write_strips(
 
 
 def read_array(path: Path, shape: tuple[int, ...]) -> NDArray[np.float32]:
-    """Read an array of a known shape; ArrayFileError if it is another, or `write_array` did not write it."""
+    """Read an array; ArrayFileError if its shape differs, or `write_array` did not write it."""
     import zarr
     from zarr.storage import ZipStore
 
@@ -171,7 +170,7 @@ def read_array(path: Path, shape: tuple[int, ...]) -> NDArray[np.float32]:
             return np.asarray(stored[:], np.float32)
     except ArrayFileError:
         raise
-    except Exception as error:  # what zarr raises on hostile metadata is not bounded
+    except Exception as error:  # zarr may raise anything on hostile metadata
         msg = f"{path}: not an array of a run ({type(error).__name__}: {error})"
         raise ArrayFileError(msg) from error
 
@@ -183,7 +182,7 @@ _MAX_MEMBER_BYTES = 64 * 2**20
 
 
 def write_maps(path: Path, maps: dict[str, tuple[FieldMap, ...]]) -> None:
-    """Write maps in blocks of cells: an array for each, named KIND.FIELD.ARRAY."""
+    """Write maps in blocks of cells; arrays are named KIND.FIELD.ARRAY."""
     arrays = {
         f"{kind}.{one.field.name}.{name}": getattr(one, name)
         for kind, of_kind in maps.items()
@@ -196,7 +195,7 @@ def write_maps(path: Path, maps: dict[str, tuple[FieldMap, ...]]) -> None:
 
 
 def read_maps(path: Path, kind: str, farm: Farm, fields: FieldSet) -> tuple[FieldMap, ...]:
-    """Return the maps of a kind; none without a file."""
+    """Read the maps of a kind; empty without a file."""
     if not path.is_file():
         return ()
     try:
@@ -207,7 +206,7 @@ def read_maps(path: Path, kind: str, farm: Farm, fields: FieldSet) -> tuple[Fiel
         with np.load(path, allow_pickle=False) as arrays:
             there = [name.split(".")[1] for name in arrays if name.startswith(f"{kind}.")]
             return tuple(_map(arrays, f"{kind}.{name}", fields[name], farm) for name in dict.fromkeys(there))
-    except Exception as error:  # what numpy and zipfile raise on hostile archives is not bounded
+    except Exception as error:  # numpy and zipfile may raise anything on hostile archives
         msg = f"{path}: cannot be read as the maps of a run ({type(error).__name__}: {error})"
         raise ValueError(msg) from error
 
@@ -231,7 +230,7 @@ def _check(
     optional: bool = False,
     integer: bool = False,
 ) -> None:
-    """Refuse an array that is missing, or of another shape or type than the one that was written."""
+    """Raise an error if an array is missing, or its shape or type is wrong."""
     if array is None and optional:
         return
     wanted = np.int32 if integer else np.float64

@@ -1,4 +1,4 @@
-"""The folder of a run: when it may be written, how a new result takes the place of an older one."""
+"""Folder of a run's results: checks, atomic writing and replacement."""
 
 from __future__ import annotations
 
@@ -44,18 +44,19 @@ if TYPE_CHECKING:
 
 
 class ResultFolder:
-    """Where a run's files go.
+    """Folder of a run's files.
 
-    From the beginning of the ``with`` block to its end no other run can write the folder. `tlog` lies in a
-    temporary folder beside the target. `write` fills that folder and puts it in the target's place; an older
-    result stays until then. Leaving the block removes what was not put there.
+    During the ``with`` block the folder is locked against other runs. `tlog` is in a temporary folder beside
+    the target. `write` fills the temporary folder and replaces the target with it; an older result stays
+    until then. Leaving the block removes the temporary folder.
 
-    The folder must hold none of the `inputs`. An older result of the same `scenario` (`Scenario.to_dict`) is
-    replaced; with `overwrite` any, also among other files, which stay. ResultError if the folder must not be
-    written; on entering, if it cannot be, or another run writes it.
+    The folder must contain none of the `inputs`. An older result of the same `scenario` (`Scenario.to_dict`)
+    is replaced. With `overwrite` any result is replaced, also among other files, which stay. Raises
+    ResultError if the folder must not be written; on entering the block, if it is not writable or locked by
+    another run.
 
-    The log of a flight that was killed, or of a `real` one that ends with an error, is kept beside the
-    folder; `warn` takes a line on it.
+    The log of a killed flight, or of a `real` flight with an error, is kept beside the folder; `warn`
+    receives a line about it.
     """
 
     def __init__(
@@ -69,9 +70,9 @@ class ResultFolder:
         warn: Callable[[str], None] = lambda _text: None,
     ) -> None:
         self.path = path
-        """Where the result is or will be."""
+        """Path of the result."""
         self.is_written = False
-        """Whether the result is there, and whole."""
+        """Whether the complete result is in place."""
         settle_result(path)
         self._check = partial(_check_target, inputs=list(inputs), scenario=scenario, overwrite=overwrite)
         self._check(path)
@@ -81,14 +82,14 @@ class ResultFolder:
 
     @property
     def tlog(self) -> Path:
-        """The telemetry log of the flight, in the temporary folder."""
+        """Path of the flight's telemetry log, in the temporary folder."""
         return self._folder.filled / "flight.tlog"
 
     def __enter__(self) -> Self:
         with _about(self.path):
             self._folder.__enter__()
         try:
-            self._check(self.path)  # again: another run may just have ended
+            self._check(self.path)  # Check again: another run may have just ended
         except BaseException:
             self._folder.__exit__()
             raise
@@ -96,7 +97,7 @@ class ResultFolder:
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: object) -> None:
         if self._real and not self.is_written:
-            with contextlib.suppress(OSError):  # the error that ended the flight is told
+            with contextlib.suppress(OSError):  # The flight's own error is raised
                 self._keep_log()
         self._folder.__exit__()
         if isinstance(error, OSError):
@@ -111,14 +112,14 @@ class ResultFolder:
         release: bool = False,
         progress: Progress | None = None,
     ) -> list[Path]:
-        """Write everything that the run has, put the folder in its place, and return the files.
+        """Write the result, move the folder into place, and return the files.
 
-        `products` are names of `wbf_mission.results.products`. Those that the run cannot fill are left out.
+        `products` are names of `wbf_mission.results.products`; impossible ones are omitted.
 
-        With ``release`` truth and estimate leave the result once they are written: on a large farm the moving
-        picture, whose estimator takes as much, finds room there. The first Ctrl-C leaves out the pictures and
-        products that are not there yet, the second everything. The result of an interrupted flight, or one
-        without its pictures, goes beside an older result, into a folder whose name ends in ``.interrupted``.
+        ``release`` drops truth and estimate from the result once they are written, which frees memory for the
+        animation's estimator on large farms. The first Ctrl-C skips the remaining pictures and products, the
+        second discards everything. The result of an interrupted flight, or one with skipped pictures, never
+        replaces an older result: it goes into a folder with the suffix ``.interrupted``.
         """
         progress = progress or silent
         filled = self._folder.filled
@@ -149,7 +150,7 @@ class ResultFolder:
                         written.append(filled / name)
                 except KeyboardInterrupt as error:
                     interrupted = error
-                    shutil.rmtree(filled / name, ignore_errors=True)  # a folder that is not whole
+                    shutil.rmtree(filled / name, ignore_errors=True)  # An incomplete folder
                 for path, done in arrays.items():
                     done.result()
                     written.append(path)
@@ -161,7 +162,7 @@ class ResultFolder:
         return [self.path / path.name for path in written]
 
     def _keep_log(self) -> None:
-        """Give the log of a flight that was not saved a name beside the folder, and say how to use it."""
+        """Move the log of an unsaved flight beside the folder, and warn how to use it."""
         if not _has_flown(self.tlog):
             return
         name = f"{self._folder.filled.name[1:].removesuffix('.partial')}{_KEPT}"
@@ -170,7 +171,7 @@ class ResultFolder:
             path for one in names if not (path := self._folder.filled.with_name(f"{one}.tlog")).exists()
         )
         self.tlog.rename(kept)
-        # As the user named the folder.
+        # The path in the user's own notation.
         shown = self.path.with_name(kept.name) if kept.parent == self.path.resolve().parent else kept
         words = (
             "wbf-mission map --log",
@@ -187,7 +188,7 @@ class ResultFolder:
         )
 
     def _put_in_place(self, *, beside: bool) -> None:
-        """Give the temporary folder the target's name, or that of a neighbour of it."""
+        """Rename the temporary folder to the target, or with `beside` to the target plus ``.interrupted``."""
         if not beside:
             self._folder.commit()
         else:
@@ -200,7 +201,7 @@ class ResultFolder:
         self.is_written = True
 
     def _name(self, error: OSError) -> None:
-        """Make an error name the result's folder in place of the temporary one, or where it names none."""
+        """Replace the temporary folder in an error by the result's folder."""
         filled = self._folder.filled
         if error.filename is None and error.errno in DISK_ERRORS:
             error.filename = str(self.path)
@@ -214,7 +215,7 @@ class ResultFolder:
 
 @contextlib.contextmanager
 def _about(path: Path) -> Iterator[None]:
-    """Say which folder it is that cannot be written."""
+    """Turn a FolderError into a ResultError that names the folder."""
     try:
         yield
     except FolderError as error:
@@ -223,16 +224,16 @@ def _about(path: Path) -> Iterator[None]:
 
 
 def settle_result(path: Path) -> None:
-    """Bring a result to its place that a killed run had completed; ResultError if that cannot be."""
+    """Move the complete result of a killed run into place; ResultError on failure."""
     with _about(path):
         settle(path, RECORD, _is_ours)
 
 
 def run_name(scenario: Scenario) -> str:
-    """Return a name for a run: farm, planner, policy or mission, estimator, vehicle, seed, and a digest.
+    """Return a name for a run: farm, planner, policy or mission, estimator, vehicle, seed and digest.
 
-    The digest covers whatever is not the default and not told by the name, such as the folders of files and
-    the parameters of a planner; so runs that differ have names that differ.
+    The digest covers all other options that differ from their defaults, such as folders of files and planner
+    parameters, so different runs have different names.
     """
     scenario = resolved(scenario)
     mission, default = scenario.mission, Scenario().to_dict()
@@ -299,7 +300,7 @@ _KEPT = ".killed"
 
 
 def _has_flown(tlog: Path) -> bool:
-    """Return whether a log, which may break off anywhere, shows motors running; one too large to read may."""
+    """Return whether a possibly truncated log shows running motors; True for a log too large to read."""
     if not tlog.is_file():
         return False
     try:
@@ -358,7 +359,9 @@ def _plot_jobs(result: RunRecord) -> list[tuple[str, Any]]:
     title = f"{farm.name}: {result.plan.planner or 'mission file'}, {result.plan.vehicle.name}"
     day = result.days[-1].day if result.days else result.scenario.farm.day
     about = f"{farm.name}, day {day}, {estimator}"
-    last = joined([one.track for one in result.flights if one.day == day] or [result.flights[-1].track])
+    last = joined(
+        [flight.track for flight in result.flights if flight.day == day] or [result.flights[-1].track]
+    )
     track = np.column_stack((last.x_m, last.y_m))
     jobs: list[tuple[str, Any]] = [("path.png", lambda path: plot_run(result, path))]
     if result.maps:

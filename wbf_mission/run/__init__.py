@@ -1,1 +1,1 @@
-"""A run: its flights, one after the other or ahead, and the estimate over all of them."""
+"""Execution of a run: resolving, planning, flights, estimate and record."""

@@ -1,4 +1,4 @@
-"""The flights of a run: its days, the flights of each day, and one estimate of the farm over all of them."""
+"""Flights of a run over its days, with one estimate of the farm."""
 
 from __future__ import annotations
 
@@ -38,11 +38,10 @@ from wbf_mission.run.reuse import FlightAlone, FlightMemory, FlightsAhead, can_f
 class Campaign:
     """All flights of a run.
 
-    Every flight begins with full batteries and the whole budget, and draws anew: wind, errors of sensors, and
-    planners that draw. A flight that goes wrong does not end the run. A lost vehicle
-    (`Outcome.loses_vehicle`) does not fly again; without any vehicle, the remaining days are scored by the
-    estimate. After the first flight, a flight to which the policy gives no path is skipped, and the estimate
-    stays as it is.
+    Every flight begins with full batteries and the whole budget, and draws new wind, sensor errors and random
+    paths. A failed flight does not end the run. A lost vehicle (`Outcome.loses_vehicle`) does not fly again;
+    after the loss of all vehicles, the remaining days are scored without further observations. A flight after
+    the first is skipped if the policy returns no path for any vehicle.
     """
 
     def __init__(
@@ -55,14 +54,14 @@ class Campaign:
         full: float = 1.0,
     ) -> None:
         self.run = run
-        self.cut: SortiePlan | None = None  # The mission in sorties, if it is longer than a battery
+        self.cut: SortiePlan | None = None  # Sorties of a mission beyond one battery; None until it is cut
         self._change_s, self._full = change_s, full
         self.decisions: list[DecisionRecord] = []
         self.flights: list[FlightRecord] = []
         self.days: list[DayRecord] = []
-        self.maps: tuple[FieldMap, ...] = ()  # the estimate at the end of the last day, in blocks of cells
+        self.maps: tuple[FieldMap, ...] = ()  # Estimate at the end of the last day, in blocks of cells
         self.evidence = Evidence(run.farm, run.fields)
-        self.truth: NDArray[np.float32] | None = None  # float32[n, W, H], of the day that is flown
+        self.truth: NDArray[np.float32] | None = None  # float32[n, W, H], of the current day
         self.simulated_s = 0.0
         self.frames = 0
         self.watch = watch
@@ -72,12 +71,12 @@ class Campaign:
         self._seen_before = 0
         self._gone: set[int] = set()
         self._log: TlogWriter | None = None
-        self.real: RealSorties | None = None  # The sorties of a real vehicle
+        self.real: RealSorties | None = None  # Progress of a real vehicle's sorties
 
     def plan(self, day: int, flight: int = 1) -> tuple[PlanResult, ...]:
-        """Ask for the paths of the next flight, and return the plan of each vehicle.
+        """Plan the next flight, and return the plan of each vehicle.
 
-        WbfMissionError without a path within the budget, or if the policy gives no path for the first flight.
+        Raises WbfMissionError if no path fits the budget, or the policy returns no path for the first flight.
         """
         known = len(self.decisions)
         planned = plan_flight(self.run, day, flight, self.evidence, self.decisions, self._gone)
@@ -92,14 +91,14 @@ class Campaign:
         return planned.plans
 
     def _tell_estimate(self, time_s: float, model: InformationModel) -> None:
-        """Send the estimate at a scored time as an event; called in the thread of the estimate."""
+        """Emit the estimate at a scored time; called in the estimator's thread."""
         assert self.evidence.estimate is not None
         history = self.evidence.estimate.history
         scored = Estimated(time_s, history.days[-1], history.observations[-1], model, history.entries[-1])
         self._events.tell(scored)
 
     def _in_sorties(self, planned: PlannedFlight, change_s: float) -> PlannedFlight:
-        """Return the first sortie of a mission beyond one battery; other flights unchanged."""
+        """Return the first sortie of a mission beyond one battery; return other flights unchanged."""
         run = self.run
         if run.decider.steers or len(planned.sorties) != 1:
             return planned
@@ -119,28 +118,28 @@ class Campaign:
         return plan_flight(self.run, planned.day, planned.flight, self.evidence, self.decisions, self._gone)
 
     def _fly_in(self, cut: SortiePlan, times_a_day: int = 1) -> None:
-        """Take a mission's sorties."""
+        """Replace the mission by its sorties."""
         self.cut = cut
-        # What all of them see together is compared with what the whole would see.
-        sorties = tuple(replace(one, coverage=cut.whole.coverage) for one in cut.plans)
+        # Predicted coverage is that of the whole mission, since the run reports all sorties together.
+        sorties = tuple(replace(plan, coverage=cut.whole.coverage) for plan in cut.plans)
         decider = replace(self.run.decider, policy=KeepPath(), sorties=sorties)
         self.run = replace(self.run, decider=decider, flights_per_day=times_a_day * len(sorties))
 
     @property
     def sorties(self) -> tuple[PlanResult, ...]:
-        """The plans that are flown, as far as they are known: of a mission in sorties each."""
+        """The plans of all sorties, or of the next flight if the mission is not cut."""
         if self.cut is not None:
             return self.cut.plans
         return () if self._next is None else self._next.plans
 
     @property
     def planned(self) -> tuple[tuple[Vehicle, PlanResult], ...]:
-        """The vehicles of the next flight with their plans, once it is planned."""
+        """The vehicles of the next flight with their plans; empty before planning."""
         return () if self._next is None else tuple((one, plan) for _, one, plan in self._next.sorties)
 
     @property
     def expected_readings(self) -> float:
-        """How many readings are expected of all flights, if they are like the one that is planned."""
+        """Expected number of readings of the run, from the plan of the next flight."""
         return len(self.run.numbers) * self._expected_of_next
 
     @property
@@ -148,7 +147,7 @@ class Campaign:
         return 0.0 if self._next is None else self._next.expected_readings(self.run.looks)
 
     def learn_from(self, environment: Environment, ready: Callable[[], None]) -> None:
-        """Let the estimator learn what it needs of the farm, then, once `ready` has returned, from now on."""
+        """Fit the estimator to the farm, and start its estimate once `ready` returns."""
         run, first, estimator = self.run, self.run.first_day, self.run.estimator
         with attribute_errors_to(estimator):
             estimator.fit(run.farm.grid())
@@ -170,7 +169,7 @@ class Campaign:
         memory: FlightMemory | None = None,
         changer: BatteryChanger | None = None,
     ) -> None:
-        """Fly all days; `memory` has flights to reuse, `changer` changes the batteries of a real vehicle."""
+        """Fly all days; reuse flights of `memory`, and ask `changer` to change a real vehicle's battery."""
         first = self.run.first_day
         if self._next is None:
             self.plan(first)
@@ -179,7 +178,7 @@ class Campaign:
         assert self.evidence.estimate is not None
         self.evidence.estimate.every = self.run.readings_a_score(self._expected_of_next)
         self._scored_a_flight = max(1, round(self._expected_of_next / self.evidence.estimate.every))
-        # Who follows the flights wants them one after the other, while they are flown.
+        # A console, orders or a live listener need flights in order and in this process.
         followed = console is not None or hosting.orders is not None or self._events.wants(VehicleMoved)
         ahead = None if followed else self._ahead(environment, hosting)
         try:
@@ -187,12 +186,12 @@ class Campaign:
                 if day != first:
                     self._begin_day(day, environment)
                 flight = 0
-                # What is left of a real sortie that ends early takes others.
+                # A real sortie that ends early adds sorties to the day.
                 while flight < self.run.flights_per_day:
                     flight += 1
                     if len(self._gone) == len(self.run.vehicles):
                         continue
-                    # Without those that are gone the others fly otherwise.
+                    # A flight that was flown ahead assumed all vehicles.
                     flown = None if ahead is None or self._gone else ahead.take(day, flight)
                     if flown is None and memory is not None and not followed:
                         planned, logged = self._planned(day, flight), hosting.tlog is not None
@@ -221,7 +220,7 @@ class Campaign:
             self.evidence.estimate.close()
 
     def end_day(self) -> None:
-        """Add the record of the present day, unless it is there already."""
+        """Add the record of the current day, if it is missing."""
         estimate = self.evidence.estimate
         assert estimate is not None
         if self.truth is None or (self.days and self.days[-1].day == estimate.day):
@@ -287,7 +286,7 @@ class Campaign:
         self._take(flown, hosting)
 
     def _go_on(self, real: RealSorties, flight: int) -> bool:
-        """Return whether a real vehicle flies another sortie; its battery is changed then."""
+        """Change a real vehicle's battery for its next sortie; return False if no sortie follows."""
         goes_on = real.go_on(flight, self.flights[-1])
         self.watch.lap("waiting")
         if goes_on:
@@ -296,19 +295,19 @@ class Campaign:
         return goes_on
 
     def _change_after(self, flown: Flight) -> float:
-        """Return the seconds of the battery change after a flight; 0 if no sortie of the mission follows."""
+        """Return the duration of the battery change after a flight (s); 0 after the last sortie."""
         if self.cut is None or self.real is not None or flown.records[0].flight % len(self.cut.sorties) == 0:
             return 0.0
         return self.cut.change_s
 
     def _skip(self) -> None:
-        """Skip a flight to which the policy gave no path."""
+        """Skip a flight without paths: score the unchanged estimate."""
         assert self.evidence.estimate is not None
         self.evidence.estimate.hold(self._scored_a_flight, self.simulated_s)
         self.watch.lap("estimate and score")
 
     def _planned(self, day: int, flight: int) -> PlannedFlight:
-        """Return the next flight, planned now unless it was before."""
+        """Return the next flight; plan it if necessary."""
         if self._next is None:
             self.plan(day, flight)
             self.watch.lap("plan")
@@ -316,30 +315,30 @@ class Campaign:
         return self._next
 
     def _open_log(self, hosting: Hosting) -> TlogWriter | None:
-        """Return what writes every frame, if wanted; its file is made when there is something to keep."""
+        """Return the writer of the telemetry log, None without a log; create the file at the first call."""
         if self._log is None and hosting.tlog is not None:
             hosting.tlog.parent.mkdir(parents=True, exist_ok=True)
             self._log = TlogWriter(hosting.tlog)
         return self._log
 
     def _ahead(self, environment: Environment, hosting: Hosting) -> FlightsAhead | None:
-        """Return what flies all flights in other processes, if that can be."""
+        """Start all flights in worker processes; None if this run cannot or need not use them."""
         numbers = self.run.numbers
         assert self._next is not None
         if len(numbers) == 1 or not can_fly_ahead(self.run, hosting, len(numbers) * self._next.expected_s):
             return None
-        # The first one is planned where it is flown.
+        # The worker plans the first flight, too.
         self._next = None
         self.decisions.clear()
         return FlightsAhead(FlightAlone(self.run, environment, hosting, hosting.tlog is not None), numbers)
 
     def _take(self, flown: Flight, hosting: Hosting) -> None:
-        """Add a flight that is over, with what the run has not got of it yet."""
+        """Add a finished flight: its frames, observations, decisions and records."""
         writer = self._open_log(hosting)
         if writer is not None and flown.log is not None:
             writer.write_all(flown.log, EPOCH_UNIX_S + self.simulated_s)
-        for one in flown.decisions:
-            one.observations += len(self.evidence)
+        for decision in flown.decisions:
+            decision.observations += len(self.evidence)
         self.evidence.add(*flown.parts, offset_s=self.simulated_s)
         self.decisions += flown.decisions
         self.watch.lap("flight")

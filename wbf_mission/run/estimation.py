@@ -15,36 +15,40 @@ from wbf_mission.scenario.choice import drawing_seed
 DEFAULT_SCORE_POINTS = 25
 SMALL_FARM_CELLS = 2500
 LARGE_FARM_CELLS = 3_000_000
-# How often a large farm is scored by an estimator that computes every cell anew, and by one that does not.
+# Scores on a large farm: 10 for an estimator that recomputes every cell, 100 for an incremental one.
 LARGE_FARM_SCORE_POINTS = 10
 INCREMENTAL_SCORE_POINTS = 100
 _FLIGHTS_SCORED_IN_FULL = 6
 _LEAST_POINTS = 5
 
-# Per cell: truth, the environment behind it (two onset days and soil), crop map and masks of farm and score.
+# Bytes per cell: truth, environment (two onset days and soil), crop map with the farm's and score's masks.
 _RUN_BYTES_A_CELL = 12 + 6 + 8
 _PROGRAM_BYTES = 300_000_000
 
 
 def resolved(scenario: Scenario) -> Scenario:
-    """Return a scenario that names its estimator: its own, else the best one that its farm can afford."""
+    """Return the scenario with its estimator named: its own, or the default for its farm's size."""
     if scenario.estimate.estimator is not None:
         return scenario
     return naming_estimator(scenario, scenario.farm.load(), load_field_set(scenario.farm.fields))
 
 
 def naming_estimator(scenario: Scenario, farm: Farm, fields: FieldSet) -> Scenario:
-    """Return what `resolved` does, for the scenario's farm and fields."""
+    """Return the scenario with its estimator named, as `resolved`; `farm` and `fields` are loaded already."""
     if scenario.estimate.estimator is not None:
         return scenario
     names = fields.names
     if scenario.camera.fields is not None and names == PAPER_FIELDS.names:
-        names = tuple(dict.fromkeys(name for one in scenario.camera.by_vehicle for name in one))
+        names = tuple(
+            dict.fromkeys(
+                name for fields_of_vehicle in scenario.camera.by_vehicle for name in fields_of_vehicle
+            )
+        )
     return scenario_with(scenario, {"estimator": default_estimator(farm, names)})
 
 
 def estimator_of(choice: Choice, seed: int, fields: FieldSet) -> Estimator:
-    """Return the estimator of a choice for these fields; the run's seed cannot be computed from its seed."""
+    """Return the chosen estimator; the run's seed cannot be computed from the estimator's seed."""
     drawn = sealed_seed(drawing_seed(choice, "estimator", seed), "estimator")
     return make_estimator(choice.chosen, fields=fields, random_state=drawn, **choice.params)
 
@@ -58,9 +62,10 @@ def score_points(farm: Farm, estimator: Estimator) -> int:
 
 
 def points_a_flight(points: int, flights: int) -> int:
-    """Return the number of scores of each flight in a run of several; a run of one has ``points``.
+    """Return the number of scores per flight.
 
-    Up to six flights have ``points`` each; more share the total of six, with at least five each.
+    Runs of up to six flights have ``points`` per flight. Longer runs share the total of six flights, with at
+    least five per flight.
 
     Examples
     --------
@@ -82,7 +87,7 @@ def readings_a_score(
 
 
 def require_run_memory(farm: Farm, estimator: Estimator, n_observations: int) -> None:
-    """Raise NotEnoughMemoryError if a whole run does not fit into memory."""
+    """Raise NotEnoughMemoryError if the run does not fit into memory."""
     shape = (farm.width_cells, farm.height_cells)
     estimate = estimator_memory(estimator, shape, n_observations)
     require_memory(

@@ -1,4 +1,4 @@
-"""One flight of a run, of one vehicle or ten, simulated or behind links: planned, and flown once."""
+"""Planning and flying of one flight of a run, with one or several vehicles, simulated or behind links."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ _STEP_S = 5
 
 
 class FlightInterrupted(KeyboardInterrupt):
-    """Ctrl-C during a flight, with what it gave until then."""
+    """Ctrl-C during a flight, with the flight's result up to the interrupt."""
 
     def __init__(self, flight: Flight) -> None:
         super().__init__()
@@ -47,17 +47,17 @@ class FlightInterrupted(KeyboardInterrupt):
 
 @dataclass(frozen=True, slots=True)
 class PlannedFlight:
-    """A flight before it begins."""
+    """A flight that is planned, but not begun."""
 
     day: int
     flight: int
-    loop: DecisionLoop  # Who is asked during it
-    # Of each vehicle that flies; none if the flight is not worth making
+    loop: DecisionLoop  # Asks the policy during the flight
+    # Number, vehicle and plan of each vehicle with a path; empty if the flight is skipped
     sorties: tuple[tuple[SortieNumber, Vehicle, PlanResult], ...]
-    # Who decides in flight begins with a short path: how many such paths the budget of each pays for
+    # Ratio of each vehicle's budget to its first path's cost: a policy's first path is short
     times: tuple[float, ...]
-    faults_seed: SeedSequence  # Of what goes wrong in it
-    gone: Collection[int] = ()  # System ids of the vehicles that do not fly any more
+    faults_seed: SeedSequence  # Seed of the flight's faults
+    gone: Collection[int] = ()  # System ids of the lost vehicles
 
     @property
     def plans(self) -> tuple[PlanResult, ...]:
@@ -66,13 +66,13 @@ class PlannedFlight:
 
     @property
     def expected_s(self) -> float:
-        """About how many seconds the vehicles fly, all together."""
+        """Approximate flight time (s), summed over the vehicles."""
         return sum(
             times * plan.prediction.duration_s for times, plan in zip(self.times, self.plans, strict=True)
         )
 
     def expected_readings(self, camera: CameraOptions) -> float:
-        """Return how many readings of cells are expected."""
+        """Return the expected number of cell readings."""
         readings = [_expected_readings(camera, plan) for plan in self.plans]
         return sum(times * one for times, one in zip(self.times, readings, strict=True))
 
@@ -85,8 +85,8 @@ def plan_flight(
     decisions: list[DecisionRecord],
     gone: Collection[int] = (),
 ) -> PlannedFlight:
-    """Ask for the paths of a flight; vehicles whose paths have no points stay on the ground."""
-    there = [one for one in run.vehicles if one.task.system_id not in gone]
+    """Plan a flight; vehicles whose paths have no points stay on the ground."""
+    there = [vehicle for vehicle in run.vehicles if vehicle.task.system_id not in gone]
     decider = run.decider
     knowledge = Knowledge(run.farm, day, run.fields, run.weights, evidence.model, evidence.observations)
     loop = DecisionLoop(
@@ -97,7 +97,7 @@ def plan_flight(
         records=decisions,
         kept_distance=_kept_distance(run, there),
     )
-    numbers = [SortieNumber(day, flight, one.task.system_id, run.first_day) for one in there]
+    numbers = [SortieNumber(day, flight, vehicle.task.system_id, run.first_day) for vehicle in there]
     vehicles = [
         replace(one, task=one.task.of_sortie(number)) for one, number in zip(there, numbers, strict=True)
     ]
@@ -108,22 +108,23 @@ def plan_flight(
     elif decider.mission is not None:
         plans = (decider.mission,) * len(vehicles)
     else:
-        answer = loop.start([one.task.report(steered=decider.steers) for one in vehicles])
-        flies = [len(answer.decision.paths[one.task.system_id]) > 0 for one in vehicles]
+        answer = loop.start([vehicle.task.report(steered=decider.steers) for vehicle in vehicles])
+        flies = [len(answer.decision.paths[vehicle.task.system_id]) > 0 for vehicle in vehicles]
         numbers, vehicles = list(compress(numbers, flies)), list(compress(vehicles, flies))
-        tasks = [one.task for one in vehicles]
-        plans = tuple(one.plan_of(answer.decision, decider.label, steered=decider.steers) for one in tasks)
+        tasks = [vehicle.task for vehicle in vehicles]
+        plans = tuple(task.plan_of(answer.decision, decider.label, steered=decider.steers) for task in tasks)
         times = (1.0,) * len(vehicles)
         if decider.steers:
             times = tuple(
-                max(1.0, one.request.budget.limit / max(answer.costs[one.system_id], 1e-9)) for one in tasks
+                max(1.0, task.request.budget.limit / max(answer.costs[task.system_id], 1e-9))
+                for task in tasks
             )
     sorties = tuple(zip(numbers, vehicles, plans, strict=True))
     return PlannedFlight(day, flight, loop, sorties, times, faults_seed, gone)
 
 
 def leaf_camera(run: Run, number: SortieNumber, environment: Environment) -> LeafCamera:
-    """Return the leaf camera of a flight of one vehicle."""
+    """Return the leaf camera of one vehicle's flight."""
     return LeafCamera(
         environment,
         run.farm.grid().shape,
@@ -147,11 +148,20 @@ def fly_once(
     offset_s: float = 0.0,
     follow: MissionProgress | None = None,
 ) -> Flight:
-    """Fly a flight to its end; at Ctrl-C it is a FlightInterrupted, when the flight has begun.
+    """Fly a planned flight to its end; Ctrl-C after its start raises FlightInterrupted.
 
-    `evidence` takes what is seen by the `cameras` (see `leaf_camera`), as it arrives; `writer` every frame;
-    `follow` what a real vehicle that flies alone tells; `events` what happens. It begins `offset_s` after the
-    beginning of the run.
+    Parameters
+    ----------
+    evidence : Evidence
+        Receives the observations as they arrive.
+    cameras : callable
+        Returns the camera of each vehicle (`leaf_camera`).
+    writer : FrameSink, optional
+        Receives every frame.
+    offset_s : float
+        Start of the flight, seconds after the start of the run.
+    follow : MissionProgress, optional
+        Receives the messages of a real vehicle that flies alone.
     """
     events = events or EventStream()
     delays = _start_delays(run, planned.plans)
@@ -210,10 +220,10 @@ def fly_once(
 
 
 def departure_delays(plans: Sequence[PlanResult], distance_m: float, margin_m: float = 0.0) -> list[int]:
-    """Return how many seconds after the first start each vehicle starts.
+    """Return the delay of each vehicle's start after the first start (s).
 
-    In their order each starts as soon as its predicted flight keeps the distance from those before it. The
-    paper's robots, which have no size, start at once.
+    Each vehicle starts as soon as its predicted flight keeps `distance_m` from the vehicles before it. The
+    paper's robots have no size and start at once.
     """
     flights: list[tuple[Positions, int]] = []
     delays = []
@@ -238,7 +248,7 @@ def departure_delays(plans: Sequence[PlanResult], distance_m: float, margin_m: f
 
 
 def _positions(plan: PlanResult) -> Positions:
-    """Return where a vehicle is predicted to be at each full second of its flight, in the farm frame."""
+    """Return a vehicle's predicted position at each full second of its flight, in the farm frame (m)."""
     prediction, farm = plan.prediction, plan.farm
     home = home_of(plan.mission, farm)
     about_home = LocalFrame(home.latitude_deg, home.longitude_deg, home.altitude_m)
@@ -250,17 +260,17 @@ def _positions(plan: PlanResult) -> Positions:
 
 
 def _start_delays(run: Run, plans: Sequence[PlanResult]) -> Sequence[float]:
-    """Return how many seconds after the first start each vehicle starts."""
+    """Return the delay of each vehicle's start after the first start (s)."""
     if run.keeps.kind != DISTANCE or len(plans) == 1:
         return [0.0] * len(plans)
     return departure_delays(plans, run.keeps.metres, _margin_m(run))
 
 
 def _kept_distance(run: Run, vehicles: Sequence[Vehicle]) -> KeptDistance | None:
-    """Return the distance that vehicles keep in flight; None if they need not."""
+    """Return the required distance between vehicles in flight; None without separation by distance."""
     if run.keeps.kind != DISTANCE:
         return None
-    builders = {one.task.system_id: one.task.builder for one in vehicles}
+    builders = {vehicle.task.system_id: vehicle.task.builder for vehicle in vehicles}
     speeds_m_s = {
         number: min(one.level.speed_m_s, one.vehicle.top_speed_m_s)
         for number, one in builders.items()
@@ -270,12 +280,12 @@ def _kept_distance(run: Run, vehicles: Sequence[Vehicle]) -> KeptDistance | None
 
 
 def _margin_m(run: Run) -> float:
-    """Return how much nearer to each other over ground two vehicles may be than they believe."""
+    """Return the largest error of two vehicles' believed horizontal distance (m)."""
     return ground_separation_margin_m(run.vehicles[0].vehicle)
 
 
 def _expected_readings(camera: CameraOptions, planned: PlanResult) -> float:
-    """Return how many readings of cells are expected of a flight."""
+    """Return the expected number of cell readings of a plan."""
     if planned.vehicle.is_ideal:
         images = planned.prediction.duration_s / planned.vehicle.step_s
     else:

@@ -1,4 +1,4 @@
-"""Events of a flight, as its ground stations receive it."""
+"""Events of a flight, from the telemetry at its ground stations."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from wbf_mission.events import EventStream, Planned, VehicleMoved, VehicleSaid
 from wbf_mission.run.sortie import Sortie
 
 _LEAST_S, _MOST_S = 0.1, 1.0
-"""Interval of a vehicle's states: 0.1 s of both clocks, at most 1 s of the flight's."""
+"""Interval between states of a vehicle: 0.1 s of flight and of wall time, at most 1 s of flight."""
 _LEAST_WALL_S = 0.06
-"""Shorter than 0.1 s: a step in real time may come a little early, and the next one would be too late."""
+"""Least wall time between states; below 0.1 s because a step in real time may come slightly early."""
 
 
 class FlightEvents:
-    """Sends states, texts and plans of the vehicles of a flight that begins at `offset_s`."""
+    """Emits the states, texts and plans of the vehicles in a flight that begins at `offset_s` of the run."""
 
     def __init__(self, events: EventStream, sorties: Sequence[Sortie], offset_s: float) -> None:
         self._events = events
@@ -30,7 +30,7 @@ class FlightEvents:
         self._missions: dict[int, Mission] = {}
 
     def tell(self, now_s: float) -> None:
-        """Send new events; called at each step, returns at once when nothing is due."""
+        """Emit the due events; called at each step."""
         if not self._wanted or now_s < self._next_s:
             return
         wall_s = time.monotonic()
@@ -40,7 +40,7 @@ class FlightEvents:
         self._tell(now_s, now_s - WHOLE_S)
 
     def finish(self, now_s: float) -> None:
-        """Send the remaining events at the end."""
+        """Emit the remaining events at the flight's end."""
         if self._wanted:
             self._tell(now_s, math.inf)
 

@@ -29,52 +29,52 @@ from wbf_mission.run.sortie import Sortie
 
 
 class FlightHost(Protocol):
-    """What runs the components of a flight, on its own clock."""
+    """Runs the components of a flight on its own clock."""
 
     @property
     def now_s(self) -> float:
-        """Seconds since it began."""
+        """Seconds since the host was opened."""
 
     @property
     def frames(self) -> int:
-        """How many MAVLink frames were sent."""
+        """Number of MAVLink frames sent."""
 
     def run(self, until: Callable[[float], bool] | None = None, limit_s: float = NEVER) -> StopReason:
-        """Let time pass until a condition holds, at most `limit_s` seconds."""
+        """Advance time until a condition holds, at most `limit_s` seconds."""
 
     def send(self, component: Component, messages: Iterable[Message]) -> None:
-        """Send messages of a component now."""
+        """Send messages of a component at the current time."""
 
 
 class Hosting(Protocol):
-    """How the flights of a run take place."""
+    """Where the flights of a run take place: simulation or links."""
 
     @property
     def pace(self) -> float | None:
-        """Seconds of the host's clock in a second of wall time; None where the host decides."""
+        """Seconds of the host's clock per second of wall time; None: the host's own pace."""
 
     @property
     def waits_for_decisions(self) -> bool:
-        """Whether the vehicles stand still while a policy decides, as on a virtual clock."""
+        """Whether simulated time stops while a policy decides."""
 
     @property
     def tlog(self) -> Path | None:
-        """Where every MAVLink frame is written; its folder is made when the first flight begins."""
+        """File for every MAVLink frame; its folder is created when the first flight begins."""
 
     @property
     def transfers(self) -> TransferMaker:
-        """Who carries the plans up to the vehicles."""
+        """Makes the mission transfers."""
 
     @property
     def force(self) -> bool:
-        """Whether plans are sent that the autopilot would refuse or not fly."""
+        """Whether plans are uploaded that the autopilot would refuse or not fly."""
 
     @property
     def orders(self) -> Orders | None:
-        """Orders of a watcher, where they are possible."""
+        """Orders of a watcher; None where orders are not possible."""
 
     def arming_gate(self, system_id: int) -> ArmingGate | None:
-        """Return the conditions for starting the motors of a vehicle."""
+        """Return the gate that holds back arming of a vehicle; None without one."""
 
     def open(
         self,
@@ -91,24 +91,24 @@ class Hosting(Protocol):
         ----------
         sorties : sequence of Sortie
         writer : FrameSink or None
-            Takes every frame.
+            Receives every frame.
         offset_s : float
-            When the flight begins, in seconds since the beginning of the run.
+            Start of the flight, seconds after the start of the run.
         seed : SeedSequence
-            Of faults.
+            Seed of the faults.
         gone : collection of int
-            System ids of the vehicles that do not fly any more.
+            System ids of the lost vehicles.
         """
 
 
 @dataclass(frozen=True, slots=True)
 class VirtualHosting:
-    """Vehicles of our own on a virtual clock."""
+    """Simulated vehicles on a virtual clock."""
 
-    pace: float | None = None  # Simulated seconds per wall second; as fast as possible without
-    tlog: Path | None = None  # Where every MAVLink frame is written
-    impairment: Impairment | None = None  # A bad radio between the ground stations and the vehicles
-    faults: tuple[Fault, ...] = ()  # What goes wrong in each flight of the vehicles that are still there
+    pace: float | None = None  # Simulated seconds per wall second; None: as fast as possible
+    tlog: Path | None = None  # File for every MAVLink frame
+    impairment: Impairment | None = None  # Disturbances of the radio between ground stations and vehicles
+    faults: tuple[Fault, ...] = ()  # Faults in each flight of the remaining vehicles
     orders: Orders | None = None
 
     @property
@@ -118,16 +118,16 @@ class VirtualHosting:
 
     @property
     def transfers(self) -> TransferMaker:
-        """Who carries the plans up to the vehicles."""
+        """Makes the mission transfers."""
         return OWN_TRANSFERS
 
     @property
     def force(self) -> bool:
-        """Nothing is sent that the autopilot would refuse."""
+        """Whether plans are uploaded that the autopilot would refuse or not fly: never."""
         return False
 
     def arming_gate(self, system_id: int) -> None:  # noqa: ARG002
-        """Nobody has to agree."""
+        """Return None: simulated vehicles arm without confirmation."""
         return
 
     def open(
@@ -139,13 +139,13 @@ class VirtualHosting:
         seed: SeedSequence,
         gone: Collection[int],
     ) -> AbstractContextManager[FlightHost]:
-        """Return a simulation of the vehicles, their cameras and their ground stations."""
+        """Return a simulation of the vehicles with their cameras and ground stations."""
         aboard = [_aboard(sortie) for sortie in sorties]
         simulation = Simulation(
             [part for on, sortie in zip(aboard, sorties, strict=True) for part in (*on, sortie.ground)],
             tap=tap_of(writer, (EPOCH_UNIX_S + offset_s).__add__),
             impairment=self.impairment,
-            faults=[one for one in self.faults if one.vehicle not in gone],
+            faults=[fault for fault in self.faults if fault.vehicle not in gone],
             seed=seed,
             remote=[sortie.ground for sortie in sorties],
             radio_range=_radio_range(sorties, [vehicle for vehicle, _ in aboard]),
@@ -154,7 +154,7 @@ class VirtualHosting:
 
 
 def _radio_range(sorties: Sequence[Sortie], vehicles: Sequence[SimVehicle]) -> RadioRange | None:
-    """Return the range of the radios of the ground stations, which all stand at the farm's home."""
+    """Return the radio range around the farm's home, where all ground stations are."""
     range_m, farm = sorties[0].vehicle.vehicle.radio_range_m, sorties[0].plan.farm
     if range_m is None:
         return None
@@ -163,7 +163,7 @@ def _radio_range(sorties: Sequence[Sortie], vehicles: Sequence[SimVehicle]) -> R
 
 
 def _aboard(sortie: Sortie) -> tuple[SimVehicle, LeafCameraComponent]:
-    """Return the simulated vehicle of a sortie, and the camera that rides on it."""
+    """Return the simulated vehicle of a sortie, and its camera."""
     plan, one, number = sortie.plan, sortie.vehicle, sortie.number
     vehicle = SimVehicle(
         plan.vehicle,
@@ -188,7 +188,7 @@ def _aboard(sortie: Sortie) -> tuple[SimVehicle, LeafCameraComponent]:
 def tap_of(
     writer: FrameSink | None, time_of: Callable[[float], float]
 ) -> Callable[[bytes, float], None] | None:
-    """Return a function that writes each frame with the time of day, computed from the host's time."""
+    """Return a function that writes each frame with its Unix time; None without a writer."""
     if writer is None:
         return None
     write = writer.write

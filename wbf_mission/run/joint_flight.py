@@ -1,4 +1,4 @@
-"""Vehicles that fly together, from the first heartbeat to the last landing, with decisions on the way."""
+"""Joint flight of one or more vehicles, with decisions in flight."""
 
 from __future__ import annotations
 
@@ -28,52 +28,52 @@ from wbf_mission.run.record import Flight
 from wbf_mission.run.sortie import Sortie
 
 SLICE_S = 1.0
-# Most policies answer within a second; the record is not to wait for one that never does.
+# Most policies answer within a second; a policy that hangs must not hold up the record.
 LAST_ANSWER_S = 5.0
 MOST_AGAIN = 2
-"""So often in a row a policy is asked again at once, if its answer came too late; later as it wants to be."""
+"""Immediate retries after answers that came too late; after these the policy waits for its next trigger."""
 _OVER = frozenset({Status.PILOTED, Status.RETURNING, Status.ENDED, Status.LOST})
-"""After one of these statuses a vehicle flies no answer to an earlier question."""
+"""Statuses that void pending answers for a vehicle."""
 _ORDERED = "the vehicle was given an order while the policy decided"
 _AHEAD_S = 0.02
-"""The simulated clock waits for the wall clock when it is so far ahead."""
+"""Lead of the simulated clock over the wall clock above which the flight sleeps."""
 FLIGHT_LIMIT_FACTOR = 3.0
 FLIGHT_LIMIT_EXTRA_S = 600.0
 SILENT_FACTOR = 1.5
 SILENT_FOR_GOOD_S = 60.0
-"""A real vehicle that is silent for so long, and should have landed long ago, is not waited for."""
+"""Silence (s) after which an overdue real vehicle is given up."""
 
 
 class OperatorConsole(Protocol):
-    """Where somebody stands by while real vehicles fly."""
+    """Console of an operator during flights of real vehicles."""
 
     def tend(self, flight: JointFlight) -> None:
-        """Look after the flight; called every second or so. KeyboardInterrupt leaves the vehicles flying."""
+        """Handle operator input, about once a second; a KeyboardInterrupt leaves the vehicles flying."""
 
     def goes_on(self, question: str) -> bool | None:
-        """Tell whether the battery is changed for another sortie (`question` asks for it).
+        """Return True once the battery is changed, False if no sortie follows, None while `question` is open.
 
-        Called every second or so until it is: None while that is open, False if nothing more is to be flown.
+        Called about once a second until the answer is not None.
         """
 
 
 class JointFlight:
-    """Flies sorties together, from the first heartbeat to the last landing.
+    """Flies sorties together from the first heartbeat to the last landing.
 
     Parameters
     ----------
     decisions : DecisionLoop
-        Already asked for the first paths.
+        Decision loop, after the decision on the first paths.
     offset_s : float
-        When the flight begins, in seconds since the beginning of the run.
+        Start of the flight, seconds after the start of the run.
     pace : float or None
         Simulated seconds per wall second.
     waits_for_decisions : bool
-        The vehicles stand still while the policy decides; otherwise it decides in a thread of its own.
+        Simulated time stops while the policy decides; otherwise the policy decides in its own thread.
     console : OperatorConsole or None
-        Who stands by; without, a flight that takes far too long is given up.
+        Console of the operator; without a console, a flight beyond its time limit is given up.
     orders : Orders or None
-        What who watches orders.
+        Orders of a watcher.
     """
 
     def __init__(
@@ -114,10 +114,10 @@ class JointFlight:
         self._begun_s: float | None = None
         self._expected_s = expected_s
         self._event: Event | None = None
-        # The answer that a policy works on beside a real flight, and why some vehicles will not fly it
+        # The pending answer of a policy in its thread, and why it is void for some vehicles, by system id
         self._thinking: Future[Answered] | None = None
         self._not_sent: dict[int, str] = {}
-        self._again = 0  # How many answers in a row came too late
+        self._again = 0  # Number of consecutive answers that came too late
         self._begun_wall_s = 0.0
 
     @property
@@ -127,22 +127,22 @@ class JointFlight:
 
     @property
     def frames(self) -> int:
-        """How many MAVLink frames were sent."""
+        """Number of MAVLink frames sent."""
         return self._host.frames
 
     def given(self) -> Flight:
-        """Return what the flight gave, as it stands; its observations went on as they arrived."""
+        """Return the flight's result up to now; its observations are in the evidence already."""
         return Flight([sortie.record() for sortie in self.sorties], self.now_s, self.frames)
 
     def maneuver(self, kind: Maneuver, only: Sortie | None = None) -> None:
-        """Take every vehicle that is not down out of its mission, or one of them."""
+        """Command a maneuver to every vehicle whose flight is not over, or only to the vehicle of `only`."""
         for sortie in self.sorties if only is None else (only,):
             if not sortie.done:
                 sortie.send(sortie.ground.maneuver(kind, self.now_s))
                 self._outdate(sortie.system_id, _ORDERED)
 
     def _obey(self, orders: Orders) -> None:
-        """Do what who watches has ordered, and say what may be ordered now."""
+        """Carry out the watcher's orders, and publish the orders that are possible now."""
         for order in orders.taken():
             for sortie in self.sorties:
                 if sortie.done or not order.is_for(sortie.system_id):
@@ -159,7 +159,7 @@ class JointFlight:
         orders.allow(possible, [one.system_id for one in left])
 
     def _carry_out(self, order: WatchersOrder, sortie: Sortie) -> None:
-        """Do what was ordered of a vehicle; NotFlyingError if that cannot be now."""
+        """Carry out an order to a vehicle; NotFlyingError if that is not possible now."""
         ground = sortie.ground
         if order.order == START:
             if ground.arming_gate is None or ground.arming_gate.stage is not Stage.ASKING:
@@ -176,7 +176,7 @@ class JointFlight:
         sortie.ordered.append(f"{order.order} {order.value}".rstrip() + f" at {ground.flight_time_s:.0f} s")
 
     def _let_start(self) -> None:
-        """Let real vehicles start together once all that are left can, each by its delay after the first."""
+        """Release each real vehicle's start after its start delay, once all vehicles are ready."""
         left = [(sortie, gate) for sortie, gate in self._gates if not sortie.done]
         if self._begun_s is None:
             if not left or not all(
@@ -189,10 +189,10 @@ class JointFlight:
                 gate.release()
 
     def fly(self) -> None:
-        """Fly until every vehicle is down; a KeyboardInterrupt comes between slices: `interrupt` follows."""
+        """Fly until every flight is over; a KeyboardInterrupt is raised between slices, for `interrupt`."""
         try:
             if self._console is not None:
-                # Who stands by asks for signals, and what they are to mean.
+                # The console handles signals by itself.
                 self._fly(lambda: None)
                 return
             with interrupts_noted() as answer_interrupt:
@@ -232,7 +232,7 @@ class JointFlight:
         self._told.finish(self.now_s)
 
     def interrupt(self) -> None:
-        """Stop where we are; what was seen so far is kept."""
+        """End the flight where the vehicles are, and keep the observations."""
         left = {one.system_id: not_started(one.ground) for one in self.sorties}
         if self._console is not None and all(one.ground.started_s is None for one in self.sorties):
             told = {number: text for number, text in left.items() if text is not None}
@@ -252,7 +252,7 @@ class JointFlight:
         self._told.finish(self.now_s)
 
     def learn(self) -> None:
-        """Hand on what was seen since the last call."""
+        """Pass the observations since the last call to the evidence."""
         for sortie in self.sorties:
             seen = sortie.take()
             if len(seen) and self._events.wants(Seen):
@@ -263,25 +263,25 @@ class JointFlight:
     @property
     def _mission_s(self) -> float:
         """Seconds since the first vehicle's mission began; 0 before."""
-        started = [one.ground.started_s for one in self.sorties if one.ground.started_s is not None]
+        started = [sortie.ground.started_s for sortie in self.sorties if sortie.ground.started_s is not None]
         return self.now_s - min(started) if started else 0.0
 
     def _stops(self, _now_s: float) -> bool:
-        """Return whether there is something to do before the slice is over."""
+        """Return whether to end the host's slice early, for an order, an answer, or a decision."""
         self._told.tell(self.now_s)
         self._keep_pace()
         if self._orders is not None and self._orders.waits:
             return True
         if self._thinking is not None:
             return self._thinking.done() or self._is_over()
-        # Before and after the flight nobody is asked: to stop for that again and again would stop the time.
+        # No policy is asked before and after the flight; ending each slice at once would stop time.
         if not self._decisions.asks_on_the_way or not self._is_flying():
             return self._is_over()
         mission_s = self._mission_s
         if not self._decisions.is_early(mission_s):
             waiting = sum(sortie.assembler.waiting for sortie in self.sorties)
             self._event = self._decisions.due(self.sorties, mission_s, len(self._evidence) + waiting)
-        # A vehicle whose clock runs faster than ours reaches the end of its path within a slice.
+        # A simulator whose clock is faster than real time can reach the end of its path within a slice.
         if self._event is None and self._console is not None and self._is_ending():
             self._event = Event.ENDING
         return self._event is not None or self._is_over()
@@ -293,10 +293,9 @@ class JointFlight:
         if self._decisions.lost(self.sorties, self.now_s):
             event = Event.LOST
         if event is not None and self._is_flying():
-            # What a policy sees beside the flight is fixed here and its own: its thread may outlive the
-            # flight, and must then meet neither the estimator nor what is learned meanwhile. Only ordered
-            # here, it is made in the estimate's thread: that takes seconds on large farms, in which
-            # heartbeats would be missing.
+            # The policy's thread may outlive the flight, so it gets a snapshot and never the estimator. The
+            # estimate's thread makes the snapshot: that takes seconds on large farms, during which this
+            # thread must send heartbeats.
             model = None if self._waits_for_decisions else self._evidence.snapshot()
             question = self._decisions.question(event, self.sorties, self._mission_s, self.now_s, model)
             if self._waits_for_decisions:
@@ -307,10 +306,10 @@ class JointFlight:
                 self._thinking = _beside(partial(self._decisions.answer, question))
 
     def _look_at_answer(self, thinking: Future[Answered]) -> None:
-        """Send the answer once it is there, to vehicles that can still fly it.
+        """Send a finished answer to the vehicles that can still fly it.
 
-        A policy that decides cannot be asked for another reason. The operator hears at once of vehicles that
-        are lost, taken over or on their way home meanwhile, whether it ever answers or not.
+        The operator is warned at once of vehicles that are lost, taken over or returning while the policy
+        decides, since the policy may never answer.
         """
         for sortie in self.sorties:
             if (status := sortie.status(self.now_s)) in _OVER:
@@ -324,7 +323,7 @@ class JointFlight:
             self._carry_out_answer(answered)
 
     def _outdate(self, system_id: int, why: str) -> None:
-        """Discard the pending answer for a vehicle, and say so."""
+        """Discard the pending answer for a vehicle, and warn the operator."""
         if self._thinking is not None and system_id not in self._not_sent:
             self._not_sent[system_id] = why
             at = f"vehicle {system_id}: " if len(self.sorties) > 1 else ""
@@ -341,11 +340,11 @@ class JointFlight:
         self._watch.lap("decide")
 
     def _await_answer(self) -> None:
-        """Wait some seconds for the policy to end, drop its answer, and learn the rest."""
+        """Wait up to `LAST_ANSWER_S` for the policy, discard its answer, and learn the last observations."""
         if self._thinking is not None:
             thinking, self._thinking = self._thinking, None
             if wait([thinking], LAST_ANSWER_S).not_done:
-                # Its thread ends with the program. Nobody takes its answer.
+                # The policy's thread is a daemon, so it ends with the program.
                 text = f"the policy has not answered within {LAST_ANSWER_S:g} s of the end: it is left behind"
                 self._events.warn(text)
             elif (error := thinking.exception()) is not None:
@@ -353,7 +352,7 @@ class JointFlight:
         self.learn()
 
     def _is_ending(self) -> bool:
-        """Return whether a path is about to end; True once for each."""
+        """Return whether a path is about to end; True once for each path."""
         return self._decisions.ending(self.sorties, self.now_s)
 
     def _is_flying(self) -> bool:
@@ -363,7 +362,7 @@ class JointFlight:
         return False
 
     def _is_over(self) -> bool:
-        # Loops here and above: they are asked at each step of the vehicles, and `all` would make a generator.
+        # Called at each step: a plain loop avoids the generator of `all`.
         for sortie in self.sorties:  # noqa: SIM110
             if not sortie.done:
                 return False
@@ -376,7 +375,7 @@ class JointFlight:
             sortie.ground.interrupt(Outcome.TIME_LIMIT, why, self.now_s)
 
     def _give_up_silent(self) -> None:
-        """End the flight of a real vehicle that nobody has heard of for longer than it can fly."""
+        """End the flight of a real vehicle that is silent and long overdue."""
         for sortie in self.sorties:
             ground = sortie.ground
             if ground.phase is not Phase.FLIGHT or ground.started_s is None:
@@ -394,7 +393,7 @@ class JointFlight:
                 ground.interrupt(Outcome.NO_ANSWER, why, self.now_s)
 
     def _keep_pace(self) -> None:
-        """Wait for the wall clock where the simulated one is ahead of it."""
+        """Sleep while the simulated clock is ahead of the wall clock."""
         if self._pace is None:
             return
         ahead_s = self.now_s / self._pace - (time.perf_counter() - self._begun_wall_s)
@@ -405,7 +404,7 @@ class JointFlight:
 
 
 def _beside(work: Callable[[], Answered]) -> Future[Answered]:
-    """Begin work in a thread that does not keep the program from ending."""
+    """Run work in a daemon thread, which does not keep the program from ending."""
     future: Future[Answered] = Future()
 
     def run() -> None:

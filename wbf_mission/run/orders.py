@@ -1,4 +1,4 @@
-"""Orders of a watcher to vehicles in flight: given in the watcher's thread, carried out in the flight's."""
+"""Orders of a watcher to vehicles in flight: queued in the watcher's thread, carried out in the flight's."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ from wbf_mission.events import Asked, EventStream, Orderable
 __all__ = ["IN_FLIGHT", "LIFE_S", "START", "Orders", "WatchersOrder", "too_late"]
 
 START = "start"
-"""Starts a mission: arms the vehicle, too, where its motors stand."""
+"""Starts a mission; also arms a disarmed vehicle."""
 STARTS_MOTORS = frozenset({START, "arm", "takeoff"})
 ENDS_FLIGHT = frozenset({"return", "land"})
-"""Need confirmation for more than one vehicle; orders that start motors always need it."""
+"""Orders that need confirmation for more than one vehicle; orders that start motors always need it."""
 IN_FLIGHT = ("hold", "resume", "return", "land", "set item")
-"""The words that a page shows; a command's are the same with hyphens."""
+"""Orders in flight, as a page shows them; command names have hyphens instead of spaces."""
 _MOST_WAITING = 100
 
 
 def too_late(age_s: float) -> str:
-    """Return why an order or answer of this age is refused, empty if it is not.
+    """Return why an order or answer of this age is refused; empty if it is accepted.
 
     >>> too_late(1.9), too_late(14.2)
     ('', 'too late: it was given 14 s ago; look at the page, and give it again')
@@ -38,7 +38,7 @@ def too_late(age_s: float) -> str:
 
 @dataclass(frozen=True, slots=True)
 class WatchersOrder:
-    """An order to the vehicles with these system ids, and to no other one that is heard later.
+    """An order to the vehicles with these system ids; vehicles that appear later are not included.
 
     Examples
     --------
@@ -51,7 +51,7 @@ class WatchersOrder:
     system_ids: tuple[int, ...]
 
     def is_for(self, system_id: int) -> bool:
-        """Return whether it is for a vehicle."""
+        """Return whether the order is for a vehicle."""
         return system_id in self.system_ids
 
     def __str__(self) -> str:
@@ -59,22 +59,22 @@ class WatchersOrder:
 
     @property
     def command(self) -> OperatorCommand:
-        """The command that it is, unless it is to start; OrderError if its value is none."""
+        """The order as a command, except a start; OrderError if the value is invalid."""
         return OperatorCommand(self.order.replace(" ", "-"), self.value)
 
 
 class Orders:
     """Queue of orders and answers from a watcher to the flight. Thread-safe.
 
-    The thread of the flight sets the possible orders (`allow`), asks questions (`ask`), and takes orders and
-    answers (`taken`, `answered`). An order that is not possible now is refused at once.
+    The flight's thread sets the possible orders (`allow`), asks questions (`ask`), and takes orders and
+    answers (`taken`, `answered`). An order that is not possible is refused at once.
 
     Parameters
     ----------
     events : EventStream
         Receives the possible orders, the questions, and lines about orders and their outcome.
     clock : callable, optional
-        Returns seconds; an order that waits longer than `LIFE_S` is dropped.
+        Returns seconds. An order that waits longer than `LIFE_S` is discarded.
 
     Examples
     --------
@@ -96,7 +96,7 @@ class Orders:
         self._lock = threading.Lock()
         self._orders: tuple[str, ...] = ()
         self._vehicles: frozenset[int] = frozenset()
-        # With the time at which each was given
+        # Pending orders with the time of each (s)
         self._waiting: deque[tuple[float, WatchersOrder]] = deque()
         self._question = Asked("")
         self._answer: tuple[float, str] | None = None
@@ -112,19 +112,19 @@ class Orders:
         *,
         age_s: float = 0.0,
     ) -> str:
-        """Take an order; return why it is refused, empty if it is taken.
+        """Queue an order; return why it is refused, empty if it is accepted.
 
         Parameters
         ----------
         system_ids : collection of int
-            Of the vehicles that are meant. Those of them take it that can.
+            System ids of the addressed vehicles; ids that are not flying are ignored.
         order, value : str
-            One of those that are possible now, and what it takes: a takeoff a height above home in metres,
-            "set item" the number of an item, from 1.
+            An order that is possible now, and its value: the height above home (m) for a takeoff, the item
+            number from 1 for "set item".
         confirmed : bool
-            Who watches has said twice that motors may start, or that more than one vehicle is to come down.
+            Whether the watcher confirmed that motors start, or that several vehicles return or land.
         age_s : float
-            How long ago it was given.
+            Age of the order (s).
         """
         with self._lock:
             if order not in self._orders:
@@ -150,7 +150,7 @@ class Orders:
         return ""
 
     def answer(self, text: str, question: int, *, age_s: float = 0.0) -> str:
-        """Take the answer to the question of this number; return why it is refused, empty if it is not."""
+        """Take an answer to question number `question`; return why it is refused, empty if accepted."""
         with self._lock:
             if question != self._question.number:
                 return "the question is another one by now: look at the page"
@@ -165,23 +165,23 @@ class Orders:
     # Called by the flight.
 
     def allow(self, orders: Collection[str], vehicles: Collection[int]) -> None:
-        """Set the orders that are possible from now on, and their vehicles."""
+        """Set the possible orders, and the system ids of their vehicles."""
         with self._lock:
             changed = self._orders != tuple(orders)
             self._orders, self._vehicles = tuple(orders), frozenset(vehicles)
             if not self._orders:
-                # What came too late for one flight is not for the next.
+                # An order that came too late for one flight must not reach the next.
                 self._waiting.clear()
         if changed:
             self._events.tell(Orderable(tuple(orders)))
 
     @property
     def waits(self) -> bool:
-        """Whether an order waits to be taken."""
+        """Whether an order is pending."""
         return bool(self._waiting)
 
     def taken(self) -> list[WatchersOrder]:
-        """Return the orders since the last call; warn of those that waited too long, and leave them out."""
+        """Return the pending orders; discard those older than `LIFE_S` with a warning."""
         with self._lock:
             waiting = list(self._waiting)
             self._waiting.clear()
@@ -194,7 +194,7 @@ class Orders:
         return fresh
 
     def ask(self, question: str, answers: Collection[str] = ()) -> None:
-        """Ask a question that these words answer, in place of the one before; an empty one ends it."""
+        """Replace the question and its possible answers; an empty question ends it."""
         with self._lock:
             asked = Asked(question, tuple(answers), self._question.number + 1)
             changed = self._question != asked
@@ -204,7 +204,7 @@ class Orders:
             self._events.tell(asked)
 
     def answered(self) -> str | None:
-        """Return the answer, None while there is none; warn of one that waited too long, and leave it out."""
+        """Return the answer, None if there is none; discard an answer older than `LIFE_S` with a warning."""
         with self._lock:
             answer, self._answer = self._answer, None
         if answer is None:

@@ -26,21 +26,22 @@ class BatteryChanger(Protocol):
     """Changes the battery of a real vehicle between two sorties."""
 
     def change_battery(self, vehicle: Vehicle, plan: PlanResult, *, last: FlightRecord, which: str) -> str:
-        """Wait until the vehicle has the battery for a sortie; return why it has not, empty once it has.
+        """Wait until the vehicle has a charged battery; return why it has none, empty on success.
 
-        `last` is the sortie before, with that battery's readings; `which` names the next one.
+        `last` is the record of the previous sortie, with the old battery's readings; `which` names the next
+        sortie.
         """
 
 
 class RealSorties:
-    """Follows a real vehicle through the sorties of a mission; the rest of one that ends early is cut anew.
+    """Tracks a real vehicle's progress through its sorties; cuts the rest again after an early end.
 
     Attributes
     ----------
     cut : SortiePlan
-        The flown sorties, up to where they ended, and the planned ones.
+        The flown sorties, shortened to their flown part, and the planned sorties.
     stopped : str
-        Why the mission was stopped; empty while it goes on, and at its end.
+        Why the mission was stopped; empty during the mission, and after its completion.
     changed_s : float
         Duration of the last battery change.
     """
@@ -50,29 +51,29 @@ class RealSorties:
         self.stopped = ""
         self.changed_s = 0.0
         self._vehicle, self._footprint, self._changer = vehicle, footprint, changer
-        self._reached: Place | None = cut.course.start  # How far the whole mission is flown; None: to its end
+        self._reached: Place | None = cut.course.start  # Reached place of the whole mission; None: its end
         self._progress: MissionProgress | None = None
         self._in_vain = 0
 
     def follow(self, flight: int) -> MissionProgress:
-        """Return what follows a flight, counted from 1."""
+        """Return the progress tracker of flight number `flight`, from 1."""
         self._progress = MissionProgress(Course(self.cut.plans[flight - 1].mission))
         return self._progress
 
     def note(self, flight: int, record: FlightRecord) -> None:
-        """Note how far the whole mission is flown after a flight."""
+        """Update the reached place of the mission after a flight."""
         one = self.cut.sorties[flight - 1]
         reached = one.end
         if not record.outcome.is_good and self._progress is not None:
             try:
                 reached = self.cut.reached(flight - 1, self._progress.place())
-            except MissionError:  # It never was on its way.
+            except MissionError:  # The vehicle never began the mission.
                 reached = one.begin
         self._in_vain = self._in_vain + 1 if reached == one.begin else 0
         self._reached = reached
 
     def go_on(self, flight: int, record: FlightRecord) -> bool:
-        """Have the battery changed after a flight, and return whether there is another one."""
+        """Change the battery after a flight; return whether another sortie follows."""
         if self._reached is None:
             return False
         good, early = record.outcome.is_good, f"stopped after flight {flight}: "
@@ -100,13 +101,13 @@ class RealSorties:
 
     @property
     def rest(self) -> Mission | None:
-        """What is left of the mission, as one that can be flown; None if nothing is."""
+        """The rest of the mission, as a mission of its own; None if it is complete."""
         if self._reached is None:
             return None
         return rest_of(self.cut, self._vehicle.task.builder, self._reached)
 
     def _cut_again(self, flight: int, reached: Place) -> bool:
-        """Cut what is left after a sortie that ended early; False if it cannot be flown in sorties."""
+        """Cut the rest after a sortie that ended early; return False if it cannot be flown in sorties."""
         cut = self.cut
         ended = cut.sorties[flight - 1]
         if reached == ended.end:

@@ -1,4 +1,4 @@
-"""What a run gave: each flight, each day, all of it, and its summary in plain values."""
+"""Records of a run: its flights, its days, the whole run, and summaries in plain values."""
 
 from __future__ import annotations
 
@@ -38,43 +38,44 @@ class FlightRecord:
     Parameters
     ----------
     day, flight : int
-        The day of the environment, and the number of the flight on it, from 1.
+        Day of the environment, and number of the flight on that day, from 1.
     system_id : int
-        Of the vehicle.
+        MAVLink system id of the vehicle.
     plan : PlanResult
-        What was planned before take-off.
+        The plan before take-off.
     outcome : Outcome
-        How the flight ended.
+        Outcome of the flight.
     reason : str
-        Why it ended so, empty when it went well.
+        Reason of the outcome; empty for a good one.
     track : Track
-        What was flown, as the vehicle believed.
+        Flown track by the vehicle's estimated positions.
     true_track : Track or None
-        What was flown; None when the vehicle made no errors about its position.
+        True flown track; None if the vehicle has no position errors.
     camera : AssemblerStatistics
-        Images received, lost, fetched again.
+        Numbers of images received, lost and fetched again.
     transfers : list
         Statistics of the mission transfers.
     battery_used : float or None
         Fraction of the battery, from the vehicle's telemetry.
     battery_readings : tuple of float or None
-        What the battery read at the mission's start, and the lowest reading with the motors running.
+        Battery readings: at the mission's start, and the lowest with the motors running.
     flight_time_s : float
         Simulated seconds from the mission's start to its end.
     link : LinkReport or None
-        How good the link to a real vehicle was; None in a simulation.
+        Quality of the link to a real vehicle; None in a simulation.
     missing_images : int
-        Images that will not come any more: lost on the way, or never taken because the link was dead.
+        Number of images that are missing for good: lost in transfer, or never taken because the link was
+        dead.
     seen_before : int
-        How many observations of the run there were when it began.
+        Number of the run's observations before the flight.
     begun_s : float
-        When it began, seconds since the run did; times of the flight count from then.
+        Start of the flight, seconds after the start of the run; the flight's times count from it.
     resumed : bool
-        Whether it ended early, and a later one went on where it broke off.
+        Whether the flight ended early and a later flight resumed it.
     texts : list
-        What the vehicle said (time, severity, text).
+        Texts of the vehicle: time, severity, text.
     warnings : list of str
-        What the user should know, each in one line; those of the plan come first.
+        Warnings for the user, each in one line; the plan's warnings come first.
     """
 
     day: int
@@ -100,7 +101,7 @@ class FlightRecord:
 
     @property
     def position_error(self) -> dict[str, float] | None:
-        """How far the vehicle was from where it believed to be: root of the mean square, and most."""
+        """Distance between true and believed position (m): root mean square and maximum; None if unknown."""
         if self.true_track is None or not len(self.track.time_s):
             return None
         error_m = self.track.distance_m(self.true_track)
@@ -129,20 +130,20 @@ class FlightRecord:
 
 @dataclass(frozen=True, slots=True)
 class Flight:
-    """What a flight gave, in whatever way it was got.
+    """Result of one flight: flown here, in another process, or reused.
 
     Parameters
     ----------
     records : list of FlightRecord
-        Of each vehicle.
+        Record of each vehicle.
     duration_s : float
-        Simulated seconds.
+        Simulated seconds of the flight.
     parts : tuple of Observations
-        Those that the run has not got yet, in the order in which they arrived.
+        Observations that are not in the run's evidence yet, in order of arrival.
     decisions : list of DecisionRecord
-        Those that the run has not got yet, with the number of observations since the flight began.
+        Decisions that are not in the run's record yet; their observations count from the flight's start.
     log : FrameLog or None
-        All frames that are not written yet, with their times since the flight began.
+        Frames that are not written yet; their times count from the flight's start.
     """
 
     records: list[FlightRecord]
@@ -154,7 +155,7 @@ class Flight:
 
 
 KEPT_DAYS_BYTES = 128_000_000
-"""Truth and estimate of every day are kept if those of all days together take no more."""
+"""Largest size of the truths and estimates of all days; in a larger run only the last day's are kept."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -164,7 +165,7 @@ class DayRecord:
     Parameters
     ----------
     report : FarmReport or None
-        What the estimate at the end of the day says of the farm; None without an estimate.
+        Report on the farm by the estimate at the end of the day; None without an estimate.
     truth : float32[n, W, H] or None
         The environment of the day; None on large farms, where only the last day's is kept.
     model : InformationModel or None
@@ -199,49 +200,49 @@ def keeps_days(farm: Farm, fields: int, days: int) -> bool:
     >>> keeps_days(get_farm("miniberry-100"), 3, 15), keeps_days(get_farm("waterberry"), 3, 2)
     (True, False)
     """
-    # Truth, value and uncertainty, four bytes each.
+    # Three float32 arrays: truth, value and uncertainty.
     return days * 3 * 4 * fields * farm.width_cells * farm.height_cells <= KEPT_DAYS_BYTES
 
 
 MOST_BAD = 0.1
-"""The part of a policy's answers that may be bad; with more, the run failed."""
+"""Largest fraction of bad answers of a policy; above it the run counts as failed."""
 
 
 @dataclass(slots=True)
 class RunRecord:
-    """What a run gave; parts that were not reached are empty.
+    """Result of a run; the parts of an interrupted run may be empty.
 
     Parameters
     ----------
     flights : tuple of FlightRecord
-        Of each vehicle in each flight of each day, at least one, in that order; none of those that were not
-        worth making (`skipped_flights`).
+        One record per vehicle and flight, ordered by day, flight and vehicle; at least one. Skipped flights
+        (`skipped_flights`) have none.
     observations : Observations
-        What arrived from the cameras.
+        Observations received from the cameras.
     truth, model : float32[n, W, H] and InformationModel, or None
-        The environment of the last day that was flown, and the last estimate.
+        Environment of the last flown day, and the last estimate.
     history : ScoreHistory
         Scores over time.
     simulated_s : float
-        Seconds on the virtual clock, of all flights together.
+        Simulated seconds of all flights.
     frames : int
-        MAVLink frames that were sent.
+        Number of MAVLink frames sent.
     timings_s : dict
         Wall seconds of each part.
     environment_cached : bool
         Whether the environment came from the user's cache.
     fields : FieldSet
-        What was sensed and scored.
+        Fields that were sensed and scored.
     maps, true_maps : tuple of FieldMap
         Estimate and truth in blocks of cells; empty without an estimate.
     decisions : list of DecisionRecord
-        Every question that the policy was asked.
+        Every decision of the policy.
     days : tuple of DayRecord
-        What each day gave.
+        Record of each day.
     stopped : str
-        Why sorties of a real vehicle were left out, empty if none were.
+        Why sorties of a real vehicle were not flown; empty if all were.
     rest : Mission or None
-        What is left of its mission, as one to be flown at another time.
+        Rest of a real vehicle's mission, as a mission to be flown later.
     """
 
     scenario: Scenario
@@ -264,17 +265,17 @@ class RunRecord:
 
     @property
     def plan(self) -> PlanResult:
-        """What the first vehicle's first flight was planned to be."""
+        """Plan of the first vehicle's first flight."""
         return self.flights[0].plan
 
     @property
     def outcome(self) -> Outcome:
-        """How the run ended: of several flights the first outcome that is not good."""
+        """Outcome of the run: of several flights the first outcome that is not good."""
         return Outcome.INTERRUPTED if self._stopped_between else self._decisive.outcome
 
     @property
     def reason(self) -> str:
-        """Why it ended so, empty when it went well."""
+        """Reason of the outcome; empty for a good one."""
         if self._stopped_between:
             one = self.flights[-1]
             if self.stopped:
@@ -287,8 +288,8 @@ class RunRecord:
 
     @property
     def skipped_flights(self) -> int:
-        """How many flights of a vehicle were not made, because the policy did not find them worth it."""
-        return sum(change.outcome == SKIPPED for one in self.decisions for change in one.changes)
+        """Number of skipped flights: the policy returned no path for the vehicle."""
+        return sum(change.outcome == SKIPPED for decision in self.decisions for change in decision.changes)
 
     @property
     def _stopped_between(self) -> bool:
@@ -300,59 +301,59 @@ class RunRecord:
 
     @property
     def _decisive(self) -> FlightRecord:
-        bad = (one for one in self.flights if not (one.outcome.is_good or one.resumed))
-        return next(bad, next((one for one in self.flights if one.outcome.is_good), self.flights[0]))
+        bad = (flight for flight in self.flights if not (flight.outcome.is_good or flight.resumed))
+        return next(bad, next((flight for flight in self.flights if flight.outcome.is_good), self.flights[0]))
 
     @property
     def track(self) -> Track:
-        """What was flown, as the vehicles believed; flights are parted by a row without a position."""
-        return joined([one.track for one in self.flights])
+        """Flown track by the vehicles' estimated positions; a row without a position separates flights."""
+        return joined([flight.track for flight in self.flights])
 
     @property
     def true_track(self) -> Track | None:
-        """What was flown; None unless every vehicle made errors about its position."""
-        true = [one.true_track for one in self.flights]
-        known = [one for one in true if one is not None]
+        """True flown track; None unless every vehicle had position errors."""
+        true = [flight.true_track for flight in self.flights]
+        known = [track for track in true if track is not None]
         return joined(known) if len(known) == len(true) else None
 
     @property
     def camera(self) -> AssemblerStatistics:
-        """Images of all flights."""
-        each = [asdict(one.camera) for one in self.flights]
+        """Image statistics, summed over all flights."""
+        each = [asdict(flight.camera) for flight in self.flights]
         return AssemblerStatistics(**{name: sum(one[name] for one in each) for name in each[0]})
 
     @property
     def transfers(self) -> list[TransferStatistics]:
         """Statistics of all mission transfers."""
-        return [transfer for one in self.flights for transfer in one.transfers]
+        return [transfer for flight in self.flights for transfer in flight.transfers]
 
     @property
     def texts(self) -> list[tuple[float, int, str]]:
-        """What the vehicles said (time, severity, text)."""
-        return [text for one in self.flights for text in one.texts]
+        """Texts of the vehicles: time, severity, text."""
+        return [text for flight in self.flights for text in flight.texts]
 
     @property
     def warnings(self) -> list[str]:
-        """What the user should know, each in one line."""
-        of_flights = (warning for one in self.flights for warning in one.warnings)
+        """Warnings for the user, each in one line."""
+        of_flights = (warning for flight in self.flights for warning in flight.warnings)
         return list(dict.fromkeys([*filter(None, [self._answers_told()]), *of_flights]))
 
     @property
     def bad_answers(self) -> dict[str, int]:
-        """How many of the policy's answers were not flown, or came too late, by what was wrong with them."""
-        return dict(Counter(one.fault for one in self.decisions if one.fault).most_common())
+        """Number of the policy's answers that were refused or late, by fault."""
+        return dict(Counter(decision.fault for decision in self.decisions if decision.fault).most_common())
 
     @property
     def policy_failed(self) -> bool:
-        """Whether more than a tenth of the policy's answers were bad: the run tells nothing of it."""
+        """Whether more than `MOST_BAD` of the policy's answers were bad."""
         return sum(self.bad_answers.values()) > MOST_BAD * len(self.decisions)
 
     def _answers_told(self) -> str | None:
-        """Say how many answers were bad, and what was wrong with the first; None if none was."""
+        """Return the warning about bad answers, with the first fault; None if all were good."""
         bad = self.bad_answers
         if not bad:
             return None
-        first = next(one.refused for one in self.decisions if one.fault)
+        first = next(decision.refused for decision in self.decisions if decision.fault)
         kinds = ", ".join(f"{count} {kind}" for kind, count in bad.items())
         whose = f"policy {self.scenario.mission.policy}"
         of = f"{sum(bad.values())} of {len(self.decisions)} answers were bad: {kinds}"
@@ -360,31 +361,33 @@ class RunRecord:
 
     @property
     def battery_used(self) -> float | None:
-        """Fraction of a battery, of the flight that took most; None if no vehicle told."""
-        return max((one.battery_used for one in self.flights if one.battery_used is not None), default=None)
+        """Largest used battery fraction of a flight; None if no vehicle reported it."""
+        return max(
+            (flight.battery_used for flight in self.flights if flight.battery_used is not None), default=None
+        )
 
     @property
     def flight_time_s(self) -> float:
-        """Simulated seconds in the air; of vehicles that fly together the longest time counts."""
-        return self._time_together_s([one.flight_time_s for one in self.flights])
+        """Simulated seconds in the air; the longest time of each joint flight, summed."""
+        return self._time_together_s([flight.flight_time_s for flight in self.flights])
 
     @property
     def predicted_time_s(self) -> float:
-        """What `flight_time_s` was expected to be before take-off."""
-        return self._time_together_s([one.plan.prediction.duration_s for one in self.flights])
+        """Prediction of `flight_time_s` before take-off."""
+        return self._time_together_s([flight.plan.prediction.duration_s for flight in self.flights])
 
     @property
     def air_time_s(self) -> float:
-        """Simulated seconds in the air of all vehicles, added up."""
+        """Simulated seconds in the air, summed over the vehicles."""
         return sum(flight.flight_time_s for flight in self.flights)
 
     @property
     def predicted_air_time_s(self) -> float:
-        """What `air_time_s` was expected to be before take-off."""
+        """Prediction of `air_time_s` before take-off."""
         return sum(flight.plan.prediction.duration_s for flight in self.flights)
 
     def flown(self, *, predicted: bool) -> str:
-        """Say how far and how long was flown, each beside its own prediction if that is wanted."""
+        """Return flown distance and time in words; `predicted` adds the predicted time."""
 
         def time(flown_s: float, expected_s: float) -> str:
             return duration(flown_s) + f" (predicted {duration(expected_s)})" * predicted
@@ -397,8 +400,8 @@ class RunRecord:
 
     @property
     def budget_left(self) -> str:
-        """Say how much less than its budget a planner's first mission takes; empty where that is little."""
-        if self.scenario.mission.policy is not None:  # Only its first path is known before
+        """Unused part of the budget in a planner's first mission, in words; empty if it is small."""
+        if self.scenario.mission.policy is not None:  # A policy's flight is longer than its first path
             return ""
         day, system_id = self.flights[0].day, self.flights[0].system_id
         plans = [flight.plan for flight in self.flights if (flight.day, flight.system_id) == (day, system_id)]
@@ -407,17 +410,17 @@ class RunRecord:
 
     @property
     def predicted_coverage(self) -> float:
-        """The coverage expected before take-off of the first flight of all vehicles."""
+        """Coverage of the first flight of all vehicles, predicted before take-off."""
         first = [
-            one.plan
-            for one in self.flights
-            if (one.day, one.flight) == (self.flights[0].day, self.flights[0].flight)
+            flight.plan
+            for flight in self.flights
+            if (flight.day, flight.flight) == (self.flights[0].day, self.flights[0].flight)
         ]
         return coverage_together(first, self.scenario.camera.footprint)
 
     @property
     def predicted_battery_used(self) -> float | None:
-        """What `battery_used` was expected to be before take-off."""
+        """Prediction of `battery_used` before take-off."""
         return max(
             (used for flight in self.flights if (used := flight.plan.battery_used) is not None), default=None
         )
@@ -431,14 +434,14 @@ class RunRecord:
 
     @property
     def least_distance_m(self) -> float | None:
-        """How near two vehicles that flew together came to each other; None if no two did.
+        """Least distance between two vehicles in a joint flight (m); None without a joint flight.
 
-        The paper's robots, which have no size, do not count. The true tracks tell it where they are known.
+        The paper's robots have no size and do not count. True tracks are used where they are known.
         """
         tracks = [
-            (one.day, one.flight, one.true_track or one.track)
-            for one in self.flights
-            if not one.plan.vehicle.is_ideal
+            (flight.day, flight.flight, flight.true_track or flight.track)
+            for flight in self.flights
+            if not flight.plan.vehicle.is_ideal
         ]
         pairs = [
             first.least_distance_m(second)
@@ -446,16 +449,16 @@ class RunRecord:
             for *other, second in tracks[:number]
             if when == other
         ]
-        return min((one for one in pairs if one is not None), default=None)
+        return min((distance_m for distance_m in pairs if distance_m is not None), default=None)
 
     @property
     def report(self) -> FarmReport | None:
-        """What the estimate says of the farm, if there is one."""
+        """Report on the farm by the last estimate; None without an estimate."""
         return report_of_maps(self.farm, self.maps) if self.maps else None
 
     @property
     def score(self) -> float | None:
-        """The paper's score, averaged over the scored times of the run; 0 is perfect; None without any."""
+        """Mean of the paper's score over the run's scored times; 0 is perfect. None without a score."""
         return self.history.score
 
     @property
@@ -465,7 +468,7 @@ class RunRecord:
 
     @property
     def losses(self) -> dict[str, float]:
-        """The mean loss a cell of each field by the last estimate; empty without one."""
+        """Mean loss per cell of each field by the last estimate; empty without an estimate."""
         if not self.history.entries:
             return {}
         return dict(zip(self.fields.names, self.history.entries[-1].field_loss, strict=True))
@@ -481,8 +484,8 @@ class RunRecord:
         return self.plan.farm
 
     def by_day(self) -> list[dict[str, Any]]:
-        """Return what each day gave, in plain values."""
-        flown = {(one.day, one.flight) for one in self.flights}
+        """Return a summary of each day, in plain values."""
+        flown = {(flight.day, flight.flight) for flight in self.flights}
         return [
             one.summary(
                 self.history,
@@ -507,7 +510,7 @@ class RunRecord:
             "mission": self.scenario.mission.file,
             "estimator": self.estimator,
             "vehicle": self.plan.vehicle.name,
-            "vehicles": len({one.system_id for one in self.flights}),
+            "vehicles": len({flight.system_id for flight in self.flights}),
             "day": self.scenario.farm.day,
             "days": self.scenario.farm.days,
             "outcome": self.outcome.value,
@@ -527,7 +530,7 @@ class RunRecord:
             "cells_observed": cells,
             "path_length_m": self.track.length_m,
             "position_error_m": self.flights[0].position_error,
-            "planned_length_m": sum(one.plan.length_m for one in self.flights),
+            "planned_length_m": sum(flight.plan.length_m for flight in self.flights),
             "flight_time_s": self.flight_time_s,
             "predicted_time_s": self.predicted_time_s,
             "air_time_s": self.air_time_s,
@@ -539,10 +542,10 @@ class RunRecord:
             "spacing_m": self.plan.spacing_m,
             "budget": self.plan.budget_text,
             "least_distance_m": self.least_distance_m,
-            "flights": [one.summary() for one in self.flights],
+            "flights": [flight.summary() for flight in self.flights],
             "skipped_flights": self.skipped_flights,
             "by_day": self.by_day(),
-            "decisions": [one.summary() for one in self.decisions],
+            "decisions": [decision.summary() for decision in self.decisions],
             "transfer": _transfer_summary(self.transfers),
             "camera": asdict(self.camera),
             "mavlink_frames": self.frames,

@@ -1,7 +1,7 @@
 """Compiles the estimator's functions in another process, while a run plans and flies.
 
-numba compiles one function at a time in a process, and the rest of the process waits. On a machine's first
-run the estimator's functions take as long as all the rest.
+numba compiles one function at a time, while the rest of the process waits. On a machine's first run,
+compiling the estimator takes as long as the rest of the run.
 """
 
 from __future__ import annotations
@@ -19,22 +19,22 @@ from geo.farms import get_farm
 from wbf_mission.run.resolve import Run
 
 REHEARSED_ON = "miniberry-100"
-"""A farm of a few tiles, whose estimates take less time than compiling."""
-# Other estimators for large farms learn anew for each farm, or compile nothing.
+"""A farm of a few tiles: estimating takes less time than compiling."""
+# Estimators that work in tiles; the others are trained for each farm, or compile nothing.
 _IN_TILES = ("gp", "adaptive-disk")
 
 
 @contextmanager
 def rehearsed(run: Run, rehearse: Callable[[str], None]) -> Iterator[Callable[[], None]]:
-    """Compile the estimator's functions beside a run; yields a function that waits for the end of it.
+    """Compile the estimator's functions in another process; yield a function that waits for its end.
 
-    Only for a farm larger than `REHEARSED_ON`, and only once on a machine. If the other process fails, this
-    one compiles.
+    Only for farms larger than `REHEARSED_ON`, and once per machine. If the other process fails, this process
+    compiles.
 
     Parameters
     ----------
     rehearse : callable
-        Runs everything that an estimator of this name compiles.
+        Runs all compiled functions of the estimator of this name.
     """
     choice = run.asked.estimate.estimator
     name = choice.name if choice.made is None else ""
@@ -58,11 +58,11 @@ def rehearsed(run: Run, rehearse: Callable[[str], None]) -> Iterator[Callable[[]
 
 
 def _at_once() -> None:
-    """Wait for nothing."""
+    """Return at once: no other process compiles."""
 
 
 def _mark(run: Run, name: str) -> Path | None:
-    """Return the file that marks an estimator's functions as compiled; None if no process is needed."""
+    """Return the file that marks an estimator as compiled; None if no other process is needed."""
     small = run.farm.width_cells * run.farm.height_cells <= get_farm(REHEARSED_ON).owner_cells
     if small or name not in _IN_TILES or os.environ.get("NUMBA_DISABLE_JIT"):
         return None
@@ -71,7 +71,7 @@ def _mark(run: Run, name: str) -> Path | None:
     folder = compiled_folder()
     with suppress(OSError):
         folder.mkdir(parents=True, exist_ok=True)
-    # Without a writable folder every process compiles for itself.
+    # Processes can share compiled functions only through a writable folder.
     if cpu_count() < 2 or not (folder.is_dir() and os.access(folder, os.W_OK)):
         return None
     made_of = [

@@ -1,4 +1,4 @@
-"""Repeats the estimates of a run: a fresh estimator learns its observations in their order."""
+"""Repeats the estimates of a run: a new estimator learns the observations in order."""
 
 from __future__ import annotations
 
@@ -20,9 +20,10 @@ if TYPE_CHECKING:
 
 
 def fresh_estimator(record: RunRecord, progress: Progress, estimator: Estimator | None = None) -> Estimator:
-    """Return an estimator fitted to the farm, without observations.
+    """Return an estimator that is fitted to the farm, without observations.
 
-    It is the given one, else that of the run's scenario, or a copy of the object in the scenario.
+    `estimator` is used if given; otherwise the estimator of the run's scenario, or a copy of the scenario's
+    estimator object.
     """
     if estimator is None:
         choice = record.scenario.estimate.estimator
@@ -32,7 +33,7 @@ def fresh_estimator(record: RunRecord, progress: Progress, estimator: Estimator 
             estimator = estimator_of(choice, record.scenario.seed, record.fields)
     with attribute_errors_to(estimator):
         estimator.fit(record.farm.grid())
-    days = [one.day for one in record.flights] + [one.day for one in record.days]
+    days = [flight.day for flight in record.flights] + [day.day for day in record.days]
     prepare_days(estimator, min(days), max(days) - min(days) + 1, progress)
     return estimator
 
@@ -40,10 +41,10 @@ def fresh_estimator(record: RunRecord, progress: Progress, estimator: Estimator 
 def estimates_again(
     record: RunRecord, estimator: Estimator, moments: Iterable[tuple[int, int, bool]]
 ) -> Iterator[InformationModel | None]:
-    """Yield the estimates of a fresh estimator at moments, in its own arrays.
+    """Yield a fresh estimator's estimates at moments; their arrays are the estimator's own.
 
-    A moment is a day, the number of observations known then, and whether the estimate is wanted. None stands
-    for an estimate that is not wanted, or equal to that of the moment before.
+    A moment is a day, the number of known observations, and whether the estimate is wanted. None is yielded
+    for an estimate that is not wanted, or equal to the previous one.
     """
     day, seen, is_known = None, 0, False
     for of_day, known, is_wanted in moments:
@@ -56,14 +57,14 @@ def estimates_again(
                 seen, is_known = known, False
         if is_wanted and not is_known:
             is_known = True
-            # Not kept here: those of large farms are large.
+            # Not stored: estimates of large farms are large.
             yield checked_prediction(estimator)
         else:
             yield None
 
 
 def kept_truths(record: RunRecord) -> dict[int, NDArray[np.float32]]:
-    """Return the truth, float32[n, W, H], of the days of which a record holds it: of large farms the last."""
+    """Return the recorded truths by day, float32[n, W, H]; only the last day's for large farms."""
     truths = {one.day: one.truth for one in record.days}
     if record.days and truths[record.days[-1].day] is None:
         truths[record.days[-1].day] = record.truth

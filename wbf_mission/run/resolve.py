@@ -1,10 +1,10 @@
-"""Resolves a scenario into a run: makes and checks all parts that it names, before planning and flight."""
+"""Resolves a scenario into a run: makes and checks its parts before planning and flight."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cache, cached_property
 
 from geo import Farm
 from geo.errors import WbfMissionError
@@ -23,16 +23,17 @@ from sim_vehicle.faults.fault import Fault, parse_fault
 from sim_vehicle.faults.session import check_vehicles
 from wbf_mission.events import EventStream
 from wbf_mission.planning import PlanResult
+from wbf_mission.planning.builder import MissionBuilder
 from wbf_mission.planning.fleet import Vehicle, vehicles_of
-from wbf_mission.planning.plan import farm_of, read_plan, require_one_vehicle
+from wbf_mission.planning.mission_file import read_plan, require_one_vehicle
 from wbf_mission.progress import Progress
 from wbf_mission.run.estimation import estimator_of, naming_estimator, readings_a_score
-from wbf_mission.scenario import CameraOptions, MissionOptions, Scenario, ScenarioError
+from wbf_mission.scenario import CameraOptions, FarmOptions, MissionOptions, Scenario, ScenarioError
 from wbf_mission.scenario.values import Separation
 
 
 class FlightError(WbfMissionError, RuntimeError):
-    """A run that cannot be done."""
+    """A run that cannot be flown."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,55 +43,60 @@ class Decider:
     policy: Policy  # A `FixedPlan` for a planner, a `KeepPath` for a mission from a file
     name: str  # What messages call it: ``planner spiral``, ``policy greedy``
     label: str  # Its name with its parameters
-    mission: PlanResult | None = None  # A mission from a file, which is flown
-    # A mission in sorties, which are flown one after the other; empty for one that is flown at a stretch
+    mission: PlanResult | None = None  # Plan of a mission file; None for a planner or policy
+    # Sorties of a mission, in the order of their flights; empty for a mission flown in one sortie
     sorties: tuple[PlanResult, ...] = ()
-    named: bool = True  # Whether any process can make it by its name; an object may be bound to this one
+    named: bool = True  # Whether other processes can make it by its name; an object may not be picklable
 
     @property
     def steers(self) -> bool:
-        """Whether it decides by the estimate; a planner and a mission file do not."""
+        """Whether the paths depend on the estimate; those of planners and mission files do not."""
         return not isinstance(self.policy, FixedPlan | KeepPath)
 
 
 @dataclass(frozen=True)
 class Run:
-    """Everything that decides a run."""
+    """A scenario's parts, made and checked: everything that decides the run's results."""
 
-    asked: Scenario  # What was asked for, with the default estimator named: for the record
+    asked: Scenario  # The scenario, with the default estimator named
     farm: Farm
-    fields: FieldSet  # What there is to see
-    vehicles: tuple[Vehicle, ...]  # In the order of their system ids
+    fields: FieldSet  # Fields that the camera senses
+    vehicles: tuple[Vehicle, ...]  # Ordered by system id
     decider: Decider
-    estimator: Estimator
-    cameras: tuple[LeafCameraOptions, ...]  # That of each vehicle
-    looks: CameraOptions  # How often it looks, and at how much
-    weights: ScoreWeights  # What errors cost
+    estimator_once: Callable[[], Estimator]  # Makes the estimator at its first call: plans need none
+    cameras: tuple[LeafCameraOptions, ...]  # Cameras of the vehicles; empty for a run that is only planned
+    looks: CameraOptions  # Image spacing and footprint
+    weights: ScoreWeights  # Costs of estimation errors
     seed: int
     first_day: int
     days: int
     flights_per_day: int
-    points: int | None  # How often the estimate of a flight is scored; None: as often as the farm can afford
-    keeps: Separation  # How the vehicles stay apart
-    world: World | None = None  # How the fields really develop; only the environment is made by it
-    faults: tuple[Fault, ...] = ()  # What goes wrong in each flight of simulated vehicles
+    points: int | None  # Scores per flight; None: chosen by the farm's size
+    keeps: Separation  # Separation of the vehicles
+    world: World | None = None  # True dynamics of the fields, for the environment only
+    faults: tuple[Fault, ...] = ()  # Faults injected in each flight of simulated vehicles
 
     def __getstate__(self) -> dict[str, object]:
-        """Leave out the estimator, which may be large: other processes fly, and estimate nothing."""
-        return {name: value for name, value in self.__dict__.items() if name != "estimator"}
+        """Return the state without the estimator, which may be large: other processes only fly."""
+        return {name: value for name, value in self.__dict__.items() if name != "estimator_once"}
+
+    @property
+    def estimator(self) -> Estimator:
+        """The estimator, the same object at each call."""
+        return self.estimator_once()
 
     @property
     def camera(self) -> LeafCameraOptions:
-        """The camera of the first vehicle; those of the others differ by what they sense only."""
+        """The camera of the first vehicle; other vehicles' cameras differ only in the sensed fields."""
         return self.cameras[0]
 
     def camera_of(self, system_id: int) -> LeafCameraOptions:
         """Return the camera of a vehicle by its system id."""
-        return self.cameras[[one.task.system_id for one in self.vehicles].index(system_id)]
+        return self.cameras[[vehicle.task.system_id for vehicle in self.vehicles].index(system_id)]
 
     @cached_property
     def numbers(self) -> tuple[tuple[int, int], ...]:
-        """Day and number of each flight, in their order."""
+        """Day and flight number of each flight of the run, in order."""
         return tuple(
             (day, flight)
             for day in range(self.first_day, self.first_day + self.days)
@@ -98,20 +104,20 @@ class Run:
         )
 
     def readings_a_score(self, expected: float) -> int:
-        """Return the number of observations between two scores, for a flight with `expected` of them."""
-        ideal = all(one.task.builder.vehicle.is_ideal for one in self.vehicles)
+        """Return the number of observations between two scores, for a flight with `expected` observations."""
+        ideal = all(vehicle.task.builder.vehicle.is_ideal for vehicle in self.vehicles)
         flights = len(self.numbers)
         return readings_a_score(self.points, self.farm, self.estimator, flights, expected, ideal=ideal)
 
     @property
     def last_day(self) -> int:
-        """The last day that is flown."""
+        """The last day of the run."""
         return self.first_day + self.days - 1
 
     def environment(
         self, progress: Progress | None, *, use_cache: bool, memory: EnvironmentMemory | None = None
     ) -> tuple[Environment, bool]:
-        """Return its environment, and whether the cache had it."""
+        """Return the run's environment, and whether it came from the cache."""
         return environment_of(
             self.farm,
             self.fields,
@@ -127,6 +133,9 @@ class Run:
 def resolve(
     scenario: Scenario,
     *,
+    to_fly: bool = True,
+    farm: Farm | None = None,
+    fields: FieldSet | None = None,
     faults: Sequence[Fault | str] = (),
     fitted: Callable[[Scenario, EventStream], Scenario] | None = None,
     weights: ScoreWeights | None = None,
@@ -136,18 +145,23 @@ def resolve(
 
     Parameters
     ----------
+    to_fly : bool
+        Check also what a plan does not use: fields, cameras, world and estimator. A run that is only planned
+        has no cameras and no world, and no vehicles if it has a mission file.
+    farm, fields : Farm and FieldSet, optional
+        Those of the scenario, if they are loaded already.
     faults : sequence of Fault or str
-        What goes wrong in each flight.
+        Faults of each flight.
     fitted : callable, optional
-        Returns the scenario as the vehicles behind a link want it. They are waited for when what does not
-        depend on them has been found to be in order.
+        Waits for the vehicles behind a link, and returns the scenario fitted to them. It is called after all
+        checks that do not depend on the vehicles.
 
     Raises
     ------
     WbfMissionError
         If a name is unknown, a value out of range, or the parts do not suit each other.
     """
-    if scenario.camera.model is not None:
+    if to_fly and scenario.camera.model is not None:
         msg = (
             f"camera {scenario.camera.model}: flights here have the leaf camera, which sees"
             f" {scenario.camera.footprint} cells a side; plan with the camera, and fly the"
@@ -155,25 +169,32 @@ def resolve(
         )
         raise ScenarioError(msg)
     stream = EventStream() if events is None else events
-    breaking = tuple(parse_fault(one) if isinstance(one, str) else one for one in faults)
+    breaking = tuple(parse_fault(fault) if isinstance(fault, str) else fault for fault in faults)
     check_vehicles(breaking, range(1, len(scenario.vehicle.fleet) + 1))
-    farm, fields = farm_of(scenario.farm)
-    _require_hosts(farm, fields)
-    fields.require_simulated()
+    farm, fields = farm_of(scenario.farm, farm, fields)
+    if to_fly:
+        _require_hosts(farm, fields)
+        fields.require_simulated()
     scenario = naming_estimator(scenario, farm, fields)
-    estimator = estimator_of(scenario.estimate.estimator, scenario.seed, fields)
+    choice, seed = scenario.estimate.estimator, scenario.seed
+    estimator_once = cache(lambda: estimator_of(choice, seed, fields))
+    if to_fly:
+        estimator_once()
     if fitted is not None:
-        # What is wrong with a camera is told before vehicles are waited for; their number is known after it.
+        # A faulty camera option is reported before the wait for vehicles, whose number is not yet known.
         cameras_of(scenario, fields, len(scenario.camera.by_vehicle))
         scenario = fitted(scenario, stream)
-    cameras = cameras_of(scenario, fields)
+    cameras = cameras_of(scenario, fields) if to_fly else ()
     progress = stream.progress
     progress("planning", 0, 1)
     decider = decider_of(scenario.mission, len(scenario.vehicle.fleet))
-    vehicles = vehicles_of(scenario, farm, seed=scenario.seed, first_day=scenario.farm.day, progress=progress)
-    if scenario.mission.file is not None:
-        builder = vehicles[0].task.builder
-        flown = read_plan(scenario.mission.file, builder, scenario.camera.footprint, scenario.seed)
+    file, day = scenario.mission.file, scenario.farm.day
+    # A mission file needs no budget, and a vehicle's task has one.
+    needs_tasks = to_fly or file is None
+    vehicles = vehicles_of(scenario, farm, seed=seed, first_day=day, progress=progress) if needs_tasks else ()
+    if file is not None:
+        builder = vehicles[0].task.builder if vehicles else MissionBuilder.of(scenario, farm)
+        flown = read_plan(file, builder, scenario.camera.footprint, seed)
         decider = replace(decider, mission=flown)
     return Run(
         asked=scenario,
@@ -181,23 +202,31 @@ def resolve(
         fields=fields,
         vehicles=vehicles,
         decider=decider,
-        estimator=estimator,
+        estimator_once=estimator_once,
         cameras=cameras,
         looks=scenario.camera,
         weights=ScoreWeights.of(fields) if weights is None else weights,
-        seed=scenario.seed,
-        first_day=scenario.farm.day,
+        seed=seed,
+        first_day=day,
         days=scenario.farm.days,
         flights_per_day=scenario.farm.flights_per_day,
         points=scenario.score.points,
         keeps=scenario.vehicle.keeps,
-        world=world_of(scenario, fields),
+        world=world_of(scenario, fields) if to_fly else None,
         faults=breaking,
     )
 
 
+def farm_of(
+    options: FarmOptions, farm: Farm | None = None, fields: FieldSet | None = None
+) -> tuple[Farm, FieldSet]:
+    """Return the farm, limited to the crops of the fields, and the fields; loads those that are None."""
+    fields = load_field_set(options.fields) if fields is None else fields
+    return (options.load() if farm is None else farm).scouting(fields.crops), fields
+
+
 def _require_hosts(farm: Farm, fields: FieldSet) -> None:
-    """Refuse fields of which none has land of the farm's owner: there would be nothing to score."""
+    """Refuse a field set if the farm's owner grows none of its crops: there would be nothing to score."""
     wanted = fields.crops
     if wanted and set(farm.grown).isdisjoint(wanted):
         msg = (
@@ -208,7 +237,7 @@ def _require_hosts(farm: Farm, fields: FieldSet) -> None:
 
 
 def decider_of(options: MissionOptions, vehicles: int) -> Decider:
-    """Return the decider of a mission for a number of vehicles: a mission file, a policy or a planner."""
+    """Return the decider of a mission: a mission file for one vehicle, a policy, or a planner."""
     if options.file is not None:
         require_one_vehicle(options.file, vehicles)
         return Decider(KeepPath(), f"mission {options.file}", options.file)
@@ -224,16 +253,16 @@ def decider_of(options: MissionOptions, vehicles: int) -> Decider:
 def make_environment(
     scenario: Scenario, farm: Farm, progress: Progress | None = None, *, use_cache: bool = True
 ) -> Environment:
-    """Return the environment of the scenario's seed on its days; large ones are kept in the user's cache."""
+    """Return the environment of a scenario's days and seed; large ones are kept in the user's cache."""
     days = scenario.farm.day, scenario.farm.day + scenario.farm.days - 1
     fields, world = load_field_set(scenario.farm.fields), scenario.farm.load_world()
     return environment_of(farm, fields, days, scenario.seed, progress, world=world, use_cache=use_cache)[0]
 
 
 def world_of(scenario: Scenario, fields: FieldSet) -> World | None:
-    """Return the scenario's world, if it has one.
+    """Return the scenario's world; None without one.
 
-    EnvironmentDataError if it cannot be used, or does not suit the fields.
+    Raises EnvironmentDataError if the world cannot be used, or does not suit the fields.
     """
     world = scenario.farm.load_world()
     if world is not None:
@@ -252,9 +281,10 @@ def environment_of(
     use_cache: bool,
     memory: EnvironmentMemory | None = None,
 ) -> tuple[Environment, bool]:
-    """Return the environment of a run's seed from its first to its last day, and whether the cache had it.
+    """Return the environment of a run's seed for `days` (first, last), and whether it came from the cache.
 
-    It may be one that other runs with the memory had. Its fields are the true ones: those of the world.
+    Runs that share `memory` share equal environments. With a world the environment follows the world's
+    fields.
     """
 
     def told(done: int, total: int) -> None:
@@ -277,9 +307,9 @@ def environment_of(
 def cameras_of(
     scenario: Scenario, fields: FieldSet, vehicles: int | None = None
 ) -> tuple[LeafCameraOptions, ...]:
-    """Return the leaf camera's own options, on these fields, of each vehicle: the scenario's, or so many.
+    """Return the leaf camera's options for each vehicle; for the scenario's fleet if `vehicles` is None.
 
-    WbfMissionError if an option is out of range, or they are given for another number of vehicles.
+    Raises WbfMissionError if an option is out of range, or cameras are given for another number of vehicles.
     """
     camera, count = scenario.camera, len(scenario.vehicle.fleet) if vehicles is None else vehicles
     return tuple(

@@ -1,13 +1,12 @@
-"""Flights that are flown once for all runs in which they would be the same, or ahead in other processes.
+"""Reuse of equal flights between runs, and flights flown ahead in other processes.
 
-The vehicle of a planner flies its path whatever its camera sees. So a flight is decided by the mission, the
-vehicle, the weather and, where something is drawn on the way, the seed; the environment, the errors of the
-camera and the estimator are not among these. It is flown with cameras that number their readings
-(`sensors.camera.leaf_camera`). What an environment gives to read then takes the places of the numbers.
+A planner's path does not depend on the camera's readings. So mission, vehicle, weather and, in a flight with
+random draws, the seed decide a flight; environment, camera errors and estimator do not. The flight is flown
+with cameras that number their readings (`sensors.camera.leaf_camera`). For each run the environment's
+readings then replace the numbers.
 
-Nor need the flights of a run wait for each other then: each draws from the random streams of its own number,
-so those that are flown ahead are the same as one after the other. `wbf_mission.run.flight.fly_once` knows
-nothing of all this.
+Flights of a run can also be flown in parallel: each flight draws from the random streams of its own number,
+so the order of the flights does not matter.
 """
 
 from __future__ import annotations
@@ -39,7 +38,6 @@ from sensors.environment.cache import EnvironmentMemory
 from sensors.estimation import Evidence
 from sensors.observations import Observations
 from sim_vehicle.epoch import EPOCH_UNIX_S
-from wbf_mission.events import EventStream, Progressed
 from wbf_mission.planning import PlanResult
 from wbf_mission.planning.assignment import SortieNumber
 from wbf_mission.planning.fleet import Vehicle
@@ -47,6 +45,7 @@ from wbf_mission.progress import Progress, silent
 from wbf_mission.replanning.record import DecisionRecord
 from wbf_mission.run.flight import FlightInterrupted, PlannedFlight, fly_once, leaf_camera, plan_flight
 from wbf_mission.run.hosting import Hosting, VirtualHosting
+from wbf_mission.run.plan import progress_events
 from wbf_mission.run.record import Flight, FlightRecord
 from wbf_mission.run.resolve import Run
 
@@ -56,9 +55,9 @@ _IMAGE_ID = mavlink.MAVLINK_MSG_ID_DEBUG_FLOAT_ARRAY.to_bytes(3, "little")
 
 
 def log_of_readings(log: FrameLog, readings: NDArray[np.float32], layout: LeafLayout) -> FrameLog:
-    """Return the log of the same flight with other readings, float32[n, fields] by their numbers.
+    """Return the log of a flight with `readings`, float32[n, fields], in place of their numbers.
 
-    Its frames are MAVLink 2 and not signed, as our own components send them.
+    The frames must be unsigned MAVLink 2, as the simulated components send them.
     """
     told = FrameLog()
     reader = FrameReader()
@@ -72,7 +71,7 @@ def log_of_readings(log: FrameLog, readings: NDArray[np.float32], layout: LeafLa
 def _frame_of_readings(
     frame: bytes, reader: FrameReader, readings: NDArray[np.float32], layout: LeafLayout
 ) -> bytes:
-    """Return the frame of an image, with other readings if it is the leaf camera's."""
+    """Return the frame, with `readings` in place of their numbers if it is a leaf camera image."""
     (message,) = reader.feed(frame)
     assert is_a(message, mavlink.MAVLink_debug_float_array_message)
     if message.name == layout.name and layout.fits(message.data):
@@ -95,23 +94,23 @@ def _read(data: Sequence[float], readings: NDArray[np.float32], layout: LeafLayo
 
 MOST_FLIGHTS = 32
 MOST_READINGS = 1_000_000
-"""Of all flights that are kept."""
+"""Largest number of readings, summed over the kept flights."""
 
 
 @dataclass(frozen=True, slots=True)
 class _KeptFlight:
-    """A flight without what its cameras saw."""
+    """A flight with numbers in place of its readings."""
 
     records: tuple[FlightRecord, ...]
     images: ImageList
-    seen: Observations  # Without values
-    reading: NDArray[np.int64]  # int64[n]: which reading each observation is
+    seen: Observations  # Observations without values
+    reading: NDArray[np.int64]  # int64[n]: reading number of each observation
     duration_s: float
     frames: int
-    log: FrameLog | None  # With the numbers of the readings
+    log: FrameLog | None  # Frames, with numbers in place of readings
 
     def of_run(self, run: Run, planned: PlannedFlight, environment: Environment) -> Flight:
-        """Return the flight of a run, with what is seen in its environment."""
+        """Return the flight with the readings of a run's environment."""
         cameras = [leaf_camera(run, number, environment) for number, _, _ in planned.sorties]
         readings = self.images.read(cameras)
         seen = replace(
@@ -137,7 +136,7 @@ class _KeptFlight:
 
 
 class FlightMemory:
-    """Keeps the flights that were used last, at `most` so many, and the small environments."""
+    """Cache of the `most` recently used flights, and of small environments."""
 
     def __init__(self, most: int = MOST_FLIGHTS) -> None:
         self.environments = EnvironmentMemory()
@@ -157,11 +156,10 @@ class FlightMemory:
         *,
         logged: bool = False,
     ) -> Flight | None:
-        """Fly a flight, or take it as it was flown before; None if it has to be flown for its run alone.
+        """Fly a flight, or reuse an equal one; None if the flight cannot be shared between runs.
 
-        That is so if what is seen or a person at the other end of a link may change it, something goes wrong
-        on purpose, it is very long, or something was decided on the way. With `logged` every frame is kept,
-        whatever the hosting says.
+        A flight cannot be shared if a policy, an operator, a link or a fault can change it, if it is very
+        long, or if a decision was made in flight. `logged`: keep every frame.
         """
         expected = planned.expected_readings(run.looks)
         plain = isinstance(hosting, VirtualHosting) and replace(hosting, tlog=None) == VirtualHosting()
@@ -180,24 +178,25 @@ class FlightMemory:
 
     @property
     def _readings(self) -> int:
-        return sum(len(one.reading) for one in self._kept.values())
+        return sum(len(kept.reading) for kept in self._kept.values())
 
 
 @cache
 def memory_of_process() -> FlightMemory:
-    """Return the flights that all runs of this process share."""
+    """Return the flight memory that all runs of this process share."""
     return FlightMemory()
 
 
 def _flown(
     run: Run, planned: PlannedFlight, hosting: Hosting, progress: Progress, *, logged: bool
 ) -> _KeptFlight | None:
-    """Fly a flight whose cameras number their readings; None if something was decided on the way."""
+    """Fly a flight with cameras that number their readings; None if a decision was made in flight."""
     evidence, decisions = Evidence(run.farm, run.fields), list[DecisionRecord]()
     if len(planned.sorties) > 1:
-        # Some may take over the rest of one that is lost; the run's own records shall not tell of it twice.
+        # A vehicle may take over a lost vehicle's rest: plan anew, so that decisions do not enter the run's
+        # records twice.
         there = {number.system_id for number, _, _ in planned.sorties}
-        gone = {one.task.system_id for one in run.vehicles} - there
+        gone = {vehicle.task.system_id for vehicle in run.vehicles} - there
         planned = plan_flight(run, planned.day, planned.flight, evidence, decisions, gone)
     images = ImageList(run.camera.footprint_cells**2)
     shape = run.farm.grid().shape
@@ -231,18 +230,16 @@ def _fly_apart(
     log: FrameLog | None,
     progress: Progress,
 ) -> Flight:
-    """Fly a flight for itself; what it gave until a Ctrl-C is of no use to a run."""
-    events = EventStream()
-    events.listen(lambda event: progress(event.what, event.done, event.total), Progressed)
+    """Fly a flight outside of its run; a Ctrl-C discards it."""
     try:
-        # Nobody knows yet when the flight begins: frames have their times since then.
+        # The start of the flight in its run is unknown, so the frames' times count from the flight's start.
         return fly_once(
             run,
             planned,
             evidence,
             cameras,
             hosting,
-            events=events,
+            events=progress_events(progress),
             writer=log,
             offset_s=-EPOCH_UNIX_S,
         )
@@ -251,10 +248,10 @@ def _fly_apart(
 
 
 def _key(run: Run, planned: PlannedFlight, *, logged: bool) -> bytes:
-    """Return all that decides a flight, written out."""
+    """Return the flight's key: all values that decide the flight, encoded."""
     farm, frame = run.farm, run.farm.frame
     georeference = (frame.latitude_deg, frame.longitude_deg, frame.altitude_m, frame.rotation_deg)
-    sorties = [_sortie_values(*one) for one in planned.sorties]
+    sorties = [_sortie_values(*sortie) for sortie in planned.sorties]
     drawn = None
     if any(_draws(one) for _, one, _ in planned.sorties):
         drawn = (run.seed, [number for number, _, _ in planned.sorties])
@@ -277,7 +274,7 @@ def _sortie_values(number: SortieNumber, vehicle: Vehicle, plan: PlanResult) -> 
 
 
 def _draws(flown: Vehicle) -> bool:
-    """Whether a flight depends on chance."""
+    """Return whether a flight has random draws."""
     weather, vehicle = flown.weather, flown.vehicle
     gusts = weather.wind_gust_m_s > 0.0 or weather.turbulence is not None
     errs = flown.task.builder.estimate_errors
@@ -285,22 +282,22 @@ def _draws(flown: Vehicle) -> bool:
 
 
 WORTH_S = 6000.0
-"""Seconds of simulated flight of a run from which on processes are worth their start."""
+"""Simulated flight time of a run (s) above which worker processes save more time than their start costs."""
 MOST_CELLS = 500_000
-"""A larger environment is not sent to other processes."""
+"""Largest environment that is sent to worker processes."""
 
 
 @dataclass(frozen=True, slots=True)
 class FlightAlone:
-    """Flies any flight of a run without the others."""
+    """Flies single flights of a run, independent of its other flights."""
 
-    run: Run  # With a decider that does not ask what is believed
+    run: Run  # The run; its paths do not depend on the estimate
     environment: Environment
     hosting: Hosting
     logged: bool = False  # Whether frames are kept
 
     def __call__(self, day: int, flight: int) -> Flight:
-        """Plan a flight and fly it, unless it was flown in this process before."""
+        """Plan and fly a flight, or reuse an equal one of this process."""
         run, evidence, decisions = self.run, Evidence(self.run.farm, self.run.fields), list[DecisionRecord]()
         with threadpool_limits(1, user_api="blas"):
             planned = plan_flight(run, day, flight, evidence, decisions)
@@ -316,16 +313,16 @@ class FlightAlone:
 
 @cache
 def _spare_collector() -> None:
-    """Let the garbage collector leave alone what this process holds before its first flight: the program."""
+    """Exempt all present objects from garbage collection; most of them are the program's own."""
     gc.freeze()
 
 
 def can_fly_ahead(run: Run, hosting: Hosting, expected_s: float) -> bool:
-    """Return whether the flights of a run can be flown in other processes, and whether that is worth it.
+    """Return whether worker processes can fly the flights of a run, and save time.
 
-    Who steers has to see first; a flight in real time is followed while it goes on. A planner that is an
-    object may be bound to this process. Where this process is itself one of several, these share the cores
-    already. All vehicles fly for about `expected_s` in all flights.
+    A policy needs the observations of earlier flights, and a flight in real time is watched. A planner object
+    may not be picklable. A worker process starts no workers of its own, since the cores are in use.
+    `expected_s` is the flight time summed over vehicles and flights.
     """
     from joblib import cpu_count
 
@@ -343,17 +340,17 @@ def can_fly_ahead(run: Run, hosting: Hosting, expected_s: float) -> bool:
 
 
 class FlightsAhead:
-    """Flies flights, by day and number, in as many processes as there are cores; gives them in order."""
+    """Flies the flights of a run in one worker process per core; returns them in order."""
 
     def __init__(self, fly: FlightAlone, numbers: Sequence[tuple[int, int]]) -> None:
         self._order = {number: k for k, number in enumerate(numbers)}
         self._calls = CallsAhead(fly, numbers)
 
     def take(self, day: int, flight: int) -> Flight | None:
-        """Wait for a flight and return it; in their order, each once.
+        """Wait for a flight and return it; call in order, once per flight.
 
-        None if it has to be flown here in its turn: a process was killed, something is wrong that is found
-        again and told here, or something was decided on the way, by what was known when it was flown.
+        None if the flight must be flown in this process: the worker was killed or raised an error, which is
+        then raised here again, or a decision was made in flight without the observations of earlier flights.
         """
         number = self._order.pop((day, flight), None)
         if number is None:

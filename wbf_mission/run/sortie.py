@@ -1,4 +1,4 @@
-"""One vehicle's flight as the ground sees it: its task and plan, its leaf camera, its ground station."""
+"""One vehicle's flight on the ground side: task, plan, leaf camera and ground station."""
 
 from __future__ import annotations
 
@@ -40,20 +40,20 @@ from wbf_mission.scenario.parts import MOST_VEHICLES
 
 _SLOWEST_FLIGHT_M_S = 0.1
 SILENT_S = 30.0
-"""A vehicle that is not heard of for so long is lost, as far as decisions go; beyond the radio's range it is
-for so long after it should have been back."""
+"""Silence (s) after which decisions treat a vehicle as lost; counted from its expected return if it left
+radio range."""
 SLOWEST_M_S = 0.3
 _REAL_GROUNDS = (GROUND_STATION[1], *range(m.MAV_COMP_ID_USER1, m.MAV_COMP_ID_USER1 + MOST_VEHICLES))
-"""Real vehicles expect their ground station to be system 255 (ArduPilot: MAV_GCS_SYSID); where several fly,
-each has a component of it."""
+"""Component ids of the ground stations of real vehicles. Real vehicles expect system 255 (ArduPilot:
+MAV_GCS_SYSID), so several vehicles get a component each."""
 _NO_REST: tuple[tuple[MissionItem, ...], int, Points] = ((), -1, np.empty((0, 2)))
 
 
 class Sortie:
-    """One vehicle from the first heartbeat to the landing.
+    """One vehicle's flight from the first heartbeat to the landing.
 
-    `force` sends also what the autopilot would refuse or not fly; of those that fly together it is number
-    `place`, from 0.
+    `force` also uploads items that the autopilot would refuse or not fly. `place` is the vehicle's number in
+    a joint flight, from 0.
     """
 
     def __init__(
@@ -74,7 +74,7 @@ class Sortie:
         self._station_range = task.builder.station_range
         planned, planned_s = plan.prediction, plan.prediction.duration_s or math.inf
         self._mean_speed_m_s = max(planned.path_length_m / planned_s, _SLOWEST_FLIGHT_M_S)
-        # What a second of flight costs, in Wh and in the unit of the budget
+        # Mean cost of a second of flight, in Wh and in the unit of the budget
         self._mean_wh_s = planned.energy_wh / planned_s
         level, step_s = task.builder.level, plan.vehicle.step_s
         a_second = {"m": level.speed_m_s, "steps": 1.0 / step_s, "Wh": self._mean_wh_s}
@@ -82,9 +82,9 @@ class Sortie:
         farm = plan.farm
         self.start_delay_s = start_delay_s
         self.number, self.task, self.plan = number, task, plan
-        # Takes what the autopilot of a real vehicle tells, too.
+        # Also receives the messages of a real vehicle's autopilot.
         self.follow: Callable[[Message, float], None] = lambda _message, _now_s: None
-        # The host sets both: what sends messages of the ground station, and what tells how many images were
+        # Set by the host: the sender of the ground station's messages, and the count of images that were
         # never taken because the link was dead.
         self.send: Callable[[list[Message]], None] = _nobody_sends
         self.images_missed: Callable[[], int] = lambda: 0
@@ -104,16 +104,16 @@ class Sortie:
             maker=maker,
             force=force,
         )
-        self.ordered: list[str] = []  # What who watched ordered of it, and when
+        self.ordered: list[str] = []  # Orders of a watcher, with their times
         self._flown = FlownLength(self.ground.tracks, farm.frame)
         self._travel_cost = task.travel_cost_in_flight(plan.path_m)
         self._last_item = 0
         self._passed = 0
-        # Paths whose legs are led, or lead round obstacles, by the items that fly them.
+        # Mission items, path and waypoints of paths with added waypoints (cornering, obstacles).
         self._led: list[tuple[tuple[MissionItem, ...], Points, Waypoints]] = []
         if self._leads and vehicle.mission.file is None:
             sent = task.builder.waypoints(plan.path_m, task.request.start_xy_m)
-            # A part of a longer mission has the waypoints that were led already.
+            # A sortie of a longer mission has the added waypoints in its path already.
             if len(sent.points_m) == len(self._waypoints_of(plan.mission.items, 0)):
                 self._led = [(plan.mission.items, plan.path_m, sent)]
         self._rest_known = _NO_REST
@@ -128,7 +128,7 @@ class Sortie:
 
     @property
     def _leads(self) -> bool:
-        """Whether it may be sent elsewhere than to the points of its path."""
+        """Whether the mission may have waypoints other than the points of the path."""
         builder = self.task.builder
         return builder.cornering.overshoot_m > 0.0 or builder.keep_out is not None
 
@@ -139,7 +139,7 @@ class Sortie:
 
     @property
     def path_m(self) -> Points:
-        """The points of the whole path of the mission that the vehicle holds, in metres of the farm frame."""
+        """Points of the vehicle's whole current path, in metres of the farm frame."""
         items = self.ground.mission.items
         return self._points_of(items, self._waypoints_of(items, 0))
 
@@ -148,18 +148,18 @@ class Sortie:
         return self.ground.mission
 
     def is_changing(self) -> bool:
-        """Return whether that mission is being changed."""
+        """Return whether the vehicle's mission is being changed."""
         return self.ground.changing
 
     def take(self) -> Observations:
         """Return the observations that arrived since the last call."""
         seen, offset_s = self.assembler.take(), self.ground.clock_offset_s
-        # Vehicles that were switched on at different times count on one clock.
+        # Vehicles are switched on at different times; the offset maps their clocks to one.
         return replace(seen, time_s=seen.time_s + offset_s) if offset_s and len(seen) else seen
 
     @property
     def _rest(self) -> list[int]:
-        """The items of the waypoints that are still to be flown to."""
+        """Item numbers of the remaining waypoints."""
         return self._waypoints_of(self.ground.mission.items, self._item)
 
     @staticmethod
@@ -168,14 +168,14 @@ class Sortie:
 
     @property
     def _item(self) -> int:
-        """The item that is flown; the last one told of, while a changed mission is not spoken of yet."""
+        """The current mission item; the last reported one until the vehicle reports on a changed mission."""
         told = self.ground.vehicle_state.item
         if told is not None:
             self._last_item = told
         return self._last_item
 
     def _rest_points(self) -> Points:
-        """Return the points of the path that are still to be reached, in metres of the farm frame."""
+        """Return the remaining points of the path, in metres of the farm frame."""
         items, item = self.ground.mission.items, self._item
         known_items, known_item, known = self._rest_known
         if known_items is not items or known_item != item:
@@ -184,7 +184,7 @@ class Sortie:
         return known.copy()
 
     def _points_of(self, items: tuple[MissionItem, ...], left: list[int]) -> Points:
-        """Return the points of some items of the mission, the last ones of their path."""
+        """Return the path points of the mission items `left`, which are the last ones of their path."""
         for held, path_m, sent in self._led:
             if held is items:
                 return path_m[sent.of_point[-len(left)] :] if left else path_m[:0]
@@ -193,11 +193,11 @@ class Sortie:
 
     @property
     def waypoints_reached(self) -> int:
-        """How many waypoints the vehicle has passed on the paths that it was given."""
+        """Number of waypoints that the vehicle has passed, over all its paths."""
         return self._passed + self._on_path - len(self._rest_points())
 
     def is_ending(self, now_s: float) -> bool:
-        """Return whether the vehicle is about to reach the end of its path; True once for each point left."""
+        """Return whether the path is about to end; True once for each remaining point."""
         if self.status(now_s) is not Status.FLYING:
             return False
         rest = self._rest_points()
@@ -206,7 +206,7 @@ class Sortie:
         path = np.vstack((self.ground.vehicle_state.position_m(self.plan.farm.frame), rest))
         length_m = path_length(path)
         speed_m_s = max(self.ground.vehicle_state.ground_speed_m_s, SLOWEST_M_S)
-        # The last point counts as reached within the radius.
+        # The last point counts as reached within the acceptance radius.
         left_m = length_m - self.task.builder.cornering.radius_m
         ends = left_m < speed_m_s * (ENDING_S + self._delay_s)
         if ends:
@@ -214,7 +214,7 @@ class Sortie:
         return ends
 
     def report(self, now_s: float, ahead_s: float = 0.0) -> VehicleReport:
-        """Return what is known of the vehicle from its telemetry, with the cost of some seconds to come."""
+        """Return the vehicle's state from its telemetry; `spent` includes the next `ahead_s` seconds."""
         state, frame = self.ground.vehicle_state, self.plan.farm.frame
         task = self.task
         heard = state.heard_s > -math.inf
@@ -240,7 +240,7 @@ class Sortie:
         )
 
     def status(self, now_s: float) -> Status:
-        """Return what the vehicle is doing, as far as the ground can tell."""
+        """Return the vehicle's status, from its telemetry."""
         ground, state = self.ground, self.ground.vehicle_state
         if ground.phase in (Phase.DONE, Phase.FETCH):
             return Status.ENDED if ground.outcome.is_good else Status.LOST
@@ -261,7 +261,7 @@ class Sortie:
         return Status.FLYING if self._rest else Status.RETURNING
 
     def _absence_s(self, silent_s: float) -> float:
-        """Return how long the plan explains that nothing is heard of the vehicle."""
+        """Return the silence (s) that the plan explains by flight beyond radio range."""
         if self._station_range is None or not SILENT_S < silent_s < math.inf:
             return 0.0
         onward = np.vstack((self._rest_points(), self._end_m()))
@@ -269,7 +269,7 @@ class Sortie:
         return self._station_range.absence_s(here_m, onward, self._mean_speed_m_s)
 
     def _end_m(self) -> Points:
-        """Return where the vehicle flies after its path: home, or nowhere."""
+        """Return home, float64[1, 2], if the mission leads home after its path; else no point."""
         home = self.task.request.start_xy_m
         return np.array([home]) if leads_home(self.ground.mission.items) else np.empty((0, 2))
 
@@ -282,14 +282,14 @@ class Sortie:
             self.ground.interrupt(Outcome.LINK_LOST, why, now_s)
 
     def _spent(self, now_s: float) -> float:
-        """Return what the flight has cost so far, in the unit of the budget."""
+        """Return the spent budget of the flight, in the unit of the budget."""
         ground, budget, vehicle = self.ground, self.task.request.budget, self.plan.vehicle
         if ground.started_s is None:
             return 0.0
-        # A vehicle whose clock runs faster than ours (a simulator) is held to its own.
+        # A simulator's clock may be faster than this host's: the later of both counts.
         flown_s = max(now_s - ground.started_s, ground.flight_time_s)
         if budget.unit == "m":
-            # Where nothing was heard it cannot have flown farther than its speed allows.
+            # Silent seconds count as flown at full speed: no track is known for them.
             return self._flown.measure() + ground.silent_s * self.task.builder.level.speed_m_s
         if budget.unit == "steps":
             return math.floor(flown_s / vehicle.step_s + 1e-6)
@@ -298,9 +298,9 @@ class Sortie:
         return flown_s
 
     def _drawn_wh(self, flown_s: float) -> float:
-        """Return what the flight has drawn of the battery, and what that lacked of the budget at its start.
+        """Return the drawn energy, plus the budget's part that the battery did not hold at the start (Wh).
 
-        A real PX4 tells no energy, only percent; a real battery may be put in half full.
+        A real PX4 reports percent and no energy; a real battery may be half full at the start.
         """
         ground, battery = self.ground, self.plan.vehicle.battery
         before, now = ground.battery_before, ground.vehicle_state.battery
@@ -318,11 +318,11 @@ class Sortie:
 
     @property
     def _delay_s(self) -> float:
-        known = [one.delay_s for one in self.ground.changes if one.delay_s is not None]
+        known = [change.delay_s for change in self.ground.changes if change.delay_s is not None]
         return median(known) if known else 0.0
 
     def steer(self, points_m: Points, now_s: float) -> PathChange:
-        """Begin to change the path of the vehicle; what becomes of it is noted in what is returned."""
+        """Start a change of the vehicle's path; the returned record is updated with the outcome."""
         ground, frame = self.ground, self.plan.farm.frame
         started_s = ground.started_s or 0.0
         position_m = ground.vehicle_state.position_m(frame)
@@ -336,7 +336,7 @@ class Sortie:
             return change
         builder = self.task.builder
         if not len(points_m) and not len(self._end_m()):
-            # It ends its path where it is: nothing in its mission leads home.
+            # The mission does not lead home, so the path ends at the vehicle's position.
             points_m = np.array([position_m])
         sent = builder.waypoints(points_m, position_m)
         latitude, longitude = frame.to_wgs84(sent.points_m[:, 0], sent.points_m[:, 1])
@@ -362,13 +362,13 @@ class Sortie:
         return change
 
     def note_changes(self) -> None:
-        """Note what became of the changes that were under way."""
+        """Update the records of the open path changes."""
         started_s = self.ground.started_s or 0.0
         still = []
         for number, change in self._open:
             if number >= len(self.ground.changes):
                 if self.done and self.ground.outcome.is_good and not len(change.path_m):
-                    # It went home at once, or ended where it was, before the change was confirmed.
+                    # The flight ended by the change before the change was confirmed.
                     change.outcome, change.effect_s = "flown", self.ground.flight_time_s
                     continue
                 still.append((number, change))
@@ -381,7 +381,7 @@ class Sortie:
         self._open = still
 
     def record(self) -> FlightRecord:
-        """Return what the flight gave."""
+        """Return the record of the flight."""
         ground, battery = self.ground, self.plan.vehicle.battery
         before, lowest, used = ground.battery_before, ground.battery_lowest, None
         if battery is not None:
@@ -413,17 +413,17 @@ class Sortie:
 
     @property
     def _missing_images(self) -> int:
-        """How many images will not come any more: lost on the way, or never taken over a dead link."""
+        """Number of images that were lost in transfer, or never taken because the link was dead."""
         return len(self.assembler.missing()) + self.images_missed()
 
     def _not_repeatable(self) -> str | None:
-        """Say that a simulated flight was flown by hand, too; None if it was not."""
+        """Return the warning that orders changed a simulated flight; None without orders."""
         if not self.ordered or self.ground.arming_gate is not None:
             return None
         return f"ordered by hand: {', '.join(self.ordered)}; the seed does not give this flight again"
 
     def _missing(self) -> str | None:
-        """Say how many images of a real flight are missing for good; None if none are."""
+        """Return the warning about missing images of a real flight; None if there are none."""
         missing, report = self._missing_images, self.ground.link_report
         if report is None or not missing:
             return None

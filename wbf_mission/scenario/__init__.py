@@ -1,9 +1,12 @@
-"""Scenarios: everything that decides a run, in parts, and the files that hold them. Imports nothing heavy."""
+"""Scenarios: all options of a run, in parts, and scenario files. Imports no slow libraries."""
 
 from wbf_mission.scenario.choice import Choice
-from wbf_mission.scenario.families import Family, families, family_of, get_family
 from wbf_mission.scenario.files import (
+    Family,
     about_scenario,
+    families,
+    family_of,
+    get_family,
     load_broken_scenario,
     load_scenario,
     read_table,

@@ -1,9 +1,10 @@
-"""What own code uses of the files beside it: modules that it imports, and data that it names."""
+"""Files that a user's code uses from its folder: imported modules, and data files named in the code."""
 
 from __future__ import annotations
 
 import ast
 import hashlib
+import itertools
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -12,7 +13,7 @@ _MOST_MATCHES = 1000
 
 
 def neighbours(file: Path) -> dict[str, Path]:
-    """Return the modules beside a file that it imports, wherever in it, by their names."""
+    """Return the modules in the folder of `file` that `file` imports, by name."""
     found: dict[str, Path] = {}
     for node in ast.walk(_tree(file)):
         names: list[str] = []
@@ -20,7 +21,7 @@ def neighbours(file: Path) -> dict[str, Path]:
             names = [alias.name for alias in node.names]
         elif isinstance(node, ast.ImportFrom) and node.level == 0 and node.module:
             names = [node.module]
-        for name in {one.partition(".")[0] for one in names}:
+        for name in {module.partition(".")[0] for module in names}:
             for path in (file.parent / f"{name}.py", file.parent / name / "__init__.py"):
                 if path.is_file() and path != file:
                     found.setdefault(name, path)
@@ -28,11 +29,11 @@ def neighbours(file: Path) -> dict[str, Path]:
 
 
 def files_beside(file: Path) -> list[Path]:
-    """Return the files beside a file of own code that count with it, sorted.
+    """Return the files that a user's code file uses from its folder, sorted.
 
-    These are the modules that it imports, with all of the packages among them, and the files in its folder,
-    or in a folder there that it names, whose names or patterns such as ``weights-*.npz`` stand as a text in
-    it or in one of these modules.
+    These are the modules that it imports directly or indirectly (of a package, all modules), and data files.
+    A data file counts if a string in the code is its name or a matching pattern, such as ``weights-*.npz``.
+    Data files are searched in the folder of the code and in subfolders that the code names.
     """
     code, waiting = {file}, [file]
     while waiting:
@@ -47,14 +48,14 @@ def files_beside(file: Path) -> list[Path]:
 
 
 def digest_beside(file: Path) -> str:
-    """Return a digest of the files beside a file of own code that count with it; empty without any."""
-    taken = hashlib.sha256()
+    """Return a digest of `files_beside`; empty if there are none."""
+    digest = hashlib.sha256()
     files = files_beside(file)
     for path in files:
         content = path.read_bytes()
-        taken.update(f"{path.relative_to(file.parent).as_posix()} {len(content)}\n".encode())
-        taken.update(content)
-    return taken.hexdigest() if files else ""
+        digest.update(f"{path.relative_to(file.parent).as_posix()} {len(content)}\n".encode())
+        digest.update(content)
+    return digest.hexdigest() if files else ""
 
 
 def _named(file: Path) -> Iterator[Path]:
@@ -67,14 +68,14 @@ def _named(file: Path) -> Iterator[Path]:
     for folder in folders:
         for text in texts:
             if not set("*?").isdisjoint(text):
-                matches = (one for _, one in zip(range(_MOST_MATCHES), folder.glob(text), strict=False))
-                yield from (one for one in matches if one.is_file())
+                matches = itertools.islice(folder.glob(text), _MOST_MATCHES)
+                yield from (path for path in matches if path.is_file())
             elif (folder / text).is_file():
                 yield folder / text
 
 
 def _may_name(text: str) -> bool:
-    """Return whether a text can be the name of a file below a folder, or a pattern of such."""
+    """Return whether `text` can be a relative file name, or a pattern of file names."""
     parts = text.split("/")
     plain = text.isprintable() and 0 < len(text.encode()) <= _LONGEST and any(map(str.isalnum, text))
     pattern = not set("*?").isdisjoint(text)
@@ -82,7 +83,7 @@ def _may_name(text: str) -> bool:
 
 
 def _tree(file: Path) -> ast.AST:
-    """Return the parsed source; nothing of what is no Python."""
+    """Return the syntax tree of a file; an empty one if the file is not valid Python."""
     try:
         return ast.parse(file.read_bytes())
     except (OSError, SyntaxError, ValueError, RecursionError, MemoryError):

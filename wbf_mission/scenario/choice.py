@@ -1,4 +1,4 @@
-"""What a scenario uses, as a name with parameters or as an object: planners and estimators."""
+"""Choice of a planner, policy or estimator, by name with parameters or as an object."""
 
 from __future__ import annotations
 
@@ -20,26 +20,26 @@ if TYPE_CHECKING:
 class Choice:
     """A planner, a policy or an estimator."""
 
-    name: str  # Its registered name; of an object the name of its function or class
+    name: str  # Registered name, or the name of an object's function or class
     params: dict[str, Any] = field(default_factory=dict)  # Parameters that are not at their defaults
-    made: Any = None  # The object itself, where one was given in place of a name
+    made: Any = None  # The object, if given in place of a name
 
     def __str__(self) -> str:
         return format_named(self.name, self.params)
 
     @property
     def chosen(self) -> Any:
-        """The object, where one was given, else the name."""
+        """The object if given, else the name."""
         return self.name if self.made is None else self.made
 
     @property
     def value(self) -> str | dict[str, Any]:
-        """As a file holds it: the name, or a table with the parameters."""
+        """Value for a scenario file: the name, or a table with the parameters."""
         return {"name": self.name, **self.params} if self.params else self.name
 
 
 def choose(value: Any, what: str) -> Choice:
-    """Return the choice that a text, a table of a file, or an object is.
+    """Return the choice given by a text, a table of a file, or an object.
 
     Examples
     --------
@@ -58,7 +58,7 @@ def choose(value: Any, what: str) -> Choice:
             raise ScenarioError(msg) from None
         return Choice(name, params)
     if isinstance(value, Mapping):
-        given = {str(key): one for key, one in value.items()}
+        given = {str(key): item for key, item in value.items()}
         named = given.pop("name", None)
         if not isinstance(named, str) or not named.strip():
             msg = f'{what}: the table has no name; give one such as name = "{_EXAMPLE[what]}"'
@@ -84,11 +84,11 @@ _OBJECT = {
 
 
 def drawing_seed(choice: Choice, kind: str, run_seed: int) -> int:
-    """Return the seed from which a planner, policy or estimator draws.
+    """Return the seed for the random numbers of a planner, policy or estimator.
 
-    Built-in planners, policies and estimators draw from the run's seed. Code of a user's, objects and what
-    another package registered, could find that by trying, and with it the truth: it draws from its own
-    parameter or attribute ``seed``, a whole number, by default 0.
+    Built-in planners, policies and estimators use the run's seed. Objects and code of other packages could
+    use that seed to reproduce the truth. They get their own parameter or attribute ``seed``, a whole number,
+    0 by default.
 
     Examples
     --------
@@ -106,7 +106,7 @@ def drawing_seed(choice: Choice, kind: str, run_seed: int) -> int:
 
 
 def registered_elsewhere(name: str, kind: str) -> EntryPoint | None:
-    """Return the entry point of what another package registered under a name; None if it is built in."""
+    """Return the entry point that another package registered as `name`; None if `name` is built in."""
     for entry in entry_points(group=_GROUPS[kind]):
         if entry.name.lower() == name.lower() and entry.module.partition(".")[0] not in PACKAGES:
             return entry
@@ -114,7 +114,7 @@ def registered_elsewhere(name: str, kind: str) -> EntryPoint | None:
 
 
 def split_choices(text: str, what: str) -> list[str]:
-    """Cut several choices that are separated by commas, as their parameters are.
+    """Split a list of choices at the commas between choices, not at those between parameters.
 
     Examples
     --------
@@ -133,7 +133,7 @@ def split_choices(text: str, what: str) -> list[str]:
 
 
 def names_of(kind: str) -> tuple[str, ...]:
-    """Return the known names of a ``kind``: farm, planner, policy, estimator, autopilot or vehicle."""
+    """Return the known names of `kind`: farm, planner, policy, estimator, autopilot or vehicle."""
     if kind == "farm":
         from geo.farms import farm_names
 
@@ -150,5 +150,5 @@ def names_of(kind: str) -> tuple[str, ...]:
 
 
 def _entry_points(group: str) -> tuple[str, ...]:
-    """The names in a group of entry points; nothing of what they name is imported."""
+    """Return the names in a group of entry points, without importing their modules."""
     return tuple(sorted({entry.name for entry in entry_points(group=group)}))

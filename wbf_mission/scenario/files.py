@@ -1,12 +1,18 @@
-"""Scenario files: TOML whose keys are the options. What is in them is not trusted."""
+"""Scenario files, and the catalogue of scenarios and their families.
+
+A file is TOML with the options as keys; its contents are not trusted.
+"""
 
 from __future__ import annotations
 
 import difflib
 import functools
 import re
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+import msgspec
 
 from geo.reading import UnreadableError, read_toml
 from wbf_mission.scenario.option import ScenarioError
@@ -21,16 +27,16 @@ _ID = re.compile(r"WBF/[\w-]+-v\d+")
 
 @functools.cache
 def scenario_ids() -> tuple[str, ...]:
-    """Return the ids, sorted.
+    """Return the ids of the catalogued scenarios, sorted.
 
     >>> "WBF/Miniberry-30-v1" in scenario_ids()
     True
     """
-    return tuple(sorted(f"{one.parent.name}/{one.stem}" for one in _FOLDER.glob("*/*.toml")))
+    return tuple(sorted(f"{path.parent.name}/{path.stem}" for path in _FOLDER.glob("*/*.toml")))
 
 
 def scenario_file(given: str | Path) -> Path:
-    """Return the file of a scenario that is given by its id, or the path that is given.
+    """Return the file of a scenario, given by its id or its path.
 
     Examples
     --------
@@ -48,32 +54,83 @@ def scenario_file(given: str | Path) -> Path:
 
 
 def about_scenario(name: str) -> str:
-    """Return in a sentence what an id means; ScenarioError if there is none such."""
+    """Return the description of a scenario id, in one sentence; ScenarioError if the id is unknown."""
     lines = scenario_file(name).read_text(encoding="utf-8").splitlines()
     return " ".join(line[1:].strip() for line in lines if line.startswith("#"))
+
+
+@dataclass(frozen=True, slots=True)
+class Family:
+    """Group of scenarios that differ from the benchmark's own world in the same way."""
+
+    name: str
+    title: str
+    about: str  # Difference from the benchmark's own world
+    at_home: str  # Planners, policies or estimators that are expected to do well
+    scenarios: tuple[str, ...]  # Ids
+    planners: tuple[str, ...] = (
+        *("lawnmower", "adaptive-lawnmower", "spiral", "random-waypoint"),
+        *("greedy", "rolling-horizon"),
+    )
+    estimators: tuple[str, ...] = ("adaptive-disk", "gp", "epidemic")  # Estimators that model its fields
+
+
+class _Families(msgspec.Struct, forbid_unknown_fields=True):
+    family: tuple[Family, ...]
+
+
+@functools.cache
+def families() -> tuple[Family, ...]:
+    """Return all families, the benchmark's own world first.
+
+    >>> [family.name for family in families()][:3]
+    ['own', 'worlds', 'smooth']
+    """
+    return msgspec.convert(read_toml(_FOLDER / "families.toml"), _Families).family
+
+
+def get_family(name: str) -> Family:
+    """Return a family by its name; ScenarioError if the name is unknown.
+
+    >>> get_family("smooth").estimators
+    ('adaptive-disk', 'gp')
+    """
+    known = {family.name: family for family in families()}
+    if name not in known:
+        raise ScenarioError(f"unknown family {name!r:.60}: give one of {', '.join(known)}")
+    return known[name]
+
+
+def family_of(scenario: str) -> Family | None:
+    """Return the family of a scenario id; None if it has none.
+
+    >>> family_of("WBF/Field-Bend-v1").name, family_of("WBF/Waterberry-v1")
+    ('farms', None)
+    """
+    return next((family for family in families() if scenario in family.scenarios), None)
 
 
 _FILES = ("farm", "mission", "vehicle", "world")
 
 
 def load_scenario(path: str | Path) -> Scenario:
-    """Read a scenario from a TOML file whose keys are the options of `Scenario`, or by an id.
+    """Read a scenario from a TOML file with the options of `Scenario` as keys, or by an id.
 
-    The ids are `wbf_mission.scenario.scenario_ids`.
-    A farm, mission, vehicle or world that names an existing file beside the scenario is taken from there.
+    The ids are `wbf_mission.scenario.scenario_ids`. Relative paths of a farm, mission, vehicle, world or
+    field file are first searched in the folder of the scenario file.
 
     Raises
     ------
     ScenarioError
-        If the file cannot be read, is not TOML, or has an unknown key or a value that cannot be used.
+        If the file cannot be read, is not TOML, or has an unknown key or an invalid value.
     """
     return scenario_from_table(read_table(path), Path(path))
 
 
 def load_broken_scenario(path: str | Path) -> tuple[Scenario, tuple[Fault, ...]]:
-    """Read a scenario as `load_scenario` does, and what its tables ``[[fault]]`` say goes wrong in flight.
+    """Read a scenario file, and the faults in its tables ``[[fault]]``.
 
-    ScenarioError as of `load_scenario`; FaultError if a fault is wrong.
+    ScenarioError as for `load_scenario`; FaultError if a fault is invalid.
     """
     path = Path(path)
     table = read_table(path)
@@ -82,7 +139,7 @@ def load_broken_scenario(path: str | Path) -> tuple[Scenario, tuple[Fault, ...]]
 
 
 def take_faults(table: dict[str, Any], path: Path) -> tuple[Fault, ...]:
-    """Return the faults of a file's table and leave them out of it; FaultError if one is wrong."""
+    """Remove the faults from a file's table and return them; FaultError if one is invalid."""
     from sim_vehicle.faults.fault import faults_of
 
     faults = faults_of(table, str(path))
@@ -91,7 +148,7 @@ def take_faults(table: dict[str, Any], path: Path) -> tuple[Fault, ...]:
 
 
 def read_table(path: str | Path) -> dict[str, Any]:
-    """Read a TOML file, or that of an id, as it is."""
+    """Read the TOML file of a path or a scenario id as a table, without any checks."""
     try:
         return read_toml(scenario_file(path))
     except UnreadableError as error:
@@ -100,15 +157,15 @@ def read_table(path: str | Path) -> dict[str, Any]:
 
 
 def scenario_from_table(table: dict[str, Any], path: Path) -> Scenario:
-    """Make a scenario from the keys of a file; ``path`` is that file. Errors as of `load_scenario`."""
+    """Return the scenario of a table read from the file `path`; errors as for `load_scenario`."""
     table, folder = dict(table), scenario_file(path).parent
     for key in _FILES:
         given = table.get(key)
-        # A layer may follow the name of a farm file.
+        # A farm file's name may be followed by ``|`` and a layer.
         if isinstance(given, str) and given and (folder / given.partition("|")[0]).is_file():
             table[key] = str(folder / given)
     if isinstance(table.get("fields"), list):
-        table["fields"] = [_beside(folder, one) for one in table["fields"]]
+        table["fields"] = [_beside(folder, field) for field in table["fields"]]
     try:
         return Scenario(**table)
     except ScenarioError as error:
@@ -117,7 +174,7 @@ def scenario_from_table(table: dict[str, Any], path: Path) -> Scenario:
 
 
 def _beside(folder: Path, item: object) -> object:
-    """Return the path of a field file that lies beside the scenario, anything else as it is."""
+    """Return the path of a field file in the scenario's folder; any other value unchanged."""
     if isinstance(item, str) and item.endswith(".toml") and (folder / item).is_file():
         return str(folder / item)
     return item

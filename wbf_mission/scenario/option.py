@@ -1,7 +1,7 @@
-"""What an option of a run is: told once, beside the field that holds its value.
+"""Definition of an option of a run, in the metadata of its dataclass field.
 
-A part of a scenario is a frozen dataclass whose fields are made by `option`. The part checks its values
-against what its fields say; files and the command line are derived from the same (`wbf_mission.cli.options`).
+A part of a scenario is a frozen dataclass with fields made by `option`. The part checks its values against
+these definitions. Scenario files and the command line use the same definitions (`wbf_mission.cli.options`).
 """
 
 from __future__ import annotations
@@ -23,53 +23,52 @@ _METADATA = "option"
 
 
 class ScenarioError(WbfMissionError, ValueError):
-    """A scenario or scenario file with a value that cannot be used."""
+    """A scenario or scenario file with an invalid value."""
 
 
 @dataclass(frozen=True, slots=True)
 class Option:
-    """What is known of one option."""
+    """Definition of one option."""
 
-    key: str  # Its name as a keyword of `Scenario` and in a scenario file; unique over all parts
-    help: str  # What it is, without unit, range and default
-    panel: str  # Under which heading ``--help`` shows it
+    key: str  # Keyword of `Scenario` and key in a scenario file; unique over all parts
+    help: str  # Description, without unit, range and default
+    panel: str  # Heading in ``--help``
     # The range of a number, both ends included
     low: float | None = None
     high: float | None = None
-    choices: tuple[str, ...] = ()  # The words that it may be
-    default: str = ""  # The default in words, where its value does not say it
-    flag: str | None = None  # Its name on the command line; None if only another option sets it
-    metavar: str | None = None  # What stands for its value in ``--help``
-    example: str = ""  # A value that is easily given as a number, as the text that it has to be
-    # Of what it is a name, for completion: farm, planner, policy, estimator, vehicle, autopilot or empty
+    choices: tuple[str, ...] = ()  # Valid words
+    default: str = ""  # Description of the default, if its value is not clear by itself
+    flag: str | None = None  # Name on the command line; None if only another option sets this one
+    metavar: str | None = None  # Placeholder of the value in ``--help``
+    example: str = ""  # Valid text, for the error message when a number was given in place of a text
+    # Kind of name, for completion: farm, planner, policy, estimator, vehicle, autopilot or empty
     kind: str = ""
-    needs: str = ""  # The key of the option without which it has no effect
-    not_with: tuple[str, ...] = ()  # The keys of the options that leave it without effect
-    # Reads its text of the command line; None where the command line's own types do
+    needs: str = ""  # Key of the option without which this one has no effect
+    not_with: tuple[str, ...] = ()  # Keys of the options that make this one ineffective
+    # Parser of the command line's text; None for the command line's own types
     read: Callable[[str], Any] | None = None
-    needs_fleet: bool = False  # Whether it has an effect only where several vehicles fly
-    # Whether several of the choices may be given, separated by commas: one for each vehicle
+    needs_fleet: bool = False  # Whether the option has an effect only with several vehicles
+    # Whether a comma-separated list of choices may be given, one for each vehicle
     each: bool = False
-    # Of an option of the command line alone, such as ``--wind 5,270``: the keys of those that it sets, of
-    # which `read` gives the values by key
+    # Keys set by a command-line option such as ``--wind 5,270``; `read` returns their values by key
     sets: tuple[str, ...] = ()
-    wanted: Any = str  # The type of its field
-    initial: Any = None  # The default of its field
+    wanted: Any = str  # Type of the field
+    initial: Any = None  # Default of the field
 
     @property
     def unit(self) -> str:
-        """The unit, as the key's ending tells it."""
+        """Unit, from the ending of the key."""
         return next((unit for end, unit in _UNITS.items() if self.key.endswith(end)), "")
 
     @property
     def label(self) -> str:
-        """The option in words."""
+        """Name in words, without the unit."""
         ending = next((end for end in _UNITS if self.key.endswith(end)), "")
         return self.key.removesuffix(ending).replace("_", " ")
 
     @property
     def allowed(self) -> str:
-        """What may be given, in words; empty if that is not limited."""
+        """Valid values in words; empty if unlimited."""
         if self.choices:
             return " or ".join(self.choices)
         if self.low is None or self.high is None:
@@ -78,13 +77,14 @@ class Option:
         return f"{low} to {'2^64 - 1' if self.high == 2**64 - 1 else high} {self.unit}".rstrip()
 
     def checked(self, value: Any) -> Any:
-        """Return a value as the option's type; ScenarioError if it is of another, out of range or empty."""
+        """Convert a value to the option's type; ScenarioError if it cannot be, is out of range or empty."""
         value = self._converted(value)
         if isinstance(value, str) and not value.strip():
             msg = f"{self.label} is empty: give {self.allowed or 'a value, or leave it out'}"
             raise ScenarioError(msg)
         if isinstance(value, str) and self.choices:
-            good = all(one.strip() in self.choices for one in (value.split(",") if self.each else [value]))
+            words = value.split(",") if self.each else [value]
+            good = all(word.strip() in self.choices for word in words)
         elif isinstance(value, (int, float)) and self.low is not None and self.high is not None:
             good = self.low <= value <= self.high and math.isfinite(value)
         else:
@@ -111,7 +111,7 @@ class Option:
 
 
 def option(default: Any, text: str, panel: str, /, **more: Any) -> Any:
-    """Return a dataclass field with what `Option` holds: help, panel, more; the flag comes from the key."""
+    """Return a dataclass field with the metadata of an `Option`; the default flag is made from the key."""
     metadata = {_METADATA: {"help": text, "panel": panel, **more}}
     if isinstance(default, type):
         return field(default_factory=default, metadata=metadata)
@@ -120,47 +120,49 @@ def option(default: Any, text: str, panel: str, /, **more: Any) -> Any:
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """The base of the parts: a frozen dataclass of options that checks itself."""
+    """Base of the parts: a frozen dataclass of options that checks its values."""
 
     COMPOUND: ClassVar[tuple[Option, ...]] = ()
 
     def __post_init__(self) -> None:
-        for name, one in options_of(type(self)).items():
-            object.__setattr__(self, name, one.checked(getattr(self, name)))
+        for name, defined in options_of(type(self)).items():
+            object.__setattr__(self, name, defined.checked(getattr(self, name)))
         self.check()
 
     def check(self) -> None:
-        """Raise ScenarioError if values do not fit each other."""
+        """Raise ScenarioError if values contradict each other."""
 
     def values(self) -> dict[str, Any]:
         """Return the options by their keys."""
-        return {one.key: getattr(self, name) for name, one in options_of(type(self)).items()}
+        return {defined.key: getattr(self, name) for name, defined in options_of(type(self)).items()}
 
 
 _OPTIONS: dict[type[Any], Mapping[str, Option]] = {}
 
 
 def options_of(part: type[Any]) -> Mapping[str, Option]:
-    """Return the options of a part by the names of its fields."""
+    """Return the options of a part by field name."""
     if part in _OPTIONS:
         return _OPTIONS[part]
-    wanted = typing.get_type_hints(part)  # finding them takes longer than all else of a scenario
+    wanted = typing.get_type_hints(
+        part
+    )  # get_type_hints is the slowest step of making a scenario, hence the cache
     found: dict[str, Option] = {}
-    for one in dataclasses.fields(part):
-        if _METADATA not in one.metadata:
+    for item in dataclasses.fields(part):
+        if _METADATA not in item.metadata:
             continue
-        initial = one.default if one.default_factory is dataclasses.MISSING else one.default_factory()
-        given = {"key": one.name, **one.metadata[_METADATA]}
-        made = Option(wanted=wanted[one.name], initial=initial, **given)
+        initial = item.default if item.default_factory is dataclasses.MISSING else item.default_factory()
+        given = {"key": item.name, **item.metadata[_METADATA]}
+        made = Option(wanted=wanted[item.name], initial=initial, **given)
         if "flag" not in given:
             made = dataclasses.replace(made, flag="--" + made.label.replace(" ", "-"))
-        found[one.name] = made
+        found[item.name] = made
     _OPTIONS[part] = found
     return found
 
 
 def names_in(text: str) -> tuple[str, ...]:
-    """Read names that are separated by commas.
+    """Split a comma-separated list of names.
 
     >>> names_in("tylcv, soil")
     ('tylcv', 'soil')

@@ -1,4 +1,4 @@
-"""The parts of a scenario. Each holds its options, checks them, and goes only to who needs it."""
+"""Parts of a scenario: dataclasses of related options, each checked by its part."""
 
 from __future__ import annotations
 
@@ -27,18 +27,18 @@ VEHICLE = "Vehicle and weather"
 CAMERA = "Leaf camera"
 _SPIRAL = Choice("spiral")
 UNLIMITED = "unlimited"
-"""The budget of a plan that several batteries, or several flights, are to fly."""
+"""Budget of a plan that may need several batteries or flights."""
 _USE_UP = ("lawnmower", "adaptive-lawnmower", "spiral", "random-waypoint")
 LAST_DAY = 126
-"""The last day of an environment."""
+"""Last day of an environment."""
 MOST_VEHICLES = 10
 PARTITIONS = ("strips", "voronoi", "none")
-"""How a fleet shares the farm, as `mission.policies.allocation.PARTITION_NAMES`."""
+"""Ways to divide the farm among a fleet, as in `mission.policies.allocation.PARTITION_NAMES`."""
 ORIENTATIONS = ("landscape", "portrait")
 CAMERA_OF_PLANS = ("camera_model", "gsd_cm", "front_overlap", "side_overlap", "camera_orientation")
-"""The options of a camera by sensor and lens, which only plans have: flights have the leaf camera."""
+"""Options of a camera by sensor and lens. Only plans have such a camera; flights use the leaf camera."""
 LEVELS = ("light", "moderate", "severe", "wind")
-"""The words for turbulence; wind: as strong as the mean wind makes it."""
+"""Levels of turbulence; with ``wind`` the mean wind sets the strength."""
 MAX_ALTITUDE_M = 120.0
 """Open category (EU 2019/947); 400 ft of 14 CFR 107.51 are 122 m."""
 _CEILING_M = 3000.0
@@ -46,7 +46,7 @@ _CEILING_M = 3000.0
 
 @dataclass(frozen=True, slots=True)
 class FarmOptions(Part):
-    """Where, and on which day of the environment."""
+    """The farm, and the days of the environment."""
 
     name: str = option(
         "miniberry-30",
@@ -93,13 +93,13 @@ class FarmOptions(Part):
     )
 
     def load(self) -> Farm:
-        """Return the farm; FarmError if there is none, or its file cannot be used."""
+        """Return the farm; FarmError if the name is unknown or the file cannot be used."""
         from geo.farms import get_farm
 
         return get_farm(self.name, crop=self.crop, crs=self.crs, repair=self.repair)
 
     def load_world(self) -> World | None:
-        """Return how the fields really develop, if told; EnvironmentDataError if it cannot be used."""
+        """Return the true development of the fields, None as published; EnvironmentDataError if unusable."""
         if self.world is None:
             return None
         from sensors.environment.world import World
@@ -107,7 +107,7 @@ class FarmOptions(Part):
         return World.load(self.world)
 
     def check(self) -> None:
-        """Refuse a farm on which nothing is sensed, and days beyond the last."""
+        """Raise ScenarioError for an empty list of fields, or days after `LAST_DAY`."""
         if self.day + self.days - 1 > LAST_DAY:
             msg = (
                 f"days {self.days} from day {self.day} on: the environment ends at day {LAST_DAY}; give fewer"
@@ -120,11 +120,11 @@ class FarmOptions(Part):
 
 @dataclass(frozen=True, slots=True)
 class MissionOptions(Part):
-    """What is flown: a mission file, or what a planner makes within a budget.
+    """The mission: a mission file, or a plan within a budget.
 
-    ``budget`` None is the vehicle's battery less its reserve; for the ideal vehicle 0.4 times the owner's
-    cells in timesteps, as in the paper. ``acceptance_radius_m`` None is what the autopilot can hold
-    (`mission.planners.cornering.Cornering`).
+    The default ``budget`` is the vehicle's battery less its reserve; for the ideal vehicle, 0.4 times the
+    owner's cells in timesteps, as in the paper. The default ``acceptance_radius_m`` is the radius that the
+    autopilot can hold (`mission.planners.cornering.Cornering`).
     """
 
     planner: Any = option(
@@ -246,7 +246,7 @@ class MissionOptions(Part):
     )
 
     def check(self) -> None:
-        """Take planner and policy as `Choice`."""
+        """Convert planner and policy to `Choice`; ScenarioError if height or budget cannot be used."""
         object.__setattr__(self, "planner", choose(self.planner, "planner"))
         if self.policy is not None:
             object.__setattr__(self, "policy", choose(self.policy, "policy"))
@@ -276,7 +276,7 @@ class MissionOptions(Part):
 
 @dataclass(frozen=True, slots=True)
 class VehicleOptions(Part):
-    """Who flies, and how wrong they are about their position."""
+    """The vehicles, their autopilots and their position errors."""
 
     name: str = option(
         "quad",
@@ -343,7 +343,7 @@ class VehicleOptions(Part):
     )
 
     def check(self) -> None:
-        """Refuse an empty name among several, and more vehicles than named or fewer."""
+        """Raise ScenarioError for an empty name, or if the numbers of names and vehicles differ."""
         names = self.names
         if not all(names):
             msg = (
@@ -361,17 +361,17 @@ class VehicleOptions(Part):
 
     @property
     def keeps(self) -> Separation:
-        """How the vehicles keep apart."""
+        """Separation between the vehicles."""
         return parse_separation(self.separation)
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The names in `name`."""
+        """Vehicle names in `name`."""
         return tuple(part.strip() for part in self.name.split(","))
 
     @property
     def fleet(self) -> tuple[str, ...]:
-        """The name of each vehicle that flies, in the order of their system ids.
+        """Name of each vehicle, in the order of system ids.
 
         >>> VehicleOptions("quad", vehicles=2).fleet, VehicleOptions("quad,ideal").fleet
         (('quad', 'quad'), ('quad', 'ideal'))
@@ -382,7 +382,7 @@ class VehicleOptions(Part):
 
     @property
     def autopilots(self) -> tuple[str, ...]:
-        """The autopilot of each of them.
+        """Autopilot of each vehicle, in the order of system ids.
 
         >>> VehicleOptions("quad", autopilot="px4,ardupilot").autopilots, VehicleOptions().autopilots
         (('px4', 'ardupilot'), ('px4',))
@@ -393,7 +393,7 @@ class VehicleOptions(Part):
 
 @dataclass(frozen=True, slots=True)
 class WeatherOptions(Part):
-    """The air: mean wind, how it grows with the height, gusts or Dryden's turbulence."""
+    """The air: mean wind, wind shear, gusts or Dryden turbulence."""
 
     wind_speed_m_s: float = option(0.0, "Mean wind speed", VEHICLE, low=0.0, high=40.0, flag=None)
     wind_direction_deg: float = option(
@@ -452,7 +452,7 @@ class WeatherOptions(Part):
     )
 
     def check(self) -> None:
-        """Refuse unknown levels of turbulence, and two kinds of gusts at once."""
+        """Raise ScenarioError for an unknown level of turbulence, or gusts together with turbulence."""
         if isinstance(self.turbulence, str) and self.turbulence not in LEVELS:
             allowed = ", ".join(LEVELS) + ", or the wind at 6 m in m/s"
             msg = f"turbulence {self.turbulence!r} is out of range: give {allowed}"
@@ -465,7 +465,7 @@ class WeatherOptions(Part):
 
 @dataclass(frozen=True, slots=True)
 class CameraOptions(Part):
-    """The leaf camera: where it looks, what it senses and how wrong it is."""
+    """The leaf camera: spacing of images, footprint, sensed fields and errors."""
 
     spacing_m: float | None = option(
         None,
@@ -547,7 +547,7 @@ class CameraOptions(Part):
     )
 
     def check(self) -> None:
-        """Refuse a camera that measures nothing, and one whose images are spaced in two ways."""
+        """Raise ScenarioError for a camera without fields, or with both overlap and image spacing."""
         if self.fields is not None and not all(self.by_vehicle):
             msg = "camera fields are empty: give at least one, such as tylcv, or leave the option out"
             raise ScenarioError(msg)
@@ -557,7 +557,7 @@ class CameraOptions(Part):
 
     @property
     def by_vehicle(self) -> tuple[tuple[str, ...], ...]:
-        """The names in `fields`, of each vehicle if a semicolon separates them.
+        """Field names, one tuple for all vehicles, or one for each if separated by semicolons.
 
         >>> CameraOptions(fields=("tylcv", "ccr;soil")).by_vehicle
         (('tylcv', 'ccr'), ('soil',))
@@ -565,9 +565,9 @@ class CameraOptions(Part):
         return tuple(names_in(part) for part in ",".join(self.fields or ()).split(";"))
 
     def sensed_by(self, vehicle: int, vehicles: int) -> tuple[str, ...] | None:
-        """Return the fields that a vehicle of so many, from 0, measures; None: all.
+        """Return the fields measured by vehicle number `vehicle`, from 0, of `vehicles`; None: all.
 
-        ScenarioError if they are given for another number of vehicles.
+        ScenarioError if the fields are given for another number of vehicles.
         """
         given = self.by_vehicle
         if len(given) not in (1, vehicles):
@@ -579,7 +579,7 @@ class CameraOptions(Part):
 
 @dataclass(frozen=True, slots=True)
 class EstimateOptions(Part):
-    """Who makes the map from what was seen."""
+    """The estimator that makes the map from the observations."""
 
     estimator: Any = option(
         None,
@@ -592,14 +592,14 @@ class EstimateOptions(Part):
     )
 
     def check(self) -> None:
-        """Take the estimator as a `Choice`."""
+        """Convert the estimator to a `Choice`."""
         if self.estimator is not None:
             object.__setattr__(self, "estimator", choose(self.estimator, "estimator"))
 
 
 @dataclass(frozen=True, slots=True)
 class ScoreOptions(Part):
-    """How the estimate is scored."""
+    """The scored times of the estimate."""
 
     points: int | None = option(
         None,
@@ -614,27 +614,27 @@ class ScoreOptions(Part):
 
 
 class VehicleParts(Protocol):
-    """What has the options that concern one vehicle: a scenario, or one of the vehicles of a run."""
+    """Options that concern one vehicle; implemented by a scenario and by each vehicle of a run."""
 
     @property
     def vehicle(self) -> VehicleOptions:
-        """Who flies."""
+        """Options of the vehicle and its autopilot."""
 
     @property
     def mission(self) -> MissionOptions:
-        """What it flies."""
+        """Options of the mission."""
 
     @property
     def weather(self) -> WeatherOptions:
-        """In which air."""
+        """Options of wind and turbulence."""
 
     @property
     def camera(self) -> CameraOptions:
-        """What it looks with."""
+        """Options of the camera."""
 
 
 class ScenarioKeywords(TypedDict, total=False):
-    """What `Scenario` takes: each option by its key, and whole parts by the names of the parts."""
+    """Keywords of `Scenario`: the keys of all options, and the names of the parts."""
 
     farm: str | FarmOptions
     crop: str | None

@@ -1,4 +1,4 @@
-"""A scenario: everything that decides a run. Equal scenarios give equal results, bit for bit."""
+"""Scenario: all options of a run. Equal scenarios give bit-equal results."""
 
 from __future__ import annotations
 
@@ -26,15 +26,15 @@ from wbf_mission.scenario.parts import (
 
 @dataclass(frozen=True, slots=True, init=False)
 class Scenario:
-    """One run: where, with what, for how much.
+    """All options of a run.
 
-    It is made of keywords, each an option of one of the parts (``farm``, ``planner``, ``budget``, ...; all
-    are in docs/command-line.md); a keyword that is a part's name also takes the whole part.
+    Each keyword is an option of one of the parts (``farm``, ``planner``, ``budget``, ...; see
+    docs/command-line.md). The name of a part is also a keyword, which takes the whole part.
 
     Parameters
     ----------
     seed : int
-        Everything random comes from it.
+        Seed of all random numbers.
 
     Raises
     ------
@@ -59,8 +59,8 @@ class Scenario:
 
     def __init__(self, /, **options: Unpack[ScenarioKeywords]) -> None:
         given_all: dict[str, Any] = {**options}
-        whole = {key: one for key, one in given_all.items() if isinstance(one, Part)}
-        flat = {key: one for key, one in given_all.items() if key not in whole}
+        whole = {key: value for key, value in given_all.items() if isinstance(value, Part)}
+        flat = {key: value for key, value in given_all.items() if key not in whole}
         mixed = sorted(set(flat) & set(PARTS)) if whole else []
         if mixed:
             msg = f"{mixed[0]} is given as a value beside whole parts: use scenario_with to change it"
@@ -81,7 +81,7 @@ class Scenario:
         object.__setattr__(self, "seed", options_of(Scenario)["seed"].checked(seed))
 
     def __getitem__(self, key: str) -> Any:
-        """Return an option by the key under which it is given; ScenarioError if there is no such option.
+        """Return the value of an option by its key; ScenarioError if the key is unknown.
 
         >>> Scenario(farm="miniberry-10", wind_speed_m_s=4)["wind_speed_m_s"]
         4.0
@@ -96,38 +96,38 @@ class Scenario:
     def to_dict(self) -> dict[str, Any]:
         """Return all options by their keys as plain values, for a file or a summary.
 
-        A planner or an estimator that is an object stands there by its name.
+        A planner, policy or estimator object is represented by its name.
         """
         values: dict[str, Any] = {}
         for part in PARTS:
             values |= getattr(self, part).values()
         values["seed"] = self.seed
-        return {key: one.value if isinstance(one, Choice) else one for key, one in values.items()}
+        return {key: value.value if isinstance(value, Choice) else value for key, value in values.items()}
 
 
 PARTS: Mapping[str, type[Part]] = {
     name: kind for name, kind in typing.get_type_hints(Scenario).items() if kind is not int
 }
-"""The parts by the names of the scenario's fields."""
+"""Types of the parts, by field name of `Scenario`."""
 
 
 def all_options() -> dict[str, tuple[type[Any], str, Option]]:
-    """Return every option of a run by its key: the part, the name of its field there, the option."""
+    """Return all options of a run by key, each with its part and field name."""
     found: dict[str, tuple[type[Any], str, Option]] = {}
     for part in (*PARTS.values(), Scenario):
-        for name, one in options_of(part).items():
-            if one.key in found:
-                msg = f"option {one.key} stands in two parts"
+        for name, defined in options_of(part).items():
+            if defined.key in found:
+                msg = f"option {defined.key} stands in two parts"
                 raise AssertionError(msg)
-            found[one.key] = (part, name, one)
+            found[defined.key] = (part, name, defined)
     return found
 
 
-_PLACES = {one.key: (part, name) for part, kind in PARTS.items() for name, one in options_of(kind).items()}
+_PLACES = {held.key: (part, name) for part, kind in PARTS.items() for name, held in options_of(kind).items()}
 
 
 def _by_part(options: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
-    """Sort options by their parts and their names there; ScenarioError for an unknown one."""
+    """Group options by part and field name; ScenarioError if a key is unknown."""
     found: dict[str, dict[str, Any]] = {name: {} for name in PARTS}
     for key, value in options.items():
         if key not in _PLACES:
@@ -138,14 +138,14 @@ def _by_part(options: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
 
 
 def unknown_key(key: str, known: list[str]) -> str:
-    """Return what to say of a key that is not known."""
+    """Return the error message for an unknown key, with the nearest known one."""
     near = difflib.get_close_matches(key, known, 1)
     meant = f"; is {near[0]!r} meant?" if near else ";"
     return f"unknown key {key!r}{meant} known keys are {', '.join(sorted(known))}"
 
 
 def require_scenario(given: Any) -> None:
-    """Raise ScenarioError for what is no scenario, such as a dict of options."""
+    """Raise ScenarioError unless `given` is a `Scenario`; a dict of options is none."""
     if not isinstance(given, Scenario):
         how = ": write Scenario(**options)" if isinstance(given, Mapping) else ""
         msg = f"the scenario is a {type(given).__name__}: give a Scenario{how}"
@@ -153,7 +153,7 @@ def require_scenario(given: Any) -> None:
 
 
 def scenario_with(base: Scenario, changes: Mapping[str, Any]) -> Scenario:
-    """Return ``base`` with those of ``changes`` that are not None; parameters are added to its own.
+    """Return `base` with the values of `changes` that are not None; autopilot parameters are merged.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""What ``wbf-mission sim`` can be told, by options or by a scenario file."""
+"""Options of ``wbf-mission sim``, from the command line or a scenario file."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _SLOWEST, _FASTEST = 0.01, 10_000.0
 
 @dataclass(frozen=True, slots=True)
 class SimOptions(Part):
-    """The simulator besides its scenario; the keys of the table ``[sim]`` of a file."""
+    """Options of the simulator that are not part of a scenario; the table ``[sim]`` of a file."""
 
     count: int | None = option(
         None,
@@ -94,7 +94,7 @@ class SimOptions(Part):
     )
 
     def check(self) -> None:
-        """Refuse speeds, durations, rates and kinds of boot that cannot be."""
+        """Raise ScenarioError for an invalid speed, duration, rate or kind of boot."""
         for key, given, known in (("boot", self.boot, _BOOTS), ("rates", self.rates, _RATES)):
             if given not in known:
                 msg = f"{key} {one_line(str(given), 40)!r} is unknown: give {' or '.join(known)}"
@@ -126,7 +126,7 @@ def parse_speed(speed: float | str) -> float:
 
 
 def load_sim(path: str | Path) -> tuple[Scenario, SimOptions, tuple[Fault, ...]]:
-    """Read a scenario file for the simulator: a scenario's keys, a table ``[sim]``, tables ``[[fault]]``."""
+    """Read a simulator's scenario file: keys of a scenario, a table ``[sim]`` and tables ``[[fault]]``."""
     path = Path(path)
     table = read_table(path)
     faults = take_faults(table, path)

@@ -1,4 +1,4 @@
-"""Readers of options that hold several values in one text: wind, shear, parameters, separation."""
+"""Parsers of options with several values in one text: wind, shear, parameters, separation."""
 
 from __future__ import annotations
 
@@ -14,16 +14,15 @@ _LEAST_M, _MOST_M = 0.5, 100.0
 
 @dataclass(frozen=True, slots=True)
 class Separation:
-    """How vehicles keep apart."""
+    """Separation between the vehicles of a fleet."""
 
-    # {"layers", "distance", "none"}: each flies at a height of its own; or all fly at one height and keep a
-    # distance in time; or they do not care
+    # "layers" (a height for each vehicle), "distance" (one height, vehicles keep apart in time) or "none"
     kind: str
-    metres: float = 0.0  # Between two layers, or between two vehicles
+    metres: float = 0.0  # Distance between two layers, or between two vehicles
 
 
 def parse_separation(text: str) -> Separation:
-    """Read ``layers:2m``, ``distance:5m`` or ``none``.
+    """Parse ``layers:2m``, ``distance:5m`` or ``none``.
 
     Examples
     --------
@@ -47,7 +46,7 @@ def parse_separation(text: str) -> Separation:
 
 
 def wind_values(text: str) -> dict[str, Any]:
-    """Read ``SPEED,FROM[,GUST]``.
+    """Parse ``SPEED,FROM[,GUST]``.
 
     >>> wind_values("5,270")
     {'wind_speed_m_s': 5.0, 'wind_direction_deg': 270.0}
@@ -63,7 +62,7 @@ def wind_values(text: str) -> dict[str, Any]:
 
 
 def shear_values(text: str) -> dict[str, Any]:
-    """Read ``log[,ROUGHNESS[,HEIGHT]]``, ``power[,EXPONENT[,HEIGHT]]`` or ``sitl``.
+    """Parse ``log[,ROUGHNESS[,HEIGHT]]``, ``power[,EXPONENT[,HEIGHT]]`` or ``sitl``.
 
     >>> shear_values("power,0.2")
     {'wind_shear': 'power', 'wind_exponent': 0.2}
@@ -85,7 +84,7 @@ def shear_values(text: str) -> dict[str, Any]:
 
 
 def turbulence_value(text: str) -> str | float:
-    """Read a level of turbulence, or the wind that decides it.
+    """Parse a level of turbulence, or the wind speed that sets it.
 
     >>> turbulence_value("light"), turbulence_value("6.5")
     ('light', 6.5)
@@ -97,7 +96,7 @@ def turbulence_value(text: str) -> str | float:
 
 
 def parameter_values(texts: list[str]) -> dict[str, float]:
-    """Read ``NAME=VALUE`` texts.
+    """Parse ``NAME=VALUE`` texts.
 
     >>> parameter_values(["MPC_ACC_HOR=4", "NAV_ACC_RAD=1.5"])
     {'MPC_ACC_HOR': 4.0, 'NAV_ACC_RAD': 1.5}

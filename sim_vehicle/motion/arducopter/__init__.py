@@ -1,1 +1,1 @@
-"""A multirotor's motion as ArduCopter controls it."""
+"""ArduCopter: motion of a multirotor under ArduPilot's control."""

@@ -1,4 +1,4 @@
-"""Vehicles of ArduPilot along S-curves: the transition from the present leg to a new route."""
+"""S-curve motion under ArduPilot: the transition from the present leg to a new route."""
 
 from __future__ import annotations
 
@@ -24,27 +24,27 @@ if TYPE_CHECKING:
 
 __all__ = ["AlongCurves"]
 
-# A vehicle that is put into flight goes on along its first leg when at least this share of its speed points
-# there; the leg began at most this far behind, and its profile has the speed of the vehicle but for this.
+# A vehicle placed in flight continues along its first leg if at least this share of its speed points along
+# the leg. The leg began at most `_FAR_M` behind, and the profile's speed may differ by `_SAME_M_S`.
 _STEADY = 0.2
 _FAR_M = 200.0
 _SAME_M_S = 0.3
-# Bisections for a time: of a leg of 100 s to 6 us.
+# Bisections for a time: 24 resolve 6 us of a leg of 100 s.
 _HALVINGS = 24
-# The first results of `scurve.state_at`.
+# Indices into the result of `scurve.state_at`.
 _POSITION, _SPEED = 0, 1
 
 
 class AlongCurves(CompiledMotion):
-    """A vehicle that ArduPilot leads along S-curves; velocities are flown by the generic dynamics."""
+    """Vehicle that ArduPilot guides along S-curves; velocities are flown by the generic dynamics."""
 
     generic: ClassVar[Dynamics]
-    """Dynamics of such a vehicle without an autopilot."""
+    """Dynamics of the same vehicle without an autopilot."""
     begins_anew: ClassVar[LegKind]
-    """Kind of a leg that does not go on from the one before."""
+    """Kind of leg that does not continue the previous leg."""
 
     def _remember(self, columns: int) -> None:
-        """Begin without a path, with a memory of this many numbers."""
+        """Set up an empty guidance memory with `columns` numbers."""
         self.guide: NDArray[np.float64] = np.zeros(columns)
         self.heads: NDArray[np.float64] = np.zeros((3, scurve.HEAD))
         self.curves: NDArray[np.float64] = np.zeros((3, scurve.SEGMENTS, scurve.COLUMNS))
@@ -56,18 +56,18 @@ class AlongCurves(CompiledMotion):
         return self.generic if self._rows is None else self.dynamics
 
     def interrupt(self) -> None:
-        """Give up the leg that is followed: the next begins where the vehicle could stop, as in AC_WPNav."""
+        """Abort the present leg; the next leg starts at the stopping point, as in AC_WPNav."""
         self._interrupted = True
 
     @property
-    def _goes_on(self) -> bool:
-        """Whether it was put under way, and goes on along its first leg."""
+    def _continues_leg(self) -> bool:
+        """Whether the vehicle was placed in flight and continues along its first leg."""
         return self._under_way and not self._interrupted
 
     def _set_out(
         self, route: Route, law: Floats, points_m: Floats, kind: NDArray[Any], fastest: float
     ) -> None:
-        """Begin a route whose ends of legs, kinds and greatest speed are the vehicle's.
+        """Begin a route with the vehicle's own leg ends, kinds and top speed.
 
         Parameters
         ----------
@@ -77,13 +77,13 @@ class AlongCurves(CompiledMotion):
         speed = np.where(np.isnan(legs["speed"]), 0.0, np.minimum(legs["speed"], fastest))
         rest = (legs["heading"], legs["near"], kind, legs["pause"], legs["turn"])
         rows = np.column_stack((points_m, legs["radius"], speed, *rest))
-        under_way, self._under_way = self._goes_on, False
+        under_way, self._under_way = self._continues_leg, False
         self.guide[Guide.BEGINS] = self._join(rows[0], law) if under_way else self._follows(rows[0])
         self._rows = self._route = np.ascontiguousarray(rows).view(at.LEG)[:, 0]
         self._begin()
 
     def _join(self, row: Floats, law: Floats) -> int:
-        """Be on a leg that began somewhere behind; return how it is gone on with."""
+        """Place the vehicle on a leg that began behind it, and return the transition to that leg."""
         guide, head, curve = self.guide, self.heads[1], self.curves[1]
         here, velocity = self.state[col.POSITION], self.state[col.VELOCITY]
         end = row[: Leg.Z + 1]
@@ -99,7 +99,7 @@ class AlongCurves(CompiledMotion):
         at_s = _time_of(head, curve, _POSITION, _FAR_M, scurve.end_time(head, curve))
         behind = _FAR_M
         if scurve.state_at(head, curve, at_s)[1] > along + _SAME_M_S:
-            # It speeds up still: the leg began as far behind as that takes.
+            # The vehicle is still accelerating: the leg began at the distance that this takes.
             at_s = _time_of(head, curve, _SPEED, along, 0.5 * scurve.end_time(head, curve))
             behind = scurve.state_at(head, curve, at_s)[0]
             _make_leg(guide, law, head, curve, ahead * (behind + left))
@@ -116,7 +116,7 @@ class AlongCurves(CompiledMotion):
         return at.SAME
 
     def _follows(self, row: Floats) -> int:
-        """Return the transition to a leg from the present one."""
+        """Return the transition from the present leg to a leg."""
         interrupted, self._interrupted = self._interrupted, False
         if self._rows is None or row[Leg.KIND] == self.begins_anew:
             return at.ANEW
@@ -137,7 +137,7 @@ class AlongCurves(CompiledMotion):
 
 
 def _make_leg(guide: Floats, law: Floats, head: Floats, curve: Floats, way: Floats) -> None:
-    """Make the profile of a leg at the speeds in use."""
+    """Make the profile of a leg at the present speed limits."""
     east, north, up = way.tolist()
     scurve.make_leg(
         head,
@@ -151,7 +151,7 @@ def _make_leg(guide: Floats, law: Floats, head: Floats, curve: Floats, way: Floa
 
 
 def _time_of(head: Floats, curve: Floats, which: int, value: float, end_s: float) -> float:
-    """Return when position or speed of the profile, which rise until ``end_s``, reach a value."""
+    """Return the time at which the rising position or speed of the profile reaches `value`."""
     low, high = 0.0, end_s
     for _ in range(_HALVINGS):
         middle = 0.5 * (low + high)

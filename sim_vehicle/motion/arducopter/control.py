@@ -1,7 +1,7 @@
-"""ArduCopter's legs, memory and law, its position control, and the airframe that it moves.
+"""ArduCopter's legs, guidance memory, control law and position controller, with the airframe dynamics.
 
-Formulas after ArduPilot 4.7: `AC_PosControl.cpp`, `AC_PID_2D.cpp`, `AP_Math/control.cpp`, and the airframe of
-its simulator, `SIM_Frame.cpp`. It is described in docs/vehicle-model.md, section ArduCopter.
+Formulas from ArduPilot 4.7: `AC_PosControl.cpp`, `AC_PID_2D.cpp`, `AP_Math/control.cpp`, and the simulator's
+airframe, `SIM_Frame.cpp`. See docs/vehicle-model.md, section ArduCopter.
 """
 
 from __future__ import annotations
@@ -23,47 +23,47 @@ Floats = NDArray[np.float64]
 Leg = IntEnum(
     "Leg",
     "X Y Z RADIUS SPEED HEADING "
-    "NEAR "  # Distance to notify at.
+    "NEAR "  # Distance at which NEAR is reported.
     "KIND "  # `LegKind`.
     "PAUSE "
-    "TURNING",  # Rate.
+    "TURNING",  # Heading rate.
     start=0,
 )
-# Kinds of legs that are flown differently (`sim_vehicle.motion.legs.LegKind`).
+# Leg kinds that are flown differently (`sim_vehicle.motion.legs.LegKind`).
 TAKEOFF, HOME, LAND, STAY, ARC, SETPOINT = 1, 3, 5, 6, 8, 9
 
-# What the autopilot remembers.
+# Memory of the autopilot.
 Guide = IntEnum(
     "Guide",
     "PX PY PZ VX VY VZ AX AY AZ "  # Desired position, velocity and acceleration.
-    "BEGIN_X BEGIN_Y BEGIN_Z END_X END_Y END_Z "  # Begin and end of the leg.
-    "PACE "  # Of the target.
+    "BEGIN_X BEGIN_Y BEGIN_Z END_X END_Y END_Z "  # Start and end of the leg.
+    "PACE "  # Time scale of the target.
     "LAG "  # Error along the track.
-    "ALONG "  # Speed along it.
+    "ALONG "  # Speed along the track.
     # Velocity loop: integrator, filtered error and its filtered rate.
     "INTEGRAL_X INTEGRAL_Y ERROR_X ERROR_Y RATE_X RATE_Y "
     "ERROR_Z "  # Filtered error of the vertical speed.
     "THRUST_I "  # Integrator of the thrust.
-    "THRUST "  # Over weight.
-    "RESET "  # Whether the filters begin anew.
-    # Horizontal acceleration: asked for, of the attitude target, of the attitude.
+    "THRUST "  # Thrust acceleration in excess of gravity.
+    "RESET "  # Whether the filters must be reset.
+    # Horizontal acceleration: commanded, of the attitude target, of the attitude.
     "ASKED_X ASKED_Y TARGET_X TARGET_Y LEAN_X LEAN_Y "
     "MODE "
     "FAST "  # Whether the next leg is known.
-    "LEVEL UP DOWN "  # Speeds in use.
-    "BEGINS "  # What to begin.
-    "UNTIL "  # Step until which it waits; infinity: it does not.
-    "DONE "  # Whether the path is done; 2: the pause runs.
+    "LEVEL UP DOWN "  # Speed limits: horizontal, climb, descent.
+    "BEGINS "  # Transition to the leg that is about to begin.
+    "UNTIL "  # Step at which a wait ends; infinity: no wait.
+    "DONE "  # 1: the path is complete; 2: the pause is running.
     "PACE_ARC "  # Speed along chords.
     "RISING "  # Vertical wind.
-    "LIFT "  # Vertical acceleration by drag.
-    "ARMING_STEPS",  # On the ground before the motors spool up.
+    "LIFT "  # Vertical acceleration caused by drag.
+    "ARMING_STEPS",  # Steps on the ground before the motors spool up.
     start=0,
 )
 NO_MODE, HOLDING, LEGS, CLIMBING, LANDING, LANDED, CHORDS, GUIDED = range(8)
 NOTHING, CHAINED, SAME, ANEW = range(4)
 
-# Constants of control and dynamics that parameters and the airframe decide.
+# Control and airframe constants, from parameters and the airframe.
 Law = IntEnum(
     "Law",
     "DT DRAG DRAG_2 ERROR_FILTER RATE_FILTER POS_P VEL_P VEL_I VEL_D VEL_IMAX POS_Z_P VEL_Z_P "
@@ -75,20 +75,20 @@ Law = IntEnum(
 LEG, GUIDE, LAW = record_type(Leg), record_type(Guide), record_type(Law)
 
 HOVER_THROTTLE = 0.39
-"""Of ArduPilot's simulator (MOT_THST_HOVER)."""
+"""Hover throttle of ArduPilot's simulator (MOT_THST_HOVER)."""
 LEAST_SPEED = 0.2
-"""A lower horizontal speed is not taken (WPNAV_WP_SPEED_MIN)."""
+"""Minimum horizontal speed; lower speeds are ignored (WPNAV_WP_SPEED_MIN)."""
 LEAST_WAY = 0.01
-"""A leg from where the vehicle stands is at least so long: an estimated position is never the exact one."""
+"""Minimum length of a leg from a standstill: an estimated position never equals the exact one."""
 SHAKE = 0.04
-"""By how much the estimated speed shakes, m/s: it decides how the target waits for a vehicle at rest."""
+"""Noise of the estimated speed (m/s), which decides how the target waits for a vehicle at rest."""
 SIDE = 0.7071067811865476
-"""Guided to a position: the share of the acceleration that may go across where more goes along."""
+"""Guided position control: share of the acceleration allowed across if more is needed along."""
 
 
 @compiled(inline="always")
 def rooted(error: float, gain: float, limit: float) -> float:
-    """Return the rate that closes an error: linear near it, then such that the limit suffices to stop."""
+    """Return the rate that closes an error: linear for small errors, else the rate that `limit` can stop."""
     straight = limit / (gain * gain)
     if error > straight:
         return sqrt(2.0 * limit * (error - 0.5 * straight))
@@ -99,7 +99,7 @@ def rooted(error: float, gain: float, limit: float) -> float:
 
 @compiled(inline="always")
 def stopping_distance(speed: float, gain: float, limit: float) -> float:
-    """Return the error for which `_rooted` gives a speed: the path in which the controller stops."""
+    """Return the error for which `rooted` gives a speed: the controller's stopping distance."""
     if speed < limit / gain:
         return speed / gain
     return 0.5 * limit / (gain * gain) + 0.5 * speed * speed / limit
@@ -107,7 +107,7 @@ def stopping_distance(speed: float, gain: float, limit: float) -> float:
 
 @compiled(inline="late", allocates=False)
 def command(state: Record, guide: Record, law: Record) -> None:
-    """Position and velocity control: the acceleration that is asked for and the thrust."""
+    """Run position and velocity control, and store the commanded acceleration and thrust."""
     dt = law.dt
     ex, ey = guide.px - state.position_x, guide.py - state.position_y
     size = sqrt(ex * ex + ey * ey)
@@ -159,7 +159,7 @@ def command(state: Record, guide: Record, law: Record) -> None:
     ax = law.vel_p * fx + sx + law.vel_d * guide.rate_x + guide.ax
     ay = law.vel_p * fy + sy + law.vel_d * guide.rate_y + guide.ay
     guide.asked_x, guide.asked_y = _across_first(ax, ay, wx, wy, law.most_lean)
-    # The thrust follows the vertical acceleration with a proportional and an integral part at once.
+    # The thrust follows the vertical acceleration with a proportional and an integral part.
     az = law.vel_z_p * fz + guide.az
     gain, lift = law.acc_z_p, guide.lift
     thrust = (gain * (az - lift) + guide.thrust_i) / (1.0 + gain)
@@ -171,7 +171,7 @@ def command(state: Record, guide: Record, law: Record) -> None:
 
 @compiled(inline="always")
 def _across_first(ax: float, ay: float, vx: float, vy: float, most: float) -> tuple[float, float]:
-    """Return an acceleration within a limit; what goes along the wanted velocity is cut first."""
+    """Return an acceleration within a limit, with the part along the wanted velocity reduced first."""
     if ax * ax + ay * ay <= most * most:
         return ax, ay
     speed = sqrt(vx * vx + vy * vy)
@@ -188,14 +188,14 @@ def _across_first(ax: float, ay: float, vx: float, vy: float, most: float) -> tu
 
 @compiled(inline="late", allocates=False)
 def move(state: Record, guide: Record, law: Record, rising: float) -> float:
-    """Fly a step: the attitude follows, thrust and drag move the airframe. Returns the length of the path."""
+    """Move the airframe by one step under thrust and drag, and return the length of the path."""
     dt = law.dt
     guide.target_x += law.target_filter * (guide.asked_x - guide.target_x)
     guide.lean_x += law.lean_filter * (guide.target_x - guide.lean_x)
     guide.target_y += law.target_filter * (guide.asked_y - guide.target_y)
     guide.lean_y += law.lean_filter * (guide.target_y - guide.lean_y)
     share = 1.0 + guide.thrust / GRAVITY_M_S2
-    # Drag acts in the plane of the rotors and, without the part of their momentum, across it.
+    # Drag acts in the rotor plane and, without the momentum drag of the rotors, normal to that plane.
     lx, ly = guide.lean_x, guide.lean_y
     stretch = sqrt(lx * lx + ly * ly + GRAVITY_M_S2 * GRAVITY_M_S2)
     nx, ny, nz = lx / stretch, ly / stretch, GRAVITY_M_S2 / stretch
@@ -232,7 +232,7 @@ def move(state: Record, guide: Record, law: Record, rising: float) -> float:
 
 @compiled(inline="late", allocates=False)
 def turn(state: Record, guide: Record, law: Record, heading: float, turning: float) -> None:
-    """Turn the nose: to a position, at a rate, to a heading, or to where the target goes."""
+    """Turn the nose to the region of interest, at a rate, to a heading, or in the target's direction."""
     yaw, rate, change = state.heading, state.heading_rate, law.yaw_accel * law.dt
     wanted = np.nan
     if not isnan(state.look_east):
@@ -258,7 +258,7 @@ def turn(state: Record, guide: Record, law: Record, heading: float, turning: flo
 
 @compiled(inline="always")
 def halt(guide: Record) -> None:
-    """Have the target stand still."""
+    """Set the target's velocity and acceleration to zero."""
     guide.vx = guide.vy = guide.vz = guide.ax = guide.ay = guide.az = 0.0
 
 

@@ -1,7 +1,7 @@
-"""ArduCopter's guidance: where the target of the position control is, leg by leg.
+"""ArduCopter's guidance: the target of the position controller along each leg.
 
-Formulas after ArduPilot 4.7: `AC_WPNav.cpp`, `AP_Math/control.cpp`, ArduCopter's `mode.cpp`, `mode_auto.cpp`,
-`mode_rtl.cpp` and `takeoff.cpp`. It is described in docs/vehicle-model.md, section ArduCopter.
+Formulas from ArduPilot 4.7: `AC_WPNav.cpp`, `AP_Math/control.cpp`, ArduCopter's `mode.cpp`, `mode_auto.cpp`,
+`mode_rtl.cpp` and `takeoff.cpp`. See docs/vehicle-model.md, section ArduCopter.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ Position = tuple[float, float, float]
 
 @compiled(allocates=False)
 def _shape(change: float, acceleration: float, limit: float, jerk: float, dt: float) -> float:
-    """Return the next acceleration of a change of speed, within limits of it and of its jerk."""
+    """Return the next acceleration of a speed change, within the acceleration and jerk limits."""
     wanted = rooted(change, jerk / limit, jerk)
     most = abs(change) / dt
     wanted = min(max(wanted, -most, -limit), most, limit)
@@ -45,7 +45,7 @@ def _shape(change: float, acceleration: float, limit: float, jerk: float, dt: fl
 
 @compiled(allocates=False)
 def _stop_here(state: Record, guide: Record, law: Record) -> None:
-    """Begin anew from the position where the vehicle comes to rest."""
+    """Set the target to the position at which the vehicle stops if it brakes now."""
     vx, vy, vz = state.velocity_x, state.velocity_y, state.velocity_z
     speed = sqrt(vx * vx + vy * vy)
     guide.px, guide.py = state.position_x, state.position_y
@@ -68,7 +68,7 @@ def _stop_here(state: Record, guide: Record, law: Record) -> None:
 
 @compiled(allocates=False)
 def _take_velocity(state: Record, guide: Record) -> None:
-    """Begin anew from the present position and velocity."""
+    """Set the target to the present position and velocity."""
     guide.px, guide.py, guide.pz = state.position_x, state.position_y, state.position_z
     guide.vx, guide.vy, guide.vz = state.velocity_x, state.velocity_y, state.velocity_z
     guide.ax = guide.ay = guide.az = 0.0
@@ -80,19 +80,19 @@ def _take_velocity(state: Record, guide: Record) -> None:
 
 @compiled(inline="always")
 def begin_of(guide: Record) -> Position:
-    """Return where the leg begins."""
+    """Return the start of the leg."""
     return guide.begin_x, guide.begin_y, guide.begin_z
 
 
 @compiled(inline="always")
 def end_of(guide: Record) -> Position:
-    """Return where the leg ends."""
+    """Return the end of the leg."""
     return guide.end_x, guide.end_y, guide.end_z
 
 
 @compiled(allocates=False)
 def make(i: int, a: Position, b: Position, guide: Record, law: Record, heads: Floats, curves: Floats) -> None:
-    """Make the profile of one of the three legs at the speeds in use."""
+    """Make profile `i` of the three legs, from `a` to `b`, at the present speed limits."""
     make_leg(
         heads[i],
         curves[i],
@@ -108,9 +108,9 @@ def make(i: int, a: Position, b: Position, guide: Record, law: Record, heads: Fl
 def take_next(
     guide: Record, law: Record, heads: Floats, curves: Floats, row: Record, before: float, least: float
 ) -> None:
-    """Go on to the leg after the one that was led along, or from where the target stands.
+    """Continue with the next leg, from the end of the present leg or from the target at rest.
 
-    From there it is at least so long: an estimated position is never exactly the wanted one.
+    From rest, the leg is lengthened to at least `least`, as an estimated position is never exact.
     """
     if before == at.LEGS:
         copy_leg(heads, curves, 0, 1)
@@ -145,7 +145,7 @@ def begin(
     leg: int,
     step: int,
 ) -> None:
-    """Begin a leg; guide.begins is how it follows the one before."""
+    """Begin a leg by the transition in ``guide.begins``."""
     how = guide.begins
     guide.begins = at.NOTHING
     guide.until, guide.done = inf, 0.0
@@ -154,7 +154,7 @@ def begin(
     before = guide.mode
     speed = row.speed
     if kind == at.ARC:
-        # The bends of a curve may be slower than the speed of the mission.
+        # The bends of a curve may be slower than the mission's speed.
         speed = max(speed, guide.level)
     elif speed < at.LEAST_SPEED:
         speed = guide.level
@@ -211,7 +211,7 @@ def begin(
 
 @compiled(inline="always")
 def _blurred_share(share: float, blur: float) -> float:
-    """Return the mean of a number within 0 to 1 when it shakes by ``blur`` to both sides."""
+    """Return the mean of `share`, clipped to 0..1, if `share` varies uniformly by `blur` to both sides."""
     high, low = share + blur, share - blur
     if low >= 1.0 or high <= 0.0 or (low >= 0.0 and high <= 1.0):
         return min(max(share, 0.0), 1.0)
@@ -222,9 +222,10 @@ def _blurred_share(share: float, blur: float) -> float:
 
 @compiled(inline="late", allocates=False)
 def lead_legs(guide: Record, law: Record, heads: Floats, curves: Floats) -> bool:
-    """Move the target along this leg, the end of the one before and the begin of the next; return its end.
+    """Move the target along the present leg, and return whether the leg is complete.
 
-    The target slows down as far as the vehicle falls behind it, with the time constant of the acceleration.
+    The end of the previous leg and the start of the next leg overlap with the present leg. The target slows
+    down for a vehicle that falls behind, with the time constant of the acceleration.
     """
     wanted = sqrt(guide.vx**2 + guide.vy**2 + guide.vz**2)
     pace = 1.0
@@ -267,11 +268,11 @@ def lead_legs(guide: Record, law: Record, heads: Floats, curves: Floats) -> bool
 
 @compiled(allocates=False)
 def _lead_chord(guide: Record, law: Record, route: Record, leg: int) -> bool:
-    """Move the target along a curve of chords with half of the acceleration; return whether the leg ends."""
+    """Move the target along chords at half the acceleration limit; return whether the leg ends."""
     dt = law.dt
     gx, gy, gz = guide.end_x - guide.px, guide.end_y - guide.py, guide.end_z - guide.pz
     left = sqrt(gx**2 + gy**2 + gz**2)
-    # What lies ahead within the braking distance.
+    # Chords ahead within the braking distance.
     accel = 0.5 * law.accel
     speed = guide.pace_arc
     top = route[leg].speed
@@ -320,7 +321,7 @@ def _move_up(guide: Record, dt: float) -> None:
 
 @compiled(inline="always")
 def _accelerate(guide: Record, ax: float, ay: float, most: float) -> None:
-    """Change the horizontal acceleration towards another one, by so much at most."""
+    """Change the horizontal acceleration towards another one by at most `most`."""
     cx, cy = ax - guide.ax, ay - guide.ay
     change = sqrt(cx * cx + cy * cy)
     share = min(1.0, most / change) if change > 0.0 else 0.0
@@ -330,7 +331,7 @@ def _accelerate(guide: Record, ax: float, ay: float, most: float) -> None:
 
 @compiled(allocates=False)
 def _lead_up(guide: Record, law: Record) -> bool:
-    """Climb to the height of the take-off; return whether it is reached and the climb slow."""
+    """Climb to the take-off height; return whether the height is reached at a low climb speed."""
     dt, limit, jerk = law.dt, law.accel_z, law.shape_jerk_z
     _move_up(guide, dt)
     gain = jerk / limit
@@ -348,12 +349,12 @@ def _lead_up(guide: Record, law: Record) -> bool:
 
 @compiled(allocates=False)
 def _lead_to(guide: Record, law: Record) -> bool:
-    """Move the target to the position asked for in guided mode; return whether it is there.
+    """Move the target to a guided setpoint's position; return whether the target has arrived.
 
-    `AC_PosControl::input_pos_NEU_m`: the speed is that from which half of the acceleration, reached with half
-    of the jerk, still stops there. What corrects the velocity goes along the wanted velocity and across it:
-    a turn of less than 45 degrees or more than 135 leaves most of the acceleration to what goes along, any
-    other brakes and turns at once.
+    Follows `AC_PosControl::input_pos_NEU_m`. The speed is one from which half the acceleration limit, reached
+    at half the jerk limit, still stops at the position. The velocity correction is split into a part along
+    the wanted velocity and a part across. A turn of less than 45 or more than 135 degrees leaves most of the
+    acceleration to the part along; other turns brake and turn at the same time.
     """
     dt, limit, jerk = law.dt, law.accel, law.shape_jerk
     _move_level(guide, dt)
@@ -393,7 +394,7 @@ def _lead_to(guide: Record, law: Record) -> bool:
 
 @compiled(allocates=False)
 def _lead_down(guide: Record, law: Record, height: float) -> None:
-    """Sink, slowly near the ground."""
+    """Descend, more slowly near the ground."""
     dt = law.dt
     _move_up(guide, dt)
     rate = rooted(law.land_low - height, law.pos_z_p, law.accel_z)
@@ -404,7 +405,7 @@ def _lead_down(guide: Record, law: Record, height: float) -> None:
 
 @compiled(allocates=False)
 def _lead_level(guide: Record, law: Record) -> None:
-    """Bring the horizontal velocity to rest while the vehicle climbs or sinks."""
+    """Bring the horizontal velocity to zero during a climb or descent."""
     if guide.vx == 0.0 and guide.vy == 0.0 and guide.ax == 0.0 and guide.ay == 0.0:
         return
     dt, limit, jerk = law.dt, law.accel, law.shape_jerk
@@ -428,7 +429,7 @@ def lead(
     leg: int,
     step: int,
 ) -> bool:
-    """Move the target for the next step; return whether the leg is done."""
+    """Move the target by one step; return whether the leg is complete."""
     mode = guide.mode
     if mode == at.LEGS:
         done = lead_legs(guide, law, heads, curves)

@@ -1,9 +1,9 @@
-"""The compiled flight of a multirotor under ArduCopter; all is SI, east-north-up about home.
+"""Compiled kernel of a multirotor under ArduCopter, in SI units, east-north-up relative to home.
 
-A step takes, besides what all vehicles have: guides GUIDE[1], laws LAW[1], heads float64[3, HEAD] and curves
-float64[3, SEGMENTS, COLUMNS] (the leg before, this one and the next: `sim_vehicle.motion.arducopter.scurve`).
-Of the limits, those of the multirotor, only the step and the energy that ends the flight are used. The route
-is LEG[n]; a speed of 0 keeps the one before.
+A step has these arguments in addition to the common ones: guides GUIDE[1], laws LAW[1], heads float64[3,
+HEAD] and curves float64[3, SEGMENTS, COLUMNS] (previous, present and next leg, see
+`sim_vehicle.motion.arducopter.scurve`). Of the multirotor's limits, only the time step and the energy limit
+are used. The route is LEG[n]; a speed of 0 keeps the previous speed.
 """
 
 from __future__ import annotations
@@ -90,7 +90,7 @@ def _move(state: Record, counters: Integers, route: Record, limits: Record, own:
 
 @compiled(inline="always")
 def chain(state: Record, counters: Integers, row: Record, route: Record, limits: Record, own: Own) -> None:
-    """Have the next leg begin as it follows from the one that was done."""
+    """Mark the next leg as a continuation of the completed leg."""
     if counters[col.ARRIVED] == 0:
         own[0][0].begins = at.CHAINED
 

@@ -1,4 +1,4 @@
-"""A multirotor as ArduCopter flies it: the compiled flight with its state and the law of its parameters."""
+"""Motion model of a multirotor under ArduCopter: the compiled kernel with its state and control law."""
 
 from __future__ import annotations
 
@@ -29,17 +29,17 @@ if TYPE_CHECKING:
     from sim_vehicle.motion.legs import Heading, Position, Route
     from sim_vehicle.weather.wind import Wind
 
-# Time from arming until ArduCopter's motors spool up (ARMING_DELAY_SEC).
+# Delay from arming until ArduCopter's motors spool up (ARMING_DELAY_SEC).
 _ARMING_DELAY_S = 2.0
 
 
 class ArduCopter(AlongCurves, Multirotor):
-    """A multirotor under ArduCopter; velocity set-points are flown as any `Multirotor` flies them.
+    """Multirotor under ArduCopter; velocity setpoints are flown by the generic dynamics of `Multirotor`.
 
     Parameters
     ----------
     law_of : callable
-        Given a vehicle, the numbers of the autopilot's laws from its parameters, float64[LAW].
+        Maps a vehicle to the constants of the control law, float64[LAW], from its parameters.
     yaw_rad : float
         Heading at the start.
 
@@ -82,16 +82,16 @@ class ArduCopter(AlongCurves, Multirotor):
         self._armed_steps = 0
 
     def place_in_flight(self, position_m: Position, velocity_m_s: Position, heading_rad: float) -> None:
-        """Be in steady flight at time 0, with nothing used yet, as if it had flown there.
+        """Start in steady flight at time 0, with no energy used and no path flown.
 
-        A first leg that lies ahead goes on from the point of its profile at which it has that speed.
+        A first leg that lies ahead starts at the point of its profile with the present speed.
         """
         super().place_in_flight(position_m, velocity_m_s, heading_rad)
         guide, law = self.guide, self.law
         guide[:] = 0.0
         guide[Guide.LEVEL] = self.spec.cruise_speed_m_s
         self.heads[:] = 0.0
-        # The attitude and the integrators that balance the drag.
+        # Attitude and integrators that balance the drag.
         air = self.state[col.VELOCITY][:2] - self.state[col.LEVEL_WIND]
         lean = (law[Law.DRAG] + law[Law.DRAG_2] * float(np.hypot(*air))) * air
         for first in (Guide.INTEGRAL_X, Guide.ASKED_X, Guide.TARGET_X, Guide.LEAN_X):
@@ -100,23 +100,23 @@ class ArduCopter(AlongCurves, Multirotor):
         self._under_way, self._interrupted = True, False
 
     def fly(self, route: Route) -> None:
-        """Begin a route, from where the vehicle is and as it moves now."""
+        """Begin a route from the present position and motion."""
         fastest = self.spec.top_speed_m_s
         self.guide[Guide.ARMING_STEPS] = max(round(_ARMING_DELAY_S / self.step_s) - self._armed_steps, 0)
         self._set_out(route, self.law, route.points_m, route.legs["kind"], fastest)
 
     def rest(self, steps: int, *, armed: bool) -> None:
-        """Stand on the ground for a number of steps; the time that it is armed counts for the motors."""
+        """Stand on the ground for a number of steps; armed steps count towards the motors' spool-up delay."""
         super().rest(steps, armed=armed)
         self._armed_steps = self._armed_steps + steps if armed else 0
 
     def steer(self, velocity_m_s: Position, *, height_m: float = math.nan, heading: Heading = KEEP) -> None:
-        """Keep a velocity, or its horizontal part at a height; downward it goes on to the ground."""
+        """Keep a velocity, or its horizontal part at an altitude; a descent ends on the ground."""
         self._rows = None
         super().steer(velocity_m_s, height_m=height_m, heading=heading)
 
     def point(self, heading_rad: float) -> None:
-        """Turn the nose to a compass heading on the leg that is flown now."""
+        """Turn the nose to a compass heading on the present leg."""
         if self._rows is None:
             super().point(heading_rad)
             return
@@ -124,7 +124,7 @@ class ArduCopter(AlongCurves, Multirotor):
         self._rows["turning"][self.leg] = math.nan
 
     def stopping_point(self) -> Position:
-        """Return the position of rest if it brakes now."""
+        """Return the position at which the vehicle stops if it brakes now."""
         x, y, z, vx, vy, vz = self.state[State.POSITION_X : State.ACCELERATION_X].tolist()
         law, guide = self.law, self.guide
         speed = math.hypot(vx, vy)
@@ -137,7 +137,7 @@ class ArduCopter(AlongCurves, Multirotor):
         return x, y, max(z + math.copysign(distance, vz), 0.0)
 
     def attitude(self) -> tuple[float, float, float, float] | None:
-        """Return roll, pitch, airspeed and throttle; None where they follow from the acceleration."""
+        """Return roll, pitch, airspeed and throttle, or None if the acceleration determines them."""
         if self._rows is None or self.state[State.POSITION_Z] <= 0.0:
             return None
         east, north = self.guide[Guide.LEAN_X : Guide.LEAN_X + 2].tolist()
@@ -147,7 +147,7 @@ class ArduCopter(AlongCurves, Multirotor):
         return roll, pitch, self._airspeed, min(max(at.HOVER_THROTTLE * thrust, 0.0), 1.0)
 
     def update_spec(self, spec: VehicleSpec) -> None:
-        """Take other defaults, limits and parameters; they hold from the next leg on."""
+        """Replace defaults, limits and parameters; the new values apply from the next leg."""
         super().update_spec(spec)
         self._take_law()
 
@@ -156,7 +156,7 @@ class ArduCopter(AlongCurves, Multirotor):
         self.law[Law.STAND_BY] = self._idle_w + float(self._power[CONSTANT_POWER])
 
     def set_climb(self, climb_m_s: float | None, descent_m_s: float | None) -> None:
-        """Climb and sink at this speed, from the next route on; None is the vehicle's own."""
+        """Set climb and descent speed from the next route; None selects the vehicle's own."""
         super().set_climb(climb_m_s, descent_m_s)
         self.law[Law.SPEED_UP] = climb_m_s or self.spec.climb_speed_m_s
         self.law[Law.SPEED_DOWN] = descent_m_s or self.spec.descent_speed_m_s
@@ -164,7 +164,7 @@ class ArduCopter(AlongCurves, Multirotor):
     def touch_down(self) -> None:
         """Stand still on the ground."""
         super().touch_down()
-        # It has been armed for long, until it rests disarmed.
+        # After a landing the arming delay counts as over, until the vehicle is disarmed.
         self._armed_steps = round(_ARMING_DELAY_S / self.step_s)
         self._rows = None
         self.guide[:] = 0.0

@@ -1,11 +1,11 @@
-"""Jerk-limited profiles along a straight leg, as ArduPilot's navigation makes them.
+"""S-curves: snap-limited speed profiles along a straight leg, as in ArduPilot's navigation.
 
-A profile is a chain of 23 segments: a start, seven that accelerate, seven that change the speed under way,
-one of constant speed, and seven that brake to a stop. The jerk rises and falls along raised cosines, so the
-snap is limited too. Formulas after ArduPilot, `libraries/AP_Math/SCurve.cpp` (4.7), whose rules also decide
-when the next leg begins while the present one still brakes, which makes the corners.
+A profile has 23 segments: a start, seven for the acceleration, seven for a speed change in flight, one at
+constant speed, and seven for braking to a stop. The jerk rises and falls along raised cosines, so the snap is
+limited, too. Formulas from ArduPilot, `libraries/AP_Math/SCurve.cpp` (4.7). ArduPilot's rules also decide
+when the next leg begins while the present leg still brakes, which rounds the corners.
 
-A leg is a row of `HEAD` numbers and a table of `SEGMENTS` x `COLUMNS` of them. All is SI.
+A leg is a row of `HEAD` numbers and a table of `SEGMENTS` x `COLUMNS` numbers, in SI units.
 """
 
 from __future__ import annotations
@@ -19,42 +19,42 @@ from geo.compiled import compiled
 
 Floats = NDArray[np.float64]
 
-# Head of a profile: the time along it, whether there is one (MADE), its length and direction, the horizontal
-# part of the length and its rise, and the limits along it.
+# Head of a profile: time along the profile, whether a profile exists (MADE), length and direction of the leg,
+# its horizontal length and rise, and the limits along the leg.
 HEAD = 13
 TIME, MADE, LENGTH, UX, UY, UZ, FLAT, RISE, SNAP, JERK, SPEED, ACCEL, ACCEL_Z = range(HEAD)
 SEGMENTS, COLUMNS = 23, 6
 (
-    SEGMENT_TIME,  # At its end, as acceleration, speed and position.
-    SEGMENT_SHAPE,  # Of its jerk: 0 constant, 1 rising, -1 falling.
+    SEGMENT_TIME,  # Value at the end of the segment, like acceleration, speed and position.
+    SEGMENT_SHAPE,  # Shape of the jerk: 0 constant, 1 rising, -1 falling.
     SEGMENT_JERK,
     SEGMENT_ACCELERATION,
     SEGMENT_SPEED,
     SEGMENT_POSITION,
 ) = range(COLUMNS)
 _START, _ACCEL_TOP, _ACCEL_END, _CHANGE_END, _CRUISE, _END = 0, 4, 7, 14, 15, 22
-# What a number must reach to count as positive (single precision, as the autopilot computes).
+# Smallest number that counts as positive: single precision, as in the autopilot.
 _TINY = 1.1920929e-7
 
 
-# Loops: numba takes long to compile each assignment to a slice.
+# Loops in place of slices: numba compiles each assignment to a slice slowly.
 @compiled(inline="always")
 def _copy(to: Floats, first: int, source: Floats, begin: int, count: int) -> None:
-    """Copy ``count`` numbers, from ``begin`` of a row to ``first`` of another, without overlap."""
+    """Copy `count` numbers from index `begin` of a row to index `first` of another row."""
     for k in range(count):
         to[first + k] = source[begin + k]
 
 
 @compiled(inline="always")
 def _clear(row: Floats, begin: int, end: int) -> None:
-    """Set the numbers ``begin`` up to, not including, ``end`` of a row to 0."""
+    """Set the numbers from index `begin` up to `end` (exclusive) of a row to 0."""
     for k in range(begin, end):
         row[k] = 0.0
 
 
 @compiled(allocates=False)
 def kinematic_limit(flat: float, rise: float, level: float, up: float, down: float) -> float:
-    """Return the limit along a direction; its horizontal part and the vertical ones have their own."""
+    """Return the limit along a direction from the horizontal, upward and downward limits."""
     size = sqrt(flat * flat + rise * rise)
     limit = inf
     if flat > _TINY * size:
@@ -68,11 +68,11 @@ def kinematic_limit(flat: float, rise: float, level: float, up: float, down: flo
 def _speed_change(
     snap: float, jerk: float, v0: float, accel: float, v1: float, length: float
 ) -> tuple[float, float, float, float]:
-    """Return jerk, duration of its ramps, and the times of full jerk and of full acceleration.
+    """Return the jerk, the ramp duration, and the times at full jerk and at full acceleration.
 
-    The change is from ``v0`` to ``v1``, or as far as it can be made within ``length``. It is symmetric: with
-    the peak acceleration A, the ramps r and the jerk J its halves last ``t = A / J + r`` each, and it takes
-    ``(2 t + m) (v0 + A (t + m) / 2)`` of length when A is held for m.
+    The speed changes from `v0` to `v1`, or as far as `length` allows. The change is symmetric. With peak
+    acceleration A, ramp r and jerk J, each half lasts ``t = A / J + r``. If A is held for m, the change takes
+    the length ``(2 t + m) (v0 + A (t + m) / 2)``.
     """
     if v0 >= v1 or min(snap, jerk, accel, length) < _TINY:
         return 0.0, 0.0, 0.0, 0.0
@@ -109,7 +109,7 @@ def _speed_change(
 
 @compiled(allocates=False)
 def _peak_acceleration(jerk: float, ramp: float, v0: float, length: float) -> float:
-    """Return the peak of a change that never holds its acceleration and takes a length: a root of a cubic."""
+    """Return the peak acceleration of a speed change over `length` without a plateau (root of a cubic)."""
     peak = (length * jerk * jerk) ** (1.0 / 3.0)
     for _ in range(30):
         t = peak / jerk + ramp
@@ -123,7 +123,7 @@ def _peak_acceleration(jerk: float, ramp: float, v0: float, length: float) -> fl
 
 @compiled(inline="always")
 def _after(before: Floats, shape: float, jerk: float, whole: float, t: float) -> tuple[float, float, float]:
-    """Return acceleration, speed and position a time after the begin of a segment that lasts ``whole``."""
+    """Return acceleration, speed and position at time `t` of a segment of duration `whole`."""
     a, v, p = before[SEGMENT_ACCELERATION], before[SEGMENT_SPEED], before[SEGMENT_POSITION]
     if shape == 0.0 or whole <= 0.0:
         return (a + jerk * t, v + t * (a + 0.5 * jerk * t), p + t * (v + t * (0.5 * a + jerk * t / 6.0)))
@@ -141,7 +141,7 @@ def _after(before: Floats, shape: float, jerk: float, whole: float, t: float) ->
 
 @compiled(allocates=False)
 def _put(curve: Floats, i: int, shape: float, lasts: float, jerk: float) -> None:
-    """Write segment ``i`` behind the one before it."""
+    """Write segment `i` after the previous segment."""
     before, row = curve[i - 1], curve[i]
     if lasts < _TINY:
         shape, lasts = 0.0, 0.0
@@ -153,7 +153,7 @@ def _put(curve: Floats, i: int, shape: float, lasts: float, jerk: float) -> None
 
 @compiled(allocates=False)
 def _put_change(curve: Floats, i: int, jerk: float, ramp: float, full: float, middle: float) -> None:
-    """Write the seven segments of a change of speed from ``i`` on."""
+    """Write the seven segments of a speed change, from segment `i`."""
     _put(curve, i, 1.0, ramp, jerk)
     _put(curve, i + 1, 0.0, full, jerk)
     _put(curve, i + 2, -1.0, ramp, jerk)
@@ -167,7 +167,7 @@ def _put_change(curve: Floats, i: int, jerk: float, ramp: float, full: float, mi
 
 @compiled(allocates=False)
 def _put_nothing(curve: Floats, first: int, last: int, source: int) -> None:
-    """Make the segments ``first`` to ``last`` empty ones after the segment ``source``."""
+    """Make segments `first` to `last` empty, continuing from segment `source`."""
     before = curve[source]
     for i in range(first, last + 1):
         row = curve[i]
@@ -178,7 +178,7 @@ def _put_nothing(curve: Floats, first: int, last: int, source: int) -> None:
 
 @compiled(allocates=False)
 def _put_end(head: Floats, curve: Floats, length: float) -> None:
-    """Brake from the cruise within a length, and cruise so long that the profile ends where the leg ends."""
+    """Brake from cruise within a length, and cruise until the profile ends at the end of the leg."""
     speed = curve[_CRUISE, SEGMENT_SPEED]
     jerk, ramp, full, middle = _speed_change(head[SNAP], head[JERK], 0.0, head[ACCEL], speed, length)
     _put_change(curve, _CRUISE + 1, -jerk, ramp, full, middle)
@@ -191,13 +191,13 @@ def _put_end(head: Floats, curve: Floats, length: float) -> None:
 
 @compiled(allocates=False)
 def clear_leg(head: Floats) -> None:
-    """Make it a leg without length: it is finished before it begins."""
+    """Make the leg empty, so that it is complete before it begins."""
     head[TIME], head[MADE], head[LENGTH] = 0.0, 0.0, 0.0
 
 
 @compiled(allocates=False)
 def copy_leg(heads: Floats, curves: Floats, to: int, source: int) -> None:
-    """Put the leg ``source`` of three in the place of the leg ``to``."""
+    """Copy leg `source` of the three legs to leg `to`."""
     _copy(heads[to], 0, heads[source], 0, HEAD)
     for i in range(SEGMENTS):
         _copy(curves[to, i], 0, curves[source, i], 0, COLUMNS)
@@ -213,9 +213,9 @@ def make_leg(
     snap: float,
     jerk: float,
 ) -> None:
-    """Make the profile of a leg by ``delta`` from standing to standing.
+    """Make the profile of a leg by `delta` from rest to rest.
 
-    Speeds are horizontal, up and down, accelerations horizontal and vertical.
+    `speeds` are horizontal, up and down; `accels` are horizontal and vertical.
     """
     dx, dy, dz = delta
     flat = sqrt(dx * dx + dy * dy)
@@ -244,7 +244,7 @@ def _make_profile(head: Floats, curve: Floats) -> None:
 
 @compiled(allocates=False)
 def change_speed(head: Floats, curve: Floats, level: float, up: float, down: float) -> None:
-    """Go on along a leg with other limits of speed, as well as what is left of it allows."""
+    """Continue along a leg with other speed limits, as far as the rest of the leg allows."""
     if head[MADE] == 0.0:
         return
     speed = kinematic_limit(head[FLAT], head[RISE], level, up, down)
@@ -258,7 +258,7 @@ def change_speed(head: Floats, curve: Floats, level: float, up: float, down: flo
         _make_profile(head, curve)
         return
     if curve[_ACCEL_END, SEGMENT_TIME] <= time <= curve[_CHANGE_END, SEGMENT_TIME]:
-        # Under way to another speed already: that change takes the place of the first one.
+        # During an earlier speed change: that change replaces the initial acceleration.
         _put_nothing(curve, _START, _START, _ACCEL_END)
         for i in range(_START + 1, _ACCEL_END + 1):
             _copy(curve[i], 0, curve[i + 7], 0, COLUMNS)
@@ -276,7 +276,7 @@ def change_speed(head: Floats, curve: Floats, level: float, up: float, down: flo
     accel = curve[_ACCEL_TOP, SEGMENT_ACCELERATION]
     half = 0.5 * head[LENGTH]
     if time <= top and top - before >= _TINY and speed < curve[_ACCEL_END, SEGMENT_SPEED] and accel >= _TINY:
-        # Still at full acceleration: cut that short.
+        # Still at full acceleration: shorten that segment.
         least = curve[_ACCEL_END, SEGMENT_SPEED] - accel * (top - max(time, before))
         jerk, ramp, full, middle = _speed_change(
             head[SNAP], head[JERK], curve[_START, SEGMENT_SPEED], head[ACCEL], max(least, speed), half
@@ -293,7 +293,7 @@ def change_speed(head: Floats, curve: Floats, level: float, up: float, down: flo
 
 @compiled(allocates=False)
 def _change_under_way(head: Floats, curve: Floats, speed: float, room: float) -> None:
-    """Change the speed after the first acceleration, if what is left before the braking is long enough."""
+    """Change the speed after the initial acceleration, if the distance before braking suffices."""
     now = curve[_ACCEL_END, SEGMENT_SPEED]
     snap, limit, accel = head[SNAP], head[JERK], head[ACCEL]
     if abs(speed - now) < _TINY or room <= 0.0 or now < _TINY:
@@ -336,10 +336,10 @@ def end_time(head: Floats, curve: Floats) -> float:
 
 @compiled(allocates=False)
 def may_turn(heads: Floats, curves: Floats, radius: float, corner: float) -> bool:
-    """Return whether the leg after the present one may begin while that one still brakes.
+    """Return whether the next leg may begin while the present leg still brakes.
 
-    The middle of the turn must lie within ``radius`` of the corner, be slower than both legs, and have less
-    than the acceleration ``corner``.
+    The middle of the turn must be within `radius` of the corner, be slower than both legs, and have an
+    acceleration below `corner`.
     """
     this, after = heads[1], heads[2]
     here, ahead = curves[1], curves[2]

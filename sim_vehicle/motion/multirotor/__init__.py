@@ -1,1 +1,1 @@
-"""Jerk-limited motion of a multirotor of no autopilot in particular."""
+"""Generic multirotor: jerk-limited motion without a particular autopilot."""

@@ -1,10 +1,10 @@
-"""The compiled motion of one multirotor: jerk-limited flight along the legs of a route.
+"""Compiled kernel of a generic multirotor: jerk-limited flight along the legs of a route.
 
-The model and its control law are described in docs/vehicle-model.md. All arrays are float64 unless said
-otherwise; lengths in metres, angles in radians, east-north-up about home, headings clockwise from north.
+docs/vehicle-model.md describes the model and its control law. Arrays are float64 unless noted; lengths are in
+metres, angles in radians, positions east-north-up relative to home, headings clockwise from north.
 
-One vehicle is a record of `STATE` and a row of `COUNTERS` integers. A batch of vehicles is two arrays, and a
-loop over `advance`.
+One vehicle is a record of `STATE` and a row of `COUNTERS` integers. A batch of vehicles has one array of each
+and a loop over `advance`.
 """
 
 from __future__ import annotations
@@ -26,30 +26,30 @@ Vector = tuple[float, float, float]
 Axis = tuple[float, float, float, float, float]
 Turn = tuple[float, float]
 
-# One leg: its target, the directions along, across and normal to it, and the limits on these axes.
+# One leg: target, directions along, across and normal to the leg, and the limits on these axes.
 Leg = IntEnum(
     "Leg",
     "X Y Z ALONG_X ALONG_Y ALONG_Z ACROSS_X ACROSS_Y ACROSS_Z NORMAL_X NORMAL_Y NORMAL_Z "
     "SPEED "  # Cruise speed.
-    "END_SPEED "  # Speed to brake to.
-    "RADIUS "  # Acceptance radius; 0: stop; or VELOCITY, AT_HEIGHT.
-    "HEADING "  # NaN: keep.
+    "END_SPEED "  # Speed to reach by braking.
+    "RADIUS "  # Acceptance radius; 0 is a stop; VELOCITY and AT_HEIGHT are special values.
+    "HEADING "  # Heading to turn to; NaN: keep the heading.
     "ACCELERATION_ALONG JERK_ALONG ACCELERATION_ACROSS JERK_ACROSS ACCELERATION_NORMAL JERK_NORMAL "
     "SPEED_ACROSS SPEED_NORMAL BRAKING_DISTANCE "
-    "NEAR "  # Distance to notify at.
-    "HORIZONTAL "  # Horizontal part of the leg.
-    "BEYOND "  # Path beyond this leg to brake in.
-    "TURN_RATE "  # NaN: by the heading.
+    "NEAR "  # Distance at which NEAR is reported.
+    "HORIZONTAL "  # Horizontal share of the leg's direction.
+    "BEYOND "  # Braking distance available beyond this leg.
+    "TURN_RATE "  # Heading rate; NaN: the heading decides.
     "CLIMB",  # Vertical speed.
     start=0,
 )
-# Radii of legs that have no end: a velocity is kept, or a horizontal velocity at the height of the target.
+# Radii of endless legs: a velocity to keep, or a horizontal velocity at the height of the target.
 VELOCITY, AT_HEIGHT = -1.0, -2.0
 Limits = IntEnum(
     "Limits",
     "STEP_S SPEED_MAX AIRSPEED_MAX CLIMB_MAX DESCENT_MAX ACCELERATION_MAX JERK_MAX "
     "VERTICAL_ACCELERATION VERTICAL_JERK TURN_RATE TURN_ACCELERATION "
-    "ENERGY_LIMIT "  # Energy that ends the flight, J.
+    "ENERGY_LIMIT "  # Used energy that ends the flight, J.
     "TOUCH_DOWN_SPEED",
     start=0,
 )
@@ -58,18 +58,18 @@ ENERGY_LIMIT = int(Limits.ENERGY_LIMIT)
 
 STOP_RADIUS = 0.05
 STOP_SPEED = 0.1
-# A leg is given up when the vehicle stands still for so long, or when it takes longer than its length, and
-# the detour with which it begins, take at the slowest speed.
+# A leg has stalled when the vehicle stands still for this long, or when it takes longer than the length of
+# the leg and its initial detour take at the slowest speed.
 STALL_S = 30.0
 SLOWEST = 0.3
-# Nearer than this to the position that it points at, the nose keeps its direction.
+# Closer to the region of interest than this, the nose keeps its direction.
 ROI_NEAR = 0.5
 CREEP = 3.0
 
 
 @compiled(inline="late", allocates=False)
 def stopping_distance(v: float, a: float, v_end: float, limit: float, jerk: float) -> float:
-    """Return the least distance in which speed ``v``, acceleration ``a`` become a steady ``v_end``."""
+    """Return the shortest distance in which speed `v` and acceleration `a` become a steady speed `v_end`."""
     distance = 0.0
     if a > 0.0:
         t = a / jerk
@@ -82,7 +82,7 @@ def stopping_distance(v: float, a: float, v_end: float, limit: float, jerk: floa
     brake = -a
     peak = sqrt(jerk * lost + 0.5 * brake * brake)
     if peak <= brake:
-        # Letting go of the brake loses too much already: the distance to where ``v_end`` is passed.
+        # Releasing the brake loses too much speed already: return the distance until ``v_end``.
         t = (brake - sqrt(brake * brake - 2.0 * jerk * lost)) / jerk
         return distance + t * (v - t * (0.5 * brake - jerk * t / 6.0))
     if peak > limit:
@@ -100,10 +100,10 @@ def stopping_distance(v: float, a: float, v_end: float, limit: float, jerk: floa
 
 @compiled(inline="late", allocates=False)
 def _gentle_acceleration(room: float, jerk: float, dt: float) -> float:
-    """Return the acceleration from which a speed that is ``room`` below its limit just reaches it.
+    """Return the acceleration that brings a speed `room` below its limit exactly to the limit.
 
-    Letting go of an acceleration in whole steps changes the speed by up to ``jerk dt^2 / 8`` more than in the
-    continuous law; the last bit takes two steps, which leaves no remainder to oscillate about.
+    Releasing an acceleration in whole steps changes the speed by up to ``jerk dt^2 / 8`` more than in the
+    continuous law. The last part takes two steps, which leaves no remainder to oscillate about.
     """
     change = jerk * dt
     last = change * dt
@@ -120,9 +120,9 @@ def axis_acceleration(
 ) -> float:
     """Return the acceleration at the end of the step that brings one axis to its target.
 
-    The largest one, within the jerk and acceleration limits, after which the speed limit can still be kept
-    and the axis can still come to ``v_end`` within the remaining distance ``d``. A state from which that is
-    possible is never left, so the target is not overshot.
+    The result is the largest acceleration within the jerk and acceleration limits that still allows the axis
+    to keep the speed limit and to reach `v_end` within the remaining distance `d`. The axis does not
+    overshoot, because each step preserves this condition.
     """
     sign = 1.0
     if d < 0.0:
@@ -167,7 +167,7 @@ def axis_acceleration(
 
 @compiled(allocates=False)
 def velocity_acceleration(v: float, a: float, wanted: float, limit: float, jerk: float, dt: float) -> float:
-    """Return the acceleration at the end of the step that brings one axis to a speed, without overshoot."""
+    """Return the acceleration at the end of the step that brings one axis to a speed without overshoot."""
     change = jerk * dt
     low = max(a - change, min(-limit, a + change))
     high = min(a + change, max(limit, a - change))
@@ -177,7 +177,7 @@ def velocity_acceleration(v: float, a: float, wanted: float, limit: float, jerk:
 
 @compiled(allocates=False)
 def _climb_acceleration(row: Record, height: float, v: float, a: float, limits: Record) -> float:
-    """Return the vertical acceleration of a leg that keeps a velocity, slow enough to touch down."""
+    """Return the vertical acceleration of a velocity leg, with a descent slow enough to touch down."""
     dt, limit, jerk = limits.step_s, row.acceleration_normal, row.jerk_normal
     if row.radius == AT_HEIGHT:
         d = row.z - height
@@ -196,10 +196,10 @@ def _climb_acceleration(row: Record, height: float, v: float, a: float, limits: 
 def _below_top_speed(
     vx: float, vy: float, ax: float, ay: float, bx: float, by: float, limits: Record
 ) -> tuple[float, float]:
-    """Return the horizontal acceleration without what would lead beyond the speed limit.
+    """Return the horizontal acceleration, reduced so that the speed limit is kept.
 
-    The axes of a leg that only keeps a velocity turn with every order, so that the sum of what each allows
-    can be too much. A quarter of the jerk is left for the turning of the velocity itself.
+    The axes of a velocity leg turn with every order, so the sum of the accelerations allowed per axis can be
+    too large. A quarter of the jerk is reserved for turning the velocity.
     """
     speed2 = vx * vx + vy * vy
     if speed2 < 0.25 * limits.speed_max * limits.speed_max:
@@ -222,7 +222,7 @@ def _below_top_speed(
 
 @compiled(allocates=False)
 def axes_of(row: Record) -> tuple[Axis, Axis, Axis]:
-    """Return what is along, across and normal to a leg: direction and limits of acceleration and jerk."""
+    """Return the three axes of a leg (along, across, normal), each with its acceleration and jerk limits."""
     return (
         (row.along_x, row.along_y, row.along_z, row.acceleration_along, row.jerk_along),
         (row.across_x, row.across_y, row.across_z, row.acceleration_across, row.jerk_across),
@@ -232,10 +232,10 @@ def axes_of(row: Record) -> tuple[Axis, Axis, Axis]:
 
 @compiled(allocates=False)
 def _detour(row: Record, velocity: Vector, acceleration: Vector) -> float:
-    """Return about how far a new leg is left before the motion that does not belong to it has stopped.
+    """Return the approximate distance flown off a new leg until the motion off the leg has stopped.
 
-    A leg may begin while the vehicle moves across it or backwards, as when a climb is ordered in fast
-    flight; the axes of the leg then brake with what little it leaves to them.
+    A leg may begin while the vehicle moves across or against it, as with a climb ordered in fast flight. The
+    leg's axes then brake within their small limits.
     """
     detour = 0.0
     axes = axes_of(row)
@@ -254,7 +254,7 @@ def _detour(row: Record, velocity: Vector, acceleration: Vector) -> float:
 
 @compiled(allocates=False)
 def turn_at(yaw: float, rate: float, wanted: float, most: float, change: float, dt: float) -> Turn:
-    """Return heading and rate after a step of turning; the rate changes by ``change`` at most."""
+    """Return heading and heading rate after a step at the wanted rate; `change` limits the rate's change."""
     wanted = min(max(wanted, -most), most)
     rate += min(max(wanted - rate, -change), change)
     return (yaw + rate * dt) % (2.0 * pi), rate
@@ -262,7 +262,7 @@ def turn_at(yaw: float, rate: float, wanted: float, most: float, change: float, 
 
 @compiled(allocates=False)
 def turn_to(yaw: float, rate: float, heading: float, most: float, acceleration: float, dt: float) -> Turn:
-    """Return heading and rate after a step of turning to a heading, slow enough to stop there."""
+    """Return heading and heading rate after a step of a turn that stops at `heading`."""
     error = (heading - yaw + pi) % (2.0 * pi) - pi
     size = abs(error)
     if size < 1e-6 and abs(rate) < 1e-4:
@@ -273,7 +273,7 @@ def turn_to(yaw: float, rate: float, heading: float, most: float, acceleration: 
 
 @compiled(inline="always")
 def _enter(state: Record, counters: Integers, route: Record, limits: Record, own: tuple[()]) -> None:
-    """Nothing: a leg has no beginning of its own."""
+    """Do nothing: a leg needs no preparation."""
 
 
 @compiled(inline="always")
@@ -300,7 +300,7 @@ def _feel(
 
 @compiled(allocates=False)
 def _turn(state: Record, row: Record, limits: Record) -> None:
-    """Turn the nose: to what it points at, at the rate or to the heading of the leg, or no more."""
+    """Turn the nose to the region of interest, at the leg's rate or to its heading, or stop turning."""
     heading = row.heading
     if not isnan(state.look_east):
         east, north = state.look_east - state.position_x, state.look_north - state.position_y
@@ -319,7 +319,7 @@ def _turn(state: Record, row: Record, limits: Record) -> None:
 
 @compiled(allocates=False)
 def _reached(state: Record, row: Record) -> bool:
-    """Return whether the leg is done: on the ground, within its radius, or standing at its end."""
+    """Return whether the leg is complete: on the ground, within the radius, or at rest at its end."""
     if row.radius < 0.0:
         return bool(row.radius == VELOCITY and row.climb < 0.0 and state.position_z <= 0.0)
     left2 = distance2(state, row.x, row.y, row.z)
@@ -339,7 +339,7 @@ def _move(state: Record, counters: Integers, route: Record, limits: Record, own:
     wx, wy, wz = row.normal_x, row.normal_y, row.normal_z
     leave, radius, horizontal = row.end_speed, row.radius, row.horizontal
     rx, ry, rz = row.x - px, row.y - py, row.z - pz
-    # Along the leg, across it, and normal to both: the state in the frame of the leg.
+    # Along the leg, across it, and normal to both: the state in the leg's frame.
     ds = rx * ux + ry * uy + rz * uz
     vs = vx * ux + vy * uy + vz * uz
     accs = ax * ux + ay * uy + az * uz
@@ -361,7 +361,7 @@ def _move(state: Record, counters: Integers, route: Record, limits: Record, own:
             side = state.wind_east * ey - state.wind_north * ex
             free = limits.airspeed_max * limits.airspeed_max - side * side
             most = (tail + sqrt(free)) / horizontal if free > 0.0 else 0.0
-            # Without this a vehicle that brakes against a storm could never finish to stop.
+            # Without this exception a vehicle that brakes against a storm could never stop.
             if most < speed and (most > SLOWEST or ds > CREEP):
                 speed = most if most > SLOWEST else 0.0
     if abs(vw) > row.speed_normal and uz != 0.0:
@@ -406,7 +406,7 @@ def _move(state: Record, counters: Integers, route: Record, limits: Record, own:
         bx *= scale
         by *= scale
     bz = min(max(bz, -limits.vertical_acceleration), limits.vertical_acceleration)
-    # A new leg may give the vertical axis less jerk than it needs to end what the leg before had begun.
+    # A new leg may leave the vertical axis too little jerk to end the previous leg's motion.
     if vz > 0.5 * limits.climb_max:
         most = _gentle_acceleration(limits.climb_max - vz - 0.5 * az * dt, limits.vertical_jerk, dt)
         bz = max(min(bz, most), az - limits.vertical_jerk * dt, -limits.vertical_acceleration)

@@ -1,4 +1,4 @@
-"""A multirotor as a motion model: the compiled kernel with its state, legs, wind and energy."""
+"""Motion model of a generic multirotor: the compiled kernel with state, legs, wind and energy."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ if TYPE_CHECKING:
     from sim_vehicle.motion.legs import Heading, Position, Route
 
 GENERIC = Dynamics(kernel.advance, col.STATE, kernel.LIMITS)
-"""Dynamics of a multirotor without an autopilot, or while its autopilot does not fly it."""
+"""Dynamics of a multirotor without an autopilot, or while its autopilot is not in control."""
 
 
 class Multirotor(CompiledMotion):
-    """A multirotor that flies routes.
+    """Multirotor that flies routes.
 
     Parameters
     ----------
@@ -59,7 +59,7 @@ class Multirotor(CompiledMotion):
         return _limits(spec)
 
     def fly(self, route: Route) -> None:
-        """Begin a route, from where the vehicle is and as it moves now."""
+        """Begin a route from the present position and motion."""
         self._route = self._prepared(route.legs)
         self._begin()
 
@@ -69,23 +69,23 @@ class Multirotor(CompiledMotion):
         return route
 
     def steer(self, velocity_m_s: Position, *, height_m: float = math.nan, heading: Heading = KEEP) -> None:
-        """Keep a velocity, or its horizontal part at a height; downward it goes on to the ground."""
+        """Keep a velocity, or its horizontal part at an altitude; a descent ends on the ground."""
         limits = self._records("_limits", kernel.LIMITS)[0]
         self._route = prepare_velocity(self.position_m, velocity_m_s, height_m, *heading.numbers, limits)
         self._begin()
 
     def look_at(self, position_m: tuple[float, float] | None) -> None:
-        """Point the nose at a position (east, north) on any leg; None ends that."""
+        """Point the nose at a position (east, north) on all legs; None ends the pointing."""
         self.state[col.LOOK] = math.nan if position_m is None else position_m
 
     def point(self, heading_rad: float) -> None:
-        """Turn the nose to a compass heading on the leg that is flown now."""
+        """Turn the nose to a compass heading on the present leg."""
         if self._route is not None:
             self._route["heading"][self.leg] = heading_rad
             self._route["turn_rate"][self.leg] = math.nan
 
     def stopping_point(self) -> Position:
-        """Return the position of rest if it brakes now."""
+        """Return the position at which the vehicle stops if it brakes now."""
         x, y, z, vx, vy, vz, ax, ay, az = self.state[State.POSITION_X : State.HEADING].tolist()
         speed = math.sqrt(vx * vx + vy * vy + vz * vz)
         if speed < 1e-3:
@@ -100,7 +100,7 @@ class Multirotor(CompiledMotion):
         return x + ux * distance, y + uy * distance, max(z + uz * distance, 0.0)
 
     def set_climb(self, climb_m_s: float | None, descent_m_s: float | None) -> None:
-        """Climb and sink no faster than this, from the next route on; None is the vehicle's own limit."""
+        """Limit climb and descent speed from the next route; None selects the vehicle's own limit."""
         spec = self.spec
         self._limits[kernel.Limits.CLIMB_MAX] = min(climb_m_s or math.inf, spec.climb_speed_m_s)
         self._limits[kernel.Limits.DESCENT_MAX] = min(descent_m_s or math.inf, spec.descent_speed_m_s)
@@ -128,7 +128,7 @@ def _limits(spec: VehicleSpec) -> NDArray[np.float64]:
     )
 
 
-# How the horizontal limits are shared: along the leg and across it (0.8^2 + 0.6^2 = 1), and normal to both.
+# Shares of the horizontal limits: along the leg, across the leg (0.8^2 + 0.6^2 = 1), and normal to both.
 _ALONG = 0.8
 _ACROSS = 0.6
 _NORMAL = 0.25
@@ -136,7 +136,7 @@ _NORMAL = 0.25
 
 @compiled(allocates=False)
 def _speed_within(distance: float, limit: float, jerk: float) -> float:
-    """Return the speed from which an axis stops within a distance, starting with no acceleration."""
+    """Return the speed from which an axis without acceleration stops within a distance."""
     v = (distance * sqrt(jerk)) ** (2.0 / 3.0)
     if v <= limit * limit / jerk:
         return float(v)
@@ -146,7 +146,7 @@ def _speed_within(distance: float, limit: float, jerk: float) -> float:
 
 @compiled(allocates=False)
 def _shared(level: float, vertical: float, flat: float, rise: float) -> tuple[float, float, float]:
-    """Return a limit along a leg with this horizontal part and rise, across it, and normal to both."""
+    """Return the limits along a leg with parts `flat` and `rise`, across the leg, and normal to both."""
     normal = _NORMAL * min(
         _ALONG * level / rise if rise > 0.0 else inf, vertical / flat if flat > 0.0 else inf
     )
@@ -159,14 +159,14 @@ def _shared(level: float, vertical: float, flat: float, rise: float) -> tuple[fl
 
 @compiled
 def prepare_route(route: Record, states: Record, legs: Record, limits_of: Record) -> None:
-    """Fill in the legs of a route: directions, limits in the frame of each, and the speeds at the corners.
+    """Fill in the legs of a route: directions, limits in the leg's frame, and speeds at the corners.
 
     Parameters
     ----------
     route : LEG[n]
-        Zeros.
+        Output, initially zero.
     states, limits_of : STATE[1], LIMITS[1]
-        The first leg begins where the vehicle is.
+        Start of the first leg, and the limits of the vehicle.
     legs : ROUTE[n]
     """
     state, limits, n = states[0], limits_of[0], len(legs)
@@ -204,7 +204,7 @@ def prepare_route(route: Record, states: Record, legs: Record, limits_of: Record
         row.normal_x = row.along_y * row.across_z - row.along_z * row.across_y
         row.normal_y = row.along_z * row.across_x - row.along_x * row.across_z
         row.normal_z = row.along_x * row.across_y - row.along_y * row.across_x
-        # A thousandth is kept for the error of the time step.
+        # A margin of 0.1 % covers the error of the time step.
         up = 0.999 * (limits.climb_max if row.along_z > 0.0 else limits.descent_max)
         row.acceleration_along, row.acceleration_across, row.acceleration_normal = _shared(
             limits.acceleration_max, limits.vertical_acceleration, flat, rise
@@ -233,8 +233,8 @@ def prepare_route(route: Record, states: Record, legs: Record, limits_of: Record
             row.heading = leg.heading % (2.0 * pi)
         row.near, row.turn_rate = leg.near, leg.turn
         bx, by, bz = row.x, row.y, row.z
-    # Backwards: the speed at each corner, and the next position that the vehicle has to brake for. A corner
-    # that is slower than the braking for that position allows becomes such a position itself.
+    # Backward pass: the speed at each corner, and the next position to brake for. A corner that is slower
+    # than braking for that position allows becomes the position to brake for.
     slow, way = 0.0, 0.0
     for i in range(n - 1, -1, -1):
         row = route[i]
@@ -293,26 +293,27 @@ def prepare_velocity(
     turn_rad_s: float,
     limits: Record,
 ) -> Record:
-    """Return the one leg of a flight at a velocity, LEG[1].
+    """Return the single leg of a flight at a velocity, LEG[1].
 
-    Its axes are the horizontal direction of flight, the one across it, and the vertical, so the velocity
-    comes about within the limits of any other leg: 80 % of the horizontal ones along, 60 % across.
+    The axes of the leg are the horizontal direction of flight, the horizontal direction across, and the
+    vertical. The velocity is therefore reached within the same limits as on other legs: 80 % of the
+    horizontal limits along, 60 % across.
 
     Parameters
     ----------
     velocity : tuple of 3 floats
         East, north, up.
     height_m : float
-        Height to keep in place of the vertical speed, NaN for none.
+        Height to hold in place of the vertical speed; NaN for none.
     heading_rad, turn_rad_s : float
-        As in `prepare_route`; a heading of NaN is that of the flight, infinity keeps it.
+        Heading and heading rate as in `Heading.numbers`: NaN follows the flight, infinity keeps the heading.
     """
     east, north, up = velocity
     speed = np.hypot(east, north)
     ux, uy = (east / speed, north / speed) if speed > 0.0 else (1.0, 0.0)
     route = np.zeros(1, kernel.LEG)
     row = route[0]
-    # Too far to be reached; the wind's limit depends on the rest of the leg.
+    # Out of reach; the wind limit depends on the distance to the leg's end.
     row.x, row.y = position[0] + 1e6 * ux, position[1] + 1e6 * uy
     row.z = position[2] if np.isnan(height_m) else height_m
     row.along_x, row.along_y = ux, uy

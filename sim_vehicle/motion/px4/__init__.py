@@ -1,1 +1,1 @@
-"""A multirotor's motion as PX4 controls it."""
+"""PX4: motion of a multirotor under PX4's control."""

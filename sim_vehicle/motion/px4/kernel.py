@@ -1,17 +1,16 @@
-"""The compiled motion of a multirotor under PX4: navigator, trajectory, controllers, airframe.
+"""Compiled kernel of a multirotor under PX4: navigator, trajectory, controllers, airframe.
 
-Mechanisms and constants from PX4 v1.17: ``FlightTaskAuto`` and ``PositionSmoothing`` (the trajectory that is
-followed), ``FlightTaskOrbit``, ``mc_pos_control`` (``PositionControl``, ``Takeoff``),
-``navigator/mission_block`` (when a waypoint is reached), ``land_detector``, and ``simulator_sih`` (the
-airframe). docs/vehicle-model.md lists the omissions.
+Mechanisms and constants from PX4 v1.17: ``FlightTaskAuto`` and ``PositionSmoothing`` (trajectory),
+``FlightTaskOrbit``, ``mc_pos_control`` (``PositionControl``, ``Takeoff``), ``navigator/mission_block``
+(acceptance of waypoints), ``land_detector``, and ``simulator_sih`` (airframe). Gaps: docs/vehicle-model.md.
 
-The state and the counters are those of `sim_vehicle.motion.multirotor.kernel`; what the autopilot remembers
-is a further record, `GUIDE`. East-north-up about home.
+State and counters are those of `sim_vehicle.motion.multirotor.kernel`; the record `GUIDE` holds the memory of
+the autopilot. Positions are east-north-up relative to home.
 
-A step takes, besides what all vehicles have: guides GUIDE[1], laws LAW[1] and errors float64[n, COLUMNS], a
-row with the grid index of the first take-off, then the errors of the estimate
-(`sim_vehicle.airframe.estimate_errors`) on the grid from there on; one row is an exact estimate. Of the
-limits, those of the multirotor, only the step and the energy that ends the flight are used.
+A step has these arguments in addition to the common ones: guides GUIDE[1], laws LAW[1] and errors float64[n,
+COLUMNS]. The first row of the errors has the grid index of the first take-off; the further rows are the
+estimate errors (`sim_vehicle.airframe.estimate_errors`) on the grid from there. A single row stands for an
+exact estimate. Of the multirotor's limits, only the time step and the energy limit are used.
 """
 
 from __future__ import annotations
@@ -37,46 +36,46 @@ from sim_vehicle.motion.px4.smoothing import (
 )
 from sim_vehicle.motion.stepping import kernel_of, multirotor_power, stop
 
-# One leg: its target, the positions before and after it, and how it is flown.
+# One leg: its target, the previous and the next waypoint, and its settings.
 Leg = IntEnum(
     "Leg",
     "X Y Z BEFORE_X BEFORE_Y BEFORE_Z AFTER_X AFTER_Y AFTER_Z "
     "RADIUS "  # Acceptance radius.
     "SPEED "
-    "HEADING "  # NaN: to the target, infinity: keep, minus infinity: to the centre of an orbit.
-    "NEAR "  # Distance to notify at.
+    "HEADING "  # NaN: towards the target; infinity: keep; minus infinity: towards the centre of an orbit.
+    "NEAR "  # Distance at which NEAR is reported.
     "KIND "  # `LegKind`.
     "PAUSE "
-    "TURN_RATE "  # NaN: by the heading.
-    "CIRCLE",  # Radius of an orbit, clockwise when positive.
+    "TURN_RATE "  # Heading rate; NaN: the heading decides.
+    "CIRCLE",  # Radius of an orbit, positive for clockwise.
     start=0,
 )
 _TAKEOFF, _CLIMB, _DESCEND, _LAND, _SETPOINT, _ORBIT = 1, 2, 4, 5, 9, 11
-# What the autopilot remembers.
+# Memory of the autopilot.
 Guide = IntEnum(
     "Guide",
-    "X Y Z VX VY VZ AX AY AZ "  # The trajectory: position, velocity, acceleration.
-    "INTEGRAL_X INTEGRAL_Y INTEGRAL_Z "  # Integrals of the velocity controller.
+    "X Y Z VX VY VZ AX AY AZ "  # Trajectory: position, velocity, acceleration.
+    "INTEGRAL_X INTEGRAL_Y INTEGRAL_Z "  # Integrators of the velocity controller.
     "THRUST_X THRUST_Y THRUST_RATE_X THRUST_RATE_Y "  # Direction of the thrust.
-    "THRUST "  # m/s^2.
+    "THRUST "  # Thrust, m/s^2.
     "FILTERED_AX FILTERED_AY FILTERED_AZ "  # Filtered acceleration.
-    "TURN "  # Speed before a turn, or along an orbit.
-    "CLIMB "  # Vertical speed wanted.
-    # Positions of the waypoints that are followed.
+    "TURN "  # Speed before a turn or along an orbit.
+    "CLIMB "  # Commanded vertical speed.
+    # Waypoints of the trajectory.
     "TARGET_X TARGET_Y TARGET_Z BEFORE_X BEFORE_Y BEFORE_Z AFTER_X AFTER_Y AFTER_Z "
-    "STATE "  # State against the track.
+    "STATE "  # Position relative to the track: 0 on it, 1 past its end, 2 before it, 3 beside it.
     "FRESH "  # Whether the leg is new.
     "CLOCK "  # Time since the motors started; negative: off, infinity: in flight.
-    "HEADING "  # Wanted heading.
-    "BEST "  # Nearest so far.
-    "INSIDE "  # Step of entering the acceptance radius; negative: not yet.
+    "HEADING "  # Commanded heading.
+    "BEST "  # Shortest distance to the leg's end since the leg began.
+    "INSIDE "  # Step at which the acceptance radius was entered; negative: not entered.
     "GROUND "  # Time on the ground.
-    "LAUNCH "  # Whether it takes off from the ground.
+    "LAUNCH "  # Whether the vehicle takes off from the ground.
     "ERROR ERROR_VX ERROR_VY ERROR_VZ "  # Errors of the estimate: height, m; velocities, m/s.
-    "PUSH_X PUSH_Y",  # Acceleration that the estimate does not know, m/s^2.
+    "PUSH_X PUSH_Y",  # Acceleration unknown to the estimate, m/s^2.
     start=0,
 )
-# What parameters and the vehicle decide, SI units.
+# Constants from parameters and the vehicle, SI units.
 Law = IntEnum(
     "Law",
     "DT XY_VEL_MAX ACC_HOR JERK TRAJ_P ERR_MAX XY_P Z_P XY_VEL_P XY_VEL_I XY_VEL_D Z_VEL_P Z_VEL_I "
@@ -87,39 +86,39 @@ Law = IntEnum(
 )
 LEG, GUIDE, LAW = record_type(Leg), record_type(Guide), record_type(Law)
 Own = tuple[Record, Record, Floats]
-# Once the vehicle is maybe landed, the land detector takes so many times more for a vertical movement.
+# Factor on the land detector's vertical speed threshold in the state "maybe landed".
 MAYBE_LANDED = 2.5
 
-# The reference airframe, SIH quadrotor 10040: four times SIH_T_MAX over SIH_MASS.
+# Reference airframe, SIH quadrotor 10040: four times SIH_T_MAX divided by SIH_MASS.
 SIH_THRUST_M_S2 = 20.0
-# SIH: time constant of the motors; the rates of the body follow theirs about as fast.
+# Time constant of the motors in SIH; the body rates respond about as fast.
 MOTOR_S = 0.05
-# Cut-off of the filter before the derivative term of the velocity controller, MPC_VELD_LP.
+# Cut-off of the derivative filter in the velocity controller, MPC_VELD_LP.
 DERIVATIVE_S = 1.0 / (2.0 * pi * 5.0)
 LOOKAHEAD_M = 5.0
 LEAST_TRACK_M = 1.0
-# A vehicle that has passed its target on the wrong side follows the line past it until its estimate brings it
-# back: recorded for 15 s, with errors drawn for up to a minute.
+# With estimate errors, a vehicle that passed its target on the wrong side follows the line until its estimate
+# brings it back. Recordings show 15 s, simulated errors up to a minute.
 LONG_STALL_S = 120.0
-# A change of the estimate that is no drift: the other estimator took over.
+# Jump of the estimate that is not drift: PX4 switched to the other estimator.
 RESET_M = 0.5
-# Share of the thrust that climbing leaves for the horizontal, MPC_THR_XY_MARG.
+# Share of the thrust that a climb leaves for horizontal control, MPC_THR_XY_MARG.
 MARGIN = 0.3
 BRISK = 0.2
-# Mean size of the errors of the estimated vertical speed and horizontal position.
+# Mean size of the errors of estimated vertical speed and horizontal position.
 NOISE_M_S = 0.15
 NOISE_M = 0.12
 PROGRESS = 0.98
-# FlightTaskOrbit: the most acceleration towards the centre, and the speed per metre back to the circle.
+# FlightTaskOrbit: maximum centripetal acceleration, and speed back to the circle per metre of distance.
 ORBIT_M_S2 = 2.0
 ORBIT_1_S = 1.0
-# Far enough ahead to point there.
+# Distance of a point that represents the direction ahead.
 _AHEAD_M = 1e3
 
 
 @compiled(allocates=False)
 def _choose_waypoints(g: Record, row: Record, px: float, py: float, pz: float, radius: float) -> None:
-    """Follow the leg, or fly back to it when the vehicle is off it, before it or past its end."""
+    """Choose waypoints on the leg, or waypoints that lead a vehicle off the leg back to the leg."""
     dx, dy, dz = row.x - row.before_x, row.y - row.before_y, row.z - row.before_z
     size = sqrt(dx * dx + dy * dy + dz * dz)
     state = 0.0
@@ -157,10 +156,10 @@ def _choose_waypoints(g: Record, row: Record, px: float, py: float, pz: float, r
 
 @compiled(allocates=False)
 def _orbit(g: Record, row: Record, law: Record, px: float, py: float) -> None:
-    """Move the trajectory along a circle about the target of a leg (``FlightTaskOrbit``).
+    """Move the trajectory along a circle about the leg's target (``FlightTaskOrbit``).
 
-    Horizontally it has no position: a speed along the circle, one back to it, and the acceleration that
-    bends the path. Vertically it is that of a waypoint.
+    The horizontal trajectory has no position: only a speed along the circle, a speed back to the circle, and
+    the centripetal acceleration. The vertical trajectory is that of a waypoint.
     """
     dt, jerk = law.dt, law.jerk
     east, north = px - row.x, py - row.y
@@ -192,7 +191,7 @@ def _orbit(g: Record, row: Record, law: Record, px: float, py: float) -> None:
 
 @compiled(allocates=False)
 def _guide(g: Record, row: Record, law: Record, px: float, py: float, pz: float, least_track: float) -> None:
-    """Move the trajectory by one step; a setpoint has none, the controller goes straight for it."""
+    """Move the trajectory by one step; a setpoint goes to the controller without a trajectory."""
     if row.kind == _SETPOINT:
         g.x, g.y, g.z = row.x, row.y, row.z
         g.target_x, g.target_y, g.target_z = row.x, row.y, row.z
@@ -231,7 +230,7 @@ def _guide(g: Record, row: Record, law: Record, px: float, py: float, pz: float,
         size = sqrt(tx * tx + ty * ty)
         scale = level / size if size > 1e-9 else 0.0
         wx, wy = tx * scale, ty * scale
-        # A distance sensor measures the height over the ground, whatever the error of the estimate.
+        # A distance sensor measures the height above ground, independent of the estimate's error.
         above = pz - g.error
         share = (above - law.land_alt2) / max(law.land_alt1 - law.land_alt2, 1e-6)
         share = min(max(share, 0.0), 1.0)
@@ -257,8 +256,8 @@ def _guide(g: Record, row: Record, law: Record, px: float, py: float, pz: float,
     fastest = law.xy_vel_max
     wx, wy = min(max(wx, -fastest), fastest), min(max(wy, -fastest), fastest)
     wz = min(max(wz, -top), top)
-    # The trajectory waits for a vehicle that is behind it; by an exact estimate, half so for one that is
-    # beside it, which is the average of a noisy one.
+    # The trajectory waits for a vehicle behind it. With an exact estimate, the trajectory waits half as much
+    # for a vehicle beside it, which is the average over a noisy estimate.
     ex, ey = g.x - px, g.y - py
     speed2 = g.vx * g.vx + g.vy * g.vy
     lead = (ex * g.vx + ey * g.vy) / sqrt(speed2) if speed2 > 0.0 else 0.0
@@ -285,7 +284,7 @@ def _guide(g: Record, row: Record, law: Record, px: float, py: float, pz: float,
 def _control(
     g: Record, law: Record, state: Record, climb_limit: float, flying: bool
 ) -> tuple[float, float, float]:
-    """Return the thrust vector (m/s^2) that the position and velocity controllers want."""
+    """Return the thrust vector (m/s^2) commanded by the position and velocity controllers."""
     dt = law.dt
     vx = g.vx + law.xy_p * (g.x - state.position_x)
     vy = g.vy + law.xy_p * (g.y - state.position_y)
@@ -318,8 +317,8 @@ def _control(
     room = sqrt(max(most * most - tz * tz, 0.0))
     if level > room:
         tx, ty = tx * room / level, ty * room / level
-    # Tracking anti-windup: the integral gives back what the vehicle does not deliver. It does so whenever the
-    # thrust is below that of hovering, hence on the average of a noisy vertical speed too.
+    # Tracking anti-windup: the integrators give back the acceleration that the vehicle does not deliver. PX4
+    # does so below hover thrust, hence also on the average of a noisy vertical speed.
     noise = NOISE_M_S * law.z_vel_p
     missing = 0.5 * (sqrt(az * az + noise * noise) - az) / GRAVITY_M_S2
     lostx, losty = missing * ax, missing * ay
@@ -335,7 +334,7 @@ def _control(
 
 @compiled(allocates=False)
 def _turn(g: Record, row: Record, law: Record, state: Record) -> None:
-    """Turn the heading: to the target, as the leg says, or to the position that the nose points at."""
+    """Turn the nose to the target, by the leg's heading or rate, or to the region of interest."""
     yaw, rate, dt = state.heading, state.heading_rate, law.dt
     if not isnan(row.turn_rate) and isnan(state.look_east):
         yaw, rate = turn_at(yaw, rate, row.turn_rate, law.yaw_rate, law.yaw_acc * dt, dt)
@@ -362,11 +361,11 @@ def _turn(g: Record, row: Record, law: Record, state: Record) -> None:
 
 @compiled(allocates=False)
 def _fly(g: Record, law: Record, state: Record, wanted: Vector, flying: bool, turning: float) -> float:
-    """Move the airframe by one step and return the length of it.
+    """Move the airframe by one step and return the path length of the step.
 
-    The direction of the thrust follows as the attitude does (an angle controller over a rate that lags), its
-    size as the motors do; the drag is linear. ``turning`` is the yaw rate (rad/s, clockwise) that the
-    attitude controller feeds forward about the vertical (``AttitudeControl``): it carries the tilt along.
+    The thrust direction follows the attitude (angle controller over a lagging rate), the thrust follows the
+    motors, and the drag is linear. `turning` is the yaw rate (rad/s, clockwise) that ``AttitudeControl``
+    feeds forward about the vertical, which rotates the tilt.
     """
     dt, lag = law.dt, 1.0 - exp(-law.dt / MOTOR_S)
     size = sqrt(wanted[0] ** 2 + wanted[1] ** 2 + wanted[2] ** 2)
@@ -390,7 +389,7 @@ def _fly(g: Record, law: Record, state: Record, wanted: Vector, flying: bool, tu
             g.thrust_x = g.thrust_y = g.thrust_rate_x = g.thrust_rate_y = 0.0
             stop(state)
             return 0.0
-        # A waypoint so low that the vehicle grazes the ground: it slides.
+        # A waypoint so low that the vehicle touches the ground: the vehicle slides.
         az, state.velocity_z = max(az, 0.0), max(state.velocity_z, 0.0)
     mx = dt * (state.velocity_x + 0.5 * ax * dt)
     my = dt * (state.velocity_y + 0.5 * ay * dt)
@@ -411,7 +410,7 @@ def _fly(g: Record, law: Record, state: Record, wanted: Vector, flying: bool, tu
 
 @compiled(allocates=False)
 def _inside(row: Record, law: Record, state: Record, error: float) -> bool:
-    """Return whether the navigator takes a waypoint as reached, its heading and pause aside."""
+    """Return whether the navigator accepts the waypoint's position, regardless of heading and pause."""
     kind, rise = row.kind, row.z - (state.position_z + error)
     if kind == _ORBIT:
         return False
@@ -425,7 +424,7 @@ def _inside(row: Record, law: Record, state: Record, error: float) -> bool:
 
 @compiled(allocates=False)
 def _left(row: Record, state: Record) -> float:
-    """Return the distance left of a leg; only the height counts where only the height ends it."""
+    """Return the remaining distance of a leg; vertical if only the height ends the leg."""
     rise, kind = row.z - state.position_z, row.kind
     if kind in (_TAKEOFF, _CLIMB, _DESCEND, _LAND):
         return float(abs(rise))
@@ -434,7 +433,7 @@ def _left(row: Record, state: Record) -> float:
 
 @compiled(allocates=False)
 def begin_leg(g: Record, row: Record, state: Record) -> None:
-    """Make a leg the current one; a leg of a return or a landing begins where the vehicle is."""
+    """Begin the leg `row`; a leg of a return or landing starts at the vehicle's position."""
     if row.kind >= _CLIMB:
         row.before_x, row.before_y = state.position_x, state.position_y
         row.before_z = state.position_z + g.error
@@ -449,7 +448,7 @@ def begin_leg(g: Record, row: Record, state: Record) -> None:
 
 @compiled(inline="always")
 def _enter(state: Record, counters: Integers, route: Record, limits: Record, own: Own) -> None:
-    """Nothing: a leg begins as the one before it ends."""
+    """Do nothing: a leg begins when the previous leg ends."""
 
 
 @compiled(inline="always")
@@ -468,7 +467,7 @@ def _feel(
         stall_s = LONG_STALL_S
         wrong = errors[min(max(step // col.GRID - int(errors[0, 0]), 0) + 1, len(errors) - 1)]
         if abs(wrong[0] - g.error) > RESET_M:
-            # FlightTaskAuto goes on from the new estimate.
+            # FlightTaskAuto continues from the new estimate.
             g.z = state.position_z + wrong[0]
         g.error, g.error_vx, g.error_vy, g.error_vz = wrong[0], wrong[1], wrong[2], wrong[3]
         g.push_x, g.push_y = wrong[4], wrong[5]
@@ -484,7 +483,7 @@ def _feel(
 
 @compiled(allocates=False)
 def _wait_on_ground(g: Record, state: Record) -> None:
-    """Motors spin up; the trajectory waits on the ground, sinking at 0.7 m/s as PX4 has it."""
+    """Wait for the motors; the trajectory rests on the ground with 0.7 m/s downwards, as in PX4."""
     g.x, g.y, g.z = state.position_x, state.position_y, state.position_z + g.error
     g.vx = g.vy = g.ax = g.ay = g.az = 0.0
     g.integral_x = g.integral_y = g.integral_z = 0.0
@@ -495,13 +494,13 @@ def _wait_on_ground(g: Record, state: Record) -> None:
 
 @compiled(allocates=False)
 def _stand_landed(g: Record, law: Record, state: Record) -> None:
-    """Stand on the ground until the land detector is sure."""
+    """Stand on the ground until the land detector reports landed."""
     stop(state)
     state.heading_rate = 0.0
-    # An error of the estimated vertical speed counts as movement: the stages begin anew.
+    # An error of the estimated vertical speed counts as movement and restarts the detection.
     maybe = g.ground >= law.land_time * (2.0 / 3.0)
     still = abs(g.error_vz) <= law.land_climb * (MAYBE_LANDED if maybe else 1.0)
-    # Landed is landed: later estimates do not delay the disarming.
+    # Once landed, later estimates do not delay disarming.
     g.ground = g.ground + law.dt if still or g.inside >= 0.0 else law.dt
 
 
@@ -523,8 +522,8 @@ def _move(state: Record, counters: Integers, route: Record, limits: Record, own:
                 low = -GRAVITY_M_S2 / law.z_vel_p
                 climb_limit = low + (g.clock - law.spoolup) / ramp * (climb_limit - low)
             believed = state.position_z + g.error
-            # With less, a wind that shakes the vehicle off its track could keep it going to and fro between
-            # states; so it goes for the real one, whose estimate shakes.
+            # Without this minimum a vehicle with an exact estimate could alternate between track states in
+            # wind. PX4 has no minimum, so a vehicle with estimate errors has none.
             least_track = 0.0 if errs else LEAST_TRACK_M
             _guide(g, row, law, state.position_x, state.position_y, believed, least_track)
             wanted = _control(g, law, state, climb_limit, flying)
@@ -536,8 +535,8 @@ def _move(state: Record, counters: Integers, route: Record, limits: Record, own:
 
 @compiled(allocates=False)
 def _reached(g: Record, row: Record, law: Record, state: Record, step: int) -> bool:
-    """Return whether the navigator goes on to the next leg after a step."""
-    # The navigator looks twenty times a second.
+    """Return whether the navigator continues with the next leg after a step."""
+    # The navigator runs at 20 Hz.
     if g.inside < 0.0:
         if row.kind == _LAND:
             if g.ground >= law.land_time:

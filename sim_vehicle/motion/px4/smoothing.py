@@ -1,8 +1,8 @@
-"""How PX4 shapes a flight: speeds that leave room to brake, and velocity profiles of limited jerk.
+"""PX4's trajectory shaping: speed limits with room to brake, and jerk-limited velocity profiles.
 
 Formulas from PX4 v1.17: ``src/lib/mathlib/math/TrajMath.hpp`` (speeds), ``src/lib/motion_planning``:
-``VelocitySmoothing`` (profiles), ``TrajectoryConstraints`` and ``PositionSmoothing`` (waypoints).
-Lengths in metres, east-north-up about home.
+``VelocitySmoothing`` (profiles), ``TrajectoryConstraints`` and ``PositionSmoothing`` (waypoints). Lengths are
+in metres, positions east-north-up relative to home.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from math import sqrt
 
 from geo.compiled import compiled
 
-# A profile is wanted speed, its sign, and the durations of its three phases: jerk, none, opposite jerk.
+# Sign of the speed change, and durations of the three phases: jerk, no jerk, opposite jerk.
 Profile = tuple[float, float, float, float]
 Vector = tuple[float, float, float]
 
@@ -20,9 +20,9 @@ _TINY = 1e-7
 
 @compiled(allocates=False)
 def brakeable_speed(jerk: float, accel: float, distance: float, final: float) -> float:
-    """Return the speed from which ``final`` is still reached within a distance.
+    """Return the highest speed that can be reduced to `final` within a distance.
 
-    The deceleration's own build-up takes ``2 accel / jerk`` at full speed, which is more than it needs.
+    PX4's formula allows ``2 accel / jerk`` at full speed for the build-up of deceleration, more than needed.
     """
     b = 4.0 * accel * accel / jerk
     v = 0.5 * (sqrt(b * b + 8.0 * accel * distance + 4.0 * final * final) - b)
@@ -31,9 +31,9 @@ def brakeable_speed(jerk: float, accel: float, distance: float, final: float) ->
 
 @compiled(allocates=False)
 def turn_speed(cosine: float, accel: float, radius: float) -> float:
-    """Return the speed through a corner on the circle that touches both legs at ``radius`` from it.
+    """Return the speed in a corner on the circle that touches both legs at `radius` from the corner.
 
-    ``cosine`` is that of the angle between the paths back and on: -1 is straight on.
+    `cosine` is the cosine of the angle between the paths back and ahead; -1 is straight ahead.
     """
     c = min(max(cosine, -1.0 + 1e-12), 1.0)
     return sqrt(accel * radius * sqrt((1.0 - c) / (1.0 + c)))
@@ -41,7 +41,7 @@ def turn_speed(cosine: float, accel: float, radius: float) -> float:
 
 @compiled(allocates=False)
 def profile(v: float, a: float, wanted: float, limit: float, jerk: float) -> Profile:
-    """Return the fastest profile from speed ``v`` and acceleration ``a`` to a wanted, steady speed."""
+    """Return the fastest profile from speed `v` and acceleration `a` to a steady speed `wanted`."""
     gap = wanted - v - 0.5 * a * abs(a) / jerk
     sign = 1.0 if gap > 0.0 else -1.0
     if gap == 0.0:
@@ -71,7 +71,7 @@ def _plateau(t1: float, t3: float, a: float, change: float, jerk: float) -> floa
 def stretched(
     p: Profile, v: float, a: float, wanted: float, limit: float, jerk: float, total: float
 ) -> Profile:
-    """Return the profile that takes a total time, so that all axes end together."""
+    """Return the profile stretched to a total time, so that all axes end together."""
     sign, t1, t2, t3 = p
     if sign == 0.0 or t1 + t2 + t3 >= total:
         return p
@@ -91,7 +91,7 @@ def stretched(
 
 @compiled(allocates=False)
 def follow(p: Profile, x: float, v: float, a: float, jerk: float, t: float) -> Vector:
-    """Return position, speed and acceleration on a profile after a time."""
+    """Return position, speed and acceleration on a profile after time `t`."""
     sign, t1, t2, t3 = p
     j = sign * jerk
     s = min(t, t1)
@@ -118,7 +118,7 @@ def follow(p: Profile, x: float, v: float, a: float, jerk: float, t: float) -> V
 
 @compiled(allocates=False)
 def unit_dot(ax: float, ay: float, bx: float, by: float) -> float:
-    """Return the cosine of the angle between two horizontal vectors, 0 when one has no length."""
+    """Return the cosine of the angle between two horizontal vectors; 0 if a vector has zero length."""
     size = sqrt((ax * ax + ay * ay) * (bx * bx + by * by))
     return (ax * bx + ay * by) / size if size > _TINY * _TINY else 0.0
 
@@ -134,9 +134,9 @@ def level_speed(
     jerk: float,
     gain: float,
 ) -> float:
-    """Return the horizontal speed from which the next corner can be taken and the one after it stopped at.
+    """Return the horizontal speed that allows for the next corner, and for a stop at the waypoint after that.
 
-    ``gain`` is the share of the acceleration in corners.
+    `gain` is the share of the acceleration used in corners.
     """
     far = sqrt((target[0] - after[0]) ** 2 + (target[1] - after[1]) ** 2)
     corner = 0.0
@@ -153,9 +153,9 @@ def level_speed(
 def climb_speed(
     place: Vector, target: Vector, after: Vector, radius: float, top: float, accel: float, jerk: float
 ) -> float:
-    """Return the vertical speed from which the height of the target, and the one after it, can be taken.
+    """Return the vertical speed that allows for the heights of the target and of the next waypoint.
 
-    The angle between both legs is measured between distance from the origin and height, as PX4 does it.
+    As in PX4, the angle between both legs is measured in the plane of height and distance from the origin.
     """
     arrival = 0.0
     if abs(target[2] - after[2]) > 0.001:
@@ -168,9 +168,9 @@ def climb_speed(
 
 @compiled(allocates=False)
 def clamped(v: Vector, level: float, climb: float) -> Vector:
-    """Return a velocity made shorter, direction kept, to a horizontal and then a vertical speed.
+    """Return a velocity scaled down to a horizontal and then to a vertical speed limit.
 
-    Below half a metre per second only the part that is too fast is made shorter.
+    Below 0.5 m/s only the component that is too fast is scaled.
     """
     x, y, z = v
     size = sqrt(x * x + y * y)
@@ -190,10 +190,10 @@ def clamped(v: Vector, level: float, climb: float) -> Vector:
 
 @compiled(allocates=False)
 def lookahead(place: Vector, begin: Vector, target: Vector, reach: float, endless: bool) -> Vector:
-    """Return the point of the line from ``begin`` to ``target`` that is ``reach`` away and ahead.
+    """Return the point at distance `reach` ahead on the line from `begin` to `target`.
 
-    The L1 guidance of PX4, in space. The line does not end at the target (``endless``); a vehicle whose
-    estimate is exact would follow it for ever, so for that one it does.
+    This is PX4's L1 guidance in three dimensions. PX4's line does not end at the target (`endless`). A
+    vehicle with an exact estimate would follow such a line forever, so its line ends at the target.
     """
     dx, dy, dz = target[0] - begin[0], target[1] - begin[1], target[2] - begin[2]
     size = sqrt(dx * dx + dy * dy + dz * dz)

@@ -6,28 +6,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from estimator_inputs import grid_of, observations
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from geo.grid import FarmGrid
 from sensors.errors import EstimatorError
 from sensors.estimators.adaptive_disk import AdaptiveDiskEstimator
 from sensors.estimators.disks import adaptive_radius, centred_disk
-from sensors.observations import Observations
 from sensors.scoring.information import TILE_CELLS, tile_shape
 
 GOLDEN = Path(__file__).parents[2] / "data" / "golden"
-
-
-def grid_of(width, height):
-    return FarmGrid(
-        (width, height), 0.3048, np.ones((width, height), np.int8), np.ones((width, height), bool)
-    )
-
-
-def observations(x, y, values):
-    n = len(x)
-    return Observations(np.asarray(x), np.asarray(y), np.arange(n), np.full(n, 6), np.reshape(values, (n, 3)))
 
 
 def by_definition(shape, seen, default_values, radius=None):

@@ -2,38 +2,19 @@
 
 import numpy as np
 import pytest
+from estimator_inputs import grid_of, observations, random_observations
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import approx_fprime
 from sklearn.gaussian_process import GaussianProcessRegressor
 from sklearn.gaussian_process.kernels import RBF, ConstantKernel, WhiteKernel
 
-from geo.grid import FarmGrid
 from sensors.errors import EstimatorError
 from sensors.estimators.gp.cell_posterior import ExactPosterior, merge_repeated
 from sensors.estimators.gp.estimator import ZERO_MEAN, GaussianProcessEstimator
 from sensors.estimators.gp.rbf import RbfKernel, _cost, fit_kernel
-from sensors.observations import Observations
 
 KERNEL = RbfKernel(length_x=3.0, length_y=5.0, noise=0.05, amplitude=1.3)
-
-
-def grid_of(width, height):
-    return FarmGrid(
-        (width, height), 0.3048, np.ones((width, height), np.int8), np.ones((width, height), bool)
-    )
-
-
-def observe(x, y, values):
-    n = len(x)
-    return Observations(np.asarray(x), np.asarray(y), np.arange(n), np.full(n, 6), np.reshape(values, (n, 3)))
-
-
-def random_observations(n, shape, seed=0):
-    rng = np.random.default_rng(seed)
-    x, y = rng.integers(0, shape[0], n), rng.integers(0, shape[1], n)
-    smooth = 0.5 + 0.4 * np.sin(x / 4) * np.cos(y / 6)
-    return observe(x, y, np.stack([smooth, rng.choice([0, 0.5, 1], n), rng.random(n)], axis=1))
 
 
 def reference(kernel, x, y, values, shape):
@@ -154,7 +135,7 @@ def test_nothing_is_fitted_to_a_field_that_never_varied():
     seen = random_observations(40, shape)
     values = np.concatenate([np.ones((40, 1)), seen.values[:, 1:]], axis=1)
     estimator = GaussianProcessEstimator(learn_from="observations")
-    model = estimator.fit(grid_of(*shape), observe(seen.x, seen.y, values)).predict()
+    model = estimator.fit(grid_of(*shape), observations(seen.x, seen.y, values)).predict()
     assert estimator.kernels_[0] == RbfKernel()
     assert (model.of("tylcv") == 1.0).all()
 
@@ -180,7 +161,7 @@ def path_observations(shape, n):
     x, y = np.array(cells).T
     rng = np.random.default_rng(8)
     humidity = 0.5 + 0.3 * np.sin(x / 30) + 0.02 * rng.standard_normal(len(x))
-    return observe(
+    return observations(
         x, y, np.stack([rng.choice([0.5, 1], len(x)), np.sin(x / 4) * np.cos(y / 5) > 0, humidity], axis=1)
     )
 

@@ -5,11 +5,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from estimator_inputs import grid_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from geo.farms import get_farm
-from geo.grid import FarmGrid
 from sensors.errors import EstimatorError
 from sensors.estimators import check_estimator, make_estimator
 from sensors.estimators.gp import prior
@@ -26,12 +26,6 @@ from sensors.scoring.score import RunningScore
 
 SICK = RbfKernel(2.3, 3.1, 0.003, 0.009)
 SMOOTH = RbfKernel(17.0, 13.0, 2e-4, 0.05)
-
-
-def grid_of(width, height):
-    return FarmGrid(
-        (width, height), 0.3048, np.ones((width, height), np.int8), np.ones((width, height), bool)
-    )
 
 
 def observe(x, y, values):

@@ -20,6 +20,7 @@ from sim_vehicle.autopilot.px4.firmware import px4_takeoff_and_landing
 from sim_vehicle.host.simulation import Simulation
 from sim_vehicle.mavlink import SimVehicle
 from sim_vehicle.pilot.controls import MissionState, RefusedError
+from tests.support.peer import Peer
 
 POINT = GeoPoint(28.05, -82.15, 12.0)
 HOME = LocalFrame(28.05, -82.15)
@@ -349,6 +350,15 @@ def test_a_fixed_wing_circles_and_returns_when_its_sticks_fall_silent():
     plane.wait(5.0)
     assert plane.pilot.mode is Mode.RTL
     assert plane.texts[-1] == "RC Long Failsafe: switched to RTL"
+
+
+def test_a_rover_turns_on_between_two_stick_messages():
+    rover = Peer("ardupilot", "rover")
+    rover.vehicle.pilot.set_mode(Mode.MANUAL)
+    rover.vehicle.pilot.arm(force=True)
+    rover.tell(m.MAVLink_manual_control_message(1, 0, 500, 1000, 0, 0))
+    rover.wait(1.2)
+    assert 30.0 < math.degrees(rover.vehicle.pilot.state.yaw_rad) < 40.0
 
 
 def test_sticks_in_a_mission_do_not_move_a_fixed_wing():

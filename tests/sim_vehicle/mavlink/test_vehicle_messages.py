@@ -293,6 +293,12 @@ def test_ardupilot_counts_home_as_item_zero():
     assert peer.result(224, 4.0) == 2
 
 
+@pytest.mark.parametrize(("autopilot", "command"), [(PX4, 260), (ARDUPILOT, 208)])  # survey, parachute
+def test_items_that_the_simulator_cannot_fly_are_refused(autopilot, command):
+    items = [*survey(home_item=autopilot is ARDUPILOT), MissionItem(command, 2)]
+    assert Peer(autopilot).upload(items) == wire.UNSUPPORTED
+
+
 def test_clearing_the_mission():
     peer = Peer()
     peer.upload(survey())

@@ -274,7 +274,7 @@ def test_a_signal_keeps_what_is_finished(tmp_path, jobs, number, code):
     (row,) = json.loads(out)["standings"]
     assert 2 <= row["environments"] < 3000
     assert len(read_rows(tmp_path / "b")) == row["environments"]
-    assert f"interrupted after {row['environments']} of 3000 runs; the same command goes on with them" in err
+    assert f"interrupted after {row['environments']} of 3000 runs; the same command flies the others" in err
     assert "Traceback" not in err
 
 

@@ -13,7 +13,7 @@ import pytest
 from wbf_mission.bench import engine
 from wbf_mission.bench.benchmark import benchmark
 from wbf_mission.bench.engine import ClusterError, fly_all
-from wbf_mission.bench.program import program, unlike
+from wbf_mission.bench.provenance import program, unlike
 from wbf_mission.bench.spec import BenchSpec
 from wbf_mission.cli.app import main
 from wbf_mission.own_code import own_choice

@@ -8,7 +8,7 @@ from geo.farms import get_farm
 from sensors.field_files import load_field_set
 from wbf_mission.bench.spec import BenchSpec
 from wbf_mission.cli.app import main
-from wbf_mission.planning.plan import plan_fleet
+from wbf_mission.run.plan import plan_fleet
 from wbf_mission.scenario import (
     ScenarioError,
     families,

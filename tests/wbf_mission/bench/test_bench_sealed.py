@@ -31,7 +31,7 @@ def test_the_files_of_a_round(tmp_path):
     assert (seal["environments"], seal["scenarios"]) == (3, [SCENARIO])
     assert seal["made"] == "2026-01-02T00:00:00+00:00"
     assert secret.secret not in published.read_text()
-    with pytest.raises(ScenarioError, match="is there already"):
+    with pytest.raises(ScenarioError, match="already exists"):
         write_round(secret, tmp_path / "round")
 
 

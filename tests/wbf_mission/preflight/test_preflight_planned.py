@@ -1,14 +1,16 @@
 """What our own planners make has no errors, whoever flies it."""
 
+from dataclasses import replace
+
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from mission.errors import PlanningError
-from wbf_mission.planning import plan
 from wbf_mission.preflight.finding import Severity
-from wbf_mission.preflight.run import check_mission
+from wbf_mission.preflight.run import check_mission, check_plan
 from wbf_mission.preflight.subject import Circumstances
+from wbf_mission.run.plan import plan
 from wbf_mission.scenario import Scenario
 
 PLANNERS = ("lawnmower", "adaptive-lawnmower", "spiral", "random-waypoint")
@@ -125,3 +127,16 @@ def test_the_check_predicts_what_planning_does(gust_m_s):
         assert getattr(predicted, name) == getattr(result.prediction, name), name
     (told,) = [one.text for one in checked.report.findings if one.code == "flight"]
     assert f"in a wind of 4 m/s{' and gusts' if gust_m_s else ''}: " in told
+
+
+@pytest.mark.parametrize(("vehicle", "planner"), [("quad", "spiral"), ("mapping-quad", "survey")])
+def test_the_coverage_of_planning_is_that_of_the_check_and_is_not_computed_again(vehicle, planner):
+    scenario = Scenario(farm="miniberry-30", planner=planner, vehicle=vehicle)
+    made = plan(scenario)
+    around = replace(Circumstances.of(scenario, made.farm), imaging=made.imaging)
+    checked = check_mission(made.mission, around).subject
+    assert checked.coverage == pytest.approx(made.coverage, abs=1e-3)
+    predicted = replace(around, prediction=made.prediction)
+    assert check_mission(made.mission, predicted).subject.coverage == made.coverage
+    codes = [finding.code for finding in check_plan(replace(made, coverage=0.0), scenario).findings]
+    assert "unseen" in codes

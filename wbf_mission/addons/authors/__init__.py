@@ -1,1 +1,1 @@
-"""Policies and estimators after the papers and the code of the benchmark's authors."""
+"""Policies and estimators from the papers and code of the benchmark's authors."""

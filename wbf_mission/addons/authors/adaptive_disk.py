@@ -1,4 +1,4 @@
-"""The adaptive disk as the authors' code draws it, for comparison with their published data."""
+"""The adaptive disk of the authors' code, for comparison with their published data."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from sensors.estimators.disks import Disk, half_widths
 
 
 def misplaced_disk(radius: int) -> Disk:
-    """Return the authors' disk: last row and column are missing, the mask's *corner* is at the observation.
+    """Return the authors' disk: without the last row and column, its mask's *corner* at the observation.
 
     The disk is therefore centred at (x + radius, y + radius) and does not cover the observed cell.
 
@@ -27,25 +27,24 @@ def misplaced_disk(radius: int) -> Disk:
 
 
 class AuthorsAdaptiveDiskEstimator(AdaptiveDiskEstimator):
-    """The adaptive disk with the authors' misplaced stamp and their default of 0 ("destroyed") everywhere.
+    """The adaptive disk with the authors' misplaced mask and their default of 0 ("destroyed") everywhere.
 
-    Readings are taken as they are, whenever they were made.
+    Old readings count as much as new ones.
 
-    Only for comparison with what the authors published; use ``adaptive-disk`` for anything else.
+    Only for comparison with the authors' published results; use ``adaptive-disk`` otherwise.
 
     Parameters
     ----------
     default_values : sequence of float
-        The value of each field where no disk reaches: 0, 0, 0 in the authors' first code, 1, 1, 0 in its
-        successor.
+        Value of each field outside all disks: 0, 0, 0 in the authors' first code, 1, 1, 0 in its successor.
     radius : int, optional
-        A fixed radius in cells in place of the adaptive one.
+        Fixed radius in cells; by default adaptive.
     """
 
     _carries = False
 
     def __init__(self, default_values: Sequence[float] = (0.0, 0.0, 0.0), radius: int | None = None) -> None:
-        # No parameter fields: what is reproduced are the benchmark's.
+        # No `fields` parameter: the authors' code knows only the benchmark's fields.
         self.default_values = default_values
         self.radius = radius
 

@@ -1,4 +1,4 @@
-"""The confidence-guided policy: to the least certain place nearby, and on from there.
+"""The confidence-guided policy: fly to the least certain cell nearby, repeatedly.
 
 Source: ``papers/y2023_confidenceguided`` of the authors' repository WaterberryFarms.
 """
@@ -24,27 +24,27 @@ from mission.policies.steering import Route, RouteProblem, Steering
 ALL = "all"
 _NAME = "confidence-guided"
 _MOST_SPAN = 1000
-# The authors' Gaussian process has a length scale of 2 cells: an observation takes exp(-d^2 / 4) of the
-# variance at a distance of d cells. Only what is planned beyond the next waypoint depends on it.
+# The authors' Gaussian process has a lengthscale of 2 cells: an observation removes exp(-d^2 / 4) of the
+# variance at a distance of d cells. The shares affect only waypoints after the next one.
 _SHARES = neighbour_shares(1.0, 4.0, 3)
 _SAME_CELLS = 0.5
 
 
 class ConfidenceGuided:
-    """Fly to the least certain cell in a square about the vehicle; choose again when it is there.
+    """Fly to the least certain cell in a square around the vehicle, and choose again on arrival.
 
-    Of equally uncertain cells one is drawn. A vehicle flies to the waypoint that it has chosen whatever is
-    seen on the way. If everything in the square is certain, the square is doubled until something is not.
-    So that there is always a path, further waypoints are chosen after the next one as if it had been seen.
+    Ties between equally uncertain cells are broken at random. A chosen waypoint is kept whatever is observed
+    on the way. If the square has no uncertain cell, its side is doubled. Further waypoints are chosen as if
+    the next one had been observed, so that the vehicle always has a path.
 
     Parameters
     ----------
     span : int
-        The square reaches so many cells to each side.
+        Half the side of the square, cells.
     field : str
-        Whose uncertainty counts; ``all``: of all fields, by their weights in the score.
+        Field whose uncertainty counts; ``all``: all fields, weighted as in the score.
     ahead : int
-        How many waypoints are planned.
+        Number of waypoints to plan.
 
     Raises
     ------
@@ -65,12 +65,12 @@ class ConfidenceGuided:
         self._targets: dict[int, Points] = {}
 
     def start(self) -> None:
-        """Forget the run before."""
+        """Reset the policy for a new run."""
         self._steering.start()
         self._streams, self._targets = {}, {}
 
     def decide(self, observation: PolicyObservation) -> Decision:
-        """Choose for every vehicle that has reached its waypoint."""
+        """Choose a waypoint for each vehicle that has reached its own."""
         decision = self._steering.decide(observation, self._search, "least certain")
         paths = decision.paths.items()
         self._targets |= {system_id: points[0] for system_id, points in paths if len(points)}
@@ -113,7 +113,7 @@ class ConfidenceGuided:
         return [Route(np.array(corners), found[0])] if found else []
 
     def _on_its_way(self, problem: RouteProblem) -> bool:
-        """Return whether the vehicle has still to reach the waypoint that was chosen for it."""
+        """Return whether the vehicle has not yet reached the waypoint chosen for it."""
         vehicle = problem.vehicle
         target = self._targets.get(vehicle.system_id)
         if target is None or not len(vehicle.rest_m):
@@ -123,7 +123,7 @@ class ConfidenceGuided:
     def _least_certain(
         self, problem: RouteProblem, left: ValueMap, x: float, y: float
     ) -> tuple[int, int] | None:
-        """Return the next waypoint's cell; None if no uncertain one can be reached."""
+        """Return the cell of the next waypoint; None if no uncertain cell can be reached."""
         rng = self._stream(problem)
         here = np.floor(np.array([x, y]) + 1e-9).astype(np.int64)
         span = max(1, round(self._span / problem.planning_grid.block))
@@ -151,7 +151,7 @@ class ConfidenceGuided:
 
     @staticmethod
     def _reached(problem: RouteProblem, x: float, y: float, cells: NDArray[np.int64]) -> NDArray[np.bool_]:
-        """Return which cells a straight leg leads to within the area; the way into it is allowed."""
+        """Return which cells a straight leg inside the area reaches; from outside, all of them."""
         planning_grid = problem.planning_grid
         here = np.array([x, y]) * planning_grid.cell_m
         if (

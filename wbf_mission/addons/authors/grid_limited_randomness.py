@@ -1,4 +1,4 @@
-"""Grid-limited randomness: in every round a random place in each cell of a grid.
+"""Grid-limited randomness: in each round, a random place in each cell of a grid.
 
 Source: S. Matloob, A. Dutta, O. P. Kreidl, D. Turgut and L. Boloni, "Exploring the tradeoffs between
 systematic and random exploration in mobile sensors", MSWiM 2023, and ``papers/y2023_glr`` of the authors'
@@ -34,19 +34,18 @@ _NAME = "grid-limited-randomness"
 
 
 class GridLimitedRandomness:
-    """Draw a place in each cell of a grid, round after round, and fly through as many as the budget allows.
+    """Draw a place in each cell of a grid, round by round, and fly as many as the budget allows.
 
-    With one cell it is a random walk; the more cells, the more systematic it is. Nothing is decided in
-    flight. Each vehicle draws for itself.
+    A single cell gives a random walk; more cells give a more systematic path. The path is not changed in
+    flight. Each vehicle draws its own places.
 
     Parameters
     ----------
     h_cells, v_cells : int
-        Cells of the grid along x and y, over the bounds of the area.
+        Number of cells along x and y, over the bounds of the area.
     order : str
-        How the places are ordered: ``end``, as they are drawn, cell by cell to and fro (the authors'
-        GLR-EOP); ``detour``, each is put where it makes the path least longer (GLR-SD); ``tour``, a short
-        tour through all of them (GLR-CA).
+        Order of the places. ``end``: as drawn, boustrophedon (the authors' GLR-EOP). ``detour``: each is
+        inserted where it lengthens the path least (GLR-SD). ``tour``: a short tour of all places (GLR-CA).
 
     Raises
     ------
@@ -68,10 +67,10 @@ class GridLimitedRandomness:
         self._order = order
 
     def start(self) -> None:
-        """Nothing is remembered."""
+        """Do nothing: the policy has no state."""
 
     def decide(self, observation: PolicyObservation) -> Decision:
-        """Draw a path for every vehicle at the start, else go on."""
+        """Draw a path for each vehicle at the start; no change later."""
         if observation.event is not Event.START:
             return NO_CHANGE
         return Decision({one.system_id: self._path(one) for one in observation.steerable}, reason="draw")
@@ -99,7 +98,7 @@ class GridLimitedRandomness:
         return affordable(vehicle, points)
 
     def _grid(self, terrain: Terrain) -> list[Area]:
-        """Return what can be flown over of the grid's cells, row by row, to and fro."""
+        """Return the flyable part of each grid cell, row by row, boustrophedon."""
         x_min, y_min, x_max, y_max = terrain.flyable.bounds
         x = np.linspace(x_min, x_max, self._h_cells + 1).tolist()
         y = np.linspace(y_min, y_max, self._v_cells + 1).tolist()
@@ -114,7 +113,7 @@ class GridLimitedRandomness:
 
 
 class _Draws:
-    """The endless sequence of places, as far as it is known: one of each cell in each round."""
+    """Endless sequence of places, drawn on demand: one per cell in each round."""
 
     def __init__(self, cells: list[Area], vehicle: VehicleReport) -> None:
         seed, name = vehicle.request.seed, f"vehicle-{vehicle.system_id}"
@@ -123,7 +122,7 @@ class _Draws:
         self._drawn: list[Points] = [np.empty((0, 2)) for _ in cells]
 
     def first(self, count: int) -> Points:
-        """Return the first so many places, float64[count, 2]."""
+        """Return the first `count` places, float64[count, 2]."""
         rounds = -(-count // len(self._cells))
         for k, cell in enumerate(self._cells):
             while len(self._drawn[k]) < rounds:
@@ -140,7 +139,7 @@ _LEAST_GAIN = 1e-9
 
 
 def insert_by_detour(start_m: Points, places_m: Points, *, returns: bool) -> NDArray[np.int64]:
-    """Order places by inserting one after the other where that makes the way least longer."""
+    """Order places by inserting each where it lengthens the path least."""
     following = _insert(np.vstack((start_m, places_m)), returns)
     order = np.empty(len(places_m), np.int64)
     node = 0
@@ -153,7 +152,7 @@ def insert_by_detour(start_m: Points, places_m: Points, *, returns: bool) -> NDA
 def shorten(
     start_m: Points, places_m: Points, order: NDArray[np.int64], *, returns: bool
 ) -> NDArray[np.int64]:
-    """Reverse parts of a way while that makes it shorter (2-opt, Croes 1958, among near neighbours)."""
+    """Reverse parts of a path while that shortens it (2-opt, Croes 1958, among near neighbours)."""
     points = np.vstack((start_m, places_m))
     near = cKDTree(points).query(points, k=min(_NEIGHBOURS + 1, len(points)))[1].reshape(len(points), -1)
     tour = np.concatenate((np.zeros(1, np.int64), order + 1))
@@ -164,7 +163,7 @@ def shorten(
 
 @compiled
 def _insert(points: Any, returns: bool) -> Any:
-    """Return for each point the one after it; -1 after the last."""
+    """Return the successor of each point; -1 for the last."""
     count = len(points)
     following = np.full(count, -1, np.int64)
     for new in range(1, count):
@@ -190,7 +189,7 @@ def _insert(points: Any, returns: bool) -> Any:
 
 @compiled
 def _gain(points: Any, tour: Any, first: int, last: int, returns: bool) -> float:
-    """Return what the tour gets shorter if it is reversed from behind the first position to the last one."""
+    """Return the length saved by reversing the tour from after `first` to `last`."""
     a, b, c = tour[first], tour[first + 1], tour[last]
     gain = math.hypot(points[a, 0] - points[b, 0], points[a, 1] - points[b, 1])
     gain -= math.hypot(points[a, 0] - points[c, 0], points[a, 1] - points[c, 1])
@@ -211,7 +210,7 @@ def _two_opt(points: Any, near: Any, tour: Any, returns: bool) -> None:
         better = False
         for node in range(count):
             for other in near[node]:
-                # The two new legs are either from both to what follows them, or from what comes before.
+                # The two new legs join either both points to their successors, or both to their predecessors.
                 for before in range(2):
                     first, last = min(at[node], at[other]) - before, max(at[node], at[other]) - before
                     if first < 0 or last <= first + 1:

@@ -1,4 +1,4 @@
-"""The refining lawnmower: coarse rows, left for what lies about a sick plant as soon as it is found."""
+"""Refining lawnmower: coarse rows, left for a detour as soon as a sick plant is found."""
 
 from __future__ import annotations
 
@@ -32,13 +32,13 @@ _NOTHING: Points = np.empty((0, 2))
 
 @dataclass(slots=True)
 class _Rows:
-    """What is left of a vehicle's coarse rows."""
+    """The unflown part of a vehicle's coarse rows."""
 
-    rest: Points  # float64[n, 2]: the points that are still to be reached, metres
-    begin: NDArray[np.float64]  # float64[2]: where the rows were left, or begin
+    rest: Points  # float64[n, 2]: points still to reach, metres
+    begin: NDArray[np.float64]  # float64[2]: start of the unflown part
 
     def resumed(self, from_m: NDArray[np.float64]) -> Points:
-        """Return the points of the rows for a vehicle that comes back to them from a place."""
+        """Return the unflown points, starting at the point of the interrupted row nearest to `from_m`."""
         if not len(self.rest):
             return self.rest
         leg = self.rest[0] - self.begin
@@ -48,24 +48,23 @@ class _Rows:
 
 
 class RefiningLawnmower:
-    """Fly coarse rows; where a sick plant is seen, leave them until all plants beside sick ones are known.
+    """Fly coarse rows; where a sick plant is seen, make a detour until all plants beside it are known.
 
-    The land of the crop whose disease weighs most is flown first, in rows as close as the budget allows, but
-    not closer than outbreaks are wide; what is left of the budget goes to the rows of the next crop. When the
-    rows are done, `mission.policies.map_policies.RollingHorizon` flies what is left of it. Until then the
-    observations alone count, so that it works with any estimator. Several vehicles get a strip of the land
-    each.
+    The land of the crop with the weightiest disease is flown first. Its rows are as close as the budget
+    allows, but not closer than outbreaks are wide. The remaining budget goes to the rows of the next crop.
+    After the rows, `mission.policies.map_policies.RollingHorizon` uses the rest. Until then only observations
+    matter, so any estimator works. Several vehicles share the land in strips.
 
     Parameters
     ----------
     coarse : float
-        Part of the budget for the rows.
+        Fraction of the budget for the rows.
     gap, later_gap : float
-        Least distance of the rows on the land that is flown first, and on that of other crops, cells.
+        Minimum row spacing on the land flown first, and on the land of other crops, cells.
     least_rate : float
-        Plants beside sick ones a cell of flight below which no detour is made.
+        Minimum number of plants beside sick ones per cell of flight for a detour.
     every : int
-        Look for a detour after so many observations.
+        Number of observations between two searches for a detour.
 
     Raises
     ------
@@ -97,12 +96,12 @@ class RefiningLawnmower:
         self._terrains: dict[int, Terrain] = {}
 
     def start(self) -> None:
-        """Forget the run before."""
+        """Reset the policy for a new run."""
         self._rows, self._away = {}, set()
         self._after.start()
 
     def decide(self, observation: PolicyObservation) -> Decision:
-        """Give rows at the start; then detours, the way back to the rows, and routes when these are flown."""
+        """Return rows at the start; later detours, resumed rows, and finally routes after the rows."""
         if observation.event is Event.START:
             return self._begin(observation)
         paths: dict[int, Points] = {}
@@ -137,16 +136,16 @@ class RefiningLawnmower:
             return NO_CHANGE
         parts = shared(vehicles, STRIPS)
         self._rows, self._away = {}, set()
-        for one in vehicles:
-            self._terrains[one.system_id] = Terrain(
-                one.request.area, one.request.footprint_m, one.request.passable
+        for vehicle in vehicles:
+            self._terrains[vehicle.system_id] = Terrain(
+                vehicle.request.area, vehicle.request.footprint_m, vehicle.request.passable
             )
-            points = affordable(one, self._plan(one, parts[one.system_id], observation))
-            self._rows[one.system_id] = _Rows(points, np.asarray(one.position_m))
+            points = affordable(vehicle, self._plan(vehicle, parts[vehicle.system_id], observation))
+            self._rows[vehicle.system_id] = _Rows(points, np.asarray(vehicle.position_m))
         return Decision({system_id: rows.rest for system_id, rows in self._rows.items()}, reason="rows")
 
     def _plan(self, vehicle: VehicleReport, part: Area, observation: PolicyObservation) -> Points:
-        """Return the rows of one land after the other, as long as the budget for rows lasts."""
+        """Return the rows of one land after the other while the budget for rows lasts."""
         request, cell_m = vehicle.request, observation.farm.cell_size_m
         points, here = _NOTHING, vehicle.position_m
         for number, land in enumerate(self._lands(vehicle, part, observation)):
@@ -157,7 +156,7 @@ class RefiningLawnmower:
             gap_m = max(self._gaps[min(number, 1)] * cell_m, request.footprint_m)
             planner = make_planner("lawnmower")
             budget = _PartOf(request.budget, left)
-            # Rows that each see a strip as wide as the gap, half of it from the border.
+            # With a footprint as wide as the gap, the first row lies half a gap from the border.
             task = replace(
                 request, area=land, start_xy_m=here, budget=budget, crop_areas=(), footprint_m=gap_m
             )
@@ -174,15 +173,17 @@ class RefiningLawnmower:
 
     @staticmethod
     def _lands(vehicle: VehicleReport, part: Area, observation: PolicyObservation) -> list[Area]:
-        """Return the land of the crops in a part of the area, that of the weightiest disease first."""
+        """Return the land of each crop in a part of the area, the weightiest disease first."""
         fields, weights = observation.fields, observation.weights.field
         weight_of = {
             crop: max(
-                weights[k] for k, one in enumerate(fields) if one.kind == "disease" and crop in one.crops
+                weights[k]
+                for k, field in enumerate(fields)
+                if field.kind == "disease" and crop in field.crops
             )
-            for crop in {crop for one in fields.diseases for crop in one.crops}
+            for crop in {crop for disease in fields.diseases for crop in disease.crops}
         }
-        grown = [one for one in vehicle.request.crop_areas if weight_of.get(one.crop, 0.0) > 0.0]
+        grown = [land for land in vehicle.request.crop_areas if weight_of.get(land.crop, 0.0) > 0.0]
         grown.sort(key=lambda one: -weight_of[one.crop])
         lands = []
         for one in grown:
@@ -199,9 +200,9 @@ class RefiningLawnmower:
         new: dict[int, Points],
         windows: list[Window],
     ) -> Points | None:
-        """Return a vehicle's new path while it has rows, and note where it is on them; None to go on.
+        """Return a vehicle's new path and update its progress on the rows; None for no change.
 
-        What it looked at is added to the windows.
+        The window searched is appended to `windows`.
         """
         here = np.asarray(vehicle.position_m)
         if len(vehicle.rest_m) <= len(rows.rest):
@@ -224,9 +225,9 @@ class RefiningLawnmower:
         return self._joined(vehicle, [rows.resumed(here)])
 
     def _joined(self, vehicle: VehicleReport, pieces: list[Points]) -> Points:
-        """Join pieces of a path, so that it stays in the area, as far as the vehicle can pay for it.
+        """Join pieces of a path inside the area, up to the length the vehicle can pay for.
 
-        Rows may be left, and a path may be cut, on the way from one part of the area to another.
+        The transit between two parts of the area may be left for a detour, or be where the budget ends.
         """
         area = shapely.buffer(vehicle.request.room, TOLERANCE_M)
         kept = [piece[shapely.covers(area, shapely.points(piece))] for piece in pieces if len(piece)]
@@ -258,10 +259,10 @@ def _nearly_flown(vehicle: VehicleReport, cell_m: float) -> bool:
 
 
 SICK_BELOW = 0.75
-"""A plant with a smaller value is sick."""
+"""Upper limit of a sick plant's value."""
 _WINDOW = 24
 _MAP_BLOCKS = 1024
-"""Blocks along the longer side of the map that is told, at most: as many as are shown."""
+"""Maximum number of blocks along the longer side of the reported map, as many as displays show."""
 _HORIZON = 20.0
 _LONGEST_LEG = 10
 _INTERVAL = 3.0
@@ -274,7 +275,7 @@ _ALONE = neighbour_shares(0.0, 1.0, 1)
 
 @dataclass(frozen=True, slots=True)
 class Window:
-    """What plants about a vehicle are worth: float32[w, h] of cells from `low` on, 0 where it cannot fly."""
+    """Values of the plants around a vehicle: float32[w, h] of cells from `low` on, 0 where it cannot fly."""
 
     low: NDArray[np.int_]
     values: NDArray[np.float32]
@@ -282,10 +283,10 @@ class Window:
 
 
 def window_of(vehicle: VehicleReport, observation: PolicyObservation, promised: Iterable[Points]) -> Window:
-    """Return what the plants about a vehicle are worth.
+    """Return the values of the plants around a vehicle.
 
-    A plant that was not observed today and could have a disease of which a sick plant was seen is worth 1
-    beside that plant, and 0.3 at up to three cells from it; what others promise to see is worth nothing.
+    Only unobserved plants near a sick one that can have its disease have a value: 1 beside the sick plant,
+    and 0.3 within three cells of it. Plants on the paths of other vehicles have no value.
     """
     cell_m, shape = observation.farm.cell_size_m, np.array(observation.model.shape)
     here = np.asarray(vehicle.position_m) / cell_m
@@ -303,7 +304,7 @@ def window_of(vehicle: VehicleReport, observation: PolicyObservation, promised: 
 def detour(
     vehicle: VehicleReport, observation: PolicyObservation, window: Window, least_rate: float
 ) -> Points:
-    """Find the route through plants beside sick ones, near a vehicle, that sees most of them early."""
+    """Return a route past plants beside sick ones, most of them early; empty if none is worth it."""
     if not window.values.any():
         return np.empty((0, 2))
     cell_m = observation.farm.cell_size_m
@@ -327,8 +328,8 @@ def detour(
 
 
 def _joined(windows: Sequence[Window], observation: PolicyObservation) -> AcquisitionMap | None:
-    """Return what is worth a detour, over the whole farm; None if nothing is."""
-    worth = [one for one in windows if one.values.any()]
+    """Return the detour values over the whole farm; None if all are 0."""
+    worth = [window for window in windows if window.values.any()]
     if not worth:
         return None
     shape = observation.model.shape
@@ -336,7 +337,7 @@ def _joined(windows: Sequence[Window], observation: PolicyObservation) -> Acquis
     values = np.zeros([-(-side // cells) for side in shape], np.float32)
     for one in worth:
         x, y = np.nonzero(one.values)
-        # Where the windows of two vehicles overlap, both tell of the same plants.
+        # Overlapping windows of two vehicles contain the same plants, which count once.
         blocks = np.zeros_like(values)
         np.add.at(blocks, ((x + one.low[0]) // cells, (y + one.low[1]) // cells), one.values[x, y])
         np.maximum(values, blocks, out=values)
@@ -346,7 +347,7 @@ def _joined(windows: Sequence[Window], observation: PolicyObservation) -> Acquis
 def _beside_sick(
     observation: PolicyObservation, low: NDArray[np.int_], high: NDArray[np.int_]
 ) -> NDArray[np.float32]:
-    """Return what the plants of a window are worth, float32[w, h]."""
+    """Return the values of the plants of a window, float32[w, h]."""
     grid, seen = observation.farm.grid(), observation.observations
     reach = math.ceil(_NEAR)
     near = (seen.x >= low[0] - reach) & (seen.x < high[0] + reach)
@@ -377,7 +378,7 @@ def _beside_sick(
 
 
 def _take(values: NDArray[np.float32], path: NDArray[np.float64]) -> None:
-    """Take the cells that a path leads over from a window; the path in cells of it."""
+    """Set the value of the cells under a path to 0; the path is in cells of the window."""
     for begin, end in itertools.pairwise(path):
         steps = max(1, math.ceil(float(np.hypot(*(end - begin)))))
         cells = np.floor(begin + np.linspace(0.0, 1.0, steps + 1)[:, None] * (end - begin)).astype(int)
@@ -386,7 +387,7 @@ def _take(values: NDArray[np.float32], path: NDArray[np.float64]) -> None:
 
 
 def _free(area: Area, low: NDArray[np.int_], high: NDArray[np.int_], cell_m: float) -> NDArray[np.bool_]:
-    """Return which cells of a window lie in the area whole, bool[w, h]."""
+    """Return which cells of a window lie entirely in the area, bool[w, h]."""
     x, y = np.meshgrid(*(np.arange(a, b) * cell_m for a, b in zip(low, high, strict=True)), indexing="ij")
     window = shapely.box(*(low * cell_m), *(high * cell_m))
     part = shapely.intersection(area, shapely.buffer(window, cell_m, join_style="mitre"))

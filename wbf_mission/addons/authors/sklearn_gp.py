@@ -1,4 +1,4 @@
-"""The Gaussian process as the paper has it, with scikit-learn: fitted from scratch at every estimate."""
+"""The paper's Gaussian process with scikit-learn: fitted from scratch for every estimate."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _CHUNK_CELLS = 2000
 
 
 class SklearnGaussianProcessEstimator(BaseEstimator):
-    """The paper's Gaussian process, for comparison: slow, zero prior mean, fitted anew at every estimate.
+    """The paper's Gaussian process, for comparison: slow, zero prior mean, fitted anew for every estimate.
 
     Per field ``RBF([2, 2], bounds 1..10) + WhiteKernel(0.5, bounds 1e-5..1e5)`` in
     `sklearn.gaussian_process.GaussianProcessRegressor` with ``alpha=1e-10`` and random restarts.
@@ -32,15 +32,15 @@ class SklearnGaussianProcessEstimator(BaseEstimator):
     Parameters
     ----------
     n_restarts : int
-        Restarts of the kernel's fit.
+        Number of restarts of the kernel's fit.
     max_points : int
-        The largest number of observations that are accepted: the time of a fit grows with the cube of it.
+        Maximum number of observations; the time of a fit grows with its cube.
     max_entries : int
-        The largest number of covariances between observations and cells that are computed in one estimate.
+        Maximum number of covariances between observations and cells in one estimate.
     random_state : Generator, SeedSequence, int or None
-        Where restarts begin; None is different each time.
+        Start points of the restarts; None differs each time.
     fields : FieldSet
-        What is observed.
+        Observed fields.
     """
 
     seed_: int
@@ -110,7 +110,7 @@ class SklearnGaussianProcessEstimator(BaseEstimator):
             kernel, alpha=1e-10, n_restarts_optimizer=self.n_restarts, random_state=self.seed_
         )
         with warnings.catch_warnings():
-            # A length scale at its bound is what the paper's bounds lead to, not news.
+            # A lengthscale at its bound is expected with the paper's bounds.
             warnings.simplefilter("ignore", ConvergenceWarning)
             return regressor.fit(self._cells[k].array, self._values[k].array)
 

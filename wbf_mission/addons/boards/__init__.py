@@ -1,1 +1,1 @@
-"""Leaderboards: submissions, their audit and verification, frozen baselines."""
+"""Leaderboards: submissions, audit, verification and frozen baselines."""

@@ -1,8 +1,8 @@
-"""Own code in a process of its own, which has neither the run nor its files.
+"""Submitted planners, policies and estimators, each in a process of its own without access to the run.
 
-A run is flown here. The other process is sent what a planner, policy or estimator is given, and nothing else;
-it answers with plain numbers and texts, so that nothing of its making runs here. It is no sandbox: code may
-read what its user may read.
+The run is flown in this process. The other process receives only the inputs of a planner, policy or
+estimator. It answers with plain numbers and texts, so none of its objects is executed here. The process is no
+sandbox: submitted code can read every file its user can read.
 """
 
 from __future__ import annotations
@@ -53,23 +53,23 @@ class Array(msgspec.Struct, array_like=True):
 
     @classmethod
     def of(cls, values: Any, kind: str = "<f8") -> Self:
-        """Return the plain values of an array."""
+        """Return `values` as plain values of the number type `kind`."""
         array = np.ascontiguousarray(values, kind)
         return cls(kind, array.shape, array.tobytes())
 
     def array(self) -> NDArray[Any]:
-        """Return the array; ValueError if its values are not as many as it says."""
+        """Return the numpy array; ValueError if `content` does not match `shape`."""
         if self.kind not in ("<f8", "<f4"):
             raise ValueError(f"an array of {self.kind[:8]!r}")
         return np.frombuffer(self.content, self.kind).reshape(self.shape)
 
 
 class Said(msgspec.Struct, kw_only=True):
-    """An answer of the other process: an error, or what a call gave."""
+    """Answer of the other process: an error, or the result of a call."""
 
     error: str = ""
     planning: bool = False
-    """Whether the error is a PlanningError, as a planner or policy says that there is no path."""
+    """Whether the error is a PlanningError: a planner or policy found no path."""
     triggers: tuple[float | None, int | None, bool, float] | None = None
     paths: dict[int, Array] = {}
     spacing_m: dict[int, float] = {}
@@ -84,22 +84,22 @@ class Said(msgspec.Struct, kw_only=True):
 
 
 class Apart(Closing):
-    """A planner, policy or estimator of a folder of code, in a process of its own.
+    """A planner, policy or estimator from a folder of submitted code, run in a process of its own.
 
     Parameters
     ----------
     kind : str
-        ``planner`` (or a policy), or ``estimator``.
+        ``planner`` (also for a policy) or ``estimator``.
     label, digest : str
-        Its name with parameters, and its digest, as a row has them.
+        Name with parameters, and digest, as in a benchmark row.
 
-    ResultError if no file of the folder holds it.
+    Raises ResultError if no file of the folder has the object.
     """
 
     def __init__(self, folder: Path, kind: str, label: str, digest: str) -> None:
         self.name = label
         self._private = tempfile.TemporaryDirectory()
-        # Only what Python needs: no variable and no cache of this process, which may lead to environments.
+        # Other variables and caches of this process could reveal environments.
         home = dict.fromkeys(("HOME", "TMPDIR", "XDG_CACHE_HOME", "XDG_CONFIG_HOME"), self._private.name)
         kept = {key: os.environ[key] for key in ("PATH", "LANG", "LD_LIBRARY_PATH") if key in os.environ}
         found = os.pathsep.join(str(Path(one).resolve()) for one in sys.path if one)
@@ -121,11 +121,11 @@ class Apart(Closing):
             raise
 
     def __deepcopy__(self, _memory: object) -> Self:
-        """No copy is needed: `start` and `fit` reset the process."""
+        """Return the object itself: `start` and `fit` reset the process."""
         return self
 
     def call(self, method: str, *given: Any) -> Said:
-        """Have a method called; PlanningError or WbfMissionError with what it says, if it fails."""
+        """Call a method in the other process; its error is raised as PlanningError or `_OwnCodeError`."""
         import cloudpickle
 
         assert self._process.stdin is not None
@@ -134,7 +134,7 @@ class Apart(Closing):
             _write(self._process.stdin, cloudpickle.dumps((method, given)))
             said = msgspec.msgpack.decode(_read(self._process.stdout, _MOST_S), type=Said)
         except (OSError, EOFError, TimeoutError, msgspec.MsgspecError) as error:
-            self._process.kill()  # an answer that came late would be taken for that of the next call
+            self._process.kill()  # A late answer would be taken for the answer to the next call.
             raise _LostError(
                 f"{self.name}: its process ended or answers no more ({one_line(repr(error))})"
             ) from None
@@ -143,55 +143,55 @@ class Apart(Closing):
         return said
 
     def close(self) -> None:
-        """End the process."""
+        """Terminate the other process."""
         self._process.kill()
         self._process.wait()
         for pipe in (self._process.stdin, self._process.stdout):
             if pipe is not None:
-                with contextlib.suppress(OSError):  # it ended while it was being written to
+                with contextlib.suppress(OSError):  # The process may have ended during a write.
                     pipe.close()
         self._private.cleanup()
 
 
 class _OwnCodeError(RuntimeError):
-    """An error of own code."""
+    """An error raised by submitted code."""
 
 
 class _LostError(WbfMissionError):
-    """A process that ended, or answers no more."""
+    """The other process ended, or does not answer."""
 
 
 class PlannerApart(Apart):
-    """A planner in a process of its own."""
+    """A planner in another process."""
 
     @property
     def __name__(self) -> str:
         return self.name
 
     def __call__(self, request: PlanningRequest) -> PlannedPath:
-        """Plan as it does."""
+        """Return the path planned in the other process."""
         said = self.call("plan", _alone(request))
         return PlannedPath(said.paths[0].array(), said.spacing_m.get(0), self.name)
 
 
 class PolicyApart(Apart):
-    """A policy in a process of its own."""
+    """A policy in another process."""
 
     @property
     def triggers(self) -> Triggers:
-        """When it wanted to be asked when it was last called."""
+        """Triggers that the policy returned at its last call."""
         assert self.said.triggers is not None
         return Triggers(*self.said.triggers)
 
     def start(self) -> None:
-        """Forget everything."""
+        """Reset the policy."""
         self.said = self.call("start")
 
     def decide(self, observation: PolicyObservation) -> Decision:
-        """Answer as it does."""
+        """Return the decision made in the other process."""
         vehicles = tuple(
-            replace(one, request=_alone(one.request), travel_cost=_sent_cost(one))
-            for one in observation.vehicles
+            replace(vehicle, request=_alone(vehicle.request), travel_cost=_sent_cost(vehicle))
+            for vehicle in observation.vehicles
         )
         self.said = self.call("decide", replace(observation, vehicles=vehicles))
         paths = {number: path.array() for number, path in self.said.paths.items()}
@@ -199,39 +199,39 @@ class PolicyApart(Apart):
 
 
 class EstimatorApart(Apart):
-    """An estimator in a process of its own."""
+    """An estimator in another process."""
 
     fields: FieldSet
 
     def __getattr__(self, name: str) -> bool:
-        """Give what the class of the estimator says of itself."""
+        """Return a class flag of the estimator, as reported by the other process."""
         flags = self.__dict__["said"].flags if "said" in self.__dict__ else {}
         if name not in flags:
             raise AttributeError(name)
         return bool(flags[name])
 
     def fit(self, grid: Any, observations: Observations | None = None) -> Self:
-        """Learn as it does."""
+        """Fit the estimator in the other process."""
         self.call("fit", grid, observations)
         return self
 
     def partial_fit(self, observations: Observations) -> Self:
-        """Learn more as it does."""
+        """Add observations to the estimator in the other process."""
         self.call("partial_fit", observations)
         return self
 
     def advance(self, day: int) -> Self:
-        """Go on to a day as it does."""
+        """Advance the estimator in the other process to `day`."""
         self.call("advance", day)
         return self
 
     def prepare(self, days: Sequence[int], progress: Any = None) -> Self:  # noqa: ARG002
-        """Prepare as it does."""
+        """Prepare the estimator in the other process for `days`."""
         self.call("prepare", list(days))
         return self
 
     def predict(self) -> InformationModel:
-        """Return what it believes."""
+        """Return the estimate made in the other process."""
         said = self.call("predict")
         if said.value is None or said.uncertainty is None:
             raise _OwnCodeError("predict returned no InformationModel")
@@ -240,23 +240,25 @@ class EstimatorApart(Apart):
             said.value.array(),
             said.uncertainty.array(),
             fields=said.fields,
-            probabilities=None if chances is None else {key: one.array() for key, one in chances.items()},
+            probabilities=None
+            if chances is None
+            else {key: chance.array() for key, chance in chances.items()},
             loss_map=None if said.loss is None else said.loss.array(),
             correlation_length=said.correlation_length,
         )
 
 
 def _alone(request: PlanningRequest) -> PlanningRequest:
-    """Return a request that leads to nobody who is told of its progress."""
+    """Return a copy of the request without its progress callback."""
     return replace(request, progress=_nobody)
 
 
 def _nobody(_done: int, _total: int) -> None:
-    """Tell nobody."""
+    """Ignore the progress."""
 
 
 def _sent_cost(vehicle: VehicleReport) -> Any:
-    """Return what prices a vehicle's paths, without what its request leads to."""
+    """Return a vehicle's cost function with a request that can be sent."""
     cost: Any = vehicle.travel_cost
     return replace(cost, request=_alone(cost.request)) if hasattr(cost, "request") else cost
 
@@ -267,7 +269,7 @@ def _write(pipe: IO[bytes], content: bytes) -> None:
 
 
 def _read(pipe: IO[bytes], most_s: float | None = None) -> bytes:
-    """Read a message; EOFError at its end, TimeoutError if a part of it takes longer than that."""
+    """Read a message; EOFError at the end of the pipe, TimeoutError if a part takes longer than `most_s`."""
     (size,) = _SIZE.unpack(_exactly(pipe, _SIZE.size, most_s))
     if size > _MOST_BYTES:
         raise EOFError("a message too large")
@@ -289,8 +291,8 @@ def _exactly(pipe: IO[bytes], size: int, most_s: float | None) -> bytes:
 
 
 def answer_all() -> None:
-    """Answer the calls of the process that started this one, until it ends."""
-    # What own code prints does not get among the answers.
+    """Answer the calls of the parent process until its pipe closes."""
+    # Output printed by submitted code must not mix with the answers.
     answers = os.fdopen(os.dup(1), "wb")
     calls = os.fdopen(os.dup(0), "rb", buffering=0)
     silent = os.open(os.devnull, os.O_RDWR)
@@ -313,9 +315,9 @@ def answer_all() -> None:
 
 
 def held_by(files: Iterable[Path], kind: str, label: str, digest: str) -> Choice:
-    """Return the planner, policy or estimator of a digest that one of these files holds.
+    """Return the planner, policy or estimator with this digest from one of the files.
 
-    ResultError if none does, with the file that holds another of its name.
+    Raises ResultError if no file has it; the message names a file with another object of that name.
     """
     from wbf_mission.bench.digests import own_digest
     from wbf_mission.own_code import own_choice
@@ -342,7 +344,7 @@ def _made(folder: str, kind: str, label: str, digest: str) -> Any:
 
 
 class _Planner:
-    """A planner with its parameters."""
+    """A planner with fixed parameters."""
 
     def __init__(self, made: Any, parameters: dict[str, Any]) -> None:
         self._made, self._parameters = made, parameters
@@ -353,7 +355,7 @@ class _Planner:
 
 
 def _said(made: Any, method: str, given: tuple[Any, ...]) -> Said:
-    """Call a method, and return its answer as plain values."""
+    """Call a method and return its answer as plain values."""
     if method == "plan":
         path = made(*given)
         if not isinstance(path, PlannedPath):
@@ -371,7 +373,7 @@ def _said(made: Any, method: str, given: tuple[Any, ...]) -> Said:
 
 
 def _about(made: Any) -> Said:
-    """Return what an object says of itself."""
+    """Return the properties that the run reads from an object: triggers, fields and class flags."""
     triggers = getattr(made, "triggers", None)
     said = Said(fields=tuple(getattr(getattr(made, "fields", None), "names", ())))
     if isinstance(triggers, Triggers):
@@ -403,7 +405,7 @@ def _believed(model: Any) -> Said:
         uncertainty=Array.of(model.uncertainty, "<f4"),
         probabilities=None
         if chances is None
-        else {key: Array.of(one, "<f4") for key, one in chances.items()},
+        else {key: Array.of(chance, "<f4") for key, chance in chances.items()},
         loss=None if loss is None else Array.of(loss, "<f4"),
         correlation_length=model.correlation_length,
     )

@@ -1,4 +1,4 @@
-"""Whether rows of a benchmark are what they say: complete, and consistent in themselves."""
+"""Audit of benchmark rows: whether they are complete and consistent."""
 
 from __future__ import annotations
 
@@ -34,11 +34,11 @@ FILES = "its parameters name files of a machine"
 
 
 def require_asked(rows: Sequence[BenchRow], folder: Path) -> None:
-    """Raise ResultError unless rows have all runs that their folder was asked for."""
+    """Raise ResultError unless the rows cover every run requested in their folder."""
     there = {(row.scenario, row.planner, row.estimator, row.seed) for row in rows}
     for one in read_asked(folder).asked:
         table = tomllib.loads(one.specification)
-        # What was given as an object stands only in a comment.
+        # Methods given as Python objects appear only in a comment of the specification.
         names = [table.get(key, []) for key in ("scenarios", "planners", "estimators")]
         missing = [
             run for run in itertools.product(*names, seeds_of(str(table["seeds"]))) if run not in there
@@ -51,11 +51,10 @@ def require_asked(rows: Sequence[BenchRow], folder: Path) -> None:
 
 
 def require_whole(rows: Sequence[BenchRow], *, sealed: bool = False) -> None:
-    """Raise ResultError unless rows can be published: of one behaviour, complete, possible and consistent.
+    """Raise ResultError unless rows can be published: one behaviour, complete, possible and consistent.
 
-    The seeds of each scenario are all from the first to the last, but those of a `sealed` round. The text is
-    one line that begins with what is wrong, and says what to do. Rows of runs that failed are in order: they
-    are told as failed.
+    The seeds of each scenario must have no gap, except in a `sealed` round. The text of the error is one
+    line: the fault first, then the remedy. Rows of failed runs pass: boards show them as failed.
     """
     _require_one_behaviour(rows)
     if len(rows) > _MOST_ROWS:
@@ -115,7 +114,7 @@ def _meaning(scenario: str) -> str:
 
 
 def _require_methods(scenario: str, rows: Sequence[BenchRow]) -> None:
-    """Raise ResultError unless each planner and estimator of a scenario can be one."""
+    """Raise ResultError unless every planner and estimator of a scenario can be created."""
     pairs, seeds = by_pair(rows), {row.seed for row in rows}
     if len(pairs) > _MOST_METHODS or len(seeds) > _MOST_SEEDS:
         msg = f"{scenario} has {len(pairs)} methods on {len(seeds)} environments"
@@ -134,12 +133,12 @@ def _require_methods(scenario: str, rows: Sequence[BenchRow]) -> None:
 
 
 def names_files(choice: Choice) -> bool:
-    """Return whether parameters name files or folders: a row of somebody else's is not to reach these."""
+    """Return whether parameters name files or folders, which a foreign row must not access."""
     return any(key == "cache" or "/" in str(value) for key, value in choice.params.items())
 
 
 def _unusable(kind: str, label: str, fields: FieldSet) -> str:
-    """Return why a name of a row is no built-in planner, policy or estimator; empty if it is one."""
+    """Return why a label of a row is no built-in planner, policy or estimator; empty if it is."""
     try:
         choice = choose(label, kind)
         if names_files(choice):
@@ -150,7 +149,7 @@ def _unusable(kind: str, label: str, fields: FieldSet) -> str:
             require_mover(choice)
     except WbfMissionError as error:
         return one_line(str(error), 200)
-    except (TypeError, ValueError) as error:  # what a class says of its parameters
+    except (TypeError, ValueError) as error:  # Raised by a constructor for its parameters
         return one_line(f"{type(error).__name__}: {error}", 200)
     return ""
 
@@ -169,7 +168,7 @@ def _require_complete(scenario: str, rows: Sequence[BenchRow]) -> None:
 
 
 def _require_all_seeds(scenario: str, seeds: set[int]) -> None:
-    """Raise ResultError if seeds were left out: they may be those on which a method did badly."""
+    """Raise ResultError if seeds were left out: a method may have done badly on them."""
     first, last = min(seeds), max(seeds)
     if last - first >= len(seeds):
         which = one_line(seed_ranges(sorted(seeds)), 60)
@@ -178,7 +177,7 @@ def _require_all_seeds(scenario: str, seeds: set[int]) -> None:
 
 
 def _inconsistency(row: BenchRow, limits: Limits) -> str:
-    """Return what of a row contradicts the rest of it; empty if nothing does."""
+    """Return a contradiction within a row; empty if there is none."""
     scores = np.array(row.scores)
     if row.score is None or row.final_score is None or not len(scores):
         return "" if row.error is not None else "it has no score and no error"
@@ -191,7 +190,7 @@ def _inconsistency(row: BenchRow, limits: Limits) -> str:
     losses = np.array(history)
     numbers = (scores, losses, np.array(row.times_s), np.array([row.score, row.final_score]))
     if (
-        not all(np.isfinite(one).all() for one in numbers)
+        not all(np.isfinite(number).all() for number in numbers)
         or not ((losses >= 0.0) & (losses <= _MOST_LOSS)).all()
     ):
         return "its history has values that are no losses"

@@ -1,7 +1,7 @@
-"""The leaderboard: submissions and frozen baselines, compared where they were flown on the same environments.
+"""Leaderboard of submissions and frozen baselines, compared if flown on the same environments.
 
-There is a table for each scenario, behaviour of the program and set of environments. It has every method that
-was flown on all of them, so no submission of few environments narrows what others are compared by.
+There is one table for each scenario, behaviour of the program and set of environments. It has the methods
+flown on all of its environments, so a submission with few environments does not narrow other tables.
 """
 
 from __future__ import annotations
@@ -32,14 +32,14 @@ SHOWN_DIGEST = 8
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """A pack that holds what it says.
+    """A pack that passed the audit.
 
     Attributes
     ----------
     frozen : bool
-        Whether it is one of the frozen baselines.
+        Whether the pack is one of the frozen baselines.
     digest : str
-        SHA-256 of its file.
+        SHA-256 of the pack file.
     """
 
     path: Path
@@ -52,31 +52,31 @@ class Entry:
 
 @dataclass(frozen=True, slots=True)
 class Line:
-    """A method on a board: a planner or policy with an estimator, of a submission."""
+    """One method on a board: a planner or policy with an estimator, and its submission."""
 
     entry: Entry
     standing: Standing
     own: str
-    """Digests of own code, empty for what is built in."""
+    """Digests of submitted code; empty for a built-in method."""
     against: Comparison | None
-    """With the best frozen baseline of the table; None for that itself, and where there is none."""
+    """Comparison with the best frozen baseline of the table; None for that baseline, or without one."""
 
 
 @dataclass(frozen=True, slots=True)
 class BoardTable:
-    """Methods that were flown in a scenario with the same behaviour numbers, on the same environments."""
+    """Methods flown in one scenario with the same behaviour numbers on the same environments."""
 
     scenario: str
     versions: tuple[str, ...]
     code: str
     seeds: tuple[int, ...]
     held_out: bool
-    """Whether the environments are those of the sealed round."""
+    """Whether the environments belong to the sealed round."""
     lines: tuple[Line, ...]
 
     @property
     def environments(self) -> str:
-        """Which they are, in words."""
+        """Number and seeds of the environments, in words."""
         if self.held_out:
             return f"{len(self.seeds)} held-out environments"
         text = one_line(seed_ranges(self.seeds), 60)
@@ -88,7 +88,7 @@ class BoardTable:
 
 @dataclass(frozen=True, slots=True)
 class Board:
-    """All tables, and why packs are left out."""
+    """All tables, and the reasons for refused packs."""
 
     tables: tuple[BoardTable, ...]
     entries: tuple[Entry, ...]
@@ -96,9 +96,9 @@ class Board:
 
 
 def packs_of(sources: Iterable[Path]) -> list[tuple[Path, bool]]:
-    """Return the packs that are named, and those in folders, at any depth, which are the frozen baselines.
+    """Return the packs named directly, and the packs in folders at any depth, which are frozen baselines.
 
-    ResultError if a folder holds none.
+    Raises ResultError if a folder has no pack.
     """
     found: dict[Path, bool] = {}
     for source in sources:
@@ -122,17 +122,17 @@ def board_of(
     secret: Secret | None = None,
     progress: Progress = silent,
 ) -> Board:
-    """Read packs, as of `packs_of`, check them, and compare what can be compared.
+    """Read and check the packs of `packs_of`, and compare their methods.
 
-    A pack that is refused is told in `Board.refused`, and the others go on.
+    A pack that fails a check is listed in `Board.refused`; the others are compared.
 
     Parameters
     ----------
     verify : int, optional
-        How many rows of each method are flown again, by default none of the frozen baselines that are
-        known by their SHA-256 and `VERIFIED` of all others; own code is never run.
+        Number of rows of each method to fly again. The default is none for frozen baselines known by their
+        SHA-256, and `VERIFIED` for all others. Submitted code is never run.
     secret : Secret, optional
-        Of a round that has ended: tables on its environments are held out.
+        Secret of a round that has ended; marks the tables on its environments as held out.
     """
     entries: list[Entry] = []
     refused: dict[str, str] = {}
@@ -157,7 +157,7 @@ def _entry(path: Path, *, frozen: bool, verify: int | None, progress: Progress) 
         require_whole(pack.rows, sealed=bool(pack.submission.seal))
     except ResultError as error:
         raise ResultError(f"{path}: {error}") from None
-    # Packs of a folder that are none of this version's frozen ones are baselines, too, but not believed.
+    # Packs of the folder that this version does not list are baselines, too, but are verified.
     listed = frozen and is_frozen(path, pack.digest)
     count = verify if verify is not None else 0 if listed else VERIFIED
     verification = fly_again(pack.rows, count, progress=progress)
@@ -187,14 +187,14 @@ def _tables(entries: Sequence[Entry], secret: Secret | None) -> Iterator[BoardTa
 
 
 def _lines(group: Sequence[tuple[Entry, list[BenchRow]]], seeds: frozenset[int]) -> tuple[Line, ...]:
-    """Return the methods of one table, the best score first."""
+    """Return the methods of one table, best score first."""
     methods: dict[str, tuple[Entry, BenchRow]] = {}
     rows: list[BenchRow] = []
     for entry, own in group:
         for pair_rows in by_pair(row for row in own if row.seed in seeds).values():
             name = str(len(methods))
             methods[name] = entry, pair_rows[0]
-            # Several submissions may have methods of one name: a number takes its place.
+            # Methods of several submissions may share a name; a number replaces it here.
             nameless = {"planner": name, "estimator": "", "codes": {}, "versions": {}}
             rows += [structs.replace(row, **nameless) for row in pair_rows]
     found = standings(rows)

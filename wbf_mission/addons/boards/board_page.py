@@ -1,4 +1,4 @@
-"""The leaderboard as a page with pictures, and as plain values."""
+"""The leaderboard as a page with plots, and as JSON values."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ _ABOUT = (
 
 
 def board_page(board: Board, pictures: Mapping[int, Picture] | None = None) -> Page:
-    """Return the board as a page, with a picture beside the tables of these numbers."""
+    """Return the board as a page; `pictures` are keyed by the number of their table."""
     sections = [
         Section(
             title_of(table),
@@ -52,19 +52,19 @@ def board_page(board: Board, pictures: Mapping[int, Picture] | None = None) -> P
 
 
 def draw_board(board: Board, folder: Path) -> dict[int, Picture]:
-    """Draw the scores over the run of each table that has several methods, into a folder."""
+    """Draw the scores over the run of each table with several methods into `folder`."""
     found = {}
     for number, table in enumerate(board.tables):
-        lines = [one for one in table.lines if math.isfinite(one.standing.score.low)][:_MOST_DRAWN]
+        lines = [line for line in table.lines if math.isfinite(line.standing.score.low)][:_MOST_DRAWN]
         if len(lines) < _FEWEST_DRAWN:
             continue
         figure = new_figure(9.0, 0.9 + 0.24 * len(lines))
         axes = figure.add_subplot()
-        for place, one in enumerate(lines):
-            score, colour = one.standing.score, _GREY if one.entry.frozen else _BLUE
+        for place, line in enumerate(lines):
+            score, colour = line.standing.score, _GREY if line.entry.frozen else _BLUE
             axes.plot([score.low, score.high], [place, place], color=colour, linewidth=2.0)
             axes.plot(score.mean, place, "o", color=colour, markersize=5.0)
-        axes.set_yticks(range(len(lines)), [_label(one) for one in lines], fontsize=8)
+        axes.set_yticks(range(len(lines)), [_label(line) for line in lines], fontsize=8)
         axes.set_ylim(len(lines) - 0.5, -0.5)
         axes.set_xlabel("score over the run, 0 is perfect, with its interval of 95 %", fontsize=8)
         axes.tick_params(axis="x", labelsize=8)
@@ -83,7 +83,7 @@ def _label(line: Line) -> str:
 
 
 def title_of(table: BoardTable) -> str:
-    """Return what a table is about."""
+    """Return the scenario and environments of a table, as its title."""
     return f"{table.scenario}, {table.environments}"
 
 
@@ -93,24 +93,24 @@ def _flown_by(table: BoardTable) -> str:
 
 
 def board_table(table: BoardTable) -> Table:
-    """Return the methods of a table in texts, the best first."""
+    """Return the methods of a board table as texts, best first."""
     header = (*_NAMED, "run", "95 %", "end", "95 %", "failed", "bad", "flown again")
     rows = tuple(
         (
-            *_named(one),
-            *_interval(one.standing.score),
-            *_interval(one.standing.final_score),
-            str(one.standing.failed),
-            _bad(one.standing),
-            _again(one),
+            *_named(line),
+            *_interval(line.standing.score),
+            *_interval(line.standing.final_score),
+            str(line.standing.failed),
+            _bad(line.standing),
+            _again(line),
         )
-        for one in table.lines
+        for line in table.lines
     )
     return Table("Scores", header, rows, texts=len(_NAMED))
 
 
 def difference_table(table: BoardTable) -> Table:
-    """Return by how much the methods of a table differ from its best frozen baseline, if it has one."""
+    """Return the differences of a table's methods from its best frozen baseline; no rows without one."""
     rows = tuple(
         (
             *_named(line),
@@ -142,18 +142,18 @@ def _again(line: Line) -> str:
 
 
 def short_table(table: BoardTable) -> Table:
-    """Return what of a table fits into a terminal."""
+    """Return the columns of a board table that fit a terminal."""
     rows = tuple(
         (
-            *_named(one),
-            *_interval(one.standing.score),
-            _interval(one.standing.final_score)[0],
-            "-" if one.against is None else _interval(one.against.score, "+")[0],
-            "-" if one.against is None else verdict(one.against.score),
-            str(one.standing.failed),
-            _again(one),
+            *_named(line),
+            *_interval(line.standing.score),
+            _interval(line.standing.final_score)[0],
+            "-" if line.against is None else _interval(line.against.score, "+")[0],
+            "-" if line.against is None else verdict(line.against.score),
+            str(line.standing.failed),
+            _again(line),
         )
-        for one in table.lines
+        for line in table.lines
     )
     header = (*_NAMED, "run", "95 %", "end", "difference", "verdict", "failed", "flown again")
     return Table(title_of(table), header, rows, texts=len(_NAMED))
@@ -186,7 +186,7 @@ def _submissions(entries: Sequence[Entry]) -> Table:
 
 
 def board_values(board: Board) -> dict[str, Any]:
-    """Return the board in plain values, for JSON."""
+    """Return the board as JSON values."""
     return {
         "tables": [
             {

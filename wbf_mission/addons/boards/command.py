@@ -1,6 +1,6 @@
 """``wbf-mission bench submit``, ``board``, ``verify`` and ``seal``: results that others can check.
 
-They stand in the group of `wbf_mission.cli.bench`.
+All four are commands of the group ``bench``.
 """
 
 from __future__ import annotations
@@ -52,13 +52,13 @@ wbf-mission bench run --sealed round.secret --scenarios WBF/Miniberry-30-v1 --ou
 _CHECKED = "What is checked"
 _SHOWN = 5
 
-_VERIFY = "Fly so many rows of each method again and compare them; 0: none."
+_VERIFY = "Number of rows of each method to fly again and compare; 0: none."
 _rows = options.whole_number_in(0, 10_000_000)
 SealFile = Annotated[
     Path | None, option("The seal of a round that has ended; with --secret.", panel=_CHECKED)
 ]
 SecretFile = Annotated[
-    Path | None, option("Its secret: says whether the environments are those of the round.", panel=_CHECKED)
+    Path | None, option("The secret of that round: identifies its environments.", panel=_CHECKED)
 ]
 
 
@@ -76,9 +76,9 @@ def submit_command(
     output: Output,
     folder: Annotated[Path, typer.Argument(help="Folder of the results.")],
     *,
-    name: Annotated[str, option("What it is called on boards.")],
-    by: Annotated[str, option("Who you are.")],
-    about: Annotated[str, option("A few words on it.")] = "",
+    name: Annotated[str, option("Title of the submission on boards.")],
+    by: Annotated[str, option("Author of the submission.")],
+    about: Annotated[str, option("Short description.")] = "",
     code: Annotated[
         list[Path] | None, option("A file or folder of your own code to be packed; several times.")
     ] = None,
@@ -92,8 +92,8 @@ def submit_command(
 ) -> int:
     """Check the results of a benchmark, and pack them into one file that others can check.
 
-    All scenarios must be of the catalogue, all rows of the same behaviour numbers, no seed missing. Runs that
-    failed are allowed, and told.
+    All scenarios must be in the catalogue, all rows must have the same behaviour numbers, and no seed may be
+    missing. Failed runs are allowed, and reported.
     """
     from wbf_mission.addons.boards.audit import require_asked, require_whole
     from wbf_mission.addons.boards.submission import (
@@ -182,9 +182,9 @@ def _warn_of(output: Output, rows: Sequence[BenchRow], found: Verification) -> N
 
 
 def _own(code: Sequence[Path], rows: Sequence[BenchRow]) -> dict[str, Choice]:
-    """Return the own planners, policies and estimators of rows, by their digests.
+    """Return the submitted planners, policies and estimators of rows, by digest.
 
-    ResultError if the files and folders do not hold each as it flew.
+    Raises ResultError unless the files and folders have every one of them unchanged.
     """
     from wbf_mission.addons.boards.apart import held_by
     from wbf_mission.results.storage import ResultError
@@ -230,16 +230,15 @@ def board_command(
 ) -> int:
     """Make a leaderboard of submissions and frozen baselines.
 
-    Methods stand in one table where they were flown with the same behaviour numbers on the same environments.
-    What a file cannot prove is refused in a line, and the others go on; the exit code is 1 then. Code in a
-    pack is never run.
+    A table has the methods flown with the same behaviour numbers on the same environments. A file that fails
+    a check is left out with a warning; the exit code is then 1. Code in a pack is never run.
     """
     from wbf_mission.addons.boards.board import board_of, packs_of
     from wbf_mission.addons.boards.board_page import board_values, short_table
 
     opened = _secret(seal, secret)
     if out is not None:
-        bench_page()  # None to write: an error before anything is flown
+        bench_page()  # Fails before the flights if no page can be written
     with output.progress() as progress:
         board = board_of(packs_of(packs), verify=verify, secret=opened, progress=progress)
     if not board.entries:
@@ -288,17 +287,17 @@ def _write(output: Output, board: Board, out: Path) -> None:
 def seal_command(
     output: Output,
     *,
-    out: Annotated[Path, option("Beginning of the names of the two files.")],
+    out: Annotated[Path, option("First part of the names of the two files.")],
     environments: Annotated[
-        int, option("How many environments the round has.", parser=options.whole_number_in(1, 10_000))
+        int, option("Number of environments of the round.", parser=options.whole_number_in(1, 10_000))
     ] = 40,
     scenarios: Annotated[
         str | None, option("Ids of the round's scenarios, separated by commas.  [default: any]")
     ] = None,
 ) -> int:
-    """Draw the secret of a round of held-out environments, and its seal, which is to be published now.
+    """Draw the secret of a round of held-out environments, and its seal, to be published at once.
 
-    NAME.secret, which only you may read, is for 'bench run --sealed', and is published when the round ends.
+    NAME.secret, readable only by you, is for 'bench run --sealed', and is published when the round ends.
     """
     from wbf_mission.bench.sealed import new_secret, write_round
 
@@ -323,15 +322,15 @@ def verify_command(
     *,
     environments: Annotated[
         int,
-        option("How many fresh environments of each scenario.", parser=options.whole_number_in(2, 10_000)),
+        option("Number of fresh environments of each scenario.", parser=options.whole_number_in(2, 10_000)),
     ] = 20,
 ) -> int:
-    """Fly the own code of a submission on fresh environments, and compare its scores with those it has.
+    """Fly the own code of a submission on fresh environments, and compare with the submitted scores.
 
-    The seeds are drawn from the system's randomness, and told when all was flown. The code runs in a process
-    of its own that has neither the run nor its files: read it before, and see to it that it can do no harm
-    (a container without network). The exit code is 1 if a method is worse than its rows, or was not flown, 2
-    if none was.
+    The seeds are drawn from the system's randomness, and printed after the last flight. The code runs in a
+    process of its own that has neither the run nor its files. Read the code first, and make sure that it can
+    do no harm (a container without network). The exit code is 1 if a method is worse than its rows or was not
+    flown, 2 if no method was flown.
     """
     import tempfile
 
@@ -355,17 +354,17 @@ def verify_command(
             raise ResultError(f"cannot be flown: {'; '.join(told[:_SHOWN])}")
     except ResultError as error:
         raise ResultError(f"{pack}: {error}") from None
-    values = [msgspec.to_builtins(one) | {"verdict": one.verdict} for one in found.gaps]
+    values = [msgspec.to_builtins(gap) | {"verdict": gap.verdict} for gap in found.gaps]
     table = [
         [
-            ", ".join(one.method),
-            score_text(float(np.mean(one.open_scores))),
-            score_text(float(np.mean(one.fresh_scores)))
-            + (f", {len(one.failed)} failed" if one.failed else ""),
-            *bench_output.difference(one.gap),
-            one.verdict,
+            ", ".join(gap.method),
+            score_text(float(np.mean(gap.open_scores))),
+            score_text(float(np.mean(gap.fresh_scores)))
+            + (f", {len(gap.failed)} failed" if gap.failed else ""),
+            *bench_output.difference(gap.gap),
+            gap.verdict,
         ]
-        for one in found.gaps
+        for gap in found.gaps
     ]
     header = ["scenario, planner, estimator", "open", "fresh", "gap", "95 %", "verdict"]
     title = f"{pack}: scores on open environments and on {environments} fresh ones"
@@ -376,12 +375,12 @@ def verify_command(
         output.table(None, header, table, title=title)
     for scenario, seeds in found.seeds.items():
         output.note(f"{scenario}: the seeds were {','.join(map(str, seeds))}")
-    for one in found.gaps:
-        for why in dict.fromkeys(one.failed):
-            output.warn(f"{', '.join(one.method)}: {why}")
+    for gap in found.gaps:
+        for why in dict.fromkeys(gap.failed):
+            output.warn(f"{', '.join(gap.method)}: {why}")
     for method, why in found.left_out:
         output.warn(f"{', '.join(method)}: not flown: {why}")
-    worse = any(one.gap.high < 0.0 for one in found.gaps)
+    worse = any(gap.gap.high < 0.0 for gap in found.gaps)
     return ExitCode.NOT_GOOD if worse or found.left_out else ExitCode.GOOD
 
 

@@ -1,4 +1,4 @@
-"""Own code of a submission on environments that nobody can know: their seeds are drawn when it is flown."""
+"""Flights of submitted code on fresh environments: the seeds are drawn at the time of flight."""
 
 from __future__ import annotations
 
@@ -32,20 +32,20 @@ _CHANCE = 0.05
 
 @dataclass(frozen=True, slots=True)
 class Gap:
-    """How a method did on open environments, as its rows say, and on fresh ones."""
+    """Scores of a method on open environments, from its rows, and on fresh environments."""
 
     method: Method
     open_scores: tuple[float, ...]
     fresh_scores: tuple[float, ...]
-    """A run that failed counts as the worst score of its method, open or fresh."""
+    """A failed run counts as the worst score of its method, open or fresh."""
     failed: tuple[str, ...]
-    """The causes of fresh runs that failed."""
+    """Causes of failed fresh runs."""
     gap: Interval
-    """Mean of the fresh scores less that of the open ones: Welch's interval, 95 % for all together."""
+    """Mean fresh score minus mean open score, with Welch's interval, 95 % for all methods together."""
 
     @property
     def verdict(self) -> str:
-        """What that tells."""
+        """Meaning of the gap, in words."""
         if self.gap.high < 0.0:
             return "worse where nobody knows the environments"
         return "no difference can be told"
@@ -53,7 +53,7 @@ class Gap:
 
 @dataclass(frozen=True, slots=True)
 class Fresh:
-    """What came of it: the gaps, the seeds, which were secret until now, and why methods were not flown."""
+    """Results of `fly_fresh`: gaps, the drawn seeds, and the methods not flown with the reasons."""
 
     gaps: tuple[Gap, ...]
     seeds: dict[str, tuple[int, ...]]
@@ -63,9 +63,9 @@ class Fresh:
 def fly_fresh(
     rows: Sequence[BenchRow], folder: Path, environments: int, *, progress: Progress = silent
 ) -> Fresh:
-    """Fly the methods of own code in a folder on fresh environments, each in a process of its own.
+    """Fly the submitted methods of a folder on fresh environments, each in a process of its own.
 
-    The seeds of a scenario come from the system's randomness, and are the same for all of its methods.
+    The seeds of a scenario come from the system's randomness, and are the same for all its methods.
     """
     methods: dict[Method, list[BenchRow]] = {}
     for row in rows:
@@ -95,7 +95,7 @@ def fly_fresh(
 
 
 def _flown(row: BenchRow, folder: Path, seeds: Sequence[int]) -> Iterator[BenchRow]:
-    """Yield the rows of the method of a row on seeds."""
+    """Fly the method of `row` on `seeds`, and yield the new rows."""
     with ExitStack() as stack:
         given: dict[str, Any] = {}
         for kind in ("planner", "estimator"):
@@ -121,12 +121,12 @@ def _apart(folder: Path, kind: str, label: str, digest: str) -> Apart:
 
 
 def _row_of(run: BenchRun) -> BenchRow:
-    """Fly a run without the caches in which environments lie."""
+    """Fly a run without the caches, which contain environments."""
     try:
         return flown(run, use_cache=False)[0]
     except WbfMissionError as error:
         return failed_row(run, str(error))
-    except Exception as error:  # of own code
+    except Exception as error:  # Raised by submitted code
         return failed_row(run, told_error(error))
 
 
@@ -141,13 +141,13 @@ def _gap(method: Method, own: Sequence[BenchRow], fresh: Sequence[BenchRow], met
 
 
 def _welch(old: Sequence[float], new: Sequence[float], methods: int) -> Interval:
-    """Return the difference of two means, new less old, with Welch's interval."""
+    """Return the difference of two means, `new` minus `old`, with Welch's interval."""
     mean = float(np.mean(new) - np.mean(old))
     if min(len(old), len(new)) < 2:
         return Interval(mean, np.nan, np.nan)
     parts = [float(np.var(each, ddof=1)) / len(each) for each in (old, new)]
-    if (error := sum(parts)) == 0.0:  # as where all failed
+    if (error := sum(parts)) == 0.0:  # For example if all runs failed
         return Interval(mean, mean, mean)
-    freedom = error**2 / sum(one**2 / (len(each) - 1) for one, each in zip(parts, (old, new), strict=True))
+    freedom = error**2 / sum(part**2 / (len(each) - 1) for part, each in zip(parts, (old, new), strict=True))
     reach = float(stats.t.ppf(1.0 - _CHANCE / methods / 2.0, freedom)) * error**0.5
     return Interval(mean, mean - reach, mean + reach)

@@ -1,4 +1,4 @@
-"""The frozen baselines that come with this version: the SHA-256 of each pack."""
+"""Frozen baselines of this version: the SHA-256 of each pack."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ TABLE = Path(__file__).with_name("frozen.json")
 
 @functools.cache
 def frozen_sums() -> Mapping[str, str]:
-    """Return the SHA-256 of each frozen pack by its folder and name, such as ``0.1.0/own.zip``."""
+    """Return the SHA-256 of each frozen pack by folder and name, such as ``0.1.0/own.zip``."""
     return msgspec.json.decode(TABLE.read_bytes(), type=dict[str, str])
 
 
 def is_frozen(path: Path, digest: str) -> bool:
     """Return whether a file is a frozen pack of this version, by its SHA-256.
 
-    ResultError if it only has the name of one.
+    Raises ResultError for a file with the name of a frozen pack but another SHA-256.
     """
     name = _name(path)
     if frozen_sums().get(name, digest) != digest:
@@ -32,7 +32,7 @@ def is_frozen(path: Path, digest: str) -> bool:
 
 
 def sums_of(packs: Iterable[Path]) -> dict[str, str]:
-    """Return the table of packs, for `TABLE`; ResultError if one cannot be read."""
+    """Return the contents of `TABLE` for some packs; ResultError if a pack cannot be read."""
     return {_name(path): read_pack(path).digest for path in sorted(packs)}
 
 

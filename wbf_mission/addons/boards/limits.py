@@ -1,4 +1,4 @@
-"""What a run of a scenario can give at all: rows beyond that were made up."""
+"""Upper limits of a scenario's results: rows beyond these were made up."""
 
 from __future__ import annotations
 
@@ -20,17 +20,17 @@ from sensors.scoring.score import ScoreWeights
 from wbf_mission.bench.rows import BenchRow
 from wbf_mission.planning.budget import PAPER_STEPS_PER_CELL, make_budget
 from wbf_mission.planning.fleet import vehicles_of
-from wbf_mission.planning.plan import farm_of
 from wbf_mission.run.estimation import readings_a_score
 from wbf_mission.run.record import MOST_BAD
+from wbf_mission.run.resolve import farm_of
 from wbf_mission.scenario import Scenario, load_scenario
 from wbf_mission.scenario.parts import UNLIMITED
 
-# What flights take beyond what was predicted: in wind, in gusts, for arming and landing.
+# Real flights exceed the prediction because of wind, gusts, arming and landing.
 _SLACK, _SLACK_S, _SLACK_M = 1.5, 60.0, 30.0
-# Of vehicles that wait, turn and pass places twice, how many readings a metre gives is known no better.
+# Vehicles that wait, turn or revisit a place give more readings per metre than predicted.
 _READINGS, _SLACK_READINGS = 3.0, 50
-# Estimates go from 0 to 1, some estimators extrapolate: no error is larger than this.
+# Estimates go from 0 to 1, but some estimators extrapolate: no error exceeds this.
 _WIDEST_ERROR = 5.0
 _NUMBERS = (
     "observations",
@@ -48,30 +48,30 @@ _NEEDED = ("observations", "cells_observed", "path_length_m", "flight_time_s", "
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """Upper limits of a run of the scenario, summed over its flights unless noted."""
+    """Upper limits of one run of a scenario, summed over its flights unless noted."""
 
     scenario: Scenario
     farm: Farm
     flights: int
     budgets: frozenset[str]
-    """Of a flight, as rows have it: that of a planner and that of a policy."""
+    """Budget texts of one flight, as in rows: for a planner and for a policy."""
     flight_s: float
-    """Which the budget of a flight pays for."""
+    """Flight time that the budget allows, per flight."""
     flight_m: float
-    """The same, of a vehicle."""
+    """Path length that the budget allows, per flight and vehicle."""
     speed_m_s: float
-    """Of all vehicles together."""
+    """Sum of the top speeds of all vehicles, and wind."""
     readings_s: float
-    """How many cells the paper's robots see in a second; 0: other vehicles."""
+    """Cells per second seen by the paper's robots; 0 for other vehicles."""
     readings_m: float
-    """How many cells a camera sees along a metre."""
+    """Cells that a camera sees per metre of path."""
     cells: int
     scored: dict[str, int]
-    """How many cells each field has that are scored."""
+    """Number of scored cells of each field."""
     losses: dict[str, float]
-    """The greatest loss of each field."""
+    """Largest possible loss of each field."""
     parts: NDArray[np.float64]
-    """How much each field counts in the loss of all: its weight times its cells, in parts of all."""
+    """Share of each field in the total loss: weight times number of cells, normalised."""
 
     @classmethod
     @functools.cache
@@ -80,9 +80,9 @@ class Limits:
         scenario = load_scenario(name)
         farm, fields = farm_of(scenario.farm)
         vehicles = vehicles_of(scenario, farm, seed=0, first_day=scenario.farm.day)
-        builders = [one.task.builder for one in vehicles]
+        builders = [vehicle.task.builder for vehicle in vehicles]
         first, camera, text = builders[0], scenario.camera, scenario.mission.budget
-        ideal = all(one.vehicle.is_ideal for one in builders)
+        ideal = all(builder.vehicle.is_ideal for builder in builders)
         value, unit = math.inf, ""
         if text is None and ideal:
             value, unit = float(round(PAPER_STEPS_PER_CELL * farm.owner_cells)), "steps"
@@ -102,7 +102,7 @@ class Limits:
             flight_m=value * (farm.cell_size_m if unit == "steps" else 1.0)
             if unit in ("m", "steps")
             else math.inf,
-            speed_m_s=sum(one.vehicle.top_speed_m_s for one in builders)
+            speed_m_s=sum(builder.vehicle.top_speed_m_s for builder in builders)
             + len(builders) * scenario.weather.wind_speed_m_s,
             readings_s=len(builders) * seen / first.vehicle.step_s if ideal else 0.0,
             readings_m=seen / (camera.spacing_m or farm.cell_size_m * camera.footprint),
@@ -115,9 +115,9 @@ class Limits:
         )
 
     def fewest_scored(self, row: BenchRow) -> int:
-        """Return at how many times a run with the readings of a row is scored at least."""
+        """Return the minimum number of scored times for the readings of a row."""
         readings, flown_s = row.observations or 0, (row.flight_time_s or 0.0) / self.flights
-        # How many readings a flight was expected to give decides after how many it is scored.
+        # The score is computed every few readings, by the expected number of readings of a flight.
         if self.readings_s:
             expected = self.flight_s * self.readings_s
         else:
@@ -126,14 +126,14 @@ class Limits:
         if not math.isfinite(expected):
             return 1
         points, ideal = self.scenario.score.points, self.readings_s > 0.0
-        # Without an estimator: those that are scored more often on a large farm keep this, too.
+        # Estimators that are scored more often on a large farm exceed this minimum, too.
         any_one = cast("Estimator", None)
         every = readings_a_score(points, self.farm, any_one, self.flights, expected, ideal=ideal)
         return max(1, math.floor(0.9 * readings / every))
 
 
 def impossible(row: BenchRow, limits: Limits) -> str:
-    """Return what of a row no run of its scenario can give; empty if nothing is found."""
+    """Return the first value of a row that no run of its scenario can have; empty if there is none."""
     return next(_impossible(row, limits), "")
 
 
@@ -166,12 +166,12 @@ def _impossible(row: BenchRow, limits: Limits) -> Iterator[str]:
 
 
 def _beyond(row: BenchRow, limits: Limits) -> Iterator[str]:
-    """Yield what is more than the flights of a scenario can give, of a row that has all."""
+    """Yield the values of a complete row that exceed its scenario's limits."""
     readings, cells = row.observations or 0, row.cells_observed or 0
     length_m, flown_s, flights = row.path_length_m or 0.0, row.flight_time_s or 0.0, limits.flights
     if row.budget not in limits.budgets:
         yield f"its budget is {row.budget}, that of the scenario {' or '.join(sorted(limits.budgets))}"
-    # The paper's robot takes a step after its last reading, too.
+    # The paper's robot takes one step after its last reading.
     ideal = limits.readings_s > 0.0
     most_s = limits.flight_s + 1.0 if ideal else _SLACK * limits.flight_s + _SLACK_S
     if flown_s > flights * most_s:
@@ -189,9 +189,9 @@ def _beyond(row: BenchRow, limits: Limits) -> Iterator[str]:
 
 
 def _odd_history(row: BenchRow, limits: Limits) -> Iterator[str]:
-    """Yield what no history of scored times can be, of a row that has all."""
+    """Yield contradictions in the history of scored times of a complete row."""
     last_s = (row.flight_time_s or 0.0) * _SLACK + limits.flights * _SLACK_S
-    # Of others than the paper's robot images arrive late: not all scored times are in order.
+    # Images of other vehicles arrive late, so their scored times may be out of order.
     ordered = row.times_s if limits.readings_s else sorted(row.times_s)
     if any(later < sooner for sooner, later in pairwise((0.0, *ordered, last_s))):
         yield "its scored times do not go on from 0 to the end of its flights"

@@ -1,4 +1,4 @@
-"""A run of a benchmark that is flown again from its row, and compared with it to the bit."""
+"""Replay of a benchmark run: fly the run of a row again and compare the rows to the bit."""
 
 from __future__ import annotations
 
@@ -49,19 +49,19 @@ _CODES = {
 
 @dataclass(frozen=True, slots=True)
 class Replay:
-    """A run that was flown again."""
+    """A repeated run, compared with its stored row."""
 
     row: BenchRow
-    """As it was kept."""
+    """Stored row."""
     again: BenchRow
-    """As it is now."""
+    """Row of the repeated run."""
     result: Result
     acquisitions: tuple[AcquisitionMap | None, ...]
-    """What each of its decisions was made by, where that is a map; of a large farm in larger blocks."""
+    """Acquisition map of each decision, if any; pooled to larger blocks on large farms."""
     differences: tuple[str, ...]
-    """In which values they differ."""
+    """Values that differ between the two rows."""
     causes: tuple[str, ...]
-    """In what else they differ, which can be why."""
+    """Possible causes of the differences, such as other versions."""
 
     @property
     def equal(self) -> bool:
@@ -70,19 +70,19 @@ class Replay:
 
     @property
     def verdict(self) -> str:
-        """What the comparison says, in a line."""
+        """Result of the comparison, in one line."""
         points = len(self.row.scores)
         if self.equal:
-            told = f"equal to the bit: score, final score and history ({points} scored times)"
-            return f"{told}, though there is {' and '.join(self.causes)}" if self.causes else told
+            text = f"equal to the bit: score, final score and history ({points} scored times)"
+            return f"{text}, though there is {' and '.join(self.causes)}" if self.causes else text
         why = " and ".join(self.causes) or "nothing that is known: the same code, versions, scenario and seed"
         return f"differs in {'; '.join(self.differences)}. Why: {why}"
 
 
 def row_named(rows: Sequence[BenchRow], key: str, folder: Path) -> BenchRow:
-    """Return the row whose key begins so.
+    """Return the only row with a key that begins with `key`.
 
-    ResultError if there is none, or there are several.
+    ResultError if no row or several rows match.
     """
     found = [row for row in rows if row.key.startswith(key.lower())]
     if len(found) == 1:
@@ -97,17 +97,17 @@ def row_named(rows: Sequence[BenchRow], key: str, folder: Path) -> BenchRow:
 
 
 def run_of(row: BenchRow, *, planner: Choice | None = None, estimator: Choice | None = None) -> BenchRun:
-    """Return the run that a row is of.
+    """Return the run of a row.
 
     Parameters
     ----------
     planner, estimator : Choice, optional
-        The user's own, of which a row has only the name.
+        Planner and estimator of the user, if the row's are objects; the row stores only their names.
 
     Raises
     ------
     ScenarioError
-        If its scenario is not there, or an object is missing or another one.
+        If the row's scenario is unknown, or an object is missing or has another name.
     """
     movers = (*names_of("planner"), *names_of("policy"))
     given = {
@@ -119,7 +119,7 @@ def run_of(row: BenchRow, *, planner: Choice | None = None, estimator: Choice | 
 
 
 def _given(row: BenchRow, what: str, own: Choice | None, known: Sequence[str]) -> Any:
-    """Return the planner or estimator of a row: its name with parameters, or the user's own of this name."""
+    """Return the planner or estimator of a row: a name with parameters, or the user's object `own`."""
     name = getattr(row, what)
     if own is not None:
         if str(own) != name:
@@ -132,19 +132,19 @@ def _given(row: BenchRow, what: str, own: Choice | None, known: Sequence[str]) -
 
 
 def replay(row: BenchRow, run: BenchRun, *, events: EventStream, tlog: Path | None = None) -> Replay:
-    """Fly a run again, and compare it with its row.
+    """Fly a run again and compare it with its row.
 
     Parameters
     ----------
     events : EventStream
-        Takes what happens.
+        Stream for the events of the run.
     tlog : Path, optional
-        Write every MAVLink frame there.
+        File for all MAVLink frames of the run.
 
     Raises
     ------
     WbfMissionError
-        If it cannot be flown: it failed then, too, if the row has an error.
+        If the run fails.
     KeyboardInterrupt
         At Ctrl-C.
     """
@@ -155,12 +155,12 @@ def replay(row: BenchRow, run: BenchRun, *, events: EventStream, tlog: Path | No
 
     events.listen(keep, Decided)
     again, result = flown(run, events=events, by=Simulated(tlog=tlog))
-    acquisitions = tuple(maps.get(id(one)) for one in result.decisions)
+    acquisitions = tuple(maps.get(id(decision)) for decision in result.decisions)
     return Replay(row, again, result, acquisitions, tuple(differences(row, again)), tuple(causes(row, again)))
 
 
 def _pooled(acquisition: AcquisitionMap) -> AcquisitionMap:
-    """Return a map of fewer blocks, each worth as much as the best in it: a run makes many."""
+    """Return a map of larger blocks, each with its greatest value: a run makes many maps."""
     values = acquisition.values
     blocks = -(-max(values.shape) // _MOST_BLOCKS)
     if blocks == 1:
@@ -171,23 +171,23 @@ def _pooled(acquisition: AcquisitionMap) -> AcquisitionMap:
 
 
 def differences(row: BenchRow, again: BenchRow, near: float = 0.0) -> Iterator[str]:
-    """Yield in which values that the run decides two rows differ, in words.
+    """Yield the values that differ between two rows, in words; costs are not compared.
 
-    They are compared to the bit, or within `near` where they are no whole numbers: relatively, and near 0
-    absolutely.
+    Values are compared to the bit. With `near` above 0, floats may differ by this relative or absolute
+    tolerance.
     """
     for name in _VALUES:
         old, new = getattr(row, name), getattr(again, name)
         if old != new and not (isinstance(old, float) and isinstance(new, float) and _near(old, new, near)):
             yield f"{name} ({old!r} then, {new!r} now)"
-    # How long an answer takes is the machine's.
-    then, now = ({**each.bad_answers, TOO_LATE: 0} for each in (row, again))
+    # The time that an answer takes depends on the machine.
+    then, now = ({**flown.bad_answers, TOO_LATE: 0} for flown in (row, again))
     if then != now:
         yield f"bad_answers ({row.bad_answers} then, {again.bad_answers} now)"
     losses, others = row.losses, again.losses
     if losses != others and (
         losses.keys() != others.keys()
-        or not all(_near(one, others[name], near) for name, one in losses.items())
+        or not all(_near(loss, others[name], near) for name, loss in losses.items())
     ):
         yield "losses"
     pairs = [(name, getattr(row, name), getattr(again, name)) for name in _LISTS]
@@ -196,29 +196,29 @@ def differences(row: BenchRow, again: BenchRow, near: float = 0.0) -> Iterator[s
     for name, old, new in pairs:
         if old is None or new is None:
             yield name
-        # Bytes: what is no number is equal to itself, and 0.0 is not -0.0.
+        # Bytes are compared, so nan equals nan, and 0.0 differs from -0.0.
         elif old.tobytes() != new.tobytes() and not _near(old, new, near):
             yield f"{name} ({_where(old, new)})"
 
 
 def _near(old: float | Sequence[float], new: float | Sequence[float], near: float) -> bool:
-    """Return whether numbers, or lists of as many, differ by no more than this; within 0 none do."""
+    """Return whether numbers, or lists of equal length, agree within `near`; False if `near` is 0."""
     same_size = np.shape(old) == np.shape(new)
     return near > 0.0 and same_size and np.allclose(old, new, rtol=near, atol=near, equal_nan=True)
 
 
 def _where(old: Sequence[float], new: Sequence[float]) -> str:
-    """Tell from where on two histories differ, and by how much."""
+    """Return where two histories begin to differ, and by how much, in words."""
     if len(old) != len(new):
         return f"{len(old)} values then, {len(new)} now"
-    apart = [k for k, (one, two) in enumerate(zip(old, new, strict=True)) if one != two]
+    apart = [k for k, (then, now) in enumerate(zip(old, new, strict=True)) if then != now]
     most = max((abs(old[k] - new[k]) for k in apart), default=0.0)
     first = apart[0] + 1 if apart else 1
     return f"{len(apart)} of {len(old)} values from the {first}. on, by at most {most:.3g}"
 
 
 def causes(row: BenchRow, again: BenchRow) -> Iterator[str]:
-    """Yield in what else two rows differ, which can be why their values do, in words."""
+    """Yield possible causes of differences between two rows, such as other versions, in words."""
     if not row.codes:
         yield "no behaviour numbers in the row"
     else:
@@ -229,6 +229,6 @@ def causes(row: BenchRow, again: BenchRow) -> Iterator[str]:
         old, new = row.versions.get(name, "unknown"), again.versions.get(name, "unknown")
         if old != new:
             yield f"another {name} ({old} then, {new} now)"
-    old, new = (one.hardware.get(KERNELS, "") for one in (row, again))
+    old, new = (flown.hardware.get(KERNELS, "") for flown in (row, again))
     if old and new and old != new:
         yield f"other kernels of linear algebra ({old} then, {new} now)"

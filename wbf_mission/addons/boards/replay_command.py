@@ -63,8 +63,8 @@ def replay_command(
     from wbf_mission.bench.rows import read_rows
     from wbf_mission.results.storage import ResultError
 
-    wanted = list(dict.fromkeys(one.strip().lower() for one in formats.split(",") if one.strip()))
-    wrong = next((one for one in wanted if one not in _FORMATS), None)
+    wanted = list(dict.fromkeys(word.strip().lower() for word in formats.split(",") if word.strip()))
+    wrong = next((name for name in wanted if name not in _FORMATS), None)
     if wrong is not None or not wanted:
         named = f"{wrong!r} is unknown" if wrong is not None else "nothing is named"
         raise TargetError(f"--format: {named}; known are {', '.join(_FORMATS)}")
@@ -81,7 +81,7 @@ def replay_command(
 
 
 def _own(text: str | None, what: str) -> Choice | None:
-    """Return what stands in a file of the user's."""
+    """Return the planner, policy or estimator given as FILE.py:NAME; None if nothing is given."""
     from wbf_mission.own_code import own_choice
     from wbf_mission.scenario import ScenarioError
 
@@ -97,15 +97,15 @@ def _list(output: Output, rows: Sequence[BenchRow], folder: Path) -> None:
     """Print the keys of rows, the worst first."""
     from wbf_mission.bench.rows import KEY_DIGITS
 
-    worst = sorted(rows, key=lambda one: -1e9 if one.score is None else one.score)
+    worst = sorted(rows, key=lambda row: -1e9 if row.score is None else row.score)
     columns = ["key", "scenario", "planner", "estimator", "seed", "score", "error"]
-    values = [{name: getattr(one, name) for name in columns} for one in worst]
+    values = [{name: getattr(row, name) for name in columns} for row in worst]
     table = [
         [
-            *(one.key[:KEY_DIGITS], one.scenario, one.planner, one.estimator, str(one.seed)),
-            one.error or ("-" if one.score is None else f"{one.score:.4f}"),
+            *(row.key[:KEY_DIGITS], row.scenario, row.planner, row.estimator, str(row.seed)),
+            row.error or ("-" if row.score is None else f"{row.score:.4f}"),
         ]
-        for one in worst[:_LISTED]
+        for row in worst[:_LISTED]
     ]
     shown = f"the worst {_LISTED} of {len(rows)} rows" if len(rows) > _LISTED else f"{len(rows)} rows"
     output.table(values, ["key", *columns[1:-1]], table, title=f"{folder}: {shown}")
@@ -133,8 +133,8 @@ def _replay(
         events, log = output.events, Path(logs) / "flight.tlog"
         page = page_of(events, len(row.times_s)) if page_of else None
         again = replay(row, run, events=events, tlog=log if page else None)
-        pictures = [out / f"{name}.{one}" for one in formats if one != "html"]
-        decided = sum(one is not None for one in again.acquisitions)
+        pictures = [out / f"{name}.{suffix}" for suffix in formats if suffix != "html"]
+        decided = sum(acquisition is not None for acquisition in again.acquisitions)
         notes = [f"Row {row.key} flown again: {again.verdict}"]
         if again.result.decisions and not decided:
             notes.append(f"{row.planner} chooses by no acquisition map: there is none to be shown")
@@ -147,7 +147,7 @@ def _replay(
             from wbf_mission.addons.boards.decision_plot import plot_decisions
 
             plot_decisions(again.result, again.acquisitions, pictures, title=row.named)
-            files["pictures"] = [str(one) for one in pictures]
+            files["pictures"] = [str(picture) for picture in pictures]
     for note in notes[1:]:
         output.note(f"note: {note}")
     values = {

@@ -1,8 +1,8 @@
-"""A submission: the rows of a benchmark with who flew them and what, in one file.
+"""A submission: benchmark rows, their author and the methods flown, in one file.
 
-The file is a zip of ``submission.json``, ``rows.parquet`` and, under ``code/``, files of own code, for people
-to read: nothing here runs them. Its time stamps are fixed, so equal content gives equal bytes. What
-``submission.json`` tells of the rows follows from them, and is derived again when it is read.
+The file is a zip of ``submission.json``, ``rows.parquet`` and, under ``code/``, source files of the submitted
+methods. The source files are for people to read and are not run here. Time stamps are fixed, so equal content
+gives equal bytes. The summary of the rows in ``submission.json`` is derived again when the file is read.
 """
 
 from __future__ import annotations
@@ -40,16 +40,16 @@ _MAX_NAME, _MAX_ABOUT, _MAX_LABEL = 80, 2000, 400
 
 
 class Flown(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """What was flown in one scenario.
+    """Methods and seeds flown in one scenario.
 
     Attributes
     ----------
     scenario, meaning : str
-        Its id, and the digest of what it means.
+        Id of the scenario, and the digest of its settings.
     methods : list of (str, str)
-        Planners (or policies) with estimators.
+        Planners (or policies) with their estimators.
     seeds : str
-        As `bench run` takes them; the same of all methods.
+        Seeds of every method, in the syntax of `bench run`.
     """
 
     scenario: str
@@ -59,7 +59,7 @@ class Flown(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
 
 
 class Own(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """A planner, policy or estimator that is not built in: its name in the rows, in words, and its digest."""
+    """A planner, policy or estimator that is not built in: name in the rows, description and digest."""
 
     kind: str
     name: str
@@ -68,26 +68,26 @@ class Own(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True)
 
 
 class Submission(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """What ``submission.json`` holds.
+    """Contents of ``submission.json``.
 
     Attributes
     ----------
     name, by, about : str
-        What the submitter calls it, who that is, and a few words.
+        Title of the submission, its author, and a short description.
     made : str
-        When its last row was kept, UTC.
+        Time of the last row, UTC.
     seal : str
-        Of the round whose environments it was flown on, empty without one.
+        Seal of the round whose environments were flown; empty without a round.
     flown : list of Flown
     version, code : str
-        Of wbf-mission, and its behaviour numbers (`wbf_mission.version.behaviour`).
+        Version of wbf-mission, and its behaviour numbers (`wbf_mission.version.behaviour`).
     versions : dict
-        Those of the rows, such as of Python; most rows have one.
+        Versions of Python and the libraries in the rows; usually one each.
     hardware : list of dict
-        The machines.
+        Machines that flew the rows.
     own : list of Own
     files : dict
-        SHA-256 of the other members, by name.
+        SHA-256 of the other files in the zip, by name.
     """
 
     format: int = FORMAT
@@ -107,12 +107,12 @@ class Submission(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
 
 @dataclass(frozen=True, slots=True)
 class Pack:
-    """A submission that was read: what it tells, its rows, its own code and the SHA-256 of its file."""
+    """A submission read from a file: its contents, rows, submitted code and the SHA-256 of the file."""
 
     submission: Submission
     rows: list[BenchRow]
     code: dict[str, bytes]
-    """Files by their names in the pack."""
+    """Submitted files by their names in the pack."""
     digest: str
 
 
@@ -127,14 +127,14 @@ def write_pack(
     seal: str = "",
     code: Mapping[str, bytes] | None = None,
 ) -> Submission:
-    """Write a submission; rows are taken as they are, see `wbf_mission.addons.boards.audit`.
+    """Write a submission without checking its rows; see `wbf_mission.addons.boards.audit`.
 
     Parameters
     ----------
     code : mapping of str to bytes, optional
-        Files of own code by their names below ``code/`` (`code_files`).
+        Submitted files by their names below ``code/`` (`code_files`).
 
-    ResultError if a text is too long or no plain line, or the pack would be larger than one may be.
+    Raises ResultError if a text is too long or no plain line, or the pack would be too large.
     """
     members = {TABLE: table_bytes(rows_table(rows)), **(code or {})}
     files = {member: hashlib.sha256(content).hexdigest() for member, content in members.items()}
@@ -150,13 +150,13 @@ def write_pack(
 
 
 def made_when(folder: Path) -> str:
-    """Return when the last row of a benchmark was kept, so that packing it again gives the same file."""
+    """Return the time of a benchmark's last row, so that packing again gives the same file."""
     last_s = max(one.stat().st_mtime for one in folder.iterdir() if one.suffix in (".parquet", ".jsonl"))
     return datetime.datetime.fromtimestamp(int(last_s), datetime.UTC).isoformat()
 
 
 def _submission(rows: Sequence[BenchRow], **given: Any) -> Submission:
-    """Return what rows of one version and code, and those texts, tell."""
+    """Return the submission of rows of one version and behaviour, with the given texts."""
     keys = dict.fromkeys(key for row in rows for key in row.versions)
     machines = {tuple(sorted(row.hardware.items())) for row in rows if row.hardware}
     own = {
@@ -170,7 +170,7 @@ def _submission(rows: Sequence[BenchRow], **given: Any) -> Submission:
         version=", ".join(sorted({row.versions.get("wbf-mission", "") for row in rows})),
         code=rows[0].codes.get("code", ""),
         versions={key: sorted({row.versions.get(key, "") for row in rows}) for key in sorted(keys)},
-        hardware=[dict(one) for one in sorted(machines)],
+        hardware=[dict(machine) for machine in sorted(machines)],
         own=[Own(kind=k, name=n, words=w, digest=d) for k, n, w, d in sorted(own)],
         **given,
     )
@@ -186,11 +186,11 @@ def _flown(scenario: str, rows: Sequence[BenchRow]) -> Flown:
 
 
 def code_files(paths: Iterable[Path]) -> dict[str, bytes]:
-    """Return files of own code by their names in a pack; of folders all but hidden ones and caches.
+    """Return source files by their names in a pack; folders without hidden files and caches.
 
-    With a file go those beside it that count with it (`files_beside`).
+    A file includes the files beside it that are part of its digest (`files_beside`).
 
-    ResultError if there is none, or one is too large or of a name that is no plain one.
+    Raises ResultError if there is no file, or a file is too large or has an unsafe name.
     """
     found: dict[str, bytes] = {}
     taken: set[Path] = set()
@@ -223,9 +223,9 @@ def code_files(paths: Iterable[Path]) -> dict[str, bytes]:
 
 
 def read_pack(path: Path) -> Pack:
-    """Read a submission without trust in it; its code is neither unpacked nor run.
+    """Read an untrusted submission; its code is neither unpacked nor run.
 
-    ResultError if it is none, is too large, is damaged, or tells something else than its rows.
+    Raises ResultError if the file is no submission, too large, damaged, or contradicts its rows.
     """
     try:
         data = read_file(path, MAX_PACK_BYTES)
@@ -238,7 +238,7 @@ def read_pack(path: Path) -> Pack:
         wrong = min(name for name, _ in told.files.items() ^ digests.items())
         raise ResultError(f"{path}: {wrong} is not what {ABOUT} tells; get the file again")
     try:
-        # A table may hold more than it says.
+        # The size stated in a table may be less than its real size.
         with memory_bounded(_MAX_MEMORY_BYTES):
             rows = list(rows_of(path / TABLE, members[TABLE]))
     except MemoryError:
@@ -257,20 +257,20 @@ def read_pack(path: Path) -> Pack:
 
 
 def unpack_code(pack: Pack, folder: Path) -> None:
-    """Write the own code of a submission into an empty folder, for who wants to run it.
+    """Write the submitted code of a pack into an empty folder.
 
-    ResultError if it has none.
+    Raises ResultError if the pack has no code.
     """
     if not pack.code:
         raise ResultError("holds no code; it is packed by 'bench submit --code FILE|DIR'")
     for name, content in pack.code.items():
-        file = folder.joinpath(*name.split("/")[1:])  # of plain names alone (`_CODE_NAME`)
+        file = folder.joinpath(*name.split("/")[1:])  # Plain names only (`_CODE_NAME`)
         file.parent.mkdir(parents=True, exist_ok=True)
         file.write_bytes(content)
 
 
 def _members(path: Path, data: bytes) -> dict[str, bytes]:
-    """Return the members of an archive, whose names are those that a pack has."""
+    """Return the files of a pack's archive; ResultError for a name that packs do not have."""
     try:
         with Archive(data, _MAX_UNPACKED_BYTES) as archive:
             for name in archive.names:
@@ -310,7 +310,7 @@ class _Format(msgspec.Struct):
 
 
 def require_texts(told: Mapping[str, Any], where: str = "") -> None:
-    """Raise ResultError if one of the texts of a submission is too long, no plain line or no seal."""
+    """Raise ResultError if a text of a submission is too long, no plain line, or no seal."""
     if told.get("seal") and not _SEAL.fullmatch(told["seal"]):
         raise ResultError(f"{where}seal is none of 'bench seal', which has 64 hexadecimal digits")
     limits = {"name": (1, _MAX_NAME), "by": (1, _MAX_NAME), "about": (0, _MAX_ABOUT), "made": (0, 40)}

@@ -1,4 +1,4 @@
-"""Rows of a benchmark that are flown again by who checks them, and how near they come."""
+"""Verification of benchmark rows: some rows are flown again and compared."""
 
 from __future__ import annotations
 
@@ -25,54 +25,54 @@ from wbf_mission.scenario.choice import choose
 from wbf_mission.version import behaviour
 
 VERIFIED = 1
-"""So many rows of each method of a submission are flown again where nobody says how many."""
+"""Default number of rows of each submitted method to fly again."""
 NEAR = 1e-6
-"""Values that differ by less were flown by the same code with other libraries for linear algebra."""
+"""Smaller relative differences come from other linear algebra libraries, not from other code."""
 EQUAL, CLOSE, OTHER, ENDLESS = "equal", f"within {NEAR:g}", "differ", "not ended"
 OTHER_CODE = "flown with other behaviour numbers than this version's"
 _MOST_S = 600.0
 Method = tuple[str, str, str]
-"""A scenario, a planner (or policy) and an estimator."""
+"""Scenario, planner (or policy) and estimator."""
 
 
 @dataclass(frozen=True, slots=True)
 class FlownAgain:
-    """A row that was flown again, and how near it came: `EQUAL`, `CLOSE`, `OTHER`, or `ENDLESS`."""
+    """Comparison of a row with its second flight: `EQUAL`, `CLOSE`, `OTHER`, or `ENDLESS` (timeout)."""
 
     method: Method
     seed: int
     same: str
     why: str = ""
-    """What differs, in words."""
+    """The differences, in words."""
 
 
 @dataclass(frozen=True, slots=True)
 class Verification:
-    """What came of flying some rows of each method again."""
+    """Results of flying some rows of each method again."""
 
     rows: tuple[FlownAgain, ...] = ()
     left_out: tuple[tuple[Method, str], ...] = ()
-    """Methods of which no row was flown, and why."""
+    """Methods without a second flight, and the reasons."""
 
     @property
     def differing(self) -> tuple[FlownAgain, ...]:
-        """The rows that are not the same, or of which that is not known."""
-        return tuple(one for one in self.rows if one.same in (OTHER, ENDLESS))
+        """Rows whose second flight differs or did not end."""
+        return tuple(row for row in self.rows if row.same in (OTHER, ENDLESS))
 
     def of(self, *method: str) -> Verification:
-        """Return the part of one method: scenario, planner, estimator."""
+        """Return the results of one method: scenario, planner, estimator."""
         return Verification(
-            tuple(one for one in self.rows if one.method == method),
+            tuple(row for row in self.rows if row.method == method),
             tuple(one for one in self.left_out if one[0] == method),
         )
 
     def __str__(self) -> str:
-        """Count the rows by how near they came, and the methods that were not flown, in words."""
-        counts = Counter(one.same for one in self.rows)
+        """Return, in words, the number of rows by result, and the methods not flown."""
+        counts = Counter(row.same for row in self.rows)
         told = [f"{counts[same]} {same}" for same in (OTHER, ENDLESS, CLOSE, EQUAL) if counts[same]]
         if self.left_out:
             reasons = ", ".join(dict.fromkeys(why for _, why in self.left_out))
-            flown = len({one.method for one in self.rows})
+            flown = len({row.method for row in self.rows})
             of = f" ({len(self.left_out)} of {flown + len(self.left_out)} methods)" if flown else ""
             told.append(f"not flown again{of}: {reasons}")
         return "; ".join(told) or "not asked"
@@ -86,18 +86,18 @@ def fly_again(
     salt: bytes | None = None,
     progress: Progress = silent,
 ) -> Verification:
-    """Fly some rows of each method that have a score again, and compare them.
+    """Fly some rows of each method again, and compare them; failed rows are left out.
 
-    Which rows is drawn by who checks, so that who made the rows cannot know. Only built-in planners, policies
-    and estimators fly, and those of `own`, by their digests. Without `own` they fly in another process, for
-    ten minutes each at most: a row may name parameters that take for ever.
+    The rows are drawn at random by the checker, so that their author cannot predict them. Only built-in
+    methods fly, and those of `own`, by digest. Without `own`, rows fly in another process with a timeout of
+    ten minutes each, because a row may name parameters that never end.
 
     Parameters
     ----------
     count : int
-        How many rows of each method.
+        Number of rows of each method.
     salt : bytes, optional
-        Draws the rows; by default from the system's randomness.
+        Seed of the draw; by default from the system's randomness.
     """
     if count < 1:
         return Verification()
@@ -127,7 +127,7 @@ def fly_again(
 
 
 def _flown_apart(runs: Iterable[BenchRun]) -> Iterator[BenchRow | None]:
-    """Yield the rows of runs that another process flies; None if one takes too long, or is killed."""
+    """Fly runs in another process and yield their rows; None after a timeout or a crash."""
     waiting = iter(runs)
     while (run := next(waiting, None)) is not None:
         with closing(Processes(1)) as processes:
@@ -158,7 +158,7 @@ def _compared(row: BenchRow, again: BenchRow | None) -> FlownAgain:
 
 
 def _run_of(row: BenchRow, own: Mapping[str, Choice]) -> BenchRun | str:
-    """Return the run of a row; if it cannot be flown here, why."""
+    """Return the run of a row, or the reason why it cannot be flown here."""
     if row.codes.get("code") != behaviour():
         return OTHER_CODE
     given: dict[str, Choice | None] = {}

@@ -1,4 +1,4 @@
-"""The conformance kit: does a MAVLink autopilot do what ground software expects of one."""
+"""Conformance kit: checks whether a MAVLink autopilot does what ground software expects."""
 
 from typing import TYPE_CHECKING
 

@@ -37,14 +37,14 @@ def check_command(
 ) -> None:
     """Check whether a vehicle does what ground software expects of a MAVLink autopilot.
 
-    It never arms unless --fly is given, and puts the vehicle's plans back. Exit code 1: something required
-    does not hold.
+    The vehicle is not armed unless --fly is given, and its plans are restored at the end. Exit code 1: a
+    required check failed.
     """
     from wbf_mission.addons.check import Verdict, all_checks, check_vehicle
 
     if list_checks:
         keys = ("id", "required_of", "text", "suffers")
-        rows = [[getattr(one, key) for key in keys] for one in all_checks()]
+        rows = [[getattr(check, key) for key in keys] for check in all_checks()]
         values = [dict(zip(keys, row, strict=True)) for row in rows]
         headings = ["check", "required of", "what must hold", "otherwise trouble for"]
         output.table(values, headings, rows, title="Checks", left=True)

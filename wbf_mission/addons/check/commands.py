@@ -1,4 +1,4 @@
-"""Checks of the command protocol; none of them arms."""
+"""Checks of the command protocol, none of which arms the vehicle."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from wbf_mission.addons.check.registry import Checks
 
 check = Checks()
 
-_UNKNOWN = 31999  # no MAV_CMD has this number
+_UNKNOWN = 31999  # No MAV_CMD has this number.
 _REFUSED = frozenset({m.MAV_RESULT_UNSUPPORTED, m.MAV_RESULT_DENIED, m.MAV_RESULT_FAILED})
 
 
@@ -35,7 +35,7 @@ def unknown_int(peer: Peer) -> None:
 
 @check("command.ack-address")
 def ack_address(peer: Peer) -> str | None:
-    """COMMAND_ACK is addressed to the sender, or (as in MAVLink 1) to nobody."""
+    """COMMAND_ACK is addressed to the sender or, as in MAVLink 1, is a broadcast."""
     answer = needed(peer.command(_UNKNOWN), "no COMMAND_ACK")
     target = (answer.target_system, answer.target_component)
     if target == (0, 0):
@@ -86,7 +86,7 @@ def foreign_system(peer: Peer) -> None:
 
 
 @check(
-    "command.broadcast", required=False, suffers="scripts that send commands before they know who is there"
+    "command.broadcast", required=False, suffers="scripts that send commands before they know the system id"
 )
 def broadcast(peer: Peer) -> None:
     """A command for system 0, component 0 is answered."""

@@ -1,4 +1,4 @@
-"""Checks that fly: they arm the vehicle, and run only when that is asked for."""
+"""Checks that arm and fly the vehicle; run only with ``fly=True``."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ _ALTITUDE_M = 8.0
 
 
 def _ready_mode(peer: Peer) -> None:
-    """Take a mode in which it arms and takes commands: GUIDED of ArduCopter, hold of PX4."""
+    """Set a mode that allows arming and commands: GUIDED on ArduCopter, hold on PX4."""
     modes = VehicleModes(peer.vehicle.autopilot, peer.vehicle.vehicle_type)
     if modes.arming is not None:
         peer.must(m.MAV_CMD_DO_SET_MODE, *modes.numbers(modes.arming))
 
 
 def _arm(peer: Peer) -> None:
-    """Arm as soon as it is possible."""
+    """Send the arm command until the vehicle is armed; FailedError after `_READY_S`."""
     end_s = peer.now() + _READY_S
     while not peer.armed:
         answer = peer.command(m.MAV_CMD_COMPONENT_ARM_DISARM, 1.0)
@@ -39,7 +39,7 @@ def _arm(peer: Peer) -> None:
 
 
 def _wait(peer: Peer, what: str, seconds: float, done: Callable[[Message], bool]) -> None:
-    """Wait until ``done(message)`` holds; FailedError that says what did not happen."""
+    """Wait until ``done(message)`` holds; after `seconds` raise FailedError with the text `what`."""
     for _, message in peer.heard(seconds):
         if done(message):
             return
@@ -56,7 +56,7 @@ def _is_disarmed(message: Message) -> bool:
 
 @check("fly.takeoff-land", flies=True)
 def takeoff_land(peer: Peer) -> str:
-    """It arms, takes off, lands and disarms by command."""
+    """The vehicle arms, takes off, lands and disarms by command."""
     began_s = peer.now()
     peer.command(m.MAV_CMD_SET_MESSAGE_INTERVAL, float(m.MAVLINK_MSG_ID_GLOBAL_POSITION_INT), 500_000.0)
     _ready_mode(peer)
@@ -75,7 +75,7 @@ def takeoff_land(peer: Peer) -> str:
 
 @check("fly.mission", flies=True)
 def mission(peer: Peer) -> str:
-    """It flies a mission, reports the waypoints reached, returns and disarms."""
+    """The vehicle flies a mission, reports the waypoints reached, returns and disarms."""
     home = peer.home
     items = (
         MissionItem(Command.NAV_TAKEOFF, 3, x=home.latitude_deg, y=home.longitude_deg, z=_ALTITUDE_M),

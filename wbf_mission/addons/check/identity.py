@@ -1,4 +1,4 @@
-"""Checks of who the vehicle says it is, and of what it tells by itself."""
+"""Checks of the vehicle's identity and of its telemetry streams."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _GROUND_TYPES = frozenset({m.MAV_TYPE_GCS, m.MAV_TYPE_CAMERA, m.MAV_TYPE_GIMBAL,
 
 @check("identity.heartbeat")
 def heartbeat(peer: Peer) -> str:
-    """HEARTBEAT comes at least each 1.5 s, as peers give up after 3 s."""
+    """HEARTBEAT comes at least every 1.5 s, as ground stations time out after 3 s."""
     times = [now_s for now_s, _ in peer.collect(m.MAVLink_heartbeat_message, _WATCH_S)]
     if len(times) < 2:
         raise FailedError(f"{len(times)} heartbeats in {_WATCH_S} s")
@@ -33,7 +33,7 @@ def heartbeat(peer: Peer) -> str:
 
 @check("identity.heartbeat-fields")
 def heartbeat_fields(peer: Peer) -> str:
-    """HEARTBEAT: a vehicle type, an autopilot, the custom mode bit, a state."""
+    """HEARTBEAT has a vehicle type, an autopilot, the custom mode bit and a state."""
     message = needed(peer.expect(m.MAVLink_heartbeat_message, 3.0), "no heartbeat")
     if message.type in _GROUND_TYPES or message.type == m.MAV_TYPE_GENERIC:
         raise FailedError(f"type {message.type} is no vehicle")
@@ -59,7 +59,7 @@ def component(peer: Peer) -> None:
 
 @check("identity.mavlink2")
 def mavlink2(peer: Peer) -> None:
-    """It speaks MAVLink 2 to a peer that does."""
+    """The vehicle answers in MAVLink 2 when the ground station sends MAVLink 2."""
     message = needed(peer.expect(m.MAVLink_heartbeat_message, 3.0), "no heartbeat")
     if message.get_msgbuf()[0] != 0xFD:
         raise FailedError("its frames are MAVLink 1")
@@ -73,7 +73,7 @@ def version(peer: Peer) -> str:
     return f"firmware {number >> 24}.{number >> 16 & 255}.{number >> 8 & 255}"
 
 
-@check("identity.version-old", required=False, suffers="older clients; MAVSDK asks so each second time")
+@check("identity.version-old", required=False, suffers="older clients; MAVSDK for every second request")
 def version_old(peer: Peer) -> None:
     """AUTOPILOT_VERSION is sent on REQUEST_AUTOPILOT_CAPABILITIES."""
     peer.forget()
@@ -86,7 +86,7 @@ def version_old(peer: Peer) -> None:
 def capabilities(peer: Peer) -> str:
     """Capabilities: MISSION_INT, MAVLINK2, parameters not encoded in two ways.
 
-    Of the way to encode parameters there may be no word but PARAM_FLOAT (ArduPilot): values are cast then.
+    Parameters are cast when PARAM_FLOAT is the only encoding bit set, as on ArduPilot.
     """
     message = needed(peer.request(m.MAVLink_autopilot_version_message), "no AUTOPILOT_VERSION")
     bits = message.capabilities
@@ -105,7 +105,7 @@ def capabilities(peer: Peer) -> str:
 @check(
     "identity.protocol-version",
     required=False,
-    suffers="clients that begin with MAVLink 1 and change to MAVLink 2 by it",
+    suffers="clients that start with MAVLink 1 and then switch to MAVLink 2",
 )
 def protocol_version(peer: Peer) -> str:
     """PROTOCOL_VERSION is sent on REQUEST_MESSAGE."""
@@ -115,14 +115,14 @@ def protocol_version(peer: Peer) -> str:
 
 @dataclass(frozen=True, slots=True)
 class _Stream:
-    """A message that comes by itself; ``problem`` tells what is wrong with one, None for nothing."""
+    """Check of one telemetry stream. ``problem(message)`` returns the fault of a message, or None."""
 
     kind: type[Message]
     interval_us: float = 500_000.0
     problem: Callable[[Any], str | None] | None = None
 
     def __call__(self, peer: Peer) -> str:
-        """Find it in what comes; some autopilots have to be asked for their streams."""
+        """Look for the message; request the stream if absent, as some autopilots start none by themselves."""
         found, asked = peer.collect(self.kind, 2.5), ""
         if not found:
             peer.command(m.MAV_CMD_SET_MESSAGE_INTERVAL, float(self.kind.id), self.interval_us)
@@ -168,7 +168,7 @@ for _name, _text, _stream in (
     ("gps", "GPS_RAW_INT comes", _Stream(m.MAVLink_gps_raw_int_message)),
     (
         "landed-state",
-        "EXTENDED_SYS_STATE says that it is on the ground",
+        "EXTENDED_SYS_STATE reports a vehicle on the ground",
         _Stream(m.MAVLink_extended_sys_state_message, problem=_landed_problem),
     ),
     (
@@ -211,7 +211,7 @@ def interval(peer: Peer) -> str:
     return f"{rate_hz:.1f} Hz"
 
 
-@check("telemetry.interval-off", required=False, suffers="ground stations that spare a slow radio")
+@check("telemetry.interval-off", required=False, suffers="ground stations on a slow radio")
 def interval_off(peer: Peer) -> None:
     """SET_MESSAGE_INTERVAL with -1 stops a message."""
     kind = m.MAVLink_attitude_message
@@ -223,7 +223,7 @@ def interval_off(peer: Peer) -> None:
         raise FailedError(f"{len(found)} messages in 2 s")
 
 
-@check("telemetry.interval-get", required=False, suffers="scripts that look at a rate before they change it")
+@check("telemetry.interval-get", required=False, suffers="scripts that read a rate before changing it")
 def interval_get(peer: Peer) -> str:
     """GET_MESSAGE_INTERVAL is answered by MESSAGE_INTERVAL."""
     kind = m.MAVLink_message_interval_message
@@ -236,7 +236,7 @@ def interval_get(peer: Peer) -> str:
 
 @check("telemetry.timesync")
 def timesync(peer: Peer) -> None:
-    """TIMESYNC is answered with the vehicle's time and our own."""
+    """TIMESYNC is answered with the vehicle's time and the sender's own."""
     own = 123_456_789_123
     kind = m.MAVLink_timesync_message
     answer = needed(
@@ -250,10 +250,10 @@ def timesync(peer: Peer) -> None:
 @check(
     "telemetry.ping",
     required=False,
-    suffers="who measures the round trip so; MAVSDK pings all but ArduPilot every 5 s",
+    suffers="round-trip measurements; MAVSDK pings all but ArduPilot every 5 s",
 )
 def ping(peer: Peer) -> None:
-    """PING to everybody is answered to the sender."""
+    """A PING sent as a broadcast is answered to its sender."""
     answer = needed(
         peer.ask(
             m.MAVLink_ping_message(77, 4242, 0, 0), m.MAVLink_ping_message, where=lambda a: a.seq == 4242
@@ -268,5 +268,5 @@ check(
     "telemetry.system-time",
     "SYSTEM_TIME comes",
     required=False,
-    suffers="who wants the date in a telemetry log",
+    suffers="telemetry logs, which need the date",
 )(_Stream(m.MAVLink_system_time_message, 1e6))

@@ -1,4 +1,4 @@
-"""Checks of whole plans: up, down and compared, by our own transfer client."""
+"""Checks of whole plans: uploaded, downloaded and compared by our own transfer client."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _HOME_DEG = 1e-5
 
 def _round_trip(number: int) -> Callable[[Peer], str]:
     def check_it(peer: Peer) -> str:
-        """Send a mission of so many items, read it back and compare."""
+        """Upload a mission of `number` items, download it and compare."""
         began_s = peer.now()
         peer.upload(peer.items(number))
         return f"up and down in {peer.now() - began_s:.2f} s"
@@ -38,11 +38,11 @@ def _round_trip(number: int) -> Callable[[Peer], str]:
     return check_it
 
 
-check("mission.one-item", "a mission of 1 item goes up, comes down and is equal")(_round_trip(1))
-check(
-    "mission.ten-items", "a mission of 10 items (take-off, waypoints, return) goes up and comes down equal"
-)(_round_trip(10))
-check("mission.hundred-items", "a mission of 100 items goes up, comes down and is equal")(_round_trip(100))
+check("mission.one-item", "a mission of 1 item is uploaded and downloaded unchanged")(_round_trip(1))
+check("mission.ten-items", "10 items (take-off, waypoints, return) are uploaded and downloaded unchanged")(
+    _round_trip(10)
+)
+check("mission.hundred-items", "100 items are uploaded and downloaded unchanged")(_round_trip(100))
 check(
     "mission.five-hundred-items",
     "a mission of 500 items fits",
@@ -66,7 +66,7 @@ def camera_items(peer: Peer) -> None:
 
 @check("mission.loiter")
 def loiter(peer: Peer) -> None:
-    """The time of a LOITER_TIME is kept; of its other parameters 0 or 1 may come back."""
+    """The hold time of LOITER_TIME is kept; its other parameters may change between 0 and 1."""
     first, *rest, last = peer.items(4)
     home = peer.home
     wait = MissionItem(Command.NAV_LOITER_TIME, 3, 5.0, x=home.latitude_deg, y=home.longitude_deg, z=11.0)
@@ -108,7 +108,7 @@ def clear_empty(peer: Peer) -> None:
     suffers="MAVProxy, Mission Planner and QGroundControl, which show item 0 as home",
 )
 def home(peer: Peer) -> str:
-    """Item 0 is home, whatever was sent as such, where the autopilot keeps home in the mission."""
+    """Item 0 is the vehicle's own home, not the one uploaded, if the autopilot keeps home in the mission."""
     if not peer.profile.home_at_zero:
         raise SkippedError("its autopilot keeps no home in the mission")
     place = peer.request(m.MAVLink_home_position_message)
@@ -127,7 +127,7 @@ def home(peer: Peer) -> str:
 
 @check("mission.clear-all")
 def clear_all(peer: Peer) -> str:
-    """MISSION_CLEAR_ALL of all plans is answered, and done where it is accepted."""
+    """MISSION_CLEAR_ALL for all plan types is answered, and clears them if accepted."""
     peer.upload(peer.items(4))
     answer = needed(peer.opened(wire.clear_all(peer.address, wire.ALL_TYPES), ACK), "no MISSION_ACK")
     accepted = answer.type == wire.ACCEPTED
@@ -144,7 +144,7 @@ def clear_all(peer: Peer) -> str:
 
 @check("mission.part")
 def part(peer: Peer) -> str:
-    """MISSION_WRITE_PARTIAL_LIST changes what it says, or nothing."""
+    """MISSION_WRITE_PARTIAL_LIST changes the items named and no others, or is refused."""
     items = peer.items(5)
     peer.upload(items)
     changed = (items[0], replace(items[1], z=items[1].z + 7.0), *items[2:])
@@ -170,9 +170,9 @@ def part(peer: Peer) -> str:
     return f"not taken ({note}): MAVProxy cannot move a single waypoint"
 
 
-@check("mission.total", required=False, suffers="who shows the progress of a mission")
+@check("mission.total", required=False, suffers="displays of mission progress")
 def total(peer: Peer) -> str:
-    """MISSION_CURRENT tells how many items there are, without home."""
+    """MISSION_CURRENT gives the number of items without home."""
     peer.upload(peer.items(7))
     end_s = peer.now() + 4.0
     while True:
@@ -212,7 +212,7 @@ def set_current_beyond(peer: Peer) -> None:
 
 
 def _becomes(peer: Peer, number: int) -> bool:
-    """Tell whether the item becomes the current one; some autopilots have to be asked for it."""
+    """Return whether MISSION_CURRENT reports the item; request the message if it is not streamed."""
     current = m.MAVLink_mission_current_message
     if peer.expect(current, 2.5, lambda a: a.seq == number) is not None:
         return True
@@ -232,7 +232,7 @@ def _corner(peer: Peer, north: float, east: float) -> tuple[float, float]:
 
 @check("mission.fence")
 def fence(peer: Peer) -> None:
-    """A fence (polygon and circle) goes up, comes down and is equal."""
+    """A fence (polygon and circle) is uploaded and downloaded unchanged."""
     _needs(peer, _FENCE_BIT, "fence")
     corners = [_corner(peer, north, east) for north, east in ((-2, -2), (-2, 2), (2, 2), (2, -2))]
     items = [MissionItem(Command.NAV_FENCE_POLYGON_VERTEX_INCLUSION, 0, 4.0, x=x, y=y) for x, y in corners]
@@ -244,7 +244,7 @@ def fence(peer: Peer) -> None:
 
 @check("mission.rally")
 def rally(peer: Peer) -> None:
-    """Rally points go up, come down and are equal."""
+    """Rally points are uploaded and downloaded unchanged."""
     _needs(peer, _RALLY_BIT, "rally points")
     corners = [_corner(peer, 0.3, 0.3), _corner(peer, -0.3, 0.2)]
     items = [
@@ -256,7 +256,7 @@ def rally(peer: Peer) -> None:
 
 @check("mission.types-apart")
 def types_apart(peer: Peer) -> None:
-    """Clearing the fence leaves the mission alone."""
+    """Clearing the fence leaves the mission unchanged."""
     peer.upload(peer.items(5))
     _needs(peer, _FENCE_BIT, "fence")
     peer.driver.clear([MissionType.FENCE])

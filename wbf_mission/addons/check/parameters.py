@@ -16,7 +16,7 @@ _NOBODYS = "NO_SUCH_THING_X"
 _QUIET_S = 1.5
 _LONGEST_S = 120.0
 _ROUNDS = 5
-# PX4's, ArduCopter's of 4.7, and those of before.
+# Parameters that are safe to change on the ground: of PX4, of ArduCopter 4.7, of ArduCopter before 4.7.
 _HARMLESS = (
     "MIS_TAKEOFF_ALT",
     "RTL_RETURN_ALT",
@@ -44,7 +44,7 @@ def _read(peer: Peer, name: str, tries: int = 3) -> _Value | None:
 
 
 def _listed(peer: Peer) -> dict[int, _Value]:
-    """Return all parameters by index, asking again for those that got lost."""
+    """Return all parameters by index; lost ones are requested again."""
     found: dict[int, _Value] = {}
     peer.forget()
     peer.send(m.MAVLink_param_request_list_message(*peer.address))
@@ -68,7 +68,7 @@ def _listed(peer: Peer) -> dict[int, _Value]:
 
 
 def _some(peer: Peer) -> _Value:
-    """Return a parameter that may be changed on the ground."""
+    """Return a parameter that is safe to change on the ground."""
     for name in _HARMLESS:
         message = _read(peer, name)
         if message is not None:
@@ -78,7 +78,7 @@ def _some(peer: Peer) -> _Value:
 
 @check("param.list")
 def param_list(peer: Peer) -> str:
-    """PARAM_REQUEST_LIST gives every index once, with one count."""
+    """PARAM_REQUEST_LIST sends every index once, all with the same count."""
     found = _listed(peer)
     if not found:
         raise FailedError("no PARAM_VALUE")
@@ -97,7 +97,7 @@ def param_list(peer: Peer) -> str:
 
 @check("param.read-index")
 def read_index(peer: Peer) -> str:
-    """PARAM_REQUEST_READ by index."""
+    """PARAM_REQUEST_READ by index is answered."""
     question = m.MAVLink_param_request_read_message(*peer.address, b"", 0)
     answer = needed(peer.ask(question, _Value, where=lambda a: a.param_index == 0), "no PARAM_VALUE")
     return _name(answer)
@@ -105,7 +105,7 @@ def read_index(peer: Peer) -> str:
 
 @check("param.read-name")
 def read_name(peer: Peer) -> str:
-    """PARAM_REQUEST_READ by name gives the same value."""
+    """PARAM_REQUEST_READ by name returns the same value as by index."""
     question = m.MAVLink_param_request_read_message(*peer.address, b"", 0)
     first = needed(
         peer.ask(question, _Value, where=lambda a: a.param_index == 0),
@@ -121,17 +121,17 @@ def read_name(peer: Peer) -> str:
 @check(
     "param.read-unknown",
     required=False,
-    suffers="clients that ask for a name to learn which autopilot or version it is",
+    suffers="clients that identify an autopilot or version by a parameter's name",
 )
 def read_unknown(peer: Peer) -> None:
-    """A parameter that does not exist gives no value."""
+    """A read request for a parameter that does not exist returns no value."""
     if _read(peer, _NOBODYS, tries=1) is not None:
         raise FailedError("it has a value")
 
 
 @check("param.set")
 def param_set(peer: Peer) -> str:
-    """PARAM_SET changes a value, answers with it, and it is read back."""
+    """PARAM_SET changes a value, is answered with the new value, and the new value is read back."""
     before = _some(peer)
     name = _name(before)
     if before.param_type != m.MAV_PARAM_TYPE_REAL32:
@@ -155,9 +155,9 @@ def _set(peer: Peer, name: str, value: float, kind: int, tries: int = 3) -> _Val
     return peer.ask(question, _Value, where=lambda answer: _name(answer) == name, tries=tries)
 
 
-@check("param.set-unknown", required=False, suffers="who loads the parameter file of another version")
+@check("param.set-unknown", required=False, suffers="users who load the parameter file of another version")
 def set_unknown(peer: Peer) -> None:
-    """PARAM_SET of a name that does not exist adds nothing."""
+    """PARAM_SET of an unknown name adds no parameter."""
     _set(peer, _NOBODYS, 1.0, m.MAV_PARAM_TYPE_REAL32, tries=1)
     if _read(peer, _NOBODYS, tries=1) is not None:
         raise FailedError("now it has a value")

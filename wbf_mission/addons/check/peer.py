@@ -1,4 +1,4 @@
-"""Our side of the link to the vehicle that is checked; an upload by hand, for checks that break its rules."""
+"""The checker's side of the link: requests, commands and plan transfers to the vehicle under test."""
 
 from __future__ import annotations
 
@@ -28,11 +28,11 @@ class CheckError(WbfMissionError, ValueError):
 
 
 class FailedError(WbfMissionError):
-    """What a check raises when its point does not hold; the text says what was seen."""
+    """Raised by a check that fails; the text is the observation."""
 
 
 class SkippedError(WbfMissionError):
-    """What a check raises when its point cannot be tried on this vehicle; the text says why."""
+    """Raised by a check that cannot be run on this vehicle; the text is the reason."""
 
 
 M = TypeVar("M", bound=Message)
@@ -42,25 +42,25 @@ _LONGEST_WAIT_S = 0.1
 _ANSWER_S = 1.5
 _TRIES = 3
 BUSY_S = 12.0
-"""No autopilot holds a transfer, or refuses the next one, for longer than this: PX4 5 s, ArduPilot 8 s."""
+"""Longest time an autopilot holds a transfer or refuses the next one (s): PX4 takes 5 s, ArduPilot 8 s."""
 _SLOW_S = 3.0
 _SPARE_S = 0.3
 _SOMEWHERE = GeoPoint(47.397742, 8.545594, 488.0)
 
 
 class Peer:
-    """A ground station that asks a vehicle what it wants to know.
+    """A ground station that sends requests to the vehicle under test and waits for answers.
 
     Parameters
     ----------
     clock, wait : callable
-        Monotonic seconds; ``wait(link, seconds)`` until something may have arrived. Those of a
-        `sim_vehicle.host.simulation.VirtualLink` check a simulation on its own clock.
+        `clock` returns monotonic seconds; ``wait(link, seconds)`` returns when data may have arrived. A
+        `sim_vehicle.host.simulation.VirtualLink` provides both for a simulation on its virtual clock.
 
     Attributes
     ----------
     vehicle : Vehicle
-        Who is checked; known after `find`.
+        The vehicle under test; set by `find`.
     """
 
     def __init__(
@@ -85,27 +85,27 @@ class Peer:
         self._unsettled = False
 
     def now(self) -> float:
-        """Seconds of the clock."""
+        """Return the time of the clock (s)."""
         return self._clock()
 
     @property
     def vehicle(self) -> Vehicle:
-        """Who is checked."""
+        """The vehicle under test."""
         assert self.driver.vehicle is not None
         return self.driver.vehicle
 
     @property
     def profile(self) -> Profile:
-        """The mission behaviour of its autopilot."""
+        """Mission behaviour of the vehicle's autopilot."""
         return self.vehicle.profile
 
     @property
     def address(self) -> tuple[int, int]:
-        """The vehicle's system and component."""
+        """System and component id of the vehicle."""
         return self.vehicle.system_id, self.vehicle.component_id
 
     def find(self, timeout_s: float, system_id: int | None) -> Vehicle:
-        """Wait for the vehicle's heartbeat; RemoteTransferError if there is none."""
+        """Wait for the vehicle's heartbeat; RemoteTransferError after `timeout_s`."""
         return self.driver.wait_for_vehicle(timeout_s, system_id=system_id)
 
     def send(self, *messages: Message) -> None:
@@ -123,12 +123,12 @@ class Peer:
             other.send(message)
 
     def forget(self) -> None:
-        """Drop what has arrived so far."""
+        """Discard the messages received until now."""
         self._receive()
         self._queue.clear()
 
     def heard(self, seconds: float, *, everyone: bool = False) -> Iterator[tuple[float, Message]]:
-        """Yield what the vehicle's autopilot (or everyone) sends in the next seconds, with the time."""
+        """Yield (time, message) from the vehicle's autopilot (`everyone`: any sender) during `seconds`."""
         end_s = self.now() + seconds
         while True:
             while self._queue:
@@ -158,12 +158,12 @@ class Peer:
             self._queue.append((now_s, message))
 
     def sleep(self, seconds: float) -> None:
-        """Let time pass, and keep nothing of what comes."""
+        """Wait for `seconds` and discard the messages received meanwhile."""
         for _ in self.heard(seconds):
             pass
 
     def collect(self, kind: type[M], seconds: float) -> list[tuple[float, M]]:
-        """Return the messages of one kind in the next seconds, with their times."""
+        """Return the messages of one kind received in the next `seconds`, with their times."""
         self.forget()
         return [(now_s, message) for now_s, message in self.heard(seconds) if is_a(message, kind)]
 
@@ -175,9 +175,9 @@ class Peer:
         *,
         to: int | None = None,
     ) -> M | None:
-        """Wait for a message of one of these kinds; None if it does not come.
+        """Return the first message of one of these kinds, or None after `seconds`.
 
-        What goes to another station of ours counts only where ``to`` is its system.
+        `to`: accept only messages to this system. By default, those to other ground stations are ignored.
         """
         wanted = kinds if isinstance(kinds, tuple) else (kinds,)
         for _, message in self.heard(seconds):
@@ -197,7 +197,7 @@ class Peer:
         where: Callable[[M], bool] = lambda _: True,
         tries: int = _TRIES,
     ) -> M | None:
-        """Send a message until an answer comes, at most ``tries`` times."""
+        """Send `question` until an answer arrives, at most `tries` times; None without an answer."""
         for _ in range(tries):
             self.forget()
             self.send(question)
@@ -212,9 +212,9 @@ class Peer:
         kinds: type[M] | tuple[type[M], ...],
         where: Callable[[M], bool] = lambda answer: not (is_a(answer, ACK) and answer.type == wire.ERROR),
     ) -> M | None:
-        """Ask until the vehicle is no longer busy with an earlier transfer: silent, or answering otherwise.
+        """Repeat `question` until an earlier transfer has ended and the answer satisfies `where`.
 
-        The answer after which it is still busy at the end is returned as well.
+        After `BUSY_S` the last answer is returned even if `where` does not hold for it.
         """
         end_s = self.now() + BUSY_S
         while True:
@@ -225,7 +225,7 @@ class Peer:
                 self.sleep(_ANSWER_S)
 
     def left(self, expected: int) -> int:
-        """Return how many items the mission has, when it has as many as expected or some seconds are over."""
+        """Return the number of mission items, polling a few seconds until it equals `expected`."""
         end_s = self.now() + _SLOW_S
         while (found := len(self.download())) != expected and self.now() < end_s:
             self.sleep(0.5)
@@ -234,7 +234,7 @@ class Peer:
     def command(
         self, command: int, *params: float, tries: int = _TRIES, seconds: float = _ANSWER_S
     ) -> Ack | None:
-        """Send COMMAND_LONG and return its COMMAND_ACK (the last one, when it is long), None without one."""
+        """Send COMMAND_LONG and return its COMMAND_ACK, the last one after IN_PROGRESS; None without one."""
         values = [*params, *[0.0] * (7 - len(params))]
         for number in range(tries):
             self.forget()
@@ -251,7 +251,7 @@ class Peer:
         return answer
 
     def must(self, command: int, *params: float) -> Ack:
-        """Send a command that has to be accepted; FailedError otherwise."""
+        """Send a command; FailedError unless it is accepted."""
         answer = self.command(command, *params)
         name = wire.command_name(command)
         if answer is None:
@@ -261,15 +261,15 @@ class Peer:
         return answer
 
     def request(self, kind: type[M]) -> M | None:
-        """Return a message that was asked for by REQUEST_MESSAGE, None if it does not come."""
+        """Request a message by REQUEST_MESSAGE and return it; None if it does not arrive."""
         return self.ask(wire.command_long(self.address, m.MAV_CMD_REQUEST_MESSAGE, float(kind.id)), kind)
 
     def said(self) -> str:
-        """Return the vehicle's last text, for the end of a sentence."""
+        """Return the vehicle's last STATUSTEXT in parentheses, to append to an error text."""
         return f" ({self.texts[-1]!r})" if self.texts else ""
 
     def items(self, number: int) -> tuple[MissionItem, ...]:
-        """Return a harmless mission: a take-off, waypoints within 100 m of home, a return."""
+        """Return a harmless mission: take-off, waypoints within 100 m of home, return."""
         home = self.home
         takeoff = MissionItem(
             Command.NAV_TAKEOFF, 3, param1=0.0, x=home.latitude_deg, y=home.longitude_deg, z=10.0
@@ -293,7 +293,7 @@ class Peer:
         *,
         home: GeoPoint | None = None,
     ) -> None:
-        """Send a plan just as it is, read it back and compare; RemoteTransferError if that fails."""
+        """Upload a plan unchanged, download it and compare; RemoteTransferError if any step fails."""
         upload = VerifiedUpload(
             tuple(items),
             kind,
@@ -306,17 +306,17 @@ class Peer:
         self.driver.run(upload)
 
     def download(self, kind: MissionType = MissionType.MISSION) -> tuple[MissionItem, ...]:
-        """Read a plan."""
+        """Download a plan."""
         return self.driver.download(types=[kind])[0].plan(kind)
 
     def require_equal(self, items: tuple[MissionItem, ...]) -> None:
-        """Read the mission; FailedError if it is not this one."""
+        """Download the mission; FailedError if it differs from `items`."""
         differences = compare_plans(items, self.download(), self.profile)
         if differences:
             raise FailedError(f"the mission is another: {differences[0]}")
 
     def settle(self) -> None:
-        """Leave nothing of a check to the next: break off what runs, and wait until an upload works again."""
+        """Cancel pending transfers and wait until an upload works, so that the next check starts clean."""
         self.texts.clear()
         if not self._unsettled:
             return
@@ -328,17 +328,17 @@ class Peer:
         while self.now() < end_s and self.expect(MISSION_ANSWERS, quiet_s) is not None:
             pass
         self._others.clear()
-        # An upload is tried for longer than a vehicle is busy.
+        # `upload` retries for longer than a vehicle stays busy.
         with suppress(TransferError):
             self.upload(self.items(1))
         self._unsettled = False
 
     def plans(self) -> Mission:
-        """Read all plans; RemoteTransferError if that fails."""
+        """Download all plans; RemoteTransferError on failure."""
         return self.driver.download()[0]
 
     def put_back(self, plans: Mission) -> None:
-        """Give the vehicle these plans, and no others; TransferError if that fails."""
+        """Upload these plans and clear all other plan types; TransferError on failure."""
         self.sleep(0.2)
         for kind in MissionType:
             plan = plans.plan(kind)
@@ -353,7 +353,7 @@ class Peer:
 
 
 def needed(answer: T | None, otherwise: str) -> T:
-    """Return an answer that has to come; FailedError with this text where it did not."""
+    """Return `answer`; FailedError with the text `otherwise` if it is None."""
     if answer is None:
         raise FailedError(otherwise)
     return answer

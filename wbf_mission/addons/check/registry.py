@@ -1,4 +1,4 @@
-"""What a check is, and how the functions of a module become checks."""
+"""Definition of a check, and a decorator that registers functions as checks."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _KNOWN = (PX4, ARDUPILOT)
 
 
 class Verdict(Enum):
-    """How a check ended."""
+    """Outcome of a check."""
 
     PASSED = "passed"
     FAILED = "failed"
@@ -28,21 +28,21 @@ class Verdict(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Check:
-    """One point.
+    """One check of the conformance kit.
 
     Parameters
     ----------
     id : str
         ``group.name``.
     text : str
-        What must hold, in one line.
+        The requirement in one line.
     requirement : callable
-        ``requirement(profile)`` tells whether autopilots that behave so have to do it: ground software
-        relies on it, and the real ones do it. Otherwise it is advice.
+        ``requirement(profile)`` returns whether an autopilot with this profile must pass: ground software
+        relies on the behaviour, and real autopilots have it. A check that is not required is advice.
     flies : bool
-        It arms the vehicle.
+        The check arms the vehicle.
     suffers : str
-        Who has trouble with a vehicle that does not do so; empty where it is required of everybody.
+        Software that fails with a vehicle that does not pass; empty if all autopilots must pass.
     function : callable
         ``function(peer)`` returns a note or None, and raises `FailedError` or `SkippedError`.
     """
@@ -56,19 +56,19 @@ class Check:
 
     @property
     def required_of(self) -> str:
-        """Of whom it is required, in a word: ``all``, the names of autopilots, or nothing."""
+        """Autopilots that must pass: ``all``, their names, or an empty text."""
         names = [profile.name for profile in _KNOWN if self.requirement(profile)]
         return "all" if len(names) == len(_KNOWN) else ", ".join(names)
 
     @property
     def group(self) -> str:
-        """What stands before the dot."""
+        """Part of the id before the dot."""
         return self.id.partition(".")[0]
 
 
 @dataclass(frozen=True, slots=True)
 class CheckResult:
-    """What a check found: whether it is required here, why or what was measured, how many seconds it took."""
+    """Result of a check; `required` is for the vehicle checked, `detail` the observation."""
 
     check: Check
     required: bool
@@ -78,18 +78,18 @@ class CheckResult:
 
     @property
     def bad(self) -> bool:
-        """Whether something required does not hold."""
+        """Whether a required check failed."""
         return self.verdict is Verdict.FAILED and self.required
 
     @property
     def told(self) -> str:
-        """What was seen, and for advice that does not hold, who has trouble with it."""
+        """The observation and, for failed advice, the software that is affected."""
         if self.verdict is Verdict.FAILED and not self.required and self.check.suffers:
             return f"{self.detail} (trouble for {self.check.suffers})"
         return self.detail
 
     def summary(self) -> dict[str, Any]:
-        """Return plain values for JSON."""
+        """Return the result as JSON values."""
         return {
             "id": self.check.id,
             "text": self.check.text,
@@ -110,13 +110,13 @@ def _nobody(_profile: Profile) -> bool:
 
 
 def _first_line(function: Function) -> str:
-    """Return the first line of a docstring as a part of a sentence: not "It is there." but "it is there"."""
+    """Return the first docstring line as a clause: "It is there." becomes "it is there"."""
     text = (function.__doc__ or "").partition("\n")[0].removesuffix(".")
     return text if text[1:2].isupper() or text[1:2] == "_" else text[:1].lower() + text[1:]
 
 
 class Checks:
-    """The checks of one module, in the order in which they are written.
+    """Checks of one module, in order of definition.
 
     Examples
     --------
@@ -140,10 +140,10 @@ class Checks:
         flies: bool = False,
         suffers: str = "",
     ) -> Callable[[Function], Function]:
-        """Make the decorated function a check.
+        """Register the decorated function as a check.
 
-        The parameters are those of `Check`; ``required`` is a requirement, or True or False for everybody.
-        Without a text it is what the docstring of the function begins with.
+        Parameters as of `Check`. `required` is a requirement, or a bool that holds for all autopilots. `text`
+        defaults to the first line of the function's docstring.
         """
         requirement = required if callable(required) else _everybody if required else _nobody
 

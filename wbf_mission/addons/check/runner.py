@@ -1,4 +1,4 @@
-"""Running the checks, and the report."""
+"""Runs the checks and makes the report."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _GROUPS = ("identity", "command", "telemetry", "param", "mission", "transfer", "
 
 
 def all_checks() -> tuple[Check, ...]:
-    """Every check in its order.
+    """Return all checks in the order of their groups.
 
     Examples
     --------
@@ -41,7 +41,7 @@ def all_checks() -> tuple[Check, ...]:
 
 
 def chosen_checks(only: tuple[str, ...], *, fly: bool) -> tuple[Check, ...]:
-    """The checks whose id or group is among ``only`` (empty: all); CheckError if one is neither."""
+    """Return the checks selected by id or group (empty `only`: all); CheckError for an unknown name."""
     checks = all_checks()
     known = {check.id for check in checks} | {check.group for check in checks}
     for name in only:
@@ -60,7 +60,7 @@ OnResult = Callable[[CheckResult], None]
 
 @dataclass(frozen=True, slots=True)
 class CheckReport:
-    """What was found on a link, and what the vehicle lost by being checked."""
+    """Results of the checks of one vehicle; `warnings` names plans that could not be restored."""
 
     name: str
     vehicle: Vehicle
@@ -69,18 +69,18 @@ class CheckReport:
 
     @property
     def passed(self) -> bool:
-        """Whether everything required holds."""
+        """Whether all required checks passed."""
         return not any(result.bad for result in self.results)
 
     def result(self, check_id: str) -> CheckResult:
-        """Return the result of one check; CheckError if it was not run."""
+        """Return the result of a check by id; CheckError if it was not run."""
         for result in self.results:
             if result.check.id == check_id:
                 return result
         raise CheckError(f"check {check_id!r} was not run")
 
     def summary(self) -> dict[str, Any]:
-        """Return plain values for JSON."""
+        """Return the report as JSON values."""
         verdicts = [result.verdict for result in self.results]
         return {
             "url": self.name,
@@ -106,36 +106,36 @@ def check_vehicle(
     clock: Callable[[], float] = time.monotonic,
     wait: Callable[[Link, float], None] = wait_readable,
 ) -> CheckReport:
-    """Check the vehicle behind a link.
+    """Check the vehicle at the other end of a link.
 
-    It never arms unless `fly` is given, refuses a vehicle that is armed, and puts the vehicle's own plans
-    back at the end.
+    The vehicle is not armed unless `fly` is given. A vehicle that is already armed is refused. The vehicle's
+    own plans are restored at the end.
 
     Parameters
     ----------
     link : str or Link
-        An address, see `mission.link.parse_link_url`, or an open link, which stays open.
+        An address as of `mission.link.parse_link_url`, or an open link, which stays open.
     fly : bool
-        Also run the checks that arm and fly.
+        Also run the checks that arm and fly the vehicle.
     only : iterable of str
-        Ids or groups of checks; empty: all.
+        Ids or groups of checks to run; empty for all.
     system_id : int, optional
-        Which vehicle, where there are several.
+        System id of the vehicle to check, if the link carries several vehicles.
     wait_s : float
-        How long to wait for its heartbeat.
+        Timeout for the vehicle's heartbeat (s).
     on_result : callable, optional
-        Called with each result as it is found.
+        Called with each result when its check ends.
     clock, wait : callable
         See `wbf_mission.addons.check.peer.Peer`.
 
     Raises
     ------
     CheckError
-        If a check does not exist, or the vehicle is armed.
+        If an id or group in `only` is unknown, or the vehicle is armed.
     LinkError
         If the link cannot be opened or breaks.
     TransferError
-        If no vehicle is heard.
+        If no vehicle sends a heartbeat.
 
     Examples
     --------
@@ -165,12 +165,12 @@ def check_vehicle(
             raise CheckError(msg)
         _find_home(peer)
         kept = False
-        for one in checks:
-            if one.group in _MISSION_GROUPS and not kept:
+        for check in checks:
+            if check.group in _MISSION_GROUPS and not kept:
                 kept = True
                 _keep_plans(peer, stack, warnings)
-            result = _run(one, peer)
-            if one.group in _MISSION_GROUPS:
+            result = _run(check, peer)
+            if check.group in _MISSION_GROUPS:
                 peer.settle()
             results.append(result)
             if on_result is not None:
@@ -179,7 +179,7 @@ def check_vehicle(
 
 
 def _keep_plans(peer: Peer, stack: ExitStack, warnings: list[str]) -> None:
-    """Read the vehicle's plans, to be put back at the end as well as it lets us."""
+    """Download the vehicle's plans and restore them when `stack` closes; failures are added to `warnings`."""
     try:
         plans = peer.plans()
     except RemoteTransferError as error:
@@ -191,7 +191,7 @@ def _keep_plans(peer: Peer, stack: ExitStack, warnings: list[str]) -> None:
             try:
                 peer.put_back(plans)
             except TransferError:
-                # A check may have left an upload that the vehicle has to give up first.
+                # The vehicle may still wait for an upload that a check left open, until its timer expires.
                 peer.sleep(peer.profile.abort_s + 1.0)
                 peer.put_back(plans)
         except TransferError as error:
@@ -204,7 +204,7 @@ _Where: TypeAlias = m.MAVLink_home_position_message | m.MAVLink_global_position_
 
 
 def _find_home(peer: Peer) -> None:
-    """Learn where the vehicle is, so that the missions are near it."""
+    """Read the vehicle's position, which the missions of the checks start from."""
     kinds: tuple[type[_Where], ...] = (m.MAVLink_home_position_message, m.MAVLink_global_position_int_message)
     for kind in kinds:
         message = peer.expect((kind,), 1.2)

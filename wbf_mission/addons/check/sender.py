@@ -1,4 +1,4 @@
-"""An upload by hand, for checks that break the rules of the mission transfer."""
+"""Manual mission upload, for checks that break the rules of the transfer protocol."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from mission.model import MissionItem
 from mission.transfer import result_text, wire
 from wbf_mission.addons.check.peer import ACK, ANSWERS, MISSION, RE_REQUEST_S, FailedError, Peer
 
-_SETTLE_S = 1.0  # what is still on its way over a slow radio belongs to the check before
+_SETTLE_S = 1.0  # A slow radio may still deliver messages of the previous check.
 
 
 class Sender:
-    """An upload by hand: each message is ours to send, to leave out, or to send wrong."""
+    """Mission upload under manual control: each message can be sent, omitted or altered."""
 
     def __init__(self, peer: Peer, items: Sequence[MissionItem]) -> None:
         home = [
@@ -26,13 +26,13 @@ class Sender:
 
     @classmethod
     def begun(cls, peer: Peer, items: Sequence[MissionItem]) -> Sender:
-        """Return an upload whose item 0 is asked for."""
+        """Return an upload for which the vehicle has requested item 0."""
         sender = cls(peer, items)
         sender.begin()
         return sender
 
     def begin(self, kind: int = MISSION) -> None:
-        """Send COUNT until item 0 is asked for; FailedError if it is not."""
+        """Send MISSION_COUNT until the vehicle requests item 0; FailedError if it does not."""
         question = m.MAVLink_mission_count_message(*self.peer.address, len(self.items), kind)
         answer = self.peer.opened(question, ANSWERS, _asks_for_the_first)
         if answer is None:
@@ -41,7 +41,7 @@ class Sender:
             raise FailedError(told(answer))
 
     def message(self, number: int, kind: int = MISSION) -> wire.ItemMessage:
-        """Return the message with one item."""
+        """Return the message of one item."""
         return wire.item_to_message(self.items[number], number, kind, self.peer.address, current=number == 0)
 
     def send(self, number: int) -> None:
@@ -49,7 +49,7 @@ class Sender:
         self.peer.send(self.message(number))
 
     def finish(self, first: int = 0) -> wire.AckMessage:
-        """Answer requests until the last ACK, and return that."""
+        """Answer item requests until the final MISSION_ACK, and return it."""
         self.send(first)
         asked = first
         for _ in range(4 * len(self.items) + 20):
@@ -71,7 +71,7 @@ class Sender:
         raise FailedError(f"the vehicle does not come to an end; it asks for item {asked}")
 
     def cancel(self) -> None:
-        """Break off, and wait until the vehicle has."""
+        """Cancel the upload and wait until the vehicle has processed the message."""
         self.peer.send(cancelling(self.peer))
         self.peer.sleep(_SETTLE_S)
 
@@ -81,18 +81,18 @@ def _asks_for_the_first(answer: wire.RequestMessage | wire.AckMessage) -> bool:
 
 
 def cancelling(peer: Peer) -> Message:
-    """Return the message that breaks a transfer of the mission off."""
+    """Return the message that cancels a mission transfer."""
     return wire.ack(peer.address, wire.OPERATION_CANCELLED, MISSION)
 
 
 def told(message: wire.RequestMessage | wire.AckMessage) -> str:
-    """Return in words what the vehicle answered."""
+    """Describe the vehicle's answer in words."""
     if is_a(message, ACK):
         return f"the vehicle answers: {result_text(message.type)}"
     return f"the vehicle asks for item {message.seq}"
 
 
 def require_accepted(answer: wire.AckMessage) -> None:
-    """Raise FailedError unless the upload was accepted."""
+    """Raise FailedError unless `answer` accepts the upload."""
     if answer.type != wire.ACCEPTED:
         raise FailedError(told(answer))

@@ -1,4 +1,4 @@
-"""Checks of the mission transfer: peers that break its rules, several stations, addresses."""
+"""Checks of the mission transfer: broken rules, several ground stations, addressing."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def _listing(peer: Peer) -> Message:
 
 
 def _require_ours(peer: Peer, answer: wire.RequestMessage | wire.AckMessage) -> None:
-    """Raise FailedError unless it is addressed to us: MAVSDK takes what goes to everybody for the end."""
+    """Raise FailedError unless the answer is addressed to us: MAVSDK takes a broadcast ACK as the end."""
     target = answer.target_system, answer.target_component
     if target[0] != peer.endpoint.system_id or target[1] not in (0, peer.endpoint.component_id):
         raise FailedError(f"it is addressed to {target[0]}/{target[1]}")
@@ -47,7 +47,7 @@ def _require_ours(peer: Peer, answer: wire.RequestMessage | wire.AckMessage) -> 
 
 @check("transfer.final-ack")
 def final_ack(peer: Peer) -> None:
-    """The last item is acknowledged by MISSION_ACK, addressed to us."""
+    """The last item is acknowledged by a MISSION_ACK addressed to the sender."""
     sender = Sender.begun(peer, peer.items(3))
     answer = sender.finish()
     require_accepted(answer)
@@ -56,7 +56,7 @@ def final_ack(peer: Peer) -> None:
 
 @check("transfer.asks-first")
 def asks_first(peer: Peer) -> str:
-    """COUNT is answered by a request for item 0, addressed to us."""
+    """COUNT is answered by a request for item 0, addressed to the sender."""
     sender = Sender.begun(peer, peer.items(4))
     answer = peer.expect(REQUESTS, RE_REQUEST_S)
     sender.cancel()
@@ -68,7 +68,7 @@ def asks_first(peer: Peer) -> str:
 
 @check("transfer.asks-again")
 def asks_again(peer: Peer) -> str:
-    """An item that does not come is asked for again."""
+    """An item that does not arrive is requested again."""
     sender = Sender.begun(peer, peer.items(4))
     sender.send(0)
     seen = 0
@@ -86,7 +86,7 @@ def asks_again(peer: Peer) -> str:
 
 @check("transfer.duplicate-count")
 def duplicate_count(peer: Peer) -> None:
-    """A COUNT that comes twice does not spoil the upload."""
+    """A duplicate COUNT does not break the upload."""
     sender = Sender.begun(peer, peer.items(4))
     peer.send(_COUNT(*peer.address, len(sender.items), MISSION))
     require_accepted(sender.finish())
@@ -95,7 +95,7 @@ def duplicate_count(peer: Peer) -> None:
 
 @check("transfer.duplicate-item")
 def duplicate_item(peer: Peer) -> None:
-    """An item that comes twice does not spoil the upload."""
+    """A duplicate item does not break the upload."""
     sender = Sender.begun(peer, peer.items(4))
     sender.send(0)
     require_accepted(sender.finish())
@@ -105,7 +105,7 @@ def duplicate_item(peer: Peer) -> None:
 
 @check("transfer.out-of-order")
 def out_of_order(peer: Peer) -> None:
-    """An item out of order is not taken for the one that was asked for."""
+    """An item out of order is not taken for the one requested."""
     sender = Sender.begun(peer, peer.items(5))
     sender.send(2)
     answer = peer.expect(ANSWERS, RE_REQUEST_S)
@@ -137,7 +137,7 @@ def wrong_type(peer: Peer) -> None:
 
 @check("transfer.cancel")
 def cancel(peer: Peer) -> None:
-    """After OPERATION_CANCELLED in an upload a new one works."""
+    """After OPERATION_CANCELLED in an upload, a new upload works."""
     sender = Sender.begun(peer, peer.items(6))
     sender.send(0)
     sender.cancel()
@@ -146,7 +146,7 @@ def cancel(peer: Peer) -> None:
 
 @check("transfer.cancel-download")
 def cancel_download(peer: Peer) -> None:
-    """After OPERATION_CANCELLED in a download a new transfer works."""
+    """After OPERATION_CANCELLED in a download, a new transfer works."""
     peer.upload(peer.items(4))
     peer.opened(_listing(peer), _COUNT)
     peer.send(cancelling(peer))
@@ -156,10 +156,10 @@ def cancel_download(peer: Peer) -> None:
 @check(
     "transfer.old-plan-kept",
     required=lambda profile: profile.atomic,
-    suffers="whoever's link breaks in an upload: what came of the new list is flown with the rest of the old",
+    suffers="users whose link breaks in an upload: a mix of the new and the old mission is flown",
 )
 def old_plan_kept(peer: Peer) -> None:
-    """A broken-off upload leaves the old mission as it was."""
+    """A cancelled upload leaves the old mission unchanged."""
     old = peer.items(6)
     peer.upload(old)
     sender = Sender.begun(peer, [replace(item, z=item.z + 5.0) for item in peer.items(4)])
@@ -169,14 +169,14 @@ def old_plan_kept(peer: Peer) -> None:
         peer.expect(REQUESTS, RE_REQUEST_S, lambda a, number=number: a.seq == number + 1)  # type: ignore[misc]
     sender.cancel()
     if not peer.profile.atomic:
-        # ArduPilot knows no cancelling: it waits for its timer, and is not to be read before.
+        # ArduPilot ignores OPERATION_CANCELLED: the upload ends by timeout, and a download before it fails.
         peer.sleep(peer.profile.abort_s + 2.0)
     peer.require_equal(old)
 
 
 @check("transfer.silence")
 def silence(peer: Peer) -> str:
-    """After a client that fell silent a new upload works in 12 s."""
+    """A new upload works 12 s after a client stopped in the middle of one."""
     sender = Sender.begun(peer, peer.items(6))
     sender.send(0)
     peer.sleep(_GIVE_UP_S)
@@ -186,7 +186,7 @@ def silence(peer: Peer) -> str:
 
 @check("transfer.late-item")
 def late_item(peer: Peer) -> None:
-    """An item that nobody asked for changes nothing."""
+    """An item that was not requested changes nothing."""
     peer.upload(peer.items(4))
     peer.send(Sender(peer, peer.items(4)).message(1))
     peer.sleep(0.5)
@@ -196,7 +196,7 @@ def late_item(peer: Peer) -> None:
 @check(
     "transfer.last-ack-again",
     required=False,
-    suffers="clients that lost the last ACK: they tell of a failed upload",
+    suffers="clients that lost the last ACK and then report a failed upload",
 )
 def last_ack_again(peer: Peer) -> None:
     """The last item sent again is acknowledged again."""
@@ -227,7 +227,7 @@ def unknown_frame(peer: Peer) -> str:
 @check(
     "transfer.bad-latitude",
     required=False,
-    suffers="who does not check before sending: MAVSDK, scripts (PX4 stores it and does not fly it)",
+    suffers="clients without checks of their own: MAVSDK, scripts (PX4 stores it and does not fly it)",
 )
 def bad_latitude(peer: Peer) -> str:
     """A latitude of 95 degrees is refused."""
@@ -239,7 +239,7 @@ def bad_latitude(peer: Peer) -> str:
 
 @check("transfer.nan")
 def nan(peer: Peer) -> str:
-    """A yaw of NaN is stored or refused, and the vehicle lives on."""
+    """A yaw of NaN is stored or refused, and the vehicle keeps answering."""
     sender = Sender.begun(peer, peer.items(4))
     index = 2 if peer.profile.home_at_zero else 1
     for number in range(index):
@@ -258,10 +258,10 @@ def nan(peer: Peer) -> str:
 @check(
     "transfer.too-many",
     required=False,
-    suffers="clients that do not know the limit: they send all of it first",
+    suffers="clients that do not know the limit and send the whole plan first",
 )
 def too_many(peer: Peer) -> str:
-    """A COUNT of 65535 is refused or can be broken off."""
+    """A COUNT of 65535 is refused or can be cancelled."""
     question = _COUNT(*peer.address, 65535, MISSION)
     answer = peer.opened(question, ANSWERS)
     Sender(peer, ()).cancel()
@@ -297,7 +297,7 @@ def unknown_type(peer: Peer) -> str:
 
 @check("transfer.request-beyond")
 def request_beyond(peer: Peer) -> None:
-    """A request beyond the mission is not answered by an item."""
+    """A request for an item beyond the mission is not answered by an item."""
     peer.upload(peer.items(3))
     peer.opened(_listing(peer), _COUNT)
     peer.forget()
@@ -311,7 +311,7 @@ def request_beyond(peer: Peer) -> None:
 
 @check("transfer.re-read")
 def re_read(peer: Peer) -> None:
-    """A request that comes again is answered again."""
+    """A repeated request is answered again."""
     peer.upload(peer.items(3))
     peer.opened(_listing(peer), _COUNT)
     question = m.MAVLink_mission_request_int_message(*peer.address, 0, MISSION)
@@ -323,7 +323,7 @@ def re_read(peer: Peer) -> None:
 
 @check("transfer.second-station")
 def second_station(peer: Peer) -> str:
-    """A second ground station does not get into an upload."""
+    """A second ground station cannot interfere with an upload."""
     items = peer.items(4)
     sender = Sender.begun(peer, items)
     sender.send(0)
@@ -333,7 +333,7 @@ def second_station(peer: Peer) -> str:
     answer = peer.expect(ANSWERS, to=_OTHER_GROUND)
     if answer is not None and not (is_a(answer, ACK) and answer.type != wire.ACCEPTED):
         peer.send_as(_OTHER_GROUND, cancelling(peer))
-        # Not all know cancelling: what is left of it runs out.
+        # Some autopilots ignore OPERATION_CANCELLED: the second upload ends by timeout.
         peer.sleep(peer.profile.abort_s + 1.0)
         raise FailedError(f"{told(answer)} of the second station")
     require_accepted(sender.finish(1))
@@ -371,7 +371,7 @@ def _refused(peer: Peer, items: Sequence[MissionItem]) -> str:
 
 
 def _refused_message(sender: Sender, wrong: wire.ItemMessage, number: int) -> str:
-    """Send an upload in which one item is replaced, and return how it was refused."""
+    """Upload a mission with one item replaced, and return the refusal in words."""
     peer = sender.peer
     sender.begin()
     sender.send(0)

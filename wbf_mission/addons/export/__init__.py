@@ -1,1 +1,1 @@
-"""Finished runs in the files of other tools."""
+"""Exports of finished runs to the file formats of other tools."""

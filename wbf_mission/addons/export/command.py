@@ -27,7 +27,7 @@ To = Literal["mcap", "rerun", "gpx", "kml", "geojson", "csv"]
 def export_command(
     output: Output,
     folder: Annotated[Path, typer.Argument(help="The folder of a finished run.", metavar="DIR")],
-    to: Annotated[To, option("For which tool.", "--to")],
+    to: Annotated[To, option("Format of the file.", "--to")],
     out: Annotated[
         Path | None,
         option("The file.  [default: beside the folder, with its name]", "--out", panel=OUTPUT_PANEL),
@@ -35,8 +35,8 @@ def export_command(
     estimates: Annotated[
         int | None,
         option(
-            "At about so many moments the estimate is shown as it was, learned again from what was seen until"
-            " then; 0: at the end only.  [default: 20]",
+            "Approximate number of moments at which the estimate is shown, computed again from the readings"
+            " until then; 0: at the end only.  [default: 20]",
             "--estimates",
             parser=options.whole_number_in(0, 1000),
         ),
@@ -59,7 +59,7 @@ def export_command(
         if file.is_file() and not overwrite:
             msg = f"{file}: is there already; give another name (--out), or --overwrite"
             raise TargetError(msg)
-    result = load_result(folder)
+    result = load_result(folder, probabilities=False)
     with output.progress() as progress:
         files = export(
             result,

@@ -1,4 +1,4 @@
-"""The formats that a finished run is exported to."""
+"""Formats to which a finished run can be exported."""
 
 from __future__ import annotations
 
@@ -25,17 +25,17 @@ Write: TypeAlias = "Callable[[RunRecord, tuple[Path, ...], Iterable[Event], floa
 
 @dataclass(frozen=True, slots=True)
 class ExportFormat:
-    """A format: the ending of its files, what it is for, and in which module which function writes it."""
+    """A file format: suffix, the tool it is for, and the module and function that write it."""
 
     suffix: str
     what: str
     module: str
     function: str
     shows_estimates: bool = False
-    beside: str = ""  # The ending of a second file
+    beside: str = ""  # Suffix of the second file
 
     def files(self, path: Path) -> tuple[Path, ...]:
-        """Return the files that are written with one of this name."""
+        """Return the paths of all files written for `path`."""
         return (path, path.with_suffix(self.beside)) if self.beside else (path,)
 
 
@@ -49,7 +49,7 @@ FORMATS = {
     "geojson": ExportFormat(".geojson", "GIS and maps on the web", "tracks", "write_geojson"),
     "csv": ExportFormat(".csv", "spreadsheets", "tracks", "write_csv"),
 }
-"""By name."""
+"""Export formats by name."""
 
 
 def export(
@@ -61,23 +61,23 @@ def export(
     log: Path | None = None,
     progress: Progress = silent,
 ) -> tuple[Path, ...]:
-    """Write a finished run for another tool, and return the files; they appear whole or not at all.
+    """Write a finished run in a format of another tool, and return the files; each is complete or absent.
 
     Parameters
     ----------
     to : str
         A name of `FORMATS`.
     estimates : int
-        At how many moments the estimate is made again, as of `events_of`.
+        Number of moments at which the estimate is computed again, as of `events_of`.
     log : path, optional
-        The telemetry log of the run, which tells its time of day, and more of its vehicles.
+        Telemetry log of the run: source of the time of day and of more details of the vehicles.
     progress : callable
-        Told how far it is.
+        Called with the progress of the export.
 
     Raises
     ------
     EstimatorError
-        If the run's estimator cannot be made again.
+        If the run's estimator cannot be created.
     ResultError
         If the log cannot be read.
     OSError
@@ -93,7 +93,7 @@ def export(
 
 
 def _followed(events: Iterable[Event], total_s: float, progress: Progress) -> Iterator[Event]:
-    """Yield events, and tell how far they are."""
+    """Yield events and report the progress."""
     for event in events:
         if isinstance(event, VehicleMoved):
             progress("writing", event.time_s, total_s)
@@ -101,7 +101,7 @@ def _followed(events: Iterable[Event], total_s: float, progress: Progress) -> It
 
 
 def epoch_of(log: Path | None) -> float:
-    """Return the time of day at the beginning of a run, seconds since 1970: of its log, if there is one."""
+    """Return the time of day at the start of a run (s since 1970): from its log, else a fixed epoch."""
     if log is None:
         return EPOCH_UNIX_S
     try:

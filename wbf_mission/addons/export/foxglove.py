@@ -1,7 +1,7 @@
-"""A run as an MCAP file for Foxglove: map, scene, layers, readings, plots and log on one time line.
+"""Export to an MCAP file for Foxglove: map, scene, layers, readings, plots and log on one time line.
 
-Messages are JSON with the schemas of `wbf_mission.addons.export.foxglove_schemas`. The frame ``farm`` is that
-of the farm: metres along its x and y axes (east and north, unless the farm is turned) and above home.
+Messages are JSON with the schemas of `wbf_mission.addons.export.foxglove_schemas`. The frame ``farm`` is the
+frame of the farm: metres along its x and y axes (east and north, unless the farm is rotated) and above home.
 """
 
 from __future__ import annotations
@@ -28,12 +28,13 @@ from mission.outcome import in_words
 from sensors.fields import FieldSet
 from wbf_mission.addons.export.foxglove_schemas import SCHEMAS, score_schema
 from wbf_mission.addons.export.layers import Layers, reading_colours
-from wbf_mission.addons.export.looks import (
+from wbf_mission.addons.export.style import (
     FENCE,
     OBSTACLE,
     SHOWN_AGAIN,
     TRACK_POINTS,
     crop_colour,
+    places_of,
     rgb,
     vehicle_colour,
     vehicle_size_m,
@@ -58,7 +59,7 @@ if TYPE_CHECKING:
     from wbf_mission.run.record import RunRecord
 
 FARM = "farm"
-"""The frame of all that does not move."""
+"""Frame of all fixed objects."""
 _LEVELS = (5, 5, 5, 4, 3, 2, 2, 1)  # foxglove.LogLevel by MAV_SEVERITY
 _INFO, _WARNING = 2, 3
 _FLOAT, _BYTE = 7, 1  # foxglove.NumericType
@@ -77,25 +78,25 @@ _Json = dict[str, Any]
 
 @dataclass(slots=True)
 class _Vehicle:
-    """What is shown of a vehicle during a flight."""
+    """State of a vehicle's display during a flight."""
 
     flight: tuple[int, int]
     track: list[tuple[float, float, float]] = field(default_factory=list)
-    shown: int = 0  # How much of the track
+    shown: int = 0  # Track points already shown
     yaw_rad: float = 0.0
 
 
 class FoxgloveFile:
-    """Writes the events of a finished run into an open file; `finish` completes it.
+    """Writer of a finished run's events to an open MCAP file; `finish` completes the file.
 
     Parameters
     ----------
     stream : binary file
-        Takes the MCAP file: compressed chunks with indexes and statistics.
+        Open file to write: compressed chunks with indexes and statistics.
     record : RunRecord
-        The run, for the scales of its layers.
+        The run; sets the colour scales of the layers.
     epoch_s : float
-        Time of day at the beginning of the run, seconds since 1970.
+        Time of day at the start of the run (s since 1970).
     """
 
     def __init__(self, stream: IO[bytes], record: RunRecord, epoch_s: float) -> None:
@@ -111,7 +112,7 @@ class FoxgloveFile:
         self._farm, self._fields, self._layers = record.farm, record.fields, Layers(record)
         self._size_m = vehicle_size_m(self._farm)
         self._vehicles: dict[int, _Vehicle] = {}
-        states = max((len(one.track.time_s) for one in record.flights), default=0)
+        states = max((len(flight.track.time_s) for flight in record.flights), default=0)
         self._states_a_show = max(1, states // SHOWN_AGAIN)
         self._points: list[bytes] = []
         self._readings_a_show = max(1, len(record.observations) // SHOWN_AGAIN)
@@ -180,7 +181,7 @@ class FoxgloveFile:
         self._log(time_s, _INFO, name, in_words(outcome, reason))
 
     def _write_scene(self, topic: str, time_s: float, **entity: Any) -> None:
-        """Write what takes the place of the scene before on a topic."""
+        """Write a scene that replaces the previous scene of the topic."""
         parts: _Json = dict.fromkeys(_PRIMITIVES, ()) | {
             "frame_id": FARM,
             "frame_locked": True,
@@ -193,7 +194,7 @@ class FoxgloveFile:
         text = msgspec.json.encode({"type": "FeatureCollection", "features": list(features)}).decode()
         self._write(topic, "foxglove.GeoJSON", time_s, {"geojson": text})
 
-    # --- What does not move ---
+    # --- Fixed objects ---
 
     def _write_farm(self, event: RunBegun) -> None:
         farm = self._farm
@@ -210,9 +211,9 @@ class FoxgloveFile:
             for ring in _rings(patch.polygon)
         ]
         walls = [
-            _wall(ring, one.height_m or self._size_m)
-            for one in farm.obstacles
-            for ring in _rings(one.polygon)
+            _wall(ring, obstacle.height_m or self._size_m)
+            for obstacle in farm.obstacles
+            for ring in _rings(obstacle.polygon)
         ]
         self._write_scene("/farm/scene", 0.0, lines=lines, triangles=walls)
         about = {
@@ -241,7 +242,7 @@ class FoxgloveFile:
     # --- Vehicles ---
 
     def _write_body(self, time_s: float, number: int) -> None:
-        """Show a vehicle as an arrow with its number, in its own frame."""
+        """Draw a vehicle as an arrow with its number, in the vehicle's own frame."""
         size, colour = self._size_m, _colour(vehicle_colour(number))
         arrow = {
             "pose": _POSE,
@@ -269,7 +270,7 @@ class FoxgloveFile:
         if event.heading_rad is not None:
             vehicle.yaw_rad = 0.5 * math.pi - event.heading_rad - math.radians(farm.frame.rotation_deg)
         elif vehicle.track and math.dist(place[:2], vehicle.track[-1][:2]) > _LEAST_STEP_M:
-            # Without a heading it looks where it flies.
+            # Without a heading, the vehicle points along its track.
             before = vehicle.track[-1]
             vehicle.yaw_rad = math.atan2(place[1] - before[1], place[0] - before[0])
         vehicle.track.append(place)
@@ -319,7 +320,7 @@ class FoxgloveFile:
             self._write_track(event.time_s, number)
 
     def _write_track(self, time_s: float, number: int) -> None:
-        """Show all that a vehicle has flown in this flight."""
+        """Draw the track of a vehicle's current flight up to now."""
         vehicle = self._vehicles.get(number)
         if vehicle is None or len(vehicle.track) < 2:
             return
@@ -332,7 +333,7 @@ class FoxgloveFile:
         track = _way(self._farm, flown, f"track of vehicle {number}", colour)
         self._write_map(f"/vehicle/{number}/track/map", time_s, [track])
 
-    # --- What is seen, believed and decided ---
+    # --- Readings, estimates and decisions ---
 
     def _add_readings(self, event: Seen) -> None:
         observations = event.observations
@@ -350,7 +351,7 @@ class FoxgloveFile:
             self._write_readings(event.offset_s + float(observations.time_s.max()))
 
     def _write_readings(self, time_s: float) -> None:
-        """Show all readings of the day."""
+        """Write all readings of the current day."""
         self._readings = 0
         layout = _reading(self._fields)
         cloud = {
@@ -378,12 +379,12 @@ class FoxgloveFile:
             self._write_layers(event.time_s, "uncertainty", event.model.uncertainty)
 
     def _write_layers(self, time_s: float, what: str, values: NDArray[np.float32]) -> None:
-        """Write a layer of each field."""
+        """Write one layer per field."""
         layers = self._layers
         for k, one in enumerate(self._fields):
             means = layers.means(k, values[k])
             colours = layers.uncertainty_colours if what == "uncertainty" else layers.colours
-            # From the lowest row up, each from the left.
+            # Foxglove's grid rows run from the bottom up, each from left to right.
             width, height = means.shape
             rows = np.zeros((height, width), _PIXEL)
             rows["value"] = means.T
@@ -413,12 +414,12 @@ class FoxgloveFile:
             "compute_s": record.compute_s,
             "observations": record.observations,
             "changes": [
-                {"vehicle": one.system_id, "points": len(one.path_m), "outcome": one.outcome}
-                for one in record.changes
+                {"vehicle": change.system_id, "points": len(change.path_m), "outcome": change.outcome}
+                for change in record.changes
             ],
             "candidates": [
-                {"vehicle": one.system_id, "value": one.value, "cost": one.cost}
-                for one in record.alternatives
+                {"vehicle": alternative.system_id, "value": alternative.value, "cost": alternative.cost}
+                for alternative in record.alternatives
             ],
         }
         self._write("/decision", "wbf_mission.Decision", event.time_s, decision)
@@ -432,8 +433,8 @@ def _point(x: float, y: float, z: float) -> _Json:
 
 
 def _points(points: NDArray[np.float64], height_m: float) -> list[_Json]:
-    """Return points, float64[n, 2 or 3]; those without a height lie at this one."""
-    return [_point(one[0], one[1], one[2] if len(one) > 2 else height_m) for one in points.tolist()]
+    """Return points, float64[n, 2 or 3], as JSON; 2D points get the height `height_m`."""
+    return [_point(point[0], point[1], point[2] if len(point) > 2 else height_m) for point in points.tolist()]
 
 
 def _colour(colour: str, opacity: float = 1.0) -> _Json:
@@ -463,7 +464,7 @@ def _line(
 
 
 def _wall(ring: NDArray[np.float64], height_m: float) -> _Json:
-    """Return what stands on an outline: two triangles for each of its edges."""
+    """Return a vertical wall over a ring: two triangles per edge."""
     count = len(ring)
     edges = [(k, (k + 1) % count) for k in range(count)]
     corners = [(a, b, a + count, b, b + count, a + count) for a, b in edges]
@@ -472,19 +473,17 @@ def _wall(ring: NDArray[np.float64], height_m: float) -> _Json:
         "points": _points(ring, 0.0) + _points(ring, height_m),
         "color": _colour(OBSTACLE, 0.5),
         "colors": [],
-        "indices": [number for one in corners for number in one],
+        "indices": [number for corner in corners for number in corner],
     }
 
 
 def _rings(polygon: shapely.Polygon) -> list[NDArray[np.float64]]:
-    """Return the outline of a polygon and its holes, open."""
+    """Return the rings of a polygon (outline and holes) without the closing point."""
     return [shapely.get_coordinates(one)[:-1] for one in (polygon.exterior, *polygon.interiors)]
 
 
 def _feature(kind: str, farm: Farm, points_m: Any, **properties: object) -> _Json:
-    points = np.asarray(points_m, np.float64)
-    latitude, longitude = farm.frame.to_wgs84(points[:, 0].copy(), points[:, 1].copy())
-    places = np.round(np.column_stack([longitude, latitude]), 8).tolist()
+    places = np.round(places_of(farm, np.asarray(points_m, np.float64))[:, ::-1], 8).tolist()
     geometry = {"type": kind, "coordinates": places[0] if kind == "Point" else places}
     return {"type": "Feature", "properties": properties, "geometry": geometry}
 
@@ -494,13 +493,13 @@ def _way(farm: Farm, points_m: NDArray[np.float64], name: str, colour: str) -> _
 
 
 def _reading(fields: FieldSet) -> np.dtype[np.void]:
-    """Return how a reading is packed."""
+    """Return the packed layout of a reading."""
     names = [*"xyz", *(f"{one.name}_value" for one in fields)]
     return np.dtype([*((name, "<f4") for name in names), *((name, "u1") for name in _COLOURS)])
 
 
 def _packed(layout: np.dtype[np.void]) -> list[_Json]:
-    """Return how values are packed, as Foxglove tells it."""
+    """Return a packed layout as Foxglove's list of fields."""
     assert layout.names is not None and layout.fields is not None
     told = []
     for name in layout.names:
@@ -510,7 +509,7 @@ def _packed(layout: np.dtype[np.void]) -> list[_Json]:
 
 
 def write_mcap(record: RunRecord, files: tuple[Path, ...], events: Iterable[Event], epoch_s: float) -> None:
-    """Write the events of a finished run as an MCAP file, and a layout for Foxglove."""
+    """Write the events of a finished run as an MCAP file, with a Foxglove layout beside it."""
     path, layout = files
     with atomic_write(path, "wb") as stream:
         file = FoxgloveFile(stream, record, epoch_s)
@@ -522,8 +521,8 @@ def write_mcap(record: RunRecord, files: tuple[Path, ...], events: Iterable[Even
 
 
 def layout_of(result: RunRecord) -> _Json:
-    """Return panels for the files of a run: map, scene, plots and log, as Foxglove imports them."""
-    farm, numbers = result.farm, sorted({one.system_id for one in result.flights})
+    """Return a Foxglove layout for a run: map, scene, plots and log panels."""
+    farm, numbers = result.farm, sorted({flight.system_id for flight in result.flights})
     width_m, height_m = farm.width_cells * farm.cell_size_m, farm.height_cells * farm.cell_size_m
     shown = [f"/layers/{result.fields[0].name}/estimate", "/farm/scene", "/readings"]
     shown += [
@@ -560,7 +559,7 @@ def layout_of(result: RunRecord) -> _Json:
         "RosOut!log": {"topicToRender": "/log"},
     }
     for title, paths in plots.items():
-        series = [{"value": one, "enabled": True, "timestampMethod": "receiveTime"} for one in paths]
+        series = [{"value": path, "enabled": True, "timestampMethod": "receiveTime"} for path in paths]
         panels[f"Plot!{title}"] = {"title": title, "paths": series, "isSynced": True, "xAxisVal": "timestamp"}
     return {
         "configById": panels,

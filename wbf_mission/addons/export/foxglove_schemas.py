@@ -1,4 +1,4 @@
-"""JSON schemas of the messages that Foxglove knows by name, as far as they are written, and of our own.
+"""JSON schemas of the Foxglove messages that are written, and of our own messages.
 
 Source of names and fields: Foxglove's message schemas (docs.foxglove.dev, "foxglove schemas"). In JSON a time
 is an object of seconds and nanoseconds, bytes are base64.
@@ -21,7 +21,7 @@ _NANOSECONDS: Schema = {"type": "integer", "minimum": 0, "maximum": 999_999_999}
 
 
 def message(title: str, optional: Collection[str] = (), **fields: Schema) -> Schema:
-    """Return the schema of an object with these fields; those that are not optional are required."""
+    """Return the schema of an object with these fields, all required except those in `optional`."""
     required = [name for name in fields if name not in optional]
     return {"title": title, "type": "object", "properties": fields, "required": required}
 
@@ -224,11 +224,11 @@ _OWN = (
 )
 
 SCHEMAS: dict[str, Schema] = {one["title"]: one for one in (*_KNOWN, *_OWN)}
-"""By the names of the messages."""
+"""Schemas by message name."""
 
 
 def score_schema(fields: Collection[str]) -> Schema:
-    """Return the schema of our scores, with a loss for each of these fields."""
+    """Return the schema of our score message, with one loss per field."""
     return message(
         "wbf_mission.Score",
         timestamp=TIME,

@@ -1,4 +1,4 @@
-"""A run as a recording of Rerun: map, scene, layers, plots and log on one time line, and their layout."""
+"""Export to a Rerun recording: map, scene, layers, plots and log on one time line, with a blueprint."""
 
 from __future__ import annotations
 
@@ -17,12 +17,13 @@ from geo.imports import load_extra
 from mission.files.fence import fence_rings
 from mission.outcome import in_words
 from wbf_mission.addons.export.layers import Layers, reading_colours
-from wbf_mission.addons.export.looks import (
+from wbf_mission.addons.export.style import (
     FENCE,
     OBSTACLE,
     SHOWN_AGAIN,
     TRACK_POINTS,
     crop_colour,
+    places_of,
     rgb,
     vehicle_colour,
     vehicle_size_m,
@@ -54,7 +55,7 @@ class ExportError(WbfMissionError, ValueError):
 
 
 class RerunRecording:
-    """Logs the events of a finished run to a recording."""
+    """Writer of a finished run's events to a Rerun recording."""
 
     def __init__(self, rr: Any, recording: Any, record: RunRecord, epoch_s: float) -> None:
         self._rr, self._recording = rr, recording
@@ -115,23 +116,19 @@ class RerunRecording:
     def _end(self, time_s: float, who: str, outcome: str, reason: str) -> None:
         self._say(time_s, "INFO", who, in_words(outcome, reason))
 
-    def _places(self, points: NDArray[np.floating]) -> NDArray[np.float64]:
-        """Return points of the farm frame as latitude and longitude."""
-        return np.column_stack(self._farm.frame.to_wgs84(points[:, 0].copy(), points[:, 1].copy()))
-
     def _log_farm(self) -> None:
         rr, farm, size = self._rr, self._farm, self._size_m
         shapes = [(patch.polygon, crop_colour(str(patch.crop)), 0.0) for patch in farm.patches]
-        shapes += [(one.polygon, OBSTACLE, one.height_m or size) for one in farm.obstacles]
+        shapes += [(obstacle.polygon, OBSTACLE, obstacle.height_m or size) for obstacle in farm.obstacles]
         rings = [
             (shapely.get_coordinates(ring), rgb(colour), height_m)
             for polygon, colour, height_m in shapes
             for ring in (polygon.exterior, *polygon.interiors)
         ]
         colours = [colour for _, colour, _ in rings]
-        places = [self._places(ring) for ring, _, _ in rings]
+        places = [places_of(self._farm, ring) for ring, _, _ in rings]
         self._recording.log("map/farm", rr.GeoLineStrings(lat_lon=places, colors=colours), static=True)
-        home = self._places(np.array([farm.home_m]))
+        home = places_of(self._farm, np.array([farm.home_m]))
         self._recording.log("map/home", rr.GeoPoints(lat_lon=home, colors=[(0, 0, 0)]), static=True)
         strips, of_strips = [], []
         for ring, colour, height_m in rings:
@@ -149,11 +146,11 @@ class RerunRecording:
         colours = [colour] + [rgb(FENCE)] * len(rings)
         lines = [event.path_m, *rings] if len(event.path_m) else rings
         places = rr.GeoLineStrings(
-            lat_lon=[self._places(one) for one in lines], colors=colours[-len(lines) :]
+            lat_lon=[places_of(self._farm, line) for line in lines], colors=colours[-len(lines) :]
         )
         height_m = highest_m(event.mission, self._farm)
-        heights = [height_m if one is event.path_m else 0.0 for one in lines]
-        strips = [_raised(one, height) for one, height in zip(lines, heights, strict=True)]
+        heights = [height_m if line is event.path_m else 0.0 for line in lines]
+        strips = [_raised(line, height) for line, height in zip(lines, heights, strict=True)]
         self._log(event.time_s, f"map/vehicle_{number}/plan", places)
         scene = rr.LineStrips3D(strips, colors=[(*one, 128) for one in colours[-len(lines) :]])
         self._log(event.time_s, f"scene/vehicle_{number}/plan", scene)
@@ -161,13 +158,13 @@ class RerunRecording:
         self._recording.log(f"scene/vehicle_{number}/body", body, static=True)
 
     def _log_flight(self, number: int) -> None:
-        """Log the states of a flight, and its track as it grows."""
+        """Log the states of a flight and its growing track."""
         rr, states = self._rr, self._states.pop(number, [])
         if len(states) < 2:
             return
-        times = rr.TimeColumn(TIME_LINE, timestamp=np.array([self._at(one.time_s) for one in states]))
-        flown = np.array([(one.x_m, one.y_m, one.height_m) for one in states])
-        places, yaws = self._places(flown), _yaws(states, flown, self._farm.frame.rotation_deg)
+        times = rr.TimeColumn(TIME_LINE, timestamp=np.array([self._at(state.time_s) for state in states]))
+        flown = np.array([(state.x_m, state.y_m, state.height_m) for state in states])
+        places, yaws = places_of(self._farm, flown), _yaws(states, flown, self._farm.frame.rotation_deg)
         turned = np.column_stack([np.zeros((len(yaws), 2)), np.sin(0.5 * yaws), np.cos(0.5 * yaws)])
         colour = rgb(vehicle_colour(number))
 
@@ -182,7 +179,7 @@ class RerunRecording:
         )
         send(f"scene/vehicle_{number}/body", rr.Transform3D.columns(translation=flown, quaternion=turned))
         for what in ("height_m", "speed_m_s", "battery"):
-            values = [getattr(one, what) for one in states]
+            values = [getattr(state, what) for state in states]
             if None not in values:
                 path = f"plots/{what}/vehicle_{number}"
                 send(path, rr.Scalars.columns(scalars=values))
@@ -196,13 +193,13 @@ class RerunRecording:
             self._log(states[end - 1].time_s, f"map/vehicle_{number}/track", track)
 
     def _log_readings(self, time_s: float) -> None:
-        """Log all readings of the day."""
+        """Log all readings of the current day."""
         self._readings = 0
         if not self._seen:
             return
         parts = [one.observations for one in self._seen]
-        cells = np.concatenate([np.stack([one.x, one.y], 1) for one in parts]) + 0.5
-        values = np.concatenate([one.values for one in parts])
+        cells = np.concatenate([np.stack([part.x, part.y], 1) for part in parts]) + 0.5
+        values = np.concatenate([part.values for part in parts])
         points = self._rr.Points3D(
             _raised(self._farm.cell_size_m * cells, 0.0),
             colors=reading_colours(self._fields, values),
@@ -221,37 +218,37 @@ class RerunRecording:
 
     def _log_layers(self, time_s: float, what: str, values: NDArray[np.float32]) -> None:
         layers = self._layers
-        for k, one in enumerate(self._fields):
+        for k, field in enumerate(self._fields):
             colours = layers.uncertainty_colours if what == "uncertainty" else layers.colours
             painted = colours(k, layers.means(k, values[k]))
-            # Pictures begin with their uppermost row.
+            # Image rows start at the top.
             rows = np.ascontiguousarray(painted.transpose(1, 0, 2)[::-1])
-            self._log(time_s, f"layers/{one.name}/{what}", self._rr.Image(rows, "RGBA"))
+            self._log(time_s, f"layers/{field.name}/{what}", self._rr.Image(rows, "RGBA"))
 
 
 def _raised(points: NDArray[np.floating], height_m: float) -> NDArray[np.float64]:
-    """Return points, float64[n, 2], at a height."""
+    """Return points, float64[n, 2], with the height `height_m`."""
     return np.column_stack([points, np.full(len(points), height_m)])
 
 
 def _yaws(states: list[VehicleMoved], flown: NDArray[np.float64], rotation_deg: float) -> NDArray[np.float64]:
-    """Return where a vehicle looks, anticlockwise from the x axis: as it told, else along its track."""
+    """Return yaws, anticlockwise from the x axis: the heading if known, else the track direction."""
     steps = np.diff(flown[:, :2], axis=0, append=flown[-1:, :2])
     along = np.arctan2(steps[:, 1], steps[:, 0])
-    told = np.array([math.nan if one.heading_rad is None else one.heading_rad for one in states])
+    told = np.array([math.nan if state.heading_rad is None else state.heading_rad for state in states])
     looks = 0.5 * math.pi - told - math.radians(rotation_deg)
     return np.where(np.isfinite(looks), looks, along)
 
 
 def blueprint_of(rrb: Any, result: RunRecord) -> Any:
-    """Return how Rerun lays a run out: map and log, scene and layers, plots."""
+    """Return the Rerun blueprint of a run: map and log, scene and layers, plots."""
     whats = ("truth", "estimate", "uncertainty")
     layers = [
         rrb.Horizontal(
-            *(rrb.Spatial2DView(origin=f"layers/{one.name}/{what}", name=what) for what in whats),
-            name=one.title,
+            *(rrb.Spatial2DView(origin=f"layers/{field.name}/{what}", name=what) for what in whats),
+            name=field.title,
         )
-        for one in result.fields
+        for field in result.fields
     ]
     plots = ("score", "loss", "height_m", "speed_m_s", "battery")
     return rrb.Blueprint(
@@ -265,7 +262,7 @@ def blueprint_of(rrb: Any, result: RunRecord) -> Any:
                 rrb.TextLogView(origin="log", name="Log"),
                 row_shares=[3, 1],
             ),
-            rrb.Vertical(*(rrb.TimeSeriesView(origin=f"plots/{one}", name=one) for one in plots)),
+            rrb.Vertical(*(rrb.TimeSeriesView(origin=f"plots/{plot}", name=plot) for plot in plots)),
             column_shares=[2, 1],
         ),
         collapse_panels=True,
@@ -273,12 +270,12 @@ def blueprint_of(rrb: Any, result: RunRecord) -> Any:
 
 
 def write_rrd(record: RunRecord, files: tuple[Path, ...], events: Iterable[Event], epoch_s: float) -> None:
-    """Write the events of a finished run as a recording of Rerun.
+    """Write the events of a finished run as a Rerun recording.
 
     Raises
     ------
     ExportError
-        If the library of the extra ``rerun`` is not installed.
+        If the packages of the extra ``rerun`` are not installed.
     """
     rr = load_extra("rerun", "rerun", "recordings of Rerun need", ExportError)
     rrb = load_extra("rerun.blueprint", "rerun", "recordings of Rerun need", ExportError)

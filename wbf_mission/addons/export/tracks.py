@@ -1,4 +1,4 @@
-"""What vehicles flew as tracks with times, and what was planned: GPX, KML for Google Earth, GeoJSON, CSV."""
+"""Export of tracks, planned missions and readings: GPX, KML for Google Earth, GeoJSON, CSV."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from geo.texts import printable
 from mission.files.xml import add, decimal, document
 from mission.model import Command, Frame, Mission
 from mission.outcome import in_words
-from wbf_mission.addons.export.looks import OBSTACLE, crop_colour, vehicle_colour
+from wbf_mission.addons.export.style import OBSTACLE, crop_colour, places_of, vehicle_colour
 from wbf_mission.events import Event, FlightEnded, Planned, RunBegun, Seen, VehicleMoved
 
 if TYPE_CHECKING:
@@ -48,17 +48,17 @@ class _Flight:
     system_id: int
     vehicle: str
     states: list[VehicleMoved] = field(default_factory=list)
-    plan: Planned | None = None  # Before take-off
+    plan: Planned | None = None  # Plan before take-off
     outcome: str = ""
 
     @property
     def name(self) -> str:
-        """What it is called in all files."""
+        """Name of the flight in all files."""
         return printable(f"day {self.day}, flight {self.flight}, vehicle {self.system_id} ({self.vehicle})")
 
 
 class _Tracks:
-    """What the events of a run tell of flights and readings."""
+    """Flights and readings collected from the events of a run."""
 
     def __init__(self, record: RunRecord, events: Iterable[Event], epoch_s: float) -> None:
         self.farm = record.farm
@@ -70,7 +70,7 @@ class _Tracks:
         for event in events:
             if isinstance(event, RunBegun):
                 self.title = printable(event.title)
-                names = {one.system_id: one.name for one in event.vehicles}
+                names = {vehicle.system_id: vehicle.name for vehicle in event.vehicles}
             elif isinstance(event, Seen):
                 self.seen.append(event)
             elif isinstance(event, Planned | VehicleMoved | FlightEnded):
@@ -85,50 +85,49 @@ class _Tracks:
 
     @property
     def flown(self) -> list[_Flight]:
-        """The flights of which there is a track."""
-        return [one for one in self.flights.values() if len(one.states) > 1]
+        """Flights with a track of at least two points."""
+        return [flight for flight in self.flights.values() if len(flight.states) > 1]
 
     def time(self, time_s: float) -> str:
-        """Return a time of the run as ISO 8601 has it."""
+        """Return a time of the run in ISO 8601."""
         told = self.epoch + timedelta(seconds=time_s)
         return told.isoformat(timespec="milliseconds").replace("+00:00", "Z")
 
     def places(self, points_m: NDArray[np.floating]) -> NDArray[np.float64]:
-        """Return points, float64[n, 2 or more], as latitude and longitude, float64[n, 2]."""
-        latitude, longitude = self.farm.frame.to_wgs84(points_m[:, 0].copy(), points_m[:, 1].copy())
-        return np.round(np.column_stack([latitude, longitude]), 8)
+        """Return points, float64[n, 2 or more], as latitude and longitude to 8 digits, float64[n, 2]."""
+        return np.round(places_of(self.farm, points_m), 8)
 
     def track(self, flight: _Flight) -> list[tuple[VehicleMoved, float, float, float]]:
-        """Return the states of a flight with latitude, longitude and height above the sea."""
-        places = self.places(np.array([(one.x_m, one.y_m) for one in flight.states])).tolist()
+        """Return the states of a flight with latitude, longitude and altitude above sea level."""
+        places = self.places(np.array([(state.x_m, state.y_m) for state in flight.states])).tolist()
         sea_m = self.farm.frame.altitude_m
         return [
-            (one, latitude, longitude, round(sea_m + one.height_m, 3))
-            for one, (latitude, longitude) in zip(flight.states, places, strict=True)
+            (state, latitude, longitude, round(sea_m + state.height_m, 3))
+            for state, (latitude, longitude) in zip(flight.states, places, strict=True)
         ]
 
     def planned(self, flight: _Flight) -> list[tuple[float, float, float]]:
-        """Return latitude, longitude and height above home of the waypoints that were planned."""
+        """Return latitude, longitude and height above home of the planned waypoints."""
         return [] if flight.plan is None else waypoints_of(flight.plan.mission, self.farm)
 
 
 def waypoints_of(mission: Mission, farm: Farm) -> list[tuple[float, float, float]]:
-    """Return latitude, longitude and height above home of the waypoints of a mission."""
+    """Return latitude, longitude and height above home of a mission's waypoints."""
     home_m = farm.frame.altitude_m if mission.home is None else mission.home.altitude_m
     return [
-        (one.x, one.y, one.z - (home_m if one.frame == Frame.GLOBAL else 0.0))
-        for one in mission.items
-        if one.command == Command.NAV_WAYPOINT
+        (item.x, item.y, item.z - (home_m if item.frame == Frame.GLOBAL else 0.0))
+        for item in mission.items
+        if item.command == Command.NAV_WAYPOINT
     ]
 
 
 def highest_m(mission: Mission, farm: Farm) -> float:
-    """Return the height above home of a mission's highest waypoint, metres; 0 without any."""
+    """Return the height above home of a mission's highest waypoint (m); 0 without waypoints."""
     return max((height_m for *_, height_m in waypoints_of(mission, farm)), default=0.0)
 
 
 def write_gpx(record: RunRecord, files: tuple[Path, ...], events: Iterable[Event], epoch_s: float) -> None:
-    """Write tracks with times, heights above the sea and the planned waypoints as routes."""
+    """Write tracks with times and altitudes, and the planned waypoints as routes."""
     tracks = _Tracks(record, events, epoch_s)
     gpx = ElementTree.Element("gpx", _GPX)
     about = add(gpx, "metadata")
@@ -159,7 +158,7 @@ def write_gpx(record: RunRecord, files: tuple[Path, ...], events: Iterable[Event
 
 
 def write_kml(record: RunRecord, files: tuple[Path, ...], events: Iterable[Event], epoch_s: float) -> None:
-    """Write tracks that Google Earth plays, planned paths, and the farm with its obstacles."""
+    """Write tracks that Google Earth can play, planned paths, and the farm with its obstacles."""
     tracks = _Tracks(record, events, epoch_s)
     kml = ElementTree.Element("kml", _KML)
     top = add(kml, "Document")
@@ -190,9 +189,9 @@ def write_kml(record: RunRecord, files: tuple[Path, ...], events: Iterable[Event
 def write_geojson(
     record: RunRecord, files: tuple[Path, ...], events: Iterable[Event], epoch_s: float
 ) -> None:
-    """Write the farm, planned waypoints, tracks with their times, and readings as features with a kind.
+    """Write the farm, planned waypoints, tracks with times, and readings as features with a ``kind``.
 
-    The third coordinate of a track is its height above the sea; ``coordTimes`` has a time for each point.
+    The third coordinate of a track is the altitude above sea level; ``coordTimes`` has a time for each point.
     """
     tracks = _Tracks(record, events, epoch_s)
     features = farm_document(tracks.farm)["features"]
@@ -227,7 +226,7 @@ def write_geojson(
 
 
 def write_csv(record: RunRecord, files: tuple[Path, ...], events: Iterable[Event], epoch_s: float) -> None:
-    """Write the states of all vehicles as a table."""
+    """Write the states of all vehicles as a table, one row per state."""
     tracks = _Tracks(record, events, epoch_s)
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
@@ -253,7 +252,7 @@ def _coordinate(latitude: float, longitude: float, height_m: float) -> str:
 
 
 def _mark(parent: ElementTree.Element, name: str, colour: str, *, opacity: int = 0xFF) -> ElementTree.Element:
-    """Add a placemark in a colour, which KML writes backwards."""
+    """Add a placemark in a colour, which KML writes as opacity, blue, green, red."""
     mark = add(parent, "Placemark")
     add(mark, "name", name)
     style = add(mark, "Style")
@@ -271,7 +270,7 @@ def _add_farm(top: ElementTree.Element, tracks: _Tracks) -> None:
     folder = add(top, "Folder")
     add(folder, "name", printable(farm.name))
     shapes = [(patch.name, patch.polygon, 0.0, crop_colour(str(patch.crop))) for patch in farm.patches]
-    shapes += [(one.name or "obstacle", one.polygon, one.height_m or 0.0, OBSTACLE) for one in farm.obstacles]
+    shapes += [(it.name or "obstacle", it.polygon, it.height_m or 0.0, OBSTACLE) for it in farm.obstacles]
     for name, polygon, height_m, colour in shapes:
         area = add(_mark(folder, printable(name), colour), "Polygon")
         if height_m:
@@ -292,7 +291,7 @@ def _feature(kind: str, coordinates: list[Any], properties: dict[str, Any]) -> d
 
 
 def _readings(tracks: _Tracks, seen: Seen) -> list[dict[str, Any]]:
-    """Return a feature for each reading, at the middle of its cell."""
+    """Return a feature for each reading, at the centre of its cell."""
     observations, side_m = seen.observations, tracks.farm.cell_size_m
     middles = side_m * (np.stack([observations.x, observations.y], 1) + 0.5)
     places = tracks.places(middles).tolist()

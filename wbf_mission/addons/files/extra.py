@@ -1,4 +1,4 @@
-"""Files and logs as a part of the simulated vehicle."""
+"""Files and logs as an extra of the simulated vehicle."""
 
 from __future__ import annotations
 
@@ -36,11 +36,11 @@ class Files:
         }
 
     def log_frame(self, frame: bytes, message_id: int, now_s: float) -> None:
-        """Keep a frame in the log of the flight."""
+        """Append a frame to the log of the current flight."""
         self._logs.write(frame, message_id, now_s, armed=self._state.pilot.armed)
 
     def metadata(self) -> tuple[Message, ...]:
-        """COMPONENT_METADATA; nothing where the autopilot has none."""
+        """Return COMPONENT_METADATA; empty if the autopilot has none."""
         details = self._state.mavlink.component_metadata
         if details is None:
             return ()

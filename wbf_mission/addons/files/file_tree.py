@@ -1,4 +1,4 @@
-"""The files of a vehicle: a tree in memory of limited size, and files that are made when they are read."""
+"""File system of a vehicle: an in-memory tree of limited size, and files generated when read."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ _MOST_BYTES = 4_000_000
 _MOST_DEPTH = 8
 
 MadeFile = Callable[[str, int], bytes | None]
-"""Given the query after a ``?`` and the size of the first read, the contents; None for a wrong query."""
+"""``make(query, read_size)`` returns the contents of a generated file; None for a wrong query."""
 TakenFile = Callable[[bytes], bool]
 Mounted = Callable[[], Mapping[str, bytes | bytearray]]
 Path = tuple[str, ...]
 
 
 class FtpError(IntEnum):
-    """Reasons why a request fails."""
+    """Error codes of MAVLink FTP."""
 
     FAIL = 1
     INVALID_SIZE = 3
@@ -33,7 +33,7 @@ class FtpError(IntEnum):
 
 
 class FileError(Exception):
-    """A file operation that cannot be done."""
+    """A file operation failed; `code` is the reason."""
 
     def __init__(self, code: FtpError) -> None:
         super().__init__(code.name)
@@ -41,7 +41,7 @@ class FileError(Exception):
 
 
 def path_of(text: str) -> Path:
-    """Split a path from the root; ``.`` and empty steps are dropped, ``..`` is a FileError.
+    """Split a path from the root into its steps, without ``.`` and empty steps; FileError for ``..``.
 
     Examples
     --------
@@ -55,11 +55,11 @@ def path_of(text: str) -> Path:
 
 
 class FileTree:
-    """Directories and files; its methods raise FileError when they cannot.
+    """Directories and files of a vehicle; methods raise FileError on failure.
 
-    Files can be written in the ``directories`` and below. Functions by path: ``made`` returns the contents of
-    a file when it is read; ``taken`` is given the contents of a written file, and returns whether the vehicle
-    accepts them. ``mounted``, by directory, returns the contents of read-only files by path below it.
+    Files can be written in ``directories`` and below. ``made`` maps a path to a function that returns the
+    contents when read; ``taken`` maps a path to one that receives the written contents and returns whether
+    they are accepted; ``mounted`` maps a directory to one that returns its read-only files by path.
     """
 
     def __init__(
@@ -80,7 +80,7 @@ class FileTree:
         }
 
     def names(self, text: str) -> list[str]:
-        """Return the entries of a directory, as LIST has them: ``Dname``, or ``Fname`` with its size."""
+        """Return the entries of a directory in LIST format: ``Dname``, or ``Fname`` with the size."""
         path = path_of(text)
         mounted = self._mounted_files()
         depth = len(path)
@@ -98,7 +98,7 @@ class FileTree:
         return sorted(entries)
 
     def opened(self, text: str) -> Callable[[int], bytes | None]:
-        """Return the contents of a file, given the size of the first read."""
+        """Return a function from the size of the first read to the contents of a file."""
         name, _, query = text.partition("?")
         path = path_of(name)
         if path in self._made:
@@ -111,7 +111,7 @@ class FileTree:
         return lambda _size: contents
 
     def create(self, text: str, *, anew: bool) -> Path:
-        """Make a file, or find one; ``anew`` empties it."""
+        """Create a file or open an existing one, and return its path; `anew` empties it."""
         path = path_of(text)
         if path not in self._taken:
             path = self._place(text)
@@ -125,7 +125,7 @@ class FileTree:
         return path
 
     def write(self, path: Path, offset: int, data: bytes) -> None:
-        """Write into a file; a hole is filled with zeros."""
+        """Write `data` at `offset`; a gap before it is filled with zeros."""
         kept = self._files.get(path)
         if kept is None:
             raise FileError(FtpError.NOT_FOUND)
@@ -136,12 +136,12 @@ class FileTree:
         kept[offset:end] = data
 
     def close(self, path: Path) -> None:
-        """End the writing of a file."""
+        """Close a written file and hand its contents to the vehicle; FileError if refused."""
         if path in self._taken and not self._taken[path](bytes(self._files.pop(path, b""))):
             raise FileError(FtpError.FAIL)
 
     def truncate(self, text: str, size: int) -> None:
-        """Shorten a file."""
+        """Shorten a file to `size` bytes."""
         kept = self._files.get(self._place(text))
         if kept is None:
             raise FileError(FtpError.NOT_FOUND)
@@ -150,12 +150,12 @@ class FileTree:
         del kept[size:]
 
     def remove(self, text: str) -> None:
-        """Remove a file."""
+        """Delete a file."""
         if self._files.pop(self._place(text), None) is None:
             raise FileError(FtpError.NOT_FOUND)
 
     def make_directory(self, text: str) -> None:
-        """Make a directory."""
+        """Create a directory."""
         path = self._place(text)
         if path in self._directories or path in self._files:
             raise FileError(FtpError.FILE_EXISTS)
@@ -163,7 +163,7 @@ class FileTree:
         self._directories.add(path)
 
     def remove_directory(self, text: str) -> None:
-        """Remove an empty directory."""
+        """Delete an empty directory."""
         path = self._place(text)
         if path not in self._directories:
             raise FileError(FtpError.NOT_FOUND)
@@ -172,7 +172,7 @@ class FileTree:
         self._directories.remove(path)
 
     def rename(self, old: str, new: str) -> None:
-        """Give a file another path."""
+        """Move a file to another path."""
         before, after = self._place(old), self._place(new)
         if before not in self._files:
             raise FileError(FtpError.NOT_FOUND)
@@ -188,7 +188,7 @@ class FileTree:
         }
 
     def _place(self, text: str) -> Path:
-        """Return a path whose directory is there and can be written to."""
+        """Return the steps of a path in a writable directory; FileError otherwise."""
         path = path_of(text)
         if any(path in kept for kept in (self._made, self._taken, self._mounted_files())):
             raise FileError(FtpError.PROTECTED)

@@ -1,7 +1,7 @@
-"""The vehicle's side of MAVLink FTP: the payload of FILE_TRANSFER_PROTOCOL, and sessions.
+"""MAVLink FTP server of a vehicle: payload of FILE_TRANSFER_PROTOCOL, and sessions.
 
-Layout, operations and errors: https://mavlink.io/en/services/ftp.html. Sessions are numbered by the client,
-as ArduPilot takes them; PX4's clients, which take the number from the answer, get the one that they sent.
+Layout, operations and errors: https://mavlink.io/en/services/ftp.html. The client chooses the session number,
+as with ArduPilot. PX4's clients read the number from the answer and get back the one they sent.
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ from wbf_mission.addons.files.file_tree import FileError, FileTree, FtpError, Pa
 __all__ = ["ACK", "MOST_DATA", "NAK", "FtpServer", "Operation", "Packet", "checksum"]
 
 MOST_DATA = 239
-"""Bytes of data that a packet holds."""
+"""Maximum bytes of data in a packet."""
 _HEADER = struct.Struct("<HBBBBBxI")
 _PAYLOAD = 251
 _MOST_SESSIONS = 8
 _MOST_PEERS = 32
-# ArduPilot ends a burst after a hundred packets, so that the client can ask for what it missed.
+# ArduPilot ends a burst after 100 packets, so that the client can request missing ones.
 _BURST = 100
 _BATCH = 10
 _BATCH_S = 0.005
@@ -40,13 +40,13 @@ Operation = IntEnum(
     start=0,
 )
 """Operations of requests."""
-# The two kinds of answers.
+# Operations of answers.
 ACK, NAK = 128, 129
 
 
 @dataclass(frozen=True, slots=True)
 class Packet:
-    """A request or an answer; the number of an answer is that of its request plus one, modulo 65536.
+    """A request or an answer; the sequence number of an answer is its request's plus one, modulo 65536.
 
     Examples
     --------
@@ -58,10 +58,10 @@ class Packet:
     sequence: int
     session: int
     operation: int
-    size: int = -1  # of the data; in requests to read what is asked for
-    request: int = 0  # the operation that an answer is to
-    complete: bool = False  # the last packet of a burst that ends before the file
-    offset: int = 0  # in bytes; in a list the number of the first entry
+    size: int = -1  # Bytes of data; in a read request, the number of bytes requested
+    request: int = 0  # Operation of the request that is answered
+    complete: bool = False  # Last packet of a burst that ends before the file does
+    offset: int = 0  # In bytes; for LIST, the index of the first entry
     data: bytes = b""
 
     def __post_init__(self) -> None:
@@ -70,7 +70,7 @@ class Packet:
 
     @classmethod
     def parse(cls, payload: bytes) -> Packet | None:
-        """Read a payload; None when it is too short or its size is too large."""
+        """Parse a payload; None if it is too short or its size field too large."""
         if len(payload) < _HEADER.size:
             return None
         sequence, session, operation, size, request, complete, offset = _HEADER.unpack_from(payload)
@@ -82,25 +82,25 @@ class Packet:
         return cls(sequence, session, operation, size, request, bool(complete), offset, data)
 
     def payload(self) -> bytes:
-        """The bytes of the message's payload, 251 of them."""
+        """Return the 251 bytes of the message's payload."""
         header = _HEADER.pack(
             self.sequence, self.session, self.operation, self.size, self.request, self.complete, self.offset
         )
         return (header + self.data).ljust(_PAYLOAD, b"\0")
 
     def answer(self, data: bytes = b"", *, offset: int = 0) -> Packet:
-        """The answer to a request that was carried out."""
+        """Return the positive answer to this request."""
         sequence = (self.sequence + 1) & 0xFFFF
         return Packet(sequence, self.session, ACK, -1, self.operation, False, offset, data)
 
     def refusal(self, error: FtpError) -> Packet:
-        """The answer to a request that failed, with the reason."""
+        """Return the negative answer to this request, with the reason."""
         answer = self.answer(bytes([error]), offset=self.offset)
         return replace(answer, operation=NAK)
 
     @property
     def text(self) -> str | None:
-        """The path in the data, up to the first zero; None when it is empty or not plain text."""
+        """The path in the data, up to the first zero; None if empty or not printable ASCII."""
         raw = self.data.split(b"\0", 1)[0]
         if not raw.isascii() or not raw.decode("ascii").isprintable():
             return None
@@ -109,14 +109,14 @@ class Packet:
 
 @dataclass(slots=True)
 class _Session:
-    """An open file: one that is read, or the path of one that is written."""
+    """An open file: `contents` when reading, `path` when writing."""
 
     contents: Callable[[int], bytes | None] | None = None
     path: Path = ()
     read: bytes | None = None
 
     def data(self, size: int) -> bytes:
-        """Return the contents, which are made at the first read and stay as they were then."""
+        """Return the contents, which are generated at the first read and do not change afterwards."""
         if self.contents is None:
             raise FileError(FtpError.FAIL)
         if self.read is None:
@@ -128,7 +128,7 @@ class _Session:
 
 @dataclass(slots=True)
 class _Burst:
-    """The rest of a burst."""
+    """Bytes still to send of a burst read."""
 
     request: Packet
     data: bytes
@@ -138,7 +138,7 @@ class _Burst:
 
 
 class FtpServer:
-    """Answers FILE_TRANSFER_PROTOCOL."""
+    """Server of FILE_TRANSFER_PROTOCOL requests."""
 
     def __init__(self, files: FileTree) -> None:
         self._files = files
@@ -165,7 +165,7 @@ class FtpServer:
         }
 
     def receive(self, message: m.MAVLink_file_transfer_protocol_message, now_s: float) -> list[Message]:
-        """Answer a request; the packets of a burst follow in time."""
+        """Answer a request; `poll` sends the packets of a burst."""
         request = Packet.parse(bytes(message.payload))
         if request is None or request.operation in (ACK, NAK):
             return []
@@ -188,7 +188,7 @@ class FtpServer:
         return [_message(peer, answer)]
 
     def poll(self, now_s: float) -> list[Message]:
-        """Return the packets of bursts that are due."""
+        """Return the burst packets that are due."""
         if now_s < self.due_s:
             return []
         messages = []
@@ -215,7 +215,7 @@ class FtpServer:
 
     @staticmethod
     def _next_of(burst: _Burst) -> Packet:
-        """Return the next packet of a burst: data, or that the file has ended."""
+        """Return the next packet of a burst: data, or the end of the file."""
         request = replace(burst.request, sequence=burst.sequence, offset=burst.offset)
         burst.sequence = (burst.sequence + 1) & 0xFFFF
         part = burst.data[burst.offset : burst.offset + (request.size or MOST_DATA)]
@@ -233,7 +233,7 @@ class FtpServer:
         return session
 
     def _begin(self, peer: Peer, request: Packet, session: _Session) -> None:
-        """Keep a session; it replaces one of the same number, whose end was lost."""
+        """Open a session; an older session of the same number is replaced, as its end was lost."""
         key = (peer, request.session)
         if key not in self._sessions and len(self._sessions) >= _MOST_SESSIONS:
             raise FileError(FtpError.NO_SESSIONS)
@@ -265,7 +265,7 @@ class FtpServer:
 
     def _open(self, peer: Peer, request: Packet) -> Packet:
         session = _Session(self._files.opened(_path(request)))
-        # A file that is made needs the size of its reads; until then it is as long as it is for most clients.
+        # The size of a generated file depends on the read size; assume the size that most clients use.
         size = len(session.contents(MOST_DATA) or b"") if session.contents is not None else 0
         self._begin(peer, request, session)
         return request.answer(struct.pack("<I", size))
@@ -315,7 +315,7 @@ class FtpServer:
 
 
 def checksum(data: bytes) -> int:
-    """CRC32 of MAVLink FTP: with zero at the start and no inversion at the end.
+    """Return the CRC32 of MAVLink FTP: initial value 0, no final inversion.
 
     Examples
     --------

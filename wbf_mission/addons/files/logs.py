@@ -1,8 +1,8 @@
-"""The logs of a vehicle's flights, and the LOG_REQUEST messages.
+"""Flight logs of a vehicle, and the LOG_REQUEST messages.
 
-A log begins when the vehicle arms and ends a second after it has disarmed, as those of autopilots do
-(ArduPilot's LOG_DISARMED 0, PX4's SDLOG_MODE 0). It is a telemetry log (.tlog) of what the vehicle sent and
-heard. Sources: ArduPilot's ``AP_Logger_MAVLinkLogTransfer.cpp``, PX4's ``mavlink_log_handler.cpp``.
+A log begins when the vehicle arms and ends one second after it has disarmed, as with autopilots (ArduPilot's
+LOG_DISARMED 0, PX4's SDLOG_MODE 0). The log is a telemetry log (.tlog) of the messages sent and received by
+the vehicle. Sources: ArduPilot's ``AP_Logger_MAVLinkLogTransfer.cpp``, PX4's ``mavlink_log_handler.cpp``.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ __all__ = ["FlightLog", "FlightLogs", "LogMessage", "LogTransfer"]
 _MOST_BYTES = 16 * 2**20
 _MOST_LOGS = 32
 _AFTER_S = 1.0
-# Keys are never logged; the others would make a log grow while it is read.
+# Signing keys must not be logged; log and file messages would make a log grow while it is read.
 _UNLOGGED = frozenset(
     {
         SETUP_SIGNING,
@@ -43,21 +43,21 @@ LogMessage = (
     | m.MAVLink_log_erase_message
 )
 _PART = 90
-# As many at a time as ArduPilot's simulator sends.
+# Batch size of ArduPilot's simulator.
 _BATCH = 40
 _BATCH_S = 0.01
 
 
 @dataclass(slots=True)
 class FlightLog:
-    """One log; the numbers count from 1 since the logs were erased."""
+    """One flight log; numbers start at 1 after the logs were erased."""
 
     number: int
     begun_unix_s: float
     data: bytearray = field(default_factory=bytearray)
 
     def path(self, *, by_date: bool) -> str:
-        """Its place below the directory of logs: PX4's by date and time, or ArduPilot's by number.
+        """Return the path below the log directory: by date and time as PX4, or by number as ArduPilot.
 
         Examples
         --------
@@ -71,10 +71,10 @@ class FlightLog:
 
 
 class FlightLogs:
-    """The logs of a vehicle.
+    """Flight logs of a vehicle.
 
-    The oldest ones give way to new ones; a log that alone fills the room ends there. The epoch is the time
-    of day at the host's time 0.
+    The oldest logs are deleted to make room for new ones. A log that fills all the space stops growing.
+    `epoch_unix_s` is the time of day at the host's time 0.
 
     Examples
     --------
@@ -97,15 +97,15 @@ class FlightLogs:
 
     @property
     def all(self) -> tuple[FlightLog, ...]:
-        """The logs, the oldest first."""
+        """Logs, oldest first."""
         return tuple(self._logs)
 
     def files(self, *, by_date: bool) -> Mapping[str, bytearray]:
-        """Their contents by path."""
+        """Return the contents of the logs by path."""
         return {log.path(by_date=by_date): log.data for log in self._logs}
 
     def write(self, frame: bytes, message_id: int, now_s: float, *, armed: bool) -> None:
-        """Take a frame, at a time of the host; it is kept while the vehicle is armed and shortly after."""
+        """Log a frame at host time `now_s` if the vehicle is armed or was until a second ago."""
         if armed:
             self._ends_s = now_s + _AFTER_S
             if self._open is None:
@@ -122,7 +122,7 @@ class FlightLogs:
             self._size += len(record)
 
     def erase(self, *, armed: bool) -> None:
-        """Forget the logs, but the one that is being written."""
+        """Delete the logs except the one being written."""
         if not armed:
             self._open = None
         self._logs = [log for log in self._logs if log is self._open]
@@ -142,7 +142,7 @@ class FlightLogs:
 
 @dataclass(slots=True)
 class _Sending:
-    """A part of a log that is being sent."""
+    """Part of a log still to send."""
 
     peer: tuple[int, int]
     log: FlightLog
@@ -152,7 +152,7 @@ class _Sending:
 
 
 class LogTransfer:
-    """Lists and sends logs, one of them at a time."""
+    """Server of log lists and log data; sends one log at a time."""
 
     def __init__(self, logs: FlightLogs, pilot: Pilot) -> None:
         self._logs = logs
@@ -163,7 +163,7 @@ class LogTransfer:
         self.due_s = NEVER
 
     def receive(self, message: LogMessage, now_s: float) -> list[Message]:
-        """Answer a request; the data follow in time."""
+        """Answer a request; `poll` sends the log data."""
         armed = self._pilot.armed
         if armed and self._behaviour.refusal_armed:
             if not self._warned:
@@ -181,7 +181,7 @@ class LogTransfer:
         return []
 
     def poll(self, now_s: float) -> list[Message]:
-        """Return the data that are due."""
+        """Return the log data that is due."""
         if now_s < self.due_s:
             return []
         messages: list[Message] = []
@@ -227,7 +227,7 @@ class LogTransfer:
         return self.poll(now_s)
 
     def _next_part(self, sending: _Sending) -> Message:
-        """Return the next part; one that is not whole, or the last one asked for, ends it."""
+        """Return the next part; a short part or the requested end completes the transfer."""
         part = bytes(sending.log.data[sending.offset : min(sending.end, sending.offset + _PART)])
         message = m.MAVLink_log_data_message(
             sending.number, sending.offset, len(part), list(part.ljust(_PART, b"\0"))

@@ -1,4 +1,4 @@
-"""The files of each autopilot: component metadata, packed parameters and plans, logs.
+"""Files that each autopilot provides: component metadata, packed parameters and plans, logs.
 
 Component metadata: https://mavlink.io/en/services/component_metadata.html, and ``parameter.schema.json`` of
 https://github.com/mavlink/mavlink/tree/master/component_metadata; the version that PX4 writes is 1.
@@ -42,7 +42,7 @@ __all__ = [
 GENERAL_PATH = "/etc/extras/component_general.json.xz"
 PARAMETERS_PATH = "/etc/extras/parameters.json.xz"
 _TYPE_PARAMETERS = 1
-# The readers in ground stations are small ones: they know this checksum only.
+# Small XZ readers in ground stations support only this checksum.
 _FILTERS = [{"id": lzma.FILTER_LZMA2, "preset": 6, "dict_size": 1 << 16}]
 _MAGIC, _MAGIC_WITH_DEFAULTS = 0x671B, 0x671C
 _HEADER = struct.Struct("<HHH")
@@ -55,15 +55,15 @@ _MOST = 65534
 Details: TypeAlias = Callable[[], Mapping[str, ParameterDetails]]
 
 
-# Vehicles of a fleet have almost equal tables; compressing one takes some hundredths of a second.
+# Vehicles of a fleet have almost equal tables, and compressing one takes some hundredths of a second.
 @lru_cache(maxsize=16)
 def _metadata(
     table: tuple[MavParameter, ...], defaults: tuple[float, ...], details: Details
 ) -> dict[str, bytes]:
-    """Return the files by path: the general one, which names the others, and that of the parameters.
+    """Return the metadata files by path: the general file, which names the others, and the parameters.
 
-    Defaults are the values at the start, each in its own unit; a parameter without details is as the
-    table has it.
+    `defaults` are the values at start, each in the unit of its parameter. A parameter without details is
+    described by `table`.
     """
     known = details()
     entries = [
@@ -76,7 +76,7 @@ def _metadata(
 
 
 def uri(path: str) -> str:
-    """Address of a file of the vehicle, for clients.
+    """Return the MAVLink FTP address of a vehicle's file.
 
     Examples
     --------
@@ -116,7 +116,7 @@ def _compressed(value: object) -> bytes:
 
 
 def asked_for(query: str) -> tuple[int, int, bool] | None:
-    """Read the query after the ``?``: first parameter, number (0 for all), with defaults; None if wrong.
+    """Parse a query: first parameter, number (0 for all), whether with defaults; None if invalid.
 
     Examples
     --------
@@ -139,9 +139,9 @@ def asked_for(query: str) -> tuple[int, int, bool] | None:
 
 
 def packed(parameters: ParameterSet, query: str, read_size: int) -> bytes | None:
-    """Pack parameters, those of `asked_for`; None if the query is wrong.
+    """Pack the parameters selected by `query`; None if the query is invalid.
 
-    Values are padded so that none crosses from one of the client's reads of ``read_size`` bytes to the next.
+    Padding keeps each value within one of the client's reads of `read_size` bytes.
     """
     table = parameters.table
     asked = asked_for(query)
@@ -169,9 +169,9 @@ def packed(parameters: ParameterSet, query: str, read_size: int) -> bytes | None
 
 
 def unpacked(data: bytes) -> list[tuple[str, float]] | None:
-    """Read an upload: names and values in their order; None where it is damaged.
+    """Parse an upload into names and values; None if it is damaged.
 
-    Its header has the length of the file in the place of the number of all parameters.
+    In an upload, the header has the file length in place of the total number of parameters.
 
     Examples
     --------
@@ -202,12 +202,12 @@ def unpacked(data: bytes) -> list[tuple[str, float]] | None:
 
 
 def _common(one: str, other: str) -> int:
-    """Count the characters that two names have in common at their beginning."""
+    """Return the number of leading characters that two names share."""
     return next((i for i, pair in enumerate(zip(one, other, strict=False)) if pair[0] != pair[1]), len(one))
 
 
 def _bytes(parameter: MavParameter, code: str, value: float) -> bytes:
-    """Return a value as its type holds it."""
+    """Pack a value in its parameter's type."""
     if not parameter.integer:
         return struct.pack(code, value)
     limit = 1 << parameter.bits - 1
@@ -219,9 +219,9 @@ PLAN_PATHS = {
     MissionType.FENCE: "@MISSION/fence.dat",
     MissionType.RALLY: "@MISSION/rally.dat",
 }
-"""The file of each plan."""
+"""Path of the file of each plan."""
 _PLAN_MAGIC = 0x763D
-_PLAN_HEADER = struct.Struct("<5H")  # magic, kind of plan, options, first item, number of items
+_PLAN_HEADER = struct.Struct("<5H")  # Magic, kind of plan, options, first item, number of items
 _ITEM = struct.Struct("<4f2if2H6B")
 _PART = 1
 
@@ -233,14 +233,14 @@ _FIELDS = attrgetter(
 
 
 class PackedPlan(NamedTuple):
-    """A plan as it was uploaded: items numbered from `start`, which they replace; None is a whole plan."""
+    """An uploaded plan: its items replace those from `start`; None means a whole plan."""
 
     items: tuple[m.MAVLink_mission_item_int_message, ...]
     start: int | None
 
 
 def pack_plan(mission_type: MissionType, items: Sequence[m.MAVLink_mission_item_int_message]) -> bytes:
-    """Pack a plan.
+    """Pack a plan into the contents of its file.
 
     Examples
     --------
@@ -252,9 +252,9 @@ def pack_plan(mission_type: MissionType, items: Sequence[m.MAVLink_mission_item_
 
 
 def unpack_plan(data: bytes, mission_type: MissionType) -> PackedPlan | None:
-    """Read an upload; None where it is no plan of this kind, or has gaps.
+    """Parse an uploaded plan; None if it is of another kind or has gaps.
 
-    Only a mission can be replaced in part, as in ArduPilot.
+    Partial replacement is limited to missions, as in ArduPilot.
     """
     if len(data) < _PLAN_HEADER.size:
         return None
@@ -278,14 +278,14 @@ def unpack_plan(data: bytes, mission_type: MissionType) -> PackedPlan | None:
     return PackedPlan(tuple(items), first if in_part else None)
 
 
-# The other files of @SYS are about threads, memory, ports and storage of a board, which there is not.
+# The other files of @SYS describe threads, memory, ports and storage of a board, which is not simulated.
 _TASKS_PATH = "@SYS/tasks.txt"
 
 
 def vehicle_files(
     profile: MavlinkProfile, parameters: ParameterSet, logs: FlightLogs, plans: PlanReceiver
 ) -> FileTree:
-    """Return the tree of a vehicle; slow contents are made when they are first read."""
+    """Return the file tree of a vehicle; slow contents are generated at the first read."""
     made: dict[str, MadeFile] = {}
     taken: dict[str, TakenFile] = {}
     if profile.packed_parameters:
@@ -310,7 +310,7 @@ def vehicle_files(
 
 
 def _task_info(query: str, _read_size: int) -> bytes | None:
-    """The statistics of a scheduler that runs no tasks: ArduPilot's header (``AP_Scheduler.cpp``) alone."""
+    """Return the header line of ArduPilot's task statistics (``AP_Scheduler.cpp``), without any tasks."""
     return None if query else b"TasksV2\n"
 
 
@@ -331,7 +331,7 @@ def _take_plan(plans: PlanReceiver, mission_type: MissionType, data: bytes) -> b
 
 
 def general_metadata(parameters: ParameterSet, details: Details) -> bytes:
-    """Return the file that COMPONENT_METADATA names."""
+    """Return the file that COMPONENT_METADATA refers to."""
     return _files(parameters, details)[GENERAL_PATH]
 
 

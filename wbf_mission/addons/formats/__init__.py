@@ -1,4 +1,4 @@
-"""Mission files beside the core's: KML, KMZ, GeoJSON, GPX, CSV, and DJI's WPML."""
+"""Mission file formats outside the core: KML, KMZ, GeoJSON, GPX, CSV, and DJI's WPML."""
 
 from mission.files.formats import MissionFormat
 from wbf_mission.addons.formats import dji, geojson, gpx, kml, table

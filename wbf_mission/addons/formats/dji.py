@@ -1,8 +1,8 @@
-"""DJI's wayline files (WPML 1.0.2 in a KMZ archive), only written: waypoints, speeds, waits, camera, gimbal.
+"""DJI wayline files (WPML 1.0.2 in a KMZ archive), write-only: waypoints, speeds, waits, camera, gimbal.
 
-Heights are above the take-off. The vehicle stops at each waypoint and flies straight to the next. A take-off
-gives the height to which the drone climbs first, a landing or return at the end what it does then. A heading
-of 0 is taken as none, because ArduPilot's files have it everywhere.
+Heights are above the take-off point. The vehicle stops at each waypoint and flies straight to the next. The
+altitude of a take-off item is the height to which the drone climbs first. A landing or return at the end of
+the mission sets the finish action. A heading of 0 means none: ArduPilot's files have 0 in every waypoint.
 
 Source: DJI Cloud API, "WPML" (developer.dji.com/doc/cloud-api-tutorial, github.com/dji-sdk/Cloud-API-Doc):
 overview, template.kml, waylines.wpml, common elements.
@@ -24,7 +24,7 @@ from mission.model import Command, Frame, Mission, MissionItem
 from wbf_mission.addons.formats.records import command_name, is_placed
 
 _DRONE_NAME = "Mavic 3M"
-# Its numbers and those of its camera (common elements, droneInfo and payloadInfo).
+# Enum values of the drone and its camera (common elements, droneInfo and payloadInfo).
 _DRONE = {
     "droneInfo": {"droneEnumValue": 77, "droneSubEnumValue": 2},
     "payloadInfo": {"payloadEnumValue": 68, "payloadSubEnumValue": 0, "payloadPositionIndex": 0},
@@ -62,7 +62,7 @@ class _Waypoint:
 
 @dataclass(slots=True)
 class _Group:
-    """Actions between two waypoints; the end is None while it is not known."""
+    """Actions between two waypoints; `end` is None until the last waypoint is known."""
 
     start: int
     end: int | None
@@ -72,7 +72,7 @@ class _Group:
 
 @dataclass(slots=True)
 class _Route:
-    """The part of a mission that a wayline file holds, and its losses; a step returns whether it fits."""
+    """A mission as a wayline route, and the items lost; each step method returns whether its item is kept."""
 
     mission: Mission
     speed_m_s: float
@@ -84,12 +84,12 @@ class _Route:
     first_actions: list[Action] = field(default_factory=list)
 
     def act(self, function: str, parameters: Mapping[str, Any]) -> bool:
-        """Add an action at the last waypoint, or at the first if there is none yet."""
+        """Add an action at the last waypoint, or at the first waypoint to come."""
         (self.waypoints[-1].actions if self.waypoints else self.first_actions).append((function, parameters))
         return True
 
     def repeat(self, kind: str, every: float) -> bool:
-        """Take photos by distance or time until the next call; 0 ends it."""
+        """Take photos by distance or time until the next call; `every` = 0 stops."""
         here = max(len(self.waypoints) - 1, 0)
         if self.repeats and self.repeats[-1].end is None:
             self.repeats[-1].end = here
@@ -145,7 +145,7 @@ class _Route:
         if item.param1 not in (0.0, 1.0) or item.param2 is None or item.param2 <= 0.0:
             return False
         self.speed_m_s = item.param2
-        if self.waypoints:  # of the leg that begins there
+        if self.waypoints:  # The speed of a waypoint applies to the leg that starts there.
             self.waypoints[-1].speed_m_s = item.param2
         return True
 
@@ -161,7 +161,7 @@ class _Route:
         return self.act("gimbalRotate", _GIMBAL | {"gimbalPitchRotateAngle": float(pitch_deg)})
 
     def groups(self) -> dict[int, list[tuple[int, _Group]]]:
-        """Return the groups of actions by the waypoint at which they begin, each with its number."""
+        """Return the action groups, numbered, by the waypoint at which they start."""
         made = [
             _Group(k, k, _REACHED, waypoint.actions)
             for k, waypoint in enumerate(self.waypoints)
@@ -175,7 +175,7 @@ class _Route:
 
 
 _STEPS: Mapping[int, Callable[[_Route, MissionItem], bool]] = {
-    **dict.fromkeys((16, 19, 82), _Route.waypoint),  # waypoint, loiter for a time, spline
+    **dict.fromkeys((16, 19, 82), _Route.waypoint),  # Waypoint, loiter for a time, spline
     Command.NAV_DELAY: lambda route, item: route.wait(item.param1),
     Command.NAV_TAKEOFF: _Route.take_off,
     Command.NAV_RETURN_TO_LAUNCH: _Route.go_home,
@@ -196,7 +196,7 @@ _STEPS: Mapping[int, Callable[[_Route, MissionItem], bool]] = {
 
 
 def _route(mission: Mission) -> _Route:
-    """Make the route of a mission; MissionFileError without a waypoint, or for an unknown height."""
+    """Convert a mission to a route; MissionFileError without a waypoint, or for an unknown height."""
     route = _Route(mission, float(mission.hover_speed_m_s) or _USUAL_SPEED_M_S)
     for number, item in enumerate(mission.items, 1):
         step = _STEPS.get(item.command)
@@ -213,7 +213,7 @@ def _route(mission: Mission) -> _Route:
 
 
 def losses(mission: Mission) -> Sequence[Loss]:
-    """Return the losses of a mission in a wayline file."""
+    """Return the parts of a mission that a wayline file cannot hold."""
     found = [
         Loss(f"{name} is not kept ({numbered('mission item', at)})", True)
         for name, at in _route(mission).lost.items()
@@ -227,9 +227,9 @@ def losses(mission: Mission) -> Sequence[Loss]:
 
 
 def dumps(mission: Mission, firmware: Firmware = Firmware.GENERIC) -> bytes:  # noqa: ARG001  one signature
-    """Write the part of a mission that DJI's drones can fly as a KMZ file; `losses` returns the rest.
+    """Write a mission as a DJI KMZ file; `losses` returns the parts that are not kept.
 
-    MissionFileError without a waypoint, or if a height above the take-off is not known.
+    Raises MissionFileError without a waypoint, or if a height above take-off is unknown.
     """
     route = _route(mission)
     return archive_of({"wpmz/template.kml": _template(route), "wpmz/waylines.wpml": _waylines(route)})
@@ -242,7 +242,7 @@ def _document() -> tuple[ElementTree.Element, ElementTree.Element]:
 
 
 def _put(parent: ElementTree.Element, values: Mapping[str, Any]) -> ElementTree.Element:
-    """Add elements of DJI's namespace by their names; a mapping is an element with elements."""
+    """Add elements of DJI's namespace by name; a mapping becomes an element with children."""
     for name, value in values.items():
         if isinstance(value, Mapping):
             _put(add(parent, f"wpml:{name}"), value)
@@ -288,7 +288,7 @@ def _template(route: _Route) -> str:
         route,
         lambda waypoint: {
             "useGlobalHeight": 0,
-            # Heights above the take-off stand in both.
+            # Both elements have the height above take-off.
             "ellipsoidHeight": waypoint.height_m,
             "height": waypoint.height_m,
             "useGlobalSpeed": 0,

@@ -1,4 +1,4 @@
-"""GeoJSON, read and written, for a GIS: missions of ours, and drawn lines. Source: RFC 7946."""
+"""GeoJSON for a GIS, read and written: our own missions, and drawn lines. Source: RFC 7946."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class _Feature(msgspec.Struct):
 
 class _File(_Feature):
     features: list[_Feature] = []
-    # A geometry alone is a file, too.
+    # A bare geometry is a valid file, too.
     coordinates: Any = None
     geometries: Any = None
 
@@ -45,9 +45,9 @@ _FILE = msgspec.json.Decoder(_File)
 
 
 def loads(data: bytes) -> Mission | Drawing:
-    """Read a mission of ours, or lines; points are a path if there is no line.
+    """Read one of our own missions, or lines; without lines, the points form a path.
 
-    A farm file, and coordinates that are not longitude and latitude of WGS 84, are refused.
+    A farm file, and coordinates other than WGS 84 longitude and latitude, are refused.
     """
     check_json(data, GEOJSON_KIND)
     features: list[_Feature] = []
@@ -104,7 +104,7 @@ def _check_crs(where: str, crs: Any) -> None:
 
 
 def _placed(record: Record, feature: _Feature) -> Record:
-    """Add the place of a feature to its fields."""
+    """Add the position of a feature to its record."""
     shape = feature.geometry
     if shape is None or record.role == PATH:
         return record
@@ -179,9 +179,9 @@ def _paths(record: Record, shape: Mapping[str, Any]) -> Iterator[DrawnPath]:
 
 
 def dumps(mission: Mission, firmware: Firmware = Firmware.GENERIC) -> str:  # noqa: ARG001  one signature
-    """Write a mission as a FeatureCollection: a feature for every record, and the path as a line.
+    """Write a mission as a FeatureCollection: one feature per record, and the path as a line.
 
-    Altitudes are not in the coordinates (which RFC 7946 counts from the ellipsoid) but in the properties.
+    Altitudes are in the properties, because RFC 7946 measures altitudes in coordinates from the ellipsoid.
     """
     header, *records = records_of(mission, polygons=True)
     path = [(item.x, item.y) for item in mission.items if is_flown(item)]

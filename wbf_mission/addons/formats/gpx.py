@@ -1,8 +1,8 @@
-"""GPX, read and written, for GNSS receivers and map programs. Source: GPX 1.1, topografix.com/GPX/1/1.
+"""GPX for GNSS receivers and map programs, read and written. Source: GPX 1.1, topografix.com/GPX/1/1.
 
-A mission of ours is a route of the places that are flown to, and waypoints for home, fence, rally points and
-the other places. Everything else of an item stands in ``extensions``, as an element of our own namespace;
-commands without a place stand in those of the route.
+One of our own missions has a route of the places to fly to, and waypoints for home, fence, rally points and
+other places. All other data of an item is in ``extensions``, as an element of our own namespace. Commands
+without a place are in the extensions of the route.
 """
 
 from __future__ import annotations
@@ -34,9 +34,9 @@ _NO_ALTITUDES = "it has no ele"
 
 
 def loads(data: bytes) -> Mission | Drawing:
-    """Read a mission of ours, or routes and the segments of tracks; waypoints are a path if there is neither.
+    """Read one of our own missions, or routes and track segments; without either, waypoints form a path.
 
-    Their elevations are above mean sea level.
+    Elevations are above mean sea level.
     """
     root = parse(data, "gpx", GPX_KIND)
     records = []
@@ -92,7 +92,7 @@ def _number(text: str, name: str, where: str) -> float:
 
 
 def dumps(mission: Mission, firmware: Firmware = Firmware.GENERIC) -> str:  # noqa: ARG001  one signature
-    """Write a mission as GPX; ``ele`` is above mean sea level, and left out where that is not known."""
+    """Write a mission as GPX; ``ele`` is above mean sea level, and omitted if unknown."""
     header, *records = records_of(mission, polygons=False)
     gpx = ElementTree.Element(
         "gpx",
@@ -108,7 +108,7 @@ def dumps(mission: Mission, firmware: Firmware = Firmware.GENERIC) -> str:  # no
     add(route, "name", "Mission")
     for record in records:
         if not record.places:
-            _extend(route, record.fields)  # first, as the schema wants it
+            _extend(route, record.fields)  # The schema requires extensions before the points.
     for record in records:
         for latitude_deg, longitude_deg in record.places:
             fields = dict(record.fields)

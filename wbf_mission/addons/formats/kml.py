@@ -1,4 +1,4 @@
-"""KML and KMZ (KML in a ZIP archive), read and written: missions of ours, and paths drawn in Google Earth.
+"""KML and KMZ (KML in a ZIP archive), read and written: our own missions, and paths drawn in Google Earth.
 
 Sources: OGC KML 2.3 (12-007r2); developers.google.com/kml/documentation/kmlreference (gx:Track, KMZ).
 """
@@ -36,7 +36,7 @@ _NO_ALTITUDES = "it lies on the ground: altitudeMode is clampToGround"
 
 
 def loads(data: bytes) -> Mission | Drawing:
-    """Read a mission of ours, or paths: lines and tracks, or if there are none the placemarks with points."""
+    """Read one of our own missions, or lines and tracks; without these, points form a path."""
     root = parse(data, "kml", KML_KIND)
     header = [node for node in root.children if node.tag == "Document"]
     records = [Record(fields, (), f"line {node.line}") for node in header if (fields := _fields(node))]
@@ -61,7 +61,7 @@ def _where(node: Node) -> str:
 
 
 def _fields(node: Node) -> dict[str, str]:
-    """Return the named data of a feature, in the form of ours and in that of GDAL (SchemaData)."""
+    """Return the named data of a feature, in our own form or GDAL's (SchemaData)."""
     extended = node.child("ExtendedData")
     if extended is None:
         return {}
@@ -72,7 +72,7 @@ def _fields(node: Node) -> dict[str, str]:
 
 
 def _placed(record: Record, node: Node) -> Record:
-    """Add the place of a placemark to its fields."""
+    """Add the position of a placemark to its record."""
     shapes = list(node.iter("Point", "Polygon"))
     if not shapes:
         return record
@@ -131,9 +131,9 @@ def _numbers(text: str, where: str) -> list[float]:
 
 
 def dumps(mission: Mission, firmware: Firmware = Firmware.GENERIC) -> str:  # noqa: ARG001  one signature
-    """Write a mission as KML: placemarks with every field of an item in their data, and the path as a line.
+    """Write a mission as KML: one placemark per item with all fields in its data, and the path as a line.
 
-    A path with different kinds of altitude is drawn on the ground.
+    A path with several altitude modes is drawn on the ground.
     """
     kml = ElementTree.Element("kml", xmlns="http://www.opengis.net/kml/2.2")
     top = add(kml, "Document")
@@ -193,7 +193,7 @@ def _add_data(parent: ElementTree.Element, fields: Mapping[str, Any]) -> None:
 
 
 def kmz_loads(data: bytes) -> Mission | Drawing:
-    """Read the KML of a KMZ archive: its first .kml file."""
+    """Read the first .kml file of a KMZ archive."""
     if kind_of(data) != KMZ_KIND:
         raise wrong_kind(data, "a KMZ archive")
     try:
@@ -217,5 +217,5 @@ def kmz_loads(data: bytes) -> Mission | Drawing:
 
 
 def kmz_dumps(mission: Mission, firmware: Firmware = Firmware.GENERIC) -> bytes:
-    """Write a mission as KMZ: doc.kml in an archive."""
+    """Write a mission as KMZ: an archive with doc.kml."""
     return archive_of({"doc.kml": dumps(mission, firmware)})

@@ -1,4 +1,4 @@
-"""Records: a mission as named fields with places, in our GeoJSON, KML, GPX and CSV files.
+"""Records of a mission: named fields with places, shared by the GeoJSON, KML, GPX and CSV formats.
 
 ===========  ======================================================================================
 role         the other fields
@@ -10,9 +10,9 @@ fence        as an item; a polygon may be one record with the places of its vert
 rally        as an item
 ===========  ======================================================================================
 
-A record with a place has altitude_m, one without has param5 to param7. A parameter that is there and empty is
-the vehicle's default; one that is not there is 0. Names, and records of role ``path``, are for people and not
-read.
+A record with a place has altitude_m; a record without one has param5 to param7. An empty parameter is the
+vehicle's default, and a missing parameter is 0. Names, and records of role ``path``, are for people and are
+ignored when read.
 """
 
 from __future__ import annotations
@@ -32,14 +32,14 @@ from mission.model import Command, GeoPoint, Mission, MissionItem
 VERSION = 1
 PATH = "path"
 ROLES = frozenset({"mission", "home", "item", "fence", "rally", PATH})
-# Places in the list of items that the vehicle does not fly to.
+# Places in the item list that are not flown to.
 _NOT_FLOWN = frozenset({Command.DO_SET_HOME, Command.DO_SET_ROI_LOCATION, Command.DO_SET_ROI, 80, 252, 611})
 
 _USUAL: Mapping[str, Any] = {
     **dict.fromkeys(("param1", "param2", "param3", "param4"), 0.0),
     "autocontinue": True,
 }
-# Also as GDAL writes them.
+# Includes the spellings of GDAL.
 _FLAGS = {"true": True, "1": True, "1.0": True, "false": False, "0": False, "0.0": False}
 
 LatLon: TypeAlias = tuple[float, float]
@@ -47,16 +47,16 @@ LatLon: TypeAlias = tuple[float, float]
 
 @dataclass(frozen=True, slots=True)
 class Record:
-    """A record.
+    """One record of a mission file: an item, home, a fence or rally item, or the header.
 
     Parameters
     ----------
     fields : mapping
-        Values by the names above: numbers, truth values, these as text, or None.
+        Values by the names above: numbers, bools, texts of either, or None.
     places : sequence of (latitude, longitude)
-        In degrees: none, one, or the vertices of a polygon (not closed).
+        Latitude and longitude in degrees: none, one, or the vertices of an open polygon.
     where : str
-        Its place in the file, for errors.
+        Position in the file, for error messages.
     """
 
     fields: Mapping[str, Any]
@@ -65,12 +65,12 @@ class Record:
 
     @property
     def role(self) -> str:
-        """The role; a record that has only a command is an item."""
+        """Role of the record; a record with only a command is an item."""
         role = self.fields.get("role")
         return str(role) if role else "item" if self.fields.get("command") is not None else ""
 
     def number(self, name: str, default: float | None = None) -> float | None:
-        """Return a number; None if the field is empty or NaN, the default if it is not there."""
+        """Return a number; None if the field is empty or NaN, `default` if it is missing."""
         value = self.fields.get(name, default)
         if isinstance(value, str):
             try:
@@ -84,7 +84,7 @@ class Record:
         return None if math.isnan(value) else float(value)
 
     def whole(self, name: str) -> int:
-        """Return a whole number, which has to be there."""
+        """Return a whole number; MissionFileError if the field is missing."""
         value = self.number(name)
         if value is None or not value.is_integer() or abs(value) > 1e9:
             shown = "missing" if value is None else f"{value:g}"
@@ -92,7 +92,7 @@ class Record:
         return int(value)
 
     def flag(self, name: str, *, default: bool) -> bool:
-        """Return a truth value."""
+        """Return a bool; `default` if the field is empty or missing."""
         value = self.fields.get(name)
         if value is None or value == "":
             return default
@@ -114,7 +114,7 @@ def text_of(value: Any, *, empty: str = "") -> str:
 
 
 def trimmed(fields: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the fields without those that have the value of a missing field."""
+    """Return the fields whose values differ from the default of a missing field."""
     return {name: value for name, value in fields.items() if name not in _USUAL or value != _USUAL[name]}
 
 
@@ -124,7 +124,7 @@ def is_flown(item: MissionItem) -> bool:
 
 
 def is_placed(item: MissionItem) -> bool:
-    """Return whether an item has a place on the map; some autopilots take 0, 0 as "here"."""
+    """Return whether an item has a place on the map; 0, 0 means "here" to some autopilots."""
     return item.has_position and (item.x, item.y) != (0.0, 0.0)
 
 
@@ -138,9 +138,9 @@ def command_name(command: int) -> str:
 
 
 def records_of(mission: Mission, *, polygons: bool) -> list[Record]:
-    """Make the records of a mission; with `polygons` a polygon of the fence is a single record.
+    """Convert a mission to records; with `polygons`, each fence polygon is a single record.
 
-    MissionFileError for a jump to nowhere.
+    Raises MissionFileError for a jump to an item that does not exist.
     """
     check_jumps(mission)
     speeds = {name: float(getattr(mission, name)) for name in ("cruise_speed_m_s", "hover_speed_m_s")}
@@ -158,7 +158,7 @@ def records_of(mission: Mission, *, polygons: bool) -> list[Record]:
 
 
 def _uniform_polygon(items: Sequence[MissionItem], start: int) -> Sequence[MissionItem]:
-    """Return the vertices of a polygon if they differ only in their places; otherwise the item alone."""
+    """Return the vertices of a polygon if they differ only in place; otherwise the single item."""
     alone = items[start : start + 1]
     if items[start].command not in POLYGON_COMMANDS:
         return alone
@@ -199,14 +199,14 @@ def _is_clockwise(places: Sequence[LatLon]) -> bool:
 
 
 def are_ours(records: Iterable[Record]) -> bool:
-    """Return whether records are those of a mission, not of drawn paths."""
+    """Return whether the records are one of our own missions, not drawn paths."""
     return any(record.role in ROLES for record in records)
 
 
 def mission_of(records: Sequence[Record]) -> Mission:
-    """Make the mission of records; MissionFileError names the place of a fault.
+    """Convert records to a mission; MissionFileError gives the place of a fault.
 
-    Items are in the order of their index; an item without an index follows the item before it.
+    Items are ordered by index; an item without an index follows the item before it.
     """
     home: GeoPoint | None = None
     speeds: dict[str, float] = {}
@@ -255,7 +255,7 @@ def _speeds(record: Record) -> dict[str, float]:
 
 
 def _items(record: Record) -> list[MissionItem]:
-    """Make the item of a record, or the vertices of its polygon."""
+    """Return the item of a record, or the vertices of its polygon."""
     first, second, third, fourth = (record.number(f"param{k}", 0.0) for k in range(1, 5))
     command, count = record.whole("command"), len(record.places)
     if count > 1 and command in POLYGON_COMMANDS:

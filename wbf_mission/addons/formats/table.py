@@ -1,4 +1,4 @@
-"""CSV, read and written, for spreadsheets: missions of ours, and tables of places."""
+"""CSV for spreadsheets, read and written: our own missions, and tables of places."""
 
 from __future__ import annotations
 
@@ -40,10 +40,10 @@ _MOST_LINES = 2_000_000
 
 
 def loads(data: bytes) -> Mission | Drawing:
-    """Read a mission of ours, or a table with columns of latitude, longitude and altitude.
+    """Read one of our own missions, or a table with columns of latitude, longitude and altitude.
 
-    Columns are parted by commas, semicolons (then numbers may have a decimal comma) or tabs. Altitudes are
-    above home, or above sea level in a column that is called so (``amsl``, ``elevation``).
+    Columns are separated by commas, tabs or semicolons; with semicolons, numbers may have a decimal comma.
+    Altitudes are above home, or above sea level if the column is named ``amsl``, ``elevation`` or similar.
     """
     kind = kind_of(data)
     if kind not in (TEXT_KIND, UTF_16_KIND):
@@ -81,7 +81,7 @@ def loads(data: bytes) -> Mission | Drawing:
 
 
 def _rows(text: str) -> list[tuple[int, list[str], str]]:
-    """Return the rows that are not empty, with line and delimiter; column names are made plain."""
+    """Return the non-empty rows with line number and delimiter; column names are normalised."""
     if text.count("\n") + text.count("\r") > _MOST_LINES:
         raise MissionFileError(f"more than {_MOST_LINES} lines; thin the path out")
     lines = (line.strip() for line in io.StringIO(text, newline=None))
@@ -107,7 +107,7 @@ def _rows(text: str) -> list[tuple[int, list[str], str]]:
 
 
 def _plain(name: str, line: int) -> str:
-    """Return a column's name in lower case without its unit; metres and degrees only.
+    """Return a column name in lower case without its unit, which must be metres or degrees.
 
     >>> _plain("Altitude (m)", 1), _plain("Rel Alt", 1)
     ('altitude', 'rel_alt')
@@ -133,7 +133,7 @@ def _degrees(record: Record, name: str) -> float:
 
 
 def _placed(record: Record, latitude: str, longitude: str) -> Record:
-    """Move the place of a record out of its fields."""
+    """Move the coordinates of a record from its fields to its places."""
     texts: dict[str, Any] = dict(record.fields)
     place = (texts.pop(latitude, ""), texts.pop(longitude, ""))
     if not any(place):
@@ -142,7 +142,7 @@ def _placed(record: Record, latitude: str, longitude: str) -> Record:
 
 
 def dumps(mission: Mission, firmware: Firmware = Firmware.GENERIC) -> str:  # noqa: ARG001  one signature
-    """Write a mission as CSV, a row for every record."""
+    """Write a mission as CSV, one row per record."""
     made = io.StringIO()
     table = csv.writer(made, lineterminator="\n")
     table.writerow(_COLUMNS)

@@ -1,4 +1,4 @@
-r"""A reader of untrusted XML: without entities or outside files, with limits of nesting and elements.
+r"""Reader of untrusted XML: no entities, no external files, limited nesting and number of elements.
 
 >>> root = parse(b"<kml>\n<Point a='1'>text</Point></kml>", "kml", "a KML file")
 >>> [(node.tag, node.line, node.attributes, node.text) for node in root.children]
@@ -21,22 +21,22 @@ _MOST_ELEMENTS = 2_000_000
 
 @dataclass(slots=True)
 class Node:
-    """An element: its name and attributes without prefixes, its text, and the line of its beginning."""
+    """An element: name and attributes without prefixes, text, and line of the start tag."""
 
     tag: str
     line: int
     attributes: dict[str, str]
-    # Shared empty tuples save memory: a track has very many elements.
+    # Shared empty tuples save memory: a track has up to millions of elements.
     children: list[Node] | tuple[Node, ...] = ()
     chunks: list[str] | tuple[str, ...] = ()
 
     @property
     def text(self) -> str:
-        """The text outside of its children, stripped."""
+        """Text outside of child elements, stripped."""
         return "".join(self.chunks).strip()
 
     def iter(self, *tags: str) -> Iterator[Node]:
-        """Yield the elements below of these names, in the order of the document."""
+        """Yield the descendants with one of these names, in document order."""
         left = list(reversed(self.children))
         while left:
             node = left.pop()
@@ -45,11 +45,11 @@ class Node:
             left.extend(reversed(node.children))
 
     def child(self, tag: str) -> Node | None:
-        """Return the first child of a name."""
+        """Return the first child with this name."""
         return next((child for child in self.children if child.tag == tag), None)
 
     def child_text(self, tag: str) -> str:
-        """Return the text of the first child of a name; empty if there is none."""
+        """Return the text of the first child with this name; empty if there is none."""
         found = self.child(tag)
         return "" if found is None else found.text
 
@@ -102,7 +102,7 @@ def _local(name: str) -> str:
 
 
 def parse(data: bytes, root: str, kind: str) -> Node:
-    """Return the root element of a document; MissionFileError if it is broken, or of another kind."""
+    """Return the root element of a document; MissionFileError if it is broken or of another kind."""
     if kind_of(data) != kind:
         raise wrong_kind(data, kind)
     builder = _Builder()
@@ -113,7 +113,7 @@ def parse(data: bytes, root: str, kind: str) -> Node:
         raise MissionFileError(f"line {error.lineno}: this is no XML ({what}); save the file again") from None
     except MissionFileError:
         raise
-    except (ValueError, LookupError) as error:  # an encoding that is none
+    except (ValueError, LookupError) as error:  # Unknown encoding
         raise MissionFileError(f"line 1: {error}; save the file as UTF-8") from None
     found = builder.root.children[0]
     if found.tag != root:

@@ -1,4 +1,4 @@
-"""The market: a fleet sells its work among its vehicles."""
+"""Market policy: vehicles of a fleet bid for survey segments."""
 
 from wbf_mission.addons.market.market import Market as Market
 

@@ -20,27 +20,27 @@ _AT_ONCE = 16
 
 @dataclass(frozen=True, slots=True)
 class Bid:
-    """What a vehicle asks for a segment: all that it would have flown when it is done with everything."""
+    """A vehicle's price for a segment: its total cost once all its work is done."""
 
     cost: float  # In the unit of the vehicle's budget
-    # position, variant: where in its route the segment would stand, and from which corner it would be flown.
+    # Place of the segment in the vehicle's route, and the corner from which it would be flown.
     position: int
     variant: int
 
 
 @dataclass(slots=True, eq=False)
 class Bidder:
-    """One vehicle on the market."""
+    """A vehicle that takes part in the auction."""
 
     system_id: int
-    # float64[n, n]: costs between where it will be free, home, and the corners of all segments.
+    # float64[n, n]: costs between the point where the vehicle becomes free, home, and all segment corners.
     legs: NDArray[np.float64]
-    # float64[segments]: cost of the rows of each; infinite for what it does not take.
+    # float64[segments]: cost of each segment's rows; infinite for a segment it cannot fly.
     own: NDArray[np.float64]
-    until_free: float  # Cost of what it has to finish first
-    limit: float  # The most that all may cost
-    returns: bool  # Whether the way home counts
-    # What it was awarded: number of the segment on the list, and variant, in the order of the flight.
+    until_free: float  # Cost of its unfinished work
+    limit: float  # Maximum total cost
+    returns: bool  # Whether the return home counts
+    # Awarded segments in order of flight: index in the list of segments, and variant.
     route: list[tuple[int, int]] = field(default_factory=list)
 
     @classmethod
@@ -57,7 +57,7 @@ class Bidder:
         *,
         returns: bool,
     ) -> Bidder:
-        """Ask the travel costs once for all that bids need."""
+        """Compute all travel costs that the bids need."""
         nodes = np.vstack((free_m, home_m, corners_of(segments).reshape(-1, 2)))
         own = [
             _rows_cost(travel_cost, segment) if take else math.inf
@@ -67,7 +67,7 @@ class Bidder:
 
     @property
     def cost(self) -> float:
-        """What everything costs that it has to do."""
+        """Total cost of the vehicle's work."""
         cost, at = self.until_free, _FREE
         for k, variant in self.route:
             cost += float(self.legs[at, _entry(k, variant)] + self.own[k])
@@ -75,7 +75,7 @@ class Bidder:
         return cost + self._home(at)
 
     def bid(self, segment: int) -> Bid | None:
-        """Return its bid for a segment, by the cheapest insertion into its route; None if it cannot."""
+        """Return the bid for a segment, by the cheapest insertion into the route; None if unaffordable."""
         if not math.isfinite(self.own[segment]):
             return None
         before, best = self.cost, Bid(math.inf, 0, 0)
@@ -93,7 +93,7 @@ class Bidder:
         return best if best.cost <= self.limit else None
 
     def award(self, segment: int, bid: Bid) -> None:
-        """Put a segment into its route as it was bid for."""
+        """Insert a segment into the route as it was bid for."""
         self.route.insert(bid.position, (segment, bid.variant))
 
     def _home(self, at: int) -> float:
@@ -101,11 +101,10 @@ class Bidder:
 
 
 def hold_auction(bidders: Sequence[Bidder], offered: Iterable[int]) -> list[int]:
-    """Sell segments one after the other, each time the one with the lowest bid of all, to who made it.
+    """Award one segment at a time, each to the lowest bid of all, and return the unsold ones.
 
-    A bid is what the vehicle would have flown in all, so that vehicles come to about the same (the rule
-    MiniMax of sequential single-item auctions; Lagoudakis et al. 2005, Koenig et al. 2006). Equal bids go to
-    the first bidder.
+    A bid is the vehicle's total cost, so that all vehicles get about the same (rule MiniMax of sequential
+    single-item auctions; Lagoudakis et al. 2005, Koenig et al. 2006). Equal bids go to the first bidder.
     """
     left = list(offered)
     bids = [{segment: bidder.bid(segment) for segment in left} for bidder in bidders]
@@ -127,15 +126,15 @@ def hold_auction(bidders: Sequence[Bidder], offered: Iterable[int]) -> list[int]
 
 
 def path_cost(travel_cost: TravelCost, points_m: Points) -> float:
-    """Return roughly what flying through points costs, from the first one on."""
+    """Return the approximate cost of flying through points, from the first one on."""
     if len(points_m) < 2:
         return 0.0
     return float(leg_costs(travel_cost, points_m).sum())
 
 
 def leg_costs(travel_cost: TravelCost, points_m: Points) -> NDArray[np.float64]:
-    """Return roughly what each leg between neighbouring points costs, float64[n - 1], n > 1."""
-    # The travel costs price all pairs: in blocks, so that long paths do not take their square.
+    """Return the approximate cost of each leg between consecutive points, float64[n - 1], n > 1."""
+    # `legs` computes all pairs; blocks avoid quadratic cost for long paths.
     begins, ends = points_m[:-1], points_m[1:]
     parts = [
         np.diagonal(travel_cost.legs(begins[k : k + _AT_ONCE], ends[k : k + _AT_ONCE]))

@@ -1,4 +1,4 @@
-"""What a vehicle on the market has promised to fly, and how far it has come."""
+"""A vehicle's contract on the market: its path, the segments it serves, and its progress."""
 
 from __future__ import annotations
 
@@ -16,28 +16,28 @@ NO_POINTS: Points = np.empty((0, 2))
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Stretch:
-    """A part of a path: the way to a row and the row itself, or a leg to nowhere in particular."""
+    """Part of a path: the way to a row with the row itself, or a leg to a random place."""
 
-    segment: Segment | None  # None if the leg only uses up the budget
-    row: int  # Which of the segment's rows
-    # float64[n, 2]: the last two are the row's ends; only its far one if the vehicle stood at the other.
+    segment: Segment | None  # None for a leg that only uses up the budget
+    row: int  # Index of the row in the segment
+    # float64[n, 2]: the last two points are the row's ends, or only the far end if flown from the near one.
     points_m: Points
 
 
 @dataclass(slots=True, eq=False)
 class Contract:
-    """The path of one vehicle, and what it is for."""
+    """Path of one vehicle, and the segments it serves."""
 
-    stretches: tuple[Stretch, ...]  # In the order of the flight
-    points_m: Points  # float64[n, 2]: the path as it was sent: theirs, the last leg perhaps cut
-    under_way: Segment | None = None  # The first segment, if something of it was flown before
+    stretches: tuple[Stretch, ...]  # In order of flight
+    points_m: Points  # float64[n, 2]: the path as sent; its last leg may be shortened
+    under_way: Segment | None = None  # First segment, if partly flown before this contract
     _left: int = field(default=0, init=False)
 
     def __post_init__(self) -> None:
         self._left = len(self.points_m)
 
     def follow(self, rest_m: Points) -> bool:
-        """Take note of what is left of the vehicle's path; False if it flies something else."""
+        """Update the progress from the remaining path; False if the vehicle flies another path."""
         count = min(len(rest_m), len(self.points_m))
         mine, flown = self.points_m[len(self.points_m) - count :], rest_m[len(rest_m) - count :]
         if not np.allclose(mine, flown, rtol=0.0, atol=_SAME_M):
@@ -47,7 +47,7 @@ class Contract:
 
     @property
     def ahead(self) -> list[tuple[Stretch, int]]:
-        """The stretches that are not flown yet, and how many of the points of each are left."""
+        """Stretches not yet flown, and the number of remaining points of each."""
         found = []
         end = len(self.points_m)
         passed = end - self._left
@@ -62,7 +62,7 @@ class Contract:
 
     @property
     def begun(self) -> Segment | None:
-        """The segment of which something was flown and something is left."""
+        """Segment that is partly flown."""
         ahead = self.ahead
         if not ahead:
             return None
@@ -72,12 +72,12 @@ class Contract:
         return None if whole and stretch.segment is not self.under_way else stretch.segment
 
     def work(self) -> Points:
-        """Return the points that are left of all segments, float64[n, 2]."""
+        """Return the remaining points of all segments, float64[n, 2]."""
         parts = [one.points_m[-left:] for one, left in self.ahead if one.segment is not None]
         return np.concatenate(parts) if parts else NO_POINTS
 
     def unflown(self, here_m: tuple[float, float] | None = None) -> list[Segment]:
-        """Return the segments with the rows that are left of them; of a row, what is ahead of a place."""
+        """Return the segments with their remaining rows; a row under way starts at `here_m`."""
         rows: dict[int, dict[int, Row]] = {}
         segments: dict[int, Segment] = {}
         for stretch, left in self.ahead:
@@ -97,7 +97,7 @@ class Contract:
 
 
 def _rest_of(row: Row, end_m: Points, here_m: tuple[float, float]) -> Row:
-    """Return what is left of a row that is flown towards one of its ends."""
+    """Return the rest of a row that is flown towards `end_m`."""
     low, high = row.ends_m
     along = high - low
     share = float(np.clip(((np.asarray(here_m) - low) * along).sum() / (along * along).sum(), 0.0, 1.0))

@@ -1,4 +1,4 @@
-"""The market: vehicles sell each other survey segments, coarse ones first, fine ones about detections.
+"""Market policy: vehicles trade survey segments, coarse at first, fine around detections.
 
 Source: the exploration packages, pioneers and contractors of ``papers/y2025_mrmr`` and ``papers/y2027_mrmr``
 (multi-resolution multi-robot) of the authors' repository WaterberryFarms; the contract net of R. G. Smith,
@@ -33,31 +33,31 @@ _KEEP = (Status.READY, Status.CLIMBING, Status.CHANGING, Status.SILENT)
 
 
 class Market:
-    """Sell survey segments to the vehicles that are done with them first.
+    """Award survey segments to the vehicles that can finish them first.
 
-    At the start the farm is divided into blocks with rows far apart, which are sold. Where sick plants were
-    found and the run of detections is over, a segment of rows close to each other is made about them; then
-    everything is sold anew that is not begun, the fine segments first, and rows of coarse ones that are not
-    flown. The same happens when a vehicle is lost. Who has nothing left to do flies to random places.
+    At the start, the farm is divided into blocks with wide row spacing, which are auctioned. After a run of
+    detections of sick plants, a segment with narrow row spacing is made around them. Then all segments not
+    yet begun are auctioned again, fine ones first, and so are the unflown rows of coarse ones. The loss of a
+    vehicle also starts a new auction. A vehicle without work flies to random places.
 
     Parameters
     ----------
     border : float
-        A fine segment reaches so far beyond the detections, cells.
+        Margin of a fine segment around its detections, cells.
     step : float
-        Distance of its rows, cells.
+        Row spacing of a fine segment, cells.
     pioneers : int
-        So many vehicles, the first ones, take no fine segments as long as there are others.
+        Number of vehicles, from the first, that take no fine segments if there are others.
     field : str
-        Of which disease the detections are; ``all``: of every one that is scored.
+        Disease of the detections; ``all``: every scored disease.
     below : float
-        A plant is a detection if its value is less: by default the lost ones (0), not infected ones (0.5).
+        Upper limit of a detection's value; the default includes lost plants (0) but not infected ones (0.5).
     explore : float
-        Part of the fleet's budget for the coarse segments, between 0 and 1.
+        Fraction of the fleet's budget for the coarse segments, between 0 and 1.
     blocks : int
-        Coarse segments, for each vehicle.
+        Number of coarse segments per vehicle.
     every : int
-        Look for detections after so many observations.
+        Number of observations between two searches for detections.
 
     Raises
     ------
@@ -90,7 +90,7 @@ class Market:
         self.start()
 
     def start(self) -> None:
-        """Forget the run before."""
+        """Reset the policy for a new run."""
         self._detections.start()
         self._day: int | None = None
         self._contracts: dict[int, Contract] = {}
@@ -99,7 +99,7 @@ class Market:
         self._streams: dict[int, np.random.Generator] = {}
 
     def decide(self, observation: PolicyObservation) -> Decision:
-        """Sell what there is to be sold, if that changed."""
+        """Hold an auction if segments or vehicles have changed."""
         spacing: dict[int, float] = {}
         if observation.event is Event.START:
             self._begin_flight(observation.day)
@@ -120,7 +120,7 @@ class Market:
         return Decision(paths, reason=reason, spacing_m=spacing)
 
     def _begin_flight(self, day: int) -> None:
-        """Keep of the flight before what is left of its fine segments, if it was on the same day."""
+        """Keep the unflown fine segments of the previous flight if it was on the same day."""
         left = [*self._open]
         for contract in self._contracts.values():
             left += contract.unflown()
@@ -132,12 +132,12 @@ class Market:
         self._day = day
 
     def _divide(self, observation: PolicyObservation) -> dict[int, float]:
-        """Offer the coarse segments of every area; return the distance of their rows for each vehicle."""
+        """Offer the coarse segments of every area; return the row spacing of each vehicle."""
         spacings: dict[int, float] = {}
         vehicles = list(observation.steerable)
         while vehicles:
-            same = [one for one in vehicles if one.request.area == vehicles[0].request.area]
-            vehicles = [one for one in vehicles if one not in same]
+            same = [vehicle for vehicle in vehicles if vehicle.request.area == vehicles[0].request.area]
+            vehicles = [vehicle for vehicle in vehicles if vehicle not in same]
             flyable, footprint = self._terrain(same[0]).flyable, same[0].request.footprint_m
             cell_m = observation.farm.cell_size_m
             reach = sum(one.left * cell_m / LegCosts.of(one, cell_m).per_cell for one in same)
@@ -150,13 +150,13 @@ class Market:
         return spacings
 
     def _settle(self, observation: PolicyObservation) -> bool:
-        """Take note of what was flown; return whether segments are to be sold again."""
+        """Update the progress of all contracts; return whether segments came back on the market."""
         returned: list[Segment] = []
         for vehicle in observation.vehicles:
             contract = self._contracts.get(vehicle.system_id)
             if contract is None or vehicle.status in _KEEP:
                 continue
-            # Of a vehicle that is lost nothing may be known any more: then what was known before holds.
+            # A lost vehicle may report no remaining path; its last known progress then counts.
             silent = vehicle.status is Status.LOST and not len(vehicle.rest_m)
             follows = silent or contract.follow(vehicle.rest_m)
             if vehicle.status is Status.FLYING and follows:
@@ -167,7 +167,7 @@ class Market:
         return bool(returned)
 
     def _fine_ahead(self) -> list[Segment]:
-        """Return the fine segments that are not flown yet."""
+        """Return the fine segments not yet flown."""
         sold = [one.segment for contract in self._contracts.values() for one, _ in contract.ahead]
         return [segment for segment in [*self._open, *sold] if segment is not None and segment.fine]
 
@@ -176,7 +176,7 @@ class Market:
         return any(contract is None or not len(contract.work()) for contract in contracts)
 
     def _trade(self, observation: PolicyObservation) -> dict[int, Points]:
-        """Sell all that is not begun; return the paths of the vehicles that have something else to do now."""
+        """Auction all segments not begun; return the paths of the vehicles with other work than before."""
         vehicles = observation.steerable
         kept: dict[int, list[Stretch]] = {}
         for vehicle in vehicles:
@@ -213,7 +213,7 @@ class Market:
         return paths
 
     def _is_pioneer(self, system_id: int, observation: PolicyObservation) -> bool:
-        return system_id in sorted(one.system_id for one in observation.vehicles)[: self._pioneers]
+        return system_id in sorted(vehicle.system_id for vehicle in observation.vehicles)[: self._pioneers]
 
     def _bidder(self, vehicle: VehicleReport, segments: Sequence[Segment], kept: list[Stretch]) -> Bidder:
         flyable = shapely.buffer(self._terrain(vehicle).flyable, TOLERANCE_M)
@@ -238,9 +238,9 @@ class Market:
         kept: list[Stretch],
         awarded: list[tuple[Segment, int]],
     ) -> Points | None:
-        """Make the path of what was awarded; None if it is what the vehicle flies already.
+        """Return the path for the awarded segments; None if the vehicle already flies it.
 
-        What it cannot pay for after all is open again.
+        Segments that turn out to be unaffordable are offered again.
         """
         stretches = kept + self._stretches(observation, vehicle, kept, awarded)
         before = self._contracts.get(vehicle.system_id)
@@ -275,14 +275,14 @@ class Market:
             return []
         here = kept[-1].points_m[-1] if kept else np.asarray(vehicle.position_m)
         legs = self._terrain(vehicle).legs([ends for _, _, ends in flown], here)
-        # A waypoint where the vehicle is already would only make it stop there.
+        # A waypoint at the vehicle's position would only make it stop.
         near = np.hypot(*(legs[0] - here).T) < _AT_CELLS * observation.farm.cell_size_m
         passed = int(np.argmin(near)) if not near.all() else len(near) - 1
         legs[0] = legs[0][passed:]
         return [Stretch(segment, row, leg) for (segment, row, _), leg in zip(flown, legs, strict=True)]
 
     def _wander(self, vehicle: VehicleReport, after_m: Points) -> list[Stretch]:
-        """Return legs to random places for what is left of the budget."""
+        """Return legs to random places that use up the remaining budget."""
         terrain = self._terrain(vehicle)
         number = vehicle.system_id
         rng = self._streams.setdefault(
@@ -306,7 +306,7 @@ class Market:
 
 
 def _points(stretches: Sequence[Stretch]) -> Points:
-    return np.concatenate([one.points_m for one in stretches]) if stretches else NO_POINTS
+    return np.concatenate([stretch.points_m for stretch in stretches]) if stretches else NO_POINTS
 
 
 def _same(before: Points, after: Points) -> bool:
@@ -314,7 +314,7 @@ def _same(before: Points, after: Points) -> bool:
 
 
 def _beyond(stretches: list[Stretch], flown: Points) -> list[Segment]:
-    """Return segments of the rows that a path does not reach to the end of."""
+    """Return the segments of the rows that a path does not finish."""
     whole = Contract(tuple(stretches), _points(stretches))
     whole.follow(whole.points_m[max(len(flown) - 1, 0) :])
     here = flown[-1] if len(flown) else whole.points_m[0]

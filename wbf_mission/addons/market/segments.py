@@ -1,4 +1,4 @@
-"""Survey segments: rows at one distance over a part of an area, which one vehicle flies as a whole."""
+"""Survey segments: rows at equal spacing over a part of an area, flown by one vehicle."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ from mission.planners.terrain import Terrain
 from mission.policies.observation import PolicyObservation
 
 VARIANTS = 4
-"""A segment is flown from any of its four corners."""
+"""Number of corners from which a segment can be flown."""
 SHORTEST_M = 1e-3
-"""A shorter row is none."""
+"""Minimum length of a row."""
 
 Box = tuple[float, float, float, float]
 """x_min, y_min, x_max, y_max."""
@@ -30,7 +30,7 @@ Box = tuple[float, float, float, float]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Row:
-    """One straight pass: its ends float64[2, 2] in metres, and the number of the line that it lies on."""
+    """A straight pass: its ends, float64[2, 2] in metres, and the number of its line."""
 
     ends_m: Points
     line: int
@@ -38,18 +38,18 @@ class Row:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Segment:
-    """What is offered on the market."""
+    """A part of the survey that is auctioned as a whole."""
 
-    number: int  # Its name
-    # Whether it is about something that was found; else it is a part of the first look at everything.
+    number: int  # Unique in a run
+    # Whether the segment is around detections; otherwise it is part of the first survey.
     fine: bool
     box_m: Box  # Bounds in metres
-    rows: tuple[Row, ...]  # Line by line; on a line in the order along it
+    rows: tuple[Row, ...]  # By line, and along each line
 
     def ordered(self, variant: int) -> list[tuple[int, Points]]:
-        """Return number and ends, float64[2, 2], of the rows in a flight to and fro from a corner, 0 to 3.
+        """Return number and ends, float64[2, 2], of the rows in a boustrophedon from a corner, 0 to 3.
 
-        Bit 0 of the corner flies the first row backwards, bit 1 begins with the last line.
+        Bit 0 of the corner flies the first row backwards; bit 1 starts with the last line.
         """
         lines = [list(rows) for _, rows in groupby(range(len(self.rows)), lambda k: self.rows[k].line)]
         if variant & 2:
@@ -63,13 +63,13 @@ class Segment:
         return flown
 
     def overlaps(self, box_m: Box) -> bool:
-        """Return whether its box has land in common with another one."""
+        """Return whether the segment's bounds overlap with `box_m`."""
         x_min, y_min, x_max, y_max = self.box_m
         return x_min < box_m[2] and box_m[0] < x_max and y_min < box_m[3] and box_m[1] < y_max
 
 
 def rows_over(box_m: Box, flyable: Area, spacing_m: float) -> tuple[Row, ...]:
-    """Return rows along the longer side of a box, as far as they can be flown, spread evenly."""
+    """Return the flyable parts of evenly spaced rows along the longer side of a box."""
     low, high = np.array(box_m[:2]), np.array(box_m[2:])
     along = int(np.argmax(high - low - np.array([0.0, SHORTEST_M])))
     across = 1 - along
@@ -89,7 +89,7 @@ def rows_over(box_m: Box, flyable: Area, spacing_m: float) -> tuple[Row, ...]:
 
 
 def blocks_of(flyable: Area, count: int) -> list[Box]:
-    """Return about so many equal boxes, as square as can be, that cover an area's bounds."""
+    """Return about `count` equal boxes, nearly square, that cover the bounds of an area."""
     x_min, y_min, x_max, y_max = flyable.bounds
     width, height = x_max - x_min, y_max - y_min
     columns = max(1, round(math.sqrt(count * width / height)))
@@ -99,7 +99,7 @@ def blocks_of(flyable: Area, count: int) -> list[Box]:
 
 
 def groups_of(cells: NDArray[np.integer], reach: float) -> list[NDArray[np.intp]]:
-    """Return the numbers of cells, int[n, 2], of each group: neighbours are no farther than the reach."""
+    """Return the indices of cells, int[n, 2], by group; neighbours in a group are within `reach`."""
     if not len(cells):
         return []
     pairs = cKDTree(cells).query_pairs(reach, output_type="ndarray")
@@ -109,7 +109,7 @@ def groups_of(cells: NDArray[np.integer], reach: float) -> list[NDArray[np.intp]
 
 
 def corners_of(segments: Sequence[Segment]) -> Points:
-    """Return where the variants of segments begin, and then where they end, float64[segments, 8, 2]."""
+    """Return the start points of each segment's variants, then the end points, float64[segments, 8, 2]."""
     corners = np.empty((len(segments), 2 * VARIANTS, 2))
     for k, segment in enumerate(segments):
         for variant in range(VARIANTS):
@@ -124,39 +124,39 @@ _MOST_SEEN = 0.8
 
 @dataclass(slots=True)
 class Detections:
-    """Makes segments about the sick plants of the day that were seen.
+    """Makes segments around the sick plants seen today.
 
-    Detections near each other are a group; a group is over when no more were added to it since the last look.
-    Then its bounds and a border make a segment, once. It waits as long as one that overlaps with it is not
-    flown.
+    Detections near each other form a group. A group is complete when no detection has been added since the
+    last search. Its bounds and a border then become a segment, once. The segment waits while another one that
+    overlaps it is unflown.
     """
 
-    border: float  # Beyond the detections, and how far apart those of a group may be, cells
-    step: float  # Distance of rows, cells
-    field_name: str  # Of which disease; all: of every one with a weight
-    below: float  # A plant with a smaller value is a detection
-    who: str  # What errors call the policy
+    border: float  # Margin around the detections, and maximum distance within a group, cells
+    step: float  # Row spacing, cells
+    field_name: str  # Disease of the detections; all: every disease with a weight
+    below: float  # Upper limit of a detection's value
+    who: str  # Name of the policy in error messages
     _known: int = field(default=0, init=False)
     _numbers: int = field(default=0, init=False)
     _offered: list[tuple[int, int, int, int]] = field(default_factory=list, init=False)
 
     def start(self) -> None:
-        """Forget the run before."""
+        """Reset the detections for a new run."""
         self._known, self._numbers, self._offered = 0, 0, []
 
     def begin_day(self) -> None:
-        """Offer what was offered on another day anew when it is found again."""
+        """Allow segments around places that were offered on an earlier day."""
         self._offered = []
 
     def next_number(self) -> int:
-        """Return a number for a segment that no other one of the run has."""
+        """Return an unused segment number."""
         self._numbers += 1
         return self._numbers
 
     def segments(
         self, observation: PolicyObservation, terrains: Sequence[Terrain], ahead: Sequence[Segment]
     ) -> list[Segment]:
-        """Return segments about the groups of detections that are over."""
+        """Return segments around the completed groups of detections."""
         fields = self._fields(observation)
         seen = observation.observations
         latest, self._known = self._known, len(seen)

@@ -1,1 +1,1 @@
-"""Flights and transfers that MAVSDK carries out: a second way, independent of our own."""
+"""Flights and transfers by MAVSDK, an implementation independent of our own."""

@@ -1,4 +1,4 @@
-"""MAVSDK as a way to a vehicle: it keeps the link, uploads, arms, starts and orders; we look on."""
+"""MAVSDK as the connection to a vehicle: MAVSDK opens the link, uploads, and sends commands."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ __all__ = ["MavsdkOrders", "MavsdkVia"]
 _POLL_S = 0.02
 _Commanding = m.MAVLink_command_long_message | m.MAVLink_command_int_message
 _AUTOPILOT = int(m.MAV_COMP_ID_AUTOPILOT1)
-# What the vehicle says of a refusal may come after it.
+# A STATUSTEXT with the reason may follow a refusal.
 _WORDS_S = 0.3
 _RESULTS = {
     "SUCCESS": m.MAV_RESULT_ACCEPTED,
@@ -55,7 +55,7 @@ _NO_ANSWER = frozenset({"TIMEOUT", "NO_SYSTEM", "CONNECTION_ERROR"})
 class _Order:
     """A command that MAVSDK carries out.
 
-    ``due_s`` is when its answer is handed on.
+    The answer is delivered at `due_s`.
     """
 
     command: int
@@ -66,15 +66,15 @@ class _Order:
 
 
 class MavsdkOrders:
-    """Carries out what a ground station would send to an autopilot; what comes of it is a COMMAND_ACK again.
+    """Commands to the autopilot, carried out by MAVSDK; each result is returned as a COMMAND_ACK.
 
-    Arming, return, landing and PX4's hold go by the plugin action, the mission's start by mission_raw.
-    Every other command goes by mavlink_direct, which repeats it, too: other modes (MAVSDK's hold of an
-    ArduCopter is LOITER, in which it sinks without a stick), rates of messages, and the start of an
-    ArduCopter's mission, which takes off at MISSION_START only (MAVSDK's start_mission chooses the mode).
+    Arming, return, landing and PX4's hold use the plugin action; the start of a mission uses mission_raw.
+    Every other command uses mavlink_direct, which also retries. Examples are other modes (MAVSDK's hold is
+    LOITER on an ArduCopter, which sinks without a stick), message rates, and the start of an ArduCopter's
+    mission, which takes off only at MISSION_START (MAVSDK's start_mission sets the mode).
 
-    MISSION_SET_CURRENT is not for MAVSDK: its set_current_mission_item sends it again at each MISSION_CURRENT
-    that names another item, without end if a vehicle goes on from a command to its next waypoint at once.
+    MAVSDK does not send MISSION_SET_CURRENT. Its set_current_mission_item repeats the message at each other
+    MISSION_CURRENT, without end if a vehicle advances from a command to its next waypoint at once.
     """
 
     def __init__(
@@ -86,7 +86,7 @@ class MavsdkOrders:
         note: Note,
     ) -> None:
         self._link, self._system_id, self._note = link, system_id, note
-        # By command, and its first three parameters where these matter: plugin and function.
+        # Plugin and function by command, and by its first three parameters where they matter.
         self._functions: dict[tuple[int, tuple[float, ...] | None], tuple[type, str]] = {
             (m.MAV_CMD_COMPONENT_ARM_DISARM, (1.0, 0.0, 0.0)): (Action, "arm"),
             (Command.NAV_RETURN_TO_LAUNCH, None): (Action, "return_to_launch"),
@@ -103,27 +103,27 @@ class MavsdkOrders:
 
     @property
     def waiting(self) -> bool:
-        """Whether MAVSDK has not answered everything yet."""
+        """Whether commands are still unanswered."""
         return bool(self._orders)
 
     def takes(self, message: Message) -> bool:
-        """Return whether a message of the ground station is an order to the autopilot, and so for MAVSDK."""
+        """Return whether a message of the ground station is a command to the autopilot."""
         if not isinstance(message, _Commanding):
             return False
         return (message.target_system, message.target_component) == (self._system_id, _AUTOPILOT)
 
     def carry_out(self, message: Message) -> list[Message]:
-        """Let MAVSDK do what a message asks for; return what can be answered at once."""
+        """Start a command, and return the messages that answer it at once."""
         assert isinstance(message, _Commanding)
-        if any(one.command == message.command for one in self._orders) and not _is_setting(message):
-            # It is under way; MAVSDK repeats it by itself.
+        if any(order.command == message.command for order in self._orders) and not _is_setting(message):
+            # The same command is pending, and MAVSDK retries by itself.
             return [self._ack(message.command, int(m.MAV_RESULT_IN_PROGRESS))]
         name, begin, arguments = self._function(message)
         self._orders.append(_Order(message.command, name, Call(begin, *arguments)))
         return []
 
     def answers(self, now_s: float) -> list[Message]:
-        """Return what MAVSDK has answered since the last call, as the vehicle would."""
+        """Return the COMMAND_ACKs of all commands answered since the last call."""
         done: list[Message] = []
         for order in list(self._orders):
             if order.result is None:
@@ -135,7 +135,7 @@ class MavsdkOrders:
         return done
 
     def _take_answer(self, order: _Order, now_s: float) -> None:
-        """Take MAVSDK's answer, if there is one; -1 is none of the vehicle."""
+        """Read MAVSDK's answer, if any; a result of -1 is no answer of the vehicle."""
         answer = order.call.answer()
         if answer is None:
             return
@@ -153,7 +153,7 @@ class MavsdkOrders:
                 self._note(f"MAVSDK: {order.name}: {result.name}")
 
     def _function(self, message: _Commanding) -> tuple[str, Callable[..., None], tuple[Any, ...]]:
-        """Return MAVSDK's function for a command: its name, itself, and what it takes."""
+        """Return MAVSDK's function for a command: its name, the function, and its arguments."""
         wanted = (message.command, (message.param1, message.param2, message.param3))
         direct = (MavlinkDirect, "send_command")
         kind, name = self._functions.get(wanted) or self._functions.get((message.command, None), direct)
@@ -170,18 +170,18 @@ class MavsdkOrders:
         )
 
     def _ack(self, command: int, result: int) -> Message:
-        """Return the COMMAND_ACK that the vehicle would have sent."""
+        """Return a COMMAND_ACK as if sent by the vehicle."""
         frame = self._writer.encode(m.MAVLink_command_ack_message(command, result))
         return FrameReader().feed(frame)[0]
 
 
 def _is_setting(message: _Commanding) -> bool:
-    """Return whether such a command is sent for one thing after the other: rates of messages."""
+    """Return whether a command may be pending several times with other parameters: message rates."""
     return message.command == m.MAV_CMD_SET_MESSAGE_INTERVAL
 
 
 class _GroundByMavsdk:
-    """A ground station whose orders MAVSDK carries out, as a component of the host."""
+    """A ground station with commands by MAVSDK, as a component of the link host."""
 
     def __init__(self, ground: GroundStation, orders: MavsdkOrders) -> None:
         self.system_id, self.component_id = ground.system_id, ground.component_id
@@ -190,14 +190,14 @@ class _GroundByMavsdk:
         self._due_s = math.inf
 
     def receive(self, message: Message, now_s: float) -> list[Message]:
-        """Take a message; MAVSDK alone tells what became of an order."""
+        """Receive a message; COMMAND_ACKs of the vehicle are ignored because MAVSDK handles them."""
         return [] if is_a(message, m.MAVLink_command_ack_message) else self._hear(message, now_s)
 
     def _hear(self, message: Message, now_s: float) -> list[Message]:
         return self.hand_on(self._ground.receive(message, now_s), now_s)
 
     def poll(self, now_s: float) -> list[Message]:
-        """Take MAVSDK's answers, and send what is due."""
+        """Deliver MAVSDK's answers, and return the messages that are due."""
         out: list[Message] = []
         for answer in self._orders.answers(now_s):
             out += self._hear(answer, now_s)
@@ -205,7 +205,7 @@ class _GroundByMavsdk:
         return out + self.hand_on(self._ground.poll(now_s), now_s)
 
     def next_deadline(self) -> float:
-        """When `poll` has something to do."""
+        """Return the time of the next `poll` that does anything (s), infinite if none."""
         return min(self._ground.next_deadline(), self._due_s if self._orders.waiting else math.inf)
 
     def goodbye(self) -> list[Message]:
@@ -213,7 +213,7 @@ class _GroundByMavsdk:
         return self._ground.goodbye()
 
     def hand_on(self, messages: Iterable[Message], now_s: float) -> list[Message]:
-        """Give MAVSDK the orders; return the rest. MAVSDK sends the heartbeat itself."""
+        """Pass commands to MAVSDK and return the other messages, except the heartbeat, which MAVSDK sends."""
         rest: list[Message] = []
         for message in messages:
             if self._orders.takes(message):
@@ -226,14 +226,14 @@ class _GroundByMavsdk:
 
 
 class MavsdkVia(Via):
-    """MAVSDK keeps the link, carries the plans and gives the orders; all else is as in the own way."""
+    """Connection through MAVSDK: link, plans and commands; all else is as without it."""
 
     def __init__(self) -> None:
         self._link: MavsdkLink | None = None
 
     @property
     def transfers(self) -> TransferMaker:
-        """Uploads and readings by MAVSDK."""
+        """Uploads and downloads by MAVSDK."""
         return mavsdk_transfers(self._opened)
 
     def _opened(self) -> MavsdkLink:
@@ -248,9 +248,9 @@ class MavsdkVia(Via):
         tap: Tap | None,
         note: Note,
     ) -> LinkHost:
-        """Let MAVSDK open the link, for one vehicle; ``note`` is told of refusals.
+        """Open the link of one vehicle by MAVSDK; `note` is called with refusals.
 
-        The log has what MAVSDK hands on; what it sends by itself is not in it.
+        The log has the messages that MAVSDK forwards, but not those that MAVSDK sends itself.
         """
         ((url, vehicle),), (station,) = heard, grounds
         link = self._link = MavsdkLink(url)
@@ -259,20 +259,20 @@ class MavsdkVia(Via):
         return LinkHost(Server([*cameras, ground], [], tap=tap, links=[link]), ground.hand_on)
 
     def driver(self, url: str, on_event: OnEvent, on_text: OnText | None = None) -> TransferDriver:
-        """Let MAVSDK open a link; LinkError if the address is wrong, or MAVSDK cannot open it."""
+        """Open a link by MAVSDK; LinkError if the address is wrong or MAVSDK cannot open it."""
         link = MavsdkLink(url)
         endpoint = MavlinkEndpoint(link, *GROUND_STATION, wanted=())
         transfers = mavsdk_transfers(lambda: link)
         return TransferDriver(endpoint, on_event=on_event, on_text=on_text, maker=transfers, heartbeat=False)
 
     def check_count(self, vehicles: int) -> None:
-        """Refuse several vehicles."""
+        """Raise LiveFlightError for several vehicles."""
         if vehicles > 1:
             msg = f"--via mavsdk flies one vehicle, not {vehicles}: leave out --via mavsdk, or fly one"
             raise LiveFlightError(msg)
 
     def check(self, scenario: Scenario, vehicle: Vehicle) -> None:
-        """Refuse a policy for a vehicle that leaves its mission while that is changed."""
+        """Raise LiveFlightError for a policy if the vehicle must leave its mission to change it."""
         policy = scenario.mission.policy
         if policy is not None and vehicle.vehicle_type in (vehicle.profile.change_modes or {}):
             msg = (

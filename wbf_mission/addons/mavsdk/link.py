@@ -1,4 +1,4 @@
-"""A link that MAVSDK keeps: what it hears is passed on to us, and what we send to the vehicle."""
+"""A link opened by MAVSDK, which forwards the vehicle's messages to us and ours to the vehicle."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _LOOK_S = 0.01
 
 
 def mavsdk_url(address: LinkAddress) -> str:
-    """Return the address of a link as MAVSDK writes it.
+    """Return a link address in MAVSDK's syntax.
 
     Examples
     --------
@@ -41,11 +41,11 @@ def mavsdk_url(address: LinkAddress) -> str:
 class MavsdkLink:
     """MAVSDK as a `mission.link.address.Link`.
 
-    MAVSDK has two connections, the vehicle's and one without a wire, and forwards between them: what it hears
-    comes out here, and what is sent here goes to the vehicle. It is the ground station on the link: it sends
-    the heartbeat, and answers to its own commands and transfers stay with it.
+    MAVSDK has two connections, one to the vehicle and one without a wire, and forwards between them. Bytes
+    from the vehicle are returned by `receive`, and bytes given to `send` go to the vehicle. MAVSDK is the
+    ground station on the link: it sends the heartbeat, and keeps answers to its own commands and transfers.
 
-    LinkError if the address is wrong, or MAVSDK cannot open it.
+    Raises LinkError if the address is wrong or MAVSDK cannot open it.
     """
 
     def __init__(self, url: str) -> None:
@@ -77,13 +77,13 @@ class MavsdkLink:
             raise LinkError(msg)
 
     def _on_log(self, level: LogLevel, text: str, _file: str | None, _line: int) -> bool:
-        """Keep MAVSDK's log off the terminal; its last error says why a connection cannot be opened."""
+        """Keep MAVSDK's log off the terminal; its last error explains a connection that cannot be opened."""
         if level is LogLevel.ERROR:
             self._complaint = text
         return True
 
     def _on_bytes(self, data: bytes) -> None:
-        """Take a frame; MAVSDK calls this in a thread of its own."""
+        """Queue a frame; MAVSDK calls this in its own thread."""
         self._arrived.append(data)
         with contextlib.suppress(OSError):
             self._wake.send(b"\0")
@@ -94,7 +94,7 @@ class MavsdkLink:
             self._mavsdk.pass_received_raw_bytes(data)
 
     def receive(self) -> list[bytes]:
-        """Return what MAVSDK heard since the last call."""
+        """Return the frames received since the last call."""
         with contextlib.suppress(OSError):
             self._woken.recv(65536)
         found: list[bytes] = []
@@ -104,35 +104,35 @@ class MavsdkLink:
         return found
 
     def fileno(self) -> int | None:
-        """Return the descriptor that is readable when something has arrived."""
+        """Return a file descriptor that is readable when frames have arrived."""
         return None if self._closed else self._woken.fileno()
 
     def plugin(self, kind: type, system_id: int) -> Any:
-        """Return the plugin of MAVSDK for a vehicle; NoVehicleError if it has not heard of it."""
+        """Return MAVSDK's plugin for a vehicle; NoVehicleError if MAVSDK does not know the vehicle."""
         key = (kind, system_id)
         if key not in self._plugins:
             self._plugins[key] = kind(self._system(system_id))
         return self._plugins[key]
 
     def _system(self, system_id: int) -> System:
-        """Return a vehicle; it was heard by us, so MAVSDK knows it in a moment.
+        """Return a vehicle, waiting until MAVSDK has connected to it.
 
-        Until it is connected MAVSDK does not know which autopilot it is, and would not answer an ArduPilot.
+        Before that, MAVSDK does not know the autopilot and would not answer an ArduPilot.
         """
         if system_id in self._systems:
             return self._systems[system_id]
         end_s = time.monotonic() + _KNOWN_S
         while time.monotonic() < end_s:
-            for one in self._mavsdk.get_systems():
-                if one.get_system_id() == system_id and one.has_autopilot() and one.is_connected():
-                    self._systems[system_id] = one
-                    return one
+            for system in self._mavsdk.get_systems():
+                if system.get_system_id() == system_id and system.has_autopilot() and system.is_connected():
+                    self._systems[system_id] = system
+                    return system
             time.sleep(_LOOK_S)
         msg = f"{self.name}: MAVSDK knows of no vehicle with system id {system_id}"
         raise NoVehicleError(msg)
 
     def close(self) -> None:
-        """End MAVSDK and its threads; closing twice is fine."""
+        """Stop MAVSDK and its threads; a second call does nothing."""
         if self._closed:
             return
         self._closed = True
@@ -145,18 +145,18 @@ class MavsdkLink:
 
 
 class Call:
-    """A call of one of MAVSDK's ``..._async`` functions, whose answer comes in another thread."""
+    """A call of one of MAVSDK's ``..._async`` functions, answered in another thread."""
 
     def __init__(self, begin: Callable[..., None], *arguments: Any) -> None:
         self._answers: SimpleQueue[tuple[Any, ...]] = SimpleQueue()
         begin(*arguments, self._on_answer)
 
     def _on_answer(self, *answer: Any) -> None:
-        # The last one is MAVSDK's user data, of which there is none.
+        # The last argument is MAVSDK's unused user data.
         self._answers.put(answer[:-1])
 
     def answer(self) -> tuple[Any, ...] | None:
-        """Return what MAVSDK answered, its result first; None while it has not."""
+        """Return MAVSDK's answer, with the result first; None while pending."""
         try:
             return self._answers.get_nowait()
         except Empty:

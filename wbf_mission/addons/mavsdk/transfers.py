@@ -1,4 +1,4 @@
-"""Plans up and down by MAVSDK's plugin mission_raw, as the parts of a verified upload."""
+"""Plan transfers by MAVSDK's plugin mission_raw, as steps of a verified upload."""
 
 from __future__ import annotations
 
@@ -58,19 +58,19 @@ _REASONS = {
     MissionRawResult.TRANSFER_CANCELLED: FailureReason.CANCELLED,
 }
 _POLL_S = 0.02
-# MAVSDK gives up by itself; this is for a call that it never answers.
+# MAVSDK has its own timeout; this one is for a call that is never answered.
 _LONGEST_S = 300.0
 
 
 def mavsdk_transfers(link: Callable[[], MavsdkLink]) -> TransferMaker:
-    """Return transfers that MAVSDK carries out over the link that it keeps when one begins."""
+    """Return transfers by MAVSDK, over the link that is open when a transfer starts."""
     return TransferMaker(partial(MavsdkUpload, link=link), partial(MavsdkDownload, link=link))
 
 
 class _Transfer(ABC):
-    """What MAVSDK's uploads and downloads have in common: a call under way, and what the vehicle says.
+    """Base of MAVSDK's uploads and downloads: a pending call and its result.
 
-    MAVSDK does not tell how many messages it sent: the statistics have 0 for that.
+    The statistics have 0 messages, because MAVSDK does not report their number.
     """
 
     _verb: str
@@ -101,7 +101,7 @@ class _Transfer(ABC):
         return f"{self._verb} of the {self.mission_type.name.lower()}"
 
     def receive(self, message: Message, now_s: float) -> Output:  # noqa: ARG002
-        """Take nothing: MAVSDK hears what matters."""
+        """Ignore the message: MAVSDK receives the transfer's messages itself."""
         return NOTHING
 
     def _begin(self, now_s: float, begin: Callable[..., None], *arguments: Any) -> None:
@@ -110,7 +110,7 @@ class _Transfer(ABC):
         self._call = Call(begin, *arguments)
 
     def poll(self, now_s: float) -> Output:
-        """See whether MAVSDK has answered."""
+        """Return the result if MAVSDK has answered or the call has timed out."""
         if self._call is None or now_s < self._due_s:
             return NOTHING
         self._due_s = now_s + _POLL_S
@@ -121,14 +121,14 @@ class _Transfer(ABC):
 
     @abstractmethod
     def _ends(self, result: MissionRawResult, raw: Sequence[RawItem] = ()) -> tuple[Event, ...]:
-        """Return the events of an answer."""
+        """Return the events for MAVSDK's answer."""
 
     def _finish(self, now_s: float, *events: Event) -> Output:
         self.done, self._call, self._ended_s = True, None, now_s
         return Output(events=events)
 
     def _failure(self, result: MissionRawResult, state: PlanState) -> TransferFailed:
-        """Return the event of a failure, in MAVSDK's word."""
+        """Return the event of a failed transfer, with MAVSDK's result name."""
         reason = _REASONS.get(result, FailureReason.REFUSED)
         text = f"{self._what} failed: MAVSDK says {result.name}"
         if reason is FailureReason.TIMEOUT:
@@ -137,11 +137,11 @@ class _Transfer(ABC):
         return TransferFailed(self.mission_type, reason, text, code, state)
 
     def next_deadline(self) -> float | None:
-        """When `poll` has something to do, None before the start and after the end."""
+        """Return the time of the next `poll` that does anything; None before the start and after the end."""
         return None if self._call is None else self._due_s
 
     def cancel(self, now_s: float) -> Output:
-        """Break off."""
+        """Cancel the transfer."""
         if self.mission_type is MissionType.MISSION and self._call is not None:
             with contextlib.suppress(MissionRawError):
                 getattr(self._raw, f"cancel_mission_{self._verb}")()
@@ -149,18 +149,18 @@ class _Transfer(ABC):
         return self._finish(now_s, TransferFailed(self.mission_type, FailureReason.CANCELLED, text))
 
     def statistics(self, now_s: float | None = None) -> TransferStatistics:
-        """What it has cost, as far as MAVSDK tells."""
+        """Return the statistics that MAVSDK provides."""
         end_s = self._ended_s if self.done or now_s is None else now_s
         return TransferStatistics(self.mission_type, self._count, 0, 0, 0, end_s - self._began_s)
 
 
 class MavsdkDownload(_Transfer):
-    """Reads a plan; ends with `DownloadComplete` or `TransferFailed`."""
+    """Downloads a plan; ends with `DownloadComplete` or `TransferFailed`."""
 
     _verb = "download"
 
     def start(self, now_s: float) -> Output:
-        """Begin."""
+        """Start the download."""
         self._begin(now_s, getattr(self._raw, _DOWNLOADS[self.mission_type]))
         return NOTHING
 
@@ -178,7 +178,7 @@ class MavsdkDownload(_Transfer):
 
 
 class _Sending(_Transfer):
-    """Sends a plan; ends with `UploadComplete` or `TransferFailed`. MAVSDK does not tell the plan's id.
+    """Uploads a plan; ends with `UploadComplete` or `TransferFailed`, without the plan's id.
 
     The plan is a `MissionUpload` that is never started.
     """
@@ -191,13 +191,13 @@ class _Sending(_Transfer):
             raise LocalTransferError(msg)
         super().__init__(mission_type, **options)
         del options["link"]
-        # MAVSDK wants one item to be marked as current.
+        # MAVSDK requires one item marked as current.
         options["start_sequence"] = options["start_sequence"] or 0
         self._plan = MissionUpload(items, mission_type, **options)
         self._count = len(items)
 
     def start(self, now_s: float) -> Output:
-        """Begin."""
+        """Start the upload."""
         raw = [
             RawItem(*(getattr(message, field) for field in _ITEM_FIELDS))
             for message in self._plan.item_messages()
@@ -211,17 +211,17 @@ class _Sending(_Transfer):
     def _ends(self, result: MissionRawResult, raw: Sequence[RawItem] = ()) -> tuple[Event, ...]:  # noqa: ARG002
         if result is MissionRawResult.SUCCESS:
             return (UploadComplete(self.mission_type, self._count),)
-        # What a vehicle that overwrites in place holds after a refusal is to be told. After a timeout it may
-        # hold the plan all the same: reading it tells.
+        # After a refusal, a vehicle that overwrites in place may hold either plan. After a timeout it may
+        # hold the new plan, which a download shows.
         timeout = _REASONS.get(result) is FailureReason.TIMEOUT
         state = PlanState.OLD if self._profile.atomic and not timeout else PlanState.UNKNOWN
         return (self._failure(result, state),)
 
 
 class MavsdkUpload(VerifiedUpload):
-    """Sends a plan, reads it back and compares.
+    """Uploads a plan, downloads it and compares.
 
-    What MAVSDK says of a failed upload stands, unless the vehicle did not answer and holds the plan.
+    MAVSDK's failure is reported, unless the vehicle did not answer but holds the plan.
     """
 
     def __init__(
@@ -252,6 +252,6 @@ class MavsdkUpload(VerifiedUpload):
 
 
 def _item_of(raw: RawItem) -> MissionItem:
-    """Return an item that MAVSDK read; MissionError for infinite numbers, or a position that is none."""
+    """Convert an item from MAVSDK; MissionError for infinite numbers or an invalid position."""
     fields = [getattr(raw, field) for field in _ITEM_FIELDS]
     return wire.item_from_message(m.MAVLink_mission_item_int_message(0, 0, *fields))

@@ -1,1 +1,1 @@
-"""The figures of the Waterberry Farms paper (arXiv:2305.06243), made anew."""
+"""The figures of the Waterberry Farms paper (arXiv:2305.06243), reproduced."""

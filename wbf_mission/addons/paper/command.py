@@ -1,4 +1,4 @@
-"""``wbf-mission bench paper``, in the group of `wbf_mission.cli.bench`."""
+"""``wbf-mission bench paper``, a command of the group ``bench``."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def paper_command(
     spec: Annotated[
         Path | None,
         typer.Argument(
-            help="What is compared, in one scenario (TOML); the options below change it."
+            help="Planners and estimators to compare, in one scenario (TOML); the options below change it."
             "  [default: the paper's experiment in five environments]"
         ),
     ] = None,
@@ -46,12 +46,12 @@ def paper_command(
     formats: Annotated[str, option("Kinds of files: png, pdf or both.", "--format")] = "png",
     selected: dict[str, Any],
     cost_farms: Annotated[
-        str, option("Where costs are measured, separated by commas.", panel=RUN_PANEL)
+        str, option("Farms on which costs are measured, separated by commas.", panel=RUN_PANEL)
     ] = "miniberry-10,miniberry-30,miniberry-100,waterberry",
     dynamics_farms: Annotated[
         str,
         option(
-            "Whose fifteen days are drawn, separated by commas.  [default: the scenario's farm]",
+            "Farms whose fifteen days are drawn, separated by commas.  [default: the scenario's farm]",
             panel=RUN_PANEL,
         ),
     ] = "",
@@ -59,8 +59,8 @@ def paper_command(
 ) -> int:
     """Make the figures of the paper: farms, fifteen days, planners with estimators, costs.
 
-    With a page, paper.md and paper.html, of captions and numbers. Flights and costs are kept: a second call
-    only draws.
+    The captions and numbers are written to paper.md and paper.html. Flights and costs are kept, so a second
+    call only draws.
     """
     from wbf_mission.addons.paper.make import make_paper
     from wbf_mission.bench.benchmark import BenchmarkInterrupted
@@ -83,12 +83,12 @@ def paper_command(
                 progress=progress,
             )
     except BenchmarkInterrupted as stop:
-        output.warn(f"{stop}; the same command goes on with them")
+        output.warn(f"{stop}; the same command flies the others")
         return ExitCode.INTERRUPTED
     tell_failures(output, made.rows)
     write_page(made.files[0].with_suffix(".html"), made.page, out)
     pages = [str(made.files[0].with_suffix(end)) for end in (".md", ".html")]
-    pictures = [str(one) for one in made.files[1:]]
+    pictures = [str(file) for file in made.files[1:]]
     output.result(
         {"pages": pages, "pictures": pictures, "runs": len(made.rows)},
         {"pages": "\n".join(pages), "pictures": "\n".join(pictures)},

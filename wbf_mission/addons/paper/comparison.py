@@ -1,4 +1,4 @@
-"""The comparison of planners with estimators: path, truth, estimate and score over time, and the numbers."""
+"""Comparison of planners with estimators: path, truth, estimate, score over time, and tables."""
 
 from __future__ import annotations
 
@@ -28,13 +28,13 @@ if TYPE_CHECKING:
 
 _OTHERS = "#b9b6ae"
 _ACROSS = 2
-_WIDTH = 55  # letters of a title over a panel
+_WIDTH = 55  # Characters per line of a panel title
 _PARTS = (0.1, 0.2, 0.5, 1.0)
 _EARLY = 0.2
 _STEPS = 501
-_TOLERANCE, _FALL = 1e-6, 0.01  # Of the loss before: what is rounding, and what can be seen
+_TOLERANCE, _FALL = 1e-6, 0.01  # Relative to the previous loss: above rounding, and visible in a plot
 _LEAST_LOSS = 1e-12
-"""Of the time of the longest run."""
+"""Lower limit of a loss, against division by zero."""
 _COLUMNS = ("path", "truth", "estimate", "score, 0 is perfect")
 
 
@@ -46,10 +46,10 @@ def plot_pairs(
     colours: Mapping[str, str],
     paths: Sequence[Path],
 ) -> None:
-    """Draw a line of pictures for each planner with one estimator, all in one environment.
+    """Draw a row of panels for each planner with one estimator, all in one environment.
 
-    Both diseases are in one map, each on the plants that it can befall. `rows` are of the environment that is
-    shown, `colours` of the planners; `shown` has planner and estimator as keys.
+    Both diseases share a map, each on the plants that it can infect. `rows` are of the environment shown,
+    `colours` of the planners. `shown` is keyed by planner and estimator.
     """
     farm = scenario.farm.load()
     fields = load_field_set(scenario.farm.fields)
@@ -89,7 +89,7 @@ def plot_pairs(
 def plot_scores(
     rows: Sequence[BenchRow], estimators: Sequence[str], colours: Mapping[str, str], paths: Sequence[Path]
 ) -> None:
-    """Draw the mean score over time of all planners, a panel for each estimator, with intervals of 95 %."""
+    """Draw the mean score over time of all planners, one panel per estimator, with 95 % intervals."""
     across = min(len(estimators), _ACROSS)
     down = -(-len(estimators) // across)
     figure = new_sheet(4.4 * across, 0.5 + 3.1 * down)
@@ -105,7 +105,7 @@ def plot_scores(
         axes.set_title("\n".join(textwrap.wrap(estimator.replace(",", ", "), _WIDTH)), fontsize=9)
         axes.set_xlabel("time, s")
         axes.grid(alpha=0.3)
-    grid[0, 0].set_ylim(top=0.0)  # of all, after all is drawn
+    grid[0, 0].set_ylim(top=0.0)  # The axis is shared: the limit is set after the last panel is drawn.
     for axes in grid[:, 0]:
         axes.set_ylabel("mean score, 0 is perfect")
     handles, labels = panels[0].get_legend_handles_labels()
@@ -114,7 +114,7 @@ def plot_scores(
 
 
 def _show_health(axes: Axes, farm: Farm, fields: FieldSet, values: NDArray[np.float32]) -> Any:
-    """Draw how healthy the owner's plants are."""
+    """Draw the health of the plants on the owner's land."""
     from matplotlib.colors import LinearSegmentedColormap
 
     grid: FarmGrid = farm.grid()
@@ -139,7 +139,7 @@ def _show_health(axes: Axes, farm: Farm, fields: FieldSet, values: NDArray[np.fl
 
 
 def _score(axes: Axes, planner: str, rows: Sequence[BenchRow], colour: str, lowest: float) -> None:
-    """Draw the score of one planner over time, the others thin behind it."""
+    """Draw the score of one planner over time, and the other planners as thin lines behind it."""
     for row in sorted(rows, key=lambda one: one.planner == planner):
         mine = row.planner == planner
         axes.plot(
@@ -156,7 +156,7 @@ def _score(axes: Axes, planner: str, rows: Sequence[BenchRow], colour: str, lowe
 
 
 def early_table(rows: Sequence[BenchRow]) -> Table:
-    """Return the mean score of one scenario's rows at parts of the time, with intervals of 95 %."""
+    """Return the mean score of one scenario's rows at fractions of the time, with 95 % intervals."""
     good = [row for row in rows if row.scores]
     last_s = max((row.times_s[-1] for row in good), default=0.0)
     header = ("planner, estimator", *(f"at {part * last_s:.0f} s" for part in _PARTS))
@@ -169,9 +169,9 @@ def early_table(rows: Sequence[BenchRow]) -> Table:
 
 
 def lead_table(rows: Sequence[BenchRow]) -> Table:
-    """Return who has the best mean score at parts of the time, and by how much the others are behind it.
+    """Return the planner with the best mean score at fractions of the time, and the lead over the others.
 
-    Differences are taken in pairs of runs in the same environment, with intervals of 95 % that hold together.
+    Differences are of pairs of runs in the same environment. The 95 % intervals are simultaneous.
     """
     good = [row for row in rows if row.scores]
     last_s = max((row.times_s[-1] for row in good), default=0.0)
@@ -180,7 +180,7 @@ def lead_table(rows: Sequence[BenchRow]) -> Table:
     leads: list[tuple[str, str]] = []
     differences: list[NDArray[np.float64]] = []
     for estimator, part in itertools.product(dict.fromkeys(row.estimator for row in good), _PARTS):
-        # Environments in which all planners have a score.
+        # Environments for which every planner has a score.
         seeds = [
             seed
             for seed in sorted({row.seed for row in good})
@@ -206,9 +206,9 @@ def lead_table(rows: Sequence[BenchRow]) -> Table:
 
 
 def pair_table(rows: Sequence[BenchRow]) -> Table:
-    """Return the differences of planners' mean scores over parts of the time, in pairs of runs.
+    """Return the paired differences of planners' mean scores over parts of the time.
 
-    Positive where the first is better, with intervals of 95 % that hold together.
+    A difference is positive if the first planner is better. The 95 % intervals are simultaneous.
     """
     good = [row for row in rows if row.scores]
     last_s = max((row.times_s[-1] for row in good), default=0.0)
@@ -245,14 +245,14 @@ def pair_table(rows: Sequence[BenchRow]) -> Table:
 
 
 def fall_table(rows: Sequence[BenchRow]) -> Table:
-    """Return how often the score falls from one scored time to the next, and by how much at most."""
+    """Return how often the score falls between scored times, and the largest fall."""
     lines = []
     for (planner, estimator), own in by_pair([row for row in rows if len(row.scores) > 1]).items():
         losses = [-np.array(row.scores) for row in own]
-        rises = [np.diff(one) / np.maximum(one[:-1], _LEAST_LOSS) for one in losses]
-        falls = (np.array([100.0 * (one > least).mean() for one in rises]) for least in (_TOLERANCE, _FALL))
-        worst = max(float(one.max()) for one in rises)
-        cells = (f"{one.mean():.1f} ({one.min():.1f} to {one.max():.1f})" for one in falls)
+        rises = [np.diff(loss) / np.maximum(loss[:-1], _LEAST_LOSS) for loss in losses]
+        falls = (np.array([100.0 * (rise > least).mean() for rise in rises]) for least in (_TOLERANCE, _FALL))
+        worst = max(float(rise.max()) for rise in rises)
+        cells = (f"{fall.mean():.1f} ({fall.min():.1f} to {fall.max():.1f})" for fall in falls)
         lines.append((f"{planner}, {estimator}", *cells, f"{100.0 * worst:.0f} %"))
     header = (
         "planner, estimator",
@@ -264,7 +264,7 @@ def fall_table(rows: Sequence[BenchRow]) -> Table:
 
 
 def authors_table(rows: Iterable[BenchRow], shown: Mapping[tuple[str, str], ShownRun]) -> Table:
-    """Return the score at the end of the runs that are shown, and what the published code makes of them."""
+    """Return the final score of the runs shown, and the score that the published code would give them."""
     lines = tuple(
         (
             f"{row.planner}, {row.estimator}",

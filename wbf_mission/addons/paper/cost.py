@@ -1,4 +1,4 @@
-"""The cost figure: processor time of one estimate and of one score against observations and farm size."""
+"""Cost figure: processor time of one estimate and of one score, by observations and farm size."""
 
 from __future__ import annotations
 
@@ -28,12 +28,12 @@ from wbf_mission.results.storage import ResultError
 
 FARMS = ("miniberry-10", "miniberry-30", "miniberry-100", "waterberry")
 ESTIMATORS = ("adaptive-disk", "gp", "gp-sklearn")
-"""Ours, and the paper's Gaussian process as its code has it."""
+"""Our estimators, and the Gaussian process of the paper's published code."""
 NUMBERS = (1, 3, 10, 30, 100, 300, 1000, 3000, 10_000)
 _PARAMETERS: dict[str, dict[str, Any]] = {"gp-sklearn": {"max_points": 300, "max_entries": 20_000_000}}
-"""More takes it longer than the limit: 1000 observations on the smallest farm, one on the full farm."""
+"""Larger values exceed the time limit: 1000 observations on the smallest farm, one on the full farm."""
 SCORE = "score"
-"""In place of an estimator: a score of the whole farm."""
+"""Name of the scoring cost, used in place of an estimator."""
 LIMIT_S = 5.0
 _ENOUGH_S = 0.2
 _MOST_TIMES = 5
@@ -48,16 +48,16 @@ _GREY = "#52514e"
 
 
 class Cost(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Processor seconds of one estimate of three fields, or of one score, over the whole farm.
+    """Processor time (s) of one estimate of three fields, or of one score, over the whole farm.
 
     Attributes
     ----------
     method : str
-        An estimator, or ``"score"``.
+        Name of an estimator, or ``"score"``.
     observations : int
         0 for a score.
     cpu_s : float or None
-        None: more than the limit, or refused for lack of memory.
+        None if above the limit, or refused for lack of memory.
     """
 
     method: str
@@ -80,11 +80,11 @@ def measured_costs(
     limit_s: float = LIMIT_S,
     progress: Progress = silent,
 ) -> list[Cost]:
-    """Return the costs of all methods on all farms; what a file does not hold is measured and kept there.
+    """Return the costs of all methods on all farms, measuring those absent from the file at `path`.
 
-    A method that took more than the limit on a farm is not asked for more observations (`numbers`, growing).
+    A method above the limit on a farm is not measured with more observations; `numbers` must increase.
 
-    ResultError if the file holds something else.
+    Raises ResultError if the file is no list of costs.
     """
     found = kept_costs(path) if path.exists() else []
     wanted = [(method, farm) for farm in farms for method in (*ESTIMATORS, SCORE)]
@@ -101,9 +101,9 @@ def measured_costs(
 
 
 def kept_costs(path: Path) -> list[Cost]:
-    """Read what `measured_costs` keeps.
+    """Read the file that `measured_costs` writes.
 
-    ResultError if the file holds something else.
+    Raises ResultError if the file is no list of costs.
     """
     try:
         return _decoder.decode(path.read_bytes())
@@ -128,7 +128,7 @@ def _measured(method: str, name: str, numbers: Sequence[int], limit_s: float) ->
         except (WbfMissionError, MemoryError):
             cpu_s = None
         if n == 0:
-            continue  # the first estimate of a process loads libraries and compiled code
+            continue  # The first estimate of a process also loads libraries and compiled code.
         if cpu_s is not None and cpu_s > limit_s:
             cpu_s = None
         yield Cost(method, name, cells, n, cpu_s, machine)
@@ -137,7 +137,7 @@ def _measured(method: str, name: str, numbers: Sequence[int], limit_s: float) ->
 
 
 def _observations(grid: FarmGrid, n: int) -> Observations:
-    """Return n observations in random cells, with invented values."""
+    """Return `n` observations in random cells, with made-up values."""
     rng = np.random.default_rng(0)
     x, y = (rng.integers(0, side, n) for side in grid.shape)
     sick = rng.choice([0.5, 1.0], (n, 2), p=[0.05, 0.95])
@@ -148,7 +148,7 @@ def _observations(grid: FarmGrid, n: int) -> Observations:
 
 def _estimate_s(method: str, grid: FarmGrid, seen: Observations) -> float:
     def prepared() -> Estimator:
-        # What is learned before a flight, once for a farm and a day, is not the cost of an estimate.
+        # Learning before a flight, once per farm and day, does not count as cost of an estimate.
         estimator = make_estimator(method, random_state=1, **_PARAMETERS.get(method, {}))
         estimator.fit(grid)
         prepare_estimator(estimator, [_DAY])
@@ -165,28 +165,28 @@ def _score_s(grid: FarmGrid) -> float:
 
 
 def _median_s(prepared: Callable[[], _T], work: Callable[[_T], object]) -> float:
-    """Return the median processor time of some repetitions."""
+    """Return the median processor time of some repetitions (s)."""
     times_s: list[float] = []
     while not times_s or (sum(times_s) < _ENOUGH_S and len(times_s) < _MOST_TIMES):
         one = prepared()
         begin_s = time.process_time()
         work(one)
         times_s.append(time.process_time() - begin_s)
-        del one  # on the full farm, two of them are much memory
+        del one  # Two estimators of the full farm would need too much memory.
     return float(np.median(times_s))
 
 
 def plot_costs(costs: Sequence[Cost], paths: Sequence[Path], limit_s: float = LIMIT_S) -> None:
-    """Draw the costs of estimates, a panel for each estimator, and of scores against the size of the farm."""
+    """Draw the cost of estimates, one panel per estimator, and of scores against farm size."""
     from matplotlib.lines import Line2D
 
-    farms = sorted({one.farm: one.cells for one in costs}.items(), key=lambda one: one[1])
+    farms = sorted({cost.farm: cost.cells for cost in costs}.items(), key=lambda one: one[1])
     colours = {farm: _BLUES[k % len(_BLUES)] for k, (farm, _) in enumerate(farms)}
     figure = new_sheet(11.5, 3.9)
     *panels, last = figure.subplots(1, len(ESTIMATORS) + 1, sharey=True)
     for axes, method in zip(panels, ESTIMATORS, strict=True):
         for farm, colour in colours.items():
-            own = [one for one in costs if (one.method, one.farm) == (method, farm)]
+            own = [cost for cost in costs if (cost.method, cost.farm) == (method, farm)]
             done = [(one.observations, one.cpu_s) for one in own if one.cpu_s is not None]
             stopped = [(one.observations, limit_s) for one in own if one.cpu_s is None]
             axes.plot(*np.array(done).reshape(-1, 2).T, color=colour, marker="o", markersize=4, linewidth=1.6)
@@ -197,13 +197,13 @@ def plot_costs(costs: Sequence[Cost], paths: Sequence[Path], limit_s: float = LI
         axes.axhline(limit_s, color="#898781", linewidth=0.9)
         axes.set(xscale="log", yscale="log", xlabel="observations")
         axes.set_title(_TITLES[method], fontsize=9)
-    most = max((one.observations for one in costs), default=1)
+    most = max((cost.observations for cost in costs), default=1)
     for axes in panels:
         axes.set_xlim(0.7, 1.4 * max(most, 1))
-    scores = sorted((one.cells, one.cpu_s) for one in costs if one.method == SCORE and one.cpu_s is not None)
+    scores = sorted((row.cells, row.cpu_s) for row in costs if row.method == SCORE and row.cpu_s is not None)
     last.plot(*np.array(scores).reshape(-1, 2).T, color=_GREY, linewidth=1.2)
     for farm, cells in farms:
-        own_s = [one.cpu_s for one in costs if (one.method, one.farm) == (SCORE, farm)]
+        own_s = [cost.cpu_s for cost in costs if (cost.method, cost.farm) == (SCORE, farm)]
         last.plot([cells] * len(own_s), own_s, color=colours[farm], marker="o", markersize=5, linestyle="")
     last.set(xscale="log", yscale="log", xlabel="cells of the farm")
     last.set_title("score of three fields", fontsize=9)

@@ -1,4 +1,4 @@
-"""The figure of the environment: fifteen days of two diseases and of the soil."""
+"""Figure of the environment: fifteen days of two diseases and of soil moisture."""
 
 from __future__ import annotations
 
@@ -25,28 +25,28 @@ _SHOWN = (1, 3, 6, 9, 12, 15)
 _INFECTED, _LOST = "#d55e00", "#3d0a3a"
 _WATER = "#1d91c0"
 _PIXELS = 250
-"""Along the longer side of a map: as many as there is room for."""
+"""Maximum number of pixels along the longer side of a map: as many as fit the figure."""
 
 
 @dataclass(frozen=True, slots=True)
 class Dynamics:
-    """The environments of some seeds over `DAYS`."""
+    """Environments of some seeds over `DAYS`."""
 
     farm: Farm
     fields: FieldSet
     maps: dict[int, NDArray[np.float32]]
-    """float32[n, W, H]: the values of the first seed on the days that are shown."""
+    """float32[n, W, H]: values of the first seed on the days shown."""
     sick: NDArray[np.float64]
-    """float64[seeds, days, n], as `lost` and `level`: of a disease the part that is infected or lost."""
+    """float64[seeds, days, n], as `lost` and `level`: fraction of plants infected or lost, for a disease."""
     lost: NDArray[np.float64]
     level: NDArray[np.float64]
-    """The mean value."""
+    """Mean value of each field."""
 
     @classmethod
     def of(cls, scenario: Scenario, seeds: Sequence[int], progress: Progress = silent) -> Self:
-        """Make the environments of a scenario's farm.
+        """Compute the environments of a scenario's farm.
 
-        WbfMissionError if there is no such farm, or not enough memory for it.
+        Raises WbfMissionError if the farm is unknown, or needs too much memory.
         """
         farm = scenario.farm.load()
         maps: dict[int, NDArray[np.float32]] = {}
@@ -61,7 +61,7 @@ class Dynamics:
                 values = environment.values(day)
                 if number == 0 and day in _SHOWN:
                     maps[day] = values.copy()
-                each = [one[mask] for one, mask in zip(values, masks, strict=True)]
+                each = [value[mask] for value, mask in zip(values, masks, strict=True)]
                 found += [[(one < 0.75).mean(), (one < 0.25).mean(), one.mean()] for one in each]
         sick, lost, level = np.moveaxis(
             np.array(found, np.float64).reshape(len(seeds), len(DAYS), len(fields), 3), -1, 0
@@ -71,7 +71,7 @@ class Dynamics:
 
 
 def plot_dynamics(dynamics: Dynamics, paths: Sequence[Path]) -> None:
-    """Draw a row of maps and a curve over the days for each field."""
+    """Draw, for each field, a row of maps and a curve over the days."""
     fields = dynamics.fields
     left, right, low, high = _bounds(dynamics)
     part = slice(left, right), slice(low, high)
@@ -99,7 +99,7 @@ def plot_dynamics(dynamics: Dynamics, paths: Sequence[Path]) -> None:
 
 
 def _bounds(dynamics: Dynamics) -> tuple[int, int, int, int]:
-    """Return the cells that hold all that the fields concern: the first and last along x and y."""
+    """Return the bounding box of all cells with a field: first cell and end along x, then along y."""
     concerned = np.logical_or.reduce([field.mask(dynamics.farm.grid()) for field in dynamics.fields])
     x, y = (np.flatnonzero(concerned.any(axis=axis)) for axis in (1, 0))
     return int(x[0]), int(x[-1]) + 1, int(y[0]), int(y[-1]) + 1
@@ -115,7 +115,7 @@ def _style(field: Field) -> dict[str, Any]:
 
 
 def _show(axes: Axes, values: NDArray[np.float32], mask: NDArray[np.bool_], style: dict[str, Any]) -> Any:
-    """Draw a field on a day: of a disease how sick plants are, of another field its value."""
+    """Draw a field on one day: the severity of a disease, or the value of another field."""
     sick = style["cmap"] == "YlOrBr"
     pixels = _pixels(np.where(mask, 1.0 - values if sick else values, np.float32(np.nan)), highest=sick)
     axes.set_facecolor(LAND)
@@ -125,7 +125,7 @@ def _show(axes: Axes, values: NDArray[np.float32], mask: NDArray[np.bool_], styl
 
 
 def _pixels(values: NDArray[np.float32], *, highest: bool) -> NDArray[np.float32]:
-    """Return the highest or mean value of blocks of cells, NaN where there is none, for a map."""
+    """Return the highest or mean value of each block of cells, NaN for a block without values."""
     block = -(-max(values.shape) // _PIXELS)
     wide = np.pad(values, [(0, -side % block) for side in values.shape], constant_values=np.nan)
     parts = wide.reshape(wide.shape[0] // block, block, wide.shape[1] // block, block)
@@ -139,7 +139,7 @@ def _pixels(values: NDArray[np.float32], *, highest: bool) -> NDArray[np.float32
 
 
 def _curves(axes: Axes, dynamics: Dynamics, k: int) -> None:
-    """Draw what becomes of a field in the mean over the seeds, and between the lowest and the highest."""
+    """Draw the mean of a field over the seeds, and the range between the lowest and highest seed."""
     disease = dynamics.fields[k].kind == "disease"
     curves = (
         [("infected or lost", dynamics.sick, _INFECTED), ("lost", dynamics.lost, _LOST)]

@@ -1,4 +1,4 @@
-"""The figures of the paper: flies and measures what is missing, draws, and writes the page."""
+"""Figures of the paper: runs missing flights and measurements, draws the figures, writes the page."""
 
 from __future__ import annotations
 
@@ -35,11 +35,11 @@ from wbf_mission.run.resolve import FlightError
 from wbf_mission.scenario import scenario_with
 
 _DRAWN = ("waterberry", "miniberry-10", "miniberry-30", "miniberry-100")
-"""The paper's, the full one first."""
+"""Farms of the paper, the full one first."""
 
 
 def plot_geometry(paths: Sequence[Path]) -> None:
-    """Draw the paper's farms: the full one large, the small ones beside it."""
+    """Draw the paper's farms: the full farm large, the small ones beside it."""
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
@@ -72,18 +72,18 @@ PAGE = "paper.md"
 
 @dataclass(frozen=True, slots=True)
 class Paper:
-    """What `make_paper` made."""
+    """Result of `make_paper`."""
 
     page: Page
     files: tuple[Path, ...]
-    """The page as Markdown, then the pictures."""
+    """The Markdown page, then the pictures."""
     rows: tuple[BenchRow, ...]
-    """Of the comparison; empty if that was not wanted."""
+    """Rows of the comparison; empty if it was not requested."""
 
 
 @dataclass(frozen=True, slots=True)
 class _Work:
-    """What all figures need: the specification, the folder, how to work."""
+    """Inputs shared by all figures: the specification, the folder and the options."""
 
     spec: BenchSpec
     folder: Path
@@ -98,7 +98,7 @@ class _Work:
         return [self.folder / f"{name}.{one}" for one in self.formats]
 
     def picture(self, name: str, shows: str) -> Picture:
-        """Return a picture for the page: the PNG, if there is one."""
+        """Return a picture for the page: the PNG if one is written."""
         suffix = FORMATS[0] if FORMATS[0] in self.formats else self.formats[0]
         return Picture(f"{name}.{suffix}", shows)
 
@@ -114,20 +114,20 @@ def make_paper(
     dynamics_farms: Sequence[str] = (),
     progress: Progress = silent,
 ) -> Paper:
-    """Make some of the `FIGURES` of the paper in some `FORMATS`, and a page with their captions.
+    """Draw the chosen `FIGURES` of the paper in the chosen `FORMATS`, and a page with their captions.
 
-    Flights, maps and costs are kept in the folder: a second call only draws. What is compared is in one
-    scenario; the first seed is the environment that is shown, the days are those of its farm or of
+    Flights, maps and costs are kept in the folder, so a second call only draws. The comparison uses one
+    scenario. The first seed is the environment shown. The days are those of the scenario's farm, or of
     `dynamics_farms`. Costs are measured on `cost_farms`.
 
     Raises
     ------
     ResultError
-        If a figure or a format is unknown, there is more than one scenario, or a file there is damaged.
+        If a figure or a format is unknown, `spec` has several scenarios, or a file in the folder is damaged.
     WbfMissionError
-        If a farm is unknown, or a run gives nothing to be shown.
+        If a farm is unknown, or a run has no result to draw.
     BenchmarkInterrupted, KeyboardInterrupt
-        At Ctrl-C; what was done is kept.
+        At Ctrl-C; finished work is kept.
     """
     for what, given, known in (("figure", figures, FIGURES), ("format", formats, FORMATS)):
         wrong = next((one for one in given if one not in known), None)
@@ -178,7 +178,7 @@ def _geometry(work: _Work) -> Section:
 def _dynamics(work: _Work) -> Section:
     name, scenario = work.spec.scenarios[0]
     seeds, title = work.spec.seeds, f"{len(DAYS)} days of the environment"
-    drawn = {f"dynamics-{one}": scenario_with(scenario, {"farm": one}) for one in work.dynamics_farms}
+    drawn = {f"dynamics-{farm}": scenario_with(scenario, {"farm": farm}) for farm in work.dynamics_farms}
     pictures, farms = [], []
     for file, one in (drawn or {"dynamics": scenario}).items():
         dynamics = Dynamics.of(one, seeds, work.progress)
@@ -205,8 +205,8 @@ def _comparison(work: _Work) -> tuple[Section, list[BenchRow]]:
         run for run in itertools.islice(spec.runs(), len(spec) // len(spec.seeds)) if run.key not in failed
     ]
     shown = shown_runs(runs, work.folder / "shown", jobs=work.jobs, progress=work.progress)
-    colours = {str(one): LINE_COLOURS[k % len(LINE_COLOURS)] for k, one in enumerate(spec.planners)}
-    # An estimator that failed with each planner has nothing to be shown.
+    colours = {str(planner): LINE_COLOURS[k % len(LINE_COLOURS)] for k, planner in enumerate(spec.planners)}
+    # An estimator for which every run failed has no figure.
     estimators = [str(one) for one in spec.estimators if any(own == str(one) for _, own in shown)]
     if not estimators:
         msg = f"comparison: every run on seed {first} failed; {next(row.error for row in rows if row.error)}"
@@ -218,7 +218,7 @@ def _comparison(work: _Work) -> tuple[Section, list[BenchRow]]:
         plot_pairs(scenario, estimator, shown, of_first, colours, work.paths(file))
         pictures.append(work.picture(file, f"{estimator}: path, truth, estimate and score of each planner"))
     plot_scores(rows, estimators, colours, work.paths("comparison-scores"))
-    each = "; ".join(f"{one.file}: {of}" for one, of in zip(pictures, estimators, strict=True))
+    each = "; ".join(f"{picture.file}: {of}" for picture, of in zip(pictures, estimators, strict=True))
     pictures.append(work.picture("comparison-scores", "Mean score over time"))
     caption = (
         f"Planners with estimators in {name}. A picture for each estimator ({each}) shows the environment"

@@ -1,4 +1,4 @@
-"""The runs of the comparison figure: path, truth and estimate, which the rows of a benchmark do not hold."""
+"""Runs of the comparison figure: path, truth and estimate, which benchmark rows do not contain."""
 
 from __future__ import annotations
 
@@ -27,15 +27,15 @@ _ARRAYS = {"path_m": 2, "truth": 3, "estimate": 3}
 
 @dataclass(frozen=True, slots=True)
 class ShownRun:
-    """What is drawn of a run."""
+    """Data drawn for one run."""
 
     path_m: NDArray[np.float32]
-    """[n, 2], flown; several flights are parted by a row of nan."""
+    """[n, 2], flown; rows of NaN separate flights."""
     truth: NDArray[np.float32]
-    """[fields, w, h] at the end, as the estimate; of a large farm every so-manieth cell."""
+    """[fields, w, h] at the end of the run, like `estimate`; subsampled on a large farm."""
     estimate: NDArray[np.float32]
     axis_max: float
-    """What the published code makes of the last estimate (`sensors.scoring.score.Score.authors_axis_max`)."""
+    """Score of the last estimate by the published code (`sensors.scoring.score.Score.authors_axis_max`)."""
 
     @classmethod
     def flown(cls, run: BenchRun) -> Self:
@@ -44,7 +44,7 @@ class ShownRun:
         Raises
         ------
         WbfMissionError
-            If it cannot be flown, or gave no estimate.
+            If the run fails, or has no estimate.
         KeyboardInterrupt
             At Ctrl-C.
         """
@@ -64,7 +64,7 @@ class ShownRun:
         )
 
     def save(self, path: Path) -> None:
-        """Write it, complete or not at all."""
+        """Write the run to `path`; the file is complete or absent."""
         with atomic_write(path, "wb") as file:
             np.savez_compressed(
                 file,
@@ -76,9 +76,9 @@ class ShownRun:
 
     @classmethod
     def load(cls, path: Path) -> Self:
-        """Read what `save` wrote.
+        """Read a file that `save` wrote.
 
-        ResultError if the file holds something else.
+        Raises ResultError if the file is no saved run.
         """
         try:
             with np.load(path, allow_pickle=False) as file:
@@ -101,16 +101,16 @@ def _keep(run: BenchRun, path: Path) -> None:
 def shown_runs(
     runs: list[BenchRun], folder: Path, *, jobs: int, progress: Progress
 ) -> dict[tuple[str, str], ShownRun]:
-    """Return what is drawn of runs, by planner and estimator; those that the folder does not hold are flown.
+    """Return the data drawn for each run, by planner and estimator; runs absent from the folder are flown.
 
     Raises
     ------
     ResultError
         If a file in the folder is damaged.
     WbfMissionError
-        If a run gives nothing to be shown.
+        If a run has no result to draw.
     KeyboardInterrupt
-        At Ctrl-C; what was flown stays in the folder.
+        At Ctrl-C; finished runs stay in the folder.
     """
     from joblib import effective_n_jobs
 

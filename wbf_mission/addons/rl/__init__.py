@@ -1,4 +1,4 @@
-"""Training environments for Gymnasium and PettingZoo (docs/training.md); importing it registers their ids.
+"""Training environments for Gymnasium and PettingZoo (docs/training.md); the import registers their ids.
 
 >>> import gymnasium
 >>> import wbf_mission.addons.rl

@@ -1,4 +1,4 @@
-"""Many runs of one task at a time, in arrays."""
+"""Many runs of one task, stepped together in arrays."""
 
 from __future__ import annotations
 
@@ -21,18 +21,18 @@ from wbf_mission.planning.assignment import SortieNumber
 
 
 class Batch:
-    """Runs of one robot, one flight and one day with adaptive disks; each is what an `Episode` is.
+    """Runs of one robot, one flight and one day with adaptive disks, each equal to an `Episode`.
 
     Attributes
     ----------
     cells : int64[size, 2]
-        Where the robots are.
+        Cells of the robots.
     counts : int64[size]
-        Readings so far.
+        Number of readings.
     maps : float32[size, 2 k + 1, W, H]
-        What is believed of the k fields, its uncertainty, and 1 where something was seen.
+        The estimate of the k fields, its uncertainty, and 1 in observed cells.
     loss_before, last_loss : float64[size]
-        Of the estimate before anything was seen, and at the last scored time.
+        Loss of the estimate before any observation, and at the last scored time.
     """
 
     def __init__(self, task: SurveyTask, size: int) -> None:
@@ -89,12 +89,12 @@ class Batch:
         self.losses = np.zeros((size, task.points))
 
     def begin(self, run: int, seed: int) -> None:
-        """Begin a run anew, on the environment of a seed."""
+        """Restart a run on the environment of `seed`."""
         task, rules, of = self.task, self._rules, self._runs
         day = task.scenario.farm.day
         of.truth[run] = task.environment(seed).values(day)
         if of.luck.size or of.noise.size:
-            # As `sensors.camera.leaf_camera.LeafCamera` draws, image by image.
+            # Same random draws as `sensors.camera.leaf_camera.LeafCamera`, image by image.
             names = SortieNumber.first(day, 1).stream_names("camera")
             noise_rng, flip_rng = stream(seed, *names).spawn(2)
             if of.luck.size:
@@ -114,7 +114,7 @@ class Batch:
         self.loss_before[run] = self.last_loss[run] = self._losses(np.array([run]), 0)[0]
 
     def move(self, runs: NDArray[np.int64], actions: NDArray[np.int64]) -> NDArray[np.float64]:
-        """Move in some runs, and return the rewards of all, 0 in the others: float64[size]."""
+        """Step the given runs, and return the rewards of all runs, 0 for the others: float64[size]."""
         advance(runs, actions, self._rules, self._runs)
         rewards = np.zeros(len(self.counts))
         for number in range(SCORES_A_STEP):
@@ -131,14 +131,14 @@ class Batch:
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)
-        # In a copy these would be arrays of their own.
+        # A copy would otherwise get separate arrays.
         k = len(self.task.fields)
         self._runs = self._runs._replace(
             value=self.maps[:, :k], uncertainty=self.maps[:, k : 2 * k], visited=self.maps[:, 2 * k]
         )
 
     def scene(self, run: int) -> Scene:
-        """Return what a picture of a run shows."""
+        """Return the contents of a run's frame."""
         of, count = self._runs, int(self.counts[run])
         left = 1.0 - max(count - 1, 0) / self.task.moves
         return Scene(
@@ -152,11 +152,11 @@ class Batch:
         )
 
     def score(self, run: int) -> float:
-        """Return the score of a run so far."""
+        """Return the score of a run up to its last scored time."""
         return float(np.mean((-self.losses[run, : self._times[run]]).tolist()))
 
     def _losses(self, runs: NDArray[np.int64], number: int) -> NDArray[np.float64]:
-        """Return the loss of runs at one of the scored times of this step, as `RunningScore` has it."""
+        """Return the loss of runs at one of this step's scored times, as computed by `RunningScore`."""
         means = self._runs.sums[runs, number] / np.maximum(self._field_cells, 1)[:, None]
         squares, worse_squares = means[..., 0], means[..., 1]
         by_field = self._low * (squares - worse_squares) + self._high * worse_squares

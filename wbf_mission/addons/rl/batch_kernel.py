@@ -1,8 +1,8 @@
-"""The compiled step of many runs with adaptive disks.
+"""Compiled step of many runs with adaptive disks.
 
-The same as the parts of a flight to the last bit: `sensors.estimators.adaptive_disk` paints the newest
-disk that covers a cell, `sensors.scoring.score_sums` adds the errors. Here only the cells of a new disk are
-painted while the radius stays, and the sums of a tile go on from its first column that has changed.
+Results equal those of a flight to the last bit. `sensors.estimators.adaptive_disk` paints each cell by the
+newest disk that covers it, and `sensors.scoring.score_sums` adds the errors. Here, only the cells of a new
+disk are painted while the radius is unchanged, and the sums of a tile resume from its first changed column.
 """
 
 from __future__ import annotations
@@ -17,52 +17,52 @@ from sensors.scoring.information import TILE_CELLS
 from sensors.scoring.score_sums import resume_errors
 
 SCORES_A_STEP = 2
-"""The first move of a flight brings two images."""
+"""Maximum scored times per step: the first move of a flight brings two images."""
 
 
 class Rules(NamedTuple):
-    """What holds for all runs, of k fields on W x H cells and at most N readings a run."""
+    """Constants of all runs, with k fields on W x H cells and at most N readings per run."""
 
     moves: NDArray[np.int64]  # int64[actions, 2]
     allowed: NDArray[np.bool_]  # bool[W, H]
-    every: int  # The estimate is scored after so many readings, and after the last
-    radii: NDArray[np.int64]  # int64[N + 1]: the radius of the disks by the number of readings
-    # int64[radii, radii]: half the width of a disk's row, by radius and its distance from the middle.
+    every: int  # Number of readings between scored times; the last reading is scored, too
+    radii: NDArray[np.int64]  # int64[N + 1]: disk radius by number of readings
+    # int64[radii, radii]: half-width of a disk's row, by radius and distance from the centre.
     half_widths: NDArray[np.int64]
     sensed: NDArray[np.bool_]  # bool[k]: whether each field is sensed
-    diseases: NDArray[np.bool_]  # bool[k]: whether it is a disease
-    rates: NDArray[np.float32]  # float32[2]: of false positive and false negative readings of diseases
+    diseases: NDArray[np.bool_]  # bool[k]: whether each field is a disease
+    rates: NDArray[np.float32]  # float32[2]: rates of false positive and false negative disease readings
     defaults: NDArray[np.float32]  # float32[k]
-    masks: NDArray[np.bool_]  # bool[k, W, H]: the scored cells
+    masks: NDArray[np.bool_]  # bool[k, W, H]: scored cells
 
 
 class Runs(NamedTuple):
-    """The state of B runs."""
+    """State of B runs."""
 
-    # float32[B, N, diseases], or of length 0 where none is needed: uniform draws for false readings.
+    # float32[B, N, diseases], or length 0 if unused: uniform draws for false readings.
     luck: NDArray[np.float32]
-    noise: NDArray[np.float32]  # float32[B, N, k], or of length 0: what is added to readings
+    noise: NDArray[np.float32]  # float32[B, N, k], or length 0: noise of the readings
     truth: NDArray[np.float32]  # float32[B, k, W, H]
-    cells: NDArray[np.int64]  # int64[B, 2]: where the robots are
-    counts: NDArray[np.int64]  # int64[B]: readings so far
-    seen: NDArray[np.int64]  # int64[B, N, 2]: the cells of the readings
+    cells: NDArray[np.int64]  # int64[B, 2]: cells of the robots
+    counts: NDArray[np.int64]  # int64[B]: number of readings
+    seen: NDArray[np.int64]  # int64[B, N, 2]: cells of the readings
     readings: NDArray[np.float32]  # float32[B, N, k]
     value: NDArray[np.float32]  # float32[B, k, W, H]
     uncertainty: NDArray[np.float32]  # float32[B, k, W, H]
-    visited: NDArray[np.float32]  # float32[B, W, H]: 1 where something was seen
-    # int64[B, tiles along x, tiles along y]: the first column of the tile that is not summed.
+    visited: NDArray[np.float32]  # float32[B, W, H]: 1 in observed cells
+    # int64[B, tiles along x, tiles along y]: first column of each tile with outdated sums.
     dirty: NDArray[np.int64]
-    # float64[B, k, tiles along x, tiles along y, TILE_CELLS + 1, 2]: sums of the squared errors before each
-    # column, of all cells and of those estimated too high.
+    # float64[B, k, tiles along x, tiles along y, TILE_CELLS + 1, 2]: sums of squared errors up to each
+    # column, over all cells and over those estimated too high.
     partial: NDArray[np.float64]
-    # float64[B, SCORES_A_STEP, k, 2]: the same sums of all cells at each scored time.
+    # float64[B, SCORES_A_STEP, k, 2]: the same sums over the farm at each scored time.
     sums: NDArray[np.float64]
-    scored: NDArray[np.int64]  # int64[B]: how many those are
+    scored: NDArray[np.int64]  # int64[B]: number of scored times in this step
 
 
 @compiled(nogil=True)
 def advance(going: NDArray[np.int64], actions: NDArray[np.int64], rules: Rules, runs: Runs) -> None:
-    """Move in the runs that go on, learn what is seen, and sum the errors where the estimate is scored."""
+    """Move the robots of the `going` runs, paint their readings, and sum the errors at scored times."""
     width, height = rules.allowed.shape
     most = runs.seen.shape[1]
     for run in going:
@@ -118,7 +118,7 @@ def advance(going: NDArray[np.int64], actions: NDArray[np.int64], rules: Rules, 
 
 @compiled(nogil=True, allocates=False)
 def _clear(rules: Rules, runs: Runs, run: int) -> None:
-    """Forget all disks of a run."""
+    """Remove all disks of a run."""
     for k in range(len(rules.sensed)):
         if rules.sensed[k]:
             runs.value[run, k] = rules.defaults[k]
@@ -128,7 +128,7 @@ def _clear(rules: Rules, runs: Runs, run: int) -> None:
 
 @compiled(nogil=True, allocates=False)
 def _paint(rules: Rules, runs: Runs, run: int, number: int, radius: int) -> None:
-    """Paint the disk of one reading of a run over what is there."""
+    """Paint the disk of a run's reading over older disks."""
     value, uncertainty, dirty = runs.value[run], runs.uncertainty[run], runs.dirty[run]
     x, y = runs.seen[run, number, 0], runs.seen[run, number, 1]
     reading = runs.readings[run, number]

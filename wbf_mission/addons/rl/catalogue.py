@@ -1,4 +1,4 @@
-"""Which scenarios of the catalogue are environments, by which interface, and why the others are not."""
+"""Availability of catalogue scenarios as training environments, by interface, with reasons."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from wbf_mission.scenario import Scenario, load_scenario, scenario_ids
 
 @dataclass(frozen=True, slots=True)
 class Interfaces:
-    """How a scenario can be trained in; each is empty if it can, else it says in a line why not."""
+    """Training interfaces of a scenario; each field is empty if available, else the reason in one line."""
 
     name: str
     single: str
     """`gymnasium.make`, and `gymnasium.make_vec` with ``vectorization_mode="sync"`` or ``"async"``."""
     batched: str
-    """`gymnasium.make_vec` without a mode, which makes many runs in arrays (`SurveyVectorEnv`)."""
+    """`gymnasium.make_vec` without a mode: many runs in arrays (`SurveyVectorEnv`)."""
     parallel: str
     """`parallel_env`."""
 
@@ -38,7 +38,7 @@ class Interfaces:
 
 
 def interfaces() -> tuple[Interfaces, ...]:
-    """Return what holds of each id of the catalogue, in their order.
+    """Return the interfaces of each catalogue id, in catalogue order.
 
     >>> [str(one) for one in interfaces() if one.name == "WBF/Miniberry-10-v1"]
     ['WBF/Miniberry-10-v1: make, make_vec, parallel_env']
@@ -47,7 +47,7 @@ def interfaces() -> tuple[Interfaces, ...]:
 
 
 def interfaces_of(name: str) -> Interfaces:
-    """Return what holds of one id or scenario file."""
+    """Return the interfaces of an id or scenario file."""
     scenario = load_scenario(name)
     unfit = why_not_stepped(scenario)
     several = unfit or why_not_single(scenario)
@@ -69,7 +69,7 @@ def why_not_stepped(scenario: Scenario) -> str:
 
 
 def why_not_single(scenario: Scenario) -> str:
-    """Return why a scenario that can be stepped is no environment of one robot; empty if it is."""
+    """Return why a cell-by-cell scenario has no single-robot environment; empty if it has."""
     robots = len(scenario.vehicle.fleet)
     if robots == 1:
         return ""
@@ -77,7 +77,7 @@ def why_not_single(scenario: Scenario) -> str:
 
 
 def why_not_batched(scenario: Scenario) -> str:
-    """Return why an environment of one robot is not batched; empty if it is."""
+    """Return why a single-robot environment has no batched form; empty if it has."""
     of = scenario.farm
     if of.days * of.flights_per_day > 1:
         return "runs of several flights are not batched"
@@ -85,12 +85,12 @@ def why_not_batched(scenario: Scenario) -> str:
 
 
 def register_all() -> None:
-    """Register the ids of the catalogue, if they are new; making one that cannot be says why."""
-    for one in interfaces():
-        if one.name not in gymnasium.registry:
+    """Register the new ids of the catalogue; `gymnasium.make` raises the reason for an unavailable one."""
+    for interface in interfaces():
+        if interface.name not in gymnasium.registry:
             gymnasium.register(
-                one.name,
+                interface.name,
                 entry_point=f"{__package__}.env:SurveyEnv",
-                vector_entry_point=None if one.batched else f"{__package__}.vector_env:SurveyVectorEnv",
-                kwargs={"scenario": one.name},
+                vector_entry_point=None if interface.batched else f"{__package__}.vector_env:SurveyVectorEnv",
+                kwargs={"scenario": interface.name},
             )

@@ -1,6 +1,6 @@
-"""Frames of a run as arrays: truth, estimate and uncertainty of one field, the paths, and what is left.
+"""Frames of a run as arrays: truth, estimate and uncertainty of one field, paths and remaining budget.
 
-A frame is put together from tables of colours, without a plotting library.
+Frames are composed from colour tables, without a plotting library.
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 _PANELS = ("truth", "estimate", "uncertainty")
-_SIDE = 300  # Pixels along the longest side of a panel, about
-_NARROWEST = 130  # Of a panel, with what is written about it
+_SIDE = 300  # Approximate pixels along the longest side of a panel
+_NARROWEST = 130  # Minimum width of a panel with its captions
 _GAP, _HEAD, _FOOT, _LINE, _TEXT = 12, 58, 48, 17, 12
 _BAR = slice(_HEAD - 12, _HEAD - 4)
 _PAPER, _INK, _EDGE, _KEPT_OUT, _SPENT = "#ffffff", "#222222", "#8a8378", "#6f6a63", "#dddddd"
-_SICK = ("#3d0a3a", "#f29e38", "#dfeaf2")  # Lost, infected, healthy: told apart without red and green
+_SICK = ("#3d0a3a", "#f29e38", "#dfeaf2")  # Lost, infected, healthy: distinct without red and green
 _UNCERTAIN = ("#ffffff", "#b7d3e8", "#5b9bcb")
 _LAND = {
     "none": "#f4f1ea",
@@ -35,35 +35,35 @@ _LAND = {
     "wetland": "#9ccfb8",
 }
 _OTHER_CROP = "#e6dcc0"
-_NEIGHBOURS = 0.5  # How much of its colour the land has that is not the owner's
+_NEIGHBOURS = 0.5  # Colour strength of land that is not the owner's
 _ROBOTS = ("#d0146e", "#111111", "#009e73", "#0072b2", "#8c6d31", "#7f3fbf")
 _TONES = 256
 
-# A pixel is one number of three bytes, and a fourth that is left out at the end: quick to copy.
+# A pixel is one number of four bytes, the last of which is dropped at the end; such pixels are fast to copy.
 _Pixels = Any
 
 
 class Scene(NamedTuple):
-    """What a frame shows of a run, of k fields on W x H cells."""
+    """Contents of a frame, with k fields on W x H cells."""
 
     truth: NDArray[np.float32]  # float32[k, W, H]
     value: NDArray[np.float32]  # float32[k, W, H]: the estimate
     uncertainty: NDArray[np.float32]  # float32[k, W, H]
     paths: Sequence[
         NDArray[np.integer]
-    ]  # int[n, 2] of each robot: its cells in this flight, the last is here
+    ]  # int[n, 2] of each robot: its cells in this flight, the current one last
     flight: tuple[int, int]  # Day, and number on that day
-    left: tuple[float, float]  # Which part of the moves is left, of this flight and of the run
-    score: float  # So far; NaN before the first
+    left: tuple[float, float]  # Remaining fraction of the moves, of this flight and of the run
+    score: float  # Score up to now; NaN before the first
 
 
 class Drawing:
-    """Draws the frames of a task, all of one shape.
+    """Draws the frames of a task, all of the same shape.
 
     Parameters
     ----------
     field : str, optional
-        Which field is drawn; by default the one with the largest weight in the score.
+        Field to draw; by default the one with the largest weight in the score.
 
     Attributes
     ----------
@@ -90,7 +90,7 @@ class Drawing:
         self._slot = slot = max(wide, _NARROWEST)
         self._corners = [(_HEAD + _LINE, _GAP + number * (slot + _GAP)) for number in range(len(_PANELS))]
         width, height = len(_PANELS) * (slot + _GAP) + _GAP, _HEAD + _LINE + high + _FOOT
-        # Codecs of films want even numbers.
+        # Video codecs require even sizes.
         self.shape = height + height % 2, width + width % 2, 3
         sick = self._field.kind == "disease"
         self._tones = _ramp(_SICK if sick else self._field.colours), _ramp(_UNCERTAIN)
@@ -100,7 +100,7 @@ class Drawing:
         self._base = self._paper()
 
     def frame(self, scene: Scene) -> NDArray[np.uint8]:
-        """Return uint8[height, width, 3]."""
+        """Return the frame of a scene, uint8[height, width, 3]."""
         out = self._base.copy()
         wide, high = self._size
         paths = [self._path(path) for path in scene.paths]
@@ -125,22 +125,22 @@ class Drawing:
         ]
         self._write(out, _GAP, 8 + _LINE, ", ".join(texts))
         out[_BAR, _GAP : _GAP + round(scene.left[1] * whole)] = _packed(_EDGE)
-        # Pillow leaves the fourth byte out many times as fast as NumPy does.
+        # Pillow drops the fourth byte many times faster than NumPy.
         picture = Image.frombuffer("RGBX", self.shape[1::-1], out.data, "raw", "RGBX", 0, 1)
         return np.frombuffer(bytearray(picture.tobytes("raw", "RGB")), np.uint8).reshape(self.shape)
 
     def _coloured(self, array: NDArray[np.float32], tones: _Pixels) -> _Pixels:
-        """Return the colours of the blocks of a map where its field is scored, of the land elsewhere."""
+        """Return the colours of a map's blocks where its field is scored, and of the land elsewhere."""
         means = np.empty((1, *self._blocks), np.float32)
         block_means(np.ascontiguousarray(array[None]), self._block, means)
         return np.where(self._scored, tones[(means[0] * (_TONES - 1) + 0.5).astype(np.int64)], self._land)
 
     def _spread(self, blocks: NDArray[Any]) -> NDArray[Any]:
-        """Return a map by blocks as one by pixels, rows from the north."""
+        """Expand a map from blocks to pixels, rows from the north."""
         return np.repeat(np.repeat(blocks.T[::-1], self._side, axis=0), self._side, axis=1)
 
     def _farm(self) -> tuple[_Pixels, NDArray[np.bool_]]:
-        """Return the colours of the land, and where the field is scored; of each block the first cell."""
+        """Return the land's colour, and whether the field is scored, at the first cell of each block."""
         grid, cells = self._task.grid, np.s_[:: self._block, :: self._block]
         land = np.array([_rgb(_LAND.get(crop, _OTHER_CROP)) for crop in grid.crops], np.float64)
         colours = np.array([_pack(land), _pack(255.0 - _NEIGHBOURS * (255.0 - land))])
@@ -148,7 +148,7 @@ class Drawing:
         return colours[1 - grid.owned[cells], grid.crop[cells]], scored[cells]
 
     def _lines(self) -> tuple[NDArray[np.int64], _Pixels]:
-        """Return what lies over the maps: pixels, and their colours: edges of crops, what is barred, home."""
+        """Return the overlay of the maps, as pixel indices and colours: crop edges, barred cells, home."""
         land, task = self._spread(self._land), self._task
         edges = np.zeros(land.shape, np.bool_)
         edges[1:] |= land[1:] != land[:-1]
@@ -165,12 +165,12 @@ class Drawing:
         return over, colours.reshape(-1)[over]
 
     def _middles(self, cells: NDArray[np.integer]) -> NDArray[np.int64]:
-        """Return the pixels of the middles of cells, int64[n, 2]: row and column within a panel."""
+        """Return the centre pixels of cells, int64[n, 2]: row and column within a panel."""
         at = ((cells + 0.5) * (self._side / self._block)).astype(np.int64)
         return np.column_stack((self._size[1] - 1 - at[:, 1], at[:, 0]))
 
     def _path(self, cells: NDArray[np.integer]) -> tuple[NDArray[np.int64], ...]:
-        """Return the pixels of a path, of the ring around the robot, and of the robot: int64[2, n] each."""
+        """Return the pixels of a path, of the ring around the robot, and of the robot, int64[2, n] each."""
         middles = self._middles(cells)
         steps = np.diff(middles, axis=0)[:, None] * (np.arange(self._side) / self._side)[:, None]
         pixels = (middles[:-1, None] + np.rint(steps).astype(np.int64)).reshape(-1, 2)
@@ -184,7 +184,7 @@ class Drawing:
         return tuple(np.clip(one, 0, within).T for one in (pixels, *disks))
 
     def _paper(self) -> _Pixels:
-        """Return what is the same in all frames."""
+        """Return the parts that are equal in all frames."""
         out = np.full(self.shape[:2], _packed(_PAPER))
         self._write(out, _GAP, 8, f"{self._task.farm.name}: {self._field.title or self._field.name}")
         out[_BAR, _GAP : self.shape[1] - _GAP] = _packed(_SPENT)
@@ -218,14 +218,14 @@ def _packed(colour: str) -> np.uint32:
 
 
 def _pack(colours: NDArray[Any]) -> _Pixels:
-    """Return colours as single numbers, uint32[...], of [..., 3]."""
+    """Pack colours [..., 3] into single numbers, uint32[...]."""
     four = np.zeros((*colours.shape[:-1], 4), np.uint8)
     four[..., :3] = colours if colours.dtype == np.uint8 else np.rint(colours)
     return four.view(np.uint32)[..., 0]
 
 
 def _ramp(colours: Sequence[str]) -> _Pixels:
-    """Return the tones from the first colour to the last, uint32[_TONES]."""
-    stops = np.array([_rgb(one) for one in colours], np.float64)
+    """Return a gradient through the colours, uint32[_TONES]."""
+    stops = np.array([_rgb(colour) for colour in colours], np.float64)
     at = np.linspace(0.0, len(stops) - 1.0, _TONES)
     return _pack(np.column_stack([np.interp(at, np.arange(len(stops)), stops[:, part]) for part in range(3)]))

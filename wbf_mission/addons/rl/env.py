@@ -1,4 +1,4 @@
-"""Gymnasium's environment of one robot."""
+"""Gymnasium environment of one robot."""
 
 from __future__ import annotations
 
@@ -22,29 +22,62 @@ Observation = dict[str, Any]
 _FIRST_DRAWN, _LAST_DRAWN = 2**32, 2**63
 
 
-class SurveyEnv(gymnasium.Env[Observation, Any]):
-    """A robot surveys a farm; an episode is a run of the scenario, over all of its days.
+class OneEpisode:
+    """The current episode of an environment, and its frames; shared by Gymnasium's and PettingZoo's."""
 
-    Actions, observations, rewards and their formulas are on the page docs/training.md.
+    task: SurveyTask
+    render_mode: str | None
+    _rendering: Rendering
+    _episode: Episode | None = None
+
+    def render(self) -> NDArray[np.uint8] | None:
+        """Return a frame, uint8[height, width, 3]; None for a window or without a render mode."""
+        return self._rendering.frame(self._begun().scene())
+
+    def close(self) -> None:
+        """End the current run and close the window."""
+        self._end()
+        self._rendering.close()
+
+    def _begin(self, seed: int | None, rng: np.random.Generator) -> Episode:
+        self._end()
+        self._episode = Episode(self.task, run_seed(seed, rng))
+        return self._episode
+
+    def _begun(self) -> Episode:
+        if self._episode is None:
+            raise TrainingError("no episode was begun: call reset")
+        return self._episode
+
+    def _end(self) -> None:
+        if self._episode is not None:
+            self._episode.close()
+            self._episode = None
+
+
+class SurveyEnv(OneEpisode, gymnasium.Env[Observation, Any]):
+    """A robot that surveys a farm; an episode is a run of the scenario, over all of its days.
+
+    docs/training.md describes actions, observations and rewards.
 
     Parameters
     ----------
     scenario : Scenario, str or path-like
-        Of one of the paper's robots; an id such as ``WBF/Miniberry-30-v1``, or a file.
+        Scenario of one of the paper's robots: an object, an id such as ``WBF/Miniberry-30-v1``, or a file.
     estimator : Estimator or str
-        Who makes the map.
+        Estimator of the maps.
     block : int, optional
-        Cells along a side of a block of the maps that are shown; by default 1, and on farms of more than 64
-        cells along a side as many as make 64 blocks.
+        Side of a map block, cells. The default is 1, or as many as make 64 blocks on a farm of more than 64
+        cells along a side.
     render_mode : {"rgb_array", "human"}, optional
-        What `render` gives: a frame, or nothing but a window, which follows every step.
+        ``rgb_array``: `render` returns a frame. ``human``: a window is updated at every step.
     render_field : str, optional
-        Which field is drawn; by default the one with the largest weight in the score.
+        Field to draw; by default the one with the largest weight in the score.
 
     Raises
     ------
     TrainingError
-        If the scenario is none of one of the paper's robots, or cannot be shown so.
+        If the scenario is not of one of the paper's robots, or an option is invalid.
     WbfMissionError
         If the scenario or the estimator is unknown.
     """
@@ -71,32 +104,30 @@ class SurveyEnv(gymnasium.Env[Observation, Any]):
         self.shown = Shown(self.task, block)
         self.observation_space = self.shown.space()
         self.action_space = self.shown.action_space()
-        self._episode: Episode | None = None
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
-        """Begin a run.
+        """Start a run.
 
         Parameters
         ----------
         seed : int, optional
-            The environment is that of ``bench run`` with this seed. Without, one is drawn, from 2^32 on: none
-            that a benchmark has.
+            The environment equals that of ``bench run`` with this seed. By default a seed from 2^32 on is
+            drawn, which no benchmark uses.
         options : dict, optional
-            Not used.
+            Ignored.
         """
         super().reset(seed=seed, options=options)
-        self._end()
-        episode = self._episode = Episode(self.task, run_seed(seed, self.np_random))
+        episode = self._begin(seed, self.np_random)
         if self.render_mode == HUMAN:
             self.render()
         return observations_of(self.shown, episode)[0], {"environment": episode.seed}
 
     def step(self, action: Any) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
-        """Move; the episode is terminated when the budget of the last flight is spent.
+        """Move the robot; the episode terminates when the budget of the last flight is used up.
 
-        TrainingError if the action is not a whole number 0 to 4, or there is no episode that goes on.
+        Raises TrainingError if the action is not a whole number 0 to 4, or no episode is running.
         """
         episode = self._episode
         if episode is None or episode.ended:
@@ -108,37 +139,18 @@ class SurveyEnv(gymnasium.Env[Observation, Any]):
         return observations_of(self.shown, episode)[0], reward, episode.ended, False, info
 
     def action_masks(self) -> NDArray[np.bool_]:
-        """Return which actions move the robot or are meant to stay, bool[5]: what MaskablePPO asks for."""
+        """Return the actions that are "stay" or move the robot, bool[5], for MaskablePPO."""
         masks: NDArray[np.bool_] = self.task.possible(self._begun().cells)[0]
         return masks
 
-    def render(self) -> NDArray[np.uint8] | None:
-        """Return a frame, uint8[height, width, 3]; None if a window has it, or there is no render mode."""
-        return self._rendering.frame(self._begun().scene())
-
-    def close(self) -> None:
-        """End the run that is open, if any, and close the window."""
-        self._end()
-        self._rendering.close()
-
-    def _begun(self) -> Episode:
-        if self._episode is None:
-            raise TrainingError("no episode was begun: call reset")
-        return self._episode
-
-    def _end(self) -> None:
-        if self._episode is not None:
-            self._episode.close()
-            self._episode = None
-
 
 def run_seed(seed: int | None, rng: np.random.Generator) -> int:
-    """Return the seed of a run: the one that is given, or one that is drawn and no benchmark has."""
+    """Return the given seed, or draw one that no benchmark uses."""
     return int(rng.integers(_FIRST_DRAWN, _LAST_DRAWN)) if seed is None else seed
 
 
 def end_info(episode: Episode) -> dict[str, Any]:
-    """Return what is told when a run is over."""
+    """Return the `info` of a finished run."""
     return {
         "score": episode.score,
         "final_score": episode.final_score,
@@ -147,7 +159,7 @@ def end_info(episode: Episode) -> dict[str, Any]:
 
 
 def observations_of(shown: Shown, episode: Episode) -> list[Observation]:
-    """Return what each robot is shown."""
+    """Return the observation of each robot."""
     model = episode.model()
     positions = shown.positions(episode.cells)
     maps = {

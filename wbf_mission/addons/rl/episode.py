@@ -1,13 +1,13 @@
-"""One run of the paper's robots, move by move, with the very parts that a flight has; and its rewards.
+"""A run of the paper's robots, stepped with the parts of a real flight; and its rewards.
 
-With the loss L_0 of the estimate before anything was seen, and L_1, ... L_c at the c scored times, the k-th
-scored time gives::
+Let L_0 be the loss of the estimate before any observation, and L_1, ... L_c the losses at the c scored times.
+The reward at the k-th scored time is::
 
     r_k = (c - k + 1) / c * (L_{k-1} - L_k)
 
-what the estimate became better by, times the part of the scored times that profits from it. The sum of all is
-``L_0 - mean(L_1 ... L_c)``, the score of the run (`sensors.scoring.score`) plus the constant L_0, which no
-action changes.
+the improvement of the estimate, times the fraction of scored times that benefit from it. The sum of all
+rewards is ``L_0 - mean(L_1 ... L_c)``: the score of the run (`sensors.scoring.score`) plus the constant L_0,
+which no action changes.
 """
 
 from __future__ import annotations
@@ -34,12 +34,12 @@ from wbf_mission.progress import silent
 class Episode:
     """A run of a task on the environment of a seed.
 
-    As in a flight, an image arrives when the robot has moved on: the one at home with the one after the first
-    move, those of one robot after those of the one before it. Equal seeds give the same environment and the
-    same errors of the camera.
+    As in a flight, an image arrives after the robot has moved on: the image at home arrives with the one
+    after the first move. Images of each robot follow those of the previous robot. Equal seeds give the same
+    environment and the same camera errors.
 
-    `cells`, int64[robots, 2], is where the robots are, `moved` the moves of each in this flight, `path` the
-    cells of these moves, home first, and `seen`, float32[W, H], is 1 where something was seen in the run.
+    `cells`, int64[robots, 2], are the robots' cells. `moved` is the number of moves of each robot in this
+    flight, and `path` the cells of these moves, home first. `seen`, float32[W, H], is 1 in observed cells.
     """
 
     def __init__(self, task: SurveyTask, seed: int) -> None:
@@ -63,25 +63,25 @@ class Episode:
         self._begin_flight()
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Copy by moving again: what an estimator and its thread are doing cannot be copied."""
+        """Copy by replaying the actions: the state of an estimator's thread cannot be copied."""
         return _again, (self.task, self.seed, self._actions)
 
     def model(self) -> InformationModel:
-        """Return what is believed now, in the estimator's own arrays."""
+        """Return the current estimate, in the estimator's own arrays."""
         return self._estimate.current()
 
     def close(self) -> None:
-        """Give up the run."""
+        """Abandon the run."""
         self._estimate.close()
 
     @property
     def flight(self) -> tuple[int, int]:
-        """Day and number on that day of the flight, of the last one when the run is over."""
+        """Day of the flight and its number on that day; after the run, of the last flight."""
         return self.task.flights[min(self._flight, len(self.task.flights) - 1)]
 
     @property
     def day(self) -> int:
-        """The day that is flown."""
+        """Day of the current flight."""
         return self.flight[0]
 
     @property
@@ -91,7 +91,7 @@ class Episode:
 
     @property
     def left(self) -> tuple[float, float]:
-        """Which part of the moves is left, of this flight and of the run."""
+        """Remaining fraction of the moves, of this flight and of the run."""
         if self.ended:
             return 0.0, 0.0
         a_flight = self.task.steps - 1
@@ -100,21 +100,21 @@ class Episode:
 
     @property
     def score(self) -> float:
-        """The score of the run so far; 0 is perfect."""
+        """Score of the run up to now; 0 is perfect."""
         score = self._estimate.history.score
         return float("nan") if score is None else score
 
     @property
     def final_score(self) -> float:
-        """The score at the last scored time."""
+        """Score at the last scored time."""
         scores = self._estimate.history.scores
         return scores[-1] if scores else float("nan")
 
     def move(self, actions: Sequence[int]) -> float:
-        """Move every robot, learn what is seen, and return the reward.
+        """Move every robot, learn from the images, and return the reward.
 
-        A robot whose move leads to where it must not fly stays; that costs the step, too. After the last
-        move of a flight the robots are at home again, for the next one.
+        A robot whose move leads to a forbidden cell stays, and the step still counts. After the last move of
+        a flight the robots are back at home for the next flight.
         """
         self._actions.append(list(actions))
         task, (width, height) = self.task, self.task.grid.shape
@@ -131,15 +131,15 @@ class Episode:
         self.path.append(self.cells.copy())
         if self.moved == task.steps - 1:
             self._end_flight()
-        # Who waits for the estimate has the scores, too.
+        # Waiting for the estimate also waits for its scores.
         self.model()
         entries = self._estimate.history.entries
-        reward = self.returns.add([one.loss for one in entries[self._scored :]])
+        reward = self.returns.add([entry.loss for entry in entries[self._scored :]])
         self._scored = len(entries)
         return reward + self.returns.rest(self.score) if self.ended else reward
 
     def scene(self) -> Scene:
-        """Return what a picture of the run shows."""
+        """Return the contents of the run's frame."""
         model, path = self.model(), np.array(self.path)
         return Scene(
             truth=self.truth,
@@ -177,7 +177,7 @@ class Episode:
         self._begin_flight()
 
     def _look(self, robot: int, cell: NDArray[np.integer]) -> None:
-        """Learn from an image of a robot; cells beyond the farm's border give nothing."""
+        """Learn from an image of a robot; cells outside the farm give no readings."""
         x, y = (int(along) for along in cell)
         values = self._cameras[robot].capture([x], [y])[0]
         dx, dy = footprint_offsets(self.task.camera.footprint_cells)
@@ -191,17 +191,17 @@ class Episode:
 
 def _again(task: SurveyTask, seed: int, actions: list[list[int]]) -> Episode:
     episode = Episode(task, seed)
-    for one in actions:
-        episode.move(one)
+    for action in actions:
+        episode.move(action)
     return episode
 
 
 def rewards_of(
     number: NDArray[np.integer], points: int, before: NDArray[np.float64], after: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return the reward of the scored times with these numbers, from 1, of `points`.
+    """Return the reward of each scored time; `number` counts from 1 to `points`.
 
-    `before` and `after` are the losses at the scored time before each, and at it, float64[n].
+    `before` and `after`, float64[n], are the losses at the previous scored time and at this one.
 
     >>> rewards_of(np.array([1, 2]), 2, np.array([3.0, 2.0]), np.array([2.0, 0.0])).tolist()
     [1.0, 1.0]
@@ -212,9 +212,9 @@ def rewards_of(
 
 
 class Returns:
-    """The rewards of one run, from the loss of the estimate before anything was seen.
+    """Rewards of one run, starting from the loss of the estimate before any observation.
 
-    `points` is how often the estimate is scored in a run all of whose images lie on the farm.
+    `points` is the number of scored times of a run with all its images on the farm.
     """
 
     def __init__(self, points: int, loss: float) -> None:
@@ -236,7 +236,7 @@ class Returns:
         return reward
 
     def rest(self, score: float) -> float:
-        """Return what is missing at the end; not 0 only if images beyond the border made times fewer."""
+        """Return the missing reward at the end, which is 0 unless images lay outside the farm."""
         if self._count == self.points:
             return 0.0
         rest = self.loss_before + score - self.total

@@ -1,4 +1,4 @@
-"""Errors of training environments, and which libraries they need."""
+"""Errors of training environments, and their required libraries."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from geo.errors import WbfMissionError
 
 
 class TrainingError(WbfMissionError, ValueError):
-    """A training environment that cannot be made, or is used in a way that makes no sense."""
+    """A training environment that cannot be created, or an invalid use of one."""
 
 
 def require_libraries() -> None:
-    """Raise TrainingError if a library of the extra is not installed."""
+    """Raise TrainingError if a library of the extra is missing."""
     missing = [name for name in ("gymnasium", "pettingzoo") if importlib.util.find_spec(name) is None]
     if missing:
         raise TrainingError(

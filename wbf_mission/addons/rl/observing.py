@@ -1,6 +1,6 @@
-"""What an agent is shown: where it is, what is left, and the estimate with its uncertainty; never the truth.
+"""Observations of an agent: position, remaining budget, the estimate and its uncertainty; never the truth.
 
-Maps hold the means of square blocks of cells, as coarse as it takes for at most `MOST_BLOCKS` along a side.
+Maps have the means of square blocks of cells, with at most `MOST_BLOCKS` blocks along a side.
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ MOST_BLOCKS = 64
 
 
 class Shown:
-    """The spaces of a task, and its observations.
+    """Spaces and observations of a task.
 
     Parameters
     ----------
     block : int, optional
-        Cells along a side of a block of the maps; by default the least that `MOST_BLOCKS` allow.
+        Side of a map block, cells; by default the smallest that `MOST_BLOCKS` allows.
 
     Attributes
     ----------
@@ -36,7 +36,7 @@ class Shown:
     Raises
     ------
     TrainingError
-        If the block is not a whole number of cells within the farm.
+        If `block` is not a whole number of cells within the farm.
     """
 
     def __init__(self, task: SurveyTask, block: int | None = None) -> None:
@@ -53,7 +53,7 @@ class Shown:
         return spaces.Discrete(len(MOVE_NAMES))
 
     def space(self) -> spaces.Dict:
-        """Return the space of what one robot is shown."""
+        """Return the observation space of one robot."""
         maps = (len(self.task.fields), *self.map_shape)
         parts: dict[str, spaces.Space[Any]] = {
             "position": _unit((2,)),
@@ -67,12 +67,12 @@ class Shown:
         return spaces.Dict(parts)
 
     def positions(self, cells: NDArray[np.integer]) -> NDArray[np.float32]:
-        """Return the centres of cells as parts of the farm's width and height, float32[..., 2]."""
+        """Return the centres of cells as fractions of the farm's width and height, float32[..., 2]."""
         parts: NDArray[np.float64] = (cells + 0.5) / np.array(self.task.grid.shape)
         return parts.astype(np.float32)
 
     def maps(self, array: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Return the means of the blocks within 0..1, float32[n, blocks along x, blocks along y]."""
+        """Return the block means, limited to 0..1, float32[n, blocks along x, blocks along y]."""
         out = np.empty((len(array), *self.map_shape), np.float32)
         block_means(np.ascontiguousarray(array), self.block, out)
         return out
@@ -84,13 +84,13 @@ def _unit(shape: tuple[int, ...]) -> spaces.Box:
 
 @compiled(nogil=True, allocates=False)
 def block_means(array: NDArray[np.float32], block: int, out: NDArray[np.float32]) -> None:
-    """Write the means of the square blocks of maps, limited to 0..1, into an array of the maps' own blocks.
+    """Write the means of the square blocks of maps, limited to 0..1, to `out`.
 
     Parameters
     ----------
     array : float32[n, W, H]
     block : int
-        Cells along a side; blocks at the far borders are cut off.
+        Side of a block; blocks at the far borders are smaller.
     out : float32[n, ceil(W / block), ceil(H / block)]
     """
     number, width, height = array.shape

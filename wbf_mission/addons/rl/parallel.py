@@ -1,4 +1,4 @@
-"""PettingZoo's environment of robots that move at the same time."""
+"""PettingZoo environment of robots that move at the same time."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from pettingzoo import ParallelEnv
 
 from geo.texts import one_line
 from sensors.estimators import Estimator
-from wbf_mission.addons.rl.env import Observation, end_info, observations_of, run_seed
+from wbf_mission.addons.rl.env import Observation, OneEpisode, end_info, observations_of
 from wbf_mission.addons.rl.episode import Episode
 from wbf_mission.addons.rl.errors import TrainingError
 from wbf_mission.addons.rl.observing import Shown
@@ -22,13 +22,13 @@ from wbf_mission.addons.rl.task import SurveyTask, checked_moves
 from wbf_mission.scenario import Scenario
 
 
-class SurveyParallelEnv(ParallelEnv):  # type: ignore[misc]  # PettingZoo is not typed
-    """Robots survey a farm together; each is rewarded for what all have learned.
+class SurveyParallelEnv(OneEpisode, ParallelEnv):  # type: ignore[misc]  # PettingZoo is not typed
+    """Robots that survey a farm together, with a common reward.
 
     Parameters
     ----------
     scenario, estimator, block, render_mode, render_field
-        As of `wbf_mission.addons.rl.env.SurveyEnv`, of one or several of the paper's robots.
+        As of `wbf_mission.addons.rl.env.SurveyEnv`, for one or several of the paper's robots.
 
     Raises
     ------
@@ -59,14 +59,13 @@ class SurveyParallelEnv(ParallelEnv):  # type: ignore[misc]  # PettingZoo is not
         self.observation_spaces = {agent: self.shown.space() for agent in self.possible_agents}
         self.action_spaces = {agent: self.shown.action_space() for agent in self.possible_agents}
         self._rng: np.random.Generator | None = None
-        self._episode: Episode | None = None
 
     def observation_space(self, agent: str) -> spaces.Dict:
-        """Return the space of what a robot is shown."""
+        """Return the observation space of a robot."""
         return self.observation_spaces[agent]
 
     def action_space(self, agent: str) -> spaces.Discrete[Any]:
-        """Return the space of a robot's moves."""
+        """Return the action space of a robot."""
         return self.action_spaces[agent]
 
     def reset(
@@ -74,11 +73,10 @@ class SurveyParallelEnv(ParallelEnv):  # type: ignore[misc]  # PettingZoo is not
         seed: int | None = None,
         options: dict[str, Any] | None = None,  # noqa: ARG002 (PettingZoo's signature)
     ) -> tuple[dict[str, Observation], dict[str, dict[str, Any]]]:
-        """Begin a run, as `wbf_mission.addons.rl.env.SurveyEnv.reset`."""
+        """Start a run, as `wbf_mission.addons.rl.env.SurveyEnv.reset`."""
         if seed is not None or self._rng is None:
             self._rng, _ = seeding.np_random(seed)
-        self._end()
-        episode = self._episode = Episode(self.task, run_seed(seed, self._rng))
+        episode = self._begin(seed, self._rng)
         self.agents = list(self.possible_agents)
         if self.render_mode == HUMAN:
             self.render()
@@ -93,10 +91,10 @@ class SurveyParallelEnv(ParallelEnv):  # type: ignore[misc]  # PettingZoo is not
         dict[str, bool],
         dict[str, dict[str, Any]],
     ]:
-        """Move all robots; one that is given no move stays. All end together.
+        """Move all robots; a robot without an action stays. All robots end together.
 
-        TrainingError if a robot is unknown, an action is not a whole number 0 to 4, or there is no episode
-        that goes on; then nobody has moved.
+        Raises TrainingError, without moving a robot, if a robot is unknown, an action is not a whole number 0
+        to 4, or no episode is running.
         """
         episode, agents = self._episode, self.agents
         if episode is None or not agents:
@@ -121,28 +119,13 @@ class SurveyParallelEnv(ParallelEnv):  # type: ignore[misc]  # PettingZoo is not
         )
 
     def action_masks(self) -> dict[str, NDArray[np.bool_]]:
-        """Return by robot which actions move it or are meant to stay, bool[5] each."""
+        """Return, by robot, the actions that are "stay" or move the robot, bool[5] each."""
         return dict(zip(self.possible_agents, self.task.possible(self._begun().cells), strict=True))
 
-    def render(self) -> NDArray[np.uint8] | None:
-        """As `wbf_mission.addons.rl.env.SurveyEnv.render`."""
-        return self._rendering.frame(self._begun().scene())
-
     def close(self) -> None:
-        """End the run that is open, if any, and close the window."""
-        self._end()
+        """End the current run and close the window."""
+        super().close()
         self.agents = []
-        self._rendering.close()
-
-    def _begun(self) -> Episode:
-        if self._episode is None:
-            raise TrainingError("no episode was begun: call reset")
-        return self._episode
-
-    def _end(self) -> None:
-        if self._episode is not None:
-            self._episode.close()
-            self._episode = None
 
     def _by_agent(self, episode: Episode) -> dict[str, Observation]:
         return dict(zip(self.possible_agents, observations_of(self.shown, episode), strict=True))
@@ -151,5 +134,5 @@ class SurveyParallelEnv(ParallelEnv):  # type: ignore[misc]  # PettingZoo is not
 def parallel_env(
     scenario: Scenario | str | Path = "WBF/Miniberry-30-Robots-2-v1", **options: Any
 ) -> SurveyParallelEnv:
-    """Return the PettingZoo environment of a scenario, as such modules do; see `SurveyParallelEnv`."""
+    """Return the PettingZoo environment of a scenario; see `SurveyParallelEnv`."""
     return SurveyParallelEnv(scenario, **options)

@@ -1,4 +1,4 @@
-"""The render modes of Gymnasium: frames as arrays, and a window by pygame."""
+"""Render modes of Gymnasium: frames as arrays, and a pygame window."""
 
 from __future__ import annotations
 
@@ -20,19 +20,19 @@ HUMAN, ARRAY = "human", "rgb_array"
 
 
 class Rendering:
-    """What an environment shows of its runs.
+    """Renderer of an environment's runs.
 
     Parameters
     ----------
     mode : str or None
-        One of `modes`; None shows nothing.
+        One of `modes`; None renders nothing.
     field : str or None
         As of `wbf_mission.addons.rl.drawing.Drawing`.
 
     Raises
     ------
     TrainingError
-        If mode or field is unknown, or a library is missing.
+        If `mode` or `field` is unknown, or a library is missing.
     """
 
     def __init__(
@@ -45,7 +45,7 @@ class Rendering:
         self._window = Window() if mode == HUMAN else None
 
     def frame(self, scene: Scene) -> NDArray[np.uint8] | None:
-        """Return what ``render()`` does: a frame, None if it is for a window, which then shows it."""
+        """Return the result of ``render()``: a frame, or None after showing it in the window."""
         if self._drawing is None:
             gymnasium.logger.warn('render() shows nothing: make the environment with render_mode="rgb_array"')
             return None
@@ -56,13 +56,13 @@ class Rendering:
         return None
 
     def close(self) -> None:
-        """Close the window, if there is one."""
+        """Close the window, if any."""
         if self._window is not None:
             self._window.close()
 
 
 class Window:
-    """Shows frames, no more than `FRAMES_A_SECOND`; it opens with the first one. A copy is another window."""
+    """Window that shows at most `FRAMES_A_SECOND`; opened by the first frame. A copy is a new window."""
 
     def __init__(self) -> None:
         try:
@@ -79,7 +79,7 @@ class Window:
         return Window, ()
 
     def show(self, frame: NDArray[np.uint8]) -> None:
-        """Show a frame, uint8[height, width, 3]; TrainingError where no window can be opened."""
+        """Show a frame, uint8[height, width, 3]; TrainingError if no window can be opened."""
         pygame = self._pygame
         if self._screen is None:
             try:

@@ -1,4 +1,4 @@
-"""What is to be done in a training environment: a scenario of the paper's robots, in cells and steps."""
+"""Task of a training environment: a scenario of the paper's robots, in cells and steps."""
 
 from __future__ import annotations
 
@@ -30,13 +30,13 @@ if TYPE_CHECKING:
     from geo.grid import FarmGrid
 
 MOVE_NAMES = ("stay", "east", "north", "west", "south")
-"""The actions by their numbers: along x, along y, and back."""
+"""Actions by number: along x, along y, and back."""
 MOVES = np.array([(0, 0), (1, 0), (0, 1), (-1, 0), (0, -1)])
 MOVES.flags.writeable = False
 
 
 def checked_moves(actions: object, shape: tuple[int, ...], who: str) -> NDArray[np.int64]:
-    """Return actions as int64 of a shape; TrainingError if they are not whole numbers 0 to 4 of it."""
+    """Return actions as int64[shape]; TrainingError unless they are whole numbers 0 to 4 of that shape."""
     try:
         moves = np.asarray(actions)
         fit = moves.shape == shape and moves.dtype.kind in "iu"
@@ -51,20 +51,20 @@ def checked_moves(actions: object, shape: tuple[int, ...], who: str) -> NDArray[
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SurveyTask:
-    """A scenario that the paper's robots fly: one cell a step, one image of each step's cell."""
+    """A scenario of the paper's robots: one cell per step, and one image of each cell."""
 
-    scenario: Scenario  # That names its estimator; its seed is not used
+    scenario: Scenario  # Contains the estimator; its seed is not used
     farm: Farm
     grid: FarmGrid
     fields: FieldSet
-    cameras: tuple[LeafCameraOptions, ...]  # That of each robot
-    home: tuple[int, int]  # The cell in which every flight begins
-    allowed: NDArray[np.bool_]  # bool[W, H]: the cells that may be flown to: the owner's, without obstacles
+    cameras: tuple[LeafCameraOptions, ...]  # Camera of each robot
+    home: tuple[int, int]  # Start cell of every flight
+    allowed: NDArray[np.bool_]  # bool[W, H]: cells open to flight, which are the owner's without obstacles
     robots: int
-    steps: int  # Images that a robot takes in a flight, the one at home among them; as many moves less one
-    flights: tuple[tuple[int, int], ...]  # Day and number on that day of each flight of the run
-    every: int  # The estimate is scored after so many readings of a flight
-    points: int  # How often it is scored in the run
+    steps: int  # Images per robot and flight, including the one at home; moves are one less
+    flights: tuple[tuple[int, int], ...]  # Day of each flight of the run, and its number on that day
+    every: int  # Number of readings between scored times of a flight
+    points: int  # Number of scored times of the run
 
     @classmethod
     def of(cls, scenario: Scenario | str | Path, estimator: Estimator | str = "adaptive-disk") -> SurveyTask:
@@ -103,12 +103,12 @@ class SurveyTask:
             steps=steps,
             flights=flights,
             every=every,
-            # Each flight at its end, too, and what is believed at the beginning of each later day.
+            # Each flight is scored at its end, too, and each later day at its start.
             points=len(flights) * -(-readings // every) + of.days - 1,
         )
 
     def possible(self, cells: NDArray[np.integer]) -> NDArray[np.bool_]:
-        """Return which moves lead to where a robot may fly, bool[n, 5], from cells int[n, 2]; a stay does."""
+        """Return the possible moves, bool[n, 5], from cells int[n, 2]; staying is always possible."""
         there = cells[:, None] + MOVES
         inside = ((there >= 0) & (there < self.grid.shape)).all(axis=2)
         x, y = np.moveaxis(np.where(inside[..., None], there, 0), 2, 0)
@@ -118,20 +118,20 @@ class SurveyTask:
 
     @property
     def camera(self) -> LeafCameraOptions:
-        """The camera of the first robot; those of the others differ by what they sense only."""
+        """Camera of the first robot; the others differ only in their sensed fields."""
         return self.cameras[0]
 
     @property
     def moves(self) -> int:
-        """How many moves a robot makes in the run."""
+        """Number of moves of a robot in the run."""
         return len(self.flights) * (self.steps - 1)
 
     def environment(self, seed: int) -> Environment:
-        """Return the environment that a run of this seed has."""
+        """Return the environment of a run with this seed."""
         return make_environment(scenario_with(self.scenario, {"seed": seed}), self.farm)
 
     def estimator(self, seed: int) -> Estimator:
-        """Return the estimator that a run of this seed has, fitted to the farm."""
+        """Return the estimator of a run with this seed, fitted to the farm."""
         choice = self.scenario.estimate.estimator
         learner = estimator_of(choice, seed, self.fields)
         try:
@@ -143,13 +143,15 @@ class SurveyTask:
 
 
 def _allowed(farm: Farm, grid: FarmGrid) -> NDArray[np.bool_]:
-    """Mark the owner's cells in whose centre there is no obstacle."""
+    """Mark the owner's cells without an obstacle at their centre."""
     allowed: NDArray[np.bool_] = np.array(grid.owned)
     if farm.obstacles:
         x, y = np.nonzero(allowed)
         size = farm.cell_size_m
         inside = shapely.intersects_xy(
-            shapely.union_all([one.polygon for one in farm.obstacles]), (x + 0.5) * size, (y + 0.5) * size
+            shapely.union_all([obstacle.polygon for obstacle in farm.obstacles]),
+            (x + 0.5) * size,
+            (y + 0.5) * size,
         )
         allowed[x, y] = ~inside
     allowed.flags.writeable = False

@@ -1,4 +1,4 @@
-"""Gymnasium's vector environment: many runs at a time, batched; equal to the single one to the bit."""
+"""Gymnasium vector environment: many runs batched, equal to the single environment to the bit."""
 
 from __future__ import annotations
 
@@ -27,34 +27,34 @@ _Bools = NDArray[np.bool_]
 
 
 class SurveyVectorEnv(VectorEnv[Observation, NDArray[np.int64], NDArray[Any]]):
-    """Many runs of the environment `wbf_mission.addons.rl.env.SurveyEnv` at a time, with adaptive disks.
+    """Batched runs of the environment `wbf_mission.addons.rl.env.SurveyEnv`, with adaptive disks.
 
-    It follows Gymnasium's own vector environments: `reset(seed=n)` gives the i-th run the seed n + i, and
-    what is told in `info` has a mask beside it.
+    Conventions are those of Gymnasium's vector environments: `reset(seed=n)` gives run i the seed n + i, and
+    every entry of `info` has a mask.
 
     Parameters
     ----------
     scenario : Scenario, str or path-like
-        Of one of the paper's robots, one flight, and images of one cell.
+        Scenario of one of the paper's robots, with one flight and images of one cell.
     estimator : str
-        ``adaptive-disk``, the only one that is batched.
+        ``adaptive-disk``, the only batched one.
     block : int, optional
         As of the single environment.
     render_mode : {"rgb_array"}, optional
-        `render` then gives a frame of each run.
+        `render` returns a frame of each run.
     render_field : str, optional
         As of the single environment.
     autoreset_mode : AutoresetMode or str
-        When a run that has ended begins anew: with the next step (``NextStep``), in the same one
-        (``SameStep``), or when `reset` is called with ``options={"reset_mask": ...}`` (``Disabled``).
+        Time at which a finished run restarts: at the next step (``NextStep``), in the same step
+        (``SameStep``), or at `reset` with ``options={"reset_mask": ...}`` (``Disabled``).
     copy : bool
-        Whether observations stay as they are with the next step; without, they are the environment's own.
+        Whether observations are copies; otherwise the next step overwrites them.
 
     Raises
     ------
     TrainingError
-        If the scenario or the estimator cannot be batched; `gymnasium.make_vec` with
-        ``vectorization_mode="sync"`` takes any.
+        If the scenario or the estimator cannot be batched. `gymnasium.make_vec` with
+        ``vectorization_mode="sync"`` accepts all of them.
     """
 
     def __init__(
@@ -99,17 +99,17 @@ class SurveyVectorEnv(VectorEnv[Observation, NDArray[np.int64], NDArray[Any]]):
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
-        """Begin all runs, or with ``options={"reset_mask": bool[num_envs]}`` some of them.
+        """Restart all runs, or some of them with ``options={"reset_mask": bool[num_envs]}``.
 
         Parameters
         ----------
         seed : int or sequence of int or None, optional
-            Of the first run, the others have the next ones; or of each.
+            Seed of the first run, from which the others count up; or one seed per run.
 
         Raises
         ------
         TrainingError
-            If there are not as many seeds or entries of the mask as runs.
+            If the number of seeds or mask entries differs from the number of runs.
         """
         if seed is None or isinstance(seed, int | np.integer):
             seeds = [None if seed is None else int(seed) + one for one in range(self.num_envs)]
@@ -132,9 +132,9 @@ class SurveyVectorEnv(VectorEnv[Observation, NDArray[np.int64], NDArray[Any]]):
     def step(
         self, actions: NDArray[np.int64]
     ) -> tuple[Observation, NDArray[np.float64], _Bools, _Bools, dict[str, Any]]:
-        """Move in every run; see `gymnasium.vector.VectorEnv.step`.
+        """Step every run; see `gymnasium.vector.VectorEnv.step`.
 
-        TrainingError if the actions are not a whole number 0 to 4 for each run; then nobody has moved.
+        Raises TrainingError, without a move, unless there is a whole number 0 to 4 for each run.
         """
         ended, batch = self._ended, self._batch
         if not self._begun or (self.autoreset_mode is AutoresetMode.DISABLED and ended.any()):
@@ -159,7 +159,7 @@ class SurveyVectorEnv(VectorEnv[Observation, NDArray[np.int64], NDArray[Any]]):
         return self._observation(), rewards, over, np.zeros(self.num_envs, np.bool_), info
 
     def action_masks(self) -> _Bools:
-        """Return which actions of each run move its robot or are meant to stay, bool[num_envs, 5]."""
+        """Return the actions of each run that are "stay" or move its robot, bool[num_envs, 5]."""
         return self.task.possible(self._batch.cells)
 
     def render(self) -> tuple[NDArray[np.uint8], ...] | None:
@@ -167,7 +167,7 @@ class SurveyVectorEnv(VectorEnv[Observation, NDArray[np.int64], NDArray[Any]]):
         if not self._begun:
             raise TrainingError("no episode was begun: call reset")
         frames = [self._rendering.frame(self._batch.scene(run)) for run in range(self.num_envs)]
-        return None if self.render_mode is None else tuple(one for one in frames if one is not None)
+        return None if self.render_mode is None else tuple(frame for frame in frames if frame is not None)
 
     def _begin(self, run: int, seed: int | None) -> None:
         rng = self._rngs[run]
@@ -212,7 +212,7 @@ class SurveyVectorEnv(VectorEnv[Observation, NDArray[np.int64], NDArray[Any]]):
         return found | {f"_{name}": over.copy() for name in found}
 
     def _with_final_observations(self, info: dict[str, Any], over: _Bools) -> dict[str, Any]:
-        """Return what Gymnasium tells of runs that ended and began anew in one step."""
+        """Add Gymnasium's entries for runs that ended and restarted in the same step."""
         shown = self._observation()
         final = np.full(self.num_envs, None, dtype=object)
         for run in np.flatnonzero(over).tolist():

@@ -1,4 +1,4 @@
-"""Compiles the training environments ahead, for ``wbf-mission warm-up``."""
+"""Compiles the training environments ahead of use, for ``wbf-mission warm-up``."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from wbf_mission.addons.rl.vector_env import SurveyVectorEnv
 
 
 def warm_up(begin: Callable[[str], None]) -> None:
-    """Take a step of the environment that is compiled."""
+    """Step the compiled environment once."""
     begin("training environments")
-    # Arrays of a single run are contiguous where those of several are not, and are compiled for apart.
+    # Two runs, because arrays of a single run are contiguous and would be compiled separately.
     envs = SurveyVectorEnv(2, "WBF/Miniberry-10-v1")
     envs.reset(seed=0)
     envs.step(np.zeros(2, np.int64))

@@ -1,4 +1,4 @@
-"""ArduPilot's Rover: limits from its parameters."""
+"""ArduPilot's Rover: driving limits and laws from its parameters."""
 
 from __future__ import annotations
 
@@ -42,14 +42,14 @@ if TYPE_CHECKING:
 __all__ = ["FIRMWARE"]
 
 _SKID = 73.0
-# Rover's target goes round corners on its own; the vehicle follows it this near.
+# Rover's S-curve target takes corners by itself, and the vehicle stays this close to it.
 _FOLLOWS_M = 0.3
-# Rover stays armed when it is home: the longest delay there is.
+# Rover stays armed at home: the longest delay possible.
 _NEVER_DISARM_S = 3599.0
-# Change of jerk of the S-curves, m/s^4 (AR_WPNAV_SNAP_MAX); acceleration where none is limited.
+# Maximum snap of the S-curves, m/s^4 (AR_WPNAV_SNAP_MAX), and acceleration used if none is limited.
 _SNAP = 15.0
 _ANY_ACCELERATION = 20.0
-# Time constants of the speed behind the throttle and of turns of tracks, as in ArduPilot's simulator.
+# Time constants of speed after throttle, and of turns by tracks, from ArduPilot's simulator.
 _DRIVE_LAG_S = 20.0 / 10.0
 _TRACK_LAG_S = 0.2
 
@@ -61,7 +61,7 @@ class ArduRover(RoverProcedures):
     parameters = motion_parameters("rover-motion", __package__)
 
     def fit(self, spec: VehicleSpec) -> VehicleSpec:
-        """Vehicle with the speeds and the radius that parameters decide."""
+        """Return the vehicle with the speeds and the acceptance radius of its parameters."""
         cruise, limit = self.value(spec, "WP_SPEED"), spec.speed_limit_m_s
         return replace(
             spec,
@@ -72,7 +72,7 @@ class ArduRover(RoverProcedures):
         )
 
     def limits(self, spec: VehicleSpec) -> RoverLimits:
-        """Limits of a vehicle's driving."""
+        """Return the driving limits of a vehicle."""
         from wbf_mission.addons.rovers.motion.layout import RoverLimits
 
         value = self.values(spec)
@@ -100,7 +100,7 @@ class ArduRover(RoverProcedures):
         )
 
     def law(self, spec: VehicleSpec) -> NDArray[np.float64]:
-        """Return the numbers of the compiled motion, `wbf_mission.addons.rovers.ardurover.kernel.LAW`."""
+        """Return the parameters of the compiled motion, `wbf_mission.addons.rovers.ardurover.kernel.LAW`."""
         from sim_vehicle.motion.columns import row_of
         from wbf_mission.addons.rovers.ardurover.kernel import LAW
 
@@ -148,19 +148,19 @@ class ArduRover(RoverProcedures):
     def return_legs(
         self, spec: VehicleSpec, last: Position, speed: float, return_point: Position
     ) -> list[Leg]:
-        """Route home, at a speed of its own, where it stops."""
+        """Return a leg home at the speed of RTL_SPEED, with a stop at the end."""
         speed = self.value(spec, "RTL_SPEED") or spec.cruise_speed_m_s
         return [Leg((return_point[0], return_point[1], 0.0), speed, kind=LegKind.HOME)]
 
     def motion(self, spec: VehicleSpec, wind: Wind | None, yaw_rad: float) -> MotionModel:
-        """Motion of a vehicle that stands at home."""
+        """Return the motion of a vehicle at rest at home."""
         from wbf_mission.addons.rovers.ardurover.model import ArduRover as Driven
 
         return Driven(spec, self.limits, self.law, wind, yaw_rad)
 
 
 def _share(dt: float, frequency_hz: float) -> float:
-    """Return the share that a low-pass filter takes over in a step; a frequency of 0 is no filter."""
+    """Return a low-pass filter's gain per step; a frequency of 0 disables the filter."""
     return dt / (dt + 1.0 / (2.0 * math.pi * frequency_hz)) if frequency_hz > 0.0 else 1.0
 
 

@@ -1,4 +1,4 @@
-"""The kind of rovers."""
+"""Vehicle kind of rovers."""
 
 from __future__ import annotations
 

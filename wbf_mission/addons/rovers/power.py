@@ -1,6 +1,6 @@
-"""Electric power of a ground vehicle: rolling resistance, drag and acceleration; braking gives nothing back.
+"""Electric power of a ground vehicle: rolling resistance, drag and acceleration, without recuperation.
 
-It is plain Python; `wbf_mission.addons.rovers.motion.kernel` has it compiled.
+This module is plain Python; `wbf_mission.addons.rovers.motion.kernel` compiles it.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ class RoverPowerSpec(FurtherPowerSpec):
     """Parameters of the power model of a ground vehicle (`rover_power`)."""
 
     rolling_resistance: float = 0.08
-    """Rolling drag over weight."""
+    """Rolling drag divided by weight."""
     drag_area_m2: float = 0.2
     """Drag coefficient times frontal area."""
     efficiency: float = 0.6
@@ -37,7 +37,7 @@ class RoverPowerSpec(FurtherPowerSpec):
 
     @property
     def own_drag(self) -> float:
-        """Rolling drag."""
+        """Rolling drag (N)."""
         return self.rolling_resistance * (self.mass_kg * GRAVITY_M_S2)
 
     def steady_w(
@@ -54,11 +54,11 @@ def rover_power(power: NDArray[np.float64], speed: float, airspeed: float, accel
     ----------
     power : float64[COEFFICIENTS]
     speed : float
-        Over ground, at least 0.
+        Ground speed, at least 0.
     airspeed : float
-        Against the direction of travel: more than the speed in a head wind, negative in a strong tail wind.
+        Airspeed along the direction of travel: above `speed` in a head wind, negative in a strong tail wind.
     acceleration : float
-        Along the direction of travel.
+        Acceleration along the direction of travel.
     """
     pull = power[OWN_DRAG] + power[DRAG] * airspeed * abs(airspeed) + power[MASS] * acceleration
     total = power[CONSTANT_POWER] + power[PER_EFFICIENCY] * max(pull * speed, 0.0)

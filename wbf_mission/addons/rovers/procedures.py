@@ -1,4 +1,4 @@
-"""Procedures of an autopilot for rovers: motion, return, stop."""
+"""Procedures of a rover's autopilot: motion, return, stop."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ __all__ = ["RoverProcedures"]
 
 
 class RoverProcedures(FlightProcedures):
-    """Procedures of a firmware for rovers: the compiled motion; they drive straight and stop."""
+    """Procedures of a rover's firmware, with the compiled motion: straight legs and stops."""
 
     @abstractmethod
     def limits(self, spec: VehicleSpec) -> RoverLimits:
-        """Limits of a vehicle's driving."""
+        """Return the driving limits of a vehicle."""
 
     def motion(self, spec: VehicleSpec, wind: Wind | None, yaw_rad: float) -> MotionModel:
-        """Motion of a vehicle that stands at home."""
+        """Return the motion of a vehicle at rest at home."""
         from wbf_mission.addons.rovers.motion.model import Rover
 
         return Rover(spec, self.limits, wind, yaw_rad)
@@ -34,15 +34,15 @@ class RoverProcedures(FlightProcedures):
     def takeoff_legs(
         self, spec: VehicleSpec, here: Position, target: Position, speed: float, heading: Heading
     ) -> list[Leg]:
-        """A leg that is done at once: there is nothing to take off."""
+        """Return a leg without effect, as rovers do not take off."""
         return [Leg((here[0], here[1], 0.0), speed, kind=LegKind.TAKEOFF)]
 
     def landing_legs(self, spec: VehicleSpec, above: Position, last: Position, speed: float) -> list[Leg]:
-        """Route to the position, where it stops."""
+        """Return a leg to the position, with a stop at the end."""
         return [Leg((above[0], above[1], 0.0), speed, kind=LegKind.HOME)]
 
     def return_legs(
         self, spec: VehicleSpec, last: Position, speed: float, return_point: Position
     ) -> list[Leg]:
-        """Route home, where it stops."""
+        """Return a leg home, with a stop at the end."""
         return self.landing_legs(spec, return_point, last, speed)

@@ -1,4 +1,4 @@
-"""PX4 with a rover: limits from its parameters."""
+"""PX4 with a rover: driving limits from its parameters."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ __all__ = ["FIRMWARE"]
 
 _DIFFERENTIAL = 6.0
 _GRIP_M_S2 = 0.4 * GRAVITY_M_S2
-# The rover of the simulator (`sih.cpp`): force of full throttle, rolling resistance over weight, wheel base,
-# greatest angle of the wheels and cornering stiffness. It lags behind its outputs only in those of its steps
-# of 4 ms in which new ones have come, and they come every 10 ms.
+# Rover of the simulator (`sih.cpp`): force of full throttle, rolling resistance over weight, wheel base,
+# maximum wheel angle and cornering stiffness. The simulator filters its outputs only in those 4 ms steps in
+# which new ones arrive, every 10 ms.
 _SIH_ROVER = 5.0
 _SIH_FORCE_N = 400.0
 _SIH_ROLLING = 0.3
@@ -45,7 +45,7 @@ class Px4Rover(RoverProcedures):
     parameters = motion_parameters("px4-rover-motion", __package__)
 
     def fit(self, spec: VehicleSpec) -> VehicleSpec:
-        """Vehicle with the speeds and the radius that parameters decide."""
+        """Return the vehicle with the speeds and the acceptance radius of its parameters."""
         limit = self.value(spec, "RO_SPEED_LIM")
         cruise = limit if limit > 0.0 else spec.cruise_speed_m_s
         limit = limit / 0.95 if limit > 0.0 else spec.speed_limit_m_s
@@ -57,7 +57,7 @@ class Px4Rover(RoverProcedures):
         )
 
     def limits(self, spec: VehicleSpec) -> RoverLimits:
-        """Limits of a vehicle's driving."""
+        """Return the driving limits of a vehicle."""
         from wbf_mission.addons.rovers.motion.layout import RoverLimits
 
         value = self.values(spec)
@@ -82,7 +82,7 @@ class Px4Rover(RoverProcedures):
             pivot_begin=value["RD_TRANS_DRV_TRN"] if skid else 0.0,
             pivot_end=min(value["RD_TRANS_TRN_DRV"], value["RD_TRANS_DRV_TRN"]),
             pivot_rate=math.radians(rate) if rate > 0.0 else spec.yaw_rate_rad_s,
-            # The radius that counts at corners is that of the front wheels (wheel base over the sine).
+            # The corner radius is that of the front wheels (wheel base over the sine).
             corner_gain=value["RA_ACC_RAD_GAIN"] / math.cos(value["RA_MAX_STR_ANG"]) if cuts else 0.0,
             corner_max=max(value["RA_ACC_RAD_MAX"], value["NAV_ACC_RAD"]),
             passes=False,
@@ -95,13 +95,13 @@ class Px4Rover(RoverProcedures):
         )
         if value["SIH_VEHICLE_TYPE"] != _SIH_ROVER:
             return own
-        # Its tyres hold in every turn.
+        # The tyres of the simulated rover hold in every turn.
         simulated = self.numbers(spec) | _simulated(own, value, spec.step_s)
         return replace(own, lateral=math.inf, simulated=simulated)
 
 
 def _simulated(law: RoverLimits, value: Mapping[str, float], step_s: float) -> dict[str, float]:
-    """Return the values of the rover of PX4's simulator that are no parameters."""
+    """Return the values of PX4's simulated rover that are not parameters."""
     latitude, longitude = math.radians(value["SIH_LOC_LAT0"]), math.radians(value["SIH_LOC_LON0"])
     sine, cosine = math.sin(latitude), math.cos(latitude)
     steer_speed = math.radians(value["RA_STR_RATE_LIM"]) if value["RA_STR_RATE_LIM"] > 0.0 else 1e5
@@ -130,7 +130,7 @@ def _own(value: float, otherwise: float) -> float:
 
 
 def rover_parameters(spec: VehicleSpec, system_id: int) -> list[MavParameter]:
-    """Parameters of a rover."""
+    """Return the parameters of a rover."""
     return common_parameters(spec, system_id, m.MAV_TYPE_GROUND_ROVER)
 
 
@@ -149,7 +149,7 @@ _STICKS = StickRules(
 FIRMWARE = replace(
     no_multirotor(m.MAV_TYPE_GROUND_ROVER),
     parameter_table=rover_parameters,
-    # An armed rover counts as one that drives.
+    # An armed rover counts as driving.
     rules=replace(RULES, idle=None),
     procedures=Px4Rover(),
     cornering=Cornering(),

@@ -54,7 +54,7 @@ _OF_NEXT = (
 
 @dataclass(frozen=True, slots=True)
 class _Costs:
-    """What actions cost, and what a treated hectare gets."""
+    """Options of costs, thresholds and treatment rates."""
 
     treat_cost: Annotated[
         list[str] | None,
@@ -108,7 +108,7 @@ class _Costs:
     ] = None
 
     def given(self) -> dict[str, list[str]]:
-        """Return what was given, as `wbf_mission.addons.treatment.zones.costs_of` takes it."""
+        """Return the given options as arguments of `wbf_mission.addons.treatment.zones.costs_of`."""
         keys = {
             "treat": self.treat_cost,
             "loss": self.loss,
@@ -199,14 +199,14 @@ def map_command(
         folder.commit()
     if flight is not None and next_plan is not None:
         write_mission(flight.plan.mission, next_plan, firmware=Firmware(flight.plan.mav_autopilot))
-    summary["files"] = [str(out / one.name) for one in files]
+    summary["files"] = [str(out / file.name) for file in files]
     output.result(summary, _rows(of, flight, out, next_plan), title=f"{of.farm.name}: treatment map")
 
 
 def _treatment(
     given: options.Given, log: Path | None, observations: Path | None, costs: _Costs, progress: Any
 ) -> tuple[TreatmentMap, Scenario]:
-    """Return the map, and the scenario that it and the next flight are of."""
+    """Return the treatment map, and the scenario of the map and of the next flight."""
     from wbf_mission.addons.treatment.flights import treatment_of_log, treatment_of_result
     from wbf_mission.results.files import RECORD
 
@@ -229,7 +229,7 @@ def _treatment(
     result = load_result(log)
     progress("reading", 1, 1)
     flown = result.scenario
-    # The next flight has a path of its own, whatever was flown.
+    # The next flight is planned anew, even if the log is of a mission file.
     parts = {name: getattr(flown, name) for name in PARTS}
     parts["mission"] = replace(flown.mission, file=None)
     planned = given.change(Scenario(**parts, seed=flown.seed))
@@ -253,18 +253,18 @@ def _check_next(
 
 @contextlib.contextmanager
 def _folder(out: Path, inputs: list[Path | None], *, overwrite: bool) -> Iterator[Any]:
-    """Open the folder of the map, which holds no input, and nothing else unless it may be replaced."""
+    """Open the folder of the map; TargetError if it holds an input, or other files without `overwrite`."""
     from geo.atomic import AtomicFolder, FolderError
     from wbf_mission.addons.treatment.treatment_map import SUMMARY, is_part
 
     if out.exists() and not out.is_dir():
         raise TargetError(f"{out}: is a file, not a folder for the map; give another name")
-    for one in inputs:
-        if one is not None and one.exists() and out.resolve() in (one.resolve(), one.resolve().parent):
-            raise TargetError(f"{out}: holds {one}, which is read; give another folder")
+    for path in filter(None, inputs):
+        if path.exists() and out.resolve() in (path.resolve(), path.resolve().parent):
+            raise TargetError(f"{out}: holds {path}, which is read; give another folder")
     try:
         folder = AtomicFolder(out, SUMMARY, is_part)
-        if not overwrite and out.is_dir() and {one.name for one in out.iterdir()} - folder.hidden_names:
+        if not overwrite and out.is_dir() and {path.name for path in out.iterdir()} - folder.hidden_names:
             what = "a map" if (out / SUMMARY).is_file() else "other files"
             raise TargetError(f"{out}: holds {what} already; give another folder, or --overwrite")
         with folder:
@@ -289,9 +289,9 @@ def _rows(of: TreatmentMap, flight: NextFlight | None, out: Path, plan: Path | N
         "made from": f"{len(of.observations)} readings, day {of.day}, {of.estimator}",
         **of.report.rows(),
     }
-    for one in of.zone_maps:
-        parts = [f"{one.word(zone)} {area_in_words(one.area_ha(zone))}" for zone in (TREAT, LOOK, HEALTHY)]
-        rows[f"zones, {one.field.title}"] = ", ".join(parts)
+    for zones in of.zone_maps:
+        areas = ((zones.word(zone), area_in_words(zones.area_ha(zone))) for zone in (TREAT, LOOK, HEALTHY))
+        rows[f"zones, {zones.field.title}"] = ", ".join(map(" ".join, areas))
     if flight is not None:
         prediction = flight.plan.prediction
         rows["next flight"] = (

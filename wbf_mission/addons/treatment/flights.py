@@ -19,15 +19,15 @@ from wbf_mission.addons.treatment.logs.telemetry import observations_in
 from wbf_mission.addons.treatment.readings import is_cells, join, read_readings
 from wbf_mission.addons.treatment.treatment_map import TreatmentMap
 from wbf_mission.addons.treatment.zones import costs_of
-from wbf_mission.planning.plan import farm_of
 from wbf_mission.progress import Progress, silent
 from wbf_mission.run.estimation import estimator_of, naming_estimator, require_run_memory
 from wbf_mission.run.record import RunRecord
+from wbf_mission.run.resolve import farm_of
 from wbf_mission.scenario import Scenario
 from wbf_mission.scenario.parts import LAST_DAY
 
 Costs = Mapping[str, Sequence[str]]
-"""Costs, as `wbf_mission.addons.treatment.zones.costs_of` takes them."""
+"""Costs in the form of `wbf_mission.addons.treatment.zones.costs_of`."""
 
 
 def treatment_of_log(
@@ -39,17 +39,17 @@ def treatment_of_log(
     block_m: float | None = None,
     progress: Progress = silent,
 ) -> TreatmentMap:
-    """Return the treatment map of the readings of any flight.
+    """Return the treatment map of a flight's readings.
 
     Parameters
     ----------
     scenario : Scenario
-        Its farm, fields, day, footprint, estimator and seed.
+        Only farm, fields, day, footprint, estimator and seed are used.
     log : Path, optional
-        As `wbf_mission.addons.treatment.logs.read_track` takes it. Without a log the readings need positions.
+        Flight log (`wbf_mission.addons.treatment.logs.read_track`); without one the readings need positions.
     observations : Path, optional
         A table of readings (`wbf_mission.addons.treatment.readings`), or a file of
-        `sensors.observations.Observations`. A .tlog of a flight with a leaf camera has them itself.
+        `sensors.observations.Observations`. A .tlog with a leaf camera needs none.
     costs : mapping, optional
         See `wbf_mission.addons.treatment.zones.costs_of`.
     block_m : float, optional
@@ -58,7 +58,7 @@ def treatment_of_log(
     Raises
     ------
     WbfMissionError
-        If something cannot be read or is out of range, or no reading lies on the farm.
+        If a file cannot be read, a value is out of range, or no reading is on the farm.
     """
     farm, fields = farm_of(scenario.farm)
     scenario = naming_estimator(scenario, farm, fields)
@@ -68,9 +68,9 @@ def treatment_of_log(
     progress("reading", 1, 1)
     sensed = seen.sensed
     notes += tuple(
-        f"{one.title} was not read anywhere: its map shows only what is assumed of it (leave it out of"
+        f"{field.title} was not read anywhere: its map shows only what is assumed of it (leave it out of"
         " --fields)"
-        for k, one in enumerate(fields)
+        for k, field in enumerate(fields)
         if not sensed[:, k].any()
     )
     day = int(seen.day.max())
@@ -85,7 +85,7 @@ def treatment_of_log(
         getattr(estimator, "states_deviation", False),
         wanted,
         block_m,
-        " and ".join(one.name for one in (log, observations) if one is not None),
+        " and ".join(path.name for path in (log, observations) if path is not None),
         notes,
         knows_only_seen=getattr(estimator, "knows_only_seen", False),
     )
@@ -94,12 +94,12 @@ def treatment_of_log(
 def treatment_of_result(
     result: RunRecord, *, costs: Costs | None = None, block_m: float | None = None, source: str = ""
 ) -> TreatmentMap:
-    """Make the map of a run: its own estimate, at the end of its last day.
+    """Return the treatment map of a run, from the run's estimate at the end of its last day.
 
     Raises
     ------
     WbfMissionError
-        If costs cannot be read, or the run saw nothing.
+        If costs cannot be read, or the run has no observations.
     """
     if result.model is None or not len(result.observations):
         raise ObservationError("the run saw nothing of the farm: there is no estimate to map")
@@ -159,11 +159,11 @@ def _observed(
 def _estimate(
     scenario: Scenario, farm: Farm, fields: FieldSet, seen: Observations, progress: Progress
 ) -> tuple[InformationModel, Estimator]:
-    """Return the estimate after these observations, and the estimator."""
+    """Return the model estimated from the observations, and the estimator."""
     estimator = estimator_of(scenario.estimate.estimator, scenario.seed, fields)
     require_run_memory(farm, estimator, len(seen))
     first = int(seen.day.min())
-    # As in a flight: sums of code of the user's own do not depend on the number of cores then.
+    # With one BLAS thread, sums in user code do not depend on the number of cores.
     with threadpool_limits(1, user_api="blas"), attribute_errors_to(estimator):
         estimator.fit(farm.grid())
         prepare_days(estimator, first, int(seen.day.max()) - first + 1, progress)

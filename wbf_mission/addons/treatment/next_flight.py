@@ -1,4 +1,4 @@
-"""The next flight, planned on a treatment map."""
+"""Next flight, planned on a treatment map."""
 
 from __future__ import annotations
 
@@ -15,85 +15,80 @@ from mission.policies.acquisition import Acquisition, ValueMap
 from mission.policies.observation import PolicyObservation
 from mission.policies.policy import Policy, make_policy, policy_parameters
 from sensors.camera.leaf_camera import footprint_offsets
-from sensors.scoring.score import ScoreWeights
 from wbf_mission.addons.treatment.treatment_map import TreatmentMap
 from wbf_mission.planning import PlanResult
 from wbf_mission.planning.coverage import image_places
-from wbf_mission.planning.fleet import SingleVehicle, vehicles_of
+from wbf_mission.planning.fleet import SingleVehicle
 from wbf_mission.progress import Progress, silent
-from wbf_mission.replanning.loop import DecisionLoop, Knowledge
+from wbf_mission.replanning.loop import Knowledge
+from wbf_mission.run.plan import plans_of, progress_events
+from wbf_mission.run.resolve import resolve
 from wbf_mission.scenario import Choice, Scenario
+from wbf_mission.scenario.scenario import PARTS
 
 _FAR = 1e6
 _WHOLE_FLIGHT = {"greedy": {"ahead": _FAR}, "orienteering": {"horizon": _FAR, "patience": _FAR}}
-"""Parameters by which policies plan for the whole budget, since they decide only once here."""
+"""Parameters that make policies plan for the whole budget, since each decides only once here."""
 
 
 @dataclass(frozen=True, slots=True)
 class NextFlight:
-    """The next flight, planned by the expected saving."""
+    """Next flight, planned to maximize the expected saving."""
 
     plan: PlanResult
     vehicle: SingleVehicle
     policy: str
-    gain: float  # What it is expected to save, in the unit of the costs
-    gain_of_all: float  # What knowing the whole farm would save
-    looked_at_ha: float  # Of crops
+    gain: float  # Expected saving by the flight, in the unit of the costs
+    gain_of_all: float  # Expected saving if the whole farm were known
+    looked_at_ha: float  # Area of crops in the images
 
     def summary(self) -> dict[str, object]:
         """Return plain values, for JSON."""
-        told = {name: getattr(self, name) for name in ("policy", "gain", "gain_of_all", "looked_at_ha")}
-        return {**told, "plan": self.plan.summary()}
+        values = {name: getattr(self, name) for name in ("policy", "gain", "gain_of_all", "looked_at_ha")}
+        return {**values, "plan": self.plan.summary()}
 
 
 def plan_next(of: TreatmentMap, scenario: Scenario, *, progress: Progress = silent) -> NextFlight:
-    """Plan another flight on this map: the scenario's vehicle, budget and policy (`greedy` if it has none).
+    """Plan another flight on the treatment map `of`, with the scenario's vehicle, budget and policy.
 
-    A policy with an acquisition gets the expected saving of each cell by the costs of the map; others use the
-    estimate, as in flight. `greedy` and `orienteering` plan for the whole budget, others only up to their
-    next decision.
+    The default policy is `greedy`. A policy with an acquisition parameter gets the expected saving of each
+    cell by the map's costs; other policies use the estimate, as in flight. `greedy` and `orienteering` plan
+    for the whole budget, other policies only up to their next decision.
 
     Raises
     ------
     WbfMissionError
-        If the policy finds nothing worth a flight, or no path fits the budget.
+        If the policy finds no flight that saves anything, or no path fits the budget.
     """
-    farm, names = of.farm, scenario.vehicle.fleet
+    farm, fleet = of.farm, scenario.vehicle
     choice = scenario.mission.policy or Choice("greedy")
     policy, label = _policy(of, choice), f"policy {choice}"
-    one = SingleVehicle(
-        replace(scenario.vehicle, name=names[0], autopilot=scenario.vehicle.autopilots[0], vehicles=None),
-        replace(scenario.mission, policy=choice, file=None),
-        scenario.weather,
-        scenario.camera,
-    )
-    (vehicle,) = vehicles_of(one, farm, seed=scenario.seed, first_day=of.day, progress=progress)
-    progress("planning", 0, 1)
-    knowledge = Knowledge(
-        farm, of.day, of.fields, ScoreWeights.of(of.fields), lambda: of.model, lambda: of.observations
-    )
-    policy.start()
-    loop = DecisionLoop(policy, label, knowledge, records=[])
-    decision = loop.start([vehicle.task.report(steered=True)]).decision
+    parts = {name: getattr(scenario, name) for name in PARTS}
+    parts["farm"] = replace(scenario.farm, day=of.day, days=1)
+    parts["mission"] = replace(scenario.mission, policy=choice, file=None)
+    parts["vehicle"] = replace(fleet, name=fleet.fleet[0], autopilot=fleet.autopilots[0], vehicles=None)
+    single = Scenario(**parts, seed=scenario.seed)
+    run = resolve(single, to_fly=False, farm=farm, fields=of.fields, events=progress_events(progress))
+    run = replace(run, decider=replace(run.decider, policy=policy))
+    knowledge = Knowledge(farm, of.day, of.fields, run.weights, lambda: of.model, lambda: of.observations)
+    (plan,) = plans_of(run, knowledge, "another flight on this map")
+    (vehicle,) = run.vehicles
     budget = vehicle.task.budget_text
-    if not len(decision.paths[vehicle.task.system_id]):
-        raise PlanningError(f"{label} finds nothing worth another flight on this map within {budget}")
-    plan = vehicle.task.plan_of(decision, str(choice), steered=True)
     progress("planning", 1, 1)
     seen = _cells_shown(farm, image_places(farm, plan.mission, plan.prediction), scenario.camera.footprint)
     gain = gain_of_all = looked_at = 0.0
-    for each in of.zone_maps:
-        cells = seen & each.field.mask(farm.grid())
-        side = each.of.grid.pixel
-        looks = np.zeros(each.zone.shape)
+    for zone_map in of.zone_maps:
+        cells = seen & zone_map.field.mask(farm.grid())
+        side = zone_map.of.grid.pixel
+        looks = np.zeros(zone_map.zone.shape)
         x, y = np.nonzero(cells)
         np.add.at(looks, (x // side, y // side), 1.0)
-        gain += each.gain_of_looks(looks)
-        gain_of_all += float(np.nansum(each.gain * each.hectares))
+        gain += zone_map.gain_of_looks(looks)
+        gain_of_all += float(np.nansum(zone_map.gain * zone_map.hectares))
         looked_at = max(looked_at, len(x) * farm.cell_size_m**2 / 1e4)
     if gain <= 0.0:
         raise PlanningError(f"{label} finds no path on which a look would save anything within {budget}")
-    return NextFlight(plan, one, str(choice), gain, gain_of_all, looked_at)
+    return NextFlight(plan, vehicle, str(choice), gain, gain_of_all, looked_at)
 
 
 def _policy(of: TreatmentMap, choice: Choice) -> Policy:
@@ -107,23 +102,23 @@ def _policy(of: TreatmentMap, choice: Choice) -> Policy:
 
 
 def _gain_of_cells(of: TreatmentMap) -> Acquisition:
-    """Return an acquisition: the expected saving of each cell, its share of its block's."""
+    """Return an acquisition function: the expected saving of each cell, from its block's saving."""
 
     def acquisition(observation: PolicyObservation) -> ValueMap:
         grid = observation.farm.grid()
         total = np.zeros(grid.shape, np.float32)
-        for each in of.zone_maps:
-            side, (width, height) = each.of.grid.pixel, grid.shape
-            gain = np.nan_to_num(each.gain).astype(np.float32)
+        for zone_map in of.zone_maps:
+            side, (width, height) = zone_map.of.grid.pixel, grid.shape
+            gain = np.nan_to_num(zone_map.gain).astype(np.float32)
             fine = np.repeat(np.repeat(gain, side, axis=0), side, axis=1)[:width, :height]
-            total += np.where(each.field.mask(grid), fine, np.float32(0.0))
+            total += np.where(zone_map.field.mask(grid), fine, np.float32(0.0))
         return total
 
     return acquisition
 
 
 def _cells_shown(farm: Farm, places_m: Points, footprint: int) -> NDArray[np.bool_]:
-    """Mark the cells that images taken at some places show."""
+    """Return a mask of the cells in images taken at `places_m`."""
     shown = np.zeros(farm.grid().shape, np.bool_)
     ix, iy = farm.cell_of(places_m[:, 0], places_m[:, 1])
     dx, dy = footprint_offsets(footprint)

@@ -1,4 +1,4 @@
-"""Readings of a table (CSV) joined to where the camera was when it took them."""
+"""Readings of a CSV table, joined to the camera positions of a flight log."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from wbf_mission.addons.treatment.logs import LogTrack
 Floats: TypeAlias = NDArray[np.float64]
 
 KEYS = (("latitude", "longitude"), ("name",), ("image",), ("time",))
-"""How a row tells where it belongs, the surest first."""
+"""Columns that locate a row, the most reliable first."""
 _MOST_BYTES = 2**28
 _MOST_ROWS = 5_000_000
 _FIRST_DAY_S = 1e9
@@ -36,16 +36,16 @@ _FIRST_DAY_S = 1e9
 
 @dataclass(slots=True)
 class Readings:
-    """The rows of a table.
+    """Rows of a table of readings.
 
     Parameters
     ----------
     key : tuple of str
         One of `KEYS`.
     keys : list
-        Of each row: (latitude, longitude), name, image or seconds (`logs.track.LEAST_UTC_S`).
+        Key of each row: (latitude, longitude), name, image or seconds (`logs.track.LEAST_UTC_S`).
     values : list of list of float
-        Of each row, by field; NaN where it was not sensed.
+        Values of each row, by field; NaN for a field that was not sensed.
     """
 
     key: tuple[str, ...]
@@ -54,24 +54,24 @@ class Readings:
 
 
 def is_cells(path: Path) -> bool:
-    """Tell whether a file holds observations by farm cell, as `fly` writes them."""
+    """Return whether a file holds observations by farm cell, as written by `fly`."""
     if path.suffix.lower() == ".parquet":
         return True
     return set(COLUMNS) <= set(_header(path)[0])
 
 
 def read_readings(path: Path, fields: FieldSet) -> Readings:
-    """Read a table: columns named as fields with values in their range, empty where not sensed, and a key.
+    """Read a table with a key column and a column for each sensed field.
 
-    Other columns are passed over, and so are keys less sure than the first one of `KEYS` that is there.
+    The key is the first entry of `KEYS` with existing columns. An empty cell means not sensed.
 
     Raises
     ------
     ObservationError
-        If it cannot be read, has no key or none of the fields, or a line holds anything else.
+        If the file cannot be read, has no key or none of the fields, or a value is invalid.
     """
     header, lines = _header(path)
-    key = next((one for one in KEYS if set(one) <= set(header)), None)
+    key = next((names for names in KEYS if set(names) <= set(header)), None)
     if key is None:
         wanted = "latitude and longitude, name, image, or time"
         raise ObservationError(
@@ -105,14 +105,14 @@ def read_readings(path: Path, fields: FieldSet) -> Readings:
 
 
 def _comma(header: list[str]) -> str:
-    """Return what is wrong with a table as spreadsheets of many countries write it."""
+    """Return advice if the header is separated by semicolons or tabs, as many spreadsheets write it."""
     if len(header) > 1 or not re.search("[;\t]", "".join(header)):
         return ""
     return "; separate the columns by commas, and write decimals with a point"
 
 
 def _header(path: Path) -> tuple[list[str], Any]:
-    """Return the names in the first line, and the reader of the others."""
+    """Return the column names of the first line and a CSV reader of the remaining lines."""
     try:
         lines = csv.reader(io.StringIO(read_text(path, _MOST_BYTES), newline=""), strict=True)
         return _named(next(lines, [])), lines
@@ -123,7 +123,7 @@ def _header(path: Path) -> tuple[list[str], Any]:
 
 
 def _named(header: list[str]) -> list[str]:
-    """Return names in lower case; positions have those of `KEYS`, however they are spelt.
+    """Return column names in lower case, with latitude and longitude renamed as in `KEYS`.
 
     >>> _named(["Lon", "Lat (deg)", "tylcv"]), _named(["lat", "latitude"])
     (['longitude', 'latitude', 'tylcv'], ['lat', 'latitude'])
@@ -138,7 +138,7 @@ def _named(header: list[str]) -> list[str]:
 
 
 def _value(where: str, field: Field, text: str) -> float:
-    """Return a reading as a part of its field's range."""
+    """Return a reading scaled to 0..1 of its field's range."""
     text = text.strip()
     if not text or text.lower() == "nan":
         return math.nan
@@ -174,16 +174,16 @@ def _name(texts: list[str]) -> str:
 
 
 def _time(texts: list[str]) -> float:
-    """Return seconds: of the log's own clock, or since 1970; a time without a zone is UTC."""
+    """Return seconds on the log's clock or since 1970; a time without a zone is UTC."""
     try:
         value = parse_number(texts[0])
     except ValueError:
         try:
-            told = datetime.fromisoformat(texts[0])
+            time = datetime.fromisoformat(texts[0])
         except ValueError:
             text = f"{texts[0][:40]!r} is no time; give seconds, or such as 2026-05-01T09:30:00Z"
             raise ValueError(text) from None
-        return (told if told.tzinfo else told.replace(tzinfo=UTC)).timestamp()
+        return (time if time.tzinfo else time.replace(tzinfo=UTC)).timestamp()
     if not math.isfinite(value):
         raise ValueError(f"{texts[0]} is not finite")
     return value
@@ -200,17 +200,17 @@ _KEY_READERS: dict[tuple[str, ...], Callable[[list[str]], object]] = {
 def join(
     readings: Readings, track: LogTrack | None, farm: Farm, fields: tuple[str, ...], footprint: int, day: int
 ) -> tuple[Observations, tuple[str, ...]]:
-    """Return what was read of the farm's cells, and what was left out, in words.
+    """Return the observations of the farm's cells, and notes about discarded readings.
 
-    A reading counts for all cells of the camera's footprint, a square of so many cells a side about the one
-    below the camera. Its order is that of time where the log tells it, else that of the table.
+    A reading counts for all cells of the camera's footprint, a square with a side of `footprint` cells.
+    Observations are in order of time if the log has the times, else in the order of the table.
 
     Raises
     ------
     ObservationError
-        If the key needs a log, or nothing is left.
+        If the key needs a log, or all readings were discarded.
     LogError
-        If the log does not know the clock of the times.
+        If the log cannot be related to the clock of the times.
     """
     latitude, longitude, time_s = _places(readings, track)
     found = np.isfinite(latitude)
@@ -245,7 +245,7 @@ def join(
 
 
 def _places(readings: Readings, track: LogTrack | None) -> tuple[Floats, Floats, Floats]:
-    """Return latitude, longitude (NaN where the log does not tell) and a time of each row."""
+    """Return latitude, longitude (NaN if missing in the log) and time of each row."""
     count = len(readings.keys)
     if readings.key == ("latitude", "longitude"):
         latitude, longitude = np.array(readings.keys, np.float64).reshape(-1, 2).T
@@ -259,18 +259,18 @@ def _places(readings: Readings, track: LogTrack | None) -> tuple[Floats, Floats,
     images, by_name = track.images, readings.key == ("name",)
     if by_name and not images.names:
         raise ObservationError(f"the {track.kind} knows no names of pictures; give image or time")
-    told = [name.lower() for name in images.names] if by_name else images.index.tolist()
-    number = {one: k for k, one in enumerate(told)}
-    rows = np.array([number.get(one, -1) for one in readings.keys])
+    keys = [name.lower() for name in images.names] if by_name else images.index.tolist()
+    number = {key: k for k, key in enumerate(keys)}
+    rows = np.array([number.get(key, -1) for key in readings.keys])
     places = np.column_stack((*track.of_images(), *_clocks(track)))
     found = np.full((count, 3), np.nan)
     found[rows >= 0] = places[rows[rows >= 0]]
     latitude, longitude, time_s = found.T
-    # A picture without a time stays where the table has it: in the order of the others.
+    # If a picture has no time, all rows keep the order of the table.
     return latitude, longitude, time_s if np.isfinite(time_s).all() else np.arange(count, dtype=np.float64)
 
 
 def _clocks(track: LogTrack) -> tuple[Floats]:
-    """Return the times of the images on the first clock that all of them have."""
+    """Return the images' times since boot if all images have one, else their UTC times."""
     images = track.images
     return (images.boot_s if np.isfinite(images.boot_s).all() else images.utc_s,)

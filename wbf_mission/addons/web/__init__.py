@@ -1,1 +1,1 @@
-"""The page that shows a run while it happens and afterwards, and its server on this machine."""
+"""Pages of live and finished runs, the studio, and the local web server."""

@@ -1,6 +1,6 @@
-"""A benchmark's report as one HTML file: a table to sort and filter, whose rows open to the scores by seed.
+"""Report of a benchmark as one HTML file: a table to sort and filter; each row opens to scores by seed.
 
-Without scripts the same tables are there, unsorted.
+Without scripts the page shows the same tables, unsorted.
 """
 
 from __future__ import annotations
@@ -25,15 +25,14 @@ _NAMES = 3
 _OF_TEXTS = 2
 _EXACT = 2**53
 _NUMBER = re.compile(r"[+-]?\d|-$")
-# A name breaks behind these signs only, and where it has none for long.
+# A long name may break only behind these characters, or after 24 others.
 _PIECE = re.compile(r"[^\s/:,=-]{1,24}[/:,=-]*|[/:,=-]+|\s+")
 
 
 def write_bench_page(path: Path, page: Page, folder: Path, rows: Sequence[BenchRow] = ()) -> None:
     """Write a page as one HTML file: a `wbf_mission.cli.pages.BenchPage`.
 
-    Pictures of `folder` are in it, but a PDF is linked. `rows` make one table of all standings, in place of
-    those of the sections.
+    Pictures of `folder` are embedded, PDFs linked. `rows`: one table of all standings replaces the sections'.
     """
     groups = list(scored(apart(rows)))
     found = [(group, standings_of(group)) for group in groups]
@@ -46,11 +45,11 @@ def write_bench_page(path: Path, page: Page, folder: Path, rows: Sequence[BenchR
 
 
 def _seeds(group: Scored, planner: str, estimator: str) -> list[tuple[int | str, float, float, str, str]]:
-    """Return seed, both scores, what failed and how the key begins, of a pair where it counts."""
+    """Return (seed, score, final score, failure, start of the key) for each run of a pair."""
     k = group.pairs.index((planner, estimator))
     scores, ends = group.scores[k].tolist(), group.final_scores[k].tolist()
     failed = [row.error or "" for row in group.rows[k]]
-    # A number of JavaScript does not hold all digits of a seed of 64 bits.
+    # A JavaScript number cannot represent every 64-bit seed.
     seeds = [seed if seed < _EXACT else str(seed) for seed in group.seeds]
     keys = [row.key[:KEY_DIGITS] for row in group.rows[k]]
     return list(zip(seeds, scores, ends, failed, keys, strict=True))
@@ -67,8 +66,8 @@ def _body(page: Page, folder: Path, whole: Table) -> Iterator[str]:
             yield _picture(picture, folder)
         if section.text:
             yield f"<p>{escape(section.text)}</p>"
-        for one in section.listings:
-            yield f'<h3>{escape(one.title)}</h3><pre tabindex="0">{escape(one.lines)}</pre>'
+        for listing in section.listings:
+            yield f'<h3>{escape(listing.title)}</h3><pre tabindex="0">{escape(listing.lines)}</pre>'
         for table in section.tables:
             if not (whole.rows and table.title == SCORES):
                 yield f"<h3>{escape(table.title)}</h3>"
@@ -84,11 +83,11 @@ def _picture(picture: Picture, folder: Path) -> str:
 
 
 def _table(table: Table, label: str, *, name: str = "") -> Iterator[str]:
-    """Write a table, which scrolls if it is wide; its first columns are names, of two both hold text."""
+    """Yield a scrollable table; the first columns are names, and both columns of a two-column table."""
     names = len(table.header) if len(table.header) == _OF_TEXTS else table.texts
 
     def cells(row: Sequence[str], tag: str) -> str:
-        # A planner may stand in a column of numbers, too.
+        # A column of numbers may contain the name of a planner.
         texts = [
             _numbers(one) if k >= names and _NUMBER.match(one) else _name(one) for k, one in enumerate(row)
         ]
@@ -104,10 +103,10 @@ def _table(table: Table, label: str, *, name: str = "") -> Iterator[str]:
 
 
 def _name(text: str) -> str:
-    """Return a name or words with the places where they may break."""
+    """Return a text with the places where a line may break."""
     return "<wbr>".join(map(escape, _PIECE.findall(text)))
 
 
 def _numbers(text: str) -> str:
-    """Return numbers; an interval stands in one line, unless it follows its mean."""
+    """Return numbers with intervals on one line; an interval in brackets may be on the next."""
     return escape(text).replace(" to ", " to&nbsp;" if "(" in text else "&nbsp;to&nbsp;")

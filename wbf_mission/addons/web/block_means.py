@@ -1,4 +1,4 @@
-"""Means over blocks of a farm's cells, compiled: a page shows millions of them in few pixels."""
+"""Compiled means over blocks of a farm's cells: millions of cells in few pixels."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ def block_means(
     y0: int,
     means: NDArray[np.float32],
 ) -> None:
-    """Take the mean of value, float32[W, H], over the finite ones of the owner's cells of wanted crops.
+    """Compute block means of `value`, float32[W, H], over finite cells that are owned and of a wanted crop.
 
-    Pixel (i, j) of `means`, float32[pixels along x, y], is that of the block of `cells` a side whose number
-    is (x0 + i, y0 + j); NaN where there is no such cell. `wanted` is by the numbers of `crop`.
+    Pixel (i, j) of `means`, float32[pixels along x, y], is the block (x0 + i, y0 + j) with `cells` cells
+    along a side; NaN without such a cell. `wanted` is indexed by the numbers in `crop`.
     """
     width, height = value.shape
     sums, counts = np.zeros(means.shape[1], np.float64), np.zeros(means.shape[1], np.int64)

@@ -1,4 +1,4 @@
-"""HTTP connections on which a request never gets whole are let go: they would keep others out."""
+"""HTTP connections with deadlines: incomplete requests would block other clients."""
 
 from __future__ import annotations
 
@@ -9,17 +9,17 @@ import h11
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
 HEAD_S = 10.0
-"""How long a connection may wait for the headers of a request to be whole."""
+"""Time until the headers of a request must be complete (s)."""
 BODY_S = 60.0
-"""How long the body may take after them."""
+"""Time from the headers until the body must be complete (s)."""
 MAX_WAITING = 50
-"""How many connections may wait for headers: of more the one that waits longest is let go at once."""
+"""Maximum number of connections that wait for headers; above it, the oldest is closed at once."""
 
 
 class HurriedProtocol(H11Protocol):
-    """uvicorn's HTTP with deadlines: by itself it waits for the rest of a request for good.
+    """uvicorn's HTTP protocol with deadlines, as uvicorn waits for the rest of a request without limit.
 
-    A connection on which nothing follows an answer it lets go itself.
+    Idle connections after an answer are closed by uvicorn itself.
     """
 
     missing: type | None = None  # h11's state of a client that has to send more
@@ -27,17 +27,17 @@ class HurriedProtocol(H11Protocol):
     _deadline: asyncio.TimerHandle | None = None
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
-        """Wait for the first request."""
+        """Start the deadline of the first request."""
         super().connection_made(transport)
         self._hurry()
 
     def connection_lost(self, exc: Exception | None) -> None:
-        """Wait no more."""
+        """Stop the deadline."""
         super().connection_lost(exc)
         self._hurry()
 
     def handle_events(self) -> None:
-        """Take what came, and wait for what is missing."""
+        """Handle received data and restart the deadline."""
         super().handle_events()
         self._hurry()
 
@@ -54,11 +54,11 @@ class HurriedProtocol(H11Protocol):
             return
         limit_s = HEAD_S if missing is h11.IDLE else BODY_S
         self._deadline = self.loop.call_later(limit_s, self.transport.abort)
-        waiting = [one for one in self.connections if isinstance(one, HurriedProtocol) and one.waits]
+        waiting = [peer for peer in self.connections if isinstance(peer, HurriedProtocol) and peer.waits]
         if len(waiting) > MAX_WAITING:
             min(waiting, key=lambda one: one.since_s).transport.abort()
 
     @property
     def waits(self) -> bool:
-        """Whether it waits for the headers of a request."""
+        """Whether the connection waits for the headers of a request."""
         return self.missing is h11.IDLE and not self.transport.is_closing()

@@ -1,4 +1,4 @@
-"""Pages in one file each: with the look and the scripts of all pages, which are built into ``static``."""
+"""Self-contained HTML pages, with the style and scripts built into ``static``."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from wbf_mission.maps.html_page import html_document
 
 
 def document(title: str, body: str, script: str, data: str = "") -> str:
-    """Return a page that a script of ``static`` serves; parameters else as of `html_document`."""
+    """Return a page with a script of ``static``; other parameters as of `html_document`."""
     static = resources.files("wbf_mission.addons.web") / "static"
     style, code = ((static / name).read_text(encoding="utf-8") for name in ("page.css", f"{script}.js"))
     return html_document(title, body, style=style, script=code, data=data)

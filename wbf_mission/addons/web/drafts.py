@@ -1,4 +1,4 @@
-"""What somebody draws and chooses in the studio, made a scenario, planned and checked; the newest counts."""
+"""Turns a studio draft into a scenario and a checked plan; a newer draft cancels the older."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ from sensors.camera.optics import camera_names
 from sensors.field_files import field_names
 from wbf_mission.addons.web.newest import NewestOnly
 from wbf_mission.planning import PlanResult
-from wbf_mission.planning.batteries import batteries_in, plan_for_batteries
 from wbf_mission.planning.builder import coverage_together
 from wbf_mission.planning.fleet import SingleVehicle, single_vehicles
-from wbf_mission.planning.plan import plan_fleet
 from wbf_mission.planning.sorties import SortiePlan, is_too_long, sorties_of
 from wbf_mission.preflight.finding import Finding, Report
 from wbf_mission.preflight.run import check_plan
 from wbf_mission.progress import Progress
+from wbf_mission.run.batteries import batteries_in, plan_for_batteries
+from wbf_mission.run.plan import plan_fleet
 from wbf_mission.scenario import Scenario, scenario_with
 from wbf_mission.scenario.choice import names_of
 from wbf_mission.scenario.option import Option
@@ -41,34 +41,34 @@ from wbf_mission.scenario.scenario import all_options
 
 MAX_BODY_BYTES = MAX_FILE_BYTES
 _KEPT = 8
-"""So many plans and farms are kept: what was just undone is there again at once."""
+"""Number of cached plans and farms, so that an undone draft is available at once."""
 _DRAWN = "farm.geojson"
-"""The file of a farm that is drawn, of which nobody knows."""
+"""Internal file name of a drawn farm."""
 _LONGEST_NAME = 60
 _FIXED = ("farm", "farm_crs", "crop", "repair", "mission", "terrain", "days", "flights_per_day")
-"""Options that are no part of a draft: its farm is drawn, and files are not named from a page."""
+"""Options excluded from drafts: the farm is drawn, and a page must not name files."""
 
 
 class DraftError(WbfMissionError, ValueError):
-    """A draft that cannot be read, or asks for what a page must not."""
+    """A draft that cannot be read, or requests a forbidden option."""
 
 
 class _Body(msgspec.Struct, forbid_unknown_fields=True):
-    """A draft as the page sends it: a farm's name or its GeoJSON, and options of a scenario by their keys."""
+    """A draft as sent by the page: a farm's name or its GeoJSON, and scenario options by key."""
 
     farm: msgspec.Raw
     options: dict[str, Any] = {}
 
 
 class _Named(msgspec.Struct):
-    """What messages call a farm that is drawn."""
+    """Name of a drawn farm in messages."""
 
     name: str = ""
 
 
 @dataclass(frozen=True, slots=True)
 class Draft:
-    """A farm and a scenario."""
+    """A farm and a scenario, as drawn and chosen in the studio."""
 
     key: str
     scenario: Scenario = field(compare=False)
@@ -77,20 +77,20 @@ class Draft:
 
 @dataclass(frozen=True, slots=True)
 class PlannedMission:
-    """What one vehicle flies in one sortie, checked."""
+    """Checked plan of one vehicle in one sortie."""
 
-    name: str  # Which of several it is; empty where it is the only one
+    name: str  # Distinguishes several missions; empty for a single one
     system_id: int
     plan: PlanResult
     report: Report
 
     def place_of(self, finding: Finding) -> tuple[float, float] | None:
-        """Return where on the farm a finding is, metres of its frame; None for one of the plan as a whole."""
+        """Return the place of a finding on the farm (m); None for a finding of the whole plan."""
         if finding.item is None:
             return None
         farm, mission = self.plan.farm, self.plan.mission
         items = {"fence": mission.fence, "rally": mission.rally}.get(finding.plan, mission.items)
-        before = [one for one in items[: finding.item] if one.has_position and (one.x or one.y)]
+        before = [item for item in items[: finding.item] if item.has_position and (item.x or item.y)]
         if not before:
             return farm.home_m
         x, y = farm.frame.from_wgs84(before[-1].x, before[-1].y)
@@ -102,34 +102,34 @@ class PlannedDraft:
     """A draft with its missions: one for each vehicle, or for each of its sorties."""
 
     draft: Draft
-    results: tuple[PlanResult, ...]  # Of each vehicle
-    cuts: tuple[SortiePlan | None, ...]  # Its sorties, where a battery is not enough
+    results: tuple[PlanResult, ...]  # Plans, one per vehicle
+    cuts: tuple[SortiePlan | None, ...]  # Sorties of each vehicle, if one battery is not enough
     vehicles: tuple[SingleVehicle, ...]
     missions: tuple[PlannedMission, ...]
-    coverage: float  # What all of them show together of the land to be seen
-    plan_s: float  # What planning took
-    check_s: float  # What the preflight check took
+    coverage: float  # Fraction of the target land seen by all missions together
+    plan_s: float  # Computing time of the plans
+    check_s: float  # Computing time of the preflight check
 
     def mission(self, number: int) -> PlannedMission:
-        """Return a mission, counted from 0; DraftError if there is none."""
+        """Return a mission by its number from 0; DraftError if there is none."""
         if not 0 <= number < len(self.missions):
             raise DraftError(f"mission {number}: there are {len(self.missions)}, counted from 0")
         return self.missions[number]
 
     @property
     def decider(self) -> str:
-        """What planned it, a planner or a policy, with its parameters."""
+        """Planner or policy of the draft, with its parameters."""
         mission = self.draft.scenario.mission
         return str(mission.policy or mission.planner)
 
     @property
     def surveys(self) -> bool:
-        """Whether it is planned for a camera by sensor and lens, which flights do not simulate."""
+        """Whether the plan uses a camera given by sensor and lens, which the simulator does not have."""
         return self.draft.scenario.camera.model is not None
 
     @property
     def not_flown(self) -> str:
-        """Why the simulator cannot fly it; empty if it can."""
+        """Reason why the simulator cannot fly the draft; empty if it can."""
         mission = self.draft.scenario.mission
         if self.surveys and mission.policy is not None:
             return (
@@ -140,9 +140,9 @@ class PlannedDraft:
         return ""
 
     def flown(self, folder: Path) -> Scenario:
-        """Return the scenario that flies what was planned; DraftError if there is none.
+        """Return the scenario that flies the plan; DraftError if the simulator cannot fly it.
 
-        A number of batteries and a survey camera are only planned for: the mission with its images is flown.
+        A number of batteries and a survey camera affect only the planned mission, not how it is flown.
         """
         scenario = self.draft.scenario
         if self.not_flown:
@@ -156,7 +156,7 @@ class PlannedDraft:
         return scenario_with(replace(without_budget(scenario), camera=leaf), {"mission": str(path)})
 
     def file(self, number: int, suffix: str, folder: Path) -> tuple[str, bytes]:
-        """Return name and content of a mission's file; WbfMissionError if no such file can hold it."""
+        """Return name and content of a mission's file; WbfMissionError if the format cannot hold it."""
         mission = self.mission(number)
         plan, planner = mission.plan, str(mission.plan.planner).partition(":")[0]
         words = re.findall(r"\w+", f"{plan.farm.name} {planner} {mission.name}")
@@ -170,9 +170,9 @@ class PlannedDraft:
 
 
 class Drafts:
-    """Farms and plans of a studio, kept by what is in them; its files are in a folder of its own.
+    """Farms and plans of a studio, cached by content, and a folder for its files.
 
-    Unlike a draft, the scenario `start` may name files.
+    `start` is the only scenario that may name files; drafts may not.
     """
 
     def __init__(self, start: Scenario) -> None:
@@ -184,14 +184,14 @@ class Drafts:
         self._planning = NewestOnly[PlannedDraft]()
 
     def close(self) -> None:
-        """Give up what is planned, and remove the files."""
+        """Cancel the planning and delete the files."""
         self.stop()
         self._own.cleanup()
 
     def farm_of_file(self, content: bytes, name: str, **how: Any) -> tuple[Farm, bytes]:
-        """Return the farm of a file's content, and its GeoJSON; FarmError, naming the feature, if bad.
+        """Return the farm in a file's content, and its GeoJSON; FarmError with the faulty feature.
 
-        Without a name it is one that is drawn. `how` it is loaded is as of `geo.load_farm`.
+        An empty `name` means a drawn farm. `how` are options of `geo.load_farm`.
         """
         drawn, name = not name, name or _DRAWN
         suffix = Path(name).suffix.lower()
@@ -205,24 +205,24 @@ class Drafts:
         return farm, self.document(farm)
 
     def document(self, farm: Farm) -> bytes:
-        """Return a farm's GeoJSON, as ``wbf-mission farm save`` writes it."""
+        """Return a farm's GeoJSON as written by ``wbf-mission farm save``."""
         with tempfile.TemporaryDirectory(dir=self.folder) as own:
             path = Path(own) / "farm.geojson"
             save_farm(farm, path)
             return path.read_bytes()
 
     def farm_named(self, name: str) -> Farm:
-        """Return a built-in farm, or that of the beginning; WbfMissionError if it is none of these."""
+        """Return a built-in farm or the farm of `start`; WbfMissionError for any other name."""
         return self.draft(msgspec.json.encode({"farm": name})).farm
 
     def draft(self, body: bytes) -> Draft:
-        """Read a draft; WbfMissionError, in a line, if something in it cannot be used."""
+        """Read a draft; WbfMissionError in one line if a part of it is invalid."""
         try:
             given = msgspec.json.decode(body, type=_Body)
             farm: Any = msgspec.json.decode(given.farm)
         except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
             raise DraftError(f"the draft cannot be read: {error}") from None
-        options = {key: self._option(key, one) for key, one in given.options.items() if one not in (None, "")}
+        options = {key: self._option(key, to) for key, to in given.options.items() if to not in (None, "")}
         if isinstance(farm, str):
             first = self.start.farm
             if farm != first.name:
@@ -243,11 +243,11 @@ class Drafts:
         return Draft(key, scenario, self._farm(of.name, of.crop, of.crs, of.repair))
 
     def plan(self, draft: Draft) -> PlannedDraft:
-        """Plan and check a draft, unless that is kept; SupersededError, and errors as of `planned`."""
+        """Plan and check a draft unless cached; SupersededError, or an error of `planned`."""
         return self._planned(draft)
 
     def stop(self) -> None:
-        """Give up what is planned now."""
+        """Cancel the current planning."""
         self._planning.stop()
 
     def _plan(self, draft: Draft) -> PlannedDraft:
@@ -275,12 +275,12 @@ class Drafts:
         one = found[2]
         if one.kind or key in NAMED:
             if given == str(self.start[key]):
-                return self.start[key]  # Which may be an object, of a file of the user's
+                return self.start[key]  # May be an object from a file of the user
             self._check_name(key, given)
         return one.read(given) if one.read is not None and isinstance(given, str) else given
 
     def _check_name(self, key: str, given: Any) -> None:
-        """Refuse what is no name: files hold code, and a page must not name one."""
+        """Raise DraftError unless `given` is a known name, as a page must not name a file of code."""
         if not isinstance(given, str):
             raise DraftError(f"{key}: {given!r:.60} is no text")
         known = known_names(key)
@@ -295,27 +295,27 @@ NAMED: Mapping[str, Callable[[], tuple[str, ...]]] = {
     "camera_fields": field_names,
     "camera_model": camera_names,
 }
-"""Options that name something else than what `Option.kind` tells of."""
+"""Known names of options without an `Option.kind`."""
 
 
 def known_names(key: str) -> tuple[str, ...]:
-    """Return the names that an option may have, in lower case."""
+    """Return the known names of an option, in lower case."""
     names = NAMED[key]() if key in NAMED else names_of(all_options()[key][2].kind)
     return tuple(name.lower() for name in names)
 
 
 def draft_options() -> dict[str, Option]:
-    """Return the options of a draft by their keys, in the order of their parts."""
+    """Return the options of a draft by key, in the order of the scenario's parts."""
     return {key: one for key, (_, _, one) in all_options().items() if key not in _FIXED}
 
 
 def drawn_farm(body: bytes) -> bytes:
-    """Return the farm of a draft that was read, as the page sent it."""
+    """Return the farm of a draft as sent by the page."""
     return bytes(msgspec.json.decode(body, type=_Body).farm)
 
 
 def planned(draft: Draft, progress: Progress) -> PlannedDraft:
-    """Plan a draft, in sorties where a battery is not enough, and check it; errors as of `plan_fleet`."""
+    """Plan a draft, split into sorties if one battery is not enough, and check it; errors of `plan_fleet`."""
     begun_s = time.perf_counter()
     scenario, vehicles = draft.scenario, single_vehicles(draft.scenario)
 
@@ -326,7 +326,7 @@ def planned(draft: Draft, progress: Progress) -> PlannedDraft:
     batteries = batteries_in(scenario.mission.budget)
     if batteries is None:
         results = plan_fleet(scenario, farm=draft.farm, progress=progress)
-        cuts = tuple(cut(plan, one) for plan, one in zip(results, vehicles, strict=True))
+        cuts = tuple(cut(plan, vehicle) for plan, vehicle in zip(results, vehicles, strict=True))
     else:
         whole, sorties = plan_for_batteries(without_budget(scenario), batteries, cut)
         results, cuts = (whole,), (sorties,)
@@ -345,7 +345,7 @@ def planned(draft: Draft, progress: Progress) -> PlannedDraft:
 
 
 def _called(document: bytes) -> str:
-    """Return what messages call a farm that is drawn."""
+    """Return the name of a drawn farm for messages."""
     try:
         name = one_line(msgspec.json.decode(document, type=_Named).name, _LONGEST_NAME)
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
@@ -354,10 +354,10 @@ def _called(document: bytes) -> str:
 
 
 def written_suffixes() -> dict[str, str]:
-    """Return the names of the formats in which missions are written by the usual endings of their files."""
-    return {one.suffixes[0]: one.name for one in mission_formats() if one.dumps}
+    """Return the names of the writable mission formats by their usual file suffix."""
+    return {known.suffixes[0]: known.name for known in mission_formats() if known.dumps}
 
 
 def without_budget(scenario: Scenario) -> Scenario:
-    """Return a scenario whose budget is that of the battery."""
+    """Return a scenario with the budget of the battery."""
     return replace(scenario, mission=replace(scenario.mission, budget=None))

@@ -1,8 +1,8 @@
-"""Who may ask the page's server: requests of other web sites are refused, and what is served is fenced in.
+"""Guard of the web server: refuses requests from other web sites, and sets security headers.
 
-A page elsewhere can make a browser ask this server, too. So the name by which it is asked must be this
-machine's, not a domain of somebody else's that leads here; what changes or streams something must be asked by
-a page of this server; and where it listens beyond this machine, a browser must have been given the token.
+Any web page can make a browser send requests to this server. So the host name of a request must be this
+machine's, not a foreign domain that resolves here. Requests that change or stream data must come from a page
+of this server. If the server listens beyond this machine, a browser must have the token.
 """
 
 from __future__ import annotations
@@ -31,19 +31,19 @@ _READS = ("GET", "HEAD")
 
 
 class Guard:
-    """Lets requests through to an application: by one of this machine's names, and with the token if any."""
+    """Middleware that accepts only this machine's names, and requires the token if one is set."""
 
     def __init__(self, app: ASGIApp, names: tuple[str, ...] = (), token: str | None = None) -> None:
         self._app, self._token = app, token
         self._names = frozenset(name.lower() for name in ("localhost", *names))
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Ask the application, or answer why not."""
+        """Pass the request to the application, or send the refusal."""
         refused = self._refused(scope)
         if refused is None:
             await self._app(scope, receive, _with_headers(send))
         elif scope["type"] == "websocket":
-            await send({"type": "websocket.close", "code": 1008})  # Before it is accepted: the answer is 403
+            await send({"type": "websocket.close", "code": 1008})  # Before acceptance: sends a 403
         else:
             await refused(scope, receive, _with_headers(send))
 
@@ -60,10 +60,10 @@ class Guard:
         return self._without_token(scope, headers, asked)
 
     def _is_here(self, asked: str) -> bool:
-        """Return whether a name and port are this machine's; an address is, as no domain leads here by it."""
+        """Return whether a host and port are this machine's; an address is, as no domain is involved."""
         try:
             split = urlsplit(f"//{asked}")
-            name, _ = split.hostname or "", split.port  # A port that is none is refused, too
+            name, _ = split.hostname or "", split.port  # Reading an invalid port raises ValueError
         except ValueError:
             return False
         try:
@@ -73,10 +73,10 @@ class Guard:
         return True
 
     def _without_token(self, scope: Scope, headers: Headers, asked: str) -> Response | None:
-        """Return why a request without the token is refused; one with it in the address is led on."""
+        """Return the refusal of a request without the token; a token in the address is moved to a cookie."""
         if self._token is None:
             return None
-        # Cookies do not tell ports apart: that of another server on this machine is another one.
+        # Cookies are shared by all ports of a host, so each server needs its own name.
         cookie = f"{_COOKIE}-{urlsplit(f'//{asked}').port or 80}"
         if self._is_token(_cookie(headers, cookie)):
             return None
@@ -115,7 +115,7 @@ def _cookie(headers: Headers, name: str) -> str:
 
 
 def is_loopback(host: str) -> bool:
-    """Return whether who listens there is heard on this machine only.
+    """Return whether a host is reachable from this machine only.
 
     >>> is_loopback("127.0.0.1"), is_loopback("::1"), is_loopback("0.0.0.0"), is_loopback("localhost")
     (True, True, False, True)
@@ -127,5 +127,5 @@ def is_loopback(host: str) -> bool:
 
 
 def own_names(host: str) -> tuple[str, ...]:
-    """Return the names by which this machine may be asked where it listens at a host."""
+    """Return this machine's names for a server that listens on `host`."""
     return () if is_loopback(host) else (host, name := socket.gethostname(), f"{name}.local")

@@ -1,4 +1,4 @@
-"""Layers of a page's map: fields of a whole farm as tiles of bytes, of which those that changed are known."""
+"""Map layers of a page: fields of a whole farm as byte tiles with versions."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ Window = tuple[int, int, int, int]
 Pixels = Callable[[Window], Floats]
 
 TILE = 128
-"""Pixels on a side of a tile."""
+"""Side of a tile (pixels)."""
 LONGEST = 1024
-"""Pixels along the longer side of a farm, at most; smaller farms are shown cell by cell."""
+"""Maximum number of pixels along the longer side of a farm; smaller farms get one pixel per cell."""
 NOTHING, FULL = 255, 254
 
 
 class _Layer:
-    """One layer: means float32[pixels along x, y], NaN where there is nothing, and what is shown of them."""
+    """One layer: means float32[pixels along x, y], NaN without a value, and the displayed bytes."""
 
     def __init__(self, shape: tuple[int, int], scale: float | None) -> None:
         self.means = np.full(shape, np.nan, np.float32)
@@ -44,7 +44,7 @@ class _Layer:
 
 @dataclass(frozen=True, slots=True)
 class Drawing:
-    """What `Layers.put` made of a layer's new values: bytes by windows of pixels x0, x1, y0, y1."""
+    """New bytes of a layer, made by `Layers.put`, by pixel window x0, x1, y0, y1."""
 
     name: str
     layer: _Layer
@@ -54,7 +54,7 @@ class Drawing:
 
 @dataclass(frozen=True, slots=True)
 class Shown:
-    """A tile of a version: packed already, or as it is."""
+    """A tile in one version, packed or raw."""
 
     layer: _Layer
     version: int
@@ -62,7 +62,7 @@ class Shown:
     pixels: bytes
 
     def packed(self) -> Tile:
-        """Return it packed, which the next one who wants it gets, too."""
+        """Return the packed tile, and cache it for other viewers."""
         if not self.tile.data:
             self.tile.data = base64.b64encode(zlib.compress(self.pixels)).decode("ascii")
             self.layer.packed[self.tile.x, self.tile.y] = self.version, self.tile.data
@@ -70,11 +70,10 @@ class Shown:
 
 
 class Layers:
-    """The layers over one farm.
+    """Layers over one farm.
 
-    `put` takes its time and is called by one thread at a time; `draw`, `show` and `scales` are quick and
-    called under the lock of who shares the layers. Arrays are of the farm's cells; along its longer side
-    there are at most `longest` pixels.
+    `put` is slow and is called by one thread at a time. `draw`, `show` and `scales` are fast and need the
+    lock of the shared layers. Arrays have the farm's cells. A side has at most `longest` pixels.
     """
 
     def __init__(self, farm: Farm, longest: int = LONGEST) -> None:
@@ -84,16 +83,16 @@ class Layers:
         self.raster = Raster(*self.shape, cells * farm.cell_size_m, cells, TILE)
         self._layers: dict[str, _Layer] = {}
         if cells > 1:
-            # Loading compiled code takes longer than drawing: it is no part of that.
+            # Load the compiled code now, so that the first drawing is not delayed.
             self.of_cells(np.zeros(grid.shape, np.float32), ())((0, 1, 0, 1))
 
     @property
     def scales(self) -> dict[str, float]:
-        """What the byte 254 stands for, by layer."""
+        """Value of byte 254, by layer."""
         return {name: layer.scale or 1.0 for name, layer in self._layers.items()}
 
     def of_cells(self, value: Floats, crops: Iterable[str]) -> Pixels:
-        """Return the means of float32[W, H] over the owner's cells of some crops, `ALL_CROPS` or named."""
+        """Return the means of float32[W, H] over owned cells of some crops: names, or `ALL_CROPS`."""
         if value.shape != self._grid.shape:  # Compiled code would read beyond the end
             raise ValueError(f"an array of {value.shape} for a farm of {self._grid.shape} cells")
         named = set(crops)
@@ -102,7 +101,7 @@ class Layers:
         return partial(self._means, value, np.array(wanted))
 
     def of_blocks(self, value: Floats, block_m: float) -> Pixels:
-        """Return float32[w, h] of square blocks from the frame's origin, where they are above zero."""
+        """Return the values above zero of float32[w, h], square blocks from the frame's origin."""
         pixel_m = self.raster.pixel_m
 
         def pixels(window: Window) -> Floats:
@@ -120,9 +119,9 @@ class Layers:
     ) -> Drawing:
         """Return a drawing of a layer's new values.
 
-        `pixels` gives those of a window, NaN where there is nothing. Outside of the tiles `changed`,
-        bool[tiles along x, y] (`sensors.scoring.information`), all is as before. 254 stands for `scale`, by
-        default for a round number above all means.
+        `pixels` returns the values of a window, NaN without a value. Tiles outside `changed`, bool[tiles
+        along x, y] (`sensors.scoring.information`), keep their values. Byte 254 is `scale`, by default a
+        round number above all means.
         """
         layer = self._layers.get(name) or _Layer(self.shape, scale)
         windows = list(self._windows(changed if name in self._layers else None))
@@ -134,12 +133,12 @@ class Layers:
             if peak > scale:
                 scale, windows = _round_up(float(peak)), list(self._windows(None))
         drawn = [
-            (one, _bytes(layer.means[one[0] : one[1], one[2] : one[3]], scale or 1.0)) for one in windows
+            (box, _bytes(layer.means[box[0] : box[1], box[2] : box[3]], scale or 1.0)) for box in windows
         ]
         return Drawing(name, layer, scale, drawn)
 
     def draw(self, drawing: Drawing, version: int) -> None:
-        """Show a drawing; the tiles that it changes have this version from now on."""
+        """Display a drawing; changed tiles get this version."""
         layer = drawing.layer
         self._layers[drawing.name], layer.scale = layer, drawing.scale
         for (x0, x1, y0, y1), pixels in drawing.windows:
@@ -148,7 +147,7 @@ class Layers:
                 layer.versions[x0 // TILE, y0 // TILE] = version
 
     def show(self, version: int) -> list[Shown]:
-        """Return the tiles that are newer than a version."""
+        """Return the tiles newer than a version."""
         shown = []
         for name, layer in self._layers.items():
             for x, y in np.argwhere(layer.versions > version).tolist():
@@ -159,7 +158,7 @@ class Layers:
         return shown
 
     def _windows(self, changed: Bools | None) -> Iterator[Window]:
-        """Yield the windows of the tiles that hold changed cells."""
+        """Yield the windows of tiles with changed cells."""
         side = TILE * self.cells // TILE_CELLS  # TILE is a multiple of TILE_CELLS
         for i, x in enumerate(range(0, self.shape[0], TILE)):
             for j, y in enumerate(range(0, self.shape[1], TILE)):
@@ -168,7 +167,7 @@ class Layers:
                     yield x, min(x + TILE, self.shape[0]), y, min(y + TILE, self.shape[1])
 
     def _means(self, value: Floats, crops: Bools, window: Window) -> Floats:
-        """Return the means of a window's pixels over the owner's cells of some crops, by their numbers."""
+        """Return the means of a window's pixels over owned cells of crops with `crops[number]` true."""
         x0, x1, y0, y1 = window
         crop, owned = self._grid.crop, self._grid.owned
         if self.cells == 1:
@@ -179,25 +178,25 @@ class Layers:
 
         means = np.empty((x1 - x0, y1 - y0), np.float32)
         value = np.ascontiguousarray(value).view()
-        value.flags.writeable = False  # So that it is compiled once
+        value.flags.writeable = False  # Avoids a second compilation
         block_means(value, crop, owned, crops, self.cells, x0, y0, means)
         return means
 
 
 def warm_up(begin: Callable[[str], None]) -> None:
-    """Draw a layer of a farm which is larger than the page, for ``wbf-mission warm-up``."""
+    """Draw a layer of a farm larger than the page, for ``wbf-mission warm-up``."""
     begin("the live page of large farms")
     Layers(get_farm("miniberry-100"), longest=50)
 
 
 def _bytes(means: Floats, scale: float) -> NDArray[np.uint8]:
-    """Return means as parts of a scale, 0 to `FULL`."""
+    """Return means as fractions of a scale, 0 to `FULL`."""
     pixels, some = np.full(means.shape, NOTHING, np.uint8), np.isfinite(means)
     pixels[some] = np.clip(np.rint(means[some] * (FULL / scale)), 0, FULL)
     return pixels
 
 
 def _round_up(value: float) -> float:
-    """Return the next of 1, 2 and 5 times a power of ten."""
+    """Return the next number of 1, 2 or 5 times a power of ten."""
     unit = 10.0 ** math.floor(math.log10(value))
     return next((unit * step for step in (1.0, 2.0, 5.0) if unit * step >= value), unit * 10.0)

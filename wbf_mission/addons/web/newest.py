@@ -1,4 +1,4 @@
-"""Runs one job at a time; a newer one takes its place."""
+"""Runs one job at a time; a newer job replaces the older."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from geo.errors import WbfMissionError
 from wbf_mission.progress import Progress
 
 ANOTHER_PAGE, GIVEN_UP = "another page", "given up"
-"""Why the planning of a draft ended."""
+"""Reasons why the planning of a draft ended early."""
 PATIENCE_S = 3.0
-"""The next plan waits at most this long for one that is not wanted any more."""
+"""Maximum wait of a new job for the end of a cancelled one (s)."""
 T = TypeVar("T")
 
 
 class SupersededError(WbfMissionError, RuntimeError):
-    """The job is not wanted any more: a newer draft came, or the user gave it up."""
+    """The job was cancelled: by a newer draft, or by the user."""
 
     def __init__(self, why: str = ANOTHER_PAGE) -> None:
         super().__init__(f"superseded: {why}")
@@ -27,10 +27,10 @@ class SupersededError(WbfMissionError, RuntimeError):
 
 
 class NewestOnly(Generic[T]):
-    """One job at a time in a thread of its own; a newer one takes its place.
+    """One job at a time in its own thread; a newer job replaces the older.
 
-    The caller of the older job gets an error at once; its thread ends at its next report of progress, for
-    which the newer job waits `PATIENCE_S` seconds at most.
+    The caller of the older job gets an error at once. The older thread ends at its next progress report, and
+    the newer job waits for that at most `PATIENCE_S` seconds.
 
     >>> NewestOnly[int]().do("a sum", lambda progress: 3 + 4)
     7
@@ -41,9 +41,9 @@ class NewestOnly(Generic[T]):
         self._job: _Job[T] | None = None
 
     def do(self, what: str, work: Callable[[Progress], T]) -> T:
-        """Return what the work finds, or raise its error; who asks for the same shares it.
+        """Return the result of `work`, or raise its error; callers with equal `what` share a job.
 
-        SupersededError as soon as something else is asked for, or nothing any more (`stop`).
+        SupersededError when another job is requested, or `stop` is called.
         """
         with self._lock:
             job = self._job
@@ -52,7 +52,7 @@ class NewestOnly(Generic[T]):
         return job.result()
 
     def stop(self) -> None:
-        """End what is under way."""
+        """Cancel the current job."""
         with self._lock:
             if self._job is not None:
                 self._job.stop(GIVEN_UP)
@@ -71,24 +71,24 @@ class _Job(Generic[T]):
         return self._future.result()
 
     def stop(self, why: str = ANOTHER_PAGE) -> None:
-        """End the waiting for it."""
+        """Cancel the job for all who wait for its result."""
         with contextlib.suppress(InvalidStateError):
             self._future.set_exception(SupersededError(why))
 
     def _go_on(self, _what: str, _done: float, _total: float) -> None:
-        """End the work at a report of its progress, if nobody waits for it any more."""
+        """End the work of a cancelled job at a progress report."""
         if self._future.done():
             raise SupersededError
 
     def _run(self) -> None:
         if self._before is not None:
-            # Two plans at once would each take longer; one that does not end is left to itself.
+            # Two plans at once would slow each other down; a job that does not end is abandoned.
             self._before._idle.wait(PATIENCE_S)
             self._before = None
-        with contextlib.suppress(InvalidStateError):  # Nobody waits any more
+        with contextlib.suppress(InvalidStateError):  # The result was cancelled meanwhile
             if not self._future.done():
                 try:
                     self._future.set_result(self._work(self._go_on))
-                except BaseException as error:  # It is raised where the result is waited for
+                except BaseException as error:  # Raised in `result`
                     self._future.set_exception(error)
         self._idle.set()

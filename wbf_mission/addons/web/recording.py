@@ -1,4 +1,4 @@
-"""What is kept of a run for a page of its own: the layers at some moments, and what may be left out of it."""
+"""Recording of a run for its page: layers at some moments, and thinning of large recordings."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ from wbf_mission.events import DayBegun, Decided, Estimated, Event, EventStream,
 from wbf_mission.maps.blocks import SICK_BELOW
 
 MOMENTS = 40
-"""At about so many of the scored times the layers are kept."""
+"""Approximate number of scored times at which layers are kept."""
 PIXELS = (LONGEST, LONGEST // 2, LONGEST // 4)
-"""Along the longer side of the farm: layers are kept in each of these sizes."""
+"""Sizes in which layers are kept: pixels along the longer side of the farm."""
 _SMALL_CELLS = 40_000
-"""On a farm of so many cells every estimate is drawn: each decision has the one that it was made by."""
+"""Up to this number of cells, every estimate is drawn, so that each decision shows its own."""
 _ACQUISITION = "acquisition"
 _TOLERANCES = {
     "x": 0.02,
@@ -33,26 +33,26 @@ _TOLERANCES = {
     "battery": 0.002,
     "heading_deg": 2.0,
 }
-"""By how much what lies between two states may differ from the line between them, in their units."""
+"""Maximum deviation of dropped states from the line between kept ones, in their units."""
 _FIXED = ("day", "flight", "item", "items", "mode", "phase", "armed")
 
 
 class Recorder:
-    """Draws the layers of a run in pixels of several sizes, and keeps them at moments."""
+    """Draws the layers of a run in several pixel sizes, and keeps them at moments."""
 
     def __init__(self) -> None:
         self.views = {longest: View(share=1.0, longest=longest) for longest in PIXELS}
         self._cursors: dict[int, Cursor | None] = dict.fromkeys(self.views)
         self.moments: dict[int, list[schema.Moment]] = {longest: [] for longest in self.views}
-        self.decisions: list[bool] = []  # Whether a moment is one of a decision
+        self.decisions: list[bool] = []  # Whether each moment is one of a decision
 
     def take(self, event: Event) -> None:
-        """Draw what an event tells."""
+        """Draw the layers of an event."""
         for view in self.views.values():
             view.take(event)
 
     def keep(self, time_s: float, day: int, observations: int, *, decision: bool = False) -> None:
-        """Keep what changed since the moment before."""
+        """Keep the tiles changed since the previous moment."""
         new = {}
         for longest, view in self.views.items():
             new[longest], self._cursors[longest] = view.update(self._cursors[longest])
@@ -60,17 +60,16 @@ class Recorder:
             return
         self.decisions.append(decision)
         for longest, moments in self.moments.items():
-            # Two threads tell of the run: the one of the estimate may be behind.
+            # Events come from two threads, and the estimate's may be late.
             at_s = max(time_s, moments[-1].time_s) if moments else time_s
             update = new[longest]
             moments.append(schema.Moment(at_s, day, observations, update.tiles or [], update.scales or {}))
 
 
 class LiveLayers:
-    """The layers of a run while it is flown: its estimates, and the acquisition map of each decision.
+    """Layers of a run in flight: its estimates, and the acquisition map of each decision.
 
-    Of the `scored` times about `MOMENTS` are kept; `decided_s` has the time of each decision by the identity
-    of its record.
+    About `MOMENTS` of the `scored` times are kept. `decided_s` maps the `id` of a decision to its time.
     """
 
     def __init__(self, events: EventStream, scored: int) -> None:
@@ -79,7 +78,7 @@ class LiveLayers:
         self._lock = threading.Lock()
         self._every, self._left = max(1, -(-scored // MOMENTS)), scored
         self._draws_all = False
-        self._last = 0.0, 0, 0  # When, on which day, after how many observations
+        self._last = 0.0, 0, 0  # Time, day and number of observations of the last estimate
         events.listen(self._take, RunBegun, DayBegun, Estimated, Decided, RunEnded)
 
     def _take(self, event: RunBegun | DayBegun | Estimated | Decided | RunEnded) -> None:
@@ -90,7 +89,7 @@ class LiveLayers:
                 self._left -= 1
                 due = self._left % self._every == 0
                 self._last = event.time_s, event.day, event.observations
-                # As a recording of the result's events has it: a model only where it is drawn.
+                # A recording of results has a model only where it is drawn; do the same here.
                 self.recorder.take(event if due or self._draws_all else replaced(event, model=None))
                 if due:
                     self.recorder.keep(*self._last)
@@ -108,9 +107,9 @@ class LiveLayers:
 def thinned_moments(
     moments: Sequence[schema.Moment], light: Sequence[bool], every: int
 ) -> list[schema.Moment]:
-    """Return every so many of the moments, from the last back; tiles of those between come with the next.
+    """Return one of `every` moments, counted from the last; tiles of skipped moments move to the next.
 
-    What is no acquisition map comes with the next one that is not light.
+    At a light moment only the acquisition map is kept; other tiles move to the next moment that is not light.
     """
     kept, tiles = [], dict[tuple[str, int, int], schema.Tile]()
     for number, (one, is_light) in enumerate(zip(moments, light, strict=True)):
@@ -124,7 +123,7 @@ def thinned_moments(
 
 
 def thinned_readings(readings: schema.Readings, diseases: Sequence[str], every: int) -> schema.Readings:
-    """Return every so many of the readings, and all that are sick."""
+    """Return one of `every` readings, and all sick ones."""
     count = len(readings.time_s)
     kept = np.arange(count) % every == 0
     for name in diseases:
@@ -139,11 +138,10 @@ def thinned_readings(readings: schema.Readings, diseases: Sequence[str], every: 
 
 
 def thinned_states(states: schema.States) -> schema.States:
-    """Return the states between which the others lie, within `_TOLERANCES`, on straight lines over time.
+    """Return the states without those that lie, within `_TOLERANCES`, on straight lines over time.
 
-    Of D. H. Douglas and T. K. Peucker, "Algorithms for the reduction of the number of points required to
-    represent a digitized line or its caricature", Cartographica 10 (1973) 112-122, with distances at the same
-    time.
+    Algorithm of D. H. Douglas and T. K. Peucker, "Algorithms for the reduction of the number of points
+    required to represent a digitized line or its caricature", Cartographica 10 (1973), at equal times.
     """
     columns: dict[str, list[Any]] = asdict(states)
     kept = np.zeros(len(states.time_s), bool)
@@ -151,7 +149,7 @@ def thinned_states(states: schema.States) -> schema.States:
     values = np.zeros((len(_TOLERANCES), len(kept)))
     for number, (name, tolerance) in enumerate(_TOLERANCES.items()):
         numbers = np.array(columns[name], np.float64)
-        known = np.isfinite(numbers)  # What is not told is None or NaN
+        known = np.isfinite(numbers)  # Missing values are None or NaN
         values[number, known] = numbers[known] / tolerance
         if name == "heading_deg":
             values[number] = np.unwrap(values[number], period=360.0 / tolerance)
@@ -164,14 +162,14 @@ def thinned_states(states: schema.States) -> schema.States:
 
 
 def _keep_changes(column: Sequence[Any], kept: NDArray[np.bool_]) -> None:
-    """Keep what is before and after each change of a value."""
+    """Keep the rows before and after each change of a value."""
     differs = np.array([one != two for one, two in pairwise(column)], bool)
     kept[:-1] |= differs
     kept[1:] |= differs
 
 
 def _split(time_s: NDArray[np.float64], values: NDArray[np.float64], kept: NDArray[np.bool_]) -> None:
-    """Keep more, until what lies between two that are kept is within 1 of the line between them."""
+    """Keep more rows until all others are within 1 of the line between kept rows."""
     parts = list(pairwise(np.flatnonzero(kept).tolist()))
     while parts:
         first, last = parts.pop()

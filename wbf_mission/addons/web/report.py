@@ -1,9 +1,9 @@
-"""A finished run, or two side by side, as one HTML file: a summary on one sheet, and the page to replay it.
+"""Report of one or two finished runs as one HTML file: a one-sheet summary, and the page that replays them.
 
-The page is that of a run that happens, with a recording in it: a `View` listens to the events of the result,
-and what it shows is kept at some moments. If the file gets too large, moments are left out, pixels are made
-larger, and in the end readings are left out; the page says so. Of a run that is flown for it `LiveLayers`
-keeps the layers, with the acquisition maps of its decisions, which results do not hold.
+The page is that of a live run, with a recording. A `View` listens to the events of the result, and its layers
+are kept at some moments. A file that is too large gets fewer moments, larger pixels, and finally fewer
+readings, as its notes say. `LiveLayers` keeps the layers of a run flown for the report, with the acquisition
+maps of decisions, which results do not contain.
 """
 
 from __future__ import annotations
@@ -41,21 +41,21 @@ from wbf_mission.results.replay import events_of
 from wbf_mission.run.record import RunRecord
 
 MOST_BYTES = 5_000_000
-"""A report is smaller, if that can be."""
+"""Target for the maximum size of a report."""
 
 
 class ReportError(WbfMissionError, ValueError):
-    """Runs of which no report can be made."""
+    """Runs that cannot be shown in a report."""
 
 
 @dataclass(frozen=True, slots=True)
 class Report:
-    """What `write_report` wrote."""
+    """Result of `write_report`."""
 
     title: str
     size: int  # Bytes
-    moments: tuple[int, ...]  # Of each run
-    notes: tuple[str, ...]  # What is not in it
+    moments: tuple[int, ...]  # Number of moments, per run
+    notes: tuple[str, ...]  # Omitted data
 
 
 def write_report(
@@ -70,14 +70,14 @@ def write_report(
 ) -> Report:
     """Write the report of a run, or of two over the same farm; ReportError if their farms differ.
 
-    The same runs give the same bytes. Telemetry logs of the runs have more of the vehicles' states. Without
-    `layers`, which listened to the one run while it was flown, the estimates at the moments are made again
-    (`events_of`). The summary shows the notes `told`, too. From `most_bytes` on something is left out.
+    Equal runs give equal bytes. Telemetry logs of the runs add vehicle states. `layers` are those of a run
+    that was just flown; by default estimates at the moments are computed again (`events_of`). The summary
+    also shows the notes `told`. Data is omitted to stay below `most_bytes`.
     """
     if len(records) > 1:
-        _check_farms(*(one.farm for one in records))
-    kept = [_Kept.of(one, log, layers, progress) for one, log in zip(records, logs, strict=False)]
-    title = " | ".join(run_title(one) for one in records)
+        _check_farms(*(record.farm for record in records))
+    kept = [_Kept.of(record, log, layers, progress) for record, log in zip(records, logs, strict=False)]
+    title = " | ".join(run_title(record) for record in records)
     summary = comparison_of if len(records) > 1 else summary_of
     for reduced in _REDUCTIONS:
         recordings = [one.recording(reduced) for one in kept]
@@ -89,16 +89,16 @@ def write_report(
             break
     with atomic_write(path) as file:
         file.write(page)
-    return Report(title, size, tuple(len(one.moments) for one in recordings), notes)
+    return Report(title, size, tuple(len(recording.moments) for recording in recordings), notes)
 
 
 class RunPage(LiveLayers):
-    """The report of a run that is flown for it: a `wbf_mission.cli.pages.RunPage`."""
+    """Report of a run as it is flown: a `wbf_mission.cli.pages.RunPage`."""
 
     def write(
         self, path: Path, record: RunRecord, *, log: Path | None, notes: Sequence[str], progress: Progress
     ) -> Sequence[str]:
-        """Write the report."""
+        """Write the report and return its notes."""
         report = write_report(path, [record], logs=[log], layers=self, told=notes, progress=progress)
         return report.notes
 
@@ -113,12 +113,12 @@ def _check_farms(first: Farm, second: Farm) -> None:
 
 @dataclass(frozen=True, slots=True)
 class _Reduced:
-    """What is left of a recording."""
+    """A reduced form of a recording."""
 
     longest: int  # Pixels along the longer side of the farm
-    every: int = 1  # Of the moments, and the last one
-    readings: int = 1  # Of the readings; those that are sick stay
-    light: bool = True  # At decisions nothing but the acquisition map
+    every: int = 1  # Keep one of these moments, and the last
+    readings: int = 1  # Keep one of these readings, and all sick ones
+    light: bool = True  # Keep only the acquisition map at decisions
 
 
 _REDUCTIONS = (
@@ -131,18 +131,18 @@ _REDUCTIONS = (
 
 @dataclass(slots=True)
 class _Kept:
-    """What a run's page shows, with the layers at all moments in pixels of several sizes."""
+    """Data of a run's page, with the layers at all moments in several pixel sizes."""
 
-    update: schema.Update  # Without layers
+    update: schema.Update  # Excludes the layers
     layers: Recorder
     rasters: dict[int, schema.Raster | None]
     diseases: list[str]
-    lost: str = ""  # Why the estimates could not be made again
+    lost: str = ""  # Reason why estimates could not be computed again
 
     @classmethod
     def of(cls, record: RunRecord, log: Path | None, live: LiveLayers | None, progress: Progress) -> _Kept:
-        """Replay a run."""
-        diseases = [one.name for one in record.fields.diseases]
+        """Replay a run and record its layers."""
+        diseases = [disease.name for disease in record.fields.diseases]
         if live is not None:
             update, _, rasters = _replayed(record, 0, log, progress, live.decided_s)
             return cls(update, live.recorder, rasters, diseases)
@@ -152,11 +152,11 @@ class _Kept:
             return cls(*_replayed(record, 0, log, progress), diseases, str(error))
 
     def recording(self, reduced: _Reduced) -> schema.Recording:
-        """Return the recording for a page."""
+        """Return the recording in a reduced form."""
         shown = asdict(self.update)
         shown["moments"] = thinned_moments(
             self.layers.moments[reduced.longest],
-            [reduced.light and one for one in self.layers.decisions],
+            [reduced.light and decision for decision in self.layers.decisions],
             reduced.every,
         )
         if self.update.run:
@@ -166,7 +166,7 @@ class _Kept:
         return schema.Recording(**shown)
 
     def notes(self, reduced: _Reduced) -> Iterator[str]:
-        """Yield what is not in the recording."""
+        """Yield notes on the omitted data."""
         raster, finest = self.rasters[reduced.longest], self.rasters[LONGEST]
         moments = len(self.layers.decisions)
         if self.lost:
@@ -192,7 +192,7 @@ def _replayed(
     recorder = Recorder()
     for event in events_of(record, estimates=estimates, log=log, progress=progress):
         if isinstance(event, Decided):
-            # What results tell is up to a step of the vehicle off.
+            # Times of decisions in results are up to one vehicle step off.
             event = replaced(event, time_s=decided_s.get(id(event.record), event.time_s))
         recorder.take(event)
         if isinstance(event, Estimated) and event.model is not None:
@@ -203,5 +203,5 @@ def _replayed(
         rasters[longest] = update.run.raster if update.run else None
     update.tiles = update.scales = UNSET
     if update.states:
-        update.states = {name: thinned_states(one) for name, one in update.states.items()}
+        update.states = {name: thinned_states(state) for name, state in update.states.items()}
     return update, recorder, rasters

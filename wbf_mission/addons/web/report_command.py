@@ -47,7 +47,7 @@ def report_command(
     """Show a finished run, two side by side, or a benchmark, as one HTML file that needs nothing else.
 
     Of a run: a summary for the farmer that prints on one sheet, and the page of 'fly --live' with a slider
-    that replays it. Of a benchmark: its standings, to be sorted and filtered.
+    that replays the run. Of a benchmark: its standings, to be sorted and filtered.
     """
     from wbf_mission.bench.rows import holds_rows
     from wbf_mission.results.storage import ResultError
@@ -75,7 +75,7 @@ def report_command(
 
 
 def _bench(folder: Path, path: Path) -> dict[str, Any]:
-    """Write the page of a benchmark; return what is told of it."""
+    """Write the page of a benchmark; return its properties for the output."""
     from wbf_mission.addons.web.bench_page import write_bench_page
     from wbf_mission.bench.report import report_page
     from wbf_mission.bench.requests import read_asked
@@ -91,16 +91,16 @@ def _bench(folder: Path, path: Path) -> dict[str, Any]:
 
 
 def _runs(folders: list[Path], path: Path, progress: Progress) -> dict[str, Any]:
-    """Write the page of one or two runs; return what is told of it."""
+    """Write the page of one or two runs; return its properties for the output."""
     from wbf_mission.addons.web.report import write_report
     from wbf_mission.results.result import load_result
 
     results = []
-    for number, one in enumerate(folders):
+    for number, folder in enumerate(folders):
         progress("reading", number, len(folders))
-        results.append(load_result(one))
+        results.append(load_result(folder, probabilities=False))
     progress("reading", len(folders), len(folders))
-    logs = [log if (log := one / "flight.tlog").is_file() else None for one in folders]
+    logs = [log if (log := folder / "flight.tlog").is_file() else None for folder in folders]
     report = write_report(path, results, logs=logs, progress=progress)
     told = {"title": report.title, "bytes": report.size, "moments": list(report.moments)}
     return {**told, "notes": list(report.notes)}

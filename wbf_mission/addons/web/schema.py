@@ -1,7 +1,7 @@
-"""Messages between the server and a page; `page/src/schema.ts` is made of them by tools/write_page_schema.py.
+"""Messages between the server and a page; tools/write_page_schema.py generates `page/src/schema.ts`.
 
-A page gets an `Update` with everything when it connects, then with what is new since. Times are seconds since
-the run began, places metres of the farm frame. What is not finite is null.
+A page receives an `Update` with all data when it connects, then updates with new data. Times are seconds
+since the start of the run, places metres in the farm frame. Infinite and missing numbers are null.
 """
 
 from __future__ import annotations
@@ -12,14 +12,14 @@ import msgspec
 from msgspec import UNSET, Meta, Struct, UnsetType
 
 Ring: TypeAlias = list[float]
-"""Points, x and y in turn: [x0, y0, x1, y1, ...]."""
+"""Points, alternating x and y: [x0, y0, x1, y1, ...]."""
 Numbers: TypeAlias = list[float | None]
 LayerName: TypeAlias = str
-"""Layers are named "value/FIELD", "uncertainty/FIELD", "truth/FIELD" or "acquisition"."""
+"""Name of a layer: "value/FIELD", "uncertainty/FIELD", "truth/FIELD" or "acquisition"."""
 
 
 def _as_text(value: Any) -> Any:
-    """Return a value of plain ones with all that is no text in its strings replaced."""
+    """Replace characters that UTF-8 cannot encode in the strings of a plain value."""
     match value:
         case str():
             return value.encode("utf-8", "replace").decode()
@@ -31,7 +31,7 @@ def _as_text(value: Any) -> Any:
 
 
 class Georeference(Struct):
-    """Degrees of the frame's origin, and their change for each metre along x and y."""
+    """Latitude and longitude of the frame's origin, and their change per metre along x and y (degrees)."""
 
     lat: float
     lon: float
@@ -42,7 +42,7 @@ class Georeference(Struct):
 
 
 class PatchShape(Struct):
-    """A patch: its outline first, then its holes."""
+    """A patch of land: its outline, then its holes."""
 
     name: str
     crop: str
@@ -54,58 +54,58 @@ class ObstacleShape(Struct):
     """An obstacle or a no-fly zone."""
 
     name: str
-    height_m: float | None  # None for a no-fly zone, or an obstacle that is too high to be flown over
+    height_m: float | None  # None for a no-fly zone, or an obstacle too high to fly over
     rings: list[Ring]
 
 
 class FarmShape(Struct):
-    """The land."""
+    """Map of the farm."""
 
     name: str
     georeference: Georeference
     width_m: float
     height_m: float
     home_m: tuple[float, float]
-    patches: list[PatchShape]  # In the order of painting: later ones lie over earlier ones
+    patches: list[PatchShape]  # In drawing order: later patches cover earlier ones
     obstacles: list[ObstacleShape]
     rally_m: list[tuple[float, float]]
 
 
 class FieldInfo(Struct):
-    """A field."""
+    """A field with its unit and colours."""
 
     name: str
     title: str
     kind: Literal["disease", "continuous", "measured"]
     unit: str
-    range: tuple[float, float]  # What 0 and 1 stand for
+    range: tuple[float, float]  # Values in `unit` of 0 and 1
     colours: tuple[str, ...]
-    """Two or more, "#rrggbb", from 0 to 1; none where they are those of its kind, which the page has."""
+    """Two or more "#rrggbb" from 0 to 1; empty for the page's own colours of this kind."""
 
 
 class Raster(Struct):
-    """The pixels of all layers: means of the owner's cells that grow what the field concerns."""
+    """Pixels of all layers: means over owned cells of the field's crops."""
 
     width: int
     height: int  # Pixels along x and y; pixel (0, 0) is at the frame's origin
     pixel_m: float
-    cells: int  # Along a side of a pixel
+    cells: int  # Cells along a side of a pixel
     tile: int  # Pixels along a side of a tile
 
 
 class Tile(Struct):
-    """Pixels of a part of a layer, in place of its tile there; a part that never came holds nothing."""
+    """New pixels of a part of a layer; a part without any tile is empty."""
 
     layer: LayerName
     x: int
-    y: int  # It begins at pixel (x * tile, y * tile); those at the far borders are cut off by them
+    y: int  # The tile starts at pixel (x * tile, y * tile); tiles at the far borders are smaller
     data: str
-    """A byte a pixel, row by row from the bottom up: 0 to 254 for 0 to the layer's scale, 255 where there is
-    nothing; packed by zlib, in base64."""
+    """One byte per pixel, row by row from the bottom: 0 to 254 for 0 to the layer's scale, 255 without a
+    value; compressed by zlib, in base64."""
 
 
 class VehicleInfo(Struct):
-    """A vehicle that takes part."""
+    """A vehicle of the run."""
 
     system_id: int
     name: str
@@ -120,7 +120,7 @@ class FenceShape(Struct):
 
 
 class Plan(Struct):
-    """What a vehicle is to fly from a time on."""
+    """A vehicle's planned path from a time on."""
 
     system_id: int
     day: int
@@ -128,14 +128,14 @@ class Plan(Struct):
     time_s: float
     path: Ring
     fence: list[FenceShape]
-    items: list[str]  # In words, in the order of the mission's items
+    items: list[str]  # Descriptions of the mission's items, in order
     duration_s: float | None
     length_m: float | None
     coverage: float | None
 
 
 class States(Struct):
-    """States of one vehicle as columns, one entry for each moment."""
+    """States of one vehicle as columns, one entry per time."""
 
     time_s: list[float]
     day: list[int]
@@ -162,7 +162,7 @@ class Readings(Struct):
     x: list[float]
     y: list[float]
     values: dict[str, Numbers]
-    """By field, null where the camera told nothing, and where none of the field's crops grows."""
+    """Values by field; null without a reading, and outside the field's crops."""
 
 
 class Scores(Struct):
@@ -176,7 +176,7 @@ class Scores(Struct):
 
 
 class Candidate(Struct):
-    """A path that was thought of."""
+    """A path that a policy considered."""
 
     system_id: int
     path: Ring
@@ -185,7 +185,7 @@ class Candidate(Struct):
 
 
 class Change(Struct):
-    """A path that was chosen, and what became of it."""
+    """A path that a policy chose, and its outcome."""
 
     system_id: int
     path: Ring
@@ -194,7 +194,7 @@ class Change(Struct):
 
 
 class Decision(Struct):
-    """An answer of a policy, in place of one with its number: outcomes change while it is carried out."""
+    """A decision of a policy; replaces an older version, as outcomes change during its execution."""
 
     number: int
     time_s: float
@@ -204,21 +204,21 @@ class Decision(Struct):
     reason: str
     refused: str
     compute_s: float
-    candidates: list[Candidate]  # The best first
+    candidates: list[Candidate]  # Best first
     changes: list[Change]
 
 
 class Said(Struct):
-    """A line of a vehicle's or of the program's."""
+    """A message of a vehicle or of the program."""
 
     time_s: float
-    system_id: int  # 0 for a note of the program's own
+    system_id: int  # 0 for the program
     severity: int
     text: str
 
 
 class Progress(Struct):
-    """How far some work is."""
+    """Progress of a task."""
 
     what: str
     done: float
@@ -226,7 +226,7 @@ class Progress(Struct):
 
 
 class Question(Struct):
-    """What the operator is asked."""
+    """A question to the operator."""
 
     text: str
     answers: tuple[str, ...]
@@ -234,18 +234,18 @@ class Question(Struct):
 
 
 class Status(Struct):
-    """How the run is going."""
+    """State of the run."""
 
-    outcome: str  # "running", or how the run ended
-    words: str  # The same as people read it
+    outcome: str  # "running", or the outcome of the run
+    words: str  # The outcome in words
     reason: str
     progress: Progress | None
     question: Question | None
-    orders: tuple[str, ...]  # Orders that this page may give; none where it only shows
+    orders: tuple[str, ...]  # Orders allowed to this page; empty for a page that only shows
 
 
 class Run(Struct):
-    """What is flown."""
+    """The run: its title, farm, fields and vehicles."""
 
     title: str
     simulated: bool
@@ -267,7 +267,7 @@ class Background(Struct):
 
 
 class Reply(Struct):
-    """The outcome of the request with this number, sent to its page only."""
+    """Outcome of the request with this number, sent only to its page."""
 
     order: str
     error: str
@@ -275,23 +275,23 @@ class Reply(Struct):
 
 
 class Beat(Struct):
-    """A sign of life of the program, once a second, after all that was new."""
+    """Heartbeat of the program, once per second, after all new data."""
 
-    time_s: float  # On the program's own clock, since this page was connected
+    time_s: float  # Time on the program's own clock since this page connected
     silent_s: dict[str, float]
-    """Age of each vehicle's newest state, by system id; of none in a simulation, whose time may stand."""
+    """Age of each vehicle's newest state, by system id; empty in a simulation, where time may stop."""
 
 
 class Update(Struct, omit_defaults=True):
-    """What is new; what is missing did not change.
+    """New data; a missing member is unchanged.
 
-    Lists and columns are appended; the others replace what there is (`tiles`, `decisions` each its own kind).
+    Lists and columns are appended to. Other members are replaced; `tiles` and `decisions` item by item.
     """
 
     time_s: float
     restart: list[str] | UnsetType = UNSET
-    """Emptied before the rest is taken: "plans", "said", "decisions", "scores", "states/SYSTEM_ID", whose
-    older rows were thinned out; "tiles", all layers and their scales."""
+    """Members to empty first: "plans", "said", "decisions", "scores" and "states/SYSTEM_ID", if older rows
+    were thinned out; "tiles" for all layers and scales."""
     run: Run | UnsetType = UNSET
     plans: list[Plan] | UnsetType = UNSET
     states: dict[str, States] | UnsetType = UNSET
@@ -301,34 +301,34 @@ class Update(Struct, omit_defaults=True):
     said: list[Said] | UnsetType = UNSET
     tiles: list[Tile] | UnsetType = UNSET
     scales: dict[LayerName, float] | UnsetType = UNSET
-    """What 254 stands for, by layer; all of them with every update that has tiles."""
+    """Value of byte 254, by layer; complete in every update with tiles."""
     status: Status | UnsetType = UNSET
     background: Background | UnsetType | None = UNSET
     reply: Reply | UnsetType = UNSET
     beat: Beat | UnsetType = UNSET
 
     def json(self) -> bytes:
-        """Return it as a page reads it."""
+        """Return the update as JSON."""
         try:
             return msgspec.json.encode(self)
-        except UnicodeEncodeError:  # Names of files may hold what is no text
+        except UnicodeEncodeError:  # File names may contain bytes that are no text
             return msgspec.json.encode(_as_text(msgspec.to_builtins(self)))
 
 
 class Moment(Struct):
-    """The layers as they were from a time on."""
+    """Changes of the layers at a time."""
 
     time_s: float
     day: int
     observations: int
     tiles: list[Tile]
-    scales: dict[LayerName, float]  # What 254 stands for in its tiles
+    scales: dict[LayerName, float]  # Value of byte 254 in its tiles
 
 
 class Recording(Update, kw_only=True):
-    """A finished run in a page of its own: all of it, and the layers as they were at some moments."""
+    """A finished run within a page: all data, and the layers at some moments."""
 
-    moments: list[Moment]  # In the order of their times; tiles of each replace those of the ones before
+    moments: list[Moment]  # In order of time; tiles replace those of earlier moments
 
 
 Positive: TypeAlias = Annotated[float, Meta(ge=0.0, le=1e9)]
@@ -336,15 +336,15 @@ Number: TypeAlias = Annotated[int, Meta(ge=1, le=2**53)]
 
 
 class Given(Struct, forbid_unknown_fields=True):
-    """The time of a request: the newest beat of the page, and the seconds since then on its own clock."""
+    """Time of a request: the newest beat of the page, and the seconds since then by the page's clock."""
 
-    number: Number  # Greater than those before: each request counts once
+    number: Number  # Greater than all earlier ones: each request counts once
     beat_s: Positive
     after_s: Positive
 
 
 class Order(Struct, forbid_unknown_fields=True):
-    """An order of a page to vehicles."""
+    """An order from a page to vehicles."""
 
     order: Annotated[str, Meta(min_length=1, max_length=40)]
     system_ids: Annotated[list[Annotated[int, Meta(ge=0, le=255)]], Meta(min_length=1, max_length=256)]
@@ -354,7 +354,7 @@ class Order(Struct, forbid_unknown_fields=True):
 
 
 class Answer(Struct, forbid_unknown_fields=True):
-    """An answer of a page to the operator's question with this number."""
+    """An answer from a page to the question with this number."""
 
     answer: Annotated[str, Meta(max_length=200)]
     question: Annotated[int, Meta(ge=0, le=2**53)]

@@ -1,12 +1,12 @@
-"""The server of the page: it shows a view to any number of browsers, in a thread of its own.
+"""Web server of the page: shows a view in any number of browsers, in its own thread.
 
-The run tells its view what happens, and never waits for this server. Ten times a second, if there is news,
-each browser is sent what it does not know; those that know the same share the bytes. One that does not read
-is sent nothing until it does, and is let go after some seconds.
+The run passes events to its view and never waits for this server. Ten times per second, each browser is sent
+the data that is new to it. Browsers with the same data share the bytes. A browser that does not read is sent
+nothing until it does, and is disconnected after some seconds.
 
-Once a second each browser is sent a beat after what was new, so that it knows how old is what it shows. Its
-requests carry the newest beat that it had and the time since then on its own clock. From these the server
-knows how old a request is at most: the clocks of two machines are never compared.
+Once per second each browser is sent a beat after the new data, which shows the age of its data. Requests
+carry the newest beat of the page, and the time since then by the page's clock. This limits the age of a
+request without comparing the clocks of two machines.
 """
 
 from __future__ import annotations
@@ -49,27 +49,27 @@ from wbf_mission.run.orders import Orders, too_late
 INTERVAL_S = 0.1
 BEAT_S = 1.0
 OLD_S = 3.0
-"""A page whose newest beat is older shows its data as old, and gives no orders."""
+"""Age of the newest beat from which a page marks its data as old and gives no orders (s)."""
 STALLED_S = 10.0
-"""How long a browser may take nothing at all of what is sent to it (where TCP can tell: on Linux)."""
+"""Maximum time for which a browser may accept no data (s); TCP can measure it on Linux only."""
 SEND_TIMEOUT_S = 20.0
-"""How long it may take to read an update, before the next one is sent."""
+"""Maximum time for a browser to read an update before the next one (s)."""
 MAX_REQUEST_BYTES = 4096
 MAX_CONNECTIONS = 200
 _ENDING_S = 2.0
 _ROUNDED_S = 0.25
-"""Browsers round their clocks, and these drift."""
+"""Tolerance for rounding and drift of browsers' clocks (s)."""
 _TYPES = {"html": "text/html", "js": "text/javascript", "css": "text/css", "txt": "text/plain"}
 
 
 class LiveServer:
     """Server of the pages of a view, as a context manager.
 
-    The caller lets `view` listen to the run's events. Any `host` but this machine's own needs `token`, by
-    default a random one, which `url` holds. Without `orders` pages only show. `tiles` are behind the farm.
-    `routes` stand behind the guard (`wbf_mission.addons.web.guard`) under any path but "/live", "/beats" and
-    "/tiles/..."; they limit the bodies that they read. `home` is the page of ``static/`` at "/".
-    MapTilesError if the tiles cannot be used; by `with` LinkError if the port is taken.
+    The caller connects `view` to the run's events. A `host` beyond this machine requires `token`, by default
+    a random one, which `url` contains. Without `orders`, pages only show the run. `tiles` are a background
+    map. `routes` are protected by the guard (`wbf_mission.addons.web.guard`), at any path except "/live",
+    "/beats" and "/tiles/..."; they must limit the request bodies themselves. `home` is the page of
+    ``static/`` at "/". MapTilesError if the tiles are unusable; ``with``: LinkError if the port is taken.
 
     >>> with LiveServer(View()) as server:
     ...     server.url.startswith("http://127.0.0.1:")
@@ -113,7 +113,7 @@ class LiveServer:
             http=HurriedProtocol,
             ws="websockets-sansio",
             ws_max_size=MAX_REQUEST_BYTES,
-            ws_per_message_deflate=False,  # Each viewer would take time of its own
+            ws_per_message_deflate=False,  # Would cost time for each viewer
             lifespan="off",
             log_config=None,
             log_level="error",
@@ -127,7 +127,7 @@ class LiveServer:
         self._server = uvicorn.Server(config)
 
     def __enter__(self) -> Self:
-        """Listen, and serve."""
+        """Listen on the port and start the server thread."""
         try:
             family = socket.getaddrinfo(self._host, self.port, type=socket.SOCK_STREAM)[0][0]
             self._socket = socket.create_server((self._host, self.port), family=family)
@@ -139,7 +139,7 @@ class LiveServer:
             msg = f"live page: cannot listen at {self._host}, port {self.port} ({why}); {mend}"
             raise LinkError(msg) from None
         if hasattr(socket, "TCP_USER_TIMEOUT"):
-            # What a browser does not take is given up, which asyncio would keep for good.
+            # Drop a browser that accepts no data; asyncio would wait without limit.
             self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, round(1e3 * STALLED_S))
         self.port = self._socket.getsockname()[1]
         serve = partial(self._server.run, [self._socket])
@@ -152,7 +152,7 @@ class LiveServer:
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Send viewers what is left to tell, and end."""
+        """Send the remaining data to viewers, and stop."""
         self._ending = True
         deadline_s = time.monotonic() + _ENDING_S
         while self._viewers and time.monotonic() < deadline_s:
@@ -164,20 +164,20 @@ class LiveServer:
 
     @property
     def url(self) -> str:
-        """The address to be opened, with the token if there is one."""
+        """Address to open, with the token if any."""
         host = _outward() if self._host in ("0.0.0.0", "::", "") else self._host  # noqa: S104
         host = f"[{host}]" if ":" in host else host
         return f"http://{host}:{self.port}/" + (f"?token={self._token}" if self._token else "")
 
     def show(self, view: View) -> None:
-        """Show another view from now on: pages that are open begin anew."""
+        """Show another view; open pages start anew."""
         view.offer(self.background)
         self._view = view
 
     # Viewers
 
     async def _serve_page(self, tell: _Telling, websocket: WebSocket) -> None:
-        """Serve one page: tell it what is new, and hear what it asks for, until either ends."""
+        """Serve one page: send new data and answer requests, until one of these ends."""
         await websocket.accept()
         self._viewers += 1
         visit = _Visit(self._clock)
@@ -206,23 +206,23 @@ class LiveServer:
             elif self._ending or view is not self._view:
                 return
             await _beat(websocket, visit, view)
-            await asyncio.sleep(INTERVAL_S - now_s() % INTERVAL_S)  # All at the same times, to share
+            await asyncio.sleep(INTERVAL_S - now_s() % INTERVAL_S)  # Common send times allow sharing
 
     async def _tell_beats(self, websocket: WebSocket, visit: _Visit) -> None:
-        """Tell a page that shows no view whether the program lives."""
+        """Send only beats, to a page without a view."""
         while not self._ending:
             await _beat(websocket, visit, self._view)
             await asyncio.sleep(INTERVAL_S)
 
     async def _update(self, view: View, cursor: Cursor | None) -> tuple[str, Cursor]:
-        """Return what is new since a cursor; made once for all who ask within an interval."""
+        """Return the data new since a cursor; computed once for all viewers per interval."""
         async with self._making:
             now_s = asyncio.get_running_loop().time()
             self._shared = {key: one for key, one in self._shared.items() if one.good_for(view, now_s)}
             shared = self._shared.get(cursor)
             if shared is None:
                 text, after = await asyncio.to_thread(_encoded, view, cursor)
-                # Who begins is brought up to date by the next one: the whole is kept longer.
+                # A new viewer gets the rest with its next update, so the full state may be cached longer.
                 until_s = now_s + INTERVAL_S * (0.9 if cursor else 20.0)
                 shared = self._shared[cursor] = _Shared(view, until_s, text, after)
             return shared.text, shared.cursor
@@ -236,11 +236,11 @@ class LiveServer:
             await _send(websocket, reply.json().decode())
 
     def _ask(self, text: str | None, visit: _Visit) -> Reply:
-        """Hand a page's request on, once and while it is fresh; return the reply."""
+        """Pass on a page's request, once and only while fresh; return the reply."""
         if self._orders is None:
             return Reply("", "this page only shows: orders are not allowed", 0)
         try:
-            # Its fields first, so that an error is about the kind of request that is meant.
+            # Read the fields first, so that an error refers to the right kind of request.
             fields = msgspec.json.decode(text or "", type=dict[str, msgspec.Raw])
             kind: type[Answer | Order] = Answer if "answer" in fields else Order
             given = msgspec.json.decode(text or "", type=kind)
@@ -263,18 +263,18 @@ class LiveServer:
         place = (request.path_params[name] for name in "zxy")
         found = None if self._tiles is None else await asyncio.to_thread(self._tiles.read, *place)
         if found is None:
-            return Response(status_code=204)  # Browsers would tell of a 404 in the console
+            return Response(status_code=204)  # Browsers log a 404 in the console
         headers = {"Cache-Control": "private, max-age=3600"}
         return Response(found[0], headers=headers, media_type=found[1])
 
 
 def _is_ours(record: logging.LogRecord) -> bool:
-    """Return whether a line of the log is worth the terminal: what clients send is not."""
+    """Return whether a log line concerns the user; malformed input of clients does not."""
     return not record.getMessage().startswith("Invalid UTF-8")
 
 
 class _Visit:
-    """One page's connection: its beats, and the age of its requests."""
+    """Connection of one page: its beats, and the age of its requests."""
 
     def __init__(self, clock: Callable[[], float]) -> None:
         self._clock, self._begun_s = clock, clock()
@@ -294,9 +294,9 @@ class _Visit:
         return self._beat_s
 
     def age_of(self, given: Given) -> tuple[float, str]:
-        """Return how old a request is at most, and why it is refused, empty if it is not."""
+        """Return the maximum age of a request, and the reason to refuse it, empty if none."""
         beat_s, number = given.beat_s, given.number
-        # It was given after the beat had left, and then so long after it had arrived.
+        # The beat was sent before it arrived, so this is an upper limit.
         age_s = self._now_s - beat_s - given.after_s
         if number <= self._number:
             return age_s, "it was given before: each order is carried out once"
@@ -319,11 +319,11 @@ async def _beat(websocket: WebSocket, visit: _Visit, view: View) -> None:
 
 
 async def _send(websocket: WebSocket, text: str) -> None:
-    """Send a message; TimeoutError if that takes too long, WebSocketDisconnect if the page has gone."""
+    """Send a message; TimeoutError if it takes too long, WebSocketDisconnect if the page has gone."""
     try:
         async with asyncio.timeout(SEND_TIMEOUT_S):
             await websocket.send_text(text)
-    except RuntimeError:  # uvicorn has closed the connection by itself, after a frame that is none
+    except RuntimeError:  # uvicorn has closed the connection after an invalid frame
         raise WebSocketDisconnect from None
 
 
@@ -339,7 +339,7 @@ def live_page(
 
 @dataclass(frozen=True, slots=True)
 class _Shared:
-    """An update for all viewers at the same cursor."""
+    """An update shared by all viewers with the same cursor."""
 
     view: View
     until_s: float
@@ -356,7 +356,7 @@ def _encoded(view: View, cursor: Cursor | None) -> tuple[str, Cursor]:
 
 
 def _static_routes(home: str) -> list[Route]:
-    """Return a route for each file that is served, by its name; pages also without ".html"."""
+    """Return a route for each static file; pages also without ".html"."""
     routes = []
     for file in (resources.files("wbf_mission.addons.web") / "static").iterdir():
         stem, _, kind = file.name.rpartition(".")
@@ -369,7 +369,7 @@ def _static_routes(home: str) -> list[Route]:
 
 
 async def _send_file(data: bytes, media_type: str, etag: str, request: Request) -> Response:
-    # Browsers keep it, and ask each time whether it is the same.
+    # Browsers cache the file, and ask each time whether it has changed.
     headers = {"ETag": etag, "Cache-Control": "no-cache"}
     if request.headers.get("if-none-match") == etag:
         return Response(status_code=304, headers=headers)
@@ -377,10 +377,10 @@ async def _send_file(data: bytes, media_type: str, etag: str, request: Request) 
 
 
 def _outward() -> str:
-    """Return the address by which others reach this machine, as far as it knows; nothing is sent."""
+    """Return this machine's address on its network, if known; no data is sent."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         try:
-            probe.connect(("192.0.2.1", 9))  # An address for documentation
+            probe.connect(("192.0.2.1", 9))  # An address reserved for documentation
         except OSError:
             return socket.gethostname()
         return str(probe.getsockname()[0])

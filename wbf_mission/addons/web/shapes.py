@@ -1,4 +1,4 @@
-"""Farms and plans as a page draws them."""
+"""Farms and plans as drawn by a page."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ from wbf_mission.addons.web import schema
 from wbf_mission.events import Planned
 
 _SIMPLER = 5000
-"""Outlines are true to this part of the farm's longer side, a fraction of a pixel."""
+"""Precision of outlines: the farm's longer side divided by this, a fraction of a pixel."""
 _COMMANDS = {int(one): one.name.partition("_")[2].replace("_", " ").lower() for one in Command}
 _MAX_ITEMS = 1000
 
 
 def farm_shape(farm: Farm) -> schema.FarmShape:
-    """Return a farm as a page draws it."""
+    """Return a farm as drawn by a page."""
     width_m, height_m = farm.width_cells * farm.cell_size_m, farm.height_cells * farm.cell_size_m
-    # The map is no plane of degrees: over the farm's width and height the straight line is truest.
+    # The map is not linear in degrees: differences over the farm's full size fit best.
     lat, lon = farm.frame.to_wgs84(np.array([0.0, width_m, 0.0]), np.array([0.0, 0.0, height_m]))
     georeference = schema.Georeference(
         *(float(lat[0]), float(lon[0])),
@@ -31,11 +31,14 @@ def farm_shape(farm: Farm) -> schema.FarmShape:
     )
     simpler_m = max(width_m, height_m) / _SIMPLER
     patches = [
-        schema.PatchShape(one.name, str(one.crop), one.owner == farm.owner, _rings(one.polygon, simpler_m))
-        for one in farm.patches
+        schema.PatchShape(
+            land.name, str(land.crop), land.owner == farm.owner, _rings(land.polygon, simpler_m)
+        )
+        for land in farm.patches
     ]
     obstacles = [
-        schema.ObstacleShape(one.name, one.height_m, _rings(one.polygon, simpler_m)) for one in farm.obstacles
+        schema.ObstacleShape(obstacle.name, obstacle.height_m, _rings(obstacle.polygon, simpler_m))
+        for obstacle in farm.obstacles
     ]
     return schema.FarmShape(
         farm.name, georeference, width_m, height_m, farm.home_m, patches, obstacles, list(farm.rally_m)
@@ -43,7 +46,7 @@ def farm_shape(farm: Farm) -> schema.FarmShape:
 
 
 def plan_shape(planned: Planned, farm: Farm | None) -> schema.Plan:
-    """Return what a vehicle is to fly as a page draws it."""
+    """Return a vehicle's plan as drawn by a page."""
     return schema.Plan(
         *(planned.system_id, planned.day, planned.flight, planned.time_s),
         path=ring(planned.path_m),
@@ -59,13 +62,13 @@ def plan_shape(planned: Planned, farm: Farm | None) -> schema.Plan:
 
 
 def ring(points: Any) -> schema.Ring:
-    """Return points, float64[n, 2], as x and y in turn, rounded to centimetres."""
+    """Return points, float64[n, 2], as alternating x and y, rounded to centimetres."""
     flat: schema.Ring = np.round(np.asarray(points, np.float64).reshape(-1), 2).tolist()
     return flat
 
 
 def _rings(polygon: shapely.Polygon, simpler_m: float) -> list[schema.Ring]:
-    """Return the outline of a polygon, and its holes."""
+    """Return the simplified outline of a polygon, then its holes."""
     simple = shapely.simplify(polygon, simpler_m)
     return [ring(shapely.get_coordinates(one)) for one in (simple.exterior, *simple.interiors)]
 

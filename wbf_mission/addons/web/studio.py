@@ -1,4 +1,4 @@
-"""The studio: the requests of a page on which somebody draws a farm, plans over it, uploads and flies."""
+"""Studio: requests of the page for drawing a farm, planning, uploading and flying."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ from wbf_mission.scenario.choice import names_of
 from wbf_mission.scenario.option import Option
 
 _FIRST = ("planner", "policy", "budget", "vehicle", "autopilot", "wind_speed_m_s", "wind_direction_deg")
-"""Options that everybody looks at; the others are in their panels."""
+"""Options shown first; the others are in panels."""
 _LONGEST_END_S = 5.0
 _TYPES = {bool: "flag", int: "whole", float: "number"}
 _REMEDIES = {"repair": "--repair", "crop": "--crop", "crs": "--farm-crs"}
@@ -52,7 +52,7 @@ Handler: TypeAlias = Callable[[Request, bytes], Any]
 
 
 class Studio:
-    """Answers the requests of the studio's page, which begins with the scenario `start`."""
+    """Handler of the studio page's requests; `start` is the initial scenario."""
 
     def __init__(self, start: Scenario) -> None:
         self.drafts = drafts.Drafts(start)
@@ -60,21 +60,21 @@ class Studio:
         self._background: Background | None = None
 
     def begin(self, server: LiveServer) -> None:
-        """Begin: the server's live page shows the flights, its map tiles lie behind the farm.
+        """Connect to the server: its live page shows the flights, and its map tiles are the background.
 
-        What the page begins with is planned, so that it is there, and all is compiled, when it asks.
+        The initial scenario is planned in the background, which also compiles the code for later requests.
         """
         self._flight.show, self._background = server.show, server.background
         body = msgspec.json.encode({"farm": self.drafts.start.farm.name, "options": self._given()})
         threading.Thread(target=self._plan_quietly, args=(body,), name="studio", daemon=True).start()
 
     def close(self) -> None:
-        """End the flight, if there is one, and remove the files."""
+        """Stop the flight, if any, and delete the files."""
         self._flight.stop(_LONGEST_END_S)
         self.drafts.close()
 
     def routes(self) -> list[Route]:
-        """Return the routes of what the page asks."""
+        """Return the routes of the page's requests."""
         read = {"options": self.options, "farm": self.named_farm, "flight": self.flight}
         done = (self.farm, self.plan, self.cancel, self.export, self.upload, self.fly, self.stop)
         return [
@@ -83,9 +83,9 @@ class Studio:
         ]
 
     def options(self, _request: Request, _body: bytes) -> Any:
-        """Return what can be chosen, and with what the page begins."""
+        """Return the available options, and the initial ones."""
         return {
-            "options": [_told(key, one) for key, one in drafts.draft_options().items()],
+            "options": [_told(key, draft_option) for key, draft_option in drafts.draft_options().items()],
             "farms": names_of("farm"),
             "crops": [str(crop) for crop in Crop if crop is not Crop.NONE],
             "parameters": {
@@ -102,12 +102,12 @@ class Studio:
         }
 
     def named_farm(self, request: Request, _body: bytes) -> Any:
-        """Return a farm by its name, as it is drawn and edited."""
+        """Return a farm by name, for drawing and editing."""
         farm = self.drafts.farm_named(request.query_params.get("name", ""))
         return _farm(farm, self.drafts.document(farm))
 
     def farm(self, request: Request, body: bytes) -> Any:
-        """Return the farm of a file's content, or of what is drawn, which has no name of a file."""
+        """Return the farm of a file's content, or of a drawing, which has no file name."""
         asked = request.query_params
         name = asked.get("name", "")
         how = {"crop": asked.get("crop") or None, "crs": asked.get("crs") or None}
@@ -125,8 +125,8 @@ class Studio:
         found = self.drafts.plan(draft)
         return {
             "farm": farm_shape(found.draft.farm),
-            "notes": [worded(one) for one in found.draft.farm.notes],
-            "missions": [_mission(one) for one in found.missions],
+            "notes": [worded(note) for note in found.draft.farm.notes],
+            "missions": [_mission(mission) for mission in found.missions],
             "vehicles": [
                 result.summary() if cut is None else cut.summary()
                 for result, cut in zip(found.results, found.cuts, strict=True)
@@ -139,12 +139,12 @@ class Studio:
         }
 
     def cancel(self, _request: Request, _body: bytes) -> Any:
-        """Give up what is planned now."""
+        """Cancel the current planning."""
         self.drafts.stop()
         return {}
 
     def export(self, request: Request, body: bytes) -> Response:
-        """Return a mission's file."""
+        """Return a mission as a file."""
         found = self.drafts.plan(self.drafts.draft(body))
         suffix = request.query_params.get("format", ".plan")
         name, content = found.file(_mission_asked(request), suffix, self.drafts.folder)
@@ -152,7 +152,7 @@ class Studio:
         return Response(content, media_type="application/octet-stream", headers=headers)
 
     def upload(self, request: Request, body: bytes) -> Any:
-        """Upload a mission to a vehicle behind a link, which was confirmed; it is read back and compared."""
+        """Upload a mission to a vehicle after confirmation, download it and compare."""
         link = request.query_params.get("link", "")
         found = self.drafts.plan(self.drafts.draft(body))
         one = found.mission(_mission_asked(request))
@@ -162,22 +162,22 @@ class Studio:
         return _upload(found, one, link, None if system_id is None else int(system_id))
 
     def fly(self, request: Request, body: bytes) -> Any:
-        """Fly a draft in the simulator; the live page shows it."""
+        """Fly a draft in the simulator, on the live page."""
         pace = _number(request, "pace", 0.01, 1e6)
         found = self.drafts.plan(self.drafts.draft(body))
         self._flight.start(found.flown(self.drafts.folder), pace, found.decider)
         return {}
 
     def stop(self, _request: Request, _body: bytes) -> Any:
-        """End the flight."""
+        """Stop the flight."""
         return {"stopped": self._flight.stop()}
 
     def flight(self, _request: Request, _body: bytes) -> Any:
-        """Return what became of the flight."""
+        """Return the state of the flight."""
         return self._flight.state
 
     def _refused(self, error: FarmError, content: bytes, name: str, how: Mapping[str, Any]) -> Any:
-        """Return why a farm is refused, and what the page can offer: "repair", "crop" or "crs"."""
+        """Return the reason for refusing a farm, and the page's remedy: "repair", "crop" or "crs"."""
         told = str(error)
         remedy = next((one for one, flag in _REMEDIES.items() if flag in told), "")
         if remedy == "repair":
@@ -188,7 +188,7 @@ class Studio:
         return {"error": worded(told), "remedy": remedy}
 
     def _given(self) -> dict[str, Any]:
-        """Return the options of the beginning that are not at their defaults, as the page gives them."""
+        """Return the initial options that differ from their defaults, in the page's form."""
         usual, start = Scenario(), self.drafts.start
         return {key: _plain(start[key]) for key in drafts.draft_options() if start[key] != usual[key]}
 
@@ -198,9 +198,9 @@ class Studio:
 
 
 def _answering(work: Handler) -> Callable[[Request], Any]:
-    """Return an endpoint that answers with JSON what a function finds, or in one line why not ("error").
+    """Return an endpoint that answers with a function's result as JSON, or with an "error" line.
 
-    That is no error of HTTP: somebody types, and browsers would tell of each in the console.
+    Errors have status 200: they are normal while typing, and browsers would log each in the console.
     """
 
     async def answer(request: Request) -> Response:
@@ -216,10 +216,10 @@ def _answering(work: Handler) -> Callable[[Request], Any]:
             return _json({"error": str(error), "superseded": error.why})
         except WbfMissionError as error:
             return _json({"error": worded(error)})
-        except OSError as error:  # Of the files for drafts: the disk is full, for one
+        except OSError as error:  # Errors of draft files, for example a full disk
             return _json({"error": worded(f"files for drafts: {error}")})
         except ClientDisconnect:
-            return Response(status_code=400)  # Nobody is there to read it
+            return Response(status_code=400)  # The client has gone
         return found if isinstance(found, Response) else _json(found)
 
     return answer
@@ -230,16 +230,16 @@ def _json(value: Any, status: int = 200) -> Response:
 
 
 def _farm(farm: Farm, document: bytes) -> dict[str, Any]:
-    """Return a farm as it is drawn, and as it is edited."""
+    """Return a farm for drawing and editing."""
     return {
         "farm": farm_shape(farm),
         "document": msgspec.Raw(document),
-        "notes": [worded(one) for one in farm.notes],
+        "notes": [worded(note) for note in farm.notes],
     }
 
 
 def _mission(one: drafts.PlannedMission) -> dict[str, Any]:
-    """Return what one vehicle flies in one sortie, and what was found in it."""
+    """Return a sortie of one vehicle with its findings."""
     plan, prediction, found = one.plan, one.plan.prediction, one.report.findings
     told = Planned(
         *(0.0, 0, 1, one.system_id, plan.mission, plan.path_m),
@@ -252,7 +252,7 @@ def _mission(one: drafts.PlannedMission) -> dict[str, Any]:
         "plan": plan_shape(told, plan.farm),
         "battery_used": plan.battery_used,
         "energy_wh": prediction.energy_wh,
-        # What the check finds, too, is told once.
+        # Omit warnings that are also findings.
         "warnings": [worded(text) for text in plan.warnings if not any(each.text in text for each in found)],
         "findings": [
             {
@@ -271,7 +271,7 @@ def _mission(one: drafts.PlannedMission) -> dict[str, Any]:
 def _upload(
     found: drafts.PlannedDraft, one: drafts.PlannedMission, link: str, system_id: int | None
 ) -> dict[str, Any]:
-    """Upload a mission; WbfMissionError if there are errors in it, or it does not arrive."""
+    """Upload a mission; WbfMissionError for errors in the mission, or a failed upload."""
     vehicle = found.vehicles[one.system_id - 1]
 
     def around(snapshot: VehicleSnapshot) -> Circumstances:
@@ -288,12 +288,12 @@ def _upload(
     return {
         **report.summary(),
         "vehicle": report.vehicle,
-        "findings": [worded(one) for one in checked.findings],
+        "findings": [worded(finding) for finding in checked.findings],
     }
 
 
 def _told(key: str, one: Option) -> dict[str, Any]:
-    """Return what a page tells of an option."""
+    """Return an option's description for the page."""
     kinds = [kind for kind in get_args(one.wanted) or (one.wanted,) if kind in _TYPES]
     is_text = one.read is not None or str in get_args(one.wanted)
     names = drafts.known_names(key) if one.kind or key in drafts.NAMED else one.choices
@@ -321,7 +321,7 @@ def _default(initial: Any) -> str:
 
 
 def _plain(value: Any) -> Any:
-    """Return a value of an option as the page has it: a flag, a number or a text."""
+    """Return a value of an option in the page's form: a bool, a number or a text."""
     if value is None or isinstance(value, bool | int | float):
         return value
     if isinstance(value, Mapping):
@@ -342,7 +342,7 @@ def _mission_asked(request: Request) -> int:
 
 
 def _number(request: Request, name: str, low: float, high: float) -> float | None:
-    """Return a number of the request's address; None without one."""
+    """Return a number from the request's query; None without one."""
     text = request.query_params.get(name)
     if not text:
         return None

@@ -79,7 +79,7 @@ def studio_command(
     from wbf_mission.addons.web.view import View
 
     start = given.scenario()
-    start.farm.load()  # What cannot be read is told here
+    start.farm.load()  # Raises an error for an unreadable farm
     studio = Studio(start)
     serve = partial(LiveServer, View(), tiles=tiles, routes=studio.routes(), home="studio")
     with contextlib.ExitStack() as ends:

@@ -1,4 +1,4 @@
-"""The studio's flight in the simulator: its start, its end and its outcome."""
+"""Flight of the studio in the simulator: start, stop and outcome."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from wbf_mission.scenario import Scenario
 
 
 class FlightState(msgspec.Struct, frozen=True):
-    """State of the latest flight: "none", "preparing", "flying" or an outcome, with that in words."""
+    """State of the latest flight: "none", "preparing", "flying" or an outcome, also in words."""
 
     outcome: str = "none"
     words: str = ""
@@ -29,7 +29,7 @@ _NONE = FlightState()
 
 
 class StudioFlight:
-    """Shows one flight in the simulator; a flight that it replaces ends as soon as it notices."""
+    """Runs one flight in the simulator; a new flight stops the previous one."""
 
     def __init__(self) -> None:
         self.show: Callable[[View], None] = lambda _view: None
@@ -38,7 +38,7 @@ class StudioFlight:
         self._lock = threading.Lock()
 
     def start(self, scenario: Scenario, pace: float | None, decider: str) -> None:
-        """Fly what a planner or policy decided, in place of what flies now."""
+        """Start a flight of a planned scenario, in place of the current flight."""
         with self._lock:
             self._flown.stopping.set()
             view = View()
@@ -54,7 +54,7 @@ class StudioFlight:
         return self._flown.state
 
     def stop(self, wait_s: float = 0.0) -> bool:
-        """End the flight, and wait for that; return whether there was one."""
+        """Stop the flight and wait for its end; return whether there was one."""
         with self._lock:
             self._flown.stopping.set()
             flies = self._thread is not None and self._thread.is_alive()
@@ -64,14 +64,14 @@ class StudioFlight:
 
 
 class Flown:
-    """One flight, which a view shows and which can be stopped."""
+    """One flight that a view shows and that can be stopped."""
 
     def __init__(self, view: View, state: FlightState = _NONE, decider: str = "") -> None:
         self._view, self.state, self._decider = view, state, decider
         self.stopping = threading.Event()
 
     def fly(self, scenario: Scenario, pace: float | None) -> None:
-        """Fly until the end, or until it is to stop: what was flown is estimated then, as at Ctrl-C."""
+        """Fly until the end or a stop; after a stop, the readings are evaluated as at Ctrl-C."""
         events = EventStream()
         events.listen(self._take)
         events.listen(self._stop_if_asked, VehicleMoved, Progressed)
@@ -86,7 +86,7 @@ class Flown:
 
     def _take(self, event: Event) -> None:
         if isinstance(event, RunBegun) and event.farm is not None:
-            # A mission that was planned here is flown from a file whose name nobody knows.
+            # A planned mission is flown from a file with an internal name.
             title = f"{event.farm.name}, {self._decider}"
             event = replace(event, title=title, planner=self._decider)
         self._view.take(event)
@@ -97,5 +97,5 @@ class Flown:
 
     def _stop_if_asked(self, _event: object) -> None:
         if self.stopping.is_set():
-            self.stopping.clear()  # Once: what was flown is still told and estimated
+            self.stopping.clear()  # Once, so that the readings are still evaluated
             raise KeyboardInterrupt

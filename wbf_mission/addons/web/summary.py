@@ -1,6 +1,6 @@
-"""The summary of a run on one sheet of paper: what was flown, what is sick and where, what it cost.
+"""Summary of a run on one sheet of paper: the flight, sick plants and their places, and the cost.
 
-Of two runs it tells in what they differ.
+The summary of two runs shows their differences.
 """
 
 from __future__ import annotations
@@ -20,26 +20,26 @@ from wbf_mission.run.record import RunRecord
 
 _BEGIN = '<section id="summary" aria-label="Summary">'
 _STEPS = 100
-_LEAST_SCALE = 0.02  # Of a large farm's share of sick plants
+_LEAST_SCALE = 0.02  # Minimum colour scale, as a share of sick plants
 _MOST_PIXELS = 0.995
 _SICK = ("#e3ecd2", "#f6c66a", "#e2711d", "#8e1f1c", "#4a0b16")
-_PATH_M = 0.002  # Of the farm's side: the least step of a path that is drawn
-_DENSE_SIDES = 15.0  # Tracks of so many of the farm's sides cover its map
-_SHEET_MM, _LINE_MM = 262.0, 4.5  # Below the title, within the margins
-_LEAST_MM, _MOST_MM = 18.0, 84.0  # Of a map
-_KEY_MM, _HEAD_MM = 12.0, 7.0  # With the lines and gaps around a field
+_PATH_M = 0.002  # Minimum step of a drawn path, as a fraction of the farm's side
+_DENSE_SIDES = 15.0  # Track length, in sides of the farm, from which tracks cover the map
+_SHEET_MM, _LINE_MM = 262.0, 4.5  # Height available below the title, and of a line
+_LEAST_MM, _MOST_MM = 18.0, 84.0  # Minimum and maximum height of a map
+_KEY_MM, _HEAD_MM = 12.0, 7.0  # Height of a field's key and heading, with gaps
 _TOLD_WARNINGS = 4
 _LONGEST_WARNING = 220
 
 
 def run_title(record: RunRecord) -> str:
-    """Return what was flown, in a line: farm, planner or policy, estimator, vehicle."""
+    """Return the title of a run: farm, planner or policy, estimator, vehicle."""
     parts = (_chooser(record), record.estimator, record.plan.vehicle.name)
     return f"{record.farm.name}: {', '.join(parts)}, seed {record.scenario.seed}"
 
 
 def summary_of(record: RunRecord, *, notes: Sequence[str] = ()) -> str:
-    """Return the summary of a run, as the element of a page; the notes are about what is below it."""
+    """Return the summary of a run as an HTML element; `notes` concern the page below it."""
     told = _told(record)
     reports = _reports(record)
     shown = [one for one in record.maps if one.field.name in reports]
@@ -58,7 +58,7 @@ def summary_of(record: RunRecord, *, notes: Sequence[str] = ()) -> str:
 
 
 def comparison_of(first: RunRecord, second: RunRecord, *, notes: Sequence[str] = ()) -> str:
-    """Return the summary of two runs over the same farm: in what they differ, and both maps."""
+    """Return the summary of two runs over the same farm: their differences, and both maps."""
     told = [_told(one, short=True) for one in (first, second)]
     names = list(dict.fromkeys([*told[0], *told[1]]))
     rows = []
@@ -97,7 +97,7 @@ def _reports(record: RunRecord) -> dict[str, FieldReport]:
 
 
 def _below(notes: Sequence[str]) -> str:
-    told = "".join(f"<li>{escape(one)}</li>" for one in notes)
+    told = "".join(f"<li>{escape(note)}</li>" for note in notes)
     return f'<nav class="below"><a href="#app">Replay it below</a><ul>{told}</ul></nav>\n'
 
 
@@ -109,11 +109,11 @@ def _chooser(record: RunRecord) -> str:
 
 
 def _told(record: RunRecord, *, short: bool = False) -> dict[str, str]:
-    """Return the facts of a run in words, by what they are; the `short` ones are compared with another's."""
+    """Return the facts of a run in words, by name; `short` ones are for a comparison."""
     summary, scenario = record.summary(), record.scenario
     vehicles = list(dict.fromkeys(scenario.vehicle.names))
     count = summary["vehicles"]
-    days = [one.day for one in record.days] or [scenario.farm.day]
+    days = [day.day for day in record.days] or [scenario.farm.day]
     when = f"day {days[0]}" if len(days) == 1 else f"days {days[0]} to {days[-1]}"
     flights, seed = len(record.flights), str(scenario.seed)
     seen = f"{percent(summary['coverage'])} of the land to be seen"
@@ -123,7 +123,7 @@ def _told(record: RunRecord, *, short: bool = False) -> dict[str, str]:
         "when": when if short else f"{when}, {flights} flight{'s' if flights != 1 else ''}",
         **({"flights": str(flights)} if short else {}),
         "outcome": in_words(record.outcome, record.reason),
-        # Of a policy only the first path is known before.
+        # Only the first path of a policy is known before the flight.
         "flown": record.flown(predicted=not short and scenario.mission.policy is None),
         "battery": _battery(record),
         "seen": f"{summary['observations']:,} readings, {seen}",
@@ -141,7 +141,7 @@ def _told(record: RunRecord, *, short: bool = False) -> dict[str, str]:
 
 
 def _battery(record: RunRecord) -> str:
-    used = [one.battery_used for one in record.flights if one.battery_used is not None]
+    used = [flight.battery_used for flight in record.flights if flight.battery_used is not None]
     if not used:
         return "not told"
     if len(used) == 1:
@@ -155,32 +155,32 @@ def _facts(told: Mapping[str, str]) -> str:
 
 
 def _shown_warnings(record: RunRecord) -> list[str]:
-    """Return the first warnings, and how many more there are."""
+    """Return the first warnings, and the number of further ones."""
     warnings = record.warnings
-    lines = [one if len(one) <= _LONGEST_WARNING else f"{one[:_LONGEST_WARNING]}..." for one in warnings]
+    lines = [text if len(text) <= _LONGEST_WARNING else f"{text[:_LONGEST_WARNING]}..." for text in warnings]
     if len(lines) > _TOLD_WARNINGS:
         lines[_TOLD_WARNINGS - 1 :] = [f"and {len(lines) - _TOLD_WARNINGS + 1} more warnings"]
     return lines
 
 
 def _warnings(record: RunRecord) -> str:
-    lines = "".join(f"<li>{escape(one)}</li>" for one in _shown_warnings(record))
+    lines = "".join(f"<li>{escape(shown_warning)}</li>" for shown_warning in _shown_warnings(record))
     return f'<ul class="warnings">{lines}</ul>\n' if lines else ""
 
 
 def _lines(texts: Iterable[str], columns: int) -> int:
-    """Return about how many lines texts take, each in lines of its own."""
-    return sum(-(-len(one) // columns) for one in texts)
+    """Return the approximate number of lines of some texts."""
+    return sum(-(-len(text) // columns) for text in texts)
 
 
 def _map_height_mm(lines: int, fields: int, beside_mm: float) -> float:
-    """Return how high maps may be, so that all is on one sheet: below some lines, one of each field."""
+    """Return the height of maps for which all lines and fields fit on one sheet (mm)."""
     room_mm = (_SHEET_MM - _LINE_MM * lines) / max(fields, 1) - beside_mm
     return min(max(room_mm, _LEAST_MM), _MOST_MM)
 
 
 def _about(report: FieldReport) -> str:
-    """Tell how much of a field is sick, how sure that is, and where it is worst."""
+    """Describe the sickness of a field, its uncertainty, and the worst places."""
     disease = report.kind == "disease"
     write = _writer(report)
     sure = "how sure that is, the estimator does not tell"
@@ -192,17 +192,17 @@ def _about(report: FieldReport) -> str:
         sure = "of what nobody looked at nothing is known"
     main = f"{write(report.expected)} {what}"
     interval = [
-        "" if one.low is None or one.high is None else f"{write(one.low)} to {write(one.high)}"
-        for one in report.blocks
+        "" if block.low is None or block.high is None else f"{write(block.low)} to {write(block.high)}"
+        for block in report.blocks
     ]
     seen = f"{report.seen:,} of {report.cells:,} {'plants' if disease else 'cells'} were looked at"
     if disease:
         seen += f", {report.seen_sick:,} of these were sick"
     rows = "".join(
-        f'<tr><td><span class="dot">{number}</span> {escape(one.name)}</td>'
-        f'<td class="n">{one.latitude_deg:.5f}, {one.longitude_deg:.5f}</td>'
-        f'<td class="n">{write(one.expected)}</td><td class="n">{interval[number - 1]}</td></tr>'
-        for number, one in enumerate(report.blocks, start=1)
+        f'<tr><td><span class="dot">{number}</span> {escape(block.name)}</td>'
+        f'<td class="n">{block.latitude_deg:.5f}, {block.longitude_deg:.5f}</td>'
+        f'<td class="n">{write(block.expected)}</td><td class="n">{interval[number - 1]}</td></tr>'
+        for number, block in enumerate(report.blocks, start=1)
     )
     worst = "worst blocks" if disease else "lowest blocks"
     return (
@@ -213,7 +213,7 @@ def _about(report: FieldReport) -> str:
 
 
 def _writer(report: FieldReport) -> Callable[[float], str]:
-    """Return what writes a field's numbers: a part of the plants, or a value in its unit."""
+    """Return a function that formats a field's numbers: a percentage of plants, or a value with unit."""
     if report.kind == "disease":
         return percent
     return lambda value: f"{value:.3g} {report.unit}".rstrip()
@@ -227,7 +227,7 @@ def _map(
     reports: Mapping[str, FieldReport],
     side: str = "",
 ) -> str:
-    """Draw the estimate of a field, the path that was flown, and the blocks that are told."""
+    """Draw the estimate of a field, the path flown, and the listed blocks."""
     drawing, grid, field = FarmDrawing.of(record.farm), of.grid, of.field
     share = of.share / scale
     pixels = np.zeros(share.shape, np.uint8)
@@ -235,7 +235,7 @@ def _map(
     pixels[known] = 1 + np.clip(np.rint(share[known] * (_STEPS - 1)), 0, _STEPS - 1).astype(np.uint8)
     palette = np.concatenate([np.zeros((1, 3), np.uint8), _ramp(field)])
     blocks = reports[field.name].blocks
-    dots = "".join(drawing.dot(one.x_m, one.y_m, str(number)) for number, one in enumerate(blocks, start=1))
+    dots = "".join(drawing.dot(block.x_m, block.y_m, str(n)) for n, block in enumerate(blocks, start=1))
     over = _flown(record, drawing) + dots
     shows = f"Map of the estimate of {field.title}"
     name = f"{field.name}{side}"
@@ -244,7 +244,7 @@ def _map(
 
 
 def _flown(record: RunRecord, drawing: FarmDrawing) -> str:
-    """Draw the tracks of all flights, as fine as the map shows."""
+    """Draw the tracks of all flights at the map's resolution."""
     step_m, paths, points = _PATH_M * 100.0 * drawing.unit, [], 0
     for flight in record.flights:
         x, y = flight.track.x_m, flight.track.y_m
@@ -253,31 +253,31 @@ def _flown(record: RunRecord, drawing: FarmDrawing) -> str:
             _, kept = np.unique((along // step_m).astype(np.int64), return_index=True)
             points += len(kept)
             paths.append("M" + "L".join(f"{x[k]:.1f} {drawing.down(y[k]):.1f}" for k in kept))
-    # Tracks that cover the farm are not to hide what they found.
+    # Dense tracks must not hide the estimate.
     opacity = 0.55 if points * _PATH_M < _DENSE_SIDES else 0.2
     line = f'fill="none" stroke="#1f3b73" stroke-opacity="{opacity:g}"'
     return f'<path d="{"".join(paths)}" {line} stroke-width="{0.25 * drawing.unit:.3f}"/>'
 
 
 def _scale(maps: Sequence[FieldMap]) -> float:
-    """Return what the last colour stands for: of a disease at least a small share, else the whole range."""
+    """Return the value of the last colour: of a disease at least a small share, else the full range."""
     if maps[0].field.kind != "disease":
         return 1.0
-    # A pixel at a border has few plants: one sick one more is no scale for all others.
+    # A pixel at a border has few plants, so one sick plant there must not set the scale.
     highest = (float(np.nanquantile(one.share, _MOST_PIXELS)) for one in maps if np.isfinite(one.share).any())
     return max(_LEAST_SCALE, *highest, 0.0)
 
 
 def _ramp(field: Field) -> NDArray[np.uint8]:
-    """Return the colours of a field's map from nothing to its scale, uint8[`_STEPS`, 3]."""
+    """Return the colours of a field's map from 0 to its scale, uint8[`_STEPS`, 3]."""
     colours = _SICK if field.kind == "disease" else field.colours
-    ends = np.array([[int(one[k : k + 2], 16) for k in (1, 3, 5)] for one in colours], np.float64)
+    ends = np.array([[int(colour[k : k + 2], 16) for k in (1, 3, 5)] for colour in colours], np.float64)
     at, places = np.linspace(0.0, len(ends) - 1.0, _STEPS), np.arange(len(ends))
     return np.rint(np.stack([np.interp(at, places, ends[:, k]) for k in range(3)], axis=1)).astype(np.uint8)
 
 
 def _key(field: Field, scale: float, told: str = "") -> str:
-    """Draw the scale of a map's colours."""
+    """Draw the colour key of a map."""
     bars = "".join(
         f'<rect x="{k}" width="1.05" height="1" fill="#{r:02x}{g:02x}{b:02x}"/>'
         for k, (r, g, b) in enumerate(_ramp(field)[:: _STEPS // 20].tolist())

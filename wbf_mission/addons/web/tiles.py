@@ -1,8 +1,8 @@
-"""The user's own map behind the farm: raster tiles from an MBTiles or a PMTiles file, read with care.
+"""The user's background map: raster tiles from an untrusted MBTiles or PMTiles file.
 
 Formats: MBTiles 1.3 (an SQLite database, rows counted from the south) and PMTiles 3 (directories of tile
-numbers along a Hilbert curve). Pictures go to the browser as they are, if they begin as PNG, JPEG or WebP do.
-What a file says of sizes is not believed: whatever is read has a limit, in bytes or in time.
+numbers along a Hilbert curve). Pictures are sent to the browser unchanged if they start like PNG, JPEG or
+WebP. Sizes stated in a file are not trusted: every read is limited in bytes or in time.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ class MapTilesError(WbfMissionError, ValueError):
 
 
 class MapTiles:
-    """Raster tiles of an MBTiles or PMTiles file; MapTilesError if it holds none. Thread-safe."""
+    """Raster tiles of an MBTiles or PMTiles file; MapTilesError without any. Thread-safe."""
 
     def __init__(self, path: Path) -> None:
         self._lock = threading.Lock()
@@ -73,7 +73,7 @@ class MapTiles:
         self.background = Background(one_line(re.sub(r"[<>]", "", plain), _ATTRIBUTION), low, high)
 
     def read(self, z: int, x: int, y: int) -> tuple[bytes, str] | None:
-        """Return a tile and its media type, rows counted from the north; None if there is no picture."""
+        """Return a tile and its media type, rows counted from the north; None without a picture."""
         low, high = self._archive.zooms
         if not (low <= z <= high and 0 <= x < 1 << z and 0 <= y < 1 << z):
             return None
@@ -96,7 +96,7 @@ def _media_type(data: bytes) -> str | None:
 
 
 class _MBTiles:
-    """An SQLite database, opened to be read only; `tiles` may be a view, whose queries are cut short."""
+    """An SQLite database, opened read-only; `tiles` may be a view, so queries have a time limit."""
 
     def __init__(self, path: Path) -> None:
         self._until_s = time.monotonic() + QUERY_S
@@ -130,7 +130,7 @@ class _MBTiles:
 
 
 class _Directory(NamedTuple):
-    """The entries of a PMTiles directory as columns; one without a run is another directory."""
+    """Entries of a PMTiles directory as columns; an entry without a run is another directory."""
 
     ids: list[int]
     runs: list[int]
@@ -139,7 +139,7 @@ class _Directory(NamedTuple):
 
 
 class _PMTiles:
-    """PMTiles 3: a header, a root directory, and leaf directories below it."""
+    """PMTiles 3: a header, a root directory, and leaf directories."""
 
     def __init__(self, path: Path) -> None:
         self._file = path.open("rb")
@@ -209,7 +209,7 @@ class _PMTiles:
         ids, offsets, at, end = [], [], 0, 0
         for step, size, place in zip(steps, lengths, told, strict=True):
             at += step
-            start = place - 1 if place else end  # 0: after the one before
+            start = place - 1 if place else end  # 0: follows the previous entry
             end = start + size
             ids.append(at)
             offsets.append(start)
@@ -220,7 +220,7 @@ _DAMAGES = (sqlite3.Error, ValueError, struct.error, zlib.error, IndexError, Ove
 
 
 def _varints(data: bytes) -> list[int]:
-    """Return numbers of seven bits a byte, the lowest first."""
+    """Decode varints: seven bits per byte, lowest first."""
     numbers, value, shift = [], 0, 0
     for byte in data:
         value |= (byte & 0x7F) << shift
@@ -234,7 +234,7 @@ def _varints(data: bytes) -> list[int]:
 
 
 def _tile_id(z: int, x: int, y: int) -> int:
-    """Return the number of a tile: those of lower zoom levels, then along the Hilbert curve.
+    """Return the number of a tile: first all lower zoom levels, then along the Hilbert curve.
 
     >>> [_tile_id(*zxy) for zxy in ((0, 0, 0), (1, 0, 0), (1, 0, 1), (1, 1, 1), (1, 1, 0), (2, 0, 0))]
     [0, 1, 2, 3, 4, 5]

@@ -1,4 +1,4 @@
-"""What a page shows of a run: made of its events, and told to each viewer as far as it does not know it."""
+"""View of a run for pages: built from its events, and sent to each viewer incrementally."""
 
 from __future__ import annotations
 
@@ -36,23 +36,23 @@ T = TypeVar("T")
 Floats = NDArray[np.float32]
 Bools = NDArray[np.bool_]
 Cursor = NewType("Cursor", int)
-"""How far a viewer knows a view."""
+"""Version of a view that a viewer has received."""
 
 MAX_STATES = 20_000
-"""States of a vehicle, and scores; of more, every second one of the older half is left out."""
+"""Maximum number of states per vehicle, and of scores; above it, half of the older half is dropped."""
 MAX_ALL_STATES = 400_000
-"""States of all vehicles: of many vehicles fewer each."""
+"""Maximum number of states of all vehicles, shared between them."""
 MAX_PLANS = 500
 MAX_DECISIONS = 2_000
 MAX_SAID = 2_000
 MAX_CANDIDATES = 40
-"""Of a decision, the best first."""
+"""Maximum number of candidates per decision, best first."""
 _MAX_TEXT = 500
 _WARNING, _INFO = 4, 6  # MAV_SEVERITY
 _RUNNING = "running"
-_UNDER_WAY = "sent"  # The outcome of a change of a path that is not over
+_UNDER_WAY = "sent"  # Outcome of a path change in progress
 
-# Tuples of plain values: unlike other objects they cost the garbage collector nothing.
+# Tuples of plain values need no garbage collection, unlike other objects.
 _State: TypeAlias = tuple[Any, ...]
 _STATE = tuple(name for name in events.VehicleMoved.__dataclass_fields__ if name != "system_id")
 _state_of = attrgetter(*_STATE)
@@ -63,16 +63,16 @@ _Scored: TypeAlias = tuple[float, int, int, Score | None]
 
 
 class _Rows(Generic[T]):
-    """Rows with the versions in which they came; of too many the older half is thinned or left out."""
+    """Rows with their versions; above a limit, the older half is thinned or dropped."""
 
     def __init__(self, name: str, limit: int, *, thins: bool = False) -> None:
         self.name, self.limit, self.step = name, limit, 2 if thins else 1
         self.rows: list[T] = []
         self.versions: list[int] = []
-        self.thinned = 0  # In which version
+        self.thinned = 0  # Version of the last thinning
 
     def add(self, row: T, version: int) -> None:
-        """Add a row at the end."""
+        """Append a row."""
         self.rows.append(row)
         self.versions.append(version)
         if len(self.rows) > self.limit:
@@ -81,12 +81,12 @@ class _Rows(Generic[T]):
             self.thinned = version
 
     def drop(self, is_meant: Callable[[T], bool]) -> None:
-        """Take out the rows that are meant."""
+        """Remove the rows for which `is_meant` holds."""
         for index in reversed([i for i, row in enumerate(self.rows) if is_meant(row)]):
             del self.rows[index], self.versions[index]
 
     def after(self, cursor: int, restart: list[str]) -> list[T]:
-        """Return the rows that a viewer does not know; all, told in `restart`, if some were left out."""
+        """Return the rows newer than a cursor; all rows, noted in `restart`, after a thinning."""
         if 0 < cursor < self.thinned:
             restart.append(self.name)
             cursor = 0
@@ -94,7 +94,7 @@ class _Rows(Generic[T]):
 
 
 class _Readings:
-    """Readings of cells as columns, all of them."""
+    """Readings of cells as columns, without a limit."""
 
     def __init__(self) -> None:
         self.time_s, self.x, self.y = (GrowingArray((), kind) for kind in "dff")
@@ -103,7 +103,7 @@ class _Readings:
         self.versions: list[int] = []
 
     def add(self, seen: Observations, offset_s: float, cell_m: float, version: int) -> None:
-        """Add the readings of an event."""
+        """Append the readings of an event."""
         known = len(self.time_s)
         self.time_s.append(seen.time_s + offset_s)
         self.x.append((seen.x + 0.5) * cell_m)
@@ -119,7 +119,7 @@ class _Readings:
         self.versions.append(version)
 
     def after(self, cursor: int) -> dict[str, NDArray[Any]]:
-        """Return the columns that a viewer does not know; rows once written stay as they are."""
+        """Return the rows newer than a cursor, by column; written rows never change."""
         known = bisect.bisect_right(self.versions, cursor)
         first = self.ends[known - 1] if known else 0
         columns = {"time_s": self.time_s, "x": self.x, "y": self.y, **self.values}
@@ -127,12 +127,11 @@ class _Readings:
 
 
 class View:
-    """The state of a run as pages show it: a listener of its events.
+    """State of a run as shown by pages; a listener of its events.
 
-    The run's threads call `take`, which is quick; any number of viewers call `update` at any time, and
-    nothing is kept for them. Estimates are drawn in at most `share` of the wall time (1 draws every one), the
-    last one of a flight always. Layers have at most `longest` pixels along the farm's longer side. `clock`
-    measures the age of vehicles' states.
+    The run's threads call `take`, which is fast. Any number of viewers call `update` at any time, without
+    state here. Estimates are drawn in at most `share` of the wall time (1: all), and always at the end of a
+    flight. Layers have at most `longest` pixels per side. `clock` measures the age of vehicle states.
 
     >>> view = View()
     >>> view.take(events.Noted("the vehicle is heard"))
@@ -145,50 +144,48 @@ class View:
         self, *, share: float = 0.2, longest: int = LONGEST, clock: Callable[[], float] = steady_s
     ) -> None:
         self._share, self._longest, self._clock = share, longest, clock
-        # Who draws holds the first, as long as that takes; the second is held briefly, by all who read or
-        # change what follows it.
+        # The first lock is held for a whole drawing, the second one briefly for each access to the state.
         self._drawing, self._lock = threading.RLock(), threading.RLock()
         self._begun: events.RunBegun | None = None
         self._fields: tuple[Field, ...] = ()
-        self._skipped: InformationModel | None = None  # The latest estimate, if it was not drawn
-        self._stale: Bools | None = None  # bool[n, tiles along x, y]: where those differ that were not drawn
+        self._skipped: InformationModel | None = None  # Latest estimate, if not drawn
+        self._stale: Bools | None = None  # bool[n, tiles along x, y]: tiles changed since the last drawing
         self._followed: tuple[weakref.ref[Any], int] | None = None  # Values and revision of the latest one
         self._draw_at_s = 0.0
 
         self._layers: Layers | None = None
         self._version = 1
-        self._replaced: dict[str, int] = {}  # The versions of what is replaced as a whole
+        self._replaced: dict[str, int] = {}  # Versions of the members that are replaced as a whole
         self._time_s = 0.0
         self._run: schema.Run | None = None
         self._status = schema.Status(_RUNNING, in_words(_RUNNING), "", None, None, ())
         self._background: schema.Background | None = None
         self._plans = _Rows[schema.Plan]("plans", MAX_PLANS)
         self._states: dict[int, _Rows[_State]] = {}
-        self._heard_s: dict[int, float] = {}  # When vehicles sent their latest states, by the clock
+        self._heard_s: dict[int, float] = {}  # Receive times of the vehicles' latest states, by the clock
         self._readings = _Readings()
         self._scores = _Rows[_Scored]("scores", MAX_STATES, thins=True)
         self._decisions = _Rows[schema.Decision]("decisions", MAX_DECISIONS)
-        self._records: list[tuple[float, DecisionRecord]] = []  # The record counts from its flight's start
-        # By number those that are not over, and what was told of them
-        self._open: dict[int, tuple[str, tuple[str, ...]] | None] = {}
+        self._records: list[tuple[float, DecisionRecord]] = []  # Record times: from the flight's start
+        self._open: dict[int, tuple[str, tuple[str, ...]] | None] = {}  # In progress: last state sent
         self._said = _Rows[schema.Said]("said", MAX_SAID)
 
-    # What is told
+    # Output
 
     @property
     def cursor(self) -> Cursor:
-        """That of a viewer who knows everything; it grows with each piece of news."""
+        """Cursor of a viewer with all data; grows with every change."""
         with self._lock:
             self._look_after_decisions()
             return Cursor(self._version)
 
     @property
     def time_s(self) -> float:
-        """When what was heard last happened."""
+        """Time of the latest event (s)."""
         return round(self._time_s, 2)
 
     def silent_s(self) -> dict[str, float]:
-        """Return the age of each vehicle's newest state; of none in a simulation, whose time may stand."""
+        """Return the age of each vehicle's newest state; empty in a simulation, where time may stop."""
         if self._run is None or self._run.simulated or self._status.outcome != _RUNNING:
             return {}
         with self._lock:
@@ -196,7 +193,7 @@ class View:
             return {str(number): round(now_s - heard_s, 1) for number, heard_s in self._heard_s.items()}
 
     def update(self, cursor: Cursor | None) -> tuple[schema.Update, Cursor]:
-        """Return what a viewer does not know, and its next cursor; with None, everything."""
+        """Return the data newer than a cursor, and the next cursor; everything for None."""
         at, restart = int(cursor or 0), list[str]()
         with self._lock:
             self._look_after_decisions()
@@ -230,13 +227,13 @@ class View:
         return replace(update, **{name: part for name, part in new.items() if part}), version
 
     def offer(self, background: schema.Background | None) -> None:
-        """Tell which map tiles of the user's there are."""
+        """Set the user's background map."""
         self._replace("background", background)
 
-    # What happens
+    # Input
 
     def take(self, event: events.Event) -> None:
-        """Take an event of the run; what cannot be shown ends no flight, a line of the page says so."""
+        """Process an event; an error is shown on the page and does not end the flight."""
         try:
             self._take(event)
         except Exception as error:
@@ -292,7 +289,7 @@ class View:
                 self._tell(progress=None, question=None, **ended)
 
     def _hear(self, time_s: float) -> int:
-        """Return the version of what happened then."""
+        """Return the version of an event."""
         with self._lock:
             self._version += 1
             self._time_s = max(self._time_s, time_s)
@@ -335,9 +332,12 @@ class View:
             run = schema.Run(
                 *(event.title, event.simulated, event.seed, event.estimator, event.planner),
                 farm=None if farm is None else farm_shape(farm),
-                fields=[_field(one) for one in self._fields],
+                fields=[_field(field) for field in self._fields],
                 raster=None if layers is None else layers.raster,
-                vehicles=[schema.VehicleInfo(one.system_id, one.name, one.kind) for one in event.vehicles],
+                vehicles=[
+                    schema.VehicleInfo(vehicle.system_id, vehicle.name, vehicle.kind)
+                    for vehicle in event.vehicles
+                ],
             )
             with self._lock:
                 if anew:
@@ -365,10 +365,10 @@ class View:
             self._look_after_decisions()
 
     def _look_after_decisions(self) -> None:
-        """Tell anew those whose paths came to something: records change while they are carried out."""
+        """Publish decisions again whose outcomes have changed during their execution."""
         for number, told in tuple(self._open.items()):
             time_s, record = self._records[number - 1]
-            state = record.refused, tuple(one.outcome for one in record.changes)
+            state = record.refused, tuple(change.outcome for change in record.changes)
             if state != told:
                 self._decisions.drop(partial(_has_number, number))
                 self._decisions.add(_decision(number, time_s, record), self._hear(time_s))
@@ -387,7 +387,7 @@ class View:
         stale: Bools | None = None,
         scale: float | None = None,
     ) -> None:
-        """Draw a layer; while `_drawing` is held."""
+        """Draw a layer; requires the lock `_drawing`."""
         drawing = layers.put(name, pixels, changed=stale, scale=scale)
         with self._lock:
             layers.draw(drawing, self._hear(0.0))
@@ -419,7 +419,7 @@ class View:
                 self._draw_skipped()
 
     def _draw_skipped(self) -> None:
-        """Draw the latest estimate, unless it was."""
+        """Draw the latest estimate unless already drawn."""
         with self._drawing:
             model, self._skipped = self._skipped, None
             layers, crops = self._layers, {field.name: field.crops for field in self._fields}
@@ -438,7 +438,7 @@ class View:
 
 def _field(field: Field) -> schema.FieldInfo:
     kind = field.kind if field.is_simulated else "measured"
-    # The page has colours of its own for kinds, which change in lightness all the way.
+    # The page has its own colours for each kind, with monotonic lightness.
     colours = () if field.colours in (HEALTH_COLOURS, WATER_COLOURS) else field.colours
     return schema.FieldInfo(field.name, field.title, kind, field.unit, field.range, colours)
 
@@ -452,11 +452,12 @@ def _decision(number: int, time_s: float, record: DecisionRecord) -> schema.Deci
         *(number, round(time_s, 2), record.day, record.flight, record.event, record.reason, record.refused),
         compute_s=round(record.compute_s, 4),
         candidates=[
-            schema.Candidate(one.system_id, ring(one.points_m), one.value, one.cost)
-            for one in record.alternatives[:MAX_CANDIDATES]
+            schema.Candidate(other.system_id, ring(other.points_m), other.value, other.cost)
+            for other in record.alternatives[:MAX_CANDIDATES]
         ],
         changes=[
-            schema.Change(one.system_id, ring(one.path_m), one.cost, one.outcome) for one in record.changes
+            schema.Change(change.system_id, ring(change.path_m), change.cost, change.outcome)
+            for change in record.changes
         ],
     )
 
@@ -465,13 +466,13 @@ def _states(rows: list[_State]) -> schema.States:
     columns: dict[str, Any] = dict(zip(_STATE, map(list, zip(*rows, strict=True)), strict=True))
     columns["heading_rad"] = np.degrees(np.array(columns["heading_rad"], np.float64))
     for name, digits in _DIGITS.items():
-        # NaN, which is null in JSON, for None
+        # NaN in place of None, which becomes null in JSON
         columns[name] = np.round(np.array(columns[name], np.float64), digits).tolist()
     return schema.States(**{_SHOWN_AS.get(name, name): column for name, column in columns.items()})
 
 
 def _of_their_crops(grid: FarmGrid, fields: Sequence[Field], seen: Observations) -> Observations:
-    """Return observations in which a field has readings only of cells with its crops."""
+    """Return observations without readings of fields outside their crops."""
     at = seen.x[:, np.newaxis], seen.y[:, np.newaxis]
     cells = FarmGrid((len(seen), 1), grid.cell_size_m, grid.crop[at], grid.owned[at], grid.crops)
     values = seen.values.copy()

@@ -1,4 +1,4 @@
-"""Texts of the program, worded for a page: with its inputs in place of the command line's options."""
+"""Messages of the program with the page's inputs in place of command line options."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from wbf_mission.scenario.scenario import all_options
 
 _FLAG = re.compile(r"(?<![\w-])--[a-z][a-z0-9]*(-[a-z0-9]+)*")
 _ONLY_THERE = re.compile(r",? --force does it nevertheless")
-"""Advice that a page has no input for."""
+"""Advice without an input on the page."""
 _OTHERS = {
     "--crop": "Crop",
     "--farm-crs": "Coordinate system",
@@ -18,11 +18,11 @@ _OTHERS = {
     "--wind": "Wind speed",
     "--wind-shear": "Wind shear",
 }
-"""Inputs of the page that are no options of a draft, or several."""
+"""Inputs of the page that are no draft options, or several."""
 
 
 def worded(text: object) -> str:
-    """Return a text in one line with the names of the page's inputs in place of options.
+    """Return a text on one line, with the page's input names in place of options.
 
     >>> worded("the polygon is not valid; --repair mends what is safe to mend")
     "the polygon is not valid; 'Mend it' mends what is safe to mend"

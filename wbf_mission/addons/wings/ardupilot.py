@@ -1,4 +1,4 @@
-"""ArduPlane: limits of a fixed wing from its parameters, its take-off and its return."""
+"""ArduPlane: limits of a fixed wing from its parameters, take-off and return."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ __all__ = ["FIRMWARE"]
 
 _ROLL_RATE = 75.0
 _ANY_RATE = 180.0
-# It seems to fly until its ground speed is below this, and a filter has noticed that (``is_flying.cpp``).
+# ArduPlane assumes flight until a filter has seen a lower ground speed (``is_flying.cpp``).
 _SEEMS_TO_FLY_M_S = 1.5
 _NOTICES_S = 2.9
 
@@ -59,12 +59,12 @@ class ArduPlane(WingProcedures):
     takeoff_height = "TKOFF_ALT"
     return_height = "RTL_ALTITUDE"
     land_start_needs_position = True
-    holds_at_waypoints = False  # it does not store the time
+    holds_at_waypoints = False  # The hold time is not stored
     climbs_ahead = True
     turns_to_zero = True
 
     def limits(self, spec: VehicleSpec) -> FixedWingLimits:
-        """Limits of a vehicle's flight."""
+        """Return the flight limits of a vehicle."""
         from wbf_mission.addons.wings.motion.guidance import L1
         from wbf_mission.addons.wings.motion.layout import FixedWingLimits
 
@@ -103,7 +103,7 @@ class ArduPlane(WingProcedures):
         )
 
     def control(self, spec: VehicleSpec) -> Mapping[str, float]:
-        """Gains of the control of energy, landing and take-off."""
+        """Return the gains of energy control, landing and take-off."""
         value = self.values(spec)
         pitch_max, pitch_min = value["PTCH_LIM_MAX_DEG"], value["PTCH_LIM_MIN_DEG"]
         if value["TECS_PITCH_MAX"] > 0.0:
@@ -127,21 +127,21 @@ class ArduPlane(WingProcedures):
         }
 
     def fit(self, spec: VehicleSpec) -> VehicleSpec:
-        """Vehicle with the values that parameters decide."""
+        """Return the vehicle with the values set by its parameters."""
         friction = None if spec.airframe is None else spec.airframe.ground_drag_1_s
-        # The delay counts from when it no longer seems to fly; until it stands it rolls on.
+        # ArduPlane's delay counts from the end of assumed flight; the vehicle still rolls for a while after.
         rolls = math.log(_SEEMS_TO_FLY_M_S / STOPPED_M_S) / friction if friction else 0.0
         delay = max(self.value(spec, "LAND_DISARMDELAY") + _NOTICES_S - rolls, 0.0)
         return replace(super().fit(spec), disarm_delay_s=delay)
 
     def lands_as_mission(self, spec: VehicleSpec) -> bool:
-        """Whether RTL_AUTOLAND has a return fly the landing of the mission."""
+        """Return whether RTL_AUTOLAND makes a return fly the mission's landing."""
         return self.value(spec, "RTL_AUTOLAND") in (1.0, 2.0)
 
     def return_legs(
         self, spec: VehicleSpec, last: Position, speed: float, return_point: Position
     ) -> list[Leg]:
-        """Route home and the circle over it, for ever."""
+        """Return a leg home with an endless circle above it."""
         home_x, home_y, least = return_point
         height = self.value(spec, "RTL_ALTITUDE")
         height = max(least, height if height > 0.0 else last[2], 5.0)
@@ -150,7 +150,7 @@ class ArduPlane(WingProcedures):
 
 
 def arduplane_landing(items: Sequence[MissionItem], parameters: RuntimeParameters) -> str | None:
-    """Refuse a landing sequence that a return would not fly."""
+    """Return the reason against arming if a return would ignore the landing sequence; None if fine."""
     has_landing = any(item.command == Command.DO_LAND_START for item in items)
     if has_landing and parameters.settings.get("RTL_AUTOLAND", 0.0) == 0.0:
         return "DO_LAND_START set and RTL_AUTOLAND disabled"
@@ -228,7 +228,7 @@ _STICKS = StickRules(
         regained="RC Failsafe Cleared",
     ),
 )
-# ArduPlane stores the acceptance and pass radii of waypoints, and the pitch of a take-off.
+# ArduPlane stores acceptance and pass radii of waypoints, and the pitch of a take-off.
 _PROFILE = replace(
     ROOMY_PROFILE,
     lossy={
@@ -247,6 +247,6 @@ FIRMWARE = Firmware(
     behaviour=replace(MISSION, refuses_to_arm=arduplane_landing),
     reference=partial(reference_parameters, "arduplane", package=__package__),
     sticks=_STICKS,
-    # Flown to, not turned before as within WP_RADIUS.
+    # Waypoints are flown to; WP_RADIUS does not start a turn before.
     cornering=Cornering(2.0),
 )

@@ -1,4 +1,4 @@
-"""The kind of fixed wings."""
+"""Vehicle kind of fixed wings."""
 
 from __future__ import annotations
 

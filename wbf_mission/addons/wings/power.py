@@ -1,15 +1,15 @@
 """Airframe and electric power of a fixed wing.
 
-Drag from the parabolic polar, n the load factor of a turn (Anderson,
-*Aircraft Performance and Design*, 1999, ch. 5)::
+Drag is the parabolic polar; n is the load factor of a turn (Anderson, *Aircraft Performance and Design*,
+1999, ch. 5)::
 
     D = q S (CD0 + CL^2 / (pi e AR))     CL = n W / (q S)     q = rho V^2 / 2
     P = (D V + W climb) / efficiency + avionics
 
-with the climb of the energy height, which counts a gain of speed as well as one of height. A glide takes no
-less than the avionics: a windmilling propeller gives nothing back.
+`climb` is the rate of energy height, which includes a gain of speed. A glide takes at least the avionics
+power, as a windmilling propeller returns nothing.
 
-It is plain Python; `wbf_mission.addons.wings.motion.kernel` has it compiled.
+This module is plain Python; `wbf_mission.addons.wings.motion.kernel` compiles it.
 """
 
 from __future__ import annotations
@@ -40,23 +40,23 @@ if TYPE_CHECKING:
 class FixedWingPowerSpec(FurtherPowerSpec):
     """Parameters of the power model of a fixed wing (`fixed_wing_power`)."""
 
-    # Of the wing; they give its aspect ratio.
+    # Wing area and span, which give the aspect ratio.
     wing_area_m2: float
     wing_span_m: float
     parasitic_drag: float = 0.025
-    """Drag coefficient without lift, on the wing area."""
+    """Zero-lift drag coefficient, referred to the wing area."""
     oswald: float = 0.8
     """Span efficiency of the induced drag."""
     efficiency: float = 0.55
 
     @property
     def drag_area_m2(self) -> float:
-        """Equivalent flat plate area of the drag without lift."""
+        """Equivalent flat-plate area of zero-lift drag."""
         return self.parasitic_drag * self.wing_area_m2
 
     @property
     def own_drag(self) -> float:
-        """Induced drag times the square of the airspeed."""
+        """Induced drag times squared airspeed."""
         weight = self.mass_kg * GRAVITY_M_S2
         return weight**2 / (0.5 * AIR_DENSITY_KG_M3 * math.pi * self.oswald * self.wing_span_m**2)
 
@@ -70,24 +70,24 @@ class FixedWingPowerSpec(FurtherPowerSpec):
 
 @dataclass(frozen=True, slots=True)
 class FixedWingAirframe:
-    """Thrust, lift and ground of a fixed wing; its drag is in the power model."""
+    """Thrust, lift and ground friction of a fixed wing; its drag is in the power model."""
 
     thrust_n: float | None = None
-    """At full throttle, at any airspeed; None is the climb of the autopilot's parameter."""
-    # Lift coefficient with the fuselage along the flow, and its gain per radian of angle of attack.
+    """Thrust at full throttle, at any airspeed; None: from the autopilot's climb rate parameter."""
+    # Lift coefficient at zero angle of attack, and its slope per radian.
     lift_level: float = 0.3
     lift_slope: float = 5.0
     turn_share: float = 1.0
-    """Rate of a turn over that of a coordinated one, g tan(bank) / airspeed; below 1 it slips outward."""
+    """Turn rate over that of a coordinated turn, g tan(bank) / airspeed; below 1 the wing slips outward."""
     elevator_per_lift: float = 0.0
-    """Share of the throw of the elevator that trims it for one more lift coefficient: the static stability
-    over the power of the elevator. Until the pitch control has trimmed a change of airspeed its nose is too
-    high or too low; 0 is always trimmed."""
+    """Share of full elevator that trims one more unit of lift coefficient: static stability over elevator
+    power. Until pitch control has trimmed a change of airspeed, the nose is too high or too low. 0: always
+    trimmed."""
     liftoff_airspeed_m_s: float | None = None
-    """Airspeed at which it leaves the ground by its own thrust; None: it is thrown, or rolls as the
-    autopilot's parameters say."""
+    """Airspeed of lift-off by the vehicle's own thrust; None: thrown, or rolling as the autopilot's
+    parameters say."""
     ground_drag_1_s: float | None = None
-    """Deceleration over speed while it rolls; None is grass, which brakes at any speed alike."""
+    """Deceleration per speed on the ground; None: grass, with a constant deceleration."""
 
     def __post_init__(self) -> None:
         within(
@@ -110,9 +110,9 @@ def fixed_wing_power(power: NDArray[np.float64], airspeed: float, climb: float, 
     ----------
     power : float64[COEFFICIENTS]
     airspeed : float
-        True airspeed; standing on the ground there is no drag.
+        True airspeed; below 1 m/s only constant power is counted.
     climb : float
-        Gain of energy over the weight: the climb rate in a steady flight, and V a / g more when it speeds up.
+        Energy rate divided by weight: the climb rate in steady flight, plus V a / g when accelerating.
     load : float
         Lift over weight, 1 / cos(bank) in a level turn.
     """

@@ -1,4 +1,4 @@
-"""Flight procedures of an autopilot for fixed wings: motion, take-off, approach."""
+"""Flight procedures of a fixed wing's autopilot: motion, take-off, approach."""
 
 from __future__ import annotations
 
@@ -21,29 +21,28 @@ if TYPE_CHECKING:
 
 __all__ = ["WingProcedures", "airspeeds_in_order"]
 
-# Acceleration of a take-off that is thrown or catapulted, and of one that rolls; airspeed that a throw gives
-# over the least airspeed.
+# Accelerations of a thrown or catapulted take-off and of a rolling one; airspeed of a throw as a share of the
+# minimum airspeed.
 _THROW_M_S2, _ROLL_M_S2, _THROW_SHARE = 20.0, 3.0, 0.85
-# A landing nearer than this has no direction of approach.
+# A landing closer than this has no approach direction.
 _APPROACH_M = 30.0
 
 
 class WingProcedures(FixedWingProcedures):
-    """Procedures of a firmware for fixed wings: the compiled motion, the approach."""
+    """Procedures of a fixed wing's firmware: compiled motion and approach."""
 
     @abstractmethod
     def limits(self, spec: VehicleSpec) -> FixedWingLimits:
-        """Limits of a vehicle's flight."""
+        """Return the flight limits of a vehicle."""
 
     def control(self, spec: VehicleSpec) -> Mapping[str, float]:
-        """Further numbers of the law, columns of `wbf_mission.addons.wings.motion.layout.Limits`."""
+        """Return further columns of `wbf_mission.addons.wings.motion.layout.Limits`."""
         return {}
 
     def start_of_flight(self, spec: VehicleSpec, rotation: float, least: float) -> tuple[float, float]:
-        """Airspeed at which the ground is left, and acceleration up to there (0: that of its thrust).
+        """Return the airspeed of lift-off, and the acceleration until then (0: by thrust).
 
-        ``rotation`` is the airspeed at which a runway is left, 0 without a runway; ``least`` the least
-        airspeed.
+        `rotation` is the airspeed of lift-off from a runway, 0 without one. `least` is the minimum airspeed.
         """
         lifts_off = None if spec.airframe is None else spec.airframe.liftoff_airspeed_m_s
         if lifts_off is not None:
@@ -51,7 +50,7 @@ class WingProcedures(FixedWingProcedures):
         return (rotation, _ROLL_M_S2) if rotation > 0.0 else (_THROW_SHARE * least, _THROW_M_S2)
 
     def fit(self, spec: VehicleSpec) -> VehicleSpec:
-        """Vehicle with the values that parameters decide."""
+        """Return the vehicle with the values set by its parameters."""
         limits = self.limits(spec)
         return replace(
             spec,
@@ -67,7 +66,7 @@ class WingProcedures(FixedWingProcedures):
         )
 
     def motion(self, spec: VehicleSpec, wind: Wind | None, yaw_rad: float) -> MotionModel:
-        """Motion of a vehicle that stands at home."""
+        """Return the motion of a vehicle at rest at home."""
         from wbf_mission.addons.wings.motion.model import FixedWing
 
         return FixedWing(spec, self.limits, self.control, wind, yaw_rad)
@@ -75,12 +74,12 @@ class WingProcedures(FixedWingProcedures):
     def takeoff_legs(
         self, spec: VehicleSpec, here: Position, target: Position, speed: float, heading: Heading
     ) -> list[Leg]:
-        """Climb-out up to the height."""
+        """Return the climb-out to the take-off height."""
         x, y, _ = here if self.climbs_ahead else target
         return [Leg((x, y, max(target[2], 0.5)), speed, heading=KEEP, kind=LegKind.TAKEOFF)]
 
     def landing_legs(self, spec: VehicleSpec, above: Position, last: Position, speed: float) -> list[Leg]:
-        """Straight approach from the position before; without one, a circle down to the ground."""
+        """Return a straight approach from `last`, or a circle down to the ground if `last` is too close."""
         x, y, z = above
         landing = self.limits(spec).landing_airspeed
         if math.hypot(x - last[0], y - last[1]) >= _APPROACH_M:
@@ -92,6 +91,6 @@ class WingProcedures(FixedWingProcedures):
 
 
 def airspeeds_in_order(least: float, trim: float, most: float) -> tuple[float, float, float]:
-    """Return airspeeds in order, for any values of the parameters."""
+    """Return the airspeeds sorted, for any parameter values."""
     trim = max(trim, 3.0)
     return min(least, trim), trim, max(most, trim)

@@ -1,4 +1,4 @@
-"""PX4 with a fixed wing: limits from its parameters, its take-off and its return."""
+"""PX4 with a fixed wing: limits from its parameters, take-off and return."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class Px4FixedWing(WingProcedures):
     turns_to_zero = False
 
     def limits(self, spec: VehicleSpec) -> FixedWingLimits:
-        """Limits of a vehicle's flight."""
+        """Return the flight limits of a vehicle."""
         from wbf_mission.addons.wings.motion.guidance import NPFG
         from wbf_mission.addons.wings.motion.layout import FixedWingLimits
 
@@ -76,17 +76,17 @@ class Px4FixedWing(WingProcedures):
         )
 
     def steepest_approach(self, spec: VehicleSpec) -> tuple[str, float] | None:
-        """FW_LND_ANG: PX4 refuses a mission with a steeper approach."""
+        """Return FW_LND_ANG: PX4 refuses a mission with a steeper approach."""
         return "FW_LND_ANG", self.value(spec, "FW_LND_ANG")
 
     def lands_as_mission(self, spec: VehicleSpec) -> bool:
-        """Whether RTL_TYPE has a return fly the landing of the mission."""
+        """Return whether RTL_TYPE makes a return fly the mission's landing."""
         return self.value(spec, "RTL_TYPE") in (1.0, 2.0)
 
     def return_legs(
         self, spec: VehicleSpec, last: Position, speed: float, return_point: Position
     ) -> list[Leg]:
-        """Route home and the circle over it; it lands there when RTL_LAND_DELAY says so."""
+        """Return a leg home with a circle above it, and a landing if RTL_LAND_DELAY is not negative."""
         x, y, z = last
         home_x, home_y, least = return_point
         legs: list[Leg] = []
@@ -110,7 +110,7 @@ class Px4FixedWing(WingProcedures):
 
 
 def fixed_wing_parameters(spec: VehicleSpec, system_id: int) -> list[MavParameter]:
-    """Parameters of a fixed wing."""
+    """Return the parameters of a fixed wing."""
     return [
         *common_parameters(spec, system_id, m.MAV_TYPE_FIXED_WING),
         MavParameter("FW_MAN_P_MAX", value=30.0, stored=True, low=0.0, high=90.0, unit="deg"),
@@ -144,11 +144,11 @@ _STICKS = StickRules(
 FIRMWARE = replace(
     no_multirotor(m.MAV_TYPE_FIXED_WING),
     parameter_table=fixed_wing_parameters,
-    # A mission has to land, and a return is no landing.
+    # PX4 requires a landing in a fixed wing's mission; a return does not count.
     rules=replace(RULES, defaults=replace(RULES.defaults, mission_requirement=2)),
     procedures=Px4FixedWing(),
     takes_off=False,
-    # A wing's mission that ends with a return was not recorded.
+    # No recording has a fixed wing's mission that ends with a return.
     behaviour=replace(MISSION, return_lag_s=None),
     cornering=Cornering(2.0),
     sticks=_STICKS,

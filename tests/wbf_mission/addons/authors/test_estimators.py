@@ -5,39 +5,20 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from estimator_inputs import grid_of, observations, random_observations
 from hypothesis import given
 from hypothesis import strategies as st
 from sklearn.exceptions import ConvergenceWarning
 from sklearn.gaussian_process import GaussianProcessRegressor
 from sklearn.gaussian_process.kernels import RBF, WhiteKernel
 
-from geo.grid import FarmGrid
 from sensors.errors import EstimatorError
 from sensors.estimators.gp.estimator import ZERO_MEAN, GaussianProcessEstimator
 from sensors.fields import PAPER_FIELDS
-from sensors.observations import Observations
 from wbf_mission.addons.authors.adaptive_disk import AuthorsAdaptiveDiskEstimator, misplaced_disk
 from wbf_mission.addons.authors.sklearn_gp import SklearnGaussianProcessEstimator
 
 GOLDEN = Path(__file__).parents[3] / "data" / "golden"
-
-
-def grid_of(width, height):
-    return FarmGrid(
-        (width, height), 0.3048, np.ones((width, height), np.int8), np.ones((width, height), bool)
-    )
-
-
-def observations(x, y, values):
-    n = len(x)
-    return Observations(np.asarray(x), np.asarray(y), np.arange(n), np.full(n, 6), np.reshape(values, (n, 3)))
-
-
-def random_observations(n, shape, seed=0):
-    rng = np.random.default_rng(seed)
-    x, y = rng.integers(0, shape[0], n), rng.integers(0, shape[1], n)
-    smooth = 0.5 + 0.4 * np.sin(x / 4) * np.cos(y / 6)
-    return observations(x, y, np.stack([smooth, rng.choice([0, 0.5, 1], n), rng.random(n)], axis=1))
 
 
 @pytest.mark.parametrize("name", ["lawnmower", "spiral"])

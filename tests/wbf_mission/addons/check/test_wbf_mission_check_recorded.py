@@ -121,7 +121,7 @@ def test_the_command_says_who_has_trouble_without_advice(capsys):
     with served(Px4()) as url:
         assert main(["check", url, "--only", "transfer.bad-latitude", "--json"]) == 0
     captured = capsys.readouterr()
-    told = "failed  transfer.bad-latitude: it is accepted (trouble for who does not check before sending"
+    told = "failed  transfer.bad-latitude: it is accepted (trouble for clients without checks of their own"
     assert told in captured.err
     (check,) = json.loads(captured.out)["checks"]
     assert (check["result"], check["required"]) == ("failed", False)

@@ -19,8 +19,9 @@ from mission.planners import PlannedPath, PlanningRequest
 from wbf_mission.addons.web.drafts import DraftError, Drafts
 from wbf_mission.addons.web.newest import NewestOnly, SupersededError
 from wbf_mission.cli.app import main
-from wbf_mission.planning import PlanResult, plan
+from wbf_mission.planning import PlanResult
 from wbf_mission.progress import Progress
+from wbf_mission.run.plan import plan
 from wbf_mission.scenario import Scenario
 
 

@@ -29,7 +29,7 @@ from wbf_mission.addons.web.studio_flight import Flown
 from wbf_mission.addons.web.view import View
 from wbf_mission.addons.web.words import worded
 from wbf_mission.cli.app import main
-from wbf_mission.planning import plan
+from wbf_mission.run.plan import plan
 from wbf_mission.scenario import Scenario
 from wbf_mission.scenario.scenario import all_options
 

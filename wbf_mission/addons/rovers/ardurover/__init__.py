@@ -1,1 +1,1 @@
-"""Ground vehicles as ArduPilot's Rover drives them."""
+"""Ground vehicles under ArduPilot's Rover."""

@@ -1,9 +1,9 @@
-"""The compiled drive of a ground vehicle under ArduPilot's Rover; all is SI, east-north about home.
+"""Compiled motion of a ground vehicle under ArduPilot's Rover; SI units, east-north from home.
 
 Formulas after ArduPilot 4.7: `AR_WPNav.cpp` and Rover's `mode_auto.cpp`, `AR_PosControl.cpp`,
 `AR_AttitudeControl.cpp`, `AR_PivotTurn.cpp`, `AP_MotorsUGV.cpp`, and the vehicle of its simulator,
-`SIM_Rover.cpp`; the S-curves are those of `sim_vehicle.motion.arducopter`. docs/fixed-wing-and-rover.md
-explains them.
+`SIM_Rover.cpp`. The S-curves are those of `sim_vehicle.motion.arducopter`. docs/fixed-wing-and-rover.md
+explains the formulas.
 """
 
 from __future__ import annotations
@@ -29,31 +29,31 @@ from wbf_mission.addons.rovers.motion.layout import STOPPED
 
 Drive = IntEnum(
     "Drive",
-    "SPEED_ASKED TURN_ASKED "  # Desired speed and rate of turning after their limits.
+    "SPEED_ASKED TURN_ASKED "  # Demanded speed and turn rate, after their limits.
     "STEER_ERROR STEER_I DRIVE_ERROR DRIVE_I "  # Filtered errors and integrators.
-    "PIVOTS "  # Whether it turns on the spot; 2: it has turned and pauses.
-    "PIVOTS_NEXT "  # Whether it will at the next waypoint.
-    "STANDS",  # Whether it has stopped on an order.
+    "PIVOTS "  # 1: turning on the spot; 2: pausing after the turn.
+    "PIVOTS_NEXT "  # Whether to turn on the spot at the next waypoint.
+    "STANDS",  # Whether a stop was commanded and reached.
     start=len(Guide),
 )
 
 
-# Numbers of the parameters and the vehicle, besides those of all that follow S-curves; SI units, radians,
-# throttle and steering from -1 to 1.
+# Parameters of the law besides those of S-curves; SI units, radians, throttle and steering from -1 to 1.
 DriveLaw = IntEnum(
     "DriveLaw",
-    "ACCELERATION DECELERATION "  # Of the speed that is asked for.
-    "LATERAL TURN_SPEED "  # Greatest lateral acceleration; speed that it keeps in turns unless it slows down.
+    "ACCELERATION DECELERATION "  # Limits of the demanded speed's change.
+    "LATERAL TURN_SPEED "  # Maximum lateral acceleration; speed kept in turns.
     "NEAR "  # Distance within which a stop counts as reached.
-    "STEER_ACCELERATION STEER_RATE "  # Limits of the rate of turning that is asked for.
-    "STEER_FF STEER_P STEER_I STEER_IMAX STEER_FILTER "  # Steering over rate of turning.
+    "STEER_ACCELERATION STEER_RATE "  # Limits of the demanded turn rate.
+    "STEER_FF STEER_P STEER_I STEER_IMAX STEER_FILTER "  # Steering controller of the turn rate.
     "SCALE_BASE "  # Speed above which the steering is scaled down.
-    "TIGHTEST "  # Radius at full steering; 0 for a vehicle that steers by its tracks.
-    "STEER_LAG "  # Of the turns of tracks.
-    "ANGLE_P PIVOT_ANGLE PIVOT_RATE PIVOT_DELAY "  # Turns on the spot (steps); an angle of 0 is never.
-    "DRIVE_BASE DRIVE_P DRIVE_I DRIVE_IMAX DRIVE_FILTER "  # Throttle over speed.
-    "STOP_SPEED "  # Below it, when stopping, the throttle is zero.
-    "TOP_SPEED DRIVE_LAG",  # At full throttle; of the speed behind it.
+    "TIGHTEST "  # Turn radius at full steering; 0 for a tracked vehicle.
+    "STEER_LAG "  # Filter gain of turns by tracks.
+    # Turns on the spot (delay in steps); an angle of 0 disables them.
+    "ANGLE_P PIVOT_ANGLE PIVOT_RATE PIVOT_DELAY "
+    "DRIVE_BASE DRIVE_P DRIVE_I DRIVE_IMAX DRIVE_FILTER "  # Throttle controller of the speed.
+    "STOP_SPEED "  # Speed below which a stopping vehicle has zero throttle.
+    "TOP_SPEED DRIVE_LAG",  # Speed at full throttle; filter gain of the speed after throttle.
     start=len(Law),
 )
 GUIDE, LAW = record_type(Guide, Drive), record_type(Law, DriveLaw)
@@ -62,17 +62,17 @@ Position = tuple[float, float, float]
 Integers = NDArray[np.int64]
 
 AT_ONCE = -1
-"""Kind of a leg that has no meaning on the ground."""
+"""Kind of a leg without effect on the ground."""
 
 
 _PIVOTED = radians(5.0)
 _LEAST_RATE = radians(1.0)
-# Lateral accelerations become rates of turning at this speed or more.
+# Minimum speed for the conversion of lateral acceleration to turn rate.
 _LEAST_SPEED_M_S = 1.0
-# The estimated heading wanders by half a degree (the recordings'). Without an error of it a target that is
-# exactly behind would never be turned to.
+# Heading estimates drift by half a degree (from recordings). With no error, a vehicle would never turn to a
+# target exactly behind it.
 _HEADING_ERROR = radians(0.5)
-# The wheels at full steering; between, the radius goes with the sine of their angle.
+# Wheel angle at full steering; at partial steering the curvature is proportional to the sine of the angle.
 _LOCK = radians(35.0)
 _SINE_OF_LOCK = sin(_LOCK)
 
@@ -84,11 +84,11 @@ def _limited(value: float, limit: float) -> float:
 
 @compiled(allocates=False)
 def ask(state: Record, guide: Record, law: Record, step: int) -> float:
-    """Return the rate of turning that is asked for, and set the speed that is.
+    """Set the demanded speed and return the demanded turn rate.
 
-    The speed is the forward part of the wanted velocity, which in a corner does not fall below what the
-    tightest turn allows at half of the lateral acceleration; the rate is that of the wanted
-    lateral acceleration.
+    The speed is the forward component of the wanted velocity. In a corner, it stays above the speed of the
+    tightest turn at half of the lateral acceleration. The turn rate follows from the wanted lateral
+    acceleration.
     """
     if guide.pivots != 0.0:
         _slow_down(guide, law, 0.0)
@@ -116,7 +116,7 @@ def ask(state: Record, guide: Record, law: Record, step: int) -> float:
 
 @compiled(allocates=False)
 def _slow_down(guide: Record, law: Record, wanted: float) -> None:
-    """Bring the speed that is asked for towards another one, within the accelerations."""
+    """Change the demanded speed towards `wanted` within the acceleration limits."""
     before = guide.speed_asked
     change = (law.acceleration if wanted >= before else law.deceleration) * law.dt
     guide.speed_asked = before + _limited(wanted - before, change)
@@ -124,7 +124,7 @@ def _slow_down(guide: Record, law: Record, wanted: float) -> None:
 
 @compiled(allocates=False)
 def _pivot(state: Record, guide: Record, law: Record, step: int) -> float:
-    """Return the rate of a turn on the spot towards the waypoint, and end it within 5 degrees of that."""
+    """Return the turn rate of a turn on the spot towards the waypoint; end the turn within 5 degrees."""
     bearing = atan2(guide.end_x - state.position_x, guide.end_y - state.position_y)
     error = (bearing - state.heading + pi) % (2.0 * pi) - pi
     rate = _limited(law.angle_p * error, law.pivot_rate)
@@ -139,7 +139,7 @@ def _pivot(state: Record, guide: Record, law: Record, step: int) -> float:
 
 @compiled(allocates=False)
 def steer(state: Record, guide: Record, law: Record, rate: float) -> None:
-    """Turn as the steering does for a rate that is asked for."""
+    """Steer towards the demanded turn rate."""
     dt, speed = law.dt, abs(state.speed)
     rate = guide.turn_asked + _limited(rate - guide.turn_asked, law.steer_acceleration * dt)
     rate = _limited(rate, law.steer_rate)
@@ -150,19 +150,19 @@ def steer(state: Record, guide: Record, law: Record, rate: float) -> None:
         return
     guide.steer_error += law.steer_filter * (rate - state.heading_rate - guide.steer_error)
     error = guide.steer_error
-    # Wheels cannot turn a vehicle that stands: its integrator only shrinks meanwhile.
+    # Wheels cannot turn a standing vehicle, so its integrator may only shrink.
     if speed > law.scale_base or error * guide.steer_i < 0.0:
         guide.steer_i = _limited(guide.steer_i + law.steer_i * error * dt, law.steer_imax)
     output = law.steer_ff * rate + law.steer_p * error + guide.steer_i
     if speed > law.scale_base > 0.0:
         output *= law.scale_base / speed
-    # Backing up it steers the other way, which turns it as asked.
+    # In reverse, the steering is inverted so that the vehicle turns as demanded.
     state.heading_rate = wheels(speed, output, law.tightest)
 
 
 @compiled(allocates=False)
 def centre(state: Record, guide: Record, law: Record) -> None:
-    """Stop: slow down with the wheels straight."""
+    """Slow down to a stop with straight wheels."""
     _slow_down(guide, law, 0.0)
     guide.turn_asked = guide.steer_error = guide.steer_i = 0.0
     state.heading_rate = 0.0
@@ -171,13 +171,13 @@ def centre(state: Record, guide: Record, law: Record) -> None:
 
 @compiled(inline="always")
 def wheels(speed: float, output: float, tightest: float) -> float:
-    """Return the rate of turning of steered wheels (`SIM_Rover.cpp`)."""
+    """Return the turn rate of steered wheels (`SIM_Rover.cpp`)."""
     return speed / tightest * sin(_LOCK * _limited(output, 1.0)) / _SINE_OF_LOCK
 
 
 @compiled(allocates=False)
 def drive(state: Record, guide: Record, law: Record) -> None:
-    """Bring the speed to what is asked for by the throttle, and move one step."""
+    """Control the throttle for the demanded speed, and move one step."""
     dt, before = law.dt, state.speed
     asked = guide.speed_asked
     if asked != 0.0:
@@ -210,7 +210,7 @@ def drive(state: Record, guide: Record, law: Record) -> None:
 
 @compiled(allocates=False)
 def look_along(state: Record, guide: Record) -> None:
-    """Note how far the vehicle is behind its target, and its speed along that one's way."""
+    """Set the lag behind the target, and the speed along the target's direction."""
     wx, wy = guide.vx, guide.vy
     wanted = sqrt(wx * wx + wy * wy)
     guide.lag = guide.along = 0.0
@@ -222,7 +222,7 @@ def look_along(state: Record, guide: Record) -> None:
 
 @compiled(allocates=False)
 def _stop_here(state: Record, guide: Record, law: Record) -> None:
-    """Begin anew from the position where the vehicle comes to rest."""
+    """Start the leg from the point where the vehicle would come to rest."""
     ahead = 0.5 * abs(state.speed) / law.deceleration
     guide.px = state.position_x + ahead * state.velocity_x
     guide.py = state.position_y + ahead * state.velocity_y
@@ -235,7 +235,7 @@ def _stop_here(state: Record, guide: Record, law: Record) -> None:
 
 @compiled(allocates=False)
 def _turns_by(x: float, y: float, from_x: float, from_y: float, bearing: float) -> float:
-    """Return the angle between a bearing and that of a way; 0 for a way without length."""
+    """Return the angle between a bearing and a leg; 0 for a leg without length."""
     dx, dy = x - from_x, y - from_y
     if dx * dx + dy * dy < at.LEAST_WAY * at.LEAST_WAY:
         return 0.0
@@ -246,7 +246,7 @@ def _turns_by(x: float, y: float, from_x: float, from_y: float, bearing: float) 
 def begin(
     state: Record, guide: Record, law: Record, heads: Floats, curves: Floats, route: Record, leg: int
 ) -> None:
-    """Begin a leg; guide.begins is how it follows from the one before."""
+    """Start a leg; `guide.begins` is the transition from the previous leg."""
     how = guide.begins
     guide.begins = at.NOTHING
     guide.until, guide.done = inf, 0.0
@@ -275,7 +275,7 @@ def begin(
             if pivots and (turn > law.pivot_angle or guide.pivots_next != 0.0):
                 guide.pivots = 1.0
     elif guide.fast != 0.0 and heads[2, TIME] > 0.0:
-        # The corner is being driven already.
+        # The vehicle is already in the corner.
         return
     guide.fast = guide.pivots_next = 0.0
     if leg + 1 < len(route) and row.radius > 0.0 and row.pause <= 0.0:
@@ -292,7 +292,7 @@ def begin(
 
 @compiled(allocates=False)
 def _lead(state: Record, guide: Record, law: Record, heads: Floats, curves: Floats) -> bool:
-    """Move the target for the next step; return whether the leg is done."""
+    """Move the target one step, and return whether the leg is done."""
     if guide.pivots != 0.0:
         return False
     look_along(state, guide)

@@ -1,4 +1,4 @@
-"""A ground vehicle as ArduPilot's Rover drives it: the compiled drive with its state and its law."""
+"""Motion model of a ground vehicle under ArduPilot's Rover, with the compiled kernel."""
 
 from __future__ import annotations
 
@@ -27,22 +27,22 @@ if TYPE_CHECKING:
     from sim_vehicle.weather.wind import Wind
     from wbf_mission.addons.rovers.motion.layout import RoverLimits
 
-# Legs that are followed as by any `Rover`: bends of a curve, and repeated position setpoints, to which
-# ArduPilot's Rover does not drive along S-curves either.
+# Legs followed by pure pursuit: bends of a curve, and repeated position setpoints, for which ArduPilot's
+# Rover uses no S-curves either.
 _PURSUED = (LegKind.ARC, LegKind.SETPOINT)
 
 
 class ArduRover(AlongCurves, Rover):
-    """A vehicle on wheels or tracks under ArduPilot's Rover; velocities are driven as any `Rover` does.
+    """A wheeled or tracked vehicle under ArduPilot's Rover; velocity setpoints are followed as by `Rover`.
 
     Parameters
     ----------
     limits_of, law_of : callable
-        What the autopilot makes of a vehicle's parameters: limits, and float64[LAW].
+        Functions from a vehicle to its limits and its law, float64[LAW], from its parameters.
     wind : Wind, optional
-        Counts only in the power.
+        Affects only the power.
     yaw_rad : float
-        Heading at the start.
+        Initial heading.
     """
 
     dynamics = Dynamics(
@@ -53,7 +53,7 @@ class ArduRover(AlongCurves, Rover):
         "_rows",
     )
     generic = Rover.dynamics
-    # A return begins anew from where the vehicle stops.
+    # A return starts from the stop of the vehicle.
     begins_anew = LegKind.HOME
 
     def __init__(
@@ -71,7 +71,7 @@ class ArduRover(AlongCurves, Rover):
         self._rest()
 
     def _rest(self) -> None:
-        """Begin without a path, at the vehicle's speed."""
+        """Reset the guidance: no path, at the vehicle's speed."""
         self._rows = None
         self.guide[:] = 0.0
         self.guide[Guide.LEVEL] = self.spec.cruise_speed_m_s
@@ -79,9 +79,9 @@ class ArduRover(AlongCurves, Rover):
         self.guide[Drive.SPEED_ASKED] = self.state[Wheels.SPEED]
 
     def place_in_flight(self, position_m: Position, velocity_m_s: Position, heading_rad: float) -> None:
-        """Be under way at time 0, with nothing used yet, as if it had driven there.
+        """Start in motion at time 0, with nothing used, as if driven there.
 
-        A first leg that lies ahead goes on from the point of its profile at which it has that speed.
+        If the first leg lies ahead, its speed profile starts at the vehicle's speed.
         """
         super().place_in_flight(position_m, velocity_m_s, heading_rad)
         self.heads[:] = 0.0
@@ -89,34 +89,34 @@ class ArduRover(AlongCurves, Rover):
         self._under_way = True
 
     def fly(self, route: Route) -> None:
-        """Begin a route, from where the vehicle is and as it moves now."""
+        """Start a route from the vehicle's current position and speed."""
         kind = route.legs["kind"]
         if np.isin(kind, _PURSUED).any():
             self._rest()
             super().fly(route)
             return
-        if self._rows is None and not self._goes_on:
+        if self._rows is None and not self._continues_leg:
             self._rest()
         ends = np.column_stack((route.points_m[:, :2], np.zeros(len(kind))))
         kind = np.where(np.isin(kind, NOT_DRIVEN), kernel.AT_ONCE, kind)
         self._set_out(route, self.numbers, ends, kind, self.law.speed_max)
 
     def steer(self, velocity_m_s: Position, *, height_m: float = math.nan, heading: Heading = KEEP) -> None:
-        """Drive at a velocity, or stop; an order to go down stops it for good."""
+        """Drive at a velocity, or stop; a command to descend stops the vehicle for good."""
         self._rest()
         super().steer(velocity_m_s, height_m=height_m, heading=heading)
 
     def lose_power(self) -> None:
-        """Stop: without power it cannot go anywhere."""
+        """Stop, as the motor has no power."""
         super().lose_power()
         self.numbers[DriveLaw.TOP_SPEED] = 0.0
 
     def update_spec(self, spec: VehicleSpec) -> None:
-        """Take other defaults and limits; they hold from the next route on."""
+        """Change defaults and limits, effective from the next route on."""
         super().update_spec(spec)
         self.numbers = self._law_of(spec)
 
     def touch_down(self) -> None:
-        """Stand still."""
+        """Set the vehicle to rest."""
         super().touch_down()
         self._rest()

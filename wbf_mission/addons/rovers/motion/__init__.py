@@ -1,1 +1,1 @@
-"""A rover's motion."""
+"""Motion of a rover."""

@@ -1,8 +1,8 @@
-"""The compiled motion of one ground vehicle: pure pursuit, turns within its radius or on the spot.
+"""Compiled motion of a ground vehicle: pure pursuit, with turns at its turn radius or on the spot.
 
-The model is described in docs/fixed-wing-and-rover.md; pure pursuit is that of R. C. Coulter, "Implementation
-of the pure pursuit path tracking algorithm", CMU-RI-TR-92-01, 1992. A vehicle without a force of its own has
-the speed that is asked for and turns as it is asked to; PX4's simulated rover moves by `move`.
+docs/fixed-wing-and-rover.md describes the model. Pure pursuit is that of R. C. Coulter, "Implementation of
+the pure pursuit path tracking algorithm", CMU-RI-TR-92-01, 1992. A vehicle without `force` has exactly the
+demanded speed and turn rate; PX4's simulated rover uses `move`.
 """
 
 from __future__ import annotations
@@ -22,28 +22,27 @@ rover_power = compiled(allocates=False)(own_power.rover_power)
 CREEP = 0.3
 PATIENCE_S = 60.0
 SLOW_SHARE = 0.1
-# A pivot slows down near the heading.
+# A turn on the spot slows down near the demanded heading.
 PIVOT_GAIN = 2.0
 
 
-# The rover of PX4's simulator, and how PX4 steers and drives it: the bicycle model of
+# Rover of PX4's simulator, and PX4's control of it: the bicycle model of
 # ``Sih::generate_rover_ackermann_dynamics`` and the lag before it in ``Sih::read_motors`` (PX4 1.17,
-# `sih.cpp`); ``AckermannRateControl``, ``AckermannActControl`` and ``RoverControl::speedControl``. What has
-# a time constant is integrated exactly over a step, as those of the tyres get short when the vehicle is
-# slow.
-# PX4 does not steer a vehicle that it thinks slower (``RO_SPEED_TH``).
+# `sih.cpp`); ``AckermannRateControl``, ``AckermannActControl`` and ``RoverControl::speedControl``. Lags are
+# integrated exactly over a step, because the time constants of the tyres are short at low speed. PX4 does not
+# steer below its estimated speed of ``RO_SPEED_TH``.
 _STEERS_M_S = 0.1
 
 
 @compiled(allocates=False)
 def thought_speed(state: Record, limits: Record) -> float:
-    """Return the speed that PX4 thinks the throttle gives, by which it steers."""
+    """Return the speed that PX4 estimates from the throttle, used for steering."""
     return float(state.throttle * limits.throttle_speed)
 
 
 @compiled(allocates=False)
 def steer(state: Record, limits: Record, rate: float) -> None:
-    """Set the steering for a rate of turning: feed-forward for tyres that do not slip, and a PI loop."""
+    """Set the steering for a turn rate: feed-forward for tyres without slip, and a PI loop."""
     speed, wanted = thought_speed(state, limits), 0.0
     if speed > _STEERS_M_S:
         error = rate - state.heading_rate
@@ -60,7 +59,7 @@ def steer(state: Record, limits: Record, rate: float) -> None:
 
 @compiled(allocates=False)
 def throttle(state: Record, limits: Record, wanted: float) -> None:
-    """Set the throttle for a speed, which changes as fast as it may."""
+    """Set the throttle for a speed, with limited acceleration."""
     dt = limits.step_s
     speed = sqrt(state.speed * state.speed + state.sideways * state.sideways)
     change = (limits.acceleration if wanted >= speed else limits.deceleration) * dt
@@ -81,11 +80,10 @@ def throttle(state: Record, limits: Record, wanted: float) -> None:
 
 @compiled(allocates=False)
 def move(state: Record, limits: Record) -> None:
-    """Change the velocity over ground and the rate of turning as the simulator does in a step.
+    """Update the ground velocity and turn rate by one step of PX4's simulator.
 
-    The drag is taken along the axes of the Earth one by one: it depends on where the vehicle drives to. What
-    the turn takes from the sideways speed is counted twice, as it is in the simulator: in its tyre force, and
-    in the motion itself.
+    Drag acts along each axis of the Earth separately, so it depends on the direction of travel. The turn's
+    loss of sideways speed counts twice, as in the simulator: in the tyre force, and in the motion itself.
     """
     dt, ahead, right, yaw = limits.step_s, state.speed, state.sideways, state.heading
     share = limits.actuator_share
@@ -121,7 +119,7 @@ def move(state: Record, limits: Record) -> None:
 
 @compiled(allocates=False)
 def _bearing(state: Record, row: Record, limits: Record, pace: float) -> float:
-    """Return the bearing to the point that is pursued: on the leg, a look-ahead for a speed away."""
+    """Return the bearing to the pursued point: on the leg, at the look-ahead distance of a speed."""
     x, y = state.position_x, state.position_y
     ahead = min(max(limits.ahead_gain * pace, limits.ahead_min), limits.ahead_max)
     gx, gy = row.x - x, row.y - y
@@ -142,7 +140,7 @@ def _bearing(state: Record, row: Record, limits: Record, pace: float) -> float:
 
 @compiled(allocates=False)
 def _may_turn(state: Record, row: Record, sense: float, radius: float) -> bool:
-    """Whether a position is not inside the tightest turn, round which the vehicle would circle for ever."""
+    """Return whether a waypoint is outside the tightest turn; inside, a vehicle circles it for ever."""
     cx = state.position_x + sense * radius * cos(state.heading)
     cy = state.position_y - sense * radius * sin(state.heading)
     dx, dy = row.x - cx, row.y - cy
@@ -152,9 +150,9 @@ def _may_turn(state: Record, row: Record, sense: float, radius: float) -> bool:
 
 @compiled(allocates=False)
 def _speed_before(limits: Record, way: float, end: float) -> float:
-    """Return the speed from which it can still slow down to another one.
+    """Return the maximum speed from which the vehicle can slow down to `end` within `way`.
 
-    With a limit of the jerk as PX4's ``computeMaxSpeedFromDistance`` does it.
+    With a jerk limit, the formula is PX4's ``computeMaxSpeedFromDistance``.
     """
     slow = limits.deceleration
     if limits.jerk == 0.0:
@@ -165,10 +163,10 @@ def _speed_before(limits: Record, way: float, end: float) -> float:
 
 @compiled(allocates=False)
 def _turned_to(state: Record, limits: Record, bearing: float, speed: float) -> float:
-    """Return the rate of turning towards a bearing, as PX4 asks for it at a speed.
+    """Return PX4's demanded turn rate towards a bearing at a speed.
 
-    The heading that is asked for goes to the bearing as fast as the vehicle can turn, unless it is nearer to
-    that; the rate is in proportion to its error and has a limited acceleration.
+    The demanded heading moves to the bearing as fast as the vehicle can turn, but is never farther from it
+    than the vehicle. The turn rate is proportional to the heading error, with limited acceleration.
     """
     dt, yaw = limits.step_s, state.heading
     fastest = limits.turn_rate

@@ -1,4 +1,4 @@
-"""A ground vehicle as a motion model: the compiled kernel with its state, route and energy."""
+"""Motion model of a ground vehicle: the compiled kernel with its state, route and energy."""
 
 from __future__ import annotations
 
@@ -30,16 +30,16 @@ NOT_DRIVEN = (LegKind.TAKEOFF, LegKind.CLIMB, LegKind.DESCEND)
 
 
 class Rover(CompiledMotion):
-    """A vehicle on wheels that drives routes and ignores heights.
+    """A wheeled vehicle that drives routes and ignores heights.
 
     Parameters
     ----------
     limits_of : callable
-        Given a vehicle, the limits from its autopilot's parameters.
+        Function from a vehicle to the limits set by its autopilot's parameters.
     wind : Wind, optional
-        Counts only in the power.
+        Affects only the power.
     yaw_rad : float
-        Heading at the start.
+        Initial heading.
     """
 
     dynamics = Dynamics(advance, wheels.STATE, wheels.LIMITS)
@@ -59,11 +59,11 @@ class Rover(CompiledMotion):
         self.state[Wheels.PAUSE_END] = math.inf
 
     def attitude(self) -> tuple[float, float, float, float]:
-        """Return roll and pitch, which are none, speed in place of an airspeed, and throttle."""
+        """Return roll and pitch (both 0), ground speed in place of airspeed, and throttle."""
         return 0.0, 0.0, float(self.state[Wheels.SPEED]), float(self.state[Wheels.THROTTLE])
 
     def place_in_flight(self, position_m: Position, velocity_m_s: Position, heading_rad: float) -> None:
-        """Be under way at time 0, with nothing used yet, as if it had driven there."""
+        """Start in motion at time 0, with nothing used, as if driven there."""
         super().place_in_flight(position_m, velocity_m_s, heading_rad)
         self.state[Wheels.SPEED : Wheels.PIVOTING + 1] = 0.0
         self.state[Wheels.YAW_ASKED :] = 0.0
@@ -72,7 +72,7 @@ class Rover(CompiledMotion):
         self.state[Wheels.PAUSE_END] = math.inf
 
     def fly(self, route: Route) -> None:
-        """Begin a route, from where the vehicle is and as it moves now."""
+        """Start a route from the vehicle's current position and speed."""
         law = self.law
         legs, n = route.legs, len(route.legs)
         rows = np.zeros((n, len(Leg)))
@@ -86,7 +86,7 @@ class Rover(CompiledMotion):
             radius = float(legs["radius"][i])
             stops = i == n - 1 or radius <= 0.0 or legs["pause"][i] > 0.0
             rows[i, Leg.KIND] = wheels.STOP if stops else wheels.THROUGH
-            # Neither autopilot takes the radius of an item on wheels.
+            # Neither autopilot uses the acceptance radius of an item on wheels.
             rows[i, Leg.RADIUS] = law.acceptance
             if int(legs["kind"][i]) in NOT_DRIVEN:
                 rows[i, Leg.KIND] = wheels.AT_ONCE
@@ -97,7 +97,7 @@ class Rover(CompiledMotion):
         self._begin()
 
     def _corners(self, rows: NDArray[np.float64]) -> None:
-        """Find the radius and the speed of each corner, and of those before it that have to brake for it."""
+        """Set the radius and end speed of each corner, with braking distance for later corners."""
         law = self.law
         ends = np.vstack([self.state[None, State.POSITION_X : State.POSITION_Z], rows[:, : Leg.KIND]])
         ways = np.diff(ends, axis=0)
@@ -131,7 +131,7 @@ class Rover(CompiledMotion):
             row[Leg.END_SPEED] = leave
 
     def steer(self, velocity_m_s: Position, *, height_m: float = math.nan, heading: Heading = KEEP) -> None:
-        """Drive at a velocity, or stop; an order to go down stops it for good."""
+        """Drive at a velocity, or stop; a command to descend stops the vehicle for good."""
         east, north, up = velocity_m_s
         speed = math.hypot(east, north)
         row = np.zeros((1, len(Leg)))
@@ -143,29 +143,29 @@ class Rover(CompiledMotion):
         self._begin()
 
     def stopping_point(self) -> Position:
-        """Return the position of rest if it brakes now."""
+        """Return the position of rest after braking now."""
         x, y = self.state[State.POSITION_X : State.POSITION_Z].tolist()
         speed, yaw = float(self.state[Wheels.SPEED]), float(self.state[State.HEADING])
         distance = 0.5 * speed * speed / self.law.deceleration
         return x + distance * math.sin(yaw), y + distance * math.cos(yaw), 0.0
 
     def lose_power(self) -> None:
-        """Stop: without power it cannot go anywhere."""
+        """Stop, as the motor has no power."""
         record_of(self._limits, wheels.LIMITS).speed_max = 1e-3
 
     def update_spec(self, spec: VehicleSpec) -> None:
-        """Take other defaults and limits; they hold from the next route on."""
+        """Change defaults and limits, effective from the next route on."""
         self.law = self._limits_of(spec)
         super().update_spec(spec)
 
     def touch_down(self) -> None:
-        """Stand still."""
+        """Set the vehicle to rest."""
         super().touch_down()
         self.state[Wheels.SPEED : Wheels.PIVOTING + 1] = 0.0
         self.state[Wheels.YAW_ASKED :] = 0.0
 
     def _numbers(self, spec: VehicleSpec) -> NDArray[np.float64]:
-        """Return the limits in the order of the kernel."""
+        """Return the limits in the order of the kernel's columns."""
         law = self.law
         values = {
             "step_s": spec.step_s,

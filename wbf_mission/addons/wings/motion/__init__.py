@@ -1,1 +1,1 @@
-"""A fixed wing's motion."""
+"""Motion of a fixed wing."""

@@ -1,9 +1,9 @@
-"""The airframe of a fixed wing, compiled: thrust and drag, its motion in the air, and on the ground.
+"""Compiled airframe of a fixed wing: thrust and drag, motion in the air and on the ground.
 
-Drag is the parabolic polar, D = q S (CD0 + CL^2 / (pi e AR)) with the lift of the load factor (Anderson,
-*Aircraft Performance and Design*, 1999, ch. 5), as in `sim_vehicle.energy.power`. Thrust is
-proportional to the throttle and does not depend on the airspeed, as in the simulators of ArduPilot
-(``SIM_Plane.cpp``) and PX4 (``sih.cpp``).
+Drag is the parabolic polar, D = q S (CD0 + CL^2 / (pi e AR)), with the lift of the load factor (Anderson,
+*Aircraft Performance and Design*, 1999, ch. 5), as in `sim_vehicle.energy.power`. Thrust is proportional to
+throttle and independent of airspeed, as in the simulators of ArduPilot (``SIM_Plane.cpp``) and PX4
+(``sih.cpp``).
 """
 
 from __future__ import annotations
@@ -38,21 +38,21 @@ _SLOW = 3.0
 
 @compiled(allocates=False)
 def drag(limits: Record, airspeed: float, load: float) -> float:
-    """Return the drag over the mass, m/s^2, with a lift of ``load`` times the weight."""
+    """Return drag divided by mass (m/s^2) at a lift of `load` times the weight."""
     v2 = max(airspeed, _SLOW) ** 2
     return float(limits.parasitic * v2 + limits.induced * load * load / v2)
 
 
 @compiled(allocates=False)
 def energy_rate(limits: Record, throttle: float, airspeed: float, load: float) -> float:
-    """Return the gain of energy over the weight, m/s: the climb at a steady airspeed."""
+    """Return the energy rate divided by weight (m/s): the climb rate at constant airspeed."""
     force = limits.thrust * throttle - drag(limits, airspeed, load)
     return float(force * airspeed / GRAVITY_M_S2)
 
 
 CLIMB_LAG_S = 0.5
 ROLL_RATE_S = 0.1
-# Time constant of the side force of a slip behind the rate of a turn.
+# Time constant of the side force of a slip, after the turn rate.
 SLIP_S = 0.7
 STEEPEST = 0.8
 SLOW_M_S = 3.0
@@ -62,7 +62,7 @@ FALL_S = 2.0
 
 @compiled(allocates=False)
 def _roll(state: Record, limits: Record, bank: float) -> None:
-    """Roll towards a commanded bank."""
+    """Roll towards the commanded bank."""
     dt = limits.step_s
     change = limits.roll_slew * dt
     command = state.command + min(max(bank - state.command, -change), change)
@@ -77,10 +77,10 @@ def _roll(state: Record, limits: Record, bank: float) -> None:
 
 @compiled(allocates=False)
 def _trim(state: Record, limits: Record, lift: float, v: float) -> None:
-    """Let the elevator that is missing for the lift tip the nose, and the integral take it over.
+    """Add the pitch error of an untrimmed elevator, and let the integral of pitch control remove it.
 
-    A demanded rate, which is the error of the angle over the time constant, moves the elevator by
-    ``FF s + P s^2``, its integral by ``I s^2`` a second, where s is the scaling speed over the airspeed.
+    A demanded rate is the angle error over the time constant. It moves the elevator by ``FF s + P s^2``, and
+    its integral by ``I s^2`` per second, where s is scaling speed over airspeed.
     """
     if state.trimmed == 0.0:
         state.trimmed = lift
@@ -97,11 +97,11 @@ def _trim(state: Record, limits: Record, lift: float, v: float) -> None:
 
 @compiled(allocates=False)
 def pitch_up(state: Record, limits: Record, pitch: float) -> float:
-    """Pitch towards a commanded angle and return the climb rate that the lift then gives.
+    """Pitch towards the commanded angle, and return the climb rate of the resulting lift.
 
-    The wing's lift turns the path until the angle of attack is that at which it carries the weight. A stable
-    airframe needs another elevator for another lift; until the integral of the pitch control
-    (``AP_PitchController.cpp``) gives that, the angle settles where the demanded rate gives it.
+    Lift turns the path until the angle of attack carries the weight. A stable airframe needs another elevator
+    position for another lift. Until the integral of pitch control (``AP_PitchController.cpp``) provides it,
+    the angle settles where the demanded rate does.
     """
     dt = limits.step_s
     v = max(state.airspeed, SLOW_M_S)
@@ -113,7 +113,7 @@ def pitch_up(state: Record, limits: Record, pitch: float) -> float:
         _trim(state, limits, lift, v)
     rate = (pitch + state.nose_up - state.pitch) / limits.pitch_s
     rate = min(max(rate, -limits.pitch_down_rate), limits.pitch_up_rate)
-    # The rate that would keep the nose level in a coordinated turn is too much for one that slips.
+    # The rate that keeps the nose level in a coordinated turn is too high in a slipping turn.
     rate += (1.0 - limits.turn_share) * GRAVITY_M_S2 * tan(bank) * sin(bank) / v
     state.pitch += rate * cos(bank) * dt
     attack = (lift - limits.lift_level) / limits.lift_slope
@@ -129,10 +129,10 @@ def pitch_up(state: Record, limits: Record, pitch: float) -> float:
 def fly(
     state: Record, limits: Record, bank: float, climb: float, rate: float, wx: float, wy: float, rising: float
 ) -> float:
-    """Move a step through the air and return the load factor.
+    """Move one step through the air and return the load factor.
 
-    Bank and climb are commanded (ArduPlane's is the climb rate that there is), ``rate`` is the gain of energy
-    over the weight, m/s.
+    `bank` and `climb` are commanded, except that ArduPlane's `climb` is the actual climb rate. `rate` is the
+    energy rate divided by weight (m/s).
     """
     dt = limits.step_s
     _roll(state, limits, bank)
@@ -146,9 +146,9 @@ def fly(
     v = max(v, SHORT)
     w = min(max(w, -STEEPEST * v), STEEPEST * v)
     forward = sqrt(v * v - w * w)
-    # The lift that bends the path upward turns it as well.
+    # Lift that bends the path upward also turns it.
     lift = max(GRAVITY_M_S2 + v * state.path_rate, 0.0)
-    # The side force of the slip takes its share once the slip has built up.
+    # The side force of a slip grows as the slip builds up.
     against = 1.0 / limits.turn_share - 1.0
     turn = lift * tan(bank) / forward - against * state.slip
     state.slip += (turn - state.slip) * dt / SLIP_S
@@ -173,7 +173,7 @@ def fly(
 
 @compiled(allocates=False)
 def drop(state: Record, limits: Record, wx: float, wy: float) -> None:
-    """Fall a step."""
+    """Fall one step."""
     dt = limits.step_s
     keep = 1.0 - dt / FALL_S
     ve, vn = wx + (state.velocity_x - wx) * keep, wy + (state.velocity_y - wy) * keep
@@ -191,7 +191,7 @@ def drop(state: Record, limits: Record, wx: float, wy: float) -> None:
 
 @compiled(allocates=False)
 def blow(state: Record, wx: float, wy: float, rising: float) -> None:
-    """Change the wind: the velocity over ground stays, that through the air changes."""
+    """Change the wind: ground velocity stays the same, air velocity changes."""
     if state.doing == FLYING or state.doing == FLARE:
         ae, an, up = state.velocity_x - wx, state.velocity_y - wy, state.velocity_z - rising
         state.airspeed = max(sqrt(ae * ae + an * an + up * up), SHORT)
@@ -201,7 +201,7 @@ def blow(state: Record, wx: float, wy: float, rising: float) -> None:
 
 @compiled(allocates=False)
 def roll_on_ground(state: Record, limits: Record, rate: float, wx: float, wy: float) -> None:
-    """Change the speed over ground by ``rate`` along the course on the ground."""
+    """Change the ground speed along the course by ``rate`` for one step."""
     dt = limits.step_s
     ce, cn = sin(state.course), cos(state.course)
     before = state.velocity_x * ce + state.velocity_y * cn
@@ -232,7 +232,7 @@ def _lift_off(state: Record, wx: float, wy: float) -> None:
 
 @compiled(allocates=False)
 def brake_rate(state: Record, limits: Record) -> float:
-    """Return the deceleration on the ground after a landing."""
+    """Return the deceleration on the ground after landing."""
     braking = limits.braking
     if limits.ground_drag > 0.0:
         v = state.airspeed
@@ -242,7 +242,7 @@ def brake_rate(state: Record, limits: Record) -> float:
 
 @compiled(allocates=False)
 def take_off(state: Record, limits: Record, wx: float, wy: float) -> None:
-    """Be thrown, or roll a step, and leave the ground when it is fast enough."""
+    """Move one step of a take-off, by throw or ground roll, and lift off at the rotation airspeed."""
     dt = limits.step_s
     state.since += dt
     if state.since < limits.takeoff_delay:
@@ -258,7 +258,7 @@ def take_off(state: Record, limits: Record, wx: float, wy: float) -> None:
     rate = limits.launch * throttle
     if limits.launch <= 0.0:
         v = state.airspeed
-        # It stands level until it lifts off: the drag is that of the lift at no angle of attack.
+        # The vehicle rolls level: drag is that of the lift at zero angle of attack.
         load = limits.lift_level * v * v / GRAVITY_M_S2
         rate = limits.thrust * throttle - drag(limits, v, load) - limits.ground_drag * v
     roll_on_ground(state, limits, rate, wx, wy)

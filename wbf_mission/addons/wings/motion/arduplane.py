@@ -1,6 +1,6 @@
-"""ArduPlane's heights, airspeeds and banks along a route, compiled; pitch and throttle are left to TECS.
+"""Compiled height, airspeed and bank control of ArduPlane along a route; TECS sets pitch and throttle.
 
-The published behaviour of ArduPlane 4.5 to 4.7 (``altitude.cpp``, ``takeoff.cpp``, ``Attitude.cpp``,
+Behaviour as published for ArduPlane 4.5 to 4.7 (``altitude.cpp``, ``takeoff.cpp``, ``Attitude.cpp``,
 ``AP_Landing_Slope.cpp``): slopes between waypoints, climb-out, approach, flare.
 """
 
@@ -16,19 +16,19 @@ from wbf_mission.addons.wings.motion import tecs
 
 __all__ = ["ahead_of_landing", "begin_slope", "command_bank", "command_energy"]
 
-# Above this height a climb, too, follows the line to the next waypoint.
+# Above this height, climbs also follow the line to the next waypoint.
 _CLIMB_ALONG_M = 20.0
 _LEVEL_OFF_FROM_M = 10.0
 _LINED_UP_RAD = 0.1745
 _ON_LINE_M = 5.0
 _SLOW_BANK = 0.4363
-# The line of an approach aims at a point at this distance behind the landing point.
+# The approach line aims at a point this far behind the landing point.
 _PROJECTION_M = 500.0
 
 
 @compiled(allocates=False)
 def begin_slope(state: Record, row: Record, limits: Record) -> None:
-    """Decide at the beginning of a leg whether its height is reached at once or evenly."""
+    """Set, at the start of a leg, whether its height is reached at once or along a slope."""
     rise = row.z - state.begin_z
     along = state.position_z > _CLIMB_ALONG_M or state.position_z > row.z
     small = abs(rise) < limits.slope_min
@@ -40,7 +40,7 @@ def begin_slope(state: Record, row: Record, limits: Record) -> None:
 
 @compiled(allocates=False)
 def ahead_of_landing(state: Record, row: Record) -> tuple[float, float]:
-    """Return the length of the leg to a landing and the part of it that was flown."""
+    """Return the length of the leg to a landing, and the fraction flown."""
     dx, dy = row.x - state.begin_x, row.y - state.begin_y
     length2 = max(dx * dx + dy * dy, 1.0)
     rx, ry = state.position_x - state.begin_x, state.position_y - state.begin_y
@@ -49,7 +49,7 @@ def ahead_of_landing(state: Record, row: Record) -> tuple[float, float]:
 
 @compiled(allocates=False)
 def command_bank(state: Record, limits: Record, lateral: float, takeoff: bool, flaring: bool) -> None:
-    """Set the demanded bank for a lateral acceleration, within what height and airspeed allow."""
+    """Set the demanded bank for a lateral acceleration, within the limits of height and airspeed."""
     bank = atan(lateral / (GRAVITY_M_S2 * cos(state.pitch)))
     limit = limits.bank_limit
     height, level = state.position_z, limits.level_height
@@ -58,7 +58,7 @@ def command_bank(state: Record, limits: Record, lateral: float, takeoff: bool, f
         limit = min(limit, limits.level_bank + part * (limit - limits.level_bank))
     if flaring:
         limit = min(limit, limits.level_bank)
-    # The load factor that the airspeed allows: it goes with its square.
+    # The possible load factor grows with the square of the airspeed.
     margin = state.airspeed / max(limits.airspeed_min, 1.0)
     stall = acos(1.0 / (margin * margin)) if margin > 1.0 else 0.0
     limit = min(limit, max(stall, _SLOW_BANK))
@@ -67,7 +67,7 @@ def command_bank(state: Record, limits: Record, lateral: float, takeoff: bool, f
 
 @compiled(allocates=False)
 def _approach_height(state: Record, limits: Record, length: float, portion: float) -> float:
-    """Return the height on the line to the point where the flare is to begin."""
+    """Return the height on the line to the point where the flare should start."""
     top = state.begin_z
     ve, vn = state.velocity_x, state.velocity_y
     ground = max(sqrt(ve * ve + vn * vn), 0.5)
@@ -88,7 +88,7 @@ def _approach_height(state: Record, limits: Record, length: float, portion: floa
 
 @compiled(allocates=False)
 def _land(state: Record, row: Record, limits: Record, sink: float) -> tuple[float, float, float]:
-    """Go on with a landing; return height and airspeed to fly, and the part of the leg that was flown."""
+    """Advance a landing; return the demanded height and airspeed, and the fraction of the leg flown."""
     length, portion = ahead_of_landing(state, row)
     height = state.position_z
     straight = row.kind == at.LANDING
@@ -135,7 +135,7 @@ def _land(state: Record, row: Record, limits: Record, sink: float) -> tuple[floa
 
 @compiled(allocates=False)
 def _least_pitch(state: Record, row: Record, limits: Record, climb: float) -> float:
-    """Return the least pitch of a climb-out; near its height the nose may come down."""
+    """Return the minimum pitch of a climb-out, reduced near its final height."""
     pitch = row.pitch
     left = row.z - state.position_z
     if limits.level_off_s <= 0.0:
@@ -159,7 +159,7 @@ def command_energy(
     wx: float,
     wy: float,
 ) -> None:
-    """Set the demanded pitch and throttle for a leg; the airspeed follows from the leg or its speed."""
+    """Set the demanded pitch and throttle for a leg."""
     kind = row.kind
     climb = state.velocity_z
     sinking = limits.throttle_limit == 0.0

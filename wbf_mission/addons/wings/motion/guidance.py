@@ -1,13 +1,13 @@
-"""Guidance of a fixed wing along the legs of a route, compiled: lines, circles, and when they are done.
+"""Compiled guidance of a fixed wing along the legs of a route: lines, circles and their completion.
 
-Two laws follow straight lines and circles, from a path to a lateral acceleration. East-north axes;
-accelerations and errors to the right are positive.
+Two guidance laws follow lines and circles; each returns a lateral acceleration. Axes are east and north.
+Accelerations and errors to the right are positive.
 
-PX4's is NPFG: T. Stastny and R. Siegwart, "On Flying Backwards: Preventing Run-away of Small, Low-speed,
+PX4 uses NPFG: T. Stastny and R. Siegwart, "On Flying Backwards: Preventing Run-away of Small, Low-speed,
 Fixed-wing UAVs in Strong Winds", IROS 2019, with the bearing law of T. Stastny, "L1 guidance logic extension
-for small UAVs: handling high winds and small loiter radii", arXiv:1804.04209. ArduPilot's is L1: S. Park,
-J. Deyst and J. P. How, "A New Nonlinear Guidance Logic for Trajectory Tracking", AIAA 2004-4900, with its PD
-law for circles.
+for small UAVs: handling high winds and small loiter radii", arXiv:1804.04209. ArduPilot uses L1: S. Park, J.
+Deyst and J. P. How, "A New Nonlinear Guidance Logic for Trajectory Tracking", AIAA 2004-4900, with its PD law
+for circles.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from wbf_mission.addons.wings.motion.tecs import PERIOD_S
 Floats = NDArray[np.float64]
 
 NPFG, L1 = 0.0, 1.0
-# Within this margin below the airspeed a bearing across the wind is less and less held.
+# Within this margin below the airspeed, NPFG gradually gives up bearings across the wind.
 AIRSPEED_BUFFER = 1.5
 LEAST_RADIUS_M = 0.5
 _CAPTURE = 0.7071
@@ -57,7 +57,7 @@ def _switch_distance(state: Record, limits: Record) -> float:
 
 @compiled(allocates=False)
 def _l1_distance(ground: float, limits: Record) -> float:
-    """Return the distance to the point on the path that L1 steers to."""
+    """Return L1's look-ahead distance."""
     return float(max(limits.damping * limits.period * ground / pi, 0.1))
 
 
@@ -73,9 +73,10 @@ def _feasible(across: float, along: float, airspeed: float, wind: float) -> floa
 def _npfg(
     state: Record, limits: Record, error: float, te: float, tn: float, curvature: float, we: float, wn: float
 ) -> tuple[float, float, float]:
-    """Return the lateral acceleration, and the bearing that is steered (east, north).
+    """Return NPFG's lateral acceleration and demanded bearing (east, north).
 
-    The vehicle is an ``error`` to the right of a path with a unit tangent and a curvature to the right.
+    The vehicle is `error` to the right of a path. The path has the unit tangent (`te`, `tn`) and a curvature,
+    positive to the right.
     """
     ve, vn = state.velocity_x, state.velocity_y
     bound = _error_bound(_ground_speed(state), limits)
@@ -101,7 +102,7 @@ def _npfg(
         )
         acceleration = airspeed * ratio * rate * held * along * along
     if abs(wind_across) < airspeed and (wind_along > 0.0 or wind < airspeed):
-        # Wind triangle: the heading that makes the bearing good.
+        # Wind triangle: heading that makes good the bearing.
         forward = sqrt(airspeed * airspeed - wind_across * wind_across)
         he = forward * be + wind_across * bn
         hn = forward * bn - wind_across * be
@@ -119,7 +120,7 @@ def _npfg(
 
 @compiled(allocates=False)
 def _decide(nu: float, state: Record) -> float:
-    """Keep turning the same way when the goal is behind."""
+    """Limit an angle, and keep the turn direction when the goal is behind."""
     last = state.guidance
     if abs(nu) > _DECIDED and abs(last) > _DECIDED and nu * last < 0.0:
         nu = last
@@ -133,7 +134,7 @@ def _l1_line(
 ) -> tuple[float, float, float]:
     """Return L1's lateral acceleration along a leg, and its bearing (east, north).
 
-    The vehicle is at ``rx, ry`` from the beginning of a leg with a unit direction and a length.
+    The vehicle is at (`rx`, `ry`) from the start of a leg with unit direction (`te`, `tn`) and a length.
     """
     ve, vn = state.velocity_x, state.velocity_y
     ground = max(_ground_speed(state), 0.1)
@@ -151,7 +152,7 @@ def _l1_line(
         size = max(sqrt(be * be + bn * bn), 1e-6)
         be, bn = be / size, bn / size
         direct = True
-    # Angles to the right of the velocity.
+    # Angle of the bearing to the right of the velocity.
     angle = atan2(vn * be - ve * bn, ve * be + vn * bn)
     if not direct:
         error = rx * tn - ry * te
@@ -170,9 +171,9 @@ def _l1_line(
 
 @compiled(allocates=False)
 def _l1_circle(state: Record, limits: Record, rx: float, ry: float, radius: float, sense: float) -> float:
-    """Return L1's lateral acceleration to reach and follow a circle from a position about its centre.
+    """Return L1's lateral acceleration to join and follow a circle, from a position relative to its centre.
 
-    A ``sense`` of 1 is clockwise, -1 the other way.
+    `sense` is 1 for clockwise, -1 for anticlockwise.
     """
     ve, vn, damping = state.velocity_x, state.velocity_y, limits.damping
     ground = max(_ground_speed(state), 1.0)
@@ -183,7 +184,7 @@ def _l1_circle(state: Record, limits: Record, rx: float, ry: float, radius: floa
         oe, on = rx / away, ry / away
     else:
         oe, on = ve / ground, vn / ground
-    # Velocity outward, and clockwise about the centre.
+    # Velocity away from the centre, and clockwise around it.
     outward = ve * oe + vn * on
     clockwise = ve * on - vn * oe
     angle = _decide(atan2(clockwise, -outward), state)
@@ -215,7 +216,7 @@ def _steer_line(
                 dx, dy, length = sin(state.heading), cos(state.heading), 1.0
         te, tn = dx / length, dy / length
         if row.kind == at.LANDING:
-            # Past the landing point it keeps the line.
+            # The line is kept beyond the landing point.
             length = length + sqrt(rx * rx + ry * ry) + AHEAD_OF_LANDING_M
         return _l1_line(state, limits, rx, ry, te, tn, length)
     if length >= at.SHORT and row.kind != at.TAKEOFF:
@@ -250,7 +251,7 @@ def _steer_circle(
     else:
         ground = max(_ground_speed(state), 1e-3)
         oe, on = state.velocity_x / ground, state.velocity_y / ground
-    # Clockwise is the outward direction turned to the right.
+    # Clockwise is the outward direction rotated to the right.
     te, tn = sense * on, -sense * oe
     error = sense * (radius - away)
     return _npfg(state, limits, error, te, tn, sense / radius, wx, wy)[0]
@@ -258,7 +259,7 @@ def _steer_circle(
 
 @compiled(allocates=False)
 def circles(state: Record, row: Record, arrived: bool) -> bool:
-    """Return whether a circle is flown now."""
+    """Return whether the vehicle is flying a circle."""
     if arrived or row.kind == at.LINE:
         return row.kind != at.LANDING and (arrived or not isnan(state.bearing))
     return row.kind in (at.CIRCLE, at.CIRCULAR_LANDING)
@@ -266,9 +267,9 @@ def circles(state: Record, row: Record, arrived: bool) -> bool:
 
 @compiled(allocates=False)
 def _comes_along_line(state: Record, row: Record, limits: Record) -> bool:
-    """Return whether ArduPlane comes to a circle of a mission along the line from the waypoint before.
+    """Return whether ArduPlane approaches a mission's circle along the line from the previous waypoint.
 
-    It does until it is near the circle (``Plane::update_loiter``); a return comes to the circle at once.
+    It follows the line until near the circle (``Plane::update_loiter``); a return flies directly to it.
     """
     of_mission = row.kind == at.CIRCLE and row.at_once == 0.0
     return bool(limits.law != NPFG and of_mission and isnan(state.bearing) and state.direct == 0.0)
@@ -278,7 +279,7 @@ def _comes_along_line(state: Record, row: Record, limits: Record) -> bool:
 def steer(
     state: Record, row: Record, arrived: bool, limits: Record, wx: float, wy: float
 ) -> tuple[float, float, float]:
-    """Return the lateral acceleration that the guidance asks for, and the bearing of a line."""
+    """Return the lateral acceleration of the guidance, and the bearing of a line."""
     kind = row.kind
     if state.doing == at.FLARE and (limits.law == NPFG or kind != at.LANDING):
         return 0.0, 0.0, 0.0
@@ -307,7 +308,7 @@ def steer(
 def leg_airspeed(
     row: Record, arrived: bool, limits: Record, be: float, bn: float, wx: float, wy: float
 ) -> float:
-    """Return the airspeed of a leg, raised for the least ground speed along a bearing."""
+    """Return the airspeed of a leg, raised to hold the minimum ground speed along a bearing."""
     kind = row.kind
     airspeed = row.airspeed
     if kind == at.TAKEOFF:
@@ -345,14 +346,14 @@ def passed(state: Record, row: Record, limits: Record) -> bool:
     if abs(row.z - state.position_z) <= row.height_tolerance:
         return close or not isnan(state.bearing)
     if close:
-        # The height is still to come: it is reached on a circle about the waypoint.
+        # The remaining height is gained or lost on a circle around the waypoint.
         state.bearing = 0.0
     return False
 
 
 @compiled(allocates=False)
 def circled(state: Record, row: Record, limits: Record, step: int) -> bool:
-    """Keep count on a circle and return whether it may be left."""
+    """Update the turn count of a circle and return whether the vehicle may leave it."""
     rx, ry = state.position_x - row.x, state.position_y - row.y
     away = sqrt(rx * rx + ry * ry)
     radius = abs(row.circle_radius)
@@ -362,7 +363,7 @@ def circled(state: Record, row: Record, limits: Record, step: int) -> bool:
         room = radius + min(limits.acceptance, 0.5 * radius)
         if limits.law == NPFG:
             room = radius + max(limits.acceptance, _switch_distance(state, limits))
-        # An airspeed that is too high for the circle leads round it outside.
+        # At a high airspeed the tightest turn is wider than the circle.
         tight = ground * ground / (GRAVITY_M_S2 * tan(limits.bank_limit))
         room = max(room, 2.2 * tight)
         height = state.target if row.on_circle > 0.0 else row.z

@@ -1,9 +1,9 @@
-"""The compiled motion of one fixed wing: coordinated turns, energy, guidance along the legs of a route.
+"""Compiled motion of a fixed wing: coordinated turns, energy, guidance along the legs of a route.
 
-The model is described in docs/fixed-wing-and-rover.md. Lengths in metres, angles in radians, east-north-up
-about home, headings clockwise from north, banks and accelerations to the right positive. One vehicle is
-a record of `STATE` and a row of `COUNTERS` integers, as in `sim_vehicle.motion.multirotor.kernel`, whose
-first 19 numbers and whose counters it has.
+docs/fixed-wing-and-rover.md describes the model. Lengths in metres, angles in radians, east-north-up from
+home, headings clockwise from north, banks and accelerations to the right positive. A vehicle is a record of
+`STATE` and a row of `COUNTERS` integers, as in `sim_vehicle.motion.multirotor.kernel`; the first 19 columns
+and the counters are the same.
 """
 
 from __future__ import annotations
@@ -43,14 +43,14 @@ __all__ = ["advance"]
 
 fixed_wing_power = compiled(allocates=False)(own_power.fixed_wing_power)
 
-# A leg is given up when it takes longer than this and three times what it takes at a slow speed.
+# A leg times out after this time plus the time that it takes at a slow speed.
 PATIENCE_S = 120.0
 SLOW_SHARE = 0.15
 
 
 @compiled(allocates=False)
 def _patience_steps(state: Record, row: Record, limits: Record) -> float:
-    """Return the number of steps that a leg may take."""
+    """Return the timeout of a leg (steps)."""
     east, north = row.x - state.position_x, row.y - state.position_y
     way = sqrt(east * east + north * north)
     trim = limits.airspeed_trim
@@ -61,7 +61,7 @@ def _patience_steps(state: Record, row: Record, limits: Record) -> float:
 
 @compiled(allocates=False)
 def _enter(state: Record, counters: Integers, route: Record, limits: Record, own: tuple[()]) -> None:
-    """Begin a leg, unless it has begun."""
+    """Start a leg, unless it has started."""
     if state.give_up_step != inf:
         return
     step, leg = counters[col.STEP], counters[col.LEG_INDEX]
@@ -70,7 +70,7 @@ def _enter(state: Record, counters: Integers, route: Record, limits: Record, own
     state.turned, state.bearing, state.pause_end = 0.0, float("nan"), inf
     state.guidance = 0.0
     before = route[leg - 1].kind if leg > 0 else at.FALL
-    # ArduPlane keeps the line from the centre of a circle; after a take-off it keeps none.
+    # ArduPlane keeps a line from the centre of a circle, but none after a take-off.
     if before == at.LINE or (before == at.CIRCLE and limits.law != NPFG):
         state.begin_x, state.begin_y, state.begin_z = route[leg - 1].x, route[leg - 1].y, route[leg - 1].z
         state.direct = 0.0
@@ -80,7 +80,7 @@ def _enter(state: Record, counters: Integers, route: Record, limits: Record, own
     else:
         state.direct = 0.0
     if limits.law == NPFG:
-        # After a take-off PX4 climbs at once (``calculateFirstOrderHoldAltitude``).
+        # After a take-off, PX4 climbs at once (``calculateFirstOrderHoldAltitude``).
         state.slope = 0.0 if state.last_kind == at.TAKEOFF else row.z - state.begin_z
         state.target = state.position_z
     else:
@@ -104,7 +104,7 @@ def _enter(state: Record, counters: Integers, route: Record, limits: Record, own
 def _arduplane_control(
     state: Record, row: Record, arrived: bool, limits: Record, wx: float, wy: float
 ) -> None:
-    """Set ArduPlane's demands: bank, pitch and throttle."""
+    """Set ArduPlane's demanded bank, pitch and throttle."""
     lateral, be, bn = steer(state, row, arrived, limits, wx, wy)
     takeoff = row.kind == at.TAKEOFF and not arrived
     arduplane.command_bank(state, limits, lateral, takeoff, state.doing == at.FLARE)
@@ -133,7 +133,7 @@ def _move(state: Record, counters: Integers, route: Record, limits: Record, own:
     if doing == at.ON_GROUND:
         take_off(state, limits, wx, wy)
         return False
-    # ArduPlane's guidance and control of energy have their own, slower clock.
+    # ArduPlane's guidance and energy control run at a lower rate.
     if limits.law == NPFG:
         bank, climb, rate = px4_control(state, row, arrived, limits, wx, wy)
     else:
@@ -187,9 +187,9 @@ def _feel(
 def _leave(
     state: Record, counters: Integers, row: Record, route: Record, limits: Record, own: tuple[()]
 ) -> None:
-    """Begin the next leg, or choose the circle that is flown after the end of a route.
+    """Start the next leg, or set the circle to fly after the end of a route.
 
-    That is the one it flew, otherwise one about the end of the leg.
+    The circle is that of the last leg, or one around the end of the leg.
     """
     if counters[col.ARRIVED] == 0:
         state.give_up_step = inf

@@ -1,4 +1,4 @@
-"""Columns of a fixed wing's state, of its legs and of its limits, for all compiled code that reads them."""
+"""Columns of a fixed wing's state, legs and limits, shared by all compiled code."""
 
 from __future__ import annotations
 
@@ -9,81 +9,80 @@ from enum import IntEnum
 from sim_vehicle.airframe.power_spec import GRAVITY_M_S2
 from sim_vehicle.motion.columns import State, record_type
 
-# The state beyond the shared numbers.
+# State beyond the columns shared by all vehicles.
 Wing = IntEnum(
     "Wing",
     "BANK "
     "AIRSPEED "  # True airspeed.
-    "CLIMB "  # Through the air.
+    "CLIMB "  # Vertical air velocity.
     "THROTTLE "  # 0 to 1.
     "PITCH "
-    "COMMAND "  # Bank that is commanded.
-    "BEGIN_X BEGIN_Y BEGIN_Z "  # Beginning of the leg.
+    "COMMAND "  # Commanded bank.
+    "BEGIN_X BEGIN_Y BEGIN_Z "  # Start of the leg.
     "COURSE "  # On the ground.
-    "TURNED "  # About the centre.
-    "BEARING "  # From the centre; NaN: not circling yet.
+    "TURNED "  # Angle flown around the centre.
+    "BEARING "  # Bearing from the centre; NaN before the circle.
     "PAUSE_END "  # Step at which a pause ends.
     "DOING "  # ON_GROUND, FLYING, FLARE or ROLLING.
-    "GUIDANCE "  # Last angle of the guidance.
+    "GUIDANCE "  # Last angle of the L1 guidance.
     "GUIDANCE_INTEGRAL "
-    # Position that is circled after the end of a route, and the radius.
+    # Centre and radius of the circle after the end of a route.
     "CENTRE_X CENTRE_Y CENTRE_Z CENTRE_RADIUS "
-    "DIRECT "  # Whether it flies straight to the waypoint, without a line to keep.
+    "DIRECT "  # Whether the vehicle flies straight to the waypoint, without a line to follow.
     "ROLL_RATE "
-    "SINCE "  # Seconds with the motor armed on the ground, since the lift-off, or in the flare.
+    "SINCE "  # Seconds since arming on the ground, lift-off, or the start of the flare.
     "BANK_DEMAND PITCH_DEMAND THROTTLE_DEMAND "
-    "TARGET "  # Height that is asked for; at first that where the leg began.
+    "TARGET "  # Demanded height; at first the height at the start of the leg.
     "SLOPE "  # Height to gain along the leg; 0: at once.
-    "STAGE "  # Of a landing: LINING_UP, APPROACH or PREFLARE.
-    "LEVEL_OFF "  # Height below that of the take-off at which the nose begins to come down; 0: not yet.
+    "STAGE "  # Stage of a landing: LINING_UP, APPROACH or PREFLARE.
+    "LEVEL_OFF "  # Height below the take-off height at which the nose comes down; 0: not yet.
     # Total energy control.
-    "RUNNING "  # Whether it has begun.
+    "RUNNING "  # Whether it is running.
     "LAST_SPEED SPEED_DEMAND SPEED_RATE_FILTER ACCELERATION_FILTER SPEED_MAX HEIGHT_IN HEIGHT_LIMITED "
     "HEIGHT_FILTER HEIGHT_OFFSET HEIGHT_DEMAND CLIMB_SCALE SINK_SCALE ENERGY_RATE_ERROR "
     "THROTTLE_INTEGRAL THROTTLE_LAST "
-    "THROTTLE_FLOOR "  # Comes down slowly after a climb-out.
+    "THROTTLE_FLOOR "  # Minimum throttle, which falls slowly after a climb-out.
     "BALANCE_INTEGRAL SPEED_INTEGRAL "
     "PITCH_FREE "  # Pitch before its limits.
     "THROTTLE_CLIP "  # -1, 0 or 1.
     "BALANCE_CLIP UNDERSPEED UNDERSPEED_S BAD_DESCENT "
-    "PATH_RATE "  # How fast the path turns upward.
-    "SLIP "  # Rate of the turn that the side force has followed.
-    "NOSE_UP "  # How far the nose is held too high while the integral of the pitch control lags.
-    "TRIMMED "  # Lift coefficient, as in LIFT_SLOPE, that the elevator was trimmed for; 0: not yet.
-    "FLARE_FROM "  # Height at which the flare began; NaN: not begun.
-    "FLARE_RATE "  # Climb rate then.
+    "PATH_RATE "  # Rate at which the path bends upward.
+    "SLIP "  # Turn rate that the side force has followed.
+    "NOSE_UP "  # Pitch error while the integral of pitch control lags.
+    "TRIMMED "  # Lift coefficient, as in LIFT_SLOPE, to which the elevator is trimmed; 0: not yet.
+    "FLARE_FROM "  # Height at the start of the flare; NaN before.
+    "FLARE_RATE "  # Climb rate at the start of the flare.
     "FLARE_FOLLOWED FLARE_IDEAL "
-    "LAST_KIND "  # Of the leg before.
-    # PX4's total energy control: the height that is followed and its rate, and the filtered energy rate
-    # over the weight.
+    "LAST_KIND "  # Kind of the previous leg.
+    # PX4's total energy control: followed height and its rate, and filtered energy rate divided by weight.
     "REFERENCE REFERENCE_RATE TOTAL_RATE "
     "WIND_UP",
     start=len(State),
 )
 ON_GROUND, FLYING, FLARE, ROLLING = 0.0, 1.0, 2.0, 3.0
 LINING_UP, APPROACH, PREFLARE = 0.0, 1.0, 2.0
-# Slower than this it stands.
+# Speed below which the vehicle counts as standing.
 STOPPED_M_S = 0.1
-# Nothing is divided by speeds (m/s) and lengths (m) below this.
+# Lower limit of speeds (m/s) and lengths (m) in divisions.
 SHORT = 0.5
 
-# One leg.
+# Columns of a leg.
 Leg = IntEnum(
     "Leg",
     "X Y Z KIND "
     "RADIUS "  # Acceptance radius; 0: the autopilot's.
     "AIRSPEED "
-    "NEAR "  # Distance to notify at.
-    "CIRCLE_RADIUS "  # Positive: clockwise.
+    "NEAR "  # Distance for notification of arrival.
+    "CIRCLE_RADIUS "  # Positive for clockwise.
     "TURNS "
-    "EXIT_X EXIT_Y "  # Where to leave the circle to; NaN: anywhere.
+    "EXIT_X EXIT_Y "  # Point towards which to leave the circle; NaN: anywhere.
     "PAUSE "
-    "PITCH "  # Least pitch of a take-off.
+    "PITCH "  # Minimum pitch of a take-off.
     "HEIGHT_TOLERANCE "
     "TURN_ANGLE "  # Angle to the next leg.
-    "SLOPE "  # Of a circular landing.
-    "AT_ONCE "  # Whether it is a return: it climbs at once, however far the way is.
-    "ON_CIRCLE",  # Whether the height is left for the circle.
+    "SLOPE "  # Slope of a circular landing.
+    "AT_ONCE "  # Whether the leg is a return, which climbs at once over any distance.
+    "ON_CIRCLE",  # Whether the height is changed on the circle.
     start=0,
 )
 LINE, CIRCLE, TAKEOFF, LANDING, CIRCULAR_LANDING, FALL = 0.0, 1.0, 2.0, 3.0, 4.0, 5.0
@@ -91,68 +90,68 @@ LINE, CIRCLE, TAKEOFF, LANDING, CIRCULAR_LANDING, FALL = 0.0, 1.0, 2.0, 3.0, 4.0
 
 @dataclass(frozen=True, slots=True)
 class FixedWingLimits:
-    """Limits of a fixed wing's flight that an autopilot's parameters set; SI units, radians."""
+    """Flight limits of a fixed wing set by an autopilot's parameters; SI units, radians."""
 
     law: float
-    """Guidance: `wbf_mission.addons.wings.motion.guidance.NPFG` or `L1`."""
+    """Guidance law: `wbf_mission.addons.wings.motion.guidance.NPFG` or `L1`."""
     airspeed_min: float
     airspeed_trim: float
     airspeed_max: float
     bank_limit: float
-    # Time constant and greatest rate of the roll, greatest rate of its set-point.
+    # Time constant and maximum rate of the roll, and maximum rate of its setpoint.
     roll_s: float
     roll_rate_max: float
     roll_slew: float
     climb_max: float
-    """At full throttle and trim airspeed."""
-    # Rates at which heights are changed, and the greatest sink rate.
+    """Climb rate at full throttle and trim airspeed."""
+    # Default climb and sink rates, and maximum sink rate.
     climb_rate: float
     sink_rate: float
     sink_max: float
-    # Time constants of height and airspeed.
+    # Time constants of height and airspeed control.
     height_s: float
     speed_s: float
     vertical_acceleration: float
-    # Of the guidance.
+    # Guidance parameters.
     period: float
     damping: float
     integral: float
     switch_share: float
-    """NPFG holds a line from before it, and counts a circle as reached, at this share of its track error
-    bound."""
-    # Of waypoints; an infinite tolerance of the height is none.
+    """NPFG's distance for joining a line before its start or reaching a circle, as a share of the track
+    error bound."""
+    # Distance and height tolerances of waypoints; an infinite height tolerance disables the check.
     acceptance: float
     height_acceptance: float
     landing_height_acceptance: float
-    """Before a landing."""
+    """Height tolerance of the waypoint before a landing."""
     ground_min: float
-    """The airspeed is raised to make this ground speed."""
+    """Minimum ground speed; the airspeed is raised to reach it."""
     takeoff_airspeed: float
-    """Of the climb-out."""
-    # Airspeed at which the ground is left, and acceleration up to there; 0 rolls by its own thrust.
+    """Airspeed of the climb-out."""
+    # Airspeed of lift-off, and acceleration until then; 0: ground roll by the vehicle's thrust.
     rotation: float
     launch: float
-    # Greatest bank below a height.
+    # Height below which `level_bank` limits the bank.
     level_height: float
     level_bank: float
     landing_airspeed: float
-    # The flare begins at a height or a time above the ground; sink rate in it.
+    # Height or time above ground at which the flare starts, and its sink rate.
     flare_height: float
     flare_s: float
     flare_sink: float
     landing_slope: float
     """Sink over path length on a circle down to the ground."""
     loiter_radius: float
-    """Of circles without a radius; positive is clockwise."""
-    # Rise of the throttle in a take-off roll: its time and end; time from lift-off to the full climb.
+    """Default radius of circles; positive for clockwise."""
+    # Throttle ramp of a take-off roll: its duration and final throttle; time from lift-off to the full climb.
     ramp_s: float = 0.0
     ramp_throttle: float = 1.0
     rotation_s: float = 0.0
     height_ahead: float = 1.0
-    """Share of the rate of a demanded height that is followed without lag."""
-    # PX4's throttle: what it takes level flight to need, the integrator gives the rest; the sink rate without
-    # throttle; integral (1/s) and damping over what is missing of the energy rate, the time constant of the
-    # rate that is measured, and what one more load factor adds to it (m^2/s^3).
+    """Share of a demanded height's rate that is followed without lag."""
+    # PX4's throttle control: throttle of level flight, to which the integrator adds; sink rate without
+    # throttle; integral (1/s) and damping of the energy rate error; time constant of the measured rate; and
+    # its increase per load factor (m^2/s^3).
     level_throttle: float = 0.0
     sink_min: float = 0.0
     total_integrator: float = 0.0
@@ -161,29 +160,29 @@ class FixedWingLimits:
     total_for_load: float = 0.0
 
     def tightest_m(self, airspeed_m_s: float) -> float:
-        """Return the radius of a level turn at the bank limit."""
+        """Return the radius of a level turn at the bank limit (m)."""
         return airspeed_m_s * airspeed_m_s / (GRAVITY_M_S2 * math.tan(self.bank_limit))
 
 
-# Limits beyond these.
+# Limits beyond those of `FixedWingLimits`.
 Limits = IntEnum(
     "Limits",
-    # Those of the airframe.
+    # Limits of the airframe.
     "STEP_S WING_SPAN BRAKING GROUND_DRAG "
-    "THRUST "  # At full throttle over the mass, m/s^2.
-    "PARASITIC "  # Drag over the mass and the square of the airspeed.
-    "INDUCED "  # Induced drag over the mass, times the square of the airspeed over that of the load.
-    "LIFT_LEVEL "  # Lift over the mass and the square of the airspeed at zero angle of attack.
-    "LIFT_SLOPE "  # The same per radian.
+    "THRUST "  # Thrust at full throttle divided by mass, m/s^2.
+    "PARASITIC "  # Drag divided by mass and squared airspeed.
+    "INDUCED "  # Induced drag divided by mass, times squared airspeed, per squared load.
+    "LIFT_LEVEL "  # Lift divided by mass and squared airspeed, at zero angle of attack.
+    "LIFT_SLOPE "  # The same lift coefficient per radian of angle of attack.
     "TURN_SHARE "
-    "TRIM_CHANGE "  # Elevator, as an angle, over a change of the lift coefficient as in LIFT_SLOPE.
+    "TRIM_CHANGE "  # Elevator angle per change of lift coefficient, as in LIFT_SLOPE.
     "ENERGY_LIMIT THROTTLE_LIMIT "
-    # Those of ArduPlane: control of energy, pitch, landing and take-off; SI units, radians, throttle 0 to 1.
+    # Limits of ArduPlane: energy control, pitch, landing and take-off; SI units, radians, throttle 0 to 1.
     "TIME_S INTEGRATOR PITCH_DAMPING THROTTLE_DAMPING ROLL_TO_THROTTLE SPEED_WEIGHT DEMAND_S "
     "TECS_CLIMB TECS_SINK_MIN TECS_SINK_MAX TRIM_THROTTLE THROTTLE_MIN THROTTLE_MAX THROTTLE_SLEW "
     "PITCH_MIN PITCH_MAX PITCH_S PITCH_UP_RATE PITCH_DOWN_RATE PITCH_FEED_FORWARD PITCH_GAIN "
     "PITCH_INTEGRATOR SCALING_SPEED "
-    "SLOPE_MIN "  # Smaller changes of height are made at once.
+    "SLOPE_MIN "  # Smaller height changes are made at once.
     "LAND_S LAND_DAMPING LAND_SPEED_WEIGHT LAND_PITCH LAND_PITCH_MAX HOLD_OFF_HEIGHT FLARE_AIM "
     "PREFLARE_HEIGHT PREFLARE_S PREFLARE_AIRSPEED HEAD_WIND_SHARE LEVEL_OFF_S TAKEOFF_THROTTLE "
     "TAKEOFF_DELAY THROTTLE_EASE",

@@ -1,4 +1,4 @@
-"""A fixed wing as a motion model: the compiled kernel with its state, route, wind and energy."""
+"""Motion model of a fixed wing: the compiled kernel with its state, route, wind and energy."""
 
 from __future__ import annotations
 
@@ -33,27 +33,27 @@ if TYPE_CHECKING:
     from sim_vehicle.motion.legs import Heading, Position, Route
     from wbf_mission.addons.wings.motion.layout import FixedWingLimits
 
-# Least pitch of a climb-out where the mission has none.
+# Default minimum pitch of a climb-out.
 _TAKEOFF_PITCH = math.radians(4.0)
-# Its drag holds for vehicles without a power model: a foam mapper of 1.8 m span.
+# Source of drag for vehicles without a power model: a foam mapper of 1.8 m span.
 _TYPICAL = FixedWingPowerSpec(mass_kg=1.9, wing_area_m2=0.42, wing_span_m=1.8, parasitic_drag=0.035)
 # Deceleration on grass.
 _BRAKE_M_S2 = 3.0
-# ArduPlane counts the full throw of a control surface as 45 degrees.
+# ArduPlane's full throw of a control surface is 45 degrees.
 _ELEVATOR_RAD = 0.25 * math.pi
 
 
 class FixedWing(CompiledMotion):
-    """A fixed wing that flies routes; it stays by circling.
+    """A fixed wing that flies routes and holds by circling.
 
     Parameters
     ----------
     limits_of : callable
-        What the autopilot makes of a vehicle's parameters.
+        Function from a vehicle to the limits set by its autopilot's parameters.
     yaw_rad : float
-        Heading at the start.
+        Initial heading.
     control_of : callable
-        Further columns of `Limits` that the autopilot has, by name.
+        Function from a vehicle to further columns of `Limits` by name.
     """
 
     dynamics = Dynamics(advance, wing.STATE, wing.LIMITS)
@@ -85,7 +85,7 @@ class FixedWing(CompiledMotion):
         )
 
     def place_in_flight(self, position_m: Position, velocity_m_s: Position, heading_rad: float) -> None:
-        """Be in steady flight at time 0, with nothing used yet, as if it had flown there."""
+        """Start in steady flight at time 0, with nothing used, as if flown there."""
         super().place_in_flight(position_m, velocity_m_s, heading_rad)
         state = self.state
         east, north, up = velocity_m_s
@@ -102,7 +102,7 @@ class FixedWing(CompiledMotion):
         state[Wing.PITCH] = math.asin(min(max(up / speed, -0.5), 0.5)) + min(attack, 0.3)
 
     def fly(self, route: Route) -> None:
-        """Begin a route, from where the vehicle is and as it moves now."""
+        """Start a route from the vehicle's current position and speed."""
         before = None if self._route is None else self._route.view(np.float64).reshape(-1, len(Leg))
         target = None if before is None else before[self.leg, : Leg.Z].copy()
         rows = self._rows(route)
@@ -112,14 +112,14 @@ class FixedWing(CompiledMotion):
             and math.hypot(rows[0, Leg.X] - target[0], rows[0, Leg.Y] - target[1]) < 1.0
             and self.counters[col.ARRIVED] == 0
         )
-        # A leg that is only planned again keeps its line.
+        # A replanned leg to the same waypoint keeps its line.
         if not follows:
             self._begin_at(before)
         self._route = rows.view(wing.LEG)[:, 0]
         self._begin()
 
     def _begin_at(self, before: NDArray[np.float64] | None) -> None:
-        """The first leg begins at the waypoint that was reached last, otherwise here."""
+        """Set the start of the first leg: the last waypoint reached, otherwise the vehicle's position."""
         self.state[Wing.BEGIN_X] = math.nan
         if before is not None and self.counters[col.ARRIVED] and before[-1, Leg.KIND] == wing.LINE:
             self.state[Wing.BEGIN_X : Wing.BEGIN_X + 3] = before[-1, : Leg.KIND]
@@ -129,7 +129,7 @@ class FixedWing(CompiledMotion):
         legs, n = route.legs, len(route.legs)
         rows = np.zeros((n, len(Leg)))
         rows[:, : Leg.KIND] = route.points_m
-        # The vehicle's default is left to the autopilot; ArduPlane keeps radii in one byte.
+        # A default radius is left to the autopilot, and ArduPlane stores radii in one byte.
         radius = np.where(legs["radius"] == self.spec.acceptance_radius_m, 0.0, legs["radius"])
         rows[:, Leg.RADIUS] = np.floor(np.minimum(radius, 255.0))
         speed = np.where(np.isnan(legs["speed"]), law.airspeed_trim, legs["speed"])
@@ -171,7 +171,7 @@ class FixedWing(CompiledMotion):
         return wing.LINE
 
     def _corners(self, rows: NDArray[np.float64]) -> None:
-        """Note the angle between each leg and the next one, or where it will be left to."""
+        """Set the angle between each leg and the next one, or the exit direction of a circle."""
         ends = np.vstack([self.state[None, State.POSITION_X : State.POSITION_Z], rows[:, : Leg.Z]])
         ways = np.diff(ends, axis=0)
         leads = rows[:, Leg.EXIT_X : Leg.PAUSE] - rows[:, : Leg.Z]
@@ -187,12 +187,12 @@ class FixedWing(CompiledMotion):
                 rows[i, Leg.TURN_ANGLE] = abs(math.atan2(ax * by - ay * bx, ax * bx + ay * by))
 
     def steer(self, velocity_m_s: Position, *, height_m: float = math.nan, heading: Heading = KEEP) -> None:
-        """Fall, when it is ordered straight down; it keeps no other velocities.
+        """Fall if commanded straight down; other velocities are refused.
 
         Raises
         ------
         VehicleError
-            For a velocity to keep.
+            For any other velocity.
         """
         east, north, up = velocity_m_s
         if east != 0.0 or north != 0.0 or not up < 0.0 or not math.isnan(height_m):
@@ -206,7 +206,7 @@ class FixedWing(CompiledMotion):
         self._begin()
 
     def stopping_point(self) -> Position:
-        """Return the centre that it circles when ordered to stay: that of its circle, otherwise here."""
+        """Return the centre of a hold: that of the current circle, or else the vehicle's position."""
         route = self._route
         if route is not None and self.state[Wing.DOING] == wing.FLYING:
             centred = route["kind"][-1] in (wing.CIRCLE, wing.LINE, wing.TAKEOFF)
@@ -219,25 +219,25 @@ class FixedWing(CompiledMotion):
         return self.position_m
 
     def lose_power(self) -> None:
-        """Glide from now on: the motor stops."""
+        """Stop the motor, so that the vehicle glides."""
         self._limits[Limits.THROTTLE_LIMIT] = 0.0
 
     def update_spec(self, spec: VehicleSpec) -> None:
-        """Take other defaults and limits; they hold at once, those of legs from the next route on."""
+        """Change defaults and limits at once; those of legs take effect from the next route on."""
         throttle = self._limits[Limits.THROTTLE_LIMIT]
         self.law = self._limits_of(spec)
         super().update_spec(spec)
         self._limits[Limits.THROTTLE_LIMIT] = throttle
 
     def set_climb(self, climb_m_s: float | None, descent_m_s: float | None) -> None:
-        """Change heights no faster than this, from now on; None is the autopilot's own rate."""
+        """Set the maximum climb and descent rates; None restores the autopilot's own."""
         law = self.law
         limits = record_of(self._limits, wing.LIMITS)
         limits.climb_rate = min(climb_m_s or law.climb_rate, law.climb_max)
         limits.sink_rate = min(descent_m_s or law.sink_rate, law.sink_max)
 
     def touch_down(self) -> None:
-        """Stand still on the ground."""
+        """Set the vehicle to rest on the ground."""
         super().touch_down()
         self.state[Wing.BANK : Wing.COMMAND + 1] = 0.0
         self.state[Wing.RUNNING] = 0.0
@@ -245,13 +245,13 @@ class FixedWing(CompiledMotion):
         self.state[Wing.BEGIN_X] = math.nan
 
     def _numbers(self, spec: VehicleSpec) -> NDArray[np.float64]:
-        """Return the limits in the order of the kernel."""
+        """Return the limits in the order of the kernel's columns."""
         law = self.law
         power = spec.power if isinstance(spec.power, FixedWingPowerSpec) else _TYPICAL
         frame = FixedWingAirframe() if spec.airframe is None else spec.airframe
         coefficients = power_coefficients(power)
         mass = power.mass_kg
-        # rho S / (2 m): times a coefficient and V^2 it is an acceleration.
+        # rho S / (2 m): multiplied by a coefficient and V^2 it is an acceleration.
         per_coefficient = coefficients[DRAG] / (mass * power.parasitic_drag)
         values = {
             **asdict(law),

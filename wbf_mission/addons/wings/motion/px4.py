@@ -1,4 +1,4 @@
-"""PX4's heights, airspeeds and banks of a fixed wing, compiled: total energy control, approach, flare."""
+"""Compiled height, airspeed and bank control of PX4's fixed wing: total energy control, approach, flare."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ THROTTLE_S = 0.4
 
 @compiled(allocates=False)
 def _near_ground(state: Record, limits: Record, level: bool) -> float:
-    """Return the bank limit: a wing tip must not touch the ground, and some keep level while they climb."""
+    """Return the bank limit near the ground, for wing tip clearance and wings-level climbs."""
     bank = limits.bank_limit
     height = state.position_z
     if level and height < limits.level_height:
@@ -29,7 +29,7 @@ def _near_ground(state: Record, limits: Record, level: bool) -> float:
 
 @compiled(allocates=False)
 def _climb(state: Record, limits: Record, height: float, full: bool) -> float:
-    """Return the climb rate for a height, which is followed at limited rates (``TECSReferenceModel``)."""
+    """Return the climb rate towards a height, followed at limited rates (``TECSReferenceModel``)."""
     here, dt = state.position_z, limits.step_s
     if state.running == 0.0:
         state.running, state.reference_rate = 1.0, 0.0
@@ -48,7 +48,7 @@ def _climb(state: Record, limits: Record, height: float, full: bool) -> float:
 
 @compiled(allocates=False)
 def _height_along(state: Record, row: Record, limits: Record) -> float:
-    """Return the height along a leg: that of the waypoint is reached a circle's radius before it."""
+    """Return the height along a leg; the waypoint's height is reached one circle radius before it."""
     dx, dy = row.x - state.begin_x, row.y - state.begin_y
     gx, gy = row.x - state.position_x, row.y - state.position_y
     before = abs(limits.loiter_radius)
@@ -61,10 +61,10 @@ def _height_along(state: Record, row: Record, limits: Record) -> float:
 
 @compiled(allocates=False)
 def _throttle(state: Record, limits: Record, asked: float, load: float) -> float:
-    """Return the throttle for an energy rate over the weight (``TECSControl::_calcThrottleControl``).
+    """Return the throttle for an energy rate divided by weight (``TECSControl::_calcThrottleControl``).
 
-    It is the throttle that the rate takes by the parameters, and an integral of the error, slow by default: a
-    motor or a drag that they do not describe leaves the airspeed off for a minute.
+    The throttle is the parameters' prediction for the rate plus an integral of the error, slow by default. A
+    motor or drag that the parameters do not describe therefore disturbs the airspeed for a minute.
     """
     most, least = limits.climb_max, -limits.sink_min
     asked = min(max(asked + limits.total_for_load * (load - 1.0) / GRAVITY_M_S2, least), most)
@@ -85,14 +85,14 @@ def _throttle(state: Record, limits: Record, asked: float, load: float) -> float
 def _energy(
     state: Record, limits: Record, height: float, airspeed: float, load: float, full: bool
 ) -> tuple[float, float, float]:
-    """Return throttle, climb rate and energy rate (over the weight) that total energy control asks for.
+    """Return throttle, climb rate and energy rate (over weight) demanded by total energy control.
 
-    The sum of the wanted rates of height and speed decides the throttle (`_throttle`), their difference the
-    pitch; what the throttle cannot give is shared.
+    The sum of the demanded rates of height and speed sets the throttle (`_throttle`), their difference the
+    pitch. A shortage of energy is shared.
     """
     v = max(state.airspeed, SHORT)
     climb = _climb(state, limits, height, full)
-    # Rates of the kinetic energy over the weight.
+    # Rate of kinetic energy divided by weight.
     fast = (airspeed - v) / limits.speed_s * v / GRAVITY_M_S2
     fast = min(max(fast, -0.5 * limits.sink_min), 0.5 * limits.climb_max)
     rate = energy_rate(limits, state.throttle, v, load)
@@ -103,7 +103,7 @@ def _energy(
         climb = limits.climb_max
     else:
         throttle = _throttle(state, limits, climb + fast, load)
-    # Where it climbs out, is too slow or has no power, the speed is held first and what is left climbs.
+    # In a climb-out, at low airspeed or without power, speed has priority and the remaining energy climbs.
     least_speed = min(limits.airspeed_min, limits.landing_airspeed)
     slow = min(max(10.0 * (1.0 - v / least_speed), 0.0), 1.0)
     if full or limits.throttle_limit == 0.0:
@@ -114,17 +114,17 @@ def _energy(
 
 @compiled(allocates=False)
 def _approach(state: Record, row: Record, limits: Record) -> float:
-    """Return the height to aim at on the way down to a landing; begin the flare."""
+    """Return the demanded height of an approach, and start the flare when low."""
     ground = sqrt(state.velocity_x * state.velocity_x + state.velocity_y * state.velocity_y)
     if row.kind == LANDING:
         dx, dy = row.x - state.begin_x, row.y - state.begin_y
         length = max(sqrt(dx * dx + dy * dy), 1e-3)
         to_go = ((row.x - state.position_x) * dx + (row.y - state.position_y) * dy) / length
         slope = max(state.begin_z, 1.0) / length
-        # It goes on below the ground, so that nothing is slowed down before the flare.
+        # The line continues below the ground, to avoid slowing down before the flare.
         height = min(slope * to_go, max(state.begin_z, 0.0))
     else:
-        # A circle down: the height asked for is lower by what makes it follow at the rate of its slope.
+        # Circular descent: the demanded height is below the vehicle, by an offset for the slope's sink rate.
         height = state.position_z - row.slope * ground * limits.height_s
     if state.position_z <= max(limits.flare_height, limits.flare_s * max(-state.velocity_z, 0.0)):
         state.doing = FLARE
@@ -137,7 +137,7 @@ def _approach(state: Record, row: Record, limits: Record) -> float:
 def px4_control(
     state: Record, row: Record, arrived: bool, limits: Record, wx: float, wy: float
 ) -> tuple[float, float, float]:
-    """Move the throttle as PX4 does; return bank and climb that it commands, and the energy rate."""
+    """Move the throttle as PX4 does; return the commanded bank and climb rate, and the energy rate."""
     kind = row.kind
     landing = kind in (LANDING, CIRCULAR_LANDING)
     circling = circles(state, row, arrived)
@@ -160,11 +160,11 @@ def px4_control(
         height = _height_along(state, row, limits)
     if state.doing == FLARE:
         throttle, _, rate = _energy(state, limits, height, airspeed, load, False)
-        # First the throttle comes down, then the sink dies away towards that of the touch.
+        # The throttle closes first; then the sink rate falls to that of touchdown.
         state.since += limits.step_s
         passed = state.since / limits.flare_s
         throttle = min(throttle, 1.0 - sqrt(min(passed, 1.0)))
-        # On a circle both at once.
+        # On a circle, throttle and sink rate fall together.
         waits = 1.0 if kind == LANDING else 0.0
         share = sqrt(min(max(passed - waits, 0.0), 1.0))
         climb = (1.0 - share) * state.flare_rate - share * limits.flare_sink

@@ -1,11 +1,11 @@
-"""ArduPlane's control of total energy, compiled: from a height and an airspeed to pitch and throttle.
+"""Compiled total energy control of ArduPlane: pitch and throttle for a height and an airspeed.
 
-The published behaviour of ``AP_TECS`` (P. Riseborough, 2013; ArduPlane 4.5 to 4.7) with its parameters
+Behaviour as published for ``AP_TECS`` (P. Riseborough, 2013; ArduPlane 4.5 to 4.7) with its parameters
 ``TECS_*``, after A. A. Lambregts, "Vertical flight path and speed control autopilot design using total energy
-principles", AIAA 83-2239. The throttle controls the sum of potential and kinetic energy: feed-forward from
-the wanted rate, about TRIM_THROTTLE, damping and an integral. Pitch controls their difference. It believes
-that full throttle climbs at TECS_CLMB_MAX and none sinks at TECS_SINK_MIN; the airframe may do otherwise. All
-energies are per mass.
+principles", AIAA 83-2239. Throttle controls the sum of potential and kinetic energy: feed-forward from the
+wanted rate around TRIM_THROTTLE, damping and an integral. Pitch controls their difference. The controller
+assumes a climb at TECS_CLMB_MAX with full throttle, and a sink at TECS_SINK_MIN without; the airframe may
+differ. All energies are per mass.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ def _clip(value: float, low: float, high: float) -> float:
 
 @compiled(allocates=False)
 def _begin(state: Record, limits: Record) -> None:
-    """Take the flight as it is."""
+    """Initialise the controller from the current flight state."""
     state.last_speed = state.speed_demand = max(state.airspeed, _SLOWEST)
     state.speed_rate_filter = state.acceleration_filter = 0.0
     state.speed_max = limits.airspeed_max
@@ -56,15 +56,15 @@ def _begin(state: Record, limits: Record) -> None:
 def _demand_speed(
     state: Record, limits: Record, stage: float, airspeed: float, v: float, time_s: float
 ) -> tuple[float, float, float]:
-    """Limit the demanded airspeed; return its rate and the least and greatest airspeed."""
+    """Limit the demanded airspeed; return its rate and the minimum and maximum airspeed."""
     up = 0.5 * limits.tecs_climb * state.climb_scale * GRAVITY_M_S2 / v
     down = -0.5 * limits.tecs_sink_min * GRAVITY_M_S2 / v
-    # Full throttle and not yet there: the upper limit comes down, so that it climbs.
+    # If full throttle does not suffice, the airspeed limit falls so that the vehicle climbs.
     rate = down if state.throttle_clip > 0.0 else up
     fastest = state.speed_max + rate * PERIOD_S
     fastest = _clip(fastest, limits.airspeed_trim, limits.airspeed_max)
     state.speed_max = fastest
-    # A load factor raises the stall speed by its root.
+    # A load factor raises the stall speed by its square root.
     slowest = limits.airspeed_min / sqrt(cos(state.bank_demand))
     slowest = min(slowest, fastest)
     if state.bad_descent > 0.0 or state.underspeed > 0.0:
@@ -82,13 +82,13 @@ def _demand_speed(
 def _demand_height(
     state: Record, limits: Record, stage: float, target: float, pitch_min: float, pitch_max: float
 ) -> float:
-    """Filter the demanded height; return its rate."""
+    """Filter the demanded height and return its rate."""
     climbs = limits.tecs_climb * state.climb_scale
     sinks = limits.tecs_sink_max * state.sink_scale
     high = state.pitch_free > pitch_max
     low = state.pitch_free < pitch_min
     before = state.height_in
-    # A demand that cannot be followed does not run away.
+    # A demand that cannot be followed is held, so that the filter does not run away.
     full, idle = state.throttle_clip > 0.0, state.throttle_clip < 0.0
     if ((high or full) and target > before) or ((low or idle) and target < before):
         target = before
@@ -103,7 +103,7 @@ def _demand_height(
     state.height_offset *= 1.0 - share
     demand = state.height_filter + state.height_offset
     if stage == LAND:
-        # The slope of a landing is followed without the lag of the filter.
+        # The slope of a landing is followed without the filter's lag.
         demand += constant * rate
     elif (high or full or state.balance_clip > 0.0) and demand > state.height_demand:
         state.climb_scale *= 1.0 - share
@@ -118,7 +118,7 @@ def _demand_height(
 
 @compiled(allocates=False)
 def _demand_flare(state: Record, limits: Record, climb: float) -> float:
-    """Let the sink die away with the height; return the demanded climb rate."""
+    """Reduce the sink rate with the height in a flare; return the demanded climb rate."""
     height = state.position_z
     if isnan(state.flare_from):
         state.flare_from, state.flare_rate = height, climb
@@ -135,7 +135,7 @@ def _demand_flare(state: Record, limits: Record, climb: float) -> float:
 
 @compiled(allocates=False)
 def _notice_underspeed(state: Record, slowest: float, v: float, stage: float) -> None:
-    """Note an airspeed that full throttle does not hold: it then comes before the height."""
+    """Detect an airspeed that full throttle does not hold; airspeed then has priority over height."""
     state.underspeed_s += PERIOD_S
     below = state.position_z < state.height_demand
     slow = v < 0.9 * slowest and state.throttle_demand >= 0.95 and stage != FLARING
@@ -161,11 +161,11 @@ def control_energy(
     least_pitch: float,
     sinking: bool,
 ) -> None:
-    """Set the demanded pitch and throttle for a height and an airspeed; to be called every `PERIOD_S`.
+    """Set the demanded pitch and throttle for a height and an airspeed; call every `PERIOD_S`.
 
-    The stage is CRUISE, CLIMB_OUT, LAND or FLARING, ``climb`` the rate over ground, ``portion`` that of the
-    leg that was flown (the weight of the speed fades with it in a landing), ``least_pitch`` that of a
-    take-off; ``sinking``, the motor is dead and pitch holds the airspeed alone.
+    `stage` is CRUISE, CLIMB_OUT, LAND or FLARING. `climb` is the climb rate over ground. `portion` is the
+    fraction of the leg flown, which reduces the speed weight in a landing. `least_pitch` is the minimum pitch
+    of a take-off. `sinking`: the motor is dead, so pitch holds the airspeed alone.
     """
     if state.running == 0.0:
         _begin(state, limits)
@@ -189,7 +189,7 @@ def control_energy(
         state.height_offset = min(climb, limits.tecs_climb) * limits.demand_s
         state.underspeed = state.bad_descent = 0.0
         state.climb_scale = state.sink_scale = 1.0
-    # After a climb-out the throttle comes back no faster than TECS_THR_ERATE.
+    # After a climb-out, the throttle falls no faster than TECS_THR_ERATE.
     state.throttle_floor -= limits.throttle_ease * PERIOD_S
     if stage == CLIMB_OUT:
         state.throttle_floor = throttle_max if limits.throttle_ease > 0.0 else 0.0
@@ -219,7 +219,7 @@ def control_energy(
         rate = _demand_height(state, limits, stage, target, pitch_min, pitch_max)
     _notice_underspeed(state, slowest, v, stage)
 
-    # Energies, and their rates as far as they are not steady.
+    # Energies, and the unsteady part of their rates.
     wanted = state.speed_demand
     kinetic, wanted_kinetic = 0.5 * v * v, 0.5 * wanted * wanted
     potential, wanted_potential = GRAVITY_M_S2 * height, GRAVITY_M_S2 * state.height_demand
@@ -253,7 +253,7 @@ def control_energy(
     else:
         span = throttle_max - throttle_min
         gain = span / (time_s * max(most - least, 0.1))
-        # A turn needs more lift, and so more drag is to be overcome.
+        # A turn needs more lift and therefore has more drag.
         cos2 = _clip(cos(state.bank) ** 2, 0.1, 1.0)
         forward = wanted_rate + limits.roll_to_throttle * (1.0 / cos2 - 1.0)
         throttle = limits.trim_throttle + forward * gain * time_s
@@ -270,13 +270,13 @@ def control_energy(
         state.throttle_last = throttle
         throttle += state.throttle_integral
         clip = 1.0 if throttle > throttle_max else (-1.0 if throttle < throttle_min else 0.0)
-        # A climb-out takes all that there is (TKOFF_OPTIONS 0).
+        # A climb-out uses all available throttle (TKOFF_OPTIONS 0).
         throttle = throttle_max if stage == CLIMB_OUT else _clip(throttle, throttle_min, throttle_max)
     if throttle > throttle_min:
         state.throttle_floor = min(state.throttle_floor, 0.0) if stage != CLIMB_OUT else throttle_max
     state.throttle_clip = clip
     state.throttle_demand = throttle
-    # Much too low, still losing energy at full throttle: the airspeed cannot be had.
+    # Far too low and still losing energy at full throttle: the demanded airspeed is unreachable.
     losing = potential_rate + kinetic_rate < 0.0
     falls = error > _BAD_DESCENT and losing and throttle >= 0.9 * throttle_max
     stays = state.bad_descent > 0.0 and error > 0.0

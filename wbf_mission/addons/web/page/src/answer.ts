@@ -1,4 +1,4 @@
-// A plan on the map, in figures and with what the preflight check finds.
+// A plan on the map, with its figures and the findings of the preflight check.
 import * as L from "leaflet";
 import { Frame } from "./canvas.js";
 import { themed, vehicleColour } from "./colours.js";
@@ -67,7 +67,7 @@ export class Answer {
     return Array.from({ length: ring.length / 2 }, (_, k) => this.frame!.latLng(ring[2 * k]!, ring[2 * k + 1]!));
   }
 
-  /** Lines are thinner where rows are close to each other, so that the field is seen between them. */
+  /** Thin lines where rows are close together, so that the field stays visible between them. */
   private weigh(): void {
     const [origin, up] = [this.frame?.latLng(0, 0), this.frame?.latLng(0, this.spacing_m ?? 0)];
     const apart_px = origin && up && this.spacing_m ? this.map.latLngToLayerPoint(origin).distanceTo(this.map.latLngToLayerPoint(up)) : Infinity;
@@ -99,7 +99,7 @@ export class Answer {
   }
 }
 
-/** What is told of a plan: what, how much, and further words. */
+/** Figures of a plan: name, value, and details. */
 function figures(planned: Planned): [string, string, string][] {
   const sum = (part: (one: Planned["vehicles"][number]) => number): number => planned.vehicles.reduce((all, one) => all + part(one), 0);
   const { vehicles, missions } = planned;

@@ -1,10 +1,10 @@
-// The report of a benchmark: its tables are in the page, made by `wbf_mission/addons/web/bench_page.py`. Here they get
-// their sorting, and the table of all standings its filters and, by row, the scores of each seed. What is chosen
-// stands behind the # of the address, so that a link leads to it.
+// Report of a benchmark. `wbf_mission/addons/web/bench_page.py` makes its tables. This script makes them
+// sortable, and adds filters and scores by seed to the table of all standings. The choices are kept behind
+// the # of the address, so that a link restores them.
 import { button, element, setText, svg } from "./dom.js";
 import { detailOf, mainRows, sortable, type Order } from "./sorting.js";
 
-/** Seed, score over the run, score at the end (of a run that failed: as what it counts), why, how the key begins. */
+/** Seed, score over the run, final score (for a failed run: as counted), failure, start of the key. */
 type Run = [seed: number | string, run: number, end: number, failed: string, key: string];
 
 const FILTERS: [key: string, label: string, column: number][] = [
@@ -81,7 +81,7 @@ function show(table: HTMLTableElement, seeds: Run[][]): void {
     const cell = row.cells[1];
     if (!cell) continue;
     const opener = button("", () => open(row), { "aria-expanded": "false", class: "opener", title: "Scores by seed" });
-    opener.append(...cell.childNodes); // with the places where the name may break
+    opener.append(...cell.childNodes); // Keeps the line break opportunities of the name
     cell.append(opener);
   }
   const open = (row: HTMLTableRowElement): void => {
@@ -105,7 +105,7 @@ function text(row: HTMLTableRowElement, column: number): string {
   return row.cells[column]?.textContent ?? "";
 }
 
-/** A score as `score_text` of `wbf_mission/bench/intervals.py` writes it. */
+/** Formats a score as `score_text` of `wbf_mission/bench/intervals.py`. */
 function told(score: number): string {
   const size = Math.abs(score);
   if (size >= 1e-3) return score.toFixed(4);
@@ -113,7 +113,7 @@ function told(score: number): string {
   return size < 1e-4 ? score.toExponential(1) : score.toPrecision(2);
 }
 
-/** The scores over the run, a dot a seed, above those of the others in the same scenario. */
+/** Scores over the run, one dot per seed, above those of the others in the same scenario. */
 function strip(own: Run[], others: Run[]): SVGElement {
   const scores = [...own, ...others].map((run) => run[1]);
   const [low, high] = [Math.min(...scores), Math.max(...scores)];

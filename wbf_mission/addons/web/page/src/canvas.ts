@@ -1,8 +1,8 @@
-// Layers of a Leaflet map that are drawn on a canvas in metres of the farm frame.
+// Layers of a Leaflet map drawn on a canvas, in metres of the farm frame.
 import * as L from "leaflet";
 import type { FarmShape } from "./schema.js";
 
-/** Where a farm frame lies: over a few kilometres it is turned, scaled and shifted, as WGS84 is. */
+/** Position of a farm frame: over a few kilometres, WGS84 is a rotation, scaling and shift of it. */
 export class Frame {
   private readonly turn: number;
 
@@ -22,10 +22,10 @@ export class Frame {
   }
 }
 
-/** From metres to pixels of the canvas: as of `setTransform`. */
+/** Transformation from metres to canvas pixels, as of `setTransform`. */
 export interface View {
   matrix: [number, number, number, number, number, number];
-  /** Pixels of a metre. */
+  /** Pixels per metre. */
   scale: number;
   width: number;
   height: number;
@@ -35,7 +35,7 @@ export function toPixels({ matrix: [a, b, c, d, e, f] }: View, x: number, y: num
   return [a * x + c * y + e, b * x + d * y + f];
 }
 
-/** How a map shows a frame at present. */
+/** Current view of a frame on a map. */
 export function viewOf(map: L.Map, frame: Frame): View {
   const shift = L.DomUtil.getPosition(map.getPane("mapPane")!).subtract(map.getPixelOrigin());
   const place = (x: number, y: number): L.Point => map.project(frame.latLng(x, y)).add(shift);
@@ -51,7 +51,7 @@ const HEAVY_MS = 200;
 
 export type Draw = (context: CanvasRenderingContext2D, view: View) => void;
 
-/** A canvas as large as the map, which is drawn anew whenever the map moves. */
+/** A canvas as large as the map, redrawn whenever the map moves. */
 export class CanvasLayer extends L.Layer {
   readonly canvas = document.createElement("canvas");
   private zooming = false;
@@ -59,7 +59,7 @@ export class CanvasLayer extends L.Layer {
   private zoom = NaN;
   private painted_ms = 0;
 
-  /** What takes long to draw (`heavy`) moves along while the map is dragged, and is drawn where that ends. */
+  /** A slow drawing (`heavy`) moves with a dragged map and is redrawn at the end of the drag. */
   constructor(
     pane: string,
     private readonly frame: () => Frame,
@@ -98,7 +98,7 @@ export class CanvasLayer extends L.Layer {
     };
   }
 
-  /** Draw before the next frame; what takes long a few times a second at most. */
+  /** Draw before the next frame; slow drawings at most a few times per second. */
   redraw(): void {
     if (this.asked) return;
     this.asked = true;
@@ -133,7 +133,7 @@ export class CanvasLayer extends L.Layer {
     this.draw(context, view);
   }
 
-  /** Scale the picture along while Leaflet animates a zoom, as its own renderers do. */
+  /** Scale the picture during Leaflet's zoom animation, as its own renderers do. */
   private animate({ center, zoom }: L.ZoomAnimEvent): void {
     const map = this._map;
     this.zooming = true;

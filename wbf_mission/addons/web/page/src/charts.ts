@@ -1,14 +1,14 @@
-// Curves over time: score, battery, speed and height, with one cursor; a click goes to that time.
+// Charts over time: score, battery, speed and height, with a common cursor; a click seeks that time.
 import uPlot from "uplot";
 import { themed, lifted } from "./colours.js";
 import { element } from "./dom.js";
 import { between, upTo, type Model, type Moment } from "./model.js";
 import { clock, fixed, percent } from "./text.js";
 
-/** No more moments than a chart has room for. */
+/** Maximum number of points of a chart. */
 const MOST = 600;
 const CURSOR = "time";
-/** Seconds between the marks of an axis. */
+/** Possible tick intervals of the time axis (s). */
 const MARKS_S = [1, 2, 5, 10, 15, 30, 60, 120, 300, 600, 900, 1800, 3600, 7200, 14400, 43200, 86400];
 
 interface Line {
@@ -86,7 +86,7 @@ class Chart {
     this.tell(upTo(this.times, time_s) - 1);
   }
 
-  /** Its colours are those of the theme: they are looked up anew. */
+  /** Destroy the plot, so that its colours are read from the current theme again. */
   forget(): void {
     this.plot?.destroy();
     this.plot = null;
@@ -129,7 +129,7 @@ class Chart {
       scales: {
         x: { time: false },
         y: {
-          // What stays at zero has an axis of its unit, not of hundredths.
+          // A value that stays at zero gets an axis of its unit, not of hundredths.
           range: (_, low, high) => [
             range[0] === null ? low - 0.05 * (high - low || 1) : Math.min(range[0], low),
             range[1] ?? Math.max(high + 0.08 * (high - low || 1), (range[0] ?? -Infinity) + 1),
@@ -166,7 +166,7 @@ class Chart {
     pen.restore();
   }
 
-  /** The values at the cursor, or now; of few lines only: more are told apart on the map. */
+  /** Show the values at the cursor or now; for more than two lines only their range. */
   private tell(index: number): void {
     const values = this.lines.map((line) => line.values[index]).filter((value) => typeof value === "number");
     const [low, high] = [Math.min(...values), Math.max(...values)];
@@ -209,7 +209,7 @@ export class Charts {
     for (const chart of this.charts) chart.show(this.models, times, time_s, fresh);
   }
 
-  /** Draw anew, at the size that they have now. */
+  /** Redraw at the current size. */
   redraw(): void {
     this.known = "";
     if (this.end_s >= 0) this.show(this.time_s, this.end_s);

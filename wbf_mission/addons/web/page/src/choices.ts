@@ -1,4 +1,4 @@
-// The options of a plan as a form, made of what the program tells of them.
+// Form for the options of a plan, built from their descriptions.
 import { checkbox, element } from "./dom.js";
 import { capital } from "./text.js";
 
@@ -14,7 +14,7 @@ export interface OptionInfo {
   needs: string;
   not_with: string[];
   needs_fleet: boolean;
-  /** Whether several of the choices may be given, with commas between them. */
+  /** Whether several choices may be given, separated by commas. */
   several: boolean;
   type: "flag" | "whole" | "number" | "text";
   choices: string[];
@@ -24,7 +24,7 @@ export interface OptionInfo {
 
 export type Value = string | number | boolean;
 export type Values = Record<string, Value>;
-/** Of planners and policies, by their names, with defaults in words. */
+/** Parameters of planners and policies by name, with defaults in words. */
 export type Parameters = Record<string, Record<string, Record<string, string>>>;
 
 const LIST_AT_MOST = 40;
@@ -107,14 +107,14 @@ export class Choices {
     }
     input.value = String(this.values[one.key] ?? "");
     input.addEventListener("input", () => {
-      // What is out of its range is refused in words, with the plan.
+      // The program refuses a value out of range, with a message.
       if (input.validity.badInput) return;
       this.set(one.key, numeric && input.value !== "" ? Number(input.value) : input.value.trim());
     });
     return input;
   }
 
-  /** Enable what has an effect, and show the parameters of what is chosen. */
+  /** Enable the options with an effect, and show the parameters of the chosen planner or policy. */
   private fit(): void {
     const fleet = Number(this.values["vehicles"] ?? 1) > 1;
     for (const one of this.options) {
@@ -129,7 +129,7 @@ export class Choices {
     }
   }
 
-  /** What is sent: what has no effect is left out. */
+  /** Options to send, without those that have no effect. */
   get given(): Values {
     const on = ([key]: [string, Value]): boolean => !this.rows.get(key)?.row.classList.contains("off");
     return Object.fromEntries(Object.entries(this.values).filter(on));

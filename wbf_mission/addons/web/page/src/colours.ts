@@ -1,8 +1,8 @@
-// Colours of crops, values and vehicles. Ramps change in lightness all the way, so that nobody needs to tell
-// red from green.
+// Colours of crops, values and vehicles. Lightness changes along each ramp, so that red and green need not be
+// distinguished.
 import type { FieldInfo, LayerName } from "./schema.js";
 
-/** The crops as in the pictures of `wbf_mission/pictures/plots.py`. */
+/** Colours of crops, as in `wbf_mission/pictures/plots.py`. */
 const CROPS: Record<string, string> = {
   strawberry: "#e8a7a1",
   tomato: "#b7d39b",
@@ -12,7 +12,7 @@ const CROPS: Record<string, string> = {
 };
 const FURTHER_CROPS = ["#d9c58b", "#c9b3d6", "#a8cfd0", "#e3b78c", "#c2c2b0", "#d8a8c2"];
 
-/** Okabe and Ito's, in an order that keeps apart on a map. */
+/** Palette of Okabe and Ito, extended, in an order with high contrast on a map. */
 const VEHICLES = [
   "#0072b2",
   "#d55e00",
@@ -37,21 +37,21 @@ export function cropColour(crop: string, crops: string[]): string {
   return CROPS[crop] ?? FURTHER_CROPS[further.indexOf(crop) % FURTHER_CROPS.length] ?? "#c2c2b0";
 }
 
-/** A vehicle's colour as `--vehicle` of page.css. */
+/** Colour of a vehicle, as `--vehicle` in page.css. */
 export function vehicleColour(number: number): string {
   return VEHICLES[number % VEHICLES.length] ?? "#0072b2";
 }
 
-/** The same on a canvas: lighter where it is dark. */
+/** Colour of a vehicle on a canvas: lighter in the dark theme. */
 export function lifted(number: number): string {
   return css(colourAt([vehicleColour(number), "#ffffff"], parseFloat(themed("lift")) / 100));
 }
 
-/** What is sick stands out: a disease's value below this, by a ring of this colour. */
+/** Limit of a disease's value below which a plant is sick, and the colour of its ring. */
 export const SICK = 0.75;
 export const RING = "#a3123a";
 
-/** The colours of a layer from 0 to its scale. */
+/** Colours of a layer from 0 to its scale. */
 export function ramp(layer: LayerName, field: FieldInfo | undefined): string[] {
   if (layer === "acquisition") return ACQUIRE;
   if (layer.startsWith("uncertainty/")) return UNSURE;
@@ -66,7 +66,7 @@ function rgb(colour: string): Rgb {
   return [number >> 16, (number >> 8) & 255, number & 255];
 }
 
-/** The colour at a part of a ramp, 0..1. */
+/** Colour at a position of a ramp, 0 to 1. */
 export function colourAt(colours: string[], part: number): Rgb {
   const place = Math.min(1, Math.max(0, part)) * (colours.length - 1);
   const below = Math.min(Math.floor(place), colours.length - 2);
@@ -82,12 +82,12 @@ export function css([red, green, blue]: Rgb): string {
 const looked = new Map<string, string>();
 matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => looked.clear());
 
-/** The looks changed: `themed` looks them up again. */
+/** Drop the cached variables after a change of the theme. */
 export function forgetTheme(): void {
   looked.clear();
 }
 
-/** A variable of page.css, which follows the reader's choice of dark or light. */
+/** Variable of page.css, in the reader's dark or light theme. */
 export function themed(name: string): string {
   let value = looked.get(name);
   if (value === undefined) {

@@ -1,4 +1,4 @@
-// Orders to vehicles, where this page may give them, and the answers to what the operator is asked.
+// Orders to vehicles, if allowed to this page, and answers to questions to the operator.
 import { button, element, setText } from "./dom.js";
 import type { Model } from "./model.js";
 import type { Said } from "./schema.js";
@@ -6,22 +6,22 @@ import type { Send, Wish } from "./source.js";
 import { capital } from "./text.js";
 import { WARNS } from "./messages.js";
 
-/** After these motors may turn: they are confirmed first. */
+/** Orders that may start motors, which need a confirmation. */
 const STARTS_MOTORS = new Set(["start", "arm", "takeoff"]);
-/** These end a flight: for more than one vehicle they are confirmed. */
+/** Orders that end a flight, which need a confirmation for several vehicles. */
 const ENDS_FLIGHT = new Set(["return", "land"]);
-/** Orders with a value, and what it is called. */
+/** Orders with a value, and the label of the value. */
 const VALUES: Record<string, string> = { "set item": "Item number", takeoff: "Height above home, m" };
-/** Orders that stand together; what is in none of them stands with the second. */
+/** Groups of orders; other orders are added to the second group. */
 const GROUPS = [["start", "arm", "takeoff"], ["hold", "resume", "set item"], ["return", "land"]];
-/** Orders of a flight: each has its place from the beginning, so that none comes under a finger later. */
+/** Orders with a fixed place from the start, so that no button appears under a finger. */
 const OF_A_FLIGHT = ["start", "hold", "resume", "set item", "return", "land"];
 const ALL = "all";
-/** How a dialog was closed, where it was not given up. */
+/** Return values of a dialog that was not cancelled. */
 const SENT = "sent";
 const OVER = "over";
 const REPLY_SHOWN_MS = 8000;
-/** After this long no answer comes any more: the program carries out nothing that is older than 2 s. */
+/** Timeout of an answer: the program ignores requests older than 2 s. */
 const ANSWER_MS = 3000;
 
 const isWarning = ({ system_id, severity }: Said): boolean => !system_id && severity <= WARNS;
@@ -30,12 +30,12 @@ export class Controls {
   readonly element = element("section", { class: "controls", "aria-label": "Orders" });
   readonly question = element("div", { class: "question", role: "alert" });
   readonly became = element("p", { class: "became", role: "status" });
-  /** Why no order can be given. */
+  /** Reason why no order can be given. */
   readonly why = element("p", { class: "why", id: "why-no-order", role: "status" });
   private readonly target = element("select", { "aria-label": "Orders go to" });
   private readonly buttons = element("div", { class: "orders" });
   private readonly dialog = element("dialog", { "aria-labelledby": "confirm-title" });
-  /** Whether what the dialog asks about may still be ordered. */
+  /** Whether the order of the open dialog is still allowed. */
   private stillMay = (): boolean => true;
   private readonly known = new Set<string>(OF_A_FLIGHT);
   private appeared = false;
@@ -43,15 +43,15 @@ export class Controls {
   private shape = "";
   private asked = "";
   private hide = 0;
-  /** What was sent and not answered yet, in words, by its number. */
+  /** Pending requests in words, by number. */
   private readonly open = new Map<number, string>();
-  /** The newest warning of the program's before the last order; null where none was given. */
+  /** Newest warning of the program before the last order; null without an order. */
   private before: string | null = null;
 
   constructor(
     private readonly model: Model,
     private readonly send: Send,
-    /** Whether the program lives, and what is shown is what is. */
+    /** Whether the program is alive and the displayed data is current. */
     private readonly isFresh: () => boolean,
     private readonly choose: (system_id: number | null) => void,
   ) {
@@ -66,20 +66,20 @@ export class Controls {
     );
   }
 
-  /** Orders go to this vehicle from now on; to none, where there are several. */
+  /** Select the target of orders; null with several vehicles selects none. */
   aim(system_id: number | null): void {
     if (system_id !== null) this.target.value = String(system_id);
     else if (this.vehicles.length > 1) this.target.value = "";
   }
 
-  /** Tell what became of an order. */
+  /** Show the outcome of an order. */
   reply({ order, error, number }: { order: string; error: string; number: number }): void {
     const what = this.open.get(number) ?? capital(order);
     this.open.delete(number);
     this.say(error ? `${what}: not done: ${error}` : `${what}: sent`, error !== "");
   }
 
-  /** The program is gone: what was not answered will not be, and what was said before is over. */
+  /** Drop pending requests and old messages after the loss of the program. */
   private lose(): void {
     this.say("", false);
     for (const number of [...this.open.keys()]) this.giveUp(number);
@@ -90,7 +90,7 @@ export class Controls {
     const isFresh = this.isFresh();
     if (this.wasFresh && !isFresh) this.lose();
     this.wasFresh = isFresh;
-    // What comes later moves nothing: the buttons stay until the run is over.
+    // The buttons keep their places until the end of the run.
     this.appeared ||= orders.length > 0 || !!this.model.status?.question;
     this.element.hidden = !this.appeared || !this.model.runs;
     for (const order of orders) this.known.add(order);
@@ -109,7 +109,7 @@ export class Controls {
       this.say("Nothing was sent: what was asked about is over", true);
     }
     this.showQuestion();
-    // What was sent may be refused later, and messages are in another panel on a phone.
+    // A request may be refused later, and on a phone messages are in another panel.
     const warning = this.warning;
     if (this.before === null || warning === this.before || !this.model.runs) return;
     this.before = warning;
@@ -131,14 +131,14 @@ export class Controls {
     return this.model.run?.vehicles ?? [];
   }
 
-  /** The vehicles to which an order goes. */
+  /** System ids of the vehicles that an order is for. */
   private get meant(): number[] {
     const { value } = this.target;
     if (value === ALL) return this.vehicles.map(({ system_id }) => system_id);
     return value ? [Number(value)] : [];
   }
 
-  /** An order keeps its place, whether it may be given or not: nothing moves under a finger. */
+  /** Rebuild the buttons; each order keeps its place, so that nothing moves under a finger. */
   private build(): void {
     const before = this.target.value;
     const several = this.vehicles.length > 1;
@@ -213,7 +213,7 @@ export class Controls {
     return `It goes to ${vehicles.length} vehicles: ${vehicles.map((one) => this.model.nameOf(one.system_id)).join(", ")}.`;
   }
 
-  /** Send it, once and now, or say that it was not. */
+  /** Send a request once, or show that it was not sent. */
   private tell(what: string, wish: Wish): void {
     const number = this.send(wish);
     if (number === null) return this.say(`${what}: not sent: the program does not answer`, true);
@@ -226,7 +226,7 @@ export class Controls {
   private giveUp(number: number): void {
     const what = this.open.get(number);
     if (what === undefined) return;
-    // The reply may still come; what it says is then the last word.
+    // A reply may still arrive and then replaces this message.
     this.open.delete(number);
     this.say(`${what}: not answered: nobody knows whether it arrived`, true);
   }
@@ -257,7 +257,7 @@ export class Controls {
     form.append(element("div", { class: "orders" }, cancel, confirm));
     form.addEventListener("submit", () => act(value ? input.value : null));
     this.stillMay = () => this.isFresh() && may();
-    // The line of the order before is none of this one's.
+    // Clear the message of the previous order.
     this.say("", false);
     this.dialog.returnValue = "";
     this.dialog.onclose = () => {

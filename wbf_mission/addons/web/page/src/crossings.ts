@@ -1,10 +1,10 @@
-// Where a border crosses itself.
+// Self-intersections of a border.
 import type { Position } from "./sketch.js";
 
-/** Of longer borders only the program looks for crossings. */
+/** Maximum number of corners checked here; the program checks longer borders. */
 const MOST_CORNERS = 1000;
 
-/** The places where sides cross or touch that are no neighbours, and spikes; of a ring the last side closes it. */
+/** Points where sides that are no neighbours cross or touch, and spikes; the last side closes a ring. */
 export function crossings(line: Position[], isClosed: boolean): Position[] {
   const count = isClosed ? line.length : line.length - 1;
   if (line.length > MOST_CORNERS) return [];
@@ -30,7 +30,7 @@ const along = (a: Position, b: Position, c: Position): number => (b[0] - a[0]) *
 const within = (a: Position, b: Position, c: Position): boolean =>
   Math.min(a[0], b[0]) <= c[0] && c[0] <= Math.max(a[0], b[0]) && Math.min(a[1], b[1]) <= c[1] && c[1] <= Math.max(a[1], b[1]);
 
-/** Where two sides meet. */
+/** Point where two sides meet, or null. */
 function meeting(a: Position, b: Position, c: Position, d: Position): Position | null {
   const [c1, d1, a1, b1] = [turn(a, b, c), turn(a, b, d), turn(c, d, a), turn(c, d, b)];
   if (c1 * d1 < 0 && a1 * b1 < 0) {

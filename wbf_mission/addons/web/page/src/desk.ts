@@ -1,4 +1,4 @@
-// What the studio's page asks of the program, and what it is answered.
+// Requests of the studio page to the program, and the answers.
 import type { OptionInfo, Parameters, Values } from "./choices.js";
 import type { FarmShape, Plan, Update } from "./schema.js";
 
@@ -13,7 +13,7 @@ export interface Finding {
 }
 
 export interface PlannedMission {
-  /** Which of several it is; empty where it is the only one. */
+  /** Distinguishes several missions; empty for a single one. */
   name: string;
   plan: Plan;
   battery_used: number | null;
@@ -22,7 +22,7 @@ export interface PlannedMission {
   findings: Finding[];
 }
 
-/** Of one vehicle, over all its sorties. */
+/** Totals of one vehicle over all its sorties. */
 export interface Summary {
   vehicle: string;
   planner: string | null;
@@ -43,23 +43,23 @@ export interface Planned {
   farm: FarmShape;
   notes: string[];
   missions: PlannedMission[];
-  /** Of the land to be seen, what all show together. */
+  /** Fraction of the target land seen by all missions together. */
   coverage: number;
   vehicles: Summary[];
   plan_s: number;
   check_s: number;
-  /** Why the simulator cannot fly it; empty if it can. */
+  /** Reason why the simulator cannot fly the plan; empty if it can. */
   not_flown: string;
   flown_note: string;
 }
 
-/** What became of the latest flight: "none", "preparing", "flying" or an outcome, with that in words. */
+/** State of the latest flight: "none", "preparing", "flying" or an outcome, also in words. */
 export interface FlightState {
   outcome: string;
   words: string;
 }
 
-/** What can be done about a refused farm. */
+/** Possible remedy for a refused farm. */
 export type Remedy = "" | "repair" | "crop" | "crs";
 
 export interface Options {
@@ -87,13 +87,13 @@ export interface Uploaded {
   findings: string[];
 }
 
-/** What is planned: a farm that the program knows, or one as GeoJSON. */
+/** Input of the planner: a farm by name or as GeoJSON, and options. */
 export interface Draft {
   farm: string | Record<string, unknown>;
   options: Values;
 }
 
-/** What the program would not do, in a line. */
+/** A request that the program refused; the message is one line. */
 export class Refused extends Error {
   constructor(message: string, readonly superseded: "" | "here" | "given up" | "another page" = "", readonly remedy: Remedy = "") {
     super(message);
@@ -136,7 +136,7 @@ export const desk = {
   farm: (name: string): Promise<FarmAnswer> => json(ask(`api/farm?${query({ name })}`)),
   read: (file: File, how: Record<string, string> = {}): Promise<FarmAnswer> =>
     json(ask(`api/farm?${query({ name: file.name, ...how })}`, { method: "POST", body: file })),
-  /** Mend a farm that is drawn. */
+  /** Repair a drawn farm. */
   mend: (document: Record<string, unknown>): Promise<FarmAnswer> =>
     json(ask(`api/farm?${query({ repair: "true" })}`, { method: "POST", body: JSON.stringify(document) })),
   plan: (draft: Draft, signal: AbortSignal): Promise<Planned> => json(ask("api/plan", post(draft, signal))),
@@ -154,7 +154,7 @@ export const desk = {
   stop: (): Promise<{ stopped: boolean }> => json(ask("api/stop", { method: "POST" })),
 };
 
-/** Let the browser keep a file. */
+/** Save a file in the browser. */
 export function keep(name: string, content: Blob): void {
   const address = URL.createObjectURL(content);
   const link = document.createElement("a");

@@ -1,4 +1,4 @@
-// Elements. Text comes in as text only: names from files and vehicles never become markup.
+// HTML elements. Texts are inserted as text only, so names from files and vehicles never become markup.
 
 type Child = Node | string;
 
@@ -26,12 +26,12 @@ export function button(label: string, act: () => void, attributes: Record<string
   return made;
 }
 
-/** Set a text only where it changed: what is read aloud or selected stays as it is. */
+/** Set a text only if it differs, to keep selections and avoid repeated announcements. */
 export function setText(node: Node, text: string): void {
   if (node.textContent !== text) node.textContent = text;
 }
 
-/** A choice of one among few, side by side: radio buttons that look like one switch. */
+/** Radio buttons that look like one switch. */
 export function segments(
   label: string,
   choices: [value: string, label: string][],

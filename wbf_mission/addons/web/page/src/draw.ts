@@ -1,4 +1,4 @@
-// What is drawn on the map's canvases.
+// Drawing on the map's canvases.
 import { toPixels, type View } from "./canvas.js";
 import { cropColour, themed } from "./colours.js";
 import { upTo, type Model, type Moment } from "./model.js";
@@ -7,7 +7,7 @@ import type { Picture } from "./tiles.js";
 
 type Context = CanvasRenderingContext2D;
 
-/** A line so many pixels apart from the last point is not seen. */
+/** Minimum distance between the drawn points of a line (pixels). */
 const SEEN_PX = 1.2;
 const RECENT_S = 30;
 
@@ -118,7 +118,7 @@ function mark(context: Context, x: number, y: number, letter: string): void {
   context.fillText(letter, x, y + 0.5);
 }
 
-/** The picture of a layer; only left or right of a line where two are compared. */
+/** Draw a layer's picture; `from` and `to` limit it to one side of a comparison. */
 export function drawPicture(context: Context, view: View, picture: Picture, pixel_m: number, from = 0, to = 1): void {
   const [a, b, c, d, e, f] = view.matrix;
   context.save();
@@ -132,7 +132,7 @@ export function drawPicture(context: Context, view: View, picture: Picture, pixe
   context.restore();
 }
 
-/** Where the estimate ends and the truth begins. */
+/** Draw the line between estimate and truth. */
 export function drawSplit(context: Context, view: View, split: number, names: [string, string]): void {
   const left = split * view.width;
   for (const [colour, width] of [
@@ -176,12 +176,12 @@ export function drawPlan(context: Context, view: View, plan: Plan, colour: strin
   context.globalAlpha = 1;
 }
 
-/** Until when a trail is thin: it stays so for a while, for many long ones take long to draw. */
+/** Time until which a trail is thin; it changes in steps, because long trails are slow to draw. */
 export function oldUntil(time_s: number): number {
   return (Math.floor(time_s / RECENT_S) - 1) * RECENT_S;
 }
 
-/** Where a vehicle was long ago. */
+/** Draw the older part of a vehicle's track. */
 export function drawOldTrail(context: Context, view: View, states: States, time_s: number, colour: string): void {
   const count = upTo(states.time_s, time_s);
   trail(context, view, states, 0, Math.min(upTo(states.time_s, oldUntil(time_s)) + 1, count), count);
@@ -193,7 +193,7 @@ export function drawOldTrail(context: Context, view: View, states: States, time_
   context.globalAlpha = 1;
 }
 
-/** Where a vehicle was lately. */
+/** Draw the recent part of a vehicle's track. */
 export function drawTrail(
   context: Context,
   view: View,
@@ -234,7 +234,7 @@ function trail(context: Context, view: View, { x, y, flight }: States, from: num
   }
 }
 
-/** Paths that a policy thought of: the better, the stronger; what it chose is drawn through. */
+/** Draw the paths considered by a policy, better ones stronger, and the chosen ones solid. */
 export function drawDecision(
   context: Context,
   view: View,
@@ -252,7 +252,7 @@ export function drawDecision(
     context.lineWidth = 1.6;
     context.strokeStyle = colour(system_id);
     context.stroke();
-    // Where it ends: of some candidates that is all that is told.
+    // Some candidates have only an end point.
     const [x, y] = path.slice(-2);
     if (x === undefined || y === undefined) continue;
     const [a, b, c, d, e, f] = view.matrix;

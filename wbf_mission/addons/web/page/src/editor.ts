@@ -1,4 +1,4 @@
-// Drawing and editing of a farm's shapes on a map, by pointer or by keys.
+// Editor of a farm's shapes on a map, by pointer or keyboard.
 import * as L from "leaflet";
 import { crossings } from "./crossings.js";
 import { cropColour, themed } from "./colours.js";
@@ -7,16 +7,16 @@ import {
   changed, fieldAt, freeName, withoutCorner, withRing, withShape, type Kind, type Position, type Shape, type Sketch,
 } from "./sketch.js";
 
-/** What is drawn next. */
+/** Tools of the editor. */
 export type Tool = "select" | "field" | "hole" | "pond" | "obstacle" | "no-fly" | "home" | "rally";
 
-/** Where a ring is to be closed, so near its first corner. */
+/** Distance from the first corner within which a click closes a ring (pixels). */
 const CLOSE_PX = 14;
-/** A click so near the last corner is the second one of a double click. */
+/** Distance from the last corner within which a click belongs to a double click (pixels). */
 const SAME_PX = 4;
-/** Of longer rings only corners can be moved; of still longer ones the table has them. */
+/** Maximum number of corners with handles for new corners, and with any handle; the table has all. */
 const [MOST_MIDDLES, MOST_CORNERS] = [150, 600];
-/** An arrow key moves a corner so many pixels. */
+/** Step of an arrow key when moving a corner (pixels). */
 const STEP_PX = 4;
 const LONG_PRESS_MS = 650;
 const MOST_MARKS = 50;
@@ -24,13 +24,13 @@ const CROSSES = "The border crosses itself at the mark";
 
 export interface EditorHost {
   readonly sketch: Sketch;
-  /** An edit is done. */
+  /** Take over a finished edit. */
   edit(sketch: Sketch, told: string): void;
   selected: number | null;
   select(number: number | null): void;
-  /** Say what to do next. */
+  /** Show a hint. */
   tell(text: string): void;
-  /** The tool has done its work. */
+  /** Called when the tool has finished. */
   toolDone(): void;
   crop: string;
 }
@@ -76,7 +76,7 @@ export class Editor {
     this.show();
   }
 
-  /** Show the sketch as it is now. */
+  /** Draw the current sketch. */
   show(): void {
     const { sketch, selected } = this.host;
     this.shapes.clearLayers();
@@ -108,7 +108,7 @@ export class Editor {
     this.markAll();
   }
 
-  /** Mark where the borders of shapes and the line that is drawn cross themselves. */
+  /** Mark the self-intersections of borders and of the line being drawn. */
   private markAll(rings = this.host.sketch.shapes.flatMap((shape) => shape.rings)): void {
     this.standing = rings.flatMap((ring) => crossings(ring, true));
     this.mark(this.drawn);
@@ -120,7 +120,7 @@ export class Editor {
       L.circleMarker(latLng(place), { radius: 9, weight: 3, color: themed("danger"), fill: false, interactive: false, className: "crossing" }).addTo(this.crossed);
   }
 
-  /** A corner in the map's middle with the space bar; Enter finishes, Backspace takes back, Escape ends. */
+  /** Space sets a corner at the map's centre, Enter closes, Backspace removes a corner, Escape cancels. */
   key(event: KeyboardEvent): void {
     if (event.key === "Escape" && (this.drawing || this.tool !== "select")) {
       if (this.drawing) this.take(this.tool);
@@ -279,7 +279,7 @@ export class Editor {
     marker.on("dragend click", insert);
   }
 
-  /** Show a ring while it is dragged. */
+  /** Show a ring while it is being dragged. */
   private preview(number: number, r: number, ring: Position[]): void {
     const rings = this.host.sketch.shapes[number]!.rings.map((one, k) => (k === r ? ring : one));
     this.polygons[number]?.setLatLngs(rings.map((one) => one.map(latLng)));

@@ -1,14 +1,14 @@
-// The age of the data that the page shows, from the program's beats and this page's own clocks: others differ.
+// Age of the displayed data, from the program's beats and the page's own clocks.
 import type { Beat, Given } from "./schema.js";
 
-/** The page shows an age from TOLD_S on; from OLD_S on its data are old, and it gives no orders. */
+/** Age from which the page shows it, and from which data is old and no orders are given (s). */
 export const TOLD_S = 2;
 export const OLD_S = 3;
-/** How often a page looks at its heart. */
+/** Interval of checks. */
 export const LOOK_MS = 250;
-/** A connection that comes back at once was not lost. */
+/** Minimum duration of a reported connection loss. */
 const LOST_MS = 600;
-/** Clocks of two machines drift apart by less than this part. */
+/** Maximum relative drift between the clocks of two machines. */
 const DRIFT = 1e-3;
 
 export type Link = "connecting" | "live" | "lost" | "recording";
@@ -19,12 +19,12 @@ export class Heart {
   private sent_s: number | null = null;
   private arrived_ms = 0;
   private arrivedByDate_ms = 0;
-  /** Delay of the newest beat against the quickest one, and the difference of the clocks by the quickest. */
+  /** Delay of the newest beat relative to the fastest one, and clock difference by the fastest one. */
   private late_ms = 0;
   private apart_ms = Infinity;
   private number = 0;
 
-  /** Forget the beats: another connection has its own. */
+  /** Forget the beats of the previous connection. */
   stop(): void {
     this.sent_s = null;
     this.apart_ms = Infinity;
@@ -35,21 +35,21 @@ export class Heart {
   }
 
   set link(state: Link) {
-    if (state === this.state) return; // Another try that failed
+    if (state === this.state) return; // A repeated attempt has failed
     [this.state, this.since_ms] = [state, performance.now()];
   }
 
-  /** Whether the connection is lost, and for long enough to say so. */
+  /** Whether the connection has been lost long enough to report it. */
   get isLost(): boolean {
     return this.state === "lost" && performance.now() - this.since_ms >= LOST_MS;
   }
 
-  /** Whether nothing comes any more: the page shows what was. */
+  /** Whether the displayed data is old because nothing arrives. */
   get isOld(): boolean {
     return this.isLost || (this.age_s !== null && this.age_s >= OLD_S);
   }
 
-  /** Why what is shown is old. */
+  /** Reason for old data. */
   get trouble(): string {
     return this.isLost ? "The connection to the program is lost" : "Nothing comes from the program";
   }
@@ -63,20 +63,20 @@ export class Heart {
     [this.sent_s, this.arrived_ms, this.arrivedByDate_ms] = [time_s, now_ms, Date.now()];
   }
 
-  /** Seconds since the program is known to have lived; null before its first beat. */
+  /** Time since the program was last known to be alive (s); null before the first beat. */
   get age_s(): number | null {
     if (this.sent_s === null) return null;
-    // A page that sleeps keeps what arrived, and its first clock may stand meanwhile.
+    // The first clock may stop while a page sleeps.
     const since_ms = Math.max(performance.now() - this.arrived_ms, Date.now() - this.arrivedByDate_ms);
     return (this.late_ms + since_ms) / 1000;
   }
 
-  /** Whether what is shown is what is, so that orders may be given by it. */
+  /** Whether the displayed data is current, so that orders may be based on it. */
   get isFresh(): boolean {
     return this.state === "live" && this.age_s !== null && this.age_s < OLD_S;
   }
 
-  /** When a request is given: now. */
+  /** Return the time of a request made now. */
   give(): Given {
     const after_s = (performance.now() - this.arrived_ms) / 1000;
     return { number: ++this.number, beat_s: this.sent_s ?? 0, after_s };

@@ -1,5 +1,5 @@
-// What is drawn and chosen, kept in the browser: a page that is loaded again, or comes after a crash, goes on with it.
-// Anybody may have written there: what is no draft of this form is left alone.
+// Drafts stored in the browser, which survive a reload or a crash. Other pages may write to the same storage,
+// so an invalid draft is ignored.
 import type { OptionInfo, Value, Values } from "./choices.js";
 import type { Kind, Position, Shape, Sketch } from "./sketch.js";
 
@@ -11,17 +11,17 @@ const KINDS: Kind[] = ["field", "obstacle", "no-fly"];
 export interface Kept {
   sketch: Sketch;
   values: Values;
-  /** With what the program began. */
+  /** Initial options of the program. */
   start: string;
-  /** Whether its farm is in no file. */
+  /** Whether the farm is not saved in a file. */
   unsaved: boolean;
 }
 
-/** Keep a draft; whether the browser does. */
+/** Store a draft; returns whether the browser could. */
 export function keepDraft(kept: Kept): boolean {
   try {
     const text = JSON.stringify({ form: FORM, ...kept });
-    // Of several pages each goes on with its own; the newest is there after a crash.
+    // Each page reloads its own draft; after a crash, the newest one is restored.
     for (const storage of [sessionStorage, localStorage]) storage.setItem(NAME, text);
     return true;
   } catch {
@@ -35,7 +35,7 @@ export function keptDraft(options: OptionInfo[]): Kept | null {
       const found = readDraft(JSON.parse(window[storage].getItem(NAME) ?? "null"), options);
       if (found) return found;
     } catch {
-      // It is not JSON, or the browser keeps nothing.
+      // Invalid JSON, or storage is disabled.
     }
   }
   return null;

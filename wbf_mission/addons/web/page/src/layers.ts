@@ -1,4 +1,4 @@
-// What the map shows: the field, which of its layers, and what is drawn over it; and what the colours mean.
+// Layer panel of the map: field, layer, overlays, and the colour key.
 import { RING, colourAt, cropColour, css, ramp } from "./colours.js";
 import { checkbox, element, segments } from "./dom.js";
 import { figureOf, layerName, layerTitle, type Choice } from "./map.js";
@@ -32,7 +32,7 @@ export class LayerPanel {
     private readonly changed: () => void,
   ) {}
 
-  /** Offer what there is. */
+  /** Update the panel to the available layers. */
   show(picture: Picture | null): void {
     const model = this.models[0]!;
     const fields = model.fields;
@@ -126,7 +126,7 @@ export class LayerPanel {
     this.legend.hidden = !picture && !this.legend.querySelector(".key");
   }
 
-  /** What the colours of a layer stand for. */
+  /** Colour key of a layer. */
   private scaleOf({ layer, scale }: Picture): HTMLElement[] {
     const model = this.models[0]!;
     const field = model.fieldOf(layer);
@@ -143,7 +143,7 @@ export class LayerPanel {
     return [title, bar, element("div", { class: "ends" }, ...words.map((word) => element("span", {}, word)))];
   }
 
-  /** What else is drawn: crops, and the rings of what the camera saw. */
+  /** Keys of crops, and of the rings around sick plants. */
   private keys(): HTMLElement {
     const { choice } = this;
     const patches = this.models[0]?.run?.farm?.patches ?? [];

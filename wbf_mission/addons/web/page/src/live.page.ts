@@ -1,4 +1,4 @@
-// The page of a run: while it happens, or a recording of one or two of them.
+// Page of a live run, or of recordings of one or two runs.
 import { Charts } from "./charts.js";
 import { forgetTheme } from "./colours.js";
 import { Controls } from "./controls.js";
@@ -16,7 +16,7 @@ import { scoreLine, Vehicles } from "./vehicles.js";
 
 const CHARTS_MS = 400;
 const PANELS_MS = 200;
-/** How the pill of an outcome looks that is neither good nor bad; any other one is bad. */
+/** Styles of outcomes; any other outcome is bad. */
 const LOOKS: Record<string, string> = { completed: "good", running: "running", ended: "running", interrupted: "warn" };
 const LINKS: Record<Link, string> = {
   connecting: "Connecting …",
@@ -77,12 +77,12 @@ class App {
     addEventListener("beforeprint", () => this.print(true));
     addEventListener("afterprint", () => this.print(false));
     requestAnimationFrame((now_ms) => this.frame(now_ms));
-    // A report opens at its summary, also when it is loaded again.
+    // A report opens at its summary, also after a reload.
     if (!this.send && !location.hash) history.scrollRestoration = "manual";
     if (this.send) setInterval(() => this.look(), LOOK_MS);
   }
 
-  /** Lay the page out for paper: maps and charts are drawn for the room that they have there. */
+  /** Lay out for printing: maps and charts are redrawn at the size on paper. */
   private print(begins: boolean): void {
     document.documentElement.classList.toggle("printing", begins);
     forgetTheme();
@@ -90,7 +90,7 @@ class App {
     this.parts?.charts.redraw();
   }
 
-  /** Everything comes anew; the reader goes on looking at the same part of it. */
+  /** Start over with new data; the reader's choices are kept. */
   private begin(runs: number): void {
     const isBuilt = this.models.length === runs;
     if (isBuilt) for (const model of this.models) Object.assign(model, new Model(model.letter));
@@ -102,7 +102,7 @@ class App {
   private take(update: Update, run: number): void {
     const model = this.models[run];
     model?.take(update);
-    // The first field is shown until the reader chooses.
+    // Show the first field until the reader chooses.
     const fields = this.models[0]?.fields ?? [];
     if (!fields.some((one) => one.name === this.choice.field)) this.choice.field = fields[0]?.name ?? "";
     if (update.reply) this.parts?.controls?.reply(update.reply);
@@ -210,7 +210,7 @@ class App {
     const urgent = element(
       "div",
       { class: "urgent" },
-      // Orders first: what comes and goes moves none of them under a finger.
+      // Orders come first, so that messages do not move them under a finger.
       ...(controls ? [controls.element, controls.question] : []),
       this.lost,
       ...(controls ? [controls.why, controls.became] : []),
@@ -229,7 +229,7 @@ class App {
     this.dirty = this.stale = true;
   }
 
-  /** On a phone one panel is seen at a time. */
+  /** Tabs for phones, which show one panel at a time. */
   private tabs(): HTMLElement {
     const names = ["vehicles", "charts", "messages", "decisions"];
     const tabs = element("nav", { class: "tabs", "aria-label": "Panels" });
@@ -248,7 +248,7 @@ class App {
     return tabs;
   }
 
-  /** Two maps show the same part. */
+  /** Keep the views of two maps equal. */
   private join(): void {
     let moving = false;
     for (const one of this.maps)
@@ -261,7 +261,7 @@ class App {
       });
   }
 
-  /** Say how old it is what is shown, by the clock and not by what comes: nothing may. */
+  /** Show the age of the data; called by a timer, as no data may arrive. */
   private look(): void {
     const { link: state, isLost, age_s } = this.heart;
     const model = this.models[0];
@@ -278,18 +278,18 @@ class App {
     setText(this.link, words);
     const isBad = isOld || quiet.length > 0;
     this.link.dataset["state"] = isBad ? "lost" : words === LINKS.live ? "live" : "recording";
-    // Read aloud when it changes: the seconds stand elsewhere.
+    // Changes are read aloud, so the seconds are shown elsewhere.
     let warns = quiet.length ? `No news of ${quiet.join(", ")}: what is shown is old.` : "";
     if (isOld) warns = `${this.heart.trouble}: what is shown is old${isLost ? ". Trying again …" : ", and it takes no orders."}`;
     setText(this.lost, warns);
     this.root.classList.toggle("old", isOld);
     this.parts?.controls?.show();
-    if (age_s !== null && age_s >= 1 && !ended) this.dirty = true; // What is heard gets older
+    if (age_s !== null && age_s >= 1 && !ended) this.dirty = true; // The age of the data grows
     if (!this.root.contains(this.link))
       this.root.replaceChildren(element("header", { class: "top" }, this.title, this.link), this.lost);
   }
 
-  /** Vehicles of which nothing is known any more, though the program lives: those that fly, or all. */
+  /** Names of silent vehicles while the program is alive: the armed ones, or all. */
   private quiet(model: Model): string[] {
     const known = (model.run?.vehicles ?? []).flatMap(({ system_id }) => {
       const moment = model.vehicleAt(system_id, model.end_s);
@@ -315,7 +315,7 @@ class App {
     }
     const scale = this.maps[0]?.shown?.scale;
     if (scale !== this.scale) {
-      this.scale = scale; // A layer is decoded in its own time: the legend follows
+      this.scale = scale; // Layers are decoded asynchronously, and the legend follows
       this.stale = true;
     }
     if (this.stale && now_ms - this.panelsAt_ms > PANELS_MS) {

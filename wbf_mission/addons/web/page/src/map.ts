@@ -1,4 +1,4 @@
-// The map of one run: the farm, the values of a layer, what was seen, plans and trails, and the vehicles.
+// Map of one run: farm, layer, readings, plans, trails and vehicles.
 import * as L from "leaflet";
 import { CanvasLayer, Frame, type Draw, type View } from "./canvas.js";
 import { lifted, themed, vehicleColour } from "./colours.js";
@@ -20,11 +20,11 @@ import { drawReadings } from "./readings.js";
 import { figure } from "./text.js";
 import { Picture } from "./tiles.js";
 
-/** What of a run is shown; `layers.ts` lets the reader choose. */
+/** Displayed parts of a run; chosen by the reader in `layers.ts`. */
 export interface Choice {
   field: string;
   kind: "value" | "uncertainty" | "truth" | "acquisition" | "none";
-  /** Truth on the right of the handle, the layer on its left. */
+  /** Whether to show the truth right of the handle and the layer left of it. */
   compare: boolean;
   split: number;
   opacity: number;
@@ -42,7 +42,7 @@ export function layerName(choice: Choice): string | null {
 
 const NOWHERE = new Frame({ lat: 0, lon: 0, lat_x: 0, lat_y: 9e-6, lon_x: 9e-6, lon_y: 0 });
 const CLOSEST = 27;
-/** Of more vehicles only the selected one's fence is drawn. */
+/** Maximum number of vehicles whose fences are all drawn; above it, only the selected one's. */
 const FEW = 3;
 const SHAPES: Record<string, string> = {
   plane: "M0-13 L2.4-4 L13 2 V5 L2.4 3 L1.8 9 L5 11.5 V13 H-5 V11.5 L-1.8 9 L-2.4 3 L-13 5 V2 L-2.4-4 Z",
@@ -50,7 +50,7 @@ const SHAPES: Record<string, string> = {
   copter: "M0-13 L9 10 L0 5 L-9 10 Z",
 };
 
-/** The icon of one vehicle. */
+/** Icon of a vehicle. */
 class VehicleMark {
   readonly marker: L.Marker;
   private readonly body: SVGElement;
@@ -77,7 +77,7 @@ class VehicleMark {
   }
 }
 
-/** Show the user's own map tiles behind everything. */
+/** Show the user's map tiles as the background. */
 export function showTiles(map: L.Map, tiles: NonNullable<Update["background"]>): L.TileLayer {
   const note = L.control.attribution({ position: "bottomright", prefix: false }).addTo(map);
   note.getContainer()!.textContent = tiles.attribution;
@@ -96,7 +96,7 @@ export class MapView {
   private truth: Picture | null = null;
   private readonly marks = new Map<number, VehicleMark>();
   private readonly layers: Record<"ground" | "values" | "readings" | "trails" | "lines", CanvasLayer>;
-  /** The reader looks at a part of the map, and is left there. */
+  /** Whether the reader has moved the map, which then stays there. */
   private touched = false;
   private pointer: L.LatLng | null = null;
   private time_s = 0;
@@ -112,7 +112,7 @@ export class MapView {
     private readonly choice: Choice,
     private readonly told: (text: string) => void,
     private readonly select: (system_id: number) => void,
-    /** So much of its left is under something else. */
+    /** Width of the map's left part under other elements. */
     private readonly covered_px: () => number,
     animated: boolean,
   ) {
@@ -183,12 +183,12 @@ export class MapView {
     return this.model.field(this.choice.field);
   }
 
-  /** The layer that is shown, for its legend. */
+  /** Displayed layer, for the legend. */
   get shown(): Picture | null {
     return this.picture;
   }
 
-  /** Show the whole farm, or where all vehicles were where there is none. */
+  /** Show the whole farm, or without a farm all vehicle positions. */
   fit(): void {
     this.touched = false;
     const farm = this.run?.farm;
@@ -213,13 +213,13 @@ export class MapView {
     });
   }
 
-  /** Show a vehicle in the middle. */
+  /** Centre the map on a vehicle. */
   goTo(system_id: number): void {
     const mark = this.marks.get(system_id);
     if (mark) this.map.panTo(mark.marker.getLatLng());
   }
 
-  /** For paper, on which browsers do not let canvases through one another: all of them on one. */
+  /** Merge all canvases into one for printing, as browsers do not print transparent canvases. */
   print(begins: boolean): void {
     this.map.invalidateSize({ animate: false });
     this.fit();
@@ -238,13 +238,13 @@ export class MapView {
     this.container.prepend(paper);
   }
 
-  /** Choices changed: everything is drawn anew. */
+  /** Redraw everything after a change of the choices. */
   redraw(): void {
     this.container.querySelector<HTMLElement>(".leaflet-values-pane")!.style.opacity = String(this.choice.opacity);
     for (const layer of Object.values(this.layers)) layer.redraw();
   }
 
-  /** Show the run as it was at a time. */
+  /** Show the run at a time. */
   show(time_s: number): void {
     this.time_s = time_s;
     if (this.model.run !== this.run) this.takeRun(this.model.run);
@@ -317,7 +317,7 @@ export class MapView {
     return lifted(this.run?.vehicles.findIndex((info) => info.system_id === system_id) ?? 0);
   }
 
-  /** The states of those vehicles that were heard. */
+  /** States of all vehicles with any. */
   private states(): [number, States][] {
     const ids = (this.run?.vehicles ?? []).map((info) => info.system_id);
     return ids.flatMap((id) => (this.model.states[id] ? [[id, this.model.states[id]]] : []));
@@ -341,7 +341,7 @@ export class MapView {
       drawSplit(context, view, this.choice.split, [KINDS[this.choice.kind] ?? this.choice.kind, KINDS["truth"]!]);
   }
 
-  /** Tell what is under the pointer. */
+  /** Report the values under the pointer. */
   private read(place: L.LatLng | null): void {
     this.pointer = place;
     if (!place) {
@@ -370,7 +370,7 @@ export function layerTitle(model: Model, layer: string): string {
   return field ? `${field.title}, ${KINDS[layer.split("/")[0]!] ?? ""}` : "Acquisition";
 }
 
-/** A value of a layer as a number in the field's unit, with as many digits as a hundredth of its range has. */
+/** Value of a layer in the field's unit, with the digits of a hundredth of its range. */
 export function figureOf(model: Model, layer: string, value: number): string {
   const field = model.fieldOf(layer);
   if (!field) return figure(value);

@@ -1,4 +1,4 @@
-// What was said, and what a policy decided and why.
+// Panels of messages and of policy decisions.
 import { SICK } from "./colours.js";
 import { button, element, setText } from "./dom.js";
 import { upTo, type Model } from "./model.js";
@@ -6,7 +6,7 @@ import type { Decision, Said } from "./schema.js";
 import { capital, clock, figure, fixed, metres } from "./text.js";
 
 const SHOWN = 100;
-/** Severities up to this one warn. */
+/** Highest severity number of a warning. */
 export const WARNS = 4;
 const SEVERITIES = ["Emergency", "Alert", "Critical", "Error", "Warning", "Notice", "Info", "Debug"];
 
@@ -14,7 +14,7 @@ function speaker(model: Model, said: Said): string {
   return said.system_id ? model.nameOf(said.system_id) : "";
 }
 
-/** The newest on top; warnings are also read aloud. */
+/** Messages, newest first; warnings are also read aloud. */
 export class Messages {
   readonly element = element("ol", { class: "messages", tabindex: "0", "aria-label": "Messages, the newest first" });
   readonly aloud = element("div", { class: "hidden", role: "status", "aria-live": "polite" });
@@ -54,7 +54,7 @@ export class Messages {
   }
 }
 
-/** The decisions of a policy: the one that is open is on the map. Of a recording one can go from one to the next. */
+/** Decisions of a policy; the open one is drawn on the map. In a recording, buttons step through them. */
 export class Decisions {
   readonly element = element("div", { class: "decided" });
   private readonly list = element("ol", { class: "decisions" });
@@ -80,7 +80,7 @@ export class Decisions {
     this.element.append(this.note, this.list);
   }
 
-  /** Go to the decision before or after the time that is shown, and open it. */
+  /** Seek and open the previous or next decision. */
   private step(by: 1 | -1): void {
     const all = this.models.flatMap((model) => model.decisions).sort((a, b) => a.time_s - b.time_s);
     const open = all.findIndex((one) => one.number === this.chosen && one.time_s === this.time_s);
@@ -158,7 +158,7 @@ export class Decisions {
   }
 }
 
-/** What was read until the next decision, and what became of the score; empty while that is not known. */
+/** Readings and score change until the next decision; empty while unknown. */
 function outcomeOf(model: Model, { number, time_s }: Decision): string {
   const next = model.decisions.find((one) => one.number > number && one.time_s > time_s);
   const over = model.status && model.status.outcome !== "running";
@@ -182,7 +182,7 @@ function table(model: Model, { candidates, changes }: Decision): HTMLElement {
     .slice(0, 12)
     .map((one) => {
       const taken = changes.some((change) => String(change.path) === String(one.path));
-      const length = one.path.length > 2 ? metres(lengthOf(one.path)) : "–"; // Of some only the place is told
+      const length = one.path.length > 2 ? metres(lengthOf(one.path)) : "–"; // Some have only an end point
       const cells = [`${model.nameOf(one.system_id)}${taken ? " ✓" : ""}`, figure(one.value), figure(one.cost), length];
       return element("tr", taken ? { class: "taken" } : {}, ...cells.map((text) => element("td", {}, text)));
     });

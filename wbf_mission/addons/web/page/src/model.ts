@@ -1,4 +1,4 @@
-// What was received of a run, put together, and how it was at any time.
+// Data received of a run, and its state at any time.
 import type {
   Decision,
   FieldInfo,
@@ -14,10 +14,10 @@ import type {
 } from "./schema.js";
 import { Tiles } from "./tiles.js";
 
-/** From this age on a vehicle is shown as one that is not known any more. */
+/** Age from which a vehicle counts as silent (s). */
 export const SILENT_S = 3;
 
-/** How many of ascending times are not after a time. */
+/** Number of ascending times that are not after a time. */
 export function upTo(times: number[], time_s: number): number {
   let [low, high] = [0, times.length];
   while (low < high) {
@@ -30,7 +30,7 @@ export function upTo(times: number[], time_s: number): number {
 
 type Columns = Record<string, unknown>;
 
-/** Append columns to columns; those by field may be missing on either side, which is null. */
+/** Append columns to columns. */
 function extend(old: Columns, added: Columns): void {
   for (const [name, column] of Object.entries(added)) {
     if (Array.isArray(column)) {
@@ -53,10 +53,10 @@ function extendByField(
   }
 }
 
-/** What changes on a line from one state to the next. */
+/** State values that are interpolated linearly. */
 const BETWEEN = ["x", "y", "height_m", "speed_m_s", "battery"] as const;
 
-/** A value at a time between the states with this number and the next. */
+/** Value at a time, interpolated between state `last` and the next. */
 export function between(states: States, name: (typeof BETWEEN)[number], last: number, time_s: number): number | null {
   const [from, to] = [states[name][last] ?? null, states[name][last + 1] ?? null];
   const [from_s, to_s] = [states.time_s[last] ?? 0, states.time_s[last + 1] ?? 0];
@@ -65,7 +65,7 @@ export function between(states: States, name: (typeof BETWEEN)[number], last: nu
     : from + ((to - from) * (time_s - from_s)) / (to_s - from_s);
 }
 
-/** One vehicle at one moment. */
+/** State of a vehicle at a time. */
 export interface Moment {
   x: number;
   y: number;
@@ -84,7 +84,7 @@ export interface Moment {
   armed: boolean;
   silent_s: number;
   silent: boolean;
-  /** Whether this is the vehicle as it is, not as it was. */
+  /** Whether the state is the present one. */
   present: boolean;
 }
 
@@ -100,22 +100,22 @@ export class Model {
   said: Said[] = [];
   scales: Record<string, number> = {};
   tiles = new Tiles();
-  /** The time up to which anything is known. */
+  /** Time of the newest data. */
   end_s = 0;
-  /** How old the newest states were by the program's last beat, and how old that is. */
+  /** Age of each vehicle's newest state at the program's last beat, and the age of that beat. */
   private beat_s: Record<string, number> = {};
   private age_s: () => number = () => 0;
   private isLive = false;
 
-  /** A letter stands for it where several runs are shown. */
+  /** `letter` distinguishes several runs. */
   constructor(readonly letter = "") {}
 
-  /** Whether it happens, so that what is newest is the present; a recording never does. */
+  /** Whether the run is live, so that its newest data is the present. */
   get runs(): boolean {
     return this.isLive && this.status?.outcome === "running";
   }
 
-  /** It is shown while it happens, by what came so long ago. */
+  /** Make the run live; `age_s` returns the age of the newest data. */
   follow(age_s: () => number): void {
     [this.isLive, this.age_s] = [true, age_s];
   }
@@ -146,7 +146,7 @@ export class Model {
     for (const { time_s } of Object.values(this.states)) this.end_s = Math.max(this.end_s, time_s.at(-1) ?? 0);
   }
 
-  /** The fields of which there is a layer, or all before the first: others concern no crop of the farm. */
+  /** Fields with a layer, or all before the first layer; other fields have no crop on the farm. */
   get fields(): FieldInfo[] {
     const all = this.run?.fields ?? [];
     const drawn = all.filter(({ name }) => ["value", "truth"].some((kind) => this.tiles.has(`${kind}/${name}`)));
@@ -157,7 +157,7 @@ export class Model {
     return this.run?.fields.find((field) => field.name === name);
   }
 
-  /** What a vehicle is called: its name, with its number where others have the same. */
+  /** Display name of a vehicle, with its number if the name is not unique. */
   nameOf(system_id: number): string {
     const vehicles = this.run?.vehicles ?? [];
     const name = vehicles.find((info) => info.system_id === system_id)?.name;
@@ -165,7 +165,7 @@ export class Model {
     return [name ?? "vehicle", several || !name ? system_id : "", this.letter].filter(Boolean).join(" ");
   }
 
-  /** The field that a layer is of, undefined for one that is of none. */
+  /** Field of a layer; undefined for a layer without one. */
   fieldOf(layer: string): FieldInfo | undefined {
     return this.field(layer.slice(layer.indexOf("/") + 1));
   }
@@ -207,7 +207,7 @@ export class Model {
     return moment;
   }
 
-  /** What a vehicle is to fly at a time. */
+  /** Plan of a vehicle at a time. */
   planAt(system_id: number, time_s: number): Plan | undefined {
     const its = this.plans.filter((plan) => plan.system_id === system_id);
     return its.findLast((plan) => plan.time_s <= time_s) ?? its[0];
@@ -217,13 +217,13 @@ export class Model {
     return this.scores.score[upTo(this.scores.time_s, time_s) - 1] ?? null;
   }
 
-  /** The day, in words, of a run that has several. */
+  /** Day in words, if the run has several. */
   dayAt(time_s: number): string {
     const { day, time_s: times } = this.scores;
     return day[0] === day.at(-1) ? "" : `day ${day[Math.max(0, upTo(times, time_s) - 1)]}`;
   }
 
-  /** A list comes anew, from its beginning. */
+  /** Empty a list that is sent anew. */
   private forget(name: string): void {
     const [list, id] = name.split("/");
     if (list === "states") delete this.states[id ?? ""];
@@ -232,7 +232,7 @@ export class Model {
     else if (list === "plans" || list === "decisions" || list === "said") this[list] = [];
   }
 
-  /** Its readings may tell of times that are earlier than those of others: they are kept in order of time. */
+  /** Append readings and keep them in order of time; they may arrive late. */
   private takeReadings(readings: Readings): void {
     const ordered = readings.time_s.every((time, k) => k === 0 || readings.time_s[k - 1]! <= time);
     const late = (readings.time_s[0] ?? 0) < (this.readings.time_s.at(-1) ?? -Infinity);
@@ -247,7 +247,7 @@ export class Model {
     this.readings = { time_s: sorted(time_s), x: sorted(x), y: sorted(y), values: Object.fromEntries(values) };
   }
 
-  /** One that is told again has another outcome. */
+  /** Add a decision, or replace its older version. */
   private takeDecision(decision: Decision): void {
     const old = this.decisions.findIndex((one) => one.number === decision.number);
     if (old < 0) this.decisions.push(decision);

@@ -1,4 +1,4 @@
-// The shapes of a farm as a list, and the chosen one's properties and corners as numbers: all without a map.
+// List of a farm's shapes, with properties and corners of the selected one; usable without a map.
 import { button, element } from "./dom.js";
 import type { EditorHost } from "./editor.js";
 import { crops } from "./editor.js";
@@ -106,7 +106,7 @@ export class Outline {
     return element("div", {}, element("table", {}, element("caption", {}, name), element("thead", {}, head), element("tbody", {}, ...rows)), ...more);
   }
 
-  /** Home and rally points as numbers. */
+  /** Table of home and rally points. */
   private places(): HTMLElement | null {
     const { home, rally } = this.host.sketch;
     if (!home && !rally.length) return null;

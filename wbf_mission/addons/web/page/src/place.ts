@@ -1,11 +1,11 @@
-// A place on the earth, read as people write it.
+// Parser of geographic positions in common notations.
 
 export interface Place {
   lat: number;
   lon: number;
 }
 
-/** The map ends there. */
+/** Limit of the map's projection. */
 const MOST_LATITUDE_DEG = 85;
 const EXAMPLES = `write latitude and longitude, such as 28.0599, -82.138 or 28°3'35.6"N 82°8'16.8"W`;
 const SPELLINGS: [RegExp, string][] = [
@@ -27,7 +27,7 @@ const SIZES = [1, 60, 3600];
 
 class Unread extends Error {}
 
-/** Read a place, or say in a line why it is none. */
+/** Read a position, or return a one-line error. */
 export function placeOf(text: string): Place | string {
   try {
     return read(text);
@@ -51,7 +51,7 @@ function read(text: string): Place {
 function tokensOf(text: string): string[] {
   let plain = SPELLINGS.reduce((known, [spelling, mark]) => known.replace(spelling, mark), text).toUpperCase();
   if (!/\d\.\d/.test(plain)) {
-    // Without a point a comma between digits is that of a decimal number.
+    // Without a decimal point, a comma between digits is a decimal comma.
     if (/\d,\d+,\d/.test(plain)) throw new Unread("its commas may be decimal ones or stand between numbers; write points");
     plain = plain.replace(/(\d),(?=\d)/g, "$1.");
   }
@@ -73,7 +73,7 @@ function tokensOf(text: string): string[] {
 const isNumber = (token: string | undefined): boolean => token !== undefined && /\d/.test(token);
 const isLetter = (token: string | undefined): boolean => token !== undefined && /[A-Z]/.test(token);
 
-/** The tokens of the two angles. */
+/** Split the tokens into two angles. */
 function halves(tokens: string[]): [string[], string[]] {
   for (const border of bordersOf(tokens)) {
     const [before, after] = [tokens.slice(0, border), tokens.slice(border)];
@@ -83,7 +83,7 @@ function halves(tokens: string[]): [string[], string[]] {
   throw new Unread(tokens.filter(isNumber).length === 1 ? "longitude is missing" : "it needs two angles of the same form");
 }
 
-/** Where the second angle may begin, the surest first. */
+/** Possible start positions of the second angle, the most certain first. */
 function bordersOf(tokens: string[]): number[] {
   const places = (is: (token: string) => boolean): number[] => tokens.flatMap((token, k) => (is(token) ? [k] : []));
   const separators = places((token) => /[,;]/.test(token));
@@ -105,7 +105,7 @@ interface Angle {
 const AXES: Record<string, "lat" | "lon"> = { N: "lat", S: "lat", Y: "lat", E: "lon", W: "lon", X: "lon" };
 const NAMES = { lat: "latitude", lon: "longitude" };
 
-/** Degrees, minutes and seconds with a hemisphere or a sign. */
+/** Angle from degrees, minutes and seconds, with a hemisphere or a sign. */
 function angleOf(tokens: string[]): Angle {
   const letters = tokens.filter(isLetter);
   const [begin, end] = [tokens.findIndex((token) => !isLetter(token)), tokens.findLastIndex((token) => !isLetter(token))];

@@ -1,4 +1,4 @@
-// What the camera saw of a field: a square for each cell, and rings that stand out round sick plants.
+// Camera readings of a field: a square per cell, and rings around sick plants.
 import type { View } from "./canvas.js";
 import { RING, SICK, colourAt, css, ramp, themed } from "./colours.js";
 import { upTo, type Model } from "./model.js";
@@ -7,11 +7,11 @@ import type { FieldInfo } from "./schema.js";
 type Context = CanvasRenderingContext2D;
 
 const LEVELS = 64;
-/** Squares of more pixels are drawn one by one, with a border. */
+/** Size from which squares are drawn one by one, with a border. */
 const LARGE_PX = 6;
 const SMALLEST_PX = 1.4;
 
-/** The part of the frame that is in sight: least x and y, largest x and y. */
+/** Visible part of the frame: minimum x and y, maximum x and y. */
 function seen({ matrix: [a, b, c, d, e, f], width, height }: View): [number, number, number, number] {
   const turn = a * d - b * c;
   const corners = [
@@ -37,7 +37,7 @@ export function drawReadings(
   if (!values) return;
   const count = upTo(times, time_s);
   const [a, b, c, d, e, f] = view.matrix;
-  // Squares of the farm that are seen as such: however many readings, no more are drawn than the screen shows.
+  // Squares of visible size, so that the work depends on the screen and not on the number of readings.
   const step = Math.max(cell_m, SMALLEST_PX / view.scale);
   const [left, bottom, right, top] = seen(view);
   const [first, low] = [Math.floor(left / step), Math.floor(bottom / step)];
@@ -98,7 +98,7 @@ function drawSquares(context: Context, levels: Uint8Array, columns: number, colo
 
 const sheet = document.createElement("canvas");
 
-/** The squares as a picture, a pixel for each. */
+/** Draw the squares as an image of one pixel each. */
 function dots(levels: Uint8Array, columns: number, rows: number, table: [number, number, number][]): HTMLCanvasElement {
   const image = new ImageData(columns, rows);
   const pixels = new Uint32Array(image.data.buffer);

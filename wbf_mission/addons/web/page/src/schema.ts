@@ -1,14 +1,14 @@
 // Made of schema.py by tools/write_page_schema.py.
-// A page gets an `Update` with everything when it connects, then with what is new since. Times are seconds since
-// the run began, places metres of the farm frame. What is not finite is null.
+// A page receives an `Update` with all data when it connects, then updates with new data. Times are seconds
+// since the start of the run, places metres in the farm frame. Infinite and missing numbers are null.
 
-/** Points, x and y in turn: [x0, y0, x1, y1, ...]. */
+/** Points, alternating x and y: [x0, y0, x1, y1, ...]. */
 export type Ring = number[];
 
-/** Layers are named "value/FIELD", "uncertainty/FIELD", "truth/FIELD" or "acquisition". */
+/** Name of a layer: "value/FIELD", "uncertainty/FIELD", "truth/FIELD" or "acquisition". */
 export type LayerName = string;
 
-/** Degrees of the frame's origin, and their change for each metre along x and y. */
+/** Latitude and longitude of the frame's origin, and their change per metre along x and y (degrees). */
 export interface Georeference {
   lat: number;
   lon: number;
@@ -18,7 +18,7 @@ export interface Georeference {
   lon_y: number;
 }
 
-/** A patch: its outline first, then its holes. */
+/** A patch of land: its outline, then its holes. */
 export interface PatchShape {
   name: string;
   crop: string;
@@ -29,60 +29,60 @@ export interface PatchShape {
 /** An obstacle or a no-fly zone. */
 export interface ObstacleShape {
   name: string;
-  /** None for a no-fly zone, or an obstacle that is too high to be flown over. */
+  /** None for a no-fly zone, or an obstacle too high to fly over. */
   height_m: number | null;
   rings: Ring[];
 }
 
-/** The land. */
+/** Map of the farm. */
 export interface FarmShape {
   name: string;
   georeference: Georeference;
   width_m: number;
   height_m: number;
   home_m: [number, number];
-  /** In the order of painting: later ones lie over earlier ones. */
+  /** In drawing order: later patches cover earlier ones. */
   patches: PatchShape[];
   obstacles: ObstacleShape[];
   rally_m: [number, number][];
 }
 
-/** A field. */
+/** A field with its unit and colours. */
 export interface FieldInfo {
   name: string;
   title: string;
   kind: "disease" | "continuous" | "measured";
   unit: string;
-  /** What 0 and 1 stand for. */
+  /** Values in `unit` of 0 and 1. */
   range: [number, number];
-  /** Two or more, "#rrggbb", from 0 to 1; none where they are those of its kind, which the page has. */
+  /** Two or more "#rrggbb" from 0 to 1; empty for the page's own colours of this kind. */
   colours: string[];
 }
 
-/** The pixels of all layers: means of the owner's cells that grow what the field concerns. */
+/** Pixels of all layers: means over owned cells of the field's crops. */
 export interface Raster {
   width: number;
   /** Pixels along x and y; pixel (0, 0) is at the frame's origin. */
   height: number;
   pixel_m: number;
-  /** Along a side of a pixel. */
+  /** Cells along a side of a pixel. */
   cells: number;
   /** Pixels along a side of a tile. */
   tile: number;
 }
 
-/** Pixels of a part of a layer, in place of its tile there; a part that never came holds nothing. */
+/** New pixels of a part of a layer; a part without any tile is empty. */
 export interface Tile {
   layer: LayerName;
   x: number;
-  /** It begins at pixel (x * tile, y * tile); those at the far borders are cut off by them. */
+  /** The tile starts at pixel (x * tile, y * tile); tiles at the far borders are smaller. */
   y: number;
-  /** A byte a pixel, row by row from the bottom up: 0 to 254 for 0 to the layer's scale, 255 where there is
-   * nothing; packed by zlib, in base64. */
+  /** One byte per pixel, row by row from the bottom: 0 to 254 for 0 to the layer's scale, 255 without a value;
+   * compressed by zlib, in base64. */
   data: string;
 }
 
-/** A vehicle that takes part. */
+/** A vehicle of the run. */
 export interface VehicleInfo {
   system_id: number;
   name: string;
@@ -95,7 +95,7 @@ export interface FenceShape {
   inclusion: boolean;
 }
 
-/** What a vehicle is to fly from a time on. */
+/** A vehicle's planned path from a time on. */
 export interface Plan {
   system_id: number;
   day: number;
@@ -103,14 +103,14 @@ export interface Plan {
   time_s: number;
   path: Ring;
   fence: FenceShape[];
-  /** In words, in the order of the mission's items. */
+  /** Descriptions of the mission's items, in order. */
   items: string[];
   duration_s: number | null;
   length_m: number | null;
   coverage: number | null;
 }
 
-/** States of one vehicle as columns, one entry for each moment. */
+/** States of one vehicle as columns, one entry per time. */
 export interface States {
   time_s: number[];
   day: number[];
@@ -135,7 +135,7 @@ export interface Readings {
   time_s: number[];
   x: number[];
   y: number[];
-  /** By field, null where the camera told nothing, and where none of the field's crops grows. */
+  /** Values by field; null without a reading, and outside the field's crops. */
   values: Record<string, (number | null)[]>;
 }
 
@@ -148,7 +148,7 @@ export interface Scores {
   losses: Record<string, (number | null)[]>;
 }
 
-/** A path that was thought of. */
+/** A path that a policy considered. */
 export interface Candidate {
   system_id: number;
   path: Ring;
@@ -156,7 +156,7 @@ export interface Candidate {
   cost: number;
 }
 
-/** A path that was chosen, and what became of it. */
+/** A path that a policy chose, and its outcome. */
 export interface Change {
   system_id: number;
   path: Ring;
@@ -164,7 +164,7 @@ export interface Change {
   outcome: string;
 }
 
-/** An answer of a policy, in place of one with its number: outcomes change while it is carried out. */
+/** A decision of a policy; replaces an older version, as outcomes change during its execution. */
 export interface Decision {
   number: number;
   time_s: number;
@@ -174,48 +174,48 @@ export interface Decision {
   reason: string;
   refused: string;
   compute_s: number;
-  /** The best first. */
+  /** Best first. */
   candidates: Candidate[];
   changes: Change[];
 }
 
-/** A line of a vehicle's or of the program's. */
+/** A message of a vehicle or of the program. */
 export interface Said {
   time_s: number;
-  /** 0 for a note of the program's own. */
+  /** 0 for the program. */
   system_id: number;
   severity: number;
   text: string;
 }
 
-/** How far some work is. */
+/** Progress of a task. */
 export interface Progress {
   what: string;
   done: number;
   total: number;
 }
 
-/** What the operator is asked. */
+/** A question to the operator. */
 export interface Question {
   text: string;
   answers: string[];
   number: number;
 }
 
-/** How the run is going. */
+/** State of the run. */
 export interface Status {
-  /** "running", or how the run ended. */
+  /** "running", or the outcome of the run. */
   outcome: string;
-  /** The same as people read it. */
+  /** The outcome in words. */
   words: string;
   reason: string;
   progress: Progress | null;
   question: Question | null;
-  /** Orders that this page may give; none where it only shows. */
+  /** Orders allowed to this page; empty for a page that only shows. */
   orders: string[];
 }
 
-/** What is flown. */
+/** The run: its title, farm, fields and vehicles. */
 export interface Run {
   title: string;
   simulated: boolean;
@@ -235,27 +235,27 @@ export interface Background {
   max_zoom: number;
 }
 
-/** The outcome of the request with this number, sent to its page only. */
+/** Outcome of the request with this number, sent only to its page. */
 export interface Reply {
   order: string;
   error: string;
   number: number;
 }
 
-/** A sign of life of the program, once a second, after all that was new. */
+/** Heartbeat of the program, once per second, after all new data. */
 export interface Beat {
-  /** On the program's own clock, since this page was connected. */
+  /** Time on the program's own clock since this page connected. */
   time_s: number;
-  /** Age of each vehicle's newest state, by system id; of none in a simulation, whose time may stand. */
+  /** Age of each vehicle's newest state, by system id; empty in a simulation, where time may stop. */
   silent_s: Record<string, number>;
 }
 
-/** What is new; what is missing did not change. Lists and columns are appended; the others replace what there is
- * (`tiles`, `decisions` each its own kind). */
+/** New data; a missing member is unchanged. Lists and columns are appended to. Other members are replaced; `tiles`
+ * and `decisions` item by item. */
 export interface Update {
   time_s: number;
-  /** Emptied before the rest is taken: "plans", "said", "decisions", "scores", "states/SYSTEM_ID", whose older rows
-   * were thinned out; "tiles", all layers and their scales. */
+  /** Members to empty first: "plans", "said", "decisions", "scores" and "states/SYSTEM_ID", if older rows were
+   * thinned out; "tiles" for all layers and scales. */
   restart?: string[];
   run?: Run;
   plans?: Plan[];
@@ -265,7 +265,7 @@ export interface Update {
   decisions?: Decision[];
   said?: Said[];
   tiles?: Tile[];
-  /** What 254 stands for, by layer; all of them with every update that has tiles. */
+  /** Value of byte 254, by layer; complete in every update with tiles. */
   scales?: Record<LayerName, number>;
   status?: Status;
   background?: Background | null;
@@ -273,31 +273,31 @@ export interface Update {
   beat?: Beat;
 }
 
-/** The layers as they were from a time on. */
+/** Changes of the layers at a time. */
 export interface Moment {
   time_s: number;
   day: number;
   observations: number;
   tiles: Tile[];
-  /** What 254 stands for in its tiles. */
+  /** Value of byte 254 in its tiles. */
   scales: Record<LayerName, number>;
 }
 
-/** A finished run in a page of its own: all of it, and the layers as they were at some moments. */
+/** A finished run within a page: all data, and the layers at some moments. */
 export interface Recording extends Update {
-  /** In the order of their times; tiles of each replace those of the ones before. */
+  /** In order of time; tiles replace those of earlier moments. */
   moments: Moment[];
 }
 
-/** The time of a request: the newest beat of the page, and the seconds since then on its own clock. */
+/** Time of a request: the newest beat of the page, and the seconds since then by the page's clock. */
 export interface Given {
-  /** Greater than those before: each request counts once. */
+  /** Greater than all earlier ones: each request counts once. */
   number: number;
   beat_s: number;
   after_s: number;
 }
 
-/** An order of a page to vehicles. */
+/** An order from a page to vehicles. */
 export interface Order {
   order: string;
   system_ids: number[];
@@ -306,7 +306,7 @@ export interface Order {
   confirmed?: boolean;
 }
 
-/** An answer of a page to the operator's question with this number. */
+/** An answer from a page to the question with this number. */
 export interface Answer {
   answer: string;
   question: number;

@@ -1,6 +1,6 @@
-// A farm as it is drawn: shapes in degrees, from a GeoJSON farm file and back (docs/farm-files.md).
+// Sketch of a farm: shapes in degrees, read from and written to a GeoJSON farm file (docs/farm-files.md).
 
-/** Longitude and latitude, degrees. */
+/** Longitude and latitude (degrees). */
 export type Position = [number, number];
 
 export type Kind = "field" | "obstacle" | "no-fly";
@@ -9,30 +9,30 @@ export type Kind = "field" | "obstacle" | "no-fly";
 export interface Shape {
   name: string;
   kind: Kind;
-  /** Of a field; ponds and wetlands are fields of theirs. */
+  /** Crop of a field; ponds and wetlands are crops, too. */
   crop: string;
   owner: string;
-  /** Of an obstacle. */
+  /** Height of an obstacle. */
   height_m: number | null;
   margin_m: number | null;
-  /** The outline, then holes. */
+  /** Outline, then holes. */
   rings: Position[][];
 }
 
-/** Never changed: an edit makes another one. */
+/** Immutable: an edit returns a new sketch. */
 export interface Sketch {
-  /** The farm that it is as long as nothing was edited: one that the program knows by its name. */
+  /** Name of a farm known to the program; null after an edit. */
   known: string | null;
   name: string;
   owner: string;
   home: Position | null;
   rally: Position[];
   shapes: Shape[];
-  /** Further members of the file, as they are. */
+  /** Other members of the file, unchanged. */
   members: Record<string, unknown>;
 }
 
-/** Members that say where the grid of cells lies: they hold for the outlines that they came with. */
+/** Members that place the grid of cells, valid only for the original outlines. */
 const OF_GRID = ["origin", "size_cells"];
 const OWNER = "owner";
 
@@ -61,7 +61,7 @@ export function sketchOf(document: Json, known: string | null): Sketch {
   };
 }
 
-/** The farm file of a sketch, as `wbf-mission farm save` writes it. */
+/** Farm file of a sketch, as written by `wbf-mission farm save`. */
 export function documentOf(sketch: Sketch): Json {
   const { name, owner, home, rally, shapes, members } = sketch;
   const features = shapes.map((shape) => ({
@@ -80,12 +80,12 @@ export function documentOf(sketch: Sketch): Json {
   };
 }
 
-/** A farm without anything on it. */
+/** A farm without shapes. */
 export function emptySketch(name: string): Sketch {
   return { known: null, name, owner: OWNER, home: null, rally: [], shapes: [], members: {} };
 }
 
-/** A change: the sketch is no known farm any more, and where outlines change its grid lies elsewhere. */
+/** Apply a change: the farm is no longer a known one, and new outlines drop its grid. */
 export function changed(sketch: Sketch, change: Partial<Sketch>): Sketch {
   const members = { ...sketch.members };
   if (change.shapes) for (const name of OF_GRID) delete members[name];
@@ -102,7 +102,7 @@ export function withRing(sketch: Sketch, number: number, ring: number, positions
   return withShape(sketch, number, { rings });
 }
 
-/** Without a corner; a ring of two corners is none: a hole goes, an outline takes its shape along. */
+/** Remove a corner; a ring of two is removed: a hole alone, an outline with its whole shape. */
 export function withoutCorner(sketch: Sketch, number: number, ring: number, corner: number): Sketch {
   const shape = sketch.shapes[number]!;
   const positions = shape.rings[ring]!.filter((_, k) => k !== corner);
@@ -115,7 +115,7 @@ export function withoutShape(sketch: Sketch, number: number): Sketch {
   return changed(sketch, { shapes: sketch.shapes.filter((_, k) => k !== number) });
 }
 
-/** A name that no shape has yet. */
+/** First unused name. */
 export function freeName(sketch: Sketch, what: string): string {
   const taken = new Set(sketch.shapes.map((shape) => shape.name));
   for (let number = 1; ; number++) if (!taken.has(`${what} ${number}`)) return `${what} ${number}`;
@@ -130,7 +130,7 @@ export function isInside([x, y]: Position, ring: Position[]): boolean {
   return inside;
 }
 
-/** The topmost field that has a position on its land. */
+/** Number of the topmost field with a position on its land. */
 export function fieldAt(sketch: Sketch, place: Position): number | null {
   const found = sketch.shapes.findLastIndex(
     ({ kind, rings }) =>
@@ -139,14 +139,14 @@ export function fieldAt(sketch: Sketch, place: Position): number | null {
   return found < 0 ? null : found;
 }
 
-/** Sketches one after the other, for undo and redo. */
+/** Sketches for undo and redo. */
 export class History {
   private past: Sketch[] = [];
   private future: Sketch[] = [];
 
   constructor(public now: Sketch) {}
 
-  /** There is nothing before or after what is now. */
+  /** Drop all undo and redo steps. */
   forget(): void {
     [this.past, this.future] = [[], []];
   }

@@ -1,4 +1,4 @@
-// Tables that are sorted by their headings, with the mouse or the keyboard.
+// Tables sorted by their headings, with mouse or keyboard.
 import { button } from "./dom.js";
 
 export interface Order {
@@ -6,7 +6,7 @@ export interface Order {
   down: boolean;
 }
 
-/** Make a table's headings sort it; returns what sorts it, and tells each order that is chosen. */
+/** Make a table sortable by its headings; returns a sort function, and calls `chosen` with each order. */
 export function sortable(table: HTMLTableElement, chosen: (order: Order) => void = () => undefined): (order: Order) => void {
   const headings = [...(table.tHead?.rows[0]?.cells ?? [])];
   let now: Order | null = null;
@@ -32,12 +32,12 @@ export function sortable(table: HTMLTableElement, chosen: (order: Order) => void
   return sort;
 }
 
-/** The rows of a table without those that open below them. */
+/** Rows of a table without their opened details. */
 export function mainRows(table: HTMLTableElement): HTMLTableRowElement[] {
   return [...(table.tBodies[0]?.rows ?? [])].filter((row) => !row.classList.contains("detail"));
 }
 
-/** What opened below a row. */
+/** Opened details of a row. */
 export function detailOf(row: HTMLTableRowElement): HTMLTableRowElement | null {
   const next = row.nextElementSibling;
   return next instanceof HTMLTableRowElement && next.classList.contains("detail") ? next : null;
@@ -46,7 +46,7 @@ export function detailOf(row: HTMLTableRowElement): HTMLTableRowElement | null {
 function arrange(table: HTMLTableElement, order: Order): void {
   const rows = mainRows(table);
   const texts = new Map(rows.map((row) => [row, row.cells[order.column]?.textContent ?? ""]));
-  // A column of numbers may have a dash where there is none, and words behind a number.
+  // A column of numbers may contain dashes, and words after a number.
   const numeric = rows.every((row) => /^[-+]?[\d.]|^-?$/.test(texts.get(row) ?? ""));
   const sign = order.down ? -1 : 1;
   rows.sort((one, two) => {

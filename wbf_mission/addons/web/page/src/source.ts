@@ -15,20 +15,20 @@ import { inflate } from "./tiles.js";
 const LONGEST_WAIT_MS = 5000;
 
 export interface Receiver {
-  /** Everything comes anew: forget what there is. */
+  /** Start over: forget all data. */
   begin(runs: number): void;
   take(update: Update, run: number): void;
-  /** The connection is another one (`Heart.link`). */
+  /** Called when the connection has changed (`Heart.link`). */
   linked(): void;
 }
 
-/** An order to vehicles, or the answer to a question, without the time at which it is given. */
+/** An order to vehicles, or an answer to a question, without its time. */
 export type Wish = Omit<Order, "given"> | Omit<Answer, "given">;
 
-/** Sends a wish at once, and returns its number; null where it cannot be sent: nothing is sent later. */
+/** Sends a wish at once and returns its number, or null if impossible; nothing is queued. */
 export type Send = (wish: Wish) => number | null;
 
-/** Begin to receive; returns what sends wishes, null for a recording. */
+/** Start receiving; returns the function that sends wishes, or null for a recording. */
 export function open(receiver: Receiver, heart: Heart): Send | null {
   const kept = document.getElementById("recording");
   if (kept) {
@@ -43,7 +43,7 @@ export function open(receiver: Receiver, heart: Heart): Send | null {
   return connect("live", receiver, heart);
 }
 
-/** Hear whether the program lives, and nothing else of it. */
+/** Receive only the program's heartbeat. */
 export function listen(heart: Heart, changed: () => void): void {
   connect("beats", { begin: changed, take: changed, linked: changed }, heart);
 }

@@ -1,4 +1,4 @@
-// The studio: a farm is drawn, options are chosen, and the plan follows.
+// Studio: drawing a farm, choosing options, and planning.
 import * as L from "leaflet";
 import { Answer } from "./answer.js";
 import { Choices } from "./choices.js";
@@ -15,10 +15,10 @@ import { listen } from "./source.js";
 import { Takeaway } from "./takeaway.js";
 import { capital } from "./text.js";
 
-/** Changes that follow each other so quickly are planned together. */
+/** Delay of planning after a change, so that fast changes are planned together. */
 const WAIT_MS = 150;
 const CLOSEST = 27;
-/** After so long one may give up. */
+/** Duration of planning from which the user may cancel it (s). */
 const LONG_S = 3;
 const TOOLS: [Tool, string][] = [
   ["select", "Select"], ["field", "Field"], ["hole", "Hole"], ["pond", "Pond"], ["obstacle", "Obstacle"],
@@ -40,15 +40,15 @@ class Studio implements EditorHost {
   private readonly hint = element("output", { class: "hint", "aria-live": "polite" });
   private readonly state = element("span", { class: "pill", role: "status" });
   private readonly problem = element("p", { class: "lost problem", role: "alert" });
-  /** That the program does not live, though nothing is asked of it. */
+  /** Message that the program does not respond. */
   private readonly lost = element("p", { class: "lost", role: "alert" });
   private readonly heart = new Heart();
   private wasLost = false;
   private readonly mend = button("Mend it", () => void this.mendDrawn(), { class: "mend", hidden: "" });
   private readonly again = button("Plan here", () => void this.plan(), { hidden: "" });
-  /** Why a file or a farm could not be opened, and what can be done about it: what is open stays. */
+  /** Error and remedies of a file or farm that could not be opened; the open farm stays. */
   private readonly unopened = element("div", { class: "unopened", role: "alert" });
-  /** What is in a file, or nobody drew. */
+  /** Latest sketch that is saved in a file or was not drawn. */
   private saved: Sketch;
   private keeps = true;
   private begun = false;
@@ -101,17 +101,17 @@ class Studio implements EditorHost {
     void this.begin();
   }
 
-  /** Say by the clock whether the program lives: nothing may come from it. */
+  /** Show whether the program responds; called by a timer. */
   private look(): void {
     const { isOld, isLost } = this.heart;
     setText(this.lost, isOld ? `${this.heart.trouble}: it plans, saves and flies nothing. What is drawn stays in this browser. Trying again …` : "");
     this.root.classList.toggle("old", isOld);
-    // What was asked meanwhile was lost with the connection.
+    // Requests during the loss of the connection got no answer.
     if (this.wasLost && this.heart.isFresh) this.planSoon();
     this.wasLost = isLost || (this.wasLost && !this.heart.isFresh);
   }
 
-  /** Begin with the farm of the program, and on top of it what was drawn before. */
+  /** Open the initial farm, and restore an earlier drawing on top of it. */
   private async begin(): Promise<void> {
     const kept = keptDraft(this.options.options);
     await this.open(() => desk.farm(this.options.start.farm), this.options.start.farm);
@@ -128,7 +128,7 @@ class Studio implements EditorHost {
     this.fit();
   }
 
-  /** With what the program began. */
+  /** Initial options of the program. */
   private get start(): string {
     return JSON.stringify(this.options.start);
   }
@@ -144,7 +144,7 @@ class Studio implements EditorHost {
     this.keeps = kept;
   }
 
-  // --- What the editor and the list of shapes ask for ---
+  // --- Interface of the editor and the list of shapes ---
 
   get sketch(): Sketch {
     return this.history.now;
@@ -235,7 +235,7 @@ class Studio implements EditorHost {
     }
   }
 
-  /** What can be done about a file that is refused. */
+  /** Remedies for a refused file. */
   private remedies({ remedy }: Refused, file: File): HTMLElement[] {
     const again = (how: Record<string, string>): void => void this.open(() => desk.read(file, how), null, file);
     if (remedy === "repair") return [button("Mend it", () => again({ repair: "true" }))];
@@ -245,7 +245,7 @@ class Studio implements EditorHost {
     return [element("label", { class: "crop" }, "Coordinate system", system), button("Open it", () => again({ crs: system.value.trim() }))];
   }
 
-  /** Mend what is drawn, such as a ring that crosses itself; it can be undone. */
+  /** Repair the drawing, for example a ring that crosses itself; undoable. */
   private async mendDrawn(): Promise<void> {
     try {
       const { document, notes } = await desk.mend(documentOf(this.sketch));
@@ -256,7 +256,7 @@ class Studio implements EditorHost {
     }
   }
 
-  /** Go on with another farm; it can be undone. */
+  /** Replace the farm; undoable. */
   private goOn(sketch: Sketch, isSaved: boolean, told: string): void {
     this.unopened.replaceChildren();
     this.history.push(sketch);

@@ -1,4 +1,4 @@
-// What is done with a plan: files, an upload to a vehicle, a flight in the simulator.
+// Uses of a plan: files, upload to a vehicle, flight in the simulator.
 import { desk, keep, Refused, type Draft, type Options, type Planned } from "./desk.js";
 import { button, element, setText } from "./dom.js";
 import { capital } from "./text.js";
@@ -86,7 +86,7 @@ export class Takeaway {
     return "Preparing the flight …";
   }
 
-  /** Tell what becomes of the flight. */
+  /** Show the state of the flight. */
   private async follow(): Promise<void> {
     let told: string;
     let bad = false;
@@ -111,7 +111,7 @@ export class Takeaway {
   private askUpload(): void {
     const mission = this.planned?.missions[this.number];
     if (!mission) return;
-    // What was said before is none of this upload's.
+    // Clear the message of the previous action.
     this.say("");
     const link = element("input", { type: "text", required: "", autocomplete: "off" });
     link.value = LINK;

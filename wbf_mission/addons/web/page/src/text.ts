@@ -1,4 +1,4 @@
-// Numbers in words.
+// Formatting of numbers and times.
 
 export function clock(time_s: number): string {
   const whole = Math.max(0, Math.floor(time_s));
@@ -7,7 +7,7 @@ export function clock(time_s: number): string {
   return hours ? `${hours}:${two(minutes)}:${two(seconds)}` : `${minutes}:${two(seconds)}`;
 }
 
-/** A time in words: its two largest parts. */
+/** Duration in its two largest units. */
 export function duration(time_s: number): string {
   const whole = Math.round(time_s);
   const parts: [number, string][] = [
@@ -22,12 +22,12 @@ export function duration(time_s: number): string {
     .join(" ");
 }
 
-/** A number with so many digits after the point; what rounds to zero has no sign. */
+/** Number with a fixed count of decimals, without a sign on zero. */
 export function fixed(value: number, digits: number): string {
   return value.toFixed(digits).replace(/^-(?=[0.]+$)/, "");
 }
 
-/** A number with as many digits as are worth reading. */
+/** Number with about three significant digits. */
 export function figure(value: number): string {
   const size = Math.abs(value);
   if (size !== 0 && size < 0.001) return value.toExponential(1);

@@ -1,8 +1,8 @@
-// The layers' values: tiles as they arrive, each with its earlier versions, and pictures of them at a time.
+// Layer values: received tiles with earlier versions, and pictures of them at a time.
 import { colourAt, ramp } from "./colours.js";
 import type { FieldInfo, LayerName, Raster, Tile } from "./schema.js";
 
-/** Tiles of earlier moments are thinned out beyond so many characters. */
+/** Total characters of tiles from which earlier versions are thinned out. */
 const MOST_KEPT = 48e6;
 const NOTHING = 255;
 const TOP = 254;
@@ -39,7 +39,7 @@ export class Tiles {
     return this.layers.has(layer);
   }
 
-  /** Every tile of a layer as it was at a time, or as it came first where it came later. */
+  /** Each tile of a layer at a time, or its first version if that is later. */
   at(layer: LayerName, time_s: number): Map<string, Version> {
     const shown = new Map<string, Version>();
     for (const [place, versions] of this.layers.get(layer) ?? []) {
@@ -65,7 +65,7 @@ export class Tiles {
   }
 }
 
-/** One layer as a picture, a pixel for each pixel of the raster, row 0 at the frame's origin. */
+/** A layer as a picture with the raster's pixels, row 0 at the frame's origin. */
 export class Picture {
   readonly canvas = document.createElement("canvas");
   scale = 0;
@@ -89,13 +89,13 @@ export class Picture {
     this.colours = ramp(layer, field);
   }
 
-  /** The value at a pixel of the raster, NaN where there is none. */
+  /** Value at a pixel of the raster; NaN without one. */
   valueAt(x: number, y: number): number {
     const inside = x >= 0 && y >= 0 && x < this.raster.width && y < this.raster.height;
     return inside ? (this.values[y * this.raster.width + x] ?? NaN) : NaN;
   }
 
-  /** Show the layer as it was at a time; only what differs from what is shown is decoded. */
+  /** Show the layer at a time; only changed tiles are decoded. */
   async show(time_s: number): Promise<void> {
     this.wanted = time_s;
     if (this.busy) return;
@@ -125,7 +125,7 @@ export class Picture {
     for (let level = 0; level <= TOP; level++) this.table.set([...colourAt(this.colours, level / TOP), 255], 4 * level);
   }
 
-  /** Where a tile lies: its first column and row, and its columns and rows. */
+  /** First column and row of a tile, and its numbers of columns and rows. */
   private box(place: string): [number, number, number, number] {
     const { tile, width, height } = this.raster;
     const [x, y] = place.split(",").map((part) => Number(part) * tile) as [number, number];

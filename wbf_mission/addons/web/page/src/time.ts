@@ -1,15 +1,15 @@
-// The moment that is shown: now, or an earlier one; a slider and a way to play.
+// Displayed time: the present or an earlier time, with a slider and playback.
 import { button, element, setText } from "./dom.js";
 import { clock } from "./text.js";
 
 const SPEEDS = [1, 2, 5, 10, 30, 100, 300];
-/** A recording plays in about this time at the speed that is proposed. */
+/** Approximate duration of a recording at the default speed (s). */
 const PLAY_S = 60;
 const STEP_S = 5;
 
 export class Time {
   readonly element: HTMLElement;
-  /** The time that is shown, while it does not follow. */
+  /** Displayed time while not following the present. */
   private at_s = 0;
   private end_s = 0;
   private follows: boolean;
@@ -48,7 +48,7 @@ export class Time {
     return this.follows ? this.end_s : this.at_s;
   }
 
-  /** The run goes up to here now. */
+  /** Extend the time range to `end_s`. */
   reach(end_s: number): void {
     this.end_s = end_s;
     this.slider.max = String(end_s);
@@ -67,7 +67,7 @@ export class Time {
     this.changed();
   }
 
-  /** Called for each frame: time passes while it plays. */
+  /** Advance the playback by one frame. */
   tick(now_ms: number): void {
     if (this.playing) {
       this.at_s += (Math.min(now_ms - this.last_ms, 250) / 1000) * this.speed;
@@ -106,7 +106,7 @@ export class Time {
     this.changed();
   }
 
-  /** Arrow keys go by seconds, not by the slider's own tiny steps. */
+  /** Arrow keys move by seconds instead of the slider's small steps. */
   private step(event: KeyboardEvent): void {
     const large = Math.max(STEP_S, this.end_s / 20);
     const steps: Record<string, number> = {

@@ -1,4 +1,4 @@
-// A card for each vehicle: what an operator looks at first.
+// Card of each vehicle, with its most important values.
 import { vehicleColour } from "./colours.js";
 import { element, setText } from "./dom.js";
 import { TOLD_S } from "./heart.js";
@@ -8,7 +8,7 @@ import { clock, fixed, metres, percent } from "./text.js";
 
 const LOW_BATTERY = 0.25;
 const POOR_LINK = 0.8;
-/** With more vehicles than this only the selected one's card is open. */
+/** Maximum number of vehicles with open cards; above it, only the selected one's is open. */
 const FEW = 2;
 
 type Figures = Record<"height" | "speed" | "heading" | "item" | "link" | "heard" | "flight" | "plan", HTMLElement>;
@@ -66,7 +66,7 @@ class Card {
       return;
     }
     setText(this.phase, moment.silent ? `no news for ${clock(moment.silent_s)}` : moment.phase);
-    // Without a log nobody knows either.
+    // Mode and arming are unknown without a log.
     setText(this.mode, moment.mode && `${moment.mode} · ${moment.armed ? "armed" : "disarmed"}`);
     setText(this.battery, moment.battery === null ? "" : percent(moment.battery));
     this.bar.style.setProperty("--part", `${100 * (moment.battery ?? 0)}%`);
@@ -105,7 +105,7 @@ export class Vehicles {
     private readonly chosen: (model: Model, id: number | null) => void,
   ) {}
 
-  /** Choose a vehicle; the one that is chosen is let go. */
+  /** Select a vehicle, or deselect the selected one. */
   select(model: Model, system_id: number): void {
     const same = this.selected?.model === model && this.selected.system_id === system_id;
     this.choose(model, same ? null : system_id);
@@ -135,7 +135,7 @@ export class Vehicles {
   }
 }
 
-/** The score and what it is made of, in a line. */
+/** Score in one line. */
 export function scoreLine(model: Model, time_s: number): string {
   const score = model.scoreAt(time_s);
   return score === null ? "" : `Score ${fixed(score, 3)}`;

@@ -1,4 +1,4 @@
-"""The most that a number of batteries carries: the planner's budget whose mission takes so many sorties."""
+"""Longest mission of a vehicle that a given number of batteries can fly, in sorties."""
 
 from __future__ import annotations
 
@@ -7,9 +7,9 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from wbf_mission.planning.builder import PlanResult
-from wbf_mission.planning.plan import plan_fleet
 from wbf_mission.planning.sorties import SortiePlan, is_too_long
 from wbf_mission.progress import Progress, silent
+from wbf_mission.run.plan import plan_fleet
 from wbf_mission.scenario import Scenario, ScenarioError, scenario_with
 from wbf_mission.scenario.parts import UNLIMITED
 
@@ -19,19 +19,20 @@ _TEXT = re.compile(r"\s*(\d{1,3})\s*batter(?:y|ies)\s*", re.IGNORECASE)
 _MOST = 100
 _TRIES = 8
 _SURVEY = "survey"
-"""The planner of a whole area: there is nothing to choose."""
+"""Planner of a whole area: its mission's length does not depend on the budget."""
 _CLOSE = 1.01
-"""Budgets that are so close to each other are not told apart."""
+"""Ratio of two budgets below which the search ends."""
 _PACKED, _ENOUGH = 0.985, 0.97
-"""So much of all batteries is aimed at, and this is enough: cuts lie at certain places."""
+"""Targeted fraction of all batteries' energy, and the fraction that ends the search. Sorties can be cut only
+at certain places, so the batteries are never used up."""
 _FARTHEST = 1.5
-"""A battery does not carry the vehicle so many times as far as that of a mission for one."""
+"""Upper bound of the distance per battery, in multiples of a one-battery mission's length."""
 
 
 def batteries_in(budget: str | None) -> int | None:
-    """Return how many batteries a budget names; None if it is in another unit.
+    """Return the number of batteries in a budget; None for a budget in another unit.
 
-    ScenarioError for none, and for more than a hundred.
+    Raises ScenarioError unless the number is 1 to 100.
 
     >>> batteries_in("3 batteries"), batteries_in("1battery"), batteries_in("30min")
     (3, 1, None)
@@ -53,31 +54,31 @@ def plan_for_batteries(
     *,
     progress: Progress = silent,
 ) -> tuple[PlanResult, SortiePlan | None]:
-    """Plan the longest mission of one vehicle that a number of batteries is enough for.
+    """Plan the longest mission of one vehicle that `count` batteries can fly.
 
-    Budgets in metres are tried, at most eight: by what the sorties of the last one take, or between those
-    that were too much and those that were not. What counts is the real cut.
+    Searches over budgets in metres, with at most eight plans. The next budget is scaled by the energy of the
+    last plan's sorties, or bisects the bounds. Every plan is really cut into sorties.
 
     Parameters
     ----------
     scenario : Scenario
-        Its budget does not count.
+        The scenario; its budget is ignored.
     count : int
-        Of the batteries.
+        Number of batteries.
     cut : callable
-        Cuts a mission into sorties; None for one that is flown at a stretch.
+        Cuts a mission into sorties; returns None for a mission flown in one sortie.
 
     Returns
     -------
     tuple of PlanResult and SortiePlan or None
-        The whole mission and its sorties, at most as many as there are batteries.
+        The whole mission and its sorties, at most one per battery.
 
     Raises
     ------
     ScenarioError
-        If the vehicle has no battery, or there are several.
+        If the vehicle has no battery, or several vehicles fly.
     WbfMissionError
-        As of `plan_fleet`.
+        See `plan_fleet`.
     """
     text = "1 battery" if count == 1 else f"{count} batteries"
     if len(scenario.vehicle.fleet) > 1:
@@ -110,12 +111,12 @@ def plan_for_batteries(
     for number in range(_TRIES if count > 1 else 0):
         progress("planning", number + 1, _TRIES + 1)
         whole = planned(f"{guess:.1f}m")
-        # Planners make the same of budgets that are near each other.
+        # Nearly equal budgets often give the same mission.
         known = next((one for one in tried if one[0].mission == whole.mission), None)
         sorties = known[1] if known else cut(whole) if is_too_long(whole) else None
         tried.append((whole, sorties))
         needed = _needed(whole, sorties)
-        takes_wh = 0.0 if sorties is None else sum(one.prediction.most_wh for one in sorties.plans)
+        takes_wh = 0.0 if sorties is None else sum(plan.prediction.most_wh for plan in sorties.plans)
         if needed is not None and needed <= count:
             found, low = (whole, sorties), guess
             if takes_wh >= _ENOUGH * all_wh:
@@ -131,7 +132,7 @@ def plan_for_batteries(
 
 
 def _needed(whole: PlanResult, sorties: SortiePlan | None) -> int | None:
-    """Return how many batteries a mission needs; None if no number is enough."""
+    """Return the number of batteries that a mission needs; None if it cannot be cut into sorties."""
     if sorties is not None:
         return len(sorties.sorties)
     return None if is_too_long(whole) else 1

@@ -287,6 +287,15 @@ def test_an_item_is_not_sent_again_once_a_pilot_has_changed_the_mode():
     assert len([one for one in vehicle.sent if isinstance(one, m.MAVLink_mission_set_current_message)]) == 1
 
 
+def test_a_vehicle_that_has_passed_its_item_since_is_not_sent_back_to_it():
+    vehicle = Vehicle("set-item", "3")
+    vehicle.beats(armed=True, mode=3)
+    vehicle.tells_item(3, 9)
+    vehicle.tells_item(4, 9)
+    vehicle.passes(5.0)
+    assert len(vehicle.commands(m.MAV_CMD_DO_SET_MISSION_CURRENT)) == 1
+
+
 def test_another_vehicle_is_named():
     vehicle = Vehicle("arm", only=9)
     vehicle.beats()

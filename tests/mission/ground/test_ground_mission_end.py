@@ -347,6 +347,7 @@ def test_a_vehicle_that_shows_itself_armed_is_started_and_not_armed_again() -> N
     assert orders(ground.receive(from_vehicle(beat(HOLD)), 2.5)) == []
     assert orders(ground.poll(3.5)) == [(m.MAV_CMD_MISSION_START, 0.0)]
     assert ground.phase is Phase.START
+    assert ground.goodbye() == [], "it may be taking off"
 
 
 @pytest.mark.parametrize("answers", [False, True])

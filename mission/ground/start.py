@@ -48,6 +48,7 @@ class MissionStart:
         self._ordered_in = ""  # flight mode when the pending order was given
         self._texts_before = self._reasons_before = 0
         self._repeats = True
+        self._armed_since = False  # whether a HEARTBEAT since the order to arm showed the vehicle armed
 
     def begin(self, home: GeoPoint | None, texts_before: int, now_s: float) -> list[Message]:
         """Begin the start. The vehicle must be near ``home``.
@@ -79,7 +80,10 @@ class MissionStart:
             heard = self.phase is Phase.START and monitor.mode_heard_s > self._ordered_s
             # A repetition would restart a mission in flight, or overrule a pilot.
             changed = not monitor.is_armed or monitor.mode != self._ordered_in
-            if heard and monitor.is_armed and monitor.in_mission:
+            if self._armed_since:
+                # Only the answer was lost. A repetition would arm a vehicle that a pilot has disarmed since.
+                out += self._give_start(now_s)
+            elif heard and monitor.is_armed and monitor.in_mission:
                 self.phase, self._order = Phase.FLIGHT, None
             elif order.is_given_up or not self._repeats or (heard and changed):
                 out += self._give_up(now_s)
@@ -103,7 +107,12 @@ class MissionStart:
         if self.phase is not Phase.ARM or order is None:
             return []
         # The vehicle may have armed.
-        return self._contact.order(m.MAV_CMD_COMPONENT_ARM_DISARM, 0.0).send(now_s)
+        return self._disarm(now_s)
+
+    def goodbye(self) -> list[Message]:
+        """Disarm a real vehicle if the program ends before the answer to the order to arm."""
+        pending = self._gate is not None and self.phase is Phase.ARM and self._order is not None
+        return self._disarm(0.0) if pending else []
 
     def next_deadline(self) -> float:
         """Return the time of the next `poll` that has an effect, infinite if none."""
@@ -122,6 +131,15 @@ class MissionStart:
         if self._gate is not None and self.phase is not Phase.MODE and settled:
             self._gate.on_sys_status(message, has_position=self._monitor.knows_position)
 
+    def on_heartbeat(self) -> None:
+        """End the start if HEARTBEATs show that the vehicle armed and that a pilot has disarmed it since."""
+        if self._gate is None or self.phase is not Phase.ARM or self._order is None:
+            return
+        if self._armed_since and not self._monitor.is_armed:
+            self._order = None
+            self.failure = Outcome.NOT_STARTED, "the vehicle was disarmed after it had armed"
+        self._armed_since = self._monitor.is_armed
+
     def on_ack(self, message: m.MAVLink_command_ack_message, now_s: float) -> list[Message]:
         """Handle a COMMAND_ACK, which may answer the pending order."""
         answer = Answer.NONE if self._order is None else self._order.answer(message, now_s)
@@ -133,11 +151,11 @@ class MissionStart:
             if self.phase is not Phase.START or self._gate is None:
                 return []
             # The motors run although the vehicle does not fly.
-            return self._contact.order(m.MAV_CMD_COMPONENT_ARM_DISARM, 0.0).send(now_s)
+            return self._disarm(now_s)
         if self.phase is Phase.MODE:
             self.phase, self._mode_s = Phase.READY, now_s
         elif self.phase is Phase.ARM:
-            return self._give(Phase.START, m.MAV_CMD_MISSION_START, now_s, 0.0, 0.0)
+            return self._give_start(now_s)
         elif self.phase is Phase.START:
             self.phase = Phase.FLIGHT
         return []
@@ -191,8 +209,14 @@ class MissionStart:
     def _arm(self, now_s: float) -> list[Message]:
         return self._give(Phase.ARM, m.MAV_CMD_COMPONENT_ARM_DISARM, now_s, 1.0)
 
+    def _disarm(self, now_s: float) -> list[Message]:
+        return self._contact.order(m.MAV_CMD_COMPONENT_ARM_DISARM, 0.0).send(now_s)
+
+    def _give_start(self, now_s: float) -> list[Message]:
+        return self._give(Phase.START, m.MAV_CMD_MISSION_START, now_s, 0.0, 0.0)
+
     def _give(self, phase: Phase, command: int, now_s: float, *params: float) -> list[Message]:
-        self.phase = phase
+        self.phase, self._armed_since = phase, False
         self._order = self._contact.order(command, *params)
         self._ordered_s, self._ordered_in = now_s, self._monitor.mode
         return self._order.send(now_s)
@@ -206,7 +230,7 @@ class MissionStart:
         if self.phase is not Phase.ARM:
             return []
         # Only the answer may be lost, so the vehicle may have armed.
-        return self._contact.order(m.MAV_CMD_COMPONENT_ARM_DISARM, 0.0).send(now_s)
+        return self._disarm(now_s)
 
     def _refused(self, why: str, now_s: float) -> None:
         if self._gate is not None and self.phase in (Phase.MODE, Phase.ARM):

@@ -380,6 +380,10 @@ class GroundStation:
         if not self.done:
             self._end(outcome, reason, now_s)
 
+    def goodbye(self) -> list[Message]:
+        """Return the messages to send before the link closes: disarm a vehicle that may just have armed."""
+        return self._start.goodbye()
+
     # Received messages.
 
     def _on_contact(self, now_s: float) -> None:
@@ -407,6 +411,9 @@ class GroundStation:
                     unsure=now_s < self._unsure_s,
                     ends_in=self._end_modes,
                 )
+        if self.phase in STARTING:
+            self._start.on_heartbeat()
+            self._after_start([], now_s)
         if self.phase is Phase.CONTACT:
             self.phase = Phase.UPLOAD
             self._texts_before = len(self.texts)

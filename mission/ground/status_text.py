@@ -15,7 +15,7 @@ _STOPPED = {
     Phase.WAIT: "nothing was started; what was uploaded stays in the vehicle",
     Phase.READY: "nothing was started; what was uploaded stays in the vehicle",
     Phase.MODE: "the mission was not started; what was uploaded stays in the vehicle",
-    Phase.ARM: "the vehicle was just told to arm: its motors may run; its mission was not started",
+    Phase.ARM: "the vehicle was just told to arm, then to disarm: its motors may run; nothing was started",
     Phase.START: "the vehicle is armed and was just told to start its mission: it may take off",
 }
 

@@ -28,18 +28,20 @@ class TextLog:
 
     def __init__(self) -> None:
         self.texts: list[tuple[float, int, str]] = []
-        self._chunk = (0, -1)
+        self._chunk = (0, -1)  # id and number of the last chunk
+        self._joined: int | None = None  # index of the text of the last chunk, None if it was dropped
 
     def on_text(self, message: m.MAVLink_statustext_message, now_s: float) -> None:
         """Handle a STATUSTEXT: a new text, or the next chunk of the last text."""
         number, chunk = message.id, message.chunk_seq
         # PX4 appends a tab to texts that are also sent as events.
         said = _CONTROL.sub("", message.text)
-        if self.texts and number and (number, chunk - 1) == self._chunk:
-            began_s, severity, text = self.texts[-1]
-            self.texts[-1] = (began_s, severity, text + said)
-        elif len(self.texts) < _MOST_TEXTS:
-            self.texts.append((now_s, message.severity, said))
+        if not (number and (number, chunk - 1) == self._chunk):
+            self._joined = len(self.texts) if len(self.texts) < _MOST_TEXTS else None
+            self.texts += [] if self._joined is None else [(now_s, message.severity, said)]
+        elif self._joined is not None:
+            began_s, severity, text = self.texts[self._joined]
+            self.texts[self._joined] = (began_s, severity, text + said)
         self._chunk = (number, chunk)
 
     def note(self, text: str, now_s: float, severity: int = _WARNING) -> None:

@@ -49,7 +49,7 @@ class SerialLink(Stream):
             msg = f"{self.name}: the device cannot be opened: {_serial_reason(error)}"
             raise LinkError(msg) from error
 
-    def _write(self, data: bytearray) -> int:
+    def _write(self, data: bytes) -> int:
         # Serial.write blocks while the line accepts no bytes, even with write_timeout=0.
         return os.write(self._port.fileno(), data)
 

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import contextlib
 import errno
+import math
 import os
 import selectors
 import socket
 import threading
 from abc import ABC, abstractmethod
+from collections import deque
 from collections.abc import Callable, Iterator
 from typing import Any
 
+from geo.system import steady_s
 from mission.errors import LinkError, LinkLostError, NoPeerError
 from mission.link.address import LinkAddress
 from mission.link.waiting import WaitingDatagrams
@@ -21,6 +24,8 @@ _BATCH = 256
 _BUFFER_BYTES = 4 << 20
 _REST_S = 0.1
 _BACKLOG_BYTES = 1 << 20
+# Age of a frame in a transmit buffer (s). An older order might overrule a pilot who has acted since.
+_LONGEST_S = 3.0
 _Peer = Any
 
 
@@ -297,37 +302,48 @@ class UdpOutLink(_Datagrams):
 class Stream(ABC):
     """Base class of stream links with a transmit buffer of ``most_bytes``.
 
-    The next `send` or `receive` transmits the buffered bytes. Frames that do not fit into the buffer are
-    dropped whole and counted in ``dropped``.
+    The next `send` or `receive` transmits the buffered frames. Frames that do not fit into the buffer or are
+    older than three seconds are dropped whole and counted in ``dropped``.
     """
 
     def __init__(self, name: str, most_bytes: int) -> None:
         self.name = name
         self.dropped = 0
-        self._backlog = bytearray()
-        self._most_bytes = most_bytes
+        # Frames with the time of `send`; infinite for the rest of a frame, which is not dropped.
+        self._backlog: deque[tuple[float, bytes]] = deque()
+        self._backlog_bytes, self._most_bytes = 0, most_bytes
 
     def send(self, data: bytes) -> None:
         """Send or buffer one frame; raise LinkError if the peer has disconnected."""
         self._flush()
-        if self._backlog and len(self._backlog) + len(data) > self._most_bytes:
+        if self._backlog and self._backlog_bytes + len(data) > self._most_bytes:
             self.dropped += 1
             return
-        self._backlog += data
+        self._backlog.append((steady_s(), data))
+        self._backlog_bytes += len(data)
         self._flush()
 
     def _flush(self) -> None:
-        if not self._backlog:
-            return
-        try:
-            del self._backlog[: self._write(self._backlog)]
-        except BlockingIOError:
-            pass
-        except OSError as error:
-            raise self._gone() from error
+        while self._backlog:
+            sent_s, data = self._backlog[0]
+            if steady_s() - sent_s > _LONGEST_S:
+                self.dropped += 1
+                written = len(data)
+            else:
+                try:
+                    written = self._write(data)
+                except BlockingIOError:
+                    return
+                except OSError as error:
+                    raise self._gone() from error
+            self._backlog_bytes -= written
+            self._backlog.popleft()
+            if written < len(data):
+                self._backlog.appendleft((math.inf if written else sent_s, data[written:]))
+                return
 
     @abstractmethod
-    def _write(self, data: bytearray) -> int:
+    def _write(self, data: bytes) -> int:
         """Write bytes without blocking; return the number written."""
 
     @abstractmethod
@@ -356,7 +372,7 @@ class TcpLink(Stream, _OnSocket):
             raise _why(address, error) from error
         return cls(connection, str(address))
 
-    def _write(self, data: bytearray) -> int:
+    def _write(self, data: bytes) -> int:
         return self._socket.send(data)
 
     def _gone(self) -> LinkLostError:

@@ -13,6 +13,7 @@ from wbf_mission.exit_codes import ExitCode, exit_code_of
 from wbf_mission.live.command_session import CommandSession
 
 PX4, ARDUPILOT = m.MAV_AUTOPILOT_PX4, m.MAV_AUTOPILOT_ARDUPILOTMEGA
+HOLDING = 3 << 24 | 4 << 16
 ARMED = m.MAV_MODE_FLAG_SAFETY_ARMED | m.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
 
 
@@ -202,6 +203,97 @@ def test_who_answers_nothing_is_silent():
     vehicle.beats()
     vehicle.passes(30.0)
     assert isinstance(vehicle.session.error, VehicleSilentError)
+
+
+def test_a_takeoff_that_changes_the_mode_is_not_repeated_and_shows_by_its_height():
+    vehicle = Vehicle("takeoff", "30", autopilot=PX4)
+    vehicle.beats(armed=True, mode=HOLDING)
+    vehicle.stands()
+    vehicle.beats(armed=True, mode=2 << 24 | 4 << 16)
+    vehicle.passes(5.0)
+    assert len(vehicle.commands(m.MAV_CMD_NAV_TAKEOFF)) == 1
+    vehicle.stands(height_m=1.0, landed=m.MAV_LANDED_STATE_TAKEOFF)
+    assert vehicle.session.done
+    assert vehicle.session.error is None
+
+
+@pytest.mark.parametrize(
+    ("order", "value", "before", "after", "times"),
+    [
+        ("hold", "", (True, 5), (True, 17), 1),
+        ("hold", "", (True, 17), (True, 5), 1),
+        ("hold", "", (True, 5), (True, 5), 2),
+        ("hold", "", (True, 17), (True, 17), 2),
+        ("mode", "GUIDED", (True, 3), (True, 5), 1),
+        ("arm", "", (False, 4), (True, 4), 1),
+        ("arm", "", (True, 4), (False, 4), 1),
+        ("arm", "", (False, 4), (False, 5), 1),
+        ("mission", "", (True, 4), (False, 4), 1),
+        ("disarm", "", (True, 4), (False, 4), 1),
+        ("disarm", "", (True, 4), (True, 5), 2),
+    ],
+)
+def test_an_unanswered_order_is_not_repeated_once_it_shows_or_a_pilot_has_changed_the_state(
+    order, value, before, after, times
+):
+    vehicle = Vehicle(order, value)
+    vehicle.beats(armed=before[0], mode=before[1])
+    vehicle.passes(0.5)
+    vehicle.beats(armed=after[0], mode=after[1])
+    vehicle.passes(1.0)
+    given = [one for one in vehicle.sent if isinstance(one, m.MAVLink_command_long_message)]
+    assert len([one for one in given if one.command != m.MAV_CMD_SET_MESSAGE_INTERVAL]) == times
+
+
+def test_an_order_that_was_shown_is_carried_out_though_a_pilot_has_ended_it_since():
+    vehicle = Vehicle("arm")
+    vehicle.beats(mode=4)
+    vehicle.beats(mode=4, armed=True)
+    vehicle.beats(mode=4)
+    vehicle.passes(2.0)
+    assert len(vehicle.commands(m.MAV_CMD_COMPONENT_ARM_DISARM)) == 1
+    assert vehicle.session.done
+    assert vehicle.session.error is None
+
+
+def test_an_order_that_was_overruled_fails_in_time_and_is_accepted_late():
+    for answers in (True, False):
+        vehicle = Vehicle("hold")
+        vehicle.beats(mode=3, armed=True)
+        vehicle.beats(mode=5, armed=True)
+        vehicle.passes(3.0)
+        vehicle.beats(mode=3, armed=True)
+        vehicle.passes(9.0)
+        assert len(vehicle.commands(m.MAV_CMD_DO_SET_MODE)) == 1, "nor when the pilot has left it"
+        if answers:
+            vehicle.answers(m.MAV_CMD_DO_SET_MODE, m.MAV_RESULT_ACCEPTED)
+            vehicle.beats(mode=17, armed=True)
+            assert vehicle.session.done
+            assert vehicle.session.error is None
+        else:
+            vehicle.beats(mode=5, armed=True)
+            vehicle.passes(9.0)
+            text = "system 1: no answer to hold; its mode is LOITER since"
+            assert str(vehicle.session.error) == text
+            assert isinstance(vehicle.session.error, VehicleSilentError)
+
+
+def test_an_item_is_not_sent_again_once_a_pilot_has_changed_the_mode():
+    vehicle = Vehicle("set-item", "3", autopilot=PX4)
+    vehicle.beats(armed=True, mode=4 << 24 | 4 << 16)
+    vehicle.tells_item(0, 9)
+    vehicle.beats(armed=True, mode=3 << 16)
+    vehicle.passes(5.0)
+    assert len([one for one in vehicle.sent if isinstance(one, m.MAVLink_mission_set_current_message)]) == 1
+
+
+def test_a_vehicle_that_has_passed_its_item_since_is_not_sent_back_to_it():
+    vehicle = Vehicle("set-item", "3")
+    vehicle.beats(armed=True, mode=3)
+    vehicle.tells_item(3, 9)
+    vehicle.tells_item(4, 9)
+    vehicle.passes(5.0)
+    assert len(vehicle.commands(m.MAV_CMD_DO_SET_MISSION_CURRENT)) == 1
 
 
 def test_another_vehicle_is_named():

@@ -149,6 +149,8 @@ class CommandSession:
         self._step: Step | None = None
         self._order: Order | None = None
         self._accepted = False
+        self._ordered_in, self._armed_before = "", False  # flight mode and arming when the order was given
+        self._shown_before = self._obeyed = False
         self._refusal: tuple[str, float] | None = None
         self._begun_s = self._message_s = math.inf
         self._streams_s = -math.inf
@@ -204,7 +206,11 @@ class CommandSession:
         elif self._step is None:
             out += self._begin(now_s)
         elif self._order is not None and now_s >= self._order.due_s:
-            if self._order.is_given_up:
+            if self._obeyed:
+                self.done = True  # only the COMMAND_ACK was lost
+            elif self._is_overruled:
+                self._order.due_s = math.inf
+            elif self._order.is_given_up:
                 self._fail(VehicleSilentError(f"{self._name}: no answer to {self._wanted}"))
             else:
                 out += self._order.send(now_s)
@@ -284,9 +290,24 @@ class CommandSession:
             return self._on_ack(message, now_s)
         if self._step is None:
             return self._begin(now_s)
-        if self._accepted and self._step.shown(self._contact.monitor):
+        shown = self._step.shown(self._contact.monitor)
+        self._obeyed |= shown and not self._shown_before
+        is_not_repeated = self._order is not None and self._order.due_s == math.inf
+        if shown and (self._accepted or (self._obeyed and is_not_repeated)):
             self.done = True
         return []
+
+    @property
+    def _is_overruled(self) -> bool:
+        """Whether a pilot or a failsafe has changed the state of the vehicle since the order.
+
+        Repeating the order would overrule the pilot. An order to disarm holds in any flight mode.
+        """
+        monitor = self._contact.monitor
+        changed = self._wanted.order != "disarm" and monitor.mode != self._ordered_in
+        disarmed = self._armed_before and not monitor.is_armed
+        lost = self._shown_before and self._step is not None and not self._step.shown(monitor)
+        return changed or disarmed or lost
 
     def _begin(self, now_s: float) -> list[Message]:
         """Send the order once the required telemetry is known, or overdue."""
@@ -298,6 +319,9 @@ class CommandSession:
         except WbfMissionError as error:
             self._fail(error)
             return []
+        monitor = self._contact.monitor
+        self._ordered_in, self._armed_before = monitor.mode, monitor.is_armed
+        self._shown_before = step.shown(monitor)
         self._texts_before = len(self._contact.texts.texts)
         if step.command is None:
             return self._say(step, now_s)
@@ -309,7 +333,7 @@ class CommandSession:
         assert step.message is not None
         self._accepted = True
         self._message_s = now_s + _SAY_AGAIN_S + self._trip_s
-        return [step.message]
+        return [] if self._is_overruled else [step.message]
 
     def _on_ack(self, message: m.MAVLink_command_ack_message, now_s: float) -> list[Message]:
         if self._order is None or self._step is None:
@@ -330,7 +354,8 @@ class CommandSession:
 
     def _not_shown(self) -> Exception:
         if not self._accepted:
-            return VehicleSilentError(f"{self._name}: no answer to {self._wanted}")
+            since = f"; its mode is {self.mode} since" if self.mode != self._ordered_in else ""
+            return VehicleSilentError(f"{self._name}: no answer to {self._wanted}{since}")
         answered = "accepted" if self._step is not None and self._message_s == math.inf else "was given"
         text = self._said or f"it is in mode {self.mode}"
         seconds = self._end_s - self._begun_s

@@ -328,3 +328,47 @@ def test_a_vehicle_that_may_have_armed_unheard_is_disarmed() -> None:
     arming = [one.param1 for one in sent if getattr(one, "command", 0) == m.MAV_CMD_COMPONENT_ARM_DISARM]
     assert ground.outcome is Outcome.NO_ANSWER
     assert len(arming) > 1 and arming[-1] == 0.0 and set(arming[:-1]) == {1.0}
+
+
+def arming(mission: Mission = HOMEWARD) -> GroundStation:
+    """A ground station that has just ordered its vehicle to arm, at 2 s."""
+    ground = ready(mission)
+    ground.poll(2.0)
+    assert ground.phase is Phase.ARM
+    return ground
+
+
+def orders(messages: list[Any]) -> list[tuple[int, float]]:
+    return [(one.command, one.param1) for one in messages if isinstance(one, m.MAVLink_command_long_message)]
+
+
+def test_a_vehicle_that_shows_itself_armed_is_started_and_not_armed_again() -> None:
+    ground = arming()
+    assert orders(ground.receive(from_vehicle(beat(HOLD)), 2.5)) == []
+    assert orders(ground.poll(3.5)) == [(m.MAV_CMD_MISSION_START, 0.0)]
+    assert ground.phase is Phase.START
+    assert ground.goodbye() == [], "it may be taking off"
+
+
+@pytest.mark.parametrize("answers", [False, True])
+def test_a_vehicle_that_a_pilot_has_disarmed_is_not_armed_again(answers: bool) -> None:
+    ground = arming()
+    ground.receive(from_vehicle(beat(HOLD, armed=False)), 2.1)
+    assert ground.phase is Phase.ARM, "the order has not arrived"
+    ground.receive(from_vehicle(beat(HOLD)), 2.5)
+    ground.receive(from_vehicle(beat(HOLD, armed=False)), 2.9)
+    assert ground.outcome is Outcome.NOT_STARTED
+    late = m.MAVLink_command_ack_message(m.MAV_CMD_COMPONENT_ARM_DISARM, 0)
+    sent = ground.receive(from_vehicle(late), 3.0) if answers else []
+    sent += [message for second in range(3, 60) for message in ground.poll(float(second))]
+    assert orders(sent + ground.goodbye()) == []
+
+
+def test_a_program_that_ends_disarms_a_vehicle_that_may_have_armed() -> None:
+    disarm = [(m.MAV_CMD_COMPONENT_ARM_DISARM, 0.0)]
+    assert orders(ready(HOMEWARD).goodbye()) == []
+    ground = arming()
+    assert orders(ground.goodbye()) == disarm
+    ground.interrupt(Outcome.INTERRUPTED, "", 2.5)
+    assert orders(ground.goodbye()) == disarm
+    assert orders(flying(HOMEWARD).goodbye()) == []

@@ -238,6 +238,17 @@ def test_control_characters_of_a_text_are_not_told() -> None:
     assert [text for _, _, text in log.texts] == ["Mission finished", "x" * 50 + "y"]
 
 
+def test_a_chunk_of_a_text_that_was_dropped_is_dropped(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("mission.ground.texts._MOST_TEXTS", 2)
+    log = TextLog()
+    log.on_text(m.MAVLink_statustext_message(4, b"a", 7, 0), 1.0)
+    log.note("own text", 1.0)
+    log.on_text(m.MAVLink_statustext_message(4, b"b", 7, 1), 1.1)
+    log.on_text(m.MAVLink_statustext_message(4, b"c", 8, 0), 2.0)
+    log.on_text(m.MAVLink_statustext_message(4, b"d", 8, 1), 2.1)
+    assert [text for _, _, text in log.texts] == ["ab", "own text"]
+
+
 def test_a_battery_is_told_by_sys_status_where_nothing_else_tells_it() -> None:
     def status(percent: int) -> Any:
         return m.MAVLink_sys_status_message(0, 0, 0, 0, 0, 0, percent, 0, 0, 0, 0, 0, 0)

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from mission.errors import LinkError
 from mission.link import LinkAddress, MavlinkEndpoint, memory_pair, open_link, parse_link_url
 from mission.link.codec.dialect import mavlink
-from mission.link.sockets import TcpListener, UdpSocket
+from mission.link.sockets import Stream, TcpListener, UdpSocket
 
 
 def until(condition, limit_s=30.0):
@@ -186,19 +186,50 @@ def test_tcp_keeps_what_the_network_does_not_take():
     for _ in range(3000):
         client.send(block)
     assert client.dropped > 0
-    sent = 3000 - client.dropped
     got = bytearray()
 
     def drain():
         client.receive()
         for piece in peer.receive():
             got.extend(piece)
-        return len(got) >= sent * len(block)
+        return len(got) >= (3000 - client.dropped) * len(block)
 
     until(drain, 5.0)
-    assert bytes(got) == block * sent
+    assert bytes(got) == block * (3000 - client.dropped)
     for link in (client, peer, listener):
         link.close()
+
+
+def test_a_frame_that_has_waited_for_seconds_is_not_sent_any_more(monkeypatch):
+    now, room, written = [0.0], [3], bytearray()
+
+    class Line(Stream):
+        def _write(self, data):
+            if not room[0]:
+                raise BlockingIOError
+            taken, room[0] = min(room[0], len(data)), 0
+            written.extend(data[:taken])
+            return taken
+
+        def _gone(self):
+            raise AssertionError
+
+    monkeypatch.setattr("mission.link.sockets.steady_s", lambda: now[0])
+    line = Line("line", 16)
+    for frame in (b"begun", b"old", b"old, too"):
+        line.send(frame)
+    now[0] = 2.0
+    line.send(b"young")
+    assert (bytes(written), line.dropped) == (b"beg", 1), "there is no room for it"
+    now[0] = 4.0
+    for _ in range(3):
+        room[0] = 4
+        line.send(b"new")
+    assert (bytes(written), line.dropped) == (b"begunnewnew", 3)
+    room[0] = 4
+    line.send(b"n")
+    line.send(bytes(15))
+    assert (bytes(written), line.dropped) == (b"begunnewnewnew", 3), "dropped bytes leave room"
 
 
 def test_udp_socket_knows_its_callers():

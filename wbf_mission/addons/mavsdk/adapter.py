@@ -208,6 +208,10 @@ class _GroundByMavsdk:
         """Return the time of the next `poll` that does anything (s), infinite if none."""
         return min(self._ground.next_deadline(), self._due_s if self._orders.waiting else math.inf)
 
+    def goodbye(self) -> list[Message]:
+        """Return the last messages; the program does not wait for MAVSDK's orders."""
+        return self._ground.goodbye()
+
     def hand_on(self, messages: Iterable[Message], now_s: float) -> list[Message]:
         """Pass commands to MAVSDK and return the other messages, except the heartbeat, which MAVSDK sends."""
         rest: list[Message] = []

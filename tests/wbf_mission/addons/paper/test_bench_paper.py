@@ -272,7 +272,7 @@ def test_ctrl_c_says_how_to_go_on(tmp_path, capsys, monkeypatch):
 
     monkeypatch.setattr(make, "benchmark", stopped)
     assert main([*COMMAND, "--only", "comparison", "--out", str(tmp_path)]) == 130
-    assert "interrupted after 0 of 8 runs; the same command goes on" in capsys.readouterr().err
+    assert "interrupted after 0 of 8 runs; the same command flies the others" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

@@ -50,8 +50,9 @@ def densest_feasible(
     beyond it (`look_ahead`), and continues from a feasible one. The cost of the returned candidate has been
     evaluated and is within the limit.
 
-    A `BatchBudget` evaluates candidates in rounds: first a guess together with a larger index, which bracket
-    the last feasible index if the guess is good; finally all candidates of `look_ahead`.
+    A `BatchBudget` evaluates candidates in rounds. The first round tests a guess and a larger index; after a
+    good guess the last feasible index lies between them. Further rounds narrow this interval, and the last
+    round tests all candidates of `look_ahead`.
 
     The cost should be roughly linear in `density(index)`. If even the sparsest candidates cost more than the
     limit, PlanningError names them (`what`, such as ``lawnmower with 2 rows``) and the least budget.

@@ -162,7 +162,9 @@ def _checked_cost(name: str, vehicle: VehicleReport, points: Points) -> float:
     room = area.convex_hull if isinstance(area, shapely.MultiPolygon) else area
     if len(points):
         line = shapely.LineString(points) if len(points) > 1 else shapely.Point(points[0])
-        if not shapely.covers(shapely.buffer(room, _INSIDE_M), line):
-            msg = f"{who} returned a path that leaves its area"
+        allowed = shapely.buffer(room, _INSIDE_M)
+        if not shapely.covers(allowed, line):
+            x_m, y_m = shapely.get_coordinates(shapely.difference(line, allowed))[0]
+            msg = f"{who} returned a path that leaves its area (request.room) at ({x_m:.1f}, {y_m:.1f}) m"
             raise AnswerError(msg, "outside the area")
     return cost

@@ -72,7 +72,7 @@ def least_loss_value(
 def expected_loss(
     probabilities: NDArray[np.floating], value: NDArray[np.floating], too_healthy: float, too_sick: float
 ) -> NDArray[np.float64]:
-    """Return the expected loss of values under the score, averaged over the three classes.
+    """Return the expected score loss of estimated values, averaged over the probabilities of the classes.
 
     Examples
     --------

@@ -287,7 +287,8 @@ def _address_of(address: LinkAddress) -> str:
 class PortSelector:
     """Selector over all ports of a server and their clients.
 
-    `links` are open links, numbered as ports after those of the URLs. `session` applies faults to links.
+    `links` are links that are open already; their port numbers follow those of the URLs. `session` injects
+    the faults.
 
     ``clients`` is replaced by a new list at each change of clients. ``urls`` are the addresses with the
     actual port numbers. LinkError if an address is invalid or in use; all sockets are closed then.

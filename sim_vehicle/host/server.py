@@ -319,7 +319,7 @@ class Server(Closing):
         self._routes.clear()
 
     def _send(self, local: _Local, messages: Iterable[Message], link: str | None = None) -> None:
-        """Send messages, with `link` only on this link; messages for a named link are not logged."""
+        """Send messages and log them; with `link`, send them on this link alone and do not log them."""
         writer = local.writers[link] if link else local.writer
         for message in messages:
             frame = writer.encode(message)

@@ -66,7 +66,7 @@ class ReserveCharge:
         self._spread = (full.most_wh - full.energy_wh) / math.sqrt(full.energy_wh)
 
     def rest(self, price_wh: float) -> float:
-        """Return the charge for the rest of a flight, from its price in the mean wind."""
+        """Return the energy charged for the rest of a flight (Wh) that takes `price_wh` in the mean wind."""
         mean_wh = self._onward * price_wh
         return mean_wh + self._spread * math.sqrt(mean_wh)
 

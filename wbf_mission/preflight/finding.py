@@ -22,7 +22,7 @@ class PreflightError(WbfMissionError, ValueError):
 
 
 class Concern(Enum):
-    """Subject of a finding, which decides when the finding applies."""
+    """What a finding is about: the plan, or the vehicle's settings or state."""
 
     PLAN = "plan"
     """The plan alone."""

@@ -280,7 +280,7 @@ def _kept_distance(run: Run, vehicles: Sequence[Vehicle]) -> KeptDistance | None
 
 
 def _margin_m(run: Run) -> float:
-    """Return the largest error of two vehicles' believed horizontal distance (m)."""
+    """Return the largest error of the horizontal distance between two vehicles' estimated positions (m)."""
     return ground_separation_margin_m(run.vehicles[0].vehicle)
 
 

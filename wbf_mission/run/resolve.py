@@ -63,7 +63,7 @@ class Run:
     fields: FieldSet  # Fields that the camera senses
     vehicles: tuple[Vehicle, ...]  # Ordered by system id
     decider: Decider
-    estimator_once: Callable[[], Estimator]  # Makes the estimator at its first call: plans need none
+    estimator_once: Callable[[], Estimator]  # Made at the first call; planning needs none
     cameras: tuple[LeafCameraOptions, ...]  # Cameras of the vehicles; empty for a run that is only planned
     looks: CameraOptions  # Image spacing and footprint
     weights: ScoreWeights  # Costs of estimation errors

@@ -338,8 +338,8 @@ class SoilField:
 class _Posterior:
     """Mean and covariance of the functions' weights on a day, for a fixed noise.
 
-    `noise` is the assumed noise variance, `shown` its estimate from `noise_from` readings, without the lower
-    bound.
+    `noise` is the noise variance in use. `shown` is the variance estimated from `noise_from` readings; it may
+    be below the lower bound of `noise`.
     """
 
     day: int

@@ -174,8 +174,8 @@ def _outbreaks(
     """Yield windows of simulated farms for `link_slope`.
 
     Outbreaks are rare in windows of a farm with more than 128 x 128 cells. On large farms, the simulation
-    therefore draws a piece of land with an outbreak, and yields the probability of an outbreak. The seeds of
-    the disease are arrivals of a Poisson process.
+    therefore samples only pieces of land that have an outbreak, and also yields the probability of one. The
+    seeds of the disease are arrivals of a Poisson process.
     """
     whole = land.size <= _WHOLE_CELLS
     piece = land if whole else np.ones((_PIECE_CELLS, _PIECE_CELLS), np.bool_)

@@ -42,7 +42,7 @@ if TYPE_CHECKING:
 __all__ = ["FIRMWARE"]
 
 _SKID = 73.0
-# Rover's S-curve target takes corners by itself, and the vehicle stays this close to it.
+# Distance of the vehicle from Rover's S-curve target, which rounds the corners itself.
 _FOLLOWS_M = 0.3
 # Rover stays armed at home: the longest delay possible.
 _NEVER_DISARM_S = 3599.0

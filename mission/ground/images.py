@@ -42,12 +42,15 @@ class ImageFetch:
         self._at_once = _AT_ONCE if round_trip is None else _FEW
         self._asked: tuple[int, ...] = ()
 
-    def begin(self, now_s: float) -> bool:
+    def begin(self, now_s: float, since_s: float) -> bool:
         """Start requests after the flight; return whether an image is or may be missing.
 
-        A real link may have lost the last images, a loss that no later message reveals.
+        A real link may have lost the first or last images, a loss that no other message reveals. ``since_s``
+        is the start of the flight by the vehicle's clock.
         """
         self._rounds = 0
+        if self._round_trip is not None:
+            self._assembler.expect_from_first(since_s)
         self._counts |= self._round_trip is not None and self._assembler.statistics.images > 0
         self.due_s = now_s
         return self._counts or bool(self._assembler.missing(1))

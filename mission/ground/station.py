@@ -656,7 +656,7 @@ class GroundStation:
     def _land(self, outcome: Outcome, reason: str, now_s: float) -> None:
         """End the flight, and request the images that were lost, if any."""
         self.outcome, self.reason, self.ended_s = outcome, reason, now_s
-        missing = self._fetch is not None and self._fetch.begin(now_s)
+        missing = self._fetch is not None and self._fetch.begin(now_s, self._started_boot_s)
         self.phase = Phase.FETCH if missing else Phase.DONE
 
     def _end(self, outcome: Outcome, reason: str, now_s: float) -> None:

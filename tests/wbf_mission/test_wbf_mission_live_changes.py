@@ -134,9 +134,10 @@ def test_an_autopilot_that_starts_again_with_its_motors_off(autopilot, silent_s)
     assert flight.assembler.statistics.images >= 8
 
 
+@pytest.mark.parametrize("seed", [2, 3, 7])
 @pytest.mark.parametrize("autopilot", AUTOPILOTS)
-def test_images_of_a_camera_on_board_come_over_a_bad_link(autopilot):
-    bad = Impairment(loss=0.3, delay_s=0.5, seed=2)
+def test_images_of_a_camera_on_board_come_over_a_bad_link(autopilot, seed):
+    bad = Impairment(loss=0.3, delay_s=0.5, seed=seed)
     flight = LiveChange(autopilot, dead_s=10.0, impairment=bad, new=(), on_board=True).to_images(8)
     flight.link.broke_s = flight.simulation.now_s
     flight.fly().check_safe()

@@ -51,6 +51,18 @@ def test_images_before_the_first_that_is_heard_are_missed_only_after_a_silence(a
     assert late.statistics.lost == 5
 
 
+@pytest.mark.parametrize(("first", "lost"), [(0, []), (2, [0, 1]), (30, list(range(22, 30)))])
+def test_a_few_images_before_the_first_that_arrived_may_be_lost(assembler, first, lost):
+    send(assembler, first)
+    send(assembler, first + 1)
+    assembler.expect_from_first()
+    assert assembler.missing() == lost and assembler.statistics.lost == len(lost)
+    for index in lost[:1]:
+        send(assembler, index)
+    assembler.expect_from_first()
+    assert assembler.missing() == lost[1:], "not those that have arrived since"
+
+
 def test_the_cameras_count_tells_what_came_after_the_last_that_was_heard(assembler):
     send(assembler, 0)
     assembler.expect(4)

@@ -259,7 +259,7 @@ def interrupt(process):
 
 @pytest.mark.slow
 def test_the_operator_at_the_terminal(tmp_path):
-    with stand_in() as (url, _):
+    with stand_in(speed=4.0) as (url, _):
         code, summary, shown = talk(url, [(b"start the motors? [y/N]", b"y\n")], tmp_path)
     assert (code, summary["outcome"]) == (0, "completed")
     assert "heard: system 1, PX4" in shown

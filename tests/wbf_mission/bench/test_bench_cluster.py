@@ -220,7 +220,9 @@ def test_a_scheduler_that_dies_ends_the_benchmark_which_can_be_gone_on_with(tmp_
                 killed.append(done)
 
         try:
-            with pytest.raises(ClusterError, match="the scheduler is lost; the same command flies the missing runs"):
+            with pytest.raises(
+                ClusterError, match="the scheduler is lost; the same command flies the missing runs"
+            ):
                 benchmark(spec, out=tmp_path, dask=address, progress=told)
         finally:
             end(one)

@@ -58,6 +58,11 @@ def entry_points(group: str) -> metadata.EntryPoints:
     return _entry_points(group, tuple((folder, _changed_ns(folder)) for folder in sys.path))
 
 
+def entry_named(group: str, name: str) -> metadata.EntryPoint | None:
+    """Return the entry point of a group with this name; None if no installed package has it."""
+    return next((entry for entry in entry_points(group) if entry.name == name), None)
+
+
 def load_extra(module: str, extra: str, what: str, error: type[Exception]) -> Any:
     """Import an optional library; raise `error` if it is missing. `what` begins the text ("maps need").
 
@@ -96,3 +101,19 @@ def _changed_ns(folder: str) -> int:
         return Path(folder).stat().st_mtime_ns
     except OSError:
         return 0
+
+
+def load_named(group: str, name: str, verb: str, what: str, error: type[Exception]) -> Any:
+    """Return the object of the entry point `name`; `error` if no package has it, or it cannot be imported.
+
+    Examples
+    --------
+    >>> load_named("wbf_mission.pages", "none", "brings the page", "the page", ValueError)
+    Traceback (most recent call last):
+    ...
+    ValueError: no package that is installed brings the page 'none' (wbf_mission.pages): install...
+    """
+    entry = entry_named(group, name)
+    if entry is None:
+        raise error(f"no package that is installed {verb} '{name}' ({group}): install wbf-mission anew")
+    return load_entry(entry, f"{what} {name}", error)

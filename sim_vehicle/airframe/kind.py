@@ -13,7 +13,7 @@ from importlib import resources
 from itertools import chain
 from typing import TYPE_CHECKING
 
-from geo.imports import entry_points, load_entry
+from geo.imports import entry_named, entry_points, load_entry
 from sim_vehicle.airframe.power_spec import AnyPowerSpec, PowerSpec
 from sim_vehicle.errors import VehicleError
 
@@ -147,7 +147,7 @@ def get_kind(name: str) -> VehicleKind:
 
 @cache
 def _registered(name: str) -> VehicleKind:
-    entry = next((entry for entry in entry_points(KIND_GROUP) if entry.name == name), None)
+    entry = entry_named(KIND_GROUP, name)
     if entry is None:
         raise VehicleError(f"kind {name!r} is not one of {', '.join(kind_names())}{not_installed()}")
     found = load_entry(entry, f"vehicle kind {name}", VehicleError)

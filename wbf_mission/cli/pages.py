@@ -7,7 +7,7 @@ from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
-from geo.imports import entry_points, load_entry
+from geo.imports import load_named
 from wbf_mission.cli.options import TargetError
 
 if TYPE_CHECKING:
@@ -68,8 +68,4 @@ def bench_page() -> BenchPage:
 
 
 def _provided(name: str) -> Any:
-    entry = next((entry for entry in entry_points(GROUP) if entry.name == name), None)
-    if entry is None:
-        msg = f"no package that is installed brings the page '{name}' ({GROUP}): install wbf-mission anew"
-        raise TargetError(msg)
-    return load_entry(entry, f"the page {name}", TargetError)
+    return load_named(GROUP, name, "brings the page", "the page", TargetError)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
-from geo.imports import entry_points, load_entry
+from geo.imports import entry_points, load_named
 from wbf_mission.results.storage import ResultError
 
 if TYPE_CHECKING:
@@ -45,9 +45,5 @@ def product_names() -> frozenset[str]:
 
 def product(name: str) -> Product:
     """Return a product by name; ResultError if no installed package provides it."""
-    entry = next((entry for entry in entry_points(GROUP) if entry.name == name), None)
-    if entry is None:
-        msg = f"no package that is installed makes '{name}' ({GROUP}): install wbf-mission anew"
-        raise ResultError(msg)
-    made: Product = load_entry(entry, f"the product {name}", ResultError)
+    made: Product = load_named(GROUP, name, "makes", "the product", ResultError)
     return made

@@ -322,9 +322,8 @@ def _is_ours(name: str) -> bool:
         ("vehicle-", ".toml"),
         ("report-", ".html"),
     )
-    return name in _NAMES | product_names() or any(
-        name.startswith(start) and name.endswith(end) for start, end in many
-    )
+    is_named = name in _NAMES or any(name.startswith(start) and name.endswith(end) for start, end in many)
+    return is_named or name in product_names()
 
 
 _NAMES = frozenset(

@@ -150,6 +150,8 @@ Item = TypeVar("Item")
 def in_parallel(work: Callable[[Sequence[Item]], None], items: Sequence[Item]) -> None:
     """Call `work` with parts of the items in threads on all cores; `work` must release the GIL."""
     cores = os.cpu_count() or 1
+    if not items:
+        return
     if len(items) < 2 or cores == 1:
         work(items)
         return
@@ -276,8 +278,8 @@ class NodeLattice:
         if whole:
             value[:] = min(max(mean, limits[0]), limits[1])
             uncertainty[:] = math.sqrt(kernel.amplitude + kernel.noise)
-        tiles = np.argwhere(self._touched if whole else self._unwritten)
-        boxes = list(self._boxes(self._touched if whole else self._unwritten))
+        wanted = self._touched if whole else self._unwritten
+        tiles, boxes = np.argwhere(wanted), list(self._boxes(wanted))
         self._unwritten[:] = False
         posterior = self.posterior
 
@@ -287,7 +289,7 @@ class NodeLattice:
                 write_from_nodes(posterior[0], *weights, box, prior, limits, value, uncertainty)
 
         def work_of_cells(numbers: Sequence[int]) -> None:
-            part = cells[numbers[0] : numbers[-1] + 1] if numbers else cells
+            part = cells[numbers[0] : numbers[-1] + 1]
             write_cells(posterior, part, prior, limits, value, uncertainty)
 
         if self._single:

@@ -154,8 +154,7 @@ class LocalPosterior:
                 posterior,
             )
 
-        if len(tiles):
-            in_parallel(work, range(len(tiles)))
+        in_parallel(work, range(len(tiles)))
         self.lattice.changed(self._waiting)
         self._waiting[:] = False
 

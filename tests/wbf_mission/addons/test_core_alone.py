@@ -8,8 +8,9 @@ from pathlib import Path
 import pytest
 from bench_rows import made_row
 
+from geo import imports
 from wbf_mission.bench.rows import BenchStore
-from wbf_mission.cli import pages
+from wbf_mission.cli.pages import GROUP
 from wbf_mission.cli.app import main
 
 HIDDEN = Path(__file__).parents[2] / "support" / "core_alone"
@@ -150,7 +151,8 @@ def test_add_ons_ask_for_pages_as_the_core_does(tmp_path, monkeypatch, capsys, c
     store.close()
     there = sorted(tmp_path.rglob("*"))
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(pages, "entry_points", lambda group: [])
+    found = imports.entry_points
+    monkeypatch.setattr(imports, "entry_points", lambda group: [] if group == GROUP else found(group))
     assert main(command.split()) == 2
     assert f"brings the page '{page}' (wbf_mission.pages)" in capsys.readouterr().err
     assert sorted(tmp_path.rglob("*")) == there

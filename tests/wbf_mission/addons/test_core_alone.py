@@ -10,8 +10,8 @@ from bench_rows import made_row
 
 from geo import imports
 from wbf_mission.bench.rows import BenchStore
-from wbf_mission.cli.pages import GROUP
 from wbf_mission.cli.app import main
+from wbf_mission.cli.pages import GROUP
 
 HIDDEN = Path(__file__).parents[2] / "support" / "core_alone"
 ROOT = Path(__file__).parents[3]

@@ -11,10 +11,11 @@ from sensors.dynamics.epidemic import outbreak_of
 from sensors.estimators import make_estimator
 from sensors.fields import PAPER_FIELDS
 from sensors.observations import Observations
-from sensors.scoring.information import InformationModel
+from sensors.scoring import information
+from sensors.scoring.information import InformationModel, least_sick
 from wbf_mission.maps import block_sums, blocks
 from wbf_mission.maps.blocks import MapGrid
-from wbf_mission.maps.field_maps import FieldMap, field_maps, true_map
+from wbf_mission.maps.field_maps import FieldMap, field_maps, pixel_sums, true_map
 from wbf_mission.maps.report import brief, farm_report, gamma_interval, report_of_maps
 from wbf_mission.pictures import plots
 
@@ -57,6 +58,28 @@ def test_sums_of_pixels_are_those_of_plain_loops(width, height, pixel, seed):
             np.testing.assert_allclose(sums[i, j], expected, atol=1e-9)
             assert least[i, j] == v.min(initial=np.inf)
             assert squares[i, j] == pytest.approx((v**2).sum())
+
+
+def test_maps_from_strips_of_probabilities_are_those_of_the_whole_farm_to_the_last_bit(monkeypatch):
+    """Strips are of 9 columns, as pixels are of 3 cells."""
+    monkeypatch.setattr(information, "_STRIP_COLUMNS", 10)
+    farm = get_farm("miniberry-100")
+    grid = replace(MapGrid.of(farm), pixel=3)
+    farm_x, farm_y = farm.grid().shape
+    rng = np.random.default_rng(3)
+    sick = (0.3 * rng.random((farm_x, farm_y))).astype(np.float32)
+    classes = {"tylcv": np.stack([1.0 - sick, 0.5 * sick, 0.5 * sick])}
+    value = np.stack([1.0 - sick, np.ones_like(sick), np.full_like(sick, 0.5)])
+    mask = PAPER_FIELDS["tylcv"].mask(farm.grid())
+    x, y = (int(cell[0]) for cell in np.nonzero(mask))
+    model = InformationModel(value, np.full_like(value, 0.1), probabilities=classes)
+    made = field_maps(farm, model, look([(x, y)], [(1.0, np.nan, np.nan)]), grid=grid)[0]
+    sums, _ = pixel_sums(grid, mask, classes["tylcv"][0])
+    np.testing.assert_array_equal(made.total, sums[..., blocks.ILLNESS])
+    unseen = mask.copy()
+    unseen[x, y] = False
+    unseen &= sick >= least_sick(1.0 - classes["tylcv"][0][unseen])
+    np.testing.assert_array_equal(made.may_be_sick, pixel_sums(grid, unseen, value[0])[0][..., blocks.COUNT])
 
 
 @pytest.mark.kernel

@@ -15,11 +15,13 @@ from mission.link.tlog import read_tlog
 from mission.outcome import Outcome
 from sensors.observations import Observations
 from wbf_mission.flight import Simulated, fly
+from wbf_mission.progress import Progress
 from wbf_mission.results import writing
 from wbf_mission.results.files import FORMAT
 from wbf_mission.results.result import Result, load_result
 from wbf_mission.results.storage import ResultError
 from wbf_mission.results.writing import ResultFolder, run_name
+from wbf_mission.run.record import RunRecord
 from wbf_mission.scenario import Scenario, scenario_with
 
 SMALL = Scenario(farm="miniberry-10", planner="lawnmower", vehicle="ideal", seed=3, estimator="adaptive-disk")
@@ -291,3 +293,31 @@ def test_damaged_results_are_refused_in_one_line(result: Result, tmp_path: Path,
         load_result(folder)
     assert "\n" not in str(caught.value)
     assert str(tmp_path) in str(caught.value)
+
+
+def test_products_that_need_the_estimate_come_first_and_one_that_is_broken_off_leaves_nothing(
+    result: Result, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class Made:
+        def __init__(self, needs_estimate: bool) -> None:
+            self.needs_estimate = needs_estimate
+
+        def is_possible(self, run: RunRecord) -> bool:
+            return True
+
+        def write(self, run: RunRecord, path: Path, progress: Progress) -> None:
+            wrote.append((path.name, run.model is not None))
+            path.mkdir()
+            (path / "half").touch()
+            if not self.needs_estimate:
+                raise KeyboardInterrupt
+
+    wrote: list[tuple[str, bool]] = []
+    made = {"late": Made(needs_estimate=False), "early": Made(needs_estimate=True)}
+    monkeypatch.setattr(writing, "product", made.__getitem__)
+    monkeypatch.setattr(writing, "product_names", lambda: frozenset(made))
+    with pytest.raises(KeyboardInterrupt), ResultFolder(tmp_path / "run") as folder:
+        folder.write(dataclasses.replace(result), plots=False, products=list(made), release=True)
+    assert wrote == [("early", True), ("late", False)]
+    assert (tmp_path / "run" / "early" / "half").is_file() and not (tmp_path / "run" / "late").exists()
+    assert load_result(tmp_path / "run") == result

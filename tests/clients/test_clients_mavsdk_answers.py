@@ -173,7 +173,8 @@ def test_offboard_attitudes_fly_in_the_order_of_the_example(connected, tools):
     from mavsdk.plugins.offboard import Attitude, Offboard
     from mavsdk.plugins.telemetry import Telemetry
 
-    flying, system = connected("px4")
+    # MAVSDK repeats a setpoint every 50 ms of real time; PX4 leaves offboard mode after 1 s of its own.
+    flying, system = connected("px4", speed=2.0)
     telemetry, action, offboard = Telemetry(system), Action(system), Offboard(system)
     tools.wait_until(telemetry.health_all_ok, what="health all ok")
     action.arm()

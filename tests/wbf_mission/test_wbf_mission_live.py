@@ -148,15 +148,17 @@ def test_a_policy_changes_the_mission_of_the_vehicle_behind_the_link():
 def test_what_a_policy_flies_behind_a_link_is_what_it_flies_offline(autopilot):
     """In length; the number of changes varies with the moment at which each answer is there.
 
-    No faster than twice real time: the computer's time for an answer counts as the vehicle's.
+    No faster than twice real time: the computer's time for an answer counts as the vehicle's, which waits at
+    the end of its path for a late answer. On a busy computer the path was up to 12 % shorter.
     """
     given = {"farm": "miniberry-100", "policy": "rolling-horizon", "estimator": "adaptive-disk"}
     given |= {"budget": "2min", "autopilot": autopilot}
     offline = fly(Scenario(**given))
     with stand_in(autopilot, farm="miniberry-100", speed=2.0) as (url, _):
         live = fly(Scenario(**given), by=LiveLink(url, Watcher(images=10**9)))
-    lengths_m = [one.flights[0].track.length_m for one in (offline, live)]
-    assert lengths_m[1] == pytest.approx(lengths_m[0], rel=0.1)
+    (alone,), (behind,) = offline.flights, live.flights
+    assert 0.75 * alone.track.length_m < behind.track.length_m < 1.1 * alone.track.length_m
+    assert 0.9 * alone.flight_time_s < behind.flight_time_s <= 120.0
     flown, came = (
         sum(change.outcome == "flown" for record in one.decisions for change in record.changes)
         for one in (offline, live)
@@ -371,7 +373,7 @@ def test_a_vehicle_that_is_never_heard_again_is_not_waited_for_for_ever(monkeypa
 
 @pytest.mark.slow
 def test_ctrl_c_and_then_go_on(tmp_path):
-    with stand_in() as (url, _):
+    with stand_in(speed=4.0) as (url, _):
         # What is no answer is asked again.
         answers = [START, (FLIES, interrupt), (ASKED, b"banana\n"), (ASKED, b"c\n")]
         code, summary, _ = talk(url, answers, tmp_path)

@@ -164,7 +164,7 @@ def test_over_a_serial_line():
         [sys.executable, "-c", PUMP, str(ours), str(far)], pass_fds=(ours, far), stdin=subprocess.DEVNULL
     )
     try:
-        with stand_in(listen=f"serial:{os.ttyname(theirs)}:57600") as (_, made):
+        with stand_in(listen=f"serial:{os.ttyname(theirs)}:57600", speed=PATIENT) as (_, made):
             url = f"serial:{os.ttyname(near)}:57600"
             plans = plans_about(made.vehicle.home)
             assert upload(plans, url, open_driver=driver("mavsdk")).verified

@@ -5,11 +5,9 @@ from __future__ import annotations
 import csv
 import re
 from collections.abc import Callable, Iterable, Iterator
-from functools import cache, partial
+from functools import partial
 from pathlib import Path
 from typing import Any
-
-import typer.main
 
 from mission.link.codec.dialect import mavlink
 from mission.transfer.client_table import CLIENT_TABLE
@@ -17,19 +15,9 @@ from mission.transfer.server_table import SERVER_TABLE
 from sim_vehicle.autopilot.px4 import PX4
 from sim_vehicle.autopilot.px4.firmware import SITL_LINKS
 from sim_vehicle.faults.fault import KINDS
-from wbf_mission.cli.app import app
-from wbf_mission.scenario.scenario import all_options
 
 _DOCS = Path(__file__).parent
 _MARK = re.compile(r"^<!-- table: ([\w-]+) -->$", re.MULTILINE)
-_REFUSALS = re.compile(r" \((?:not|only) with [^)]*\)")
-_ON_THE_PAGE = {"--help-all", "--json", "--quiet"}
-_PARTS = {
-    "--wind": ("wind_speed_m_s", "wind_direction_deg", "wind_gust_m_s"),
-    "--wind-shear": ("wind_shear", "wind_roughness_m", "wind_exponent", "wind_height_m"),
-}
-"""Keys of the parts of an option's value."""
-_DEFAULT = re.compile(r"  \[default: .*\]$")
 
 
 def with_tables(page: str) -> str:
@@ -41,43 +29,6 @@ def _table(head: Iterable[str], rows: Iterable[Iterable[str]]) -> Iterator[str]:
     head = list(head)
     for row in (head, ["---"] * len(head), *rows):
         yield f"| {' | '.join(row)} |"
-
-
-@cache
-def commands() -> dict[str, Any]:
-    """Return the commands by their names, such as ``farm show``."""
-    found: dict[str, Any] = {}
-    for name, command in typer.main.get_command(app).commands.items():  # type: ignore[attr-defined]
-        inner = getattr(command, "commands", None)
-        found |= {name: command} if inner is None else {f"{name} {part}": of for part, of in inner.items()}
-    return found
-
-
-def options() -> Iterator[tuple[str, str, str, list[str]]]:
-    """Yield flags, meaning, key in a scenario file, and commands; a row for each meaning of an option."""
-    texts: dict[tuple[str, str], dict[str, list[str]]] = {}
-    for name, command in commands().items():
-        for param in command.params:
-            if param.param_type_name == "option" and not _ON_THE_PAGE & {*param.opts}:
-                flags = ", ".join(f"`{flag}`" for flag in (*param.opts, *param.secondary_opts))
-                text = _REFUSALS.sub("", param.help or "")
-                meaning = _DEFAULT.sub("", text)
-                texts.setdefault((flags, meaning), {}).setdefault(text, []).append(name)
-    keys = {option.flag: (key,) for key, (_, _, option) in all_options().items()} | _PARTS
-    for (flags, meaning), names in sorted(texts.items()):
-        # A default is told where all commands have the same.
-        meaning = next(iter(names)) if len(names) == 1 else meaning
-        where = sorted(name for each in names.values() for name in each)
-        first = flags.split(",")[0].strip("`")
-        yield flags, meaning, ", ".join(f"`{key}`" for key in keys.get(first, ())), where
-
-
-def _options() -> Iterator[str]:
-    rows = (
-        (flags, meaning.replace("|", "\\|"), key, ", ".join(f"`{name}`" for name in where))
-        for flags, meaning, key, where in options()
-    )
-    return _table(("option", "meaning", "key in a scenario file", "commands"), rows)
 
 
 def _checks() -> Iterator[str]:
@@ -150,7 +101,6 @@ def _rates() -> Iterator[str]:
 
 
 TABLES: dict[str, Callable[[], Iterator[str]]] = {
-    "options": _options,
     "checks": _checks,
     "conformance": _conformance,
     "real-autopilots": partial(_file, "real-autopilots.csv"),

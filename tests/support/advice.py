@@ -1,10 +1,23 @@
 """What the command line advises: an option that it names has to be one of the command that names it."""
 
 import re
+from functools import cache
 
-from page_tables import commands
+import typer.main
+
+from wbf_mission.cli.app import app
 
 FLAG = re.compile(r"(?<![\w-])--[a-z][a-z0-9-]*(?![\w{-])")
+
+
+@cache
+def commands():
+    """The commands by their names, such as "farm show"."""
+    found = {}
+    for name, command in typer.main.get_command(app).commands.items():
+        inner = getattr(command, "commands", None)
+        found |= {name: command} if inner is None else {f"{name} {one}": of for one, of in inner.items()}
+    return found
 
 
 def flags_of(name):

@@ -66,7 +66,7 @@ def _entry(feature: Any, number: int, own: Coordinates | None) -> Entry:
         raise FarmError(f'{where}: is not a GeoJSON "Feature"')
     properties = feature.get("properties")
     if not isinstance(properties, dict | None):
-        raise FarmError(f'{where}: its "properties" are {shortened(properties)}, no names with values')
+        raise FarmError(f'{where}: its "properties" are {shortened(properties)}, not an object')
     if "geometry" not in feature:
         raise FarmError(f'{where}: has no "geometry"; write null where there is none')
     properties = properties or {}

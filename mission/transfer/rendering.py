@@ -225,7 +225,7 @@ class _Writer:
         self.entries = sorted(written, key=lambda entry: entry[0])
 
     def _keep_yaw(self, written: list[tuple[int, MissionItem]], number: int) -> None:
-        """Restore a CONDITION_YAW without a suitable waypoint, for an error remark."""
+        """Keep a CONDITION_YAW that no waypoint can take over; a later step reports the error."""
         self.remarks = [remark for remark in self.remarks if remark.item != number]
         written.append((number, self.mission.items[number]))
 

@@ -9,8 +9,11 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from mission.link.codec.dialect import mavlink
 from mission.transfer.client_table import CLIENT_TABLE
 from mission.transfer.server_table import SERVER_TABLE
+from sim_vehicle.autopilot.px4 import PX4
+from sim_vehicle.autopilot.px4.firmware import SITL_LINKS
 from sim_vehicle.faults.fault import KINDS
 
 _DOCS = Path(__file__).parent
@@ -33,6 +36,12 @@ def _checks() -> Iterator[str]:
 
     rows = ((f"`{check.id}`", check.text, check.required_of, check.suffers) for check in all_checks())
     return _table(("id", "requirement", "required of", "otherwise trouble for"), rows)
+
+
+def _training() -> Iterator[str]:
+    from wbf_mission.addons.rl import interfaces
+
+    yield from ("```text", *(str(interface) for interface in interfaces()), "```")
 
 
 def _faults() -> Iterator[str]:
@@ -69,15 +78,37 @@ def _conformance() -> Iterator[str]:
         yield ""
 
 
-def _real_autopilots() -> Iterator[str]:
-    rows = rows_of("real-autopilots.csv")
-    return _table(rows[0], (row.values() for row in rows))
+def _file(name: str, **wanted: str) -> Iterator[str]:
+    rows = [row for row in rows_of(name) if wanted.items() <= row.items()]
+    columns = [column for column in rows[0] if column not in wanted]
+    return _table(columns, ([row[column] for column in columns] for row in rows))
+
+
+def _rates() -> Iterator[str]:
+    links = {
+        "default": PX4.for_vehicle("multirotor").mavlink.rates_hz,
+        "PX4: ground station": SITL_LINKS["ground"],
+        "API": SITL_LINKS[""],
+        "payload": SITL_LINKS["payload"],
+        "gimbal": SITL_LINKS["gimbal"],
+    }
+    names = {mavlink.mavlink_map[kind].msgname: kind for rates in links.values() for kind in rates}
+    rows = (
+        (name, *(f"{rates[kind]:.3g}" if kind in rates else "-" for rates in links.values()))
+        for name, kind in sorted(names.items())
+    )
+    return _table(("message", *links), rows)
 
 
 TABLES: dict[str, Callable[[], Iterator[str]]] = {
     "checks": _checks,
     "conformance": _conformance,
-    "real-autopilots": _real_autopilots,
+    "real-autopilots": partial(_file, "real-autopilots.csv"),
+    "findings-in-the-plan": partial(_file, "preflight.csv", part="plan"),
+    "findings-in-the-vehicle": partial(_file, "preflight.csv", part="vehicle"),
+    "client-examples": partial(_file, "client-examples.csv"),
+    "rates": _rates,
+    "training": _training,
     "faults": _faults,
     "ground-station": partial(_transitions, CLIENT_TABLE),
     "vehicle": partial(_transitions, SERVER_TABLE),

@@ -35,9 +35,13 @@ FLY = (
 SMALL = ("--farm", "miniberry-100", "--budget", "300s")
 SERIES = {
     "cells": {
-        n: ("--farm", str(n), "--budget", "300s", "--no-cache") for n in (10**3, 10**4, 10**5, 10**6, 10**7)
+        n: ("--farm", str(n), "--planner", "random-waypoint", "--budget", "300s", "--no-cache")
+        for n in (10**3, 10**4, 10**5, 10**6, 10**7)
     },
-    "minutes of flight": {n: ("--farm", "waterberry", "--budget", f"{n}min") for n in (2, 4, 8, 16)},
+    "minutes of flight": {
+        n: ("--farm", "waterberry", "--planner", "random-waypoint", "--budget", f"{n}min")
+        for n in (2, 4, 8, 16)
+    },
     "vehicles": {n: (*SMALL, "--vehicles", str(n)) for n in (1, 2, 4, 8)},
     "days": {n: (*SMALL, "--days", str(n)) for n in (1, 2, 4, 8, 16)},
 }

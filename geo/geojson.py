@@ -37,7 +37,7 @@ def read_geojson(path: Path, crs: str | None = None) -> Document:
     own = None
     for document in _documents(path):
         if crs is not None and document.get("crs") is not None:
-            raise FarmError(f"has a coordinate system of its own; leave out that it is {crs!r:.60}")
+            raise FarmError(f"has a coordinate system of its own; leave out {crs!r:.60}")
         features = _features(document)
         own = given if features is None else _crs(document, "the file", given)
         if features is not None:

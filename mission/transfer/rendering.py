@@ -54,7 +54,7 @@ class Rendered:
         return self.origins if kind is MissionType.MISSION else tuple(range(len(self.mission.plan(kind))))
 
     def index_of(self, item: int) -> int:
-        """Return the number in the converted mission of an original item, or of the next item kept."""
+        """Return the new number of an original item, or of the next item if it was removed."""
         return bisect_left(self.origins, item)
 
 

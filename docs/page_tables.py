@@ -1,14 +1,19 @@
-"""Tables that the site makes of the code: a line ``<!-- table: NAME -->`` of a page stands for a table."""
+"""Parts of pages that the site makes of the code.
+
+A line ``<!-- table: NAME -->`` stands for a table, a block ``{reference}`` of names for their docstrings.
+"""
 
 from __future__ import annotations
 
 import csv
+import inspect
 import re
 from collections.abc import Callable, Iterable, Iterator
 from functools import partial
 from pathlib import Path
 from typing import Any
 
+import wbf_mission
 from mission.link.codec.dialect import mavlink
 from mission.transfer.client_table import CLIENT_TABLE
 from mission.transfer.server_table import SERVER_TABLE
@@ -17,12 +22,28 @@ from sim_vehicle.autopilot.px4.firmware import SITL_LINKS
 from sim_vehicle.faults.fault import KINDS
 
 _DOCS = Path(__file__).parent
+_REFERENCE = re.compile(r"^```\{reference\}\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 _MARK = re.compile(r"^<!-- table: ([\w-]+) -->$", re.MULTILINE)
 
 
 def with_tables(page: str) -> str:
     """Return the text of a page with its tables."""
+    page = _REFERENCE.sub(lambda found: "\n".join(_reference(found[1].split())), page)
     return _MARK.sub(lambda found: "\n".join(TABLES[found[1]]()), page)
+
+
+def _reference(names: Iterable[str]) -> Iterator[str]:
+    yield "```{eval-rst}"
+    for name in names:
+        found = getattr(wbf_mission, name)
+        if inspect.isclass(found) and issubclass(found, Exception):
+            yield from (f".. autoexception:: wbf_mission.{name}", "   :show-inheritance:")
+        elif inspect.isclass(found):
+            yield from (f".. autoclass:: wbf_mission.{name}", "   :members:")
+        else:
+            yield f".. auto{'function' if inspect.isfunction(found) else 'data'}:: wbf_mission.{name}"
+        yield ""
+    yield "```"
 
 
 def _table(head: Iterable[str], rows: Iterable[Iterable[str]]) -> Iterator[str]:

@@ -57,10 +57,9 @@ def lighten(dialect: Any) -> None:
 
 
 _PRIVATE = "_crc _fieldnames _header _instance_field _instances _link_id _msgbuf _payload _signed _type"
-IS_KNOWN_INSIDE = (
-    " ".join(sorted(vars(generated.MAVLink_message(0, "")))) == _PRIVATE
-    and "_text_raw" in vars(generated.MAVLink_statustext_message(6, b""))
-)
+IS_KNOWN_INSIDE = " ".join(
+    sorted(vars(generated.MAVLink_message(0, "")))
+) == _PRIVATE and "_text_raw" in vars(generated.MAVLink_statustext_message(6, b""))
 """Whether messages have the private attributes that `lighten` and `FrameWriter` use; else these use none."""
 
 extend(generated)

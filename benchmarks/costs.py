@@ -32,7 +32,7 @@ FLY = (
     "--score-points",
     "4",
 )
-SMALL = ("--farm", "miniberry-100", "--budget", "300s")
+SMALL = ("--farm", "1000000", "--planner", "random-waypoint", "--budget", "300s")
 SERIES = {
     "cells": {
         n: ("--farm", str(n), "--planner", "random-waypoint", "--budget", "300s", "--no-cache")

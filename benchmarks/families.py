@@ -122,8 +122,8 @@ def _calibration(rows: Sequence[BenchRow]) -> Iterator[str]:
     yield from ("", "## Calibration", "")
     yield _wrapped(
         "Of unobserved cells at the end of a run, mean over scenarios, planners and environments: for a"
-        " disease the share of sick plants among those stated as possibly sick (nominal: 90 %), in brackets that of"
-        " healthy plants; for other fields the share of cells within the 90 % interval."
+        " disease the share of sick plants among those stated as possibly sick (nominal: 90 %), in brackets"
+        " that of healthy plants; for other fields the share of cells within the 90 % interval."
     )
     every = families()
     shown = list(dict.fromkeys(name for family in every for name in family.estimators))

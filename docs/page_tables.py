@@ -1,6 +1,7 @@
 """Parts of pages that the site makes of the code.
 
-A line ``<!-- table: NAME -->`` stands for a table, a block ``{reference}`` of names for their docstrings.
+A line ``<!-- table: NAME -->`` stands for a table, a block ``{reference}`` of names for their docstrings, and
+``<!-- contents -->`` for the hidden tables of contents of the pages that the page's own table links to.
 """
 
 from __future__ import annotations
@@ -22,6 +23,9 @@ from sim_vehicle.autopilot.px4.firmware import SITL_LINKS
 from sim_vehicle.faults.fault import KINDS
 
 _DOCS = Path(__file__).parent
+_CONTENTS = "<!-- contents -->"
+_ROW = re.compile(r"^\| ([^|]+ \|.*\]\(.*) \|$", re.MULTILINE)
+_LINK = re.compile(r"\]\(([^)#]+)\.md\)")
 _REFERENCE = re.compile(r"^```\{reference\}\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 _MARK = re.compile(r"^<!-- table: ([\w-]+) -->$", re.MULTILINE)
 
@@ -29,7 +33,15 @@ _MARK = re.compile(r"^<!-- table: ([\w-]+) -->$", re.MULTILINE)
 def with_tables(page: str) -> str:
     """Return the text of a page with its tables."""
     page = _REFERENCE.sub(lambda found: "\n".join(_reference(found[1].split())), page)
+    page = page.replace(_CONTENTS, "\n".join(_contents(page)))
     return _MARK.sub(lambda found: "\n".join(TABLES[found[1]]()), page)
+
+
+def _contents(page: str) -> Iterator[str]:
+    for row in _ROW.findall(page):
+        *about, pages = row.split(" | ")
+        captions = [f":caption: {about[0]}"] if len(about) > 1 else []
+        yield from ("```{toctree}", ":hidden:", *captions, "", *_LINK.findall(pages), "```", "")
 
 
 def _reference(names: Iterable[str]) -> Iterator[str]:

@@ -63,8 +63,8 @@ def parse_named(text: str) -> tuple[str, dict[str, Parameter]]:
 def format_named(name: str, parameters: Mapping[str, object]) -> str:
     """Return a name and its parameters as one text for `parse_named`.
 
-    All values that `parse_named` returns keep their value: finite numbers, true, false and none, texts
-    without quotation marks, and sequences of these.
+    Reading the text again gives equal values for everything `parse_named` can return: finite numbers, true,
+    false and none, texts without quotation marks, and sequences of these.
 
     Examples
     --------

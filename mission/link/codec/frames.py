@@ -4,8 +4,8 @@ Messages and field tables are those of pymavlink's generated codec. For unsigned
 fields, this module compiles the tables into pack and unpack functions. Creating and packing a message is 3.7
 times as fast, unpacking 3.5 times (CPU time of six telemetry and camera messages, against pymavlink 2.4.50).
 These functions use private attributes of the generated messages, so pyproject.toml pins pymavlink, and a test
-compares both codecs. All other frames use the generated ``pack`` and ``decode``. If a version of
-pymavlink has other attributes, all frames use them.
+compares both codecs. All other frames use the generated ``pack`` and ``decode``, and so do all frames if a
+version of pymavlink has other attributes.
 
 Frame layout: https://mavlink.io/en/guide/serialization.html.
 """

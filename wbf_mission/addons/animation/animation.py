@@ -414,8 +414,8 @@ class _Animation:
     def require(self, scenario: Scenario) -> None:
         pass
 
-    def is_possible(self, run: RunRecord) -> bool:
-        return any(len(flight.track.time_s) for flight in run.flights)
+    def files(self, run: RunRecord) -> list[str]:
+        return ["run.gif"] * any(len(flight.track.time_s) for flight in run.flights)
 
     def write(
         self,

@@ -7,8 +7,7 @@ import pytest
 from wbf_mission import Scenario
 from wbf_mission.cli.app import main
 from wbf_mission.planning.sorties import sorties_of
-from wbf_mission.run.batteries import batteries_in, plan_for_batteries
-from wbf_mission.run.plan import plan
+from wbf_mission.run.plan import batteries_in, plan, plan_for_batteries
 from wbf_mission.scenario import ScenarioError
 
 FARM = "miniberry-100"

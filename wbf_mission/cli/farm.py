@@ -160,13 +160,14 @@ def draw_command(
     out: Annotated[Path | None, option("PNG file.  [default: FARM.png]")] = None,
 ) -> None:
     """Draw a farm's crops, the owner's border, obstacles and home as a PNG picture."""
-    from wbf_mission.pictures.plots import plot_farm
+    from wbf_mission.results.products import PICTURES, product
 
+    made: Any = product(PICTURES)
     shown = _load(given, farm, output)
     target = out or _file_name(shown.name)
     refuse_overwrite(target, [farm])
     _require_suffix(target, ".png")
-    plot_farm(shown, target)
+    made.plot_farm(shown, target)
     output.result({"file": str(target)}, title="Drawn")
 
 

@@ -1,1 +1,1 @@
-"""Pictures of plans, flights, estimates and scores."""
+"""Figures, colours and farms by matplotlib."""

@@ -137,6 +137,18 @@ def test_a_product_that_no_add_on_makes_is_refused_before_anything_flies(tmp_pat
     assert list(tmp_path.iterdir()) == []
 
 
+def test_without_the_add_on_a_flight_is_saved_without_pictures(tmp_path):
+    command = "fly --farm miniberry-10 --vehicle ideal --budget 9steps --out flown"
+    done = run(tmp_path, *command.split())
+    said = "note: no pictures: no package that is installed makes 'path.png' (wbf_mission.products)\n"
+    assert (done.returncode, done.stderr.count(said)) == (0, 1), done.stderr
+    assert (tmp_path / "flown" / "result.json").is_file() and not list(tmp_path.rglob("*.png"))
+    done = run(tmp_path, "farm", "draw", "miniberry-10", "--out", "farm.png")
+    told = "error: no package that is installed makes 'path.png' (wbf_mission.products): "
+    assert (done.returncode, done.stderr) == (2, told + "install wbf-mission anew\n")
+    assert not (tmp_path / "farm.png").exists()
+
+
 @pytest.mark.parametrize(
     ("command", "page"),
     [

@@ -19,8 +19,7 @@ from wbf_mission.bench.intervals import Interval, mean_intervals
 from wbf_mission.bench.page import Table
 from wbf_mission.bench.report import draw_mean_score, scores_at
 from wbf_mission.bench.rows import BenchRow, by_pair
-from wbf_mission.pictures.path_plot import FLOWN
-from wbf_mission.pictures.plots import LAND, WORST_COLOURS, draw_farm, new_sheet, save_sheet
+from wbf_mission.pictures.plots import FLOWN, LAND, WORST_COLOURS, draw_farm, new_sheet, save_sheet
 from wbf_mission.scenario import Scenario
 
 if TYPE_CHECKING:

@@ -28,12 +28,11 @@ from wbf_mission.addons.web.newest import NewestOnly
 from wbf_mission.planning import PlanResult
 from wbf_mission.planning.builder import coverage_together
 from wbf_mission.planning.fleet import SingleVehicle, single_vehicles
-from wbf_mission.planning.sorties import SortiePlan, is_too_long, sorties_of
+from wbf_mission.planning.sorties import SortiePlan, sorties_of
 from wbf_mission.preflight.finding import Finding, Report
 from wbf_mission.preflight.run import check_plan
 from wbf_mission.progress import Progress
-from wbf_mission.run.batteries import batteries_in, plan_for_batteries
-from wbf_mission.run.plan import plan_fleet
+from wbf_mission.run.plan import batteries_in, plan_fleet, plan_for_batteries
 from wbf_mission.scenario import Scenario, scenario_with
 from wbf_mission.scenario.choice import names_of
 from wbf_mission.scenario.option import Option
@@ -320,7 +319,7 @@ def planned(draft: Draft, progress: Progress) -> PlannedDraft:
     scenario, vehicles = draft.scenario, single_vehicles(draft.scenario)
 
     def cut(plan: PlanResult, one: SingleVehicle = vehicles[0]) -> SortiePlan | None:
-        return sorties_of(plan, one) if is_too_long(plan) else None
+        return sorties_of(plan, one) if plan.is_too_long else None
 
     results: tuple[PlanResult, ...]
     batteries = batteries_in(scenario.mission.budget)

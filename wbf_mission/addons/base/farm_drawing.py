@@ -12,8 +12,8 @@ import shapely
 from numpy.typing import NDArray
 
 from geo import Farm
+from wbf_mission.addons.base.html_page import data_uri
 from wbf_mission.maps.blocks import MapGrid
-from wbf_mission.maps.html_page import data_uri
 
 Colours = NDArray[np.uint8]
 

@@ -1,13 +1,17 @@
-"""The picture of the paths: by day or vehicle, and where the mind was changed."""
+"""The picture of the paths: by day or vehicle, and where the mind was changed; obstacles on a farm."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+import shapely
 
+from geo import Obstacle, get_farm
+from wbf_mission.addons.pictures import path_plot
+from wbf_mission.addons.pictures.path_plot import changes_flown, plot_run, rest_of_path
+from wbf_mission.addons.pictures.sheets import plot_farm
 from wbf_mission.flight import fly
-from wbf_mission.pictures import path_plot
-from wbf_mission.pictures.path_plot import changes_flown, plot_run, rest_of_path
 from wbf_mission.replanning.record import DecisionRecord, PathChange
 from wbf_mission.scenario import Scenario
 
@@ -60,3 +64,11 @@ def test_flights_are_told_apart(
     assert picture.read_bytes().startswith(b"\x89PNG")
     handles, found = drawn[0].axes[0].get_legend_handles_labels()
     assert set(found) == labels and len(handles) == len(labels)
+
+
+def test_obstacles_are_in_the_picture_of_a_farm(tmp_path: Path) -> None:
+    farm = replace(get_farm("miniberry-10"), obstacles=(Obstacle(shapely.box(1.0, 1.0, 1.6, 1.6)),))
+    bare = plot_farm(get_farm("miniberry-10"), tmp_path / "bare.png").read_bytes()
+    drawn = plot_farm(farm, tmp_path / "farm.png").read_bytes()
+    assert drawn.startswith(b"\x89PNG")
+    assert drawn != bare

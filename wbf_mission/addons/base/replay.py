@@ -19,6 +19,7 @@ from mission.link.codec.dialect import mavlink as m
 from mission.link.codec.typed import is_a
 from mission.link.tlog import read_tlog
 from mission.model import Command
+from wbf_mission.addons.base.relearning import estimates_again, fresh_estimator, kept_truths
 from wbf_mission.events import (
     DayBegun,
     Decided,
@@ -35,7 +36,6 @@ from wbf_mission.events import (
 )
 from wbf_mission.progress import Progress, silent
 from wbf_mission.results.storage import ResultError
-from wbf_mission.run.relearning import estimates_again, fresh_estimator, kept_truths
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from wbf_mission.pictures.plots import draw_farm, new_figure, save_figure
+from wbf_mission.pictures.plots import FLOWN, draw_farm, new_figure, save_figure
 from wbf_mission.replanning.record import PLANNED_PATH, DecisionRecord, PathChange
 from wbf_mission.run.record import FlightRecord
 
@@ -18,7 +18,6 @@ if TYPE_CHECKING:
 
     from wbf_mission.run.record import RunRecord
 
-FLOWN = "#c8102e"
 PLANNED = "#1f4e79"
 CHANGED = "#0b6e4f"
 MOST_ABANDONED = 12

@@ -12,6 +12,8 @@ from mission.model import Command
 from mission.outcome import Phase
 from sensors.observations import Observations
 from sensors.scoring.score import RunningScore, ScoreWeights
+from wbf_mission.addons.base import replay
+from wbf_mission.addons.base.replay import events_of
 from wbf_mission.events import (
     DayBegun,
     Decided,
@@ -27,8 +29,6 @@ from wbf_mission.events import (
     VehicleSaid,
 )
 from wbf_mission.flight import Simulated, fly
-from wbf_mission.results import replay
-from wbf_mission.results.replay import events_of
 from wbf_mission.results.result import Result, load_result
 from wbf_mission.scenario import Scenario
 

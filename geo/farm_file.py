@@ -99,7 +99,7 @@ def _document(file: Path, layer: str | None, crs: str | None) -> Document:
     from geo.vector_files import read_poly
 
     if crs is not None:
-        raise FarmError(f"a .poly is in degrees of WGS 84; leave out that it is {crs!r:.60}")
+        raise FarmError(f"a .poly is in degrees of WGS 84; leave out the coordinate system {crs!r:.60}")
     return read_poly(file)
 
 

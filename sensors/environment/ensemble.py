@@ -184,7 +184,7 @@ def generate_ensemble(
         If the processes need more memory than is available.
     """
     if not 1 <= members <= MAX_MEMBERS:
-        raise EnvironmentDataError(f"ensemble: {members} members are not in 1..{MAX_MEMBERS}")
+        raise EnvironmentDataError(f"ensemble: {members} members: give 1 to {MAX_MEMBERS}")
     if jobs < 1:
         raise EnvironmentDataError(f"ensemble: {jobs} jobs are less than 1")
     root = root_seed(seed)

@@ -150,6 +150,7 @@ def test_the_command_line_flies_the_rows_that_python_flies(tmp_path):
     assert decided(read_rows(tmp_path / "out")) == decided(here)
 
 
+@pytest.mark.slow
 def test_the_command_line_flies_what_python_flies(tmp_path):
     words = ["--farm", "miniberry-10", "--policy", "greedy", "--estimator", "gp", "--no-plots", "--quiet"]
     words += ["--budget", "60s"]

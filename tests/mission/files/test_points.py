@@ -49,8 +49,11 @@ def test_a_fence_has_its_return_point_first(named, space, end, comma, closed):
 
 @given(fences)
 def test_a_ring_without_a_return_point_is_a_fence(corners):
-    fence = fence_of("".join(f"{lat} {lon}\n" for lat, lon in [*corners, corners[0]]))
-    assert (back_of(fence), corners_of(fence)) == ([], corners)
+    text = "".join(f"{lat} {lon}\n" for lat, lon in [*corners, corners[0]])
+    assert (back_of(fence_of(text)), corners_of(fence_of(text))) == ([], corners)
+    (note,) = points.loads(text.encode()).notes
+    assert note.startswith("the fence has no return point: ")
+    assert note.endswith(f"; {len(corners)} corners are an inclusion zone")
 
 
 @given(fences)

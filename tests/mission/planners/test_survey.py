@@ -327,7 +327,7 @@ def test_a_layout_that_leaves_land_unseen_is_not_chosen() -> None:
         assert seen_share(survey(ask_high(strip)), strip, 51.3) > 0.98
 
 
-@pytest.mark.parametrize("count", [4000, 20000])
+@pytest.mark.parametrize("count", [4000, pytest.param(20000, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("hole_m", [0.0, 50.0])
 @pytest.mark.parametrize(
     "planner", ["survey", "spiral", "lawnmower", "adaptive-lawnmower", "random-waypoint"]

@@ -11,10 +11,11 @@ from wbf_mission.addons.rl import SurveyVectorEnv, TrainingError, interfaces, pa
 from wbf_mission.addons.rl.catalogue import interfaces_of
 from wbf_mission.scenario import scenario_ids
 
-IDS = [
-    pytest.param(name, marks=pytest.mark.slow) if name.startswith("WBF/Waterberry") else name
-    for name in scenario_ids()
-]
+# One id for each line of interfaces; the others are slow.
+QUICK = {
+    f"WBF/Miniberry-{name}-v1" for name in ("10", "30-Days", "30-Wide", "30-Robots-2", "30-PX4", "30-Drift")
+}
+IDS = [name if name in QUICK else pytest.param(name, marks=pytest.mark.slow) for name in scenario_ids()]
 SHOWN = {"position", "left", "value", "uncertainty", "seen"}
 
 

@@ -16,7 +16,6 @@ from geo.errors import WbfMissionError, told_error, users_line
 from geo.texts import printable
 from wbf_mission.cli import (
     bench,
-    contracts,
     convert,
     farm,
     fly,
@@ -61,9 +60,6 @@ _COMMANDS = {
     "monitor": Command(operate.monitor_command, operate.MONITOR_EXAMPLES),
     "command": Command(operate.command_command, operate.COMMAND_EXAMPLES),
     "warm-up": Command(warm_up.warm_up_command, warm_up.EXAMPLES),
-    "check-planner": Command(contracts.check_planner_command, contracts.EXAMPLES),
-    "check-policy": Command(contracts.check_policy_command, contracts.EXAMPLES),
-    "check-estimator": Command(contracts.check_estimator_command, contracts.EXAMPLES),
 }
 for _name, _command in _COMMANDS.items():
     # For `command`, -5 is a height and not an option.

@@ -17,16 +17,16 @@ HIDDEN = Path(__file__).parents[2] / "support" / "core_alone"
 ROOT = Path(__file__).parents[3]
 
 
-def run(folder, *words):
+def python(*words, folder=None):
     path = os.pathsep.join(map(str, (HIDDEN, ROOT)))
+    env = {**os.environ, "PYTHONPATH": path}
     return subprocess.run(
-        [sys.executable, "-m", "wbf_mission", *words],
-        cwd=folder,
-        env={**os.environ, "PYTHONPATH": path},
-        capture_output=True,
-        text=True,
-        check=False,
+        [sys.executable, *words], cwd=folder, env=env, capture_output=True, text=True, check=False
     )
+
+
+def run(folder, *words):
+    return python("-m", "wbf_mission", *words, folder=folder)
 
 
 @pytest.mark.parametrize(
@@ -35,7 +35,6 @@ def run(folder, *words):
         "plan --farm miniberry-10 --planner spiral --out mine.plan --quiet",
         "fly --farm miniberry-10 --policy greedy --estimator gp --budget 60s --out flown --quiet",
         "bench run --scenarios WBF/Miniberry-10-v1 --planners spiral --estimators point --seeds 1 --out rows",
-        "check-policy greedy",
         "vehicle list",
         "bench list",
     ],
@@ -45,7 +44,9 @@ def test_a_command_works_without_add_ons(tmp_path, command):
     assert done.returncode == 0, done.stderr
 
 
-@pytest.mark.parametrize("command", ["check", "export", "map", "report", "studio", "bench replay"])
+@pytest.mark.parametrize(
+    "command", ["check", "check-policy", "export", "map", "report", "studio", "bench replay"]
+)
 def test_what_add_ons_bring_is_not_there(tmp_path, command):
     done = run(tmp_path, *command.split())
     assert (done.returncode, "No such command" in done.stderr) == (2, True), done.stderr
@@ -100,14 +101,7 @@ for mav_type in (1, 10):
 
 
 def test_a_vehicle_has_no_files_and_heartbeats_of_other_kinds_are_not_taken_for_multirotors():
-    path = os.pathsep.join(map(str, (HIDDEN, ROOT)))
-    done = subprocess.run(
-        [sys.executable, "-c", VEHICLES],
-        env={**os.environ, "PYTHONPATH": path},
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    done = python("-c", VEHICLES)
     assert done.stdout.split("\n")[:4] == ["0 []", "fixed-wing rover quad", "True", "True"], done.stderr
 
 
@@ -156,6 +150,12 @@ def test_add_ons_ask_for_pages_as_the_core_does(tmp_path, monkeypatch, capsys, c
     assert main(command.split()) == 2
     assert f"brings the page '{page}' (wbf_mission.pages)" in capsys.readouterr().err
     assert sorted(tmp_path.rglob("*")) == there
+
+
+def test_a_contract_check_that_no_add_on_brings_is_named():
+    done = python("-c", "from wbf_mission import check_policy")
+    said = "no package that is installed brings 'check_policy' (wbf_mission.contracts): "
+    assert done.stderr.endswith(f"geo.errors.WbfMissionError: {said}install wbf-mission anew\n")
 
 
 def test_every_part_says_on_a_short_page_what_it_is():

@@ -2,10 +2,10 @@ import numpy as np
 import pytest
 
 from mission.errors import PlanningError
-from mission.policies.conformance import check_policy
 from mission.policies.decision import NO_CHANGE, Decision
 from mission.policies.observation import Event
 from mission.policies.policy import FixedPlan, Triggers, policy_names
+from wbf_mission import check_policy
 
 OURS = (
     "confidence-guided",

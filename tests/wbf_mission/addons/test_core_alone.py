@@ -152,6 +152,15 @@ def test_add_ons_ask_for_pages_as_the_core_does(tmp_path, monkeypatch, capsys, c
     assert sorted(tmp_path.rglob("*")) == there
 
 
+@pytest.mark.parametrize("suffix", ["gpkg", "kml", "poly"])
+def test_a_farm_in_a_format_that_no_add_on_reads_is_refused_by_name(tmp_path, suffix):
+    (tmp_path / f"mine.{suffix}").write_bytes(b"")
+    done = run(tmp_path, "plan", "--farm", f"mine.{suffix}|fields")
+    said = f"no package that is installed reads farms in '{suffix}' (wbf_mission.farm_formats): "
+    assert done.returncode == 2
+    assert done.stderr == f"error: farm file mine.{suffix}|fields: {said}install wbf-mission anew\n"
+
+
 def test_a_contract_check_that_no_add_on_brings_is_named():
     done = python("-c", "from wbf_mission import check_policy")
     said = "no package that is installed brings 'check_policy' (wbf_mission.contracts): "

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from geo.imports import load_named
 from wbf_mission.cli import bench_output, options
 from wbf_mission.cli.help import HelpCommand, HelpGroup
 from wbf_mission.cli.options import option
@@ -52,6 +53,8 @@ wbf-mission bench report results --out report
 
 app = typer.Typer(cls=HelpGroup, help="Fly many runs that can be compared.")
 RUN_PANEL = "What to run"
+ROUNDS = "wbf_mission.rounds"
+"""Group of entry points; ``sealed`` adds the seeds in a round's file to arguments of `BenchSpec.of`."""
 _TOLD_EVERY_S = 60.0
 
 
@@ -239,8 +242,7 @@ def run_command(
         whole = {"scenarios": of.scenarios, "planners": of.planners, "estimators": of.estimators}
         selected |= {key: list(names) for key, names in whole.items() if selected[key] is None}
     if sealed is not None:
-        from wbf_mission.bench.sealed import of_round
-
+        of_round = load_named(ROUNDS, "sealed", "opens rounds that are", "rounds that are", ScenarioError)
         selected = of_round(selected, sealed)
     wanted = BenchSpec.of(**selected) if spec is None else BenchSpec.read(spec, selected)
     rows, interrupted = flying.rows(output, wanted, out, context)

@@ -167,6 +167,14 @@ def test_a_contract_check_that_no_add_on_brings_is_named():
     assert done.stderr.endswith(f"geo.errors.WbfMissionError: {said}install wbf-mission anew\n")
 
 
+def test_a_sealed_round_that_no_add_on_opens_is_refused_before_anything_flies(tmp_path):
+    (tmp_path / "round.secret").write_text("{}")
+    done = run(tmp_path, "bench", "run", "--sealed", "round.secret", "--out", "rows")
+    said = "error: no package that is installed opens rounds that are 'sealed' (wbf_mission.rounds): "
+    assert (done.returncode, done.stderr) == (2, said + "install wbf-mission anew\n")
+    assert not (tmp_path / "rows").exists()
+
+
 def test_every_part_says_on_a_short_page_what_it_is():
     addons = [path.parent for path in (ROOT / "wbf_mission" / "addons").glob("*/__init__.py")]
     parts = [ROOT / name for name in ("geo", "sensors", "mission", "sim_vehicle", "wbf_mission")]

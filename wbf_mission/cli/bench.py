@@ -15,7 +15,7 @@ from wbf_mission.cli import bench_output, options
 from wbf_mission.cli.help import HelpCommand, HelpGroup
 from wbf_mission.cli.options import option
 from wbf_mission.cli.output import Output
-from wbf_mission.cli.pages import bench_page
+from wbf_mission.cli.pages import bench_page, bench_report
 from wbf_mission.exit_codes import ExitCode
 
 if TYPE_CHECKING:
@@ -320,7 +320,6 @@ def report_command(
     ] = None,
 ) -> int:
     """Print the standings of the results in a folder, also during a benchmark, or write a report."""
-    from wbf_mission.bench.report import report_page
     from wbf_mission.bench.requests import read_asked
     from wbf_mission.bench.rows import read_rows
     from wbf_mission.results.storage import ResultError
@@ -330,7 +329,7 @@ def report_command(
         msg = f"{folder}: holds no results of a benchmark; give the folder of 'bench run --out'"
         raise ResultError(msg)
     if out is not None:
-        write_page = bench_page()
+        write_page, report_page = bench_page(), bench_report()
         page = report_page(rows, out, title=f"Benchmark of {len(rows)} runs", asked=read_asked(folder))
         page.write(out / "report.md")
         write_page(out / "report.html", page, out, rows)

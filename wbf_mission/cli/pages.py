@@ -12,6 +12,7 @@ from wbf_mission.cli.options import TargetError
 
 if TYPE_CHECKING:
     from wbf_mission.bench.page import Page
+    from wbf_mission.bench.requests import AskedFor
     from wbf_mission.bench.rows import BenchRow
     from wbf_mission.events import Event, EventStream
     from wbf_mission.progress import Progress
@@ -49,6 +50,15 @@ class BenchPage(Protocol):
         """Write the file `path`; `folder` has the pictures, `rows` add a table of all standings."""
 
 
+class BenchReport(Protocol):
+    """``bench.report``: makes the report of a benchmark."""
+
+    def __call__(
+        self, rows: Sequence[BenchRow], folder: Path, *, title: str, asked: AskedFor | None = None
+    ) -> Page:
+        """Write the pictures of the report into `folder`; with `asked`, the report has the requests."""
+
+
 def live_page() -> LivePage:
     """Return the live page; TargetError if no add-on provides one."""
     page: LivePage = _provided("live")
@@ -65,6 +75,12 @@ def bench_page() -> BenchPage:
     """Return the page of a benchmark; TargetError if no add-on provides one."""
     page: BenchPage = _provided("bench")
     return page
+
+
+def bench_report() -> BenchReport:
+    """Return the report of a benchmark; TargetError if no add-on provides one."""
+    report: BenchReport = _provided("bench.report")
+    return report
 
 
 def _provided(name: str) -> Any:

@@ -137,6 +137,7 @@ def test_a_product_that_no_add_on_makes_is_refused_before_anything_flies(tmp_pat
         ("bench board no.zip --out written", "bench"),
         ("bench paper --out written", "bench"),
         ("bench replay rows spiral1 --out written", "run"),
+        ("report rows --out written.html", "bench.report"),
     ],
 )
 def test_add_ons_ask_for_pages_as_the_core_does(tmp_path, monkeypatch, capsys, command, page):

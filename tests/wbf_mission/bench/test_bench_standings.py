@@ -5,12 +5,12 @@ from array import array
 
 import numpy as np
 import pytest
+from bench_rows import made_row
 from msgspec import structs
 from scipy import stats
 
 from wbf_mission.bench.environments import scored
 from wbf_mission.bench.intervals import (
-    Interval,
     _drawn,
     _weights,
     doubt_in_words,
@@ -21,7 +21,8 @@ from wbf_mission.bench.intervals import (
     verdict,
 )
 from wbf_mission.bench.rows import BenchRow
-from wbf_mission.bench.standings import WHOLE, by_fixed, compare, standings
+from wbf_mission.bench.standings import compare, standings
+from wbf_mission.bench.tables import score_over_time
 
 
 def rows(planner, values, estimator="gp", scenario="s", error=(), **given):
@@ -247,25 +248,6 @@ def test_the_share_of_bad_answers_is_that_of_all_answers():
     assert quiet.bad_share == 0.0
 
 
-def test_losses_are_divided_by_those_of_the_fixed_planner_that_is_best_in_each():
-    def made(planner, tylcv, ccr, decisions):
-        of = {"tylcv": array("d", [tylcv]), "ccr": array("d", [ccr])}
-        return rows(planner, [-tylcv - ccr] * 8, decisions=decisions, history=of)
-
-    (group,) = scored([*made("policy", 1.0, 3.0, 9), *made("one", 2.0, 4.0, 1), *made("two", 8.0, 1.0, 1)])
-    policy, one, two = by_fixed(group, over_run=True)
-    assert [each.planner for each in (policy, one, two)] == ["policy", "one", "two"]
-    assert [each.fixed for each in (policy, one, two)] == [False, True, True]
-    assert policy.best == {WHOLE: "one", "tylcv": "one", "ccr": "two"}
-    assert policy.ratios == {
-        WHOLE: Interval(4 / 6, 4 / 6, 4 / 6),
-        "tylcv": Interval(0.5, 0.5, 0.5),
-        "ccr": Interval(3.0, 3.0, 3.0),
-    }
-    (only,) = scored(made("policy", 1.0, 3.0, 9))
-    assert by_fixed(only, over_run=False) == []
-
-
 def test_the_interval_of_a_ratio_is_that_of_pairs():
     draw = np.random.default_rng(3)
     hard = draw.uniform(1.0, 9.0, 20)
@@ -306,3 +288,12 @@ def test_a_comparison_is_made_in_pairs():
 def test_verdicts_of_equal_runs():
     (same,) = compare([*rows("a", [-1.0] * 6), *rows("b", [-1.0] * 6)], "a", ["b"])
     assert verdict(same.score) == "equal"
+
+
+def test_the_score_over_time_holds_until_the_next_scored_time():
+    times_s, scores = score_over_time([made_row("a", 0, [-3.0, -1.0]), made_row("a", 1, [-5.0, -4.0, -2.0])])
+    assert (times_s[0], times_s[-1]) == (0.0, 30.0)
+    one, two = scores
+    assert set(one[times_s < 20.0]) == {-3.0}
+    assert set(one[times_s >= 20.0]) == {-1.0}
+    assert (two[0], two[-1]) == (-5.0, -2.0)

@@ -19,7 +19,6 @@ from wbf_mission.cli import (
     convert,
     farm,
     fly,
-    operate,
     plan,
     preflight,
     signals,
@@ -57,13 +56,10 @@ _COMMANDS = {
     "preflight": Command(preflight.preflight_command, preflight.EXAMPLES, preflight.BEGINNERS),
     "upload": Command(transfer.upload_command, transfer.UPLOAD_EXAMPLES, transfer.UPLOAD_BEGINNERS),
     "download": Command(transfer.download_command, transfer.DOWNLOAD_EXAMPLES),
-    "monitor": Command(operate.monitor_command, operate.MONITOR_EXAMPLES),
-    "command": Command(operate.command_command, operate.COMMAND_EXAMPLES),
     "warm-up": Command(warm_up.warm_up_command, warm_up.EXAMPLES),
 }
 for _name, _command in _COMMANDS.items():
-    # For `command`, -5 is a height and not an option.
-    _command.add_to(app, _name, **({"ignore_unknown_options": True} if _name == "command" else {}))
+    _command.add_to(app, _name)
 for _group in (farm, vehicle, bench):
     app.add_typer(_group.app, name=_group.__name__.rpartition(".")[2])
 add_commands({"": app, "bench": bench.app})

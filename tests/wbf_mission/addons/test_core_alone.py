@@ -45,7 +45,8 @@ def test_a_command_works_without_add_ons(tmp_path, command):
 
 
 @pytest.mark.parametrize(
-    "command", ["check", "check-policy", "export", "map", "report", "studio", "bench replay"]
+    "command",
+    ["check", "check-policy", "command", "export", "map", "monitor", "report", "studio", "bench replay"],
 )
 def test_what_add_ons_bring_is_not_there(tmp_path, command):
     done = run(tmp_path, *command.split())

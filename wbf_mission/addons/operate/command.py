@@ -12,6 +12,7 @@ import typer
 
 from geo.texts import printable
 from wbf_mission.cli import options, signals
+from wbf_mission.cli.command import Command
 from wbf_mission.cli.live import LivePage
 from wbf_mission.cli.options import option
 from wbf_mission.cli.output import Output, filled, to_stdout
@@ -310,3 +311,7 @@ def _give(wanted: OperatorCommand, url: str, system_id: int | None, wait: float,
     }
     order = f"{wanted.order} {wanted.value}".strip()
     output.result(done, {"vehicle": f"system {session.vehicle[0]}", "done": order, "mode": session.mode})
+
+
+MONITOR = Command(monitor_command, MONITOR_EXAMPLES)
+COMMAND = Command(command_command, COMMAND_EXAMPLES, ignore_unknown_options=True)  # -5 is a height

@@ -3,7 +3,7 @@
 import pytest
 from bench_rows import made_row
 
-from wbf_mission.bench.standings import compare, standings
+from wbf_mission.bench.standings import standings
 from wbf_mission.bench.versions import apart, build_of, builds_in_words
 
 OLD, NEW = "4622a3d6f0aa", "5d01c2b3e4bb"
@@ -71,14 +71,3 @@ def test_objects_are_told_apart_by_their_parameters():
     assert names(rows, "planner") == ["UCB(beta=1.0)", "UCB(beta=9.0)"]
     changed = [flown("UCB", k, objects={"planner": "UCB(beta=1.0)"}, planner=f"{k}" * 24) for k in (1, 2)]
     assert names(changed, "planner") == ["UCB [UCB(beta=1.0), 11111111]", "UCB [UCB(beta=1.0), 22222222]"]
-
-
-def test_versions_are_not_compared_with_each_other():
-    told = [
-        *(flown(name, 0) for name in "ab"),
-        *(flown(name, 0, code="d1" * 12, commit=NEW) for name in "ab"),
-    ]
-    assert [(one.scenario, one.environments) for one in compare(told, "a", ["b"])] == [
-        ("WBF/Some-v1 [0.1.0, 4622a3d6]", 1),
-        ("WBF/Some-v1 [0.1.0, 5d01c2b3]", 1),
-    ]

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from wbf_mission.cli import bench_output, options
+from wbf_mission.cli import options
 from wbf_mission.cli.command import Command
 from wbf_mission.cli.options import option
 from wbf_mission.cli.output import Output
@@ -338,6 +338,7 @@ def verify_command(
     import numpy as np
 
     from wbf_mission.addons.boards.audit import require_whole
+    from wbf_mission.addons.boards.comparison import difference
     from wbf_mission.addons.boards.fresh import fly_fresh
     from wbf_mission.addons.boards.submission import read_pack, unpack_code
     from wbf_mission.bench.intervals import score_text
@@ -361,7 +362,7 @@ def verify_command(
             score_text(float(np.mean(gap.open_scores))),
             score_text(float(np.mean(gap.fresh_scores)))
             + (f", {len(gap.failed)} failed" if gap.failed else ""),
-            *bench_output.difference(gap.gap),
+            *difference(gap.gap),
             gap.verdict,
         ]
         for gap in found.gaps

@@ -5,6 +5,7 @@ from array import array
 import numpy as np
 import pytest
 from bench_rows import made_row
+from bench_rows import rows as rows_of
 from PIL import Image
 
 from wbf_mission.addons.boards.ratios import WHOLE, by_fixed
@@ -174,10 +175,7 @@ def test_what_was_stated_is_told_by_field_with_intervals_over_environments(tmp_p
 def test_losses_are_divided_by_those_of_the_fixed_planner_that_is_best_in_each():
     def made(planner, tylcv, ccr, decisions):
         of = {"tylcv": array("d", [tylcv]), "ccr": array("d", [ccr])}
-        return [
-            made_row(planner, seed, [-tylcv - ccr], losses={}, decisions=decisions, history=of)
-            for seed in range(8)
-        ]
+        return rows_of(planner, [-tylcv - ccr] * 8, decisions=decisions, history=of)
 
     (group,) = scored([*made("policy", 1.0, 3.0, 9), *made("one", 2.0, 4.0, 1), *made("two", 8.0, 1.0, 1)])
     policy, one, two = by_fixed(group, over_run=True)

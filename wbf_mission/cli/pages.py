@@ -11,6 +11,7 @@ from geo.imports import load_named
 from wbf_mission.cli.options import TargetError
 
 if TYPE_CHECKING:
+    from sim_vehicle.component import Component
     from wbf_mission.bench.page import Page
     from wbf_mission.bench.requests import AskedFor
     from wbf_mission.bench.rows import BenchRow
@@ -18,6 +19,8 @@ if TYPE_CHECKING:
     from wbf_mission.progress import Progress
     from wbf_mission.run.orders import Orders
     from wbf_mission.run.record import RunRecord
+    from wbf_mission.scenario import Scenario
+    from wbf_mission.simulator import Simulated
 
 GROUP = "wbf_mission.pages"
 
@@ -29,6 +32,26 @@ class LivePage(Protocol):
         self, *, host: str, port: int, orders: Orders | None, tiles: Path | None
     ) -> AbstractContextManager[tuple[str, Callable[[Event], None]]]:
         """LinkError if the port is in use; a WbfMissionError if the tiles cannot be used."""
+
+
+class FollowedSimulation(Protocol):
+    """``live.simulation``: shows simulated vehicles on the live page, and carries out the page's orders.
+
+    Attributes
+    ----------
+    components : sequence of Component
+        Components that run beside the vehicles.
+    """
+
+    components: Sequence[Component]
+
+    def __init__(
+        self, simulated: Simulated, scenario: Scenario, events: EventStream, orders: Orders | None
+    ) -> None:
+        """Follow the vehicles; without `orders`, the page cannot command them."""
+
+    def begin(self) -> Callable[[float], bool]:
+        """Publish the first events, once the page listens; return the callback for each later step."""
 
 
 class RunPage(Protocol):
@@ -63,6 +86,12 @@ def live_page() -> LivePage:
     """Return the live page; TargetError if no add-on provides one."""
     page: LivePage = _provided("live")
     return page
+
+
+def followed_simulation() -> type[FollowedSimulation]:
+    """Return the part of the live page that follows a simulation; TargetError if no add-on provides it."""
+    followed: type[FollowedSimulation] = _provided("live.simulation")
+    return followed
 
 
 def run_page() -> type[RunPage]:

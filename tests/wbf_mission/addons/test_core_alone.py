@@ -111,6 +111,7 @@ def test_a_vehicle_has_no_files_and_heartbeats_of_other_kinds_are_not_taken_for_
     [
         ("fly --farm miniberry-10 --planner spiral --connect udpin:127.0.0.1:0 --yes --live 0", "live"),
         ("bench report rows --out written", "bench"),
+        ("sim --live 0 --farm miniberry-10", "live.simulation"),
     ],
 )
 def test_a_page_that_no_add_on_brings_is_refused_before_anything_is_done(tmp_path, command, page):

@@ -92,8 +92,8 @@ def monitor_command(
     """
     from sim_vehicle.host.server import Server
     from sim_vehicle.host.simulation import StopReason
-    from wbf_mission.live.control_station import ControlStation
-    from wbf_mission.live.telemetry_events import TelemetryEvents
+    from wbf_mission.addons.operate.control_station import ControlStation
+    from wbf_mission.addons.operate.telemetry_events import TelemetryEvents
     from wbf_mission.live.watching import FleetWatch
     from wbf_mission.scenario import ScenarioError
 
@@ -287,7 +287,7 @@ def _give(wanted: OperatorCommand, url: str, system_id: int | None, wait: float,
     """Open a link, give an order, and print the result."""
     from sim_vehicle.host.server import Server
     from sim_vehicle.host.simulation import StopReason
-    from wbf_mission.live.command_session import CommandSession
+    from wbf_mission.addons.operate.command_session import CommandSession
 
     session = CommandSession(wanted, system_id=system_id)
     with Server([session], [url]) as server:

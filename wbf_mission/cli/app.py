@@ -62,7 +62,7 @@ for _name, _command in _COMMANDS.items():
     _command.add_to(app, _name)
 for _group in (farm, vehicle, bench):
     app.add_typer(_group.app, name=_group.__name__.rpartition(".")[2])
-add_commands({"": app, "bench": bench.app})
+add_commands({"": app, "bench": bench.app, "farm": farm.app})
 
 
 def _print_version(wanted: bool) -> None:

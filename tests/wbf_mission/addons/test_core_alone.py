@@ -44,10 +44,10 @@ def test_a_command_works_without_add_ons(tmp_path, command):
     assert done.returncode == 0, done.stderr
 
 
-@pytest.mark.parametrize(
-    "command",
-    ["check", "check-policy", "command", "export", "map", "monitor", "report", "studio", "bench replay"],
-)
+ADDED = ["check", "check-policy", "command", "export", "map", "monitor", "report", "studio"]
+
+
+@pytest.mark.parametrize("command", [*ADDED, "bench compare", "bench replay", "farm generate"])
 def test_what_add_ons_bring_is_not_there(tmp_path, command):
     done = run(tmp_path, *command.split())
     assert (done.returncode, "No such command" in done.stderr) == (2, True), done.stderr

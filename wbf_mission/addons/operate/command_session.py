@@ -15,7 +15,7 @@ from mission.ground.command import (
 )
 from mission.ground.contact import Contact, Heartbeat
 from mission.ground.modes import Maneuver
-from mission.ground.orders import Answer, Order, result_name
+from mission.ground.orders import Answer, Order, StateBefore, result_name
 from mission.ground.vehicle_state import VehicleMonitor
 from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
@@ -149,7 +149,7 @@ class CommandSession:
         self._step: Step | None = None
         self._order: Order | None = None
         self._accepted = False
-        self._ordered_in, self._armed_before = "", False  # flight mode and arming when the order was given
+        self._before = StateBefore.of(self._contact.monitor, -math.inf)  # state when the order was given
         self._shown_before = self._obeyed = False
         self._refusal: tuple[str, float] | None = None
         self._begun_s = self._message_s = math.inf
@@ -299,15 +299,11 @@ class CommandSession:
 
     @property
     def _is_overruled(self) -> bool:
-        """Whether a pilot or a failsafe has changed the state of the vehicle since the order.
-
-        Repeating the order would overrule the pilot. An order to disarm holds in any flight mode.
-        """
+        """Whether a pilot or a failsafe has acted since the order; disarming holds in any flight mode."""
         monitor = self._contact.monitor
-        changed = self._wanted.order != "disarm" and monitor.mode != self._ordered_in
-        disarmed = self._armed_before and not monitor.is_armed
+        expected = {monitor.mode} if self._wanted.order == "disarm" else ()
         lost = self._shown_before and self._step is not None and not self._step.shown(monitor)
-        return changed or disarmed or lost
+        return lost or self._before.is_overruled(monitor, expected)
 
     def _begin(self, now_s: float) -> list[Message]:
         """Send the order once the required telemetry is known, or overdue."""
@@ -320,7 +316,7 @@ class CommandSession:
             self._fail(error)
             return []
         monitor = self._contact.monitor
-        self._ordered_in, self._armed_before = monitor.mode, monitor.is_armed
+        self._before = StateBefore.of(monitor, now_s)
         self._shown_before = step.shown(monitor)
         self._texts_before = len(self._contact.texts.texts)
         if step.command is None:
@@ -354,7 +350,7 @@ class CommandSession:
 
     def _not_shown(self) -> Exception:
         if not self._accepted:
-            since = f"; its mode is {self.mode} since" if self.mode != self._ordered_in else ""
+            since = f"; its mode is {self.mode} since" if self.mode != self._before.mode else ""
             return VehicleSilentError(f"{self._name}: no answer to {self._wanted}{since}")
         answered = "accepted" if self._step is not None and self._message_s == math.inf else "was given"
         text = self._said or f"it is in mode {self.mode}"

@@ -17,7 +17,7 @@ from shapely.geometry import MultiPolygon, Polygon
 from swath import seen_share
 
 from mission.errors import PlanningError
-from mission.planners import LengthBudget, PlanningRequest, check_planner, make_planner
+from mission.planners import LengthBudget, PlanningRequest, make_planner
 from mission.planners.cornering import Cornering
 from mission.planners.cuts import cut_parts, hull_angles, width
 from mission.planners.path import Area, path_length
@@ -26,6 +26,7 @@ from mission.planners.strips import Swath, ring_strips, rows_that_see, without_a
 from mission.planners.survey import survey
 from mission.planners.terrain import Terrain, inset
 from mission.planners.tour import fly_cells
+from wbf_mission import check_planner
 
 L = Polygon([(0, 0), (200, 0), (200, 50), (50, 50), (50, 200), (0, 200)])
 FIELD = shapely.box(0, 0, 200, 150)

@@ -1,6 +1,7 @@
 """The core does its work where there are no add-ons."""
 
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -17,16 +18,16 @@ HIDDEN = Path(__file__).parents[2] / "support" / "core_alone"
 ROOT = Path(__file__).parents[3]
 
 
-def run(folder, *words):
+def python(*words, folder=None):
     path = os.pathsep.join(map(str, (HIDDEN, ROOT)))
+    env = {**os.environ, "PYTHONPATH": path}
     return subprocess.run(
-        [sys.executable, "-m", "wbf_mission", *words],
-        cwd=folder,
-        env={**os.environ, "PYTHONPATH": path},
-        capture_output=True,
-        text=True,
-        check=False,
+        [sys.executable, *words], cwd=folder, env=env, capture_output=True, text=True, check=False
     )
+
+
+def run(folder, *words):
+    return python("-m", "wbf_mission", *words, folder=folder)
 
 
 @pytest.mark.parametrize(
@@ -35,7 +36,6 @@ def run(folder, *words):
         "plan --farm miniberry-10 --planner spiral --out mine.plan --quiet",
         "fly --farm miniberry-10 --policy greedy --estimator gp --budget 60s --out flown --quiet",
         "bench run --scenarios WBF/Miniberry-10-v1 --planners spiral --estimators point --seeds 1 --out rows",
-        "check-policy greedy",
         "vehicle list",
         "bench list",
     ],
@@ -45,7 +45,10 @@ def test_a_command_works_without_add_ons(tmp_path, command):
     assert done.returncode == 0, done.stderr
 
 
-@pytest.mark.parametrize("command", ["check", "export", "map", "report", "studio", "bench replay"])
+ADDED = ["check", "check-policy", "command", "export", "map", "monitor", "report", "studio"]
+
+
+@pytest.mark.parametrize("command", [*ADDED, "bench compare", "bench replay", "farm generate"])
 def test_what_add_ons_bring_is_not_there(tmp_path, command):
     done = run(tmp_path, *command.split())
     assert (done.returncode, "No such command" in done.stderr) == (2, True), done.stderr
@@ -100,41 +103,45 @@ for mav_type in (1, 10):
 
 
 def test_a_vehicle_has_no_files_and_heartbeats_of_other_kinds_are_not_taken_for_multirotors():
-    path = os.pathsep.join(map(str, (HIDDEN, ROOT)))
-    done = subprocess.run(
-        [sys.executable, "-c", VEHICLES],
-        env={**os.environ, "PYTHONPATH": path},
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    done = python("-c", VEHICLES)
     assert done.stdout.split("\n")[:4] == ["0 []", "fixed-wing rover quad", "True", "True"], done.stderr
 
 
-@pytest.mark.parametrize(
-    ("command", "page"),
-    [
-        ("fly --farm miniberry-10 --planner spiral --connect udpin:127.0.0.1:0 --yes --live 0", "live"),
-        ("bench report rows --out written", "bench"),
-    ],
-)
-def test_a_page_that_no_add_on_brings_is_refused_before_anything_is_done(tmp_path, command, page):
+@pytest.fixture
+def folder(tmp_path):
+    """A folder with the rows of a benchmark, the secret of a round and empty farm files."""
     store = BenchStore(tmp_path / "rows")
     store.add(made_row("spiral", 1, [0.5], scenario="WBF/Miniberry-10-v1"))
     store.close()
-    there = sorted(tmp_path.rglob("*"))
-    done = run(tmp_path, *command.split())
-    told = f"error: no package that is installed brings the page '{page}' (wbf_mission.pages): "
-    assert (done.returncode, done.stderr) == (2, told + "install wbf-mission anew\n")
-    assert sorted(tmp_path.rglob("*")) == there
+    for name in ("a.secret", "a.gpkg", "a.kml", "a.poly"):
+        (tmp_path / name).write_bytes(b"")
+    return tmp_path
 
 
-@pytest.mark.parametrize(("option", "name"), [("--animate", "run.gif"), ("--treatment-map", "treatment")])
-def test_a_product_that_no_add_on_makes_is_refused_before_anything_flies(tmp_path, option, name):
-    done = run(tmp_path, "fly", "--farm", "miniberry-10", "--planner", "spiral", option, "--out", "flown")
-    said = f"error: no package that is installed makes '{name}' (wbf_mission.products): "
-    assert (done.returncode, done.stderr) == (2, said + "install wbf-mission anew\n")
-    assert list(tmp_path.iterdir()) == []
+FLY = "fly --farm miniberry-10 --planner spiral"
+
+
+@pytest.mark.parametrize(
+    ("command", "missing"),
+    [
+        (f"{FLY} --connect udpin:127.0.0.1:0 --yes --live 0", "brings the page 'live' (wbf_mission.pages)"),
+        ("sim --live 0 --farm miniberry-10", "brings the page 'live.simulation' (wbf_mission.pages)"),
+        ("bench report rows --out written", "brings the page 'bench' (wbf_mission.pages)"),
+        (f"{FLY} --animate --out flown", "makes 'run.gif' (wbf_mission.products)"),
+        (f"{FLY} --treatment-map --out flown", "makes 'treatment' (wbf_mission.products)"),
+        ("bench run --sealed a.secret --out b", "opens rounds that are 'sealed' (wbf_mission.rounds)"),
+        *(
+            (f"plan --farm a.{suffix}|fields", f"reads farms in '{suffix}' (wbf_mission.farm_formats)")
+            for suffix in ("gpkg", "kml", "poly")
+        ),
+    ],
+)
+def test_a_part_that_no_add_on_brings_is_named_before_anything_is_done(folder, command, missing):
+    there = sorted(folder.rglob("*"))
+    done = run(folder, *command.split())
+    (said,) = re.fullmatch(r"error: (?:farm file \S+: )?(.*)\n", done.stderr).groups()
+    assert (done.returncode, said) == (2, f"no package that is installed {missing}: install wbf-mission anew")
+    assert sorted(folder.rglob("*")) == there
 
 
 def test_without_the_add_on_a_flight_is_saved_without_pictures(tmp_path):
@@ -155,19 +162,23 @@ def test_without_the_add_on_a_flight_is_saved_without_pictures(tmp_path):
         ("bench board no.zip --out written", "bench"),
         ("bench paper --out written", "bench"),
         ("bench replay rows spiral1 --out written", "run"),
+        ("report rows --out written.html", "bench.report"),
     ],
 )
-def test_add_ons_ask_for_pages_as_the_core_does(tmp_path, monkeypatch, capsys, command, page):
-    store = BenchStore(tmp_path / "rows")
-    store.add(made_row("spiral", 1, [0.5], scenario="WBF/Miniberry-10-v1"))
-    store.close()
-    there = sorted(tmp_path.rglob("*"))
-    monkeypatch.chdir(tmp_path)
+def test_add_ons_ask_for_pages_as_the_core_does(folder, monkeypatch, capsys, command, page):
+    there = sorted(folder.rglob("*"))
+    monkeypatch.chdir(folder)
     found = imports.entry_points
     monkeypatch.setattr(imports, "entry_points", lambda group: [] if group == GROUP else found(group))
     assert main(command.split()) == 2
     assert f"brings the page '{page}' (wbf_mission.pages)" in capsys.readouterr().err
-    assert sorted(tmp_path.rglob("*")) == there
+    assert sorted(folder.rglob("*")) == there
+
+
+def test_a_contract_check_that_no_add_on_brings_is_named():
+    done = python("-c", "from wbf_mission import check_policy")
+    said = "no package that is installed brings 'check_policy' (wbf_mission.contracts): "
+    assert done.stderr.endswith(f"geo.errors.WbfMissionError: {said}install wbf-mission anew\n")
 
 
 def test_every_part_says_on_a_short_page_what_it_is():

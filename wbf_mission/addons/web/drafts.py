@@ -16,7 +16,7 @@ import msgspec
 
 from geo import Farm, load_farm, save_farm
 from geo.errors import FarmError, WbfMissionError
-from geo.farm_file import FARM_SUFFIXES
+from geo.farm_file import farm_suffixes
 from geo.farms import get_farm
 from geo.geojson import MAX_FILE_BYTES
 from geo.named import parse_named
@@ -194,8 +194,8 @@ class Drafts:
         """
         drawn, name = not name, name or _DRAWN
         suffix = Path(name).suffix.lower()
-        if suffix not in FARM_SUFFIXES:
-            raise FarmError(f"{name!r:.80} is no farm file: give one of {', '.join(FARM_SUFFIXES)}")
+        if suffix not in farm_suffixes():
+            raise FarmError(f"{name!r:.80} is no farm file: give one of {', '.join(farm_suffixes())}")
         stem = re.sub(r"[^\w .-]", "_", Path(name).stem)[:60].strip(" .") or "farm"
         with tempfile.TemporaryDirectory(dir=self.folder) as own:
             path = Path(own) / f"{stem}{suffix}"

@@ -4,25 +4,24 @@ from __future__ import annotations
 
 import math
 import re
+from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
-from wbf_mission.bench.cards import known_cards
+from wbf_mission.addons.boards.ratios import by_fixed, ratio_table, worse_in_words
+from wbf_mission.bench.cards import card_of
 from wbf_mission.bench.environments import Scored, scored
-from wbf_mission.bench.intervals import Interval, doubt_in_words, mean_intervals, score_text
+from wbf_mission.bench.intervals import doubt_in_words, mean_intervals
 from wbf_mission.bench.page import Listing, Page, Picture, Section, Table
 from wbf_mission.bench.requests import AskedFor
 from wbf_mission.bench.rows import BenchRow, by_pair
-from wbf_mission.bench.standings import Ratio, Standing, by_fixed, standings_of
-from wbf_mission.bench.versions import apart, machines, what_was_run
+from wbf_mission.bench.standings import Standing, standings_of
+from wbf_mission.bench.tables import SCORES, draw_mean_score, field_table, interval_cells, standing_table
+from wbf_mission.bench.versions import apart, commit_of, digest_of
 from wbf_mission.pictures.plots import LINE_COLOURS, new_figure, save_figure
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
+from wbf_mission.scenario import load_scenario, scenario_ids
 
 READING = (
     "Scores: 0 is perfect; the mean over the run and the score at its end, each with its 95 % interval over"
@@ -36,91 +35,13 @@ READING = (
     " estimate's 90 % set: sick held is the share of the sick plants in this set, ideally 90 %; healthy "
     "held, of the healthy plants."
 )
-SCORES = "Scores over the run and at its end"
-_POINTS = 200
 _MOST_LINES = 8
-_FEWEST_FOR_A_BAND = 5
-
-
-def standing_table(title: str, found: Sequence[Standing], *, whole: bool = False) -> Table:
-    """Return a table of standings; `whole` tables of several scenarios have a column for the scenario."""
-    named = ("scenario", "planner or policy", "estimator") if whole else ("planner, estimator",)
-    header = (*named, "run", "95 %", "end", "95 %", "rank", "wins", "runs", "bad answers", "CPU, s")
-    rows = tuple(
-        (
-            *((standing.scenario, standing.planner, standing.estimator) if whole else (_name(standing),)),
-            *_interval(standing.score),
-            *_interval(standing.final_score),
-            _number(standing.rank, 1),
-            f"{standing.wins:.3g}",
-            f"{standing.environments}" + (f", {standing.failed} failed" if standing.failed else ""),
-            "-" if math.isnan(standing.bad_share) else f"{standing.bad_share:.1%}",
-            _number(standing.cpu_time_s, 2),
-        )
-        for standing in found
-    )
-    return Table(title, header, rows)
-
-
-def field_table(found: Sequence[Standing]) -> Table:
-    """Return a table of the loss of each field in one scenario, over the run and at its end."""
-    fields = list(dict.fromkeys(name for standing in found for name in standing.losses))
-    rows = tuple(
-        (
-            _name(standing),
-            *(
-                score_text(losses.get(name, math.nan))
-                for name in fields
-                for losses in (standing.losses_over_run, standing.losses)
-            ),
-        )
-        for standing in found
-    )
-    header = ("planner, estimator", *(f"{name}, {when}" for name in fields for when in ("run", "end")))
-    return Table("Loss of each field, the mean a cell", header, rows)
-
-
-def _name(of: Standing | Ratio) -> str:
-    return f"{of.planner}, {of.estimator}"
-
-
-def _by_fixed(ratios: Sequence[Ratio], when: str) -> Table:
-    """Return a table of losses divided by those of the best fixed planner, named in a separate line."""
-    names = list(ratios[0].ratios) if ratios else []
-    lines: list[tuple[str, ...]] = []
-    estimators: set[str] = set()
-    for ratio in ratios:
-        if ratio.estimator not in estimators:
-            estimators.add(ratio.estimator)
-            best = (ratio.best[name] for name in names)
-            lines.append((f"the best fixed planner, {ratio.estimator}", *best))
-        lines.append((_name(ratio), *(_ratio(ratio.ratios[name]) for name in names)))
-    title = f"Losses divided by those of the best fixed planner of each column, {when} (below 1 is better)"
-    return Table(title, ("planner, estimator", *names), tuple(lines))
-
-
-def _ratio(ratio: Interval) -> str:
-    low, high = ratio.low, ratio.high
-    interval = "" if math.isnan(low) or low == high else f" ({low:.2f} to {high:.2f})"
-    return _number(ratio.mean, 2) + interval.replace(" to inf", " or more")
-
-
-def worse_in_words(ratios: Sequence[Ratio], when: str) -> str:
-    """Return the losses of policies that exceed the best fixed planner's significantly, in words."""
-    worse: dict[str, list[str]] = {}
-    for policy in ratios:
-        for name, ratio in policy.ratios.items():
-            if ratio.low > 1.0 and not policy.fixed:
-                text = f"{_name(policy)} ({ratio.mean:.2f} times {policy.best[name]})"
-                worse.setdefault(name, []).append(text)
-    listed = "; ".join(f"{name} with {' and '.join(policies)}" for name, policies in worse.items())
-    return f"Losses {when} that are larger than those of the best fixed planner: {listed}." if worse else ""
 
 
 def _behind(found: Sequence[Standing]) -> Table:
     """Return a table of the differences from the best score of a scenario."""
     known = (standing for standing in found if math.isfinite(standing.behind.low))
-    rows = tuple((_name(standing), *_interval(standing.behind)) for standing in known)
+    rows = tuple((standing.named, *interval_cells(standing.behind)) for standing in known)
     return Table("Behind the best, in pairs of runs on the same environment", ("run", "mean", "95 %"), rows)
 
 
@@ -128,44 +49,11 @@ def _bad_answers(found: Sequence[Standing]) -> Table:
     """Return a table of the policies' answers that were not flown or came too late."""
     kinds = list(dict.fromkeys(kind for standing in found for kind in standing.bad_answers))
     rows = tuple(
-        (_name(policy), str(policy.decisions), *(str(policy.bad_answers.get(kind, 0)) for kind in kinds))
+        (policy.named, str(policy.decisions), *(str(policy.bad_answers.get(kind, 0)) for kind in kinds))
         for policy in found
         if policy.bad_answers
     )
     return Table("Answers that were not flown, or came too late", ("policy, estimator", "all", *kinds), rows)
-
-
-def score_over_time(rows: Sequence[BenchRow]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return times (s) and the scores of rows with a history at these times, float64[runs, times]."""
-    last_s = max(row.times_s[-1] for row in rows)
-    times_s = np.linspace(0.0, last_s, _POINTS)
-    return times_s, np.array([scores_at(row, times_s) for row in rows])
-
-
-def scores_at(row: BenchRow, times_s: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the last score of a run at each time; before the first scored time, the first score."""
-    at = np.searchsorted(row.times_s, times_s, side="right") - 1
-    scores: NDArray[np.float64] = np.array(row.scores)[np.maximum(at, 0)]
-    return scores
-
-
-def draw_mean_score(
-    axes: Axes,
-    rows: Sequence[BenchRow],
-    label: str,
-    colour: str,
-    *,
-    alpha: float,
-    linewidth: float | None = None,
-) -> None:
-    """Draw the mean score of rows over time, with a 95 % band for five or more rows."""
-    times_s, scores = score_over_time(rows)
-    means = scores.mean(axis=0)
-    axes.plot(times_s, means, color=colour, label=label, linewidth=linewidth)
-    if len(rows) >= _FEWEST_FOR_A_BAND:
-        band = mean_intervals(scores.T)
-        limits = [interval.low for interval in band], [interval.high for interval in band]
-        axes.fill_between(times_s, *limits, color=colour, alpha=alpha, linewidth=0.0)
 
 
 def report_page(rows: Sequence[BenchRow], folder: Path, *, title: str, asked: AskedFor | None = None) -> Page:
@@ -178,7 +66,7 @@ def report_page(rows: Sequence[BenchRow], folder: Path, *, title: str, asked: As
     sections = [_section(group, folder) for group in scored(separated)]
     sections += [
         *_repeat(asked or AskedFor(), rows),
-        Section("What flew", tables=(what_was_run(rows), machines(rows))),
+        Section("What flew", tables=(_what_was_run(rows), _machines(rows))),
     ]
     failures = _failures(separated)
     if failures.rows:
@@ -202,8 +90,8 @@ def _section(group: Scored, folder: Path) -> Section:
     tables = (
         standing_table(SCORES, found),
         field_table(found),
-        _by_fixed(over_run, "over the run"),
-        _by_fixed(at_end, "at its end"),
+        ratio_table(over_run, "over the run"),
+        ratio_table(at_end, "at its end"),
         _behind(found),
         _bad_answers(found),
         _calibration(good),
@@ -223,12 +111,12 @@ def _repeat(asked: AskedFor, rows: Sequence[BenchRow]) -> Iterator[Section]:
             listings.append(Listing(f"Asked for at {request.when}", command, "text"))
             listings.append(Listing("As a file for bench run", request.specification, "toml"))
         yield Section("To repeat it", listings=tuple(listings))
-    cards = [
-        *asked.cards,
-        *known_cards({row.scenario for row in rows} - {card.scenario for card in asked.cards}),
-    ]
+    others = {row.scenario for row in rows} - {card.scenario for card in asked.cards}
+    known = sorted(others.intersection(scenario_ids()))
+    cards = [*asked.cards, *(card_of(name, load_scenario(name)) for name in known)]
     if cards:
-        yield Section("What the names mean", tables=tuple(card.table() for card in cards))
+        tables = [Table(card.scenario, ("what", "value"), tuple(card.entries().items())) for card in cards]
+        yield Section("What the names mean", tables=tuple(tables))
 
 
 def _plot(scenario: str, found: Sequence[Standing], rows: Sequence[BenchRow], folder: Path) -> Picture:
@@ -238,7 +126,7 @@ def _plot(scenario: str, found: Sequence[Standing], rows: Sequence[BenchRow], fo
     pairs = by_pair(rows)
     for standing, colour in zip(found[:_MOST_LINES], LINE_COLOURS, strict=False):
         if own := pairs.get((standing.planner, standing.estimator)):
-            draw_mean_score(axes, own, _name(standing), colour, alpha=0.12)
+            draw_mean_score(axes, own, standing.named, colour, alpha=0.12)
     axes.set_xlabel("time, s")
     axes.set_ylabel("score, 0 is perfect")
     left_out = f" (the best {_MOST_LINES} of {len(found)})" if len(found) > _MOST_LINES else ""
@@ -272,7 +160,7 @@ def _calibration(good: Sequence[BenchRow]) -> Table:
             values = ([row.calibration.get(f"{field}_{key}", math.nan) for row in own] for key in _SURE)
             means = mean_intervals(map(np.array, values))
             if any(math.isfinite(interval.mean) for interval in means):
-                texts = (f"{mean} ({limits})" for mean, limits in map(_interval, means))
+                texts = (f"{mean} ({limits})" for mean, limits in map(interval_cells, means))
                 lines.append((", ".join(pair), field, *(text.replace(" (-)", "") for text in texts)))
     header = ("planner, estimator", "field", *_SURE.values())
     return Table("How sure, how right", header, tuple(lines), texts=2)
@@ -333,10 +221,37 @@ def _failures(rows: Sequence[BenchRow]) -> Table:
     return Table("Runs that failed", ("run", "cause"), tuple(table))
 
 
-def _interval(of: Interval) -> tuple[str, str]:
-    limits = "-" if math.isnan(of.low) else f"{score_text(of.low)} to {score_text(of.high)}"
-    return score_text(of.mean), limits
+def _what_was_run(rows: Sequence[BenchRow]) -> Table:
+    """Return a table of the distinct versions, commits, digests and objects' parameters of rows."""
+    count: Counter[tuple[str, ...]] = Counter()
+    for row in rows:
+        python = ", ".join(f"{key} {row.versions[key]}" for key in ("python", "numpy") if key in row.versions)
+        version = row.versions.get("wbf-mission", "-")
+        count["wbf-mission", version, commit_of(row) or "-", digest_of(row, "code"), python] += 1
+        count[f"scenario {row.scenario}", "-", "-", digest_of(row, "scenario"), ""] += 1
+        for key in ("planner", "estimator"):
+            if key in row.codes or key in row.objects:
+                digest, words = row.codes.get(key, "-")[:12], row.objects.get(key, "")
+                count[f"{key} {getattr(row, key)}", "-", "-", digest, words] += 1
+    ordered = sorted(count.items(), key=lambda counted: (counted[0][0] != "wbf-mission", counted[0]))
+    lines = tuple((*line, str(number)) for line, number in ordered)
+    return Table("What was run", ("what", "version", "commit", "digest", "with", "rows"), lines)
 
 
-def _number(value: float, digits: int) -> str:
-    return "-" if math.isnan(value) else f"{value:.{digits}f}"
+def _machines(rows: Sequence[BenchRow]) -> Table:
+    """Return a table of the machines that flew rows, with their total times."""
+    found: dict[tuple[str, ...], list[BenchRow]] = {}
+    for row in rows:
+        machine = (row.hardware.get(key, "-") for key in ("processor", "cores", "memory_gb", "system"))
+        found.setdefault(tuple(machine), []).append(row)
+    lines = tuple(
+        (
+            *machine,
+            str(len(own)),
+            f"{sum(row.wall_time_s for row in own):.1f}",
+            f"{sum(row.cpu_time_s for row in own):.1f}",
+        )
+        for machine, own in sorted(found.items())
+    )
+    header = ("processor", "cores", "memory, GB", "system", "rows", "wall time, s", "CPU time, s")
+    return Table("Machines, and what all runs took", header, lines)

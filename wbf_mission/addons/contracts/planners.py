@@ -1,4 +1,4 @@
-"""Conformance tests of the planner contract, also for planners of other packages."""
+"""Checks of the planner contract, also for planners of other packages."""
 
 from __future__ import annotations
 

@@ -9,8 +9,8 @@ from mission.ground.command import (
     VehicleSilentError,
 )
 from mission.link.codec.dialect import mavlink as m
+from wbf_mission.addons.operate.command_session import CommandSession
 from wbf_mission.exit_codes import ExitCode, exit_code_of
-from wbf_mission.live.command_session import CommandSession
 
 PX4, ARDUPILOT = m.MAV_AUTOPILOT_PX4, m.MAV_AUTOPILOT_ARDUPILOTMEGA
 HOLDING = 3 << 24 | 4 << 16

@@ -1,4 +1,4 @@
-"""Conformance tests of the policy contract, also for policies of other packages."""
+"""Checks of the policy contract, also for policies of other packages."""
 
 from __future__ import annotations
 
@@ -27,6 +27,7 @@ from sensors.fields import PAPER_FIELDS
 from sensors.observations import Observations
 from sensors.scoring.information import InformationModel
 from sensors.scoring.score import PAPER_WEIGHTS
+from wbf_mission.contracts import PolicyCheck
 
 _FARM = "miniberry-30"
 _DAY = 6
@@ -34,22 +35,6 @@ _COMPUTE_S = 2.0
 _AREA_M = 1e-6
 _LOST_AFTER = 0.4  # Fraction of the budget after which a vehicle is lost
 _MOST_STEPS = 20_000  # Many times the longest budget: a flight with more steps never ends
-
-
-@dataclass(frozen=True, slots=True)
-class PolicyCheck:
-    """Measurements of `check_policy`.
-
-    Parameters
-    ----------
-    decisions : int
-        Number of decisions that the policy made.
-    time_share : float
-        Median processor time of a decision, as a fraction of the time limit.
-    """
-
-    decisions: int
-    time_share: float
 
 
 @dataclass(frozen=True, slots=True)

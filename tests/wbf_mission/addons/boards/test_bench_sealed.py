@@ -12,8 +12,15 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from msgspec import structs
 
+from wbf_mission.addons.boards.sealed import (
+    Secret,
+    new_secret,
+    opened,
+    read_secret,
+    require_seeds,
+    write_round,
+)
 from wbf_mission.bench.rows import read_rows
-from wbf_mission.bench.sealed import Secret, new_secret, opened, read_secret, require_seeds, write_round
 from wbf_mission.cli.app import main
 from wbf_mission.results.storage import ResultError
 from wbf_mission.scenario import ScenarioError

@@ -5,12 +5,17 @@ from array import array
 import numpy as np
 import pytest
 from bench_rows import made_row
+from bench_rows import rows as rows_of
 from PIL import Image
 
+from wbf_mission.addons.boards.ratios import WHOLE, by_fixed
+from wbf_mission.addons.boards.report import report_page
 from wbf_mission.bench.cards import Card
-from wbf_mission.bench.report import report_page, score_over_time, standing_table
+from wbf_mission.bench.environments import scored
+from wbf_mission.bench.intervals import Interval
 from wbf_mission.bench.requests import Asked, AskedFor
 from wbf_mission.bench.standings import standings
+from wbf_mission.bench.tables import standing_table
 
 
 def markdown_of(rows, folder, title="x"):
@@ -29,15 +34,6 @@ def rows():
     ]
     failed = {"error": "it | failed & fell", "score": None, "final_score": None}
     return [*good, *(made_row("<b>", seed, [-2.0], **failed) for seed in range(6))]
-
-
-def test_the_score_over_time_holds_until_the_next_scored_time():
-    times_s, scores = score_over_time([made_row("a", 0, [-3.0, -1.0]), made_row("a", 1, [-5.0, -4.0, -2.0])])
-    assert (times_s[0], times_s[-1]) == (0.0, 30.0)
-    one, two = scores
-    assert set(one[times_s < 20.0]) == {-3.0}
-    assert set(one[times_s >= 20.0]) == {-1.0}
-    assert (two[0], two[-1]) == (-5.0, -2.0)
 
 
 def test_the_files_say_what_the_standings_are(rows, tmp_path):
@@ -174,3 +170,36 @@ def test_what_was_stated_is_told_by_field_with_intervals_over_environments(tmp_p
     assert cells[5] == "0.9000 (0.6516 to 1.1484)"
     assert "soil_2" not in table
     assert "greedy" not in table
+
+
+def test_losses_are_divided_by_those_of_the_fixed_planner_that_is_best_in_each():
+    def made(planner, tylcv, ccr, decisions):
+        of = {"tylcv": array("d", [tylcv]), "ccr": array("d", [ccr])}
+        return rows_of(planner, [-tylcv - ccr] * 8, decisions=decisions, history=of)
+
+    (group,) = scored([*made("policy", 1.0, 3.0, 9), *made("one", 2.0, 4.0, 1), *made("two", 8.0, 1.0, 1)])
+    policy, one, two = by_fixed(group, over_run=True)
+    assert [each.planner for each in (policy, one, two)] == ["policy", "one", "two"]
+    assert [each.fixed for each in (policy, one, two)] == [False, True, True]
+    assert policy.best == {WHOLE: "one", "tylcv": "one", "ccr": "two"}
+    assert policy.ratios == {
+        WHOLE: Interval(4 / 6, 4 / 6, 4 / 6),
+        "tylcv": Interval(0.5, 0.5, 0.5),
+        "ccr": Interval(3.0, 3.0, 3.0),
+    }
+    (only,) = scored(made("policy", 1.0, 3.0, 9))
+    assert by_fixed(only, over_run=False) == []
+
+
+def test_what_was_run_has_a_line_for_each_digest(tmp_path):
+    build = {"wbf-mission": "0.1.0", "commit": "4622a3d6f0aa"}
+    kept = [(build, "c0de" * 6), (build, "c0de" * 6), (build | {"commit": "5d01c2b3e4bb"}, "d1" * 12)]
+    rows = [
+        made_row("a", seed, [-1.0], versions=versions, codes={"code": code})
+        for seed, (versions, code) in enumerate(kept)
+    ]
+    table = report_page(rows, tmp_path, title="x").sections[-1].tables[0]
+    assert [line for line in table.rows if line[0] == "wbf-mission"] == [
+        ("wbf-mission", "0.1.0", "4622a3d6", "c0dec0dec0de", "", "2"),
+        ("wbf-mission", "0.1.0", "5d01c2b3", "d1d1d1d1d1d1", "", "1"),
+    ]

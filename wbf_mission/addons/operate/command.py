@@ -12,6 +12,7 @@ import typer
 
 from geo.texts import printable
 from wbf_mission.cli import options, signals
+from wbf_mission.cli.command import Command
 from wbf_mission.cli.live import LivePage
 from wbf_mission.cli.options import option
 from wbf_mission.cli.output import Output, filled, to_stdout
@@ -91,8 +92,8 @@ def monitor_command(
     """
     from sim_vehicle.host.server import Server
     from sim_vehicle.host.simulation import StopReason
-    from wbf_mission.live.control_station import ControlStation
-    from wbf_mission.live.telemetry_events import TelemetryEvents
+    from wbf_mission.addons.operate.control_station import ControlStation
+    from wbf_mission.addons.operate.telemetry_events import TelemetryEvents
     from wbf_mission.live.watching import FleetWatch
     from wbf_mission.scenario import ScenarioError
 
@@ -286,7 +287,7 @@ def _give(wanted: OperatorCommand, url: str, system_id: int | None, wait: float,
     """Open a link, give an order, and print the result."""
     from sim_vehicle.host.server import Server
     from sim_vehicle.host.simulation import StopReason
-    from wbf_mission.live.command_session import CommandSession
+    from wbf_mission.addons.operate.command_session import CommandSession
 
     session = CommandSession(wanted, system_id=system_id)
     with Server([session], [url]) as server:
@@ -310,3 +311,7 @@ def _give(wanted: OperatorCommand, url: str, system_id: int | None, wait: float,
     }
     order = f"{wanted.order} {wanted.value}".strip()
     output.result(done, {"vehicle": f"system {session.vehicle[0]}", "done": order, "mode": session.mode})
+
+
+MONITOR = Command(monitor_command, MONITOR_EXAMPLES)
+COMMAND = Command(command_command, COMMAND_EXAMPLES, ignore_unknown_options=True)  # -5 is a height

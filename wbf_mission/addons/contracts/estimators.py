@@ -1,12 +1,4 @@
-"""Conformance tests of the estimator contract, on a small farm.
-
-Authors of estimators in any package can call them in a test::
-
-    from sensors.estimators import check_estimator, make_estimator
-
-    def test_mine():
-        check_estimator(make_estimator("mine", random_state=0))
-"""
+"""Checks of the estimator contract on a small farm, also for estimators of other packages."""
 
 from __future__ import annotations
 

@@ -15,9 +15,9 @@ from geo.grid import FarmGrid
 from geo.memory import AvailableMemory, NotEnoughMemoryError
 from geo.seeds import child_seed
 from sensors.environment import Environment, generate_environment
-from sensors.environment import ensemble as ensemble_module
-from sensors.environment.ensemble import Ensemble, generate_ensemble, member_folder
 from sensors.errors import EnvironmentDataError
+from wbf_mission.addons.ensembles import ensemble as ensemble_module
+from wbf_mission.addons.ensembles.ensemble import Ensemble, generate_ensemble, member_folder
 
 
 @pytest.fixture(scope="module")

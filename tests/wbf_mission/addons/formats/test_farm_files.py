@@ -16,8 +16,9 @@ import pytest
 import shapely
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from packages import install
 
-from geo import Farm, FarmError, LocalFrame, load_farm, save_farm
+from geo import Farm, FarmError, LocalFrame, get_farm, load_farm, save_farm
 from geo.features import MAX_FEATURES
 from geo.reading import archive_of
 
@@ -494,3 +495,30 @@ def test_without_gdal(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "pyogrio.raw", None)
     with pytest.raises(FarmError, match=r'\.kml files need pyogrio; .* pip install "wbf-mission\[gis\]"'):
         load_farm(tmp_path / "a.kml")
+
+
+THEIRS = """
+from geo.features import Document, Entry
+
+def read(path, layer, crs):
+    corners = [[10.0, 50.0], [10.001, 50.0], [10.001, 50.001], [10.0, 50.0]]
+    geometry = {"type": "Polygon", "coordinates": [corners]}
+    return Document({}, [Entry(1, {"name": f"{layer}, {crs}"}, geometry)])
+"""
+
+
+def test_packages_add_farm_formats_and_geojson_stays_the_cores(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "their_fields.py").write_text(THEIRS)
+    entries = "".join(f"{name} = their_fields:read\n" for name in ("fields", "json"))
+    install(tmp_path, "their-fields", f"[wbf_mission.farm_formats]\n{entries}")
+    monkeypatch.syspath_prepend(tmp_path)
+    for name in ("a.fields", "b.json"):
+        (tmp_path / name).write_text("[]")
+    farm = get_farm(f"{tmp_path / 'a.FIELDS'}|north", crs="EPSG:32632")
+    assert [patch.name for patch in farm.patches] == ["north, EPSG:32632"]
+    with pytest.raises(FarmError, match=r"unknown farm 'c\.field': .*\.geojson, .*\.poly, \.fields\)"):
+        get_farm("c.field")
+    with pytest.raises(FarmError, match=r"b\.json: "):
+        get_farm(tmp_path / "b.json")

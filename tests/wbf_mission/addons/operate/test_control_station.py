@@ -3,8 +3,8 @@
 import pytest
 
 from mission.link.codec.dialect import mavlink as m
+from wbf_mission.addons.operate.control_station import ControlStation
 from wbf_mission.events import EventStream, Noted
-from wbf_mission.live.control_station import ControlStation
 from wbf_mission.run.orders import LIFE_S, Orders
 
 

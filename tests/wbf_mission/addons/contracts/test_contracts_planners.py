@@ -5,10 +5,11 @@ import pytest
 
 from geo.named import ParameterError
 from mission.errors import PlanningError
-from mission.planners import PlannedPath, PlanningRequest, check_planner
+from mission.planners import PlannedPath, PlanningRequest
 from mission.planners.lawnmower import lawnmower
 from mission.planners.random_waypoint import random_waypoint
 from mission.planners.spiral import rectangle_spiral
+from wbf_mission import check_planner
 
 
 @pytest.mark.parametrize("name", ["lawnmower", "adaptive-lawnmower", "spiral", "random-waypoint"])

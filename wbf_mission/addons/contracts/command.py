@@ -8,6 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from wbf_mission.cli import options
+from wbf_mission.cli.command import Command
 from wbf_mission.cli.options import option
 from wbf_mission.cli.output import Output
 from wbf_mission.exit_codes import ExitCode
@@ -40,7 +41,7 @@ def check_planner_command(
     ] = None,
 ) -> int:
     """Check that a planner keeps its contract: budget, area, repeatable paths."""
-    from mission.planners.conformance import LANDS, check_planner
+    from wbf_mission.addons.contracts.planners import LANDS, check_planner
 
     lands = LANDS if land is None else tuple(kind.strip() for kind in land.split(","))
     return _run(output, name, "planner", lambda choice: check_planner(choice.chosen, lands, **choice.params))
@@ -54,7 +55,7 @@ def check_policy_command(output: Output, name: _Name) -> int:
     or every cell was observed and when a vehicle is lost. The share of the allowed computing time is
     measured.
     """
-    from mission.policies.conformance import check_policy
+    from wbf_mission.addons.contracts.policies import check_policy
 
     return _run(output, name, "policy", lambda choice: check_policy(choice.chosen, **choice.params))
 
@@ -62,8 +63,8 @@ def check_policy_command(output: Output, name: _Name) -> int:
 @options.speaks(quiet=False)
 def check_estimator_command(output: Output, name: _Name) -> int:
     """Check that an estimator keeps its contract: scikit-learn's conventions, shapes, ranges, equal maps."""
-    from sensors.estimators import check_estimator
     from sensors.fields import PAPER_FIELDS
+    from wbf_mission.addons.contracts.estimators import check_estimator
     from wbf_mission.run.estimation import estimator_of
 
     return _run(
@@ -96,3 +97,8 @@ def _run(output: Output, name: str, what: str, check: Callable[[Choice], Any]) -
         rows["decisions"] = str(measured.decisions)
     output.result(values, rows)
     return ExitCode.GOOD if broken is None else ExitCode.NOT_GOOD
+
+
+PLANNER = Command(check_planner_command, EXAMPLES)
+POLICY = Command(check_policy_command, EXAMPLES)
+ESTIMATOR = Command(check_estimator_command, EXAMPLES)

@@ -15,7 +15,7 @@ from mission.ground.vehicle_state import VehicleMonitor
 from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
 from mission.transfer.wire import GROUND_STATION
-from wbf_mission.live.command_session import CommandSession
+from wbf_mission.addons.operate.command_session import CommandSession
 from wbf_mission.run.orders import IN_FLIGHT, START, Orders, WatchersOrder
 
 __all__ = ["ControlStation", "commands_of"]

@@ -330,13 +330,17 @@ def _coordinates(
     return found
 
 
-def read_poly(path: Path) -> Document:
+def read_poly(path: Path, layer: str | None = None, crs: str | None = None) -> Document:
     """Return the polygons of a ``.poly`` file of Mission Planner; FarmError if it cannot be read.
 
     Each line has the latitude and longitude of a corner; the last corner repeats the first; ``#`` begins a
     comment. Files of regions have lines ``Name:...`` and ``Color:...`` above each polygon. Source:
     ArduPilot/MissionPlanner, FlightPlanner.cs and Regions.cs.
     """
+    if layer is not None:
+        raise FarmError(f"a .poly has no layers; leave |{layer} out")
+    if crs is not None:
+        raise FarmError(f"a .poly is in degrees of WGS 84; leave out the coordinate system {crs!r:.60}")
     try:
         text = read_text(path, _MAX_TEXT_BYTES)
     except UnreadableError as error:

@@ -16,6 +16,9 @@ from mission.link.codec.frames import FrameReader
 from mission.model import Command, Mission
 from sim_vehicle.airframe.kind import kind_of_type
 from sim_vehicle.host.server import Server
+from wbf_mission.addons.operate.control_station import ControlStation
+from wbf_mission.addons.operate.simulation import SimulatedWatch
+from wbf_mission.addons.operate.telemetry_events import TelemetryEvents
 from wbf_mission.events import (
     EventStream,
     Noted,
@@ -26,12 +29,10 @@ from wbf_mission.events import (
     VehicleMoved,
     VehicleSaid,
 )
-from wbf_mission.live.control_station import ControlStation
-from wbf_mission.live.telemetry_events import TelemetryEvents
 from wbf_mission.live.watching import FleetWatch
 from wbf_mission.run.orders import Orders
 from wbf_mission.run.plan import plan
-from wbf_mission.simulator import SimulatedWatch, make_components
+from wbf_mission.simulator import make_components
 
 
 class Heard(list):

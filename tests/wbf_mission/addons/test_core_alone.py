@@ -1,9 +1,11 @@
 """The core does its work where there are no add-ons."""
 
+import json
 import os
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from bench_rows import made_row
@@ -17,63 +19,106 @@ HIDDEN = Path(__file__).parents[2] / "support" / "core_alone"
 ROOT = Path(__file__).parents[3]
 
 
-def run(folder, *words):
-    path = os.pathsep.join(map(str, (HIDDEN, ROOT)))
-    return subprocess.run(
-        [sys.executable, "-m", "wbf_mission", *words],
-        cwd=folder,
-        env={**os.environ, "PYTHONPATH": path},
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+ENVIRONMENT = {**os.environ, "PYTHONPATH": os.pathsep.join(map(str, (HIDDEN, ROOT)))}
 
+# One process for all commands: it finds no add-ons.
+COMMANDS = """
+import contextlib, io, json, os, sys
+from wbf_mission.cli.app import main
 
-@pytest.mark.parametrize(
-    "command",
-    [
-        "plan --farm miniberry-10 --planner spiral --out mine.plan --quiet",
-        "fly --farm miniberry-10 --policy greedy --estimator gp --budget 60s --out flown --quiet",
-        "bench run --scenarios WBF/Miniberry-10-v1 --planners spiral --estimators point --seeds 1 --out rows",
-        "check-policy greedy",
-        "vehicle list",
-        "bench list",
-    ],
+told = []
+for folder, words in json.loads(sys.argv[1]):
+    os.chdir(folder)
+    with contextlib.redirect_stdout(io.StringIO()) as out, contextlib.redirect_stderr(io.StringIO()) as err:
+        code = main(words.split())
+    told.append((code, out.getvalue(), err.getvalue()))
+print(json.dumps(told))
+"""
+WORKS = (
+    "plan --farm miniberry-10 --planner spiral --out mine.plan --quiet",
+    "fly --farm miniberry-10 --policy greedy --estimator gp --budget 60s --out flown --quiet",
+    "bench run --scenarios WBF/Miniberry-10-v1 --planners spiral --estimators point --seeds 1 --out new",
+    "check-policy greedy",
+    "vehicle list",
+    "bench list",
 )
-def test_a_command_works_without_add_ons(tmp_path, command):
-    done = run(tmp_path, *command.split())
+BROUGHT = ("check", "export", "map", "report", "studio", "bench replay")
+CONVERT = "convert a.kml a.plan"
+OTHER_VEHICLES = (
+    "vehicle show wing",
+    "plan --farm miniberry-10 --vehicle rover",
+    "sim --vehicle fixed-wing",
+    "vehicle show mine.toml",
+    "bench run --scenarios WBF/Miniberry-100-Mixed-v1 --planners spiral --seeds 1 --out new",
+)
+NO_PAGES = {
+    "fly --farm miniberry-10 --planner spiral --connect udpin:127.0.0.1:0 --yes --live 0": "live",
+    "bench report rows --out written": "bench",
+}
+NO_PRODUCTS = {
+    "fly --farm miniberry-10 --planner spiral --animate --out flown": "run.gif",
+    "fly --farm miniberry-10 --planner spiral --treatment-map --out flown": "treatment",
+}
+
+
+def add_row(folder):
+    store = BenchStore(folder / "rows")
+    store.add(made_row("spiral", 1, [0.5], scenario="WBF/Miniberry-10-v1"))
+    store.close()
+
+
+@pytest.fixture(scope="module")
+def alone(tmp_path_factory):
+    """What each command says, and whether it left its folder as it was."""
+    folders = {}
+    for words in (*WORKS, *BROUGHT, CONVERT, *OTHER_VEHICLES, *NO_PAGES, *NO_PRODUCTS):
+        folders[words] = tmp_path_factory.mktemp("alone")
+        (folders[words] / "mine.toml").write_text('kind = "rover"\n')
+        add_row(folders[words])
+    before = {words: sorted(folder.rglob("*")) for words, folder in folders.items()}
+    asked = json.dumps([(str(folder), words) for words, folder in folders.items()])
+    command = [sys.executable, "-c", COMMANDS, asked]
+    done = subprocess.run(command, env=ENVIRONMENT, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
+    found = {}
+    for (words, folder), (code, out, err) in zip(folders.items(), json.loads(done.stdout), strict=True):
+        is_kept = sorted(folder.rglob("*")) == before[words]
+        found[words] = SimpleNamespace(code=code, out=out, err=err, is_kept=is_kept)
+    return found
 
 
-@pytest.mark.parametrize("command", ["check", "export", "map", "report", "studio", "bench replay"])
-def test_what_add_ons_bring_is_not_there(tmp_path, command):
-    done = run(tmp_path, *command.split())
-    assert (done.returncode, "No such command" in done.stderr) == (2, True), done.stderr
+@pytest.mark.parametrize("words", WORKS)
+def test_a_command_works_without_add_ons(alone, words):
+    assert alone[words].code == 0, alone[words].err
 
 
-def test_files_of_add_ons_are_of_no_known_format(tmp_path):
-    done = run(tmp_path, "convert", "a.kml", "a.plan")
-    assert done.returncode == 2
-    said = " ".join(done.stderr.split())
+@pytest.mark.parametrize("words", BROUGHT)
+def test_what_add_ons_bring_is_not_there(alone, words):
+    assert (alone[words].code, "No such command" in alone[words].err) == (2, True), alone[words].err
+
+
+def test_files_of_add_ons_are_of_no_known_format(alone):
+    assert alone[CONVERT].code == 2
+    said = " ".join(alone[CONVERT].err.split())
     assert "missions are read from .plan, .waypoints, .wpl, .txt, .fen, .ral or .json" in said
 
 
-@pytest.mark.parametrize(
-    "words",
-    [
-        "vehicle show wing",
-        "plan --farm miniberry-10 --vehicle rover",
-        "sim --vehicle fixed-wing",
-        "vehicle show mine.toml",
-        "bench run --scenarios WBF/Miniberry-100-Mixed-v1 --planners spiral --seeds 1 --out rows",
-    ],
-)
-def test_a_vehicle_of_an_add_on_is_refused_in_one_line_that_names_it(tmp_path, words):
-    (tmp_path / "mine.toml").write_text('kind = "rover"\n')
-    done = run(tmp_path, *words.split())
-    assert (done.returncode, done.stdout) == (2, ""), done.stderr
-    assert done.stderr.startswith("error: ") and done.stderr.count("\n") == 1
-    assert "fixed-wing (wbf_mission.addons.wings), rover (wbf_mission.addons.rovers)" in done.stderr
+@pytest.mark.parametrize("words", OTHER_VEHICLES)
+def test_a_vehicle_of_an_add_on_is_refused_in_one_line_that_names_it(alone, words):
+    done = alone[words]
+    assert (done.code, done.out) == (2, ""), done.err
+    assert done.err.startswith("error: ") and done.err.count("\n") == 1
+    assert "fixed-wing (wbf_mission.addons.wings), rover (wbf_mission.addons.rovers)" in done.err
+
+
+@pytest.mark.parametrize("words", [*NO_PAGES, *NO_PRODUCTS])
+def test_what_no_add_on_brings_is_refused_before_anything_is_done(alone, words):
+    if words in NO_PAGES:
+        told = f"brings the page '{NO_PAGES[words]}' (wbf_mission.pages)"
+    else:
+        told = f"makes '{NO_PRODUCTS[words]}' (wbf_mission.products)"
+    told = f"error: no package that is installed {told}: install wbf-mission anew\n"
+    assert (alone[words].code, alone[words].err, alone[words].is_kept) == (2, told, True)
 
 
 VEHICLES = """
@@ -100,41 +145,9 @@ for mav_type in (1, 10):
 
 
 def test_a_vehicle_has_no_files_and_heartbeats_of_other_kinds_are_not_taken_for_multirotors():
-    path = os.pathsep.join(map(str, (HIDDEN, ROOT)))
-    done = subprocess.run(
-        [sys.executable, "-c", VEHICLES],
-        env={**os.environ, "PYTHONPATH": path},
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    command = [sys.executable, "-c", VEHICLES]
+    done = subprocess.run(command, env=ENVIRONMENT, capture_output=True, text=True, check=False)
     assert done.stdout.split("\n")[:4] == ["0 []", "fixed-wing rover quad", "True", "True"], done.stderr
-
-
-@pytest.mark.parametrize(
-    ("command", "page"),
-    [
-        ("fly --farm miniberry-10 --planner spiral --connect udpin:127.0.0.1:0 --yes --live 0", "live"),
-        ("bench report rows --out written", "bench"),
-    ],
-)
-def test_a_page_that_no_add_on_brings_is_refused_before_anything_is_done(tmp_path, command, page):
-    store = BenchStore(tmp_path / "rows")
-    store.add(made_row("spiral", 1, [0.5], scenario="WBF/Miniberry-10-v1"))
-    store.close()
-    there = sorted(tmp_path.rglob("*"))
-    done = run(tmp_path, *command.split())
-    told = f"error: no package that is installed brings the page '{page}' (wbf_mission.pages): "
-    assert (done.returncode, done.stderr) == (2, told + "install wbf-mission anew\n")
-    assert sorted(tmp_path.rglob("*")) == there
-
-
-@pytest.mark.parametrize(("option", "name"), [("--animate", "run.gif"), ("--treatment-map", "treatment")])
-def test_a_product_that_no_add_on_makes_is_refused_before_anything_flies(tmp_path, option, name):
-    done = run(tmp_path, "fly", "--farm", "miniberry-10", "--planner", "spiral", option, "--out", "flown")
-    said = f"error: no package that is installed makes '{name}' (wbf_mission.products): "
-    assert (done.returncode, done.stderr) == (2, said + "install wbf-mission anew\n")
-    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize(
@@ -146,9 +159,7 @@ def test_a_product_that_no_add_on_makes_is_refused_before_anything_flies(tmp_pat
     ],
 )
 def test_add_ons_ask_for_pages_as_the_core_does(tmp_path, monkeypatch, capsys, command, page):
-    store = BenchStore(tmp_path / "rows")
-    store.add(made_row("spiral", 1, [0.5], scenario="WBF/Miniberry-10-v1"))
-    store.close()
+    add_row(tmp_path)
     there = sorted(tmp_path.rglob("*"))
     monkeypatch.chdir(tmp_path)
     found = imports.entry_points

@@ -1,10 +1,12 @@
 """The core does its work where there are no add-ons."""
 
+import json
 import os
 import re
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from bench_rows import made_row
@@ -18,65 +20,122 @@ HIDDEN = Path(__file__).parents[2] / "support" / "core_alone"
 ROOT = Path(__file__).parents[3]
 
 
-def python(*words, folder=None):
-    path = os.pathsep.join(map(str, (HIDDEN, ROOT)))
-    env = {**os.environ, "PYTHONPATH": path}
-    return subprocess.run(
-        [sys.executable, *words], cwd=folder, env=env, capture_output=True, text=True, check=False
-    )
+ENVIRONMENT = {**os.environ, "PYTHONPATH": os.pathsep.join(map(str, (HIDDEN, ROOT)))}
 
+# One process for all commands: it finds no add-ons.
+COMMANDS = """
+import contextlib, io, json, os, sys
+from wbf_mission.cli.app import main
 
-def run(folder, *words):
-    return python("-m", "wbf_mission", *words, folder=folder)
-
-
-@pytest.mark.parametrize(
-    "command",
-    [
-        "plan --farm miniberry-10 --planner spiral --out mine.plan --quiet",
-        "fly --farm miniberry-10 --policy greedy --estimator gp --budget 60s --out flown --quiet",
-        "bench run --scenarios WBF/Miniberry-10-v1 --planners spiral --estimators point --seeds 1 --out rows",
-        "vehicle list",
-        "bench list",
-    ],
+told = []
+for folder, words in json.loads(sys.argv[1]):
+    os.chdir(folder)
+    with contextlib.redirect_stdout(io.StringIO()) as out, contextlib.redirect_stderr(io.StringIO()) as err:
+        code = main(words.split())
+    told.append((code, out.getvalue(), err.getvalue()))
+print(json.dumps(told))
+"""
+WORKS = (
+    "plan --farm miniberry-10 --planner spiral --out mine.plan --quiet",
+    "fly --farm miniberry-10 --policy greedy --estimator gp --budget 60s --out flown --quiet",
+    "bench run --scenarios WBF/Miniberry-10-v1 --planners spiral --estimators point --seeds 1 --out new",
+    "vehicle list",
+    "bench list",
 )
-def test_a_command_works_without_add_ons(tmp_path, command):
-    done = run(tmp_path, *command.split())
+BROUGHT = (
+    *("check", "check-policy", "command", "export", "map", "monitor", "report", "studio"),
+    *("bench compare", "bench replay", "farm generate"),
+)
+CONVERT = "convert a.kml a.plan"
+OTHER_VEHICLES = (
+    "vehicle show wing",
+    "plan --farm miniberry-10 --vehicle rover",
+    "sim --vehicle fixed-wing",
+    "vehicle show mine.toml",
+    "bench run --scenarios WBF/Miniberry-100-Mixed-v1 --planners spiral --seeds 1 --out new",
+)
+FLY = "fly --farm miniberry-10 --planner spiral"
+MISSING = {
+    f"{FLY} --connect udpin:127.0.0.1:0 --yes --live 0": "brings the page 'live' (wbf_mission.pages)",
+    "sim --live 0 --farm miniberry-10": "brings the page 'live.simulation' (wbf_mission.pages)",
+    "bench report rows --out written": "brings the page 'bench' (wbf_mission.pages)",
+    f"{FLY} --animate --out flown": "makes 'run.gif' (wbf_mission.products)",
+    f"{FLY} --treatment-map --out flown": "makes 'treatment' (wbf_mission.products)",
+    "farm draw miniberry-10 --out farm.png": "makes 'path.png' (wbf_mission.products)",
+    "bench run --sealed a.secret --out b": "opens rounds that are 'sealed' (wbf_mission.rounds)",
+    **{
+        f"plan --farm a.{suffix}|fields": f"reads farms in '{suffix}' (wbf_mission.farm_formats)"
+        for suffix in ("gpkg", "kml", "poly")
+    },
+}
+NO_PICTURES = "fly --farm miniberry-10 --vehicle ideal --budget 40steps --out flown"
+
+
+def add_row(folder):
+    store = BenchStore(folder / "rows")
+    store.add(made_row("spiral", 1, [0.5], scenario="WBF/Miniberry-10-v1"))
+    store.close()
+
+
+@pytest.fixture(scope="module")
+def alone(tmp_path_factory):
+    """What each command says, and whether it left its folder as it was."""
+    folders = {}
+    for words in (*WORKS, *BROUGHT, CONVERT, *OTHER_VEHICLES, *MISSING, NO_PICTURES):
+        folders[words] = tmp_path_factory.mktemp("alone")
+        (folders[words] / "mine.toml").write_text('kind = "rover"\n')
+        for name in ("a.secret", "a.gpkg", "a.kml", "a.poly"):
+            (folders[words] / name).write_bytes(b"")
+        add_row(folders[words])
+    before = {words: sorted(folder.rglob("*")) for words, folder in folders.items()}
+    asked = json.dumps([(str(folder), words) for words, folder in folders.items()])
+    command = [sys.executable, "-c", COMMANDS, asked]
+    done = subprocess.run(command, env=ENVIRONMENT, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
+    found = {}
+    for (words, folder), (code, out, err) in zip(folders.items(), json.loads(done.stdout), strict=True):
+        is_kept = sorted(folder.rglob("*")) == before[words]
+        found[words] = SimpleNamespace(code=code, out=out, err=err, is_kept=is_kept, folder=folder)
+    return found
 
 
-ADDED = ["check", "check-policy", "command", "export", "map", "monitor", "report", "studio"]
+@pytest.mark.parametrize("words", WORKS)
+def test_a_command_works_without_add_ons(alone, words):
+    assert alone[words].code == 0, alone[words].err
 
 
-@pytest.mark.parametrize("command", [*ADDED, "bench compare", "bench replay", "farm generate"])
-def test_what_add_ons_bring_is_not_there(tmp_path, command):
-    done = run(tmp_path, *command.split())
-    assert (done.returncode, "No such command" in done.stderr) == (2, True), done.stderr
+@pytest.mark.parametrize("words", BROUGHT)
+def test_what_add_ons_bring_is_not_there(alone, words):
+    assert (alone[words].code, "No such command" in alone[words].err) == (2, True), alone[words].err
 
 
-def test_files_of_add_ons_are_of_no_known_format(tmp_path):
-    done = run(tmp_path, "convert", "a.kml", "a.plan")
-    assert done.returncode == 2
-    said = " ".join(done.stderr.split())
+def test_files_of_add_ons_are_of_no_known_format(alone):
+    assert alone[CONVERT].code == 2
+    said = " ".join(alone[CONVERT].err.split())
     assert "missions are read from .plan, .waypoints, .wpl, .txt, .fen, .ral or .json" in said
 
 
-@pytest.mark.parametrize(
-    "words",
-    [
-        "vehicle show wing",
-        "plan --farm miniberry-10 --vehicle rover",
-        "sim --vehicle fixed-wing",
-        "vehicle show mine.toml",
-        "bench run --scenarios WBF/Miniberry-100-Mixed-v1 --planners spiral --seeds 1 --out rows",
-    ],
-)
-def test_a_vehicle_of_an_add_on_is_refused_in_one_line_that_names_it(tmp_path, words):
-    (tmp_path / "mine.toml").write_text('kind = "rover"\n')
-    done = run(tmp_path, *words.split())
-    assert (done.returncode, done.stdout) == (2, ""), done.stderr
-    assert done.stderr.startswith("error: ") and done.stderr.count("\n") == 1
-    assert "fixed-wing (wbf_mission.addons.wings), rover (wbf_mission.addons.rovers)" in done.stderr
+@pytest.mark.parametrize("words", OTHER_VEHICLES)
+def test_a_vehicle_of_an_add_on_is_refused_in_one_line_that_names_it(alone, words):
+    done = alone[words]
+    assert (done.code, done.out) == (2, ""), done.err
+    assert done.err.startswith("error: ") and done.err.count("\n") == 1
+    assert "fixed-wing (wbf_mission.addons.wings), rover (wbf_mission.addons.rovers)" in done.err
+
+
+@pytest.mark.parametrize(("words", "missing"), MISSING.items())
+def test_a_part_that_no_add_on_brings_is_named_before_anything_is_done(alone, words, missing):
+    done = alone[words]
+    (said,) = re.fullmatch(r"(?:note: no pictures: .*\n)?error: (?:farm file \S+: )?(.*)\n", done.err).groups()
+    assert (done.code, said) == (2, f"no package that is installed {missing}: install wbf-mission anew")
+    assert done.is_kept
+
+
+def test_without_the_add_on_a_flight_is_saved_without_pictures(alone):
+    done = alone[NO_PICTURES]
+    said = "note: no pictures: no package that is installed makes 'path.png' (wbf_mission.products)\n"
+    assert (done.code, done.err.count(said)) == (0, 1), done.err
+    assert (done.folder / "flown" / "result.json").is_file() and not list(done.folder.rglob("*.png"))
 
 
 VEHICLES = """
@@ -103,57 +162,9 @@ for mav_type in (1, 10):
 
 
 def test_a_vehicle_has_no_files_and_heartbeats_of_other_kinds_are_not_taken_for_multirotors():
-    done = python("-c", VEHICLES)
+    command = [sys.executable, "-c", VEHICLES]
+    done = subprocess.run(command, env=ENVIRONMENT, capture_output=True, text=True, check=False)
     assert done.stdout.split("\n")[:4] == ["0 []", "fixed-wing rover quad", "True", "True"], done.stderr
-
-
-@pytest.fixture
-def folder(tmp_path):
-    """A folder with the rows of a benchmark, the secret of a round and empty farm files."""
-    store = BenchStore(tmp_path / "rows")
-    store.add(made_row("spiral", 1, [0.5], scenario="WBF/Miniberry-10-v1"))
-    store.close()
-    for name in ("a.secret", "a.gpkg", "a.kml", "a.poly"):
-        (tmp_path / name).write_bytes(b"")
-    return tmp_path
-
-
-FLY = "fly --farm miniberry-10 --planner spiral"
-
-
-@pytest.mark.parametrize(
-    ("command", "missing"),
-    [
-        (f"{FLY} --connect udpin:127.0.0.1:0 --yes --live 0", "brings the page 'live' (wbf_mission.pages)"),
-        ("sim --live 0 --farm miniberry-10", "brings the page 'live.simulation' (wbf_mission.pages)"),
-        ("bench report rows --out written", "brings the page 'bench' (wbf_mission.pages)"),
-        (f"{FLY} --animate --out flown", "makes 'run.gif' (wbf_mission.products)"),
-        (f"{FLY} --treatment-map --out flown", "makes 'treatment' (wbf_mission.products)"),
-        ("bench run --sealed a.secret --out b", "opens rounds that are 'sealed' (wbf_mission.rounds)"),
-        *(
-            (f"plan --farm a.{suffix}|fields", f"reads farms in '{suffix}' (wbf_mission.farm_formats)")
-            for suffix in ("gpkg", "kml", "poly")
-        ),
-    ],
-)
-def test_a_part_that_no_add_on_brings_is_named_before_anything_is_done(folder, command, missing):
-    there = sorted(folder.rglob("*"))
-    done = run(folder, *command.split())
-    (said,) = re.fullmatch(r"error: (?:farm file \S+: )?(.*)\n", done.stderr).groups()
-    assert (done.returncode, said) == (2, f"no package that is installed {missing}: install wbf-mission anew")
-    assert sorted(folder.rglob("*")) == there
-
-
-def test_without_the_add_on_a_flight_is_saved_without_pictures(tmp_path):
-    command = "fly --farm miniberry-10 --vehicle ideal --budget 9steps --out flown"
-    done = run(tmp_path, *command.split())
-    said = "note: no pictures: no package that is installed makes 'path.png' (wbf_mission.products)\n"
-    assert (done.returncode, done.stderr.count(said)) == (0, 1), done.stderr
-    assert (tmp_path / "flown" / "result.json").is_file() and not list(tmp_path.rglob("*.png"))
-    done = run(tmp_path, "farm", "draw", "miniberry-10", "--out", "farm.png")
-    told = "error: no package that is installed makes 'path.png' (wbf_mission.products): "
-    assert (done.returncode, done.stderr) == (2, told + "install wbf-mission anew\n")
-    assert not (tmp_path / "farm.png").exists()
 
 
 @pytest.mark.parametrize(
@@ -165,18 +176,20 @@ def test_without_the_add_on_a_flight_is_saved_without_pictures(tmp_path):
         ("report rows --out written.html", "bench.report"),
     ],
 )
-def test_add_ons_ask_for_pages_as_the_core_does(folder, monkeypatch, capsys, command, page):
-    there = sorted(folder.rglob("*"))
-    monkeypatch.chdir(folder)
+def test_add_ons_ask_for_pages_as_the_core_does(tmp_path, monkeypatch, capsys, command, page):
+    add_row(tmp_path)
+    there = sorted(tmp_path.rglob("*"))
+    monkeypatch.chdir(tmp_path)
     found = imports.entry_points
     monkeypatch.setattr(imports, "entry_points", lambda group: [] if group == GROUP else found(group))
     assert main(command.split()) == 2
     assert f"brings the page '{page}' (wbf_mission.pages)" in capsys.readouterr().err
-    assert sorted(folder.rglob("*")) == there
+    assert sorted(tmp_path.rglob("*")) == there
 
 
 def test_a_contract_check_that_no_add_on_brings_is_named():
-    done = python("-c", "from wbf_mission import check_policy")
+    command = [sys.executable, "-c", "from wbf_mission import check_policy"]
+    done = subprocess.run(command, env=ENVIRONMENT, capture_output=True, text=True, check=False)
     said = "no package that is installed brings 'check_policy' (wbf_mission.contracts): "
     assert done.stderr.endswith(f"geo.errors.WbfMissionError: {said}install wbf-mission anew\n")
 

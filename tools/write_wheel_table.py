@@ -43,6 +43,9 @@ Where `pip install -c requirements.lock .` needs no compiler: for each core depe
 these need, the Pythons of 3.11 to 3.14 for which the version in `requirements.lock` has a wheel. Linux means
 glibc 2.28 or newer. Written by `python tools/write_wheel_table.py` from the names of the wheels; nothing was
 installed on macOS and Windows.
+
+numba has no wheel of this version for Macs with Intel processors. Without the lock file pip takes numba
+0.62.1 there, for Python 3.11 to 3.13, which lies in the range of `pyproject.toml`; for 3.14 there is none.
 """
 
 
@@ -91,7 +94,7 @@ def main() -> None:
             cells = [covered(names, platforms) for platforms in SYSTEMS.values()]
             rows.append(f"| {name} {locked[name]} | {' | '.join(cells)} |\n")
     head = f"| | {' | '.join(SYSTEMS)} |\n|{'---|' * (len(SYSTEMS) + 1)}\n"
-    rest = f"\nThe other {len(pure)} are the same for all systems:\n{fill(', '.join(pure), 110)}.\n"
+    rest = f"\nThe other {len(pure)} are the same for all systems:\n{fill(', '.join(pure), 110, break_on_hyphens=False)}.\n"
     PAGE.write_text(HEAD + "\n" + head + "".join(rows) + rest, encoding="utf-8")
 
 

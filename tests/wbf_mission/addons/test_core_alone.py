@@ -91,6 +91,8 @@ vehicle = SimVehicle(get_vehicle("quad"), GeoPoint(28.05, -82.15, 10.0))
 ftp = m.MAVLink_file_transfer_protocol_message(0, 1, 1, [0] * 251)
 print(version.capabilities & m.MAV_PROTOCOL_CAPABILITY_FTP, vehicle.receive(ftp, 1.0))
 print(kind_of_type(1), kind_of_type(10), typical_vehicle(Vehicle(1, 1, 12, 2)))
+pitch = m.MAVLink_command_long_message(1, 1, 1000, 0, -30, 0, 0, 0, 0, 0, 0)
+print(vehicle.receive(pitch, 1.0)[0].result, vehicle.camera_attitude(0.0))
 for mav_type in (1, 10):
     try:
         print(typical_vehicle(Vehicle(1, 1, 12, mav_type)))
@@ -99,7 +101,7 @@ for mav_type in (1, 10):
 """
 
 
-def test_a_vehicle_has_no_files_and_heartbeats_of_other_kinds_are_not_taken_for_multirotors():
+def test_a_vehicle_has_no_extras_and_heartbeats_of_other_kinds_are_not_taken_for_multirotors():
     path = os.pathsep.join(map(str, (HIDDEN, ROOT)))
     done = subprocess.run(
         [sys.executable, "-c", VEHICLES],
@@ -108,7 +110,8 @@ def test_a_vehicle_has_no_files_and_heartbeats_of_other_kinds_are_not_taken_for_
         text=True,
         check=False,
     )
-    assert done.stdout.split("\n")[:4] == ["0 []", "fixed-wing rover quad", "True", "True"], done.stderr
+    told = ["0 []", "fixed-wing rover quad", "3 None", "True", "True"]
+    assert done.stdout.split("\n")[:5] == told, done.stderr
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,6 @@ from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
 from sim_vehicle.airframe.power_spec import GRAVITY_M_S2
 from sim_vehicle.autopilot.modes import Mode
-from sim_vehicle.autopilot.stick_rules import Sticks
 from sim_vehicle.execution.state import FlightPhase, LandedState
 from sim_vehicle.mavlink.wire_state import UNUSED, int16_vector
 
@@ -32,8 +31,6 @@ _BOARD_MV, _FREE_BYTES = 5000, 131_072
 _SPACING_M, _LOADED = 100, 56
 _MIDDLE_US, _LEAST_US = 1500, 1000
 _MANUAL_MODES = frozenset({Mode.MANUAL, Mode.ALTITUDE, Mode.POSITION, Mode.HOLD})
-# Channels 5 to 18 of the RC receiver in ArduPilot's simulator.
-_SWITCHES = (1800, 1000, 1000, 1800, *[0] * 10)
 
 
 def _target(source: WireState) -> tuple[Position, Position] | None:
@@ -135,18 +132,6 @@ def _terrain_report(source: WireState) -> Message:
     )
 
 
-def _rc_channels(source: WireState) -> Message:
-    """RC_CHANNELS: a ground station's overrides, else the channels of ArduPilot's simulated receiver."""
-    rules, heard = source.firmware.sticks, source.pilot.sticks
-    if rules is None or not rules.overrides:
-        return m.MAVLink_rc_channels_message(source.boot_ms, 0, *([UNUSED] * 18 + [255]))
-    sticks = heard or Sticks(up=0.0 if rules.drives else -1.0)
-    half = rules.pwm_half if heard is not None else 500.0
-    axes = (sticks.right, -sticks.forward, sticks.up, sticks.turn)
-    numbers = [*(round(_MIDDLE_US + half * axis) for axis in axes), *_SWITCHES, 255]
-    return m.MAVLink_rc_channels_message(source.boot_ms, 16, *numbers)
-
-
 ARDUPILOT_BUILDERS: dict[int, Callable[[WireState], Message | None]] = {
     m.MAVLINK_MSG_ID_NAV_CONTROLLER_OUTPUT: _nav_controller_output,
     m.MAVLINK_MSG_ID_POSITION_TARGET_GLOBAL_INT: _position_target_global_int,
@@ -164,7 +149,6 @@ ARDUPILOT_BUILDERS: dict[int, Callable[[WireState], Message | None]] = {
     m.MAVLINK_MSG_ID_AHRS: lambda _: m.MAVLink_ahrs_message(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
     m.MAVLINK_MSG_ID_AHRS2: _ahrs2,
     m.MAVLINK_MSG_ID_TERRAIN_REPORT: _terrain_report,
-    m.MAVLINK_MSG_ID_RC_CHANNELS: _rc_channels,
 }
 """Builders by message id; a builder returns None if there is nothing to send."""
 

@@ -13,6 +13,7 @@ from sim_vehicle.mavlink.parameters import ParameterSet
 from sim_vehicle.mavlink.plan_receiver import PlanReceiver
 from sim_vehicle.mavlink.vehicle_command import Result, VehicleCommand
 from sim_vehicle.mavlink.wire_state import WireState
+from sim_vehicle.pilot.extra import PilotExtra
 
 __all__ = ["EXTRA_GROUP", "Timed", "VehicleExtra", "extras_of"]
 
@@ -31,7 +32,7 @@ class Timed(Protocol):
         """Return the messages that are due."""
 
 
-class VehicleExtra:
+class VehicleExtra(PilotExtra):
     """Part of a vehicle that an add-on provides; a subclass overrides what it needs.
 
     Parameters

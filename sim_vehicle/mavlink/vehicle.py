@@ -33,7 +33,7 @@ from sim_vehicle.mavlink.extras import Timed, extras_of
 from sim_vehicle.mavlink.parameters import ParameterMessage, ParameterSet
 from sim_vehicle.mavlink.plan_receiver import PlanReceiver
 from sim_vehicle.mavlink.reports import GyroCalibration, ItemReports, Schedule, StatusTexts
-from sim_vehicle.mavlink.steering import SetpointMessage, Steering, StickMessage
+from sim_vehicle.mavlink.steering import SetpointMessage, Steering
 from sim_vehicle.mavlink.telemetry import BUILDERS
 from sim_vehicle.mavlink.vehicle_command import command_of
 from sim_vehicle.mavlink.wire_state import WireState
@@ -181,6 +181,7 @@ class SimVehicle:
         self._parameters = ParameterSet(pilot, firmware.parameters(spec, system_id), self._plans.totals())
         self._schedules = {"": self._default_schedule("")}
         self.extras = extras_of(state, self._parameters, self._plans)
+        pilot.extras += self.extras
         self.builders = dict(BUILDERS)
         for extra in self.extras:
             state.capabilities |= extra.capabilities
@@ -204,7 +205,6 @@ class SimVehicle:
             **_each(ParameterMessage, self._on_parameter),
             **dict.fromkeys(_MISSION_IDS, self._on_mission),
             **_each(SetpointMessage, self._steering.take_setpoint),
-            **_each(StickMessage, self._steering.take_sticks),
         }
         handlers |= (
             handler(m.MAVLink_command_ack_message, self._on_ack),
@@ -365,7 +365,7 @@ class SimVehicle:
         self._tick_s = now_s
         if self._boots is not None:
             self._boot(self._boots)
-        events = self.pilot.advance(now_s, by_sticks=self._steering.by_sticks)
+        events = self.pilot.advance(now_s)
         self.state.sense(now_s)
         for extra in self.extras:
             extra.advance()

@@ -13,12 +13,15 @@ from sim_vehicle.motion.legs import Heading
 from sim_vehicle.pilot.controls import RefusedError
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from mission.model import MissionItem
+    from sim_vehicle.autopilot.stick_rules import Sticks
     from sim_vehicle.pilot.controls import Controls
+    from sim_vehicle.pilot.extra import PilotExtra
     from sim_vehicle.pilot.follow import FollowPilot
     from sim_vehicle.pilot.guided import AttitudePilot, SetpointFollower
     from sim_vehicle.pilot.mission_status import MissionStatus
-    from sim_vehicle.pilot.sticks import StickPilot
 
 __all__ = ["ModeControl"]
 
@@ -43,7 +46,7 @@ class ModeControl:
         setpoints: SetpointFollower,
         attitude: AttitudePilot,
         follow: FollowPilot,
-        sticks: StickPilot | None,
+        extras: Sequence[PilotExtra],
     ) -> None:
         # Last mode that was ordered or followed from an order; the vehicle arms in this mode.
         self.intended = controls.mode
@@ -56,13 +59,13 @@ class ModeControl:
         self._setpoints = setpoints
         self._attitude = attitude
         self._follow = follow
-        self._sticks = sticks
+        self._extras = extras
         self._mode_before_flip, self._points_inward = controls.mode, False
         self._left_mission: tuple[tuple[MissionItem, ...], int] | None = None
 
     def check(self, mode: Mode) -> None:
         """Raise RefusedError if the mode is not possible now."""
-        controls, sticks = self._controls, self._sticks
+        controls = self._controls
         if controls.state.phase.is_lost:
             why = "battery empty" if controls.state.phase is FlightPhase.DEPLETED else "falling"
             raise RefusedError(f"Mode {mode.value} refused: {why}")
@@ -74,17 +77,19 @@ class ModeControl:
             raise RefusedError("Mode flip refused: not flying by hand")
         if mode not in _WITHOUT_POSITION and not controls.position_ok:
             raise RefusedError(f"Mode {mode.value} refused: no position")
-        if sticks is not None and sticks.lacks(mode):
-            raise RefusedError(f"Mode {mode.value} refused: no sticks")
+        for extra in self._extras:
+            if (reason := extra.why_not_enter(mode)) is not None:
+                raise RefusedError(f"Mode {mode.value} refused: {reason}")
         if mode is Mode.GUIDED and controls.rules.needs_stream and not self._setpoints.is_fresh:
             raise RefusedError("Mode guided refused: no setpoints")
 
     def why_not_arm(self) -> str | None:
-        """Return the reason against arming for lack of sticks or setpoints, or None."""
+        """Return the reason against arming for lack of setpoints, or of an extra; else None."""
         controls = self._controls
         if controls.mode is Mode.GUIDED and controls.rules.needs_stream and not self._setpoints.is_fresh:
             return "No offboard signal"
-        return None if self._sticks is None else self._sticks.why_not_arm(controls.mode)
+        reasons = (extra.why_not_arm(controls.mode) for extra in self._extras)
+        return next((reason for reason in reasons if reason is not None), None)
 
     @property
     def _may_flip(self) -> bool:
@@ -92,11 +97,15 @@ class ModeControl:
         controls, sticks = self._controls, self._sticks
         if not controls.armed or controls.landed is LandedState.ON_GROUND or controls.mode not in _BY_HAND:
             return False
-        if sticks is None:
+        if controls.firmware.sticks is None:
             return True
-        if controls.mode is Mode.MANUAL and sticks.throttle_down:
+        if controls.mode is Mode.MANUAL and all(extra.throttle_down for extra in self._extras):
             return False
-        return sticks.shown is None or abs(sticks.shown.right) < _MAX_FLIP_STICK
+        return sticks is None or abs(sticks.right) < _MAX_FLIP_STICK
+
+    @property
+    def _sticks(self) -> Sticks | None:
+        return next((extra.sticks for extra in self._extras if extra.sticks is not None), None)
 
     def change(self, mode: Mode) -> bool:
         """Change the mode and, if armed, begin the mode's flight; a refusal restores the old mode.
@@ -179,7 +188,7 @@ class ModeControl:
         if mode is Mode.ATTITUDE:
             self._attitude.take()
         elif mode is Mode.FLIP:
-            sticks = None if self._sticks is None else self._sticks.shown
+            sticks = self._sticks
             self._mode_before_flip = before
             self._attitude.flip(-1.0 if sticks is not None and sticks.right < 0.0 else 1.0)
         elif mode is Mode.FOLLOW:

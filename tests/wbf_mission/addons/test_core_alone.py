@@ -93,6 +93,8 @@ print(version.capabilities & m.MAV_PROTOCOL_CAPABILITY_FTP, vehicle.receive(ftp,
 print(kind_of_type(1), kind_of_type(10), typical_vehicle(Vehicle(1, 1, 12, 2)))
 pitch = m.MAVLink_command_long_message(1, 1, 1000, 0, -30, 0, 0, 0, 0, 0, 0)
 print(vehicle.receive(pitch, 1.0)[0].result, vehicle.camera_attitude(0.0))
+stick = m.MAVLink_manual_control_message(1, 0, 0, 900, 0, 0)
+print(vehicle.receive(stick, 1.0), vehicle.built(m.MAVLINK_MSG_ID_RC_CHANNELS), vehicle.pilot.sticks)
 for mav_type in (1, 10):
     try:
         print(typical_vehicle(Vehicle(1, 1, 12, mav_type)))
@@ -110,8 +112,8 @@ def test_a_vehicle_has_no_extras_and_heartbeats_of_other_kinds_are_not_taken_for
         text=True,
         check=False,
     )
-    told = ["0 []", "fixed-wing rover quad", "3 None", "True", "True"]
-    assert done.stdout.split("\n")[:5] == told, done.stderr
+    told = ["0 []", "fixed-wing rover quad", "3 None", "[] () None", "True", "True"]
+    assert done.stdout.split("\n")[:6] == told, done.stderr
 
 
 @pytest.mark.parametrize(

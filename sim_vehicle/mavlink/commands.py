@@ -17,11 +17,10 @@ from mission.link.codec.dialect import mavlink as m
 from mission.link.codec.typed import CommandMessage
 from mission.model import RELATIVE_FRAMES, Command
 from sim_vehicle.autopilot.modes import Mode
-from sim_vehicle.autopilot.parameters import Setting
 from sim_vehicle.execution.items import CAMERA_COMMANDS, ROI_COMMANDS
 from sim_vehicle.mavlink.telemetry import BUILDERS
 from sim_vehicle.mavlink.vehicle_command import Result, VehicleCommand, read_command
-from sim_vehicle.motion.legs import ALONG, INWARD, KEEP, Heading
+from sim_vehicle.motion.legs import ALONG, KEEP, Heading
 from sim_vehicle.pilot.controls import RefusedError, Severity
 from sim_vehicle.pilot.failsafe import FORCE
 
@@ -40,7 +39,6 @@ _HEARTBEAT_US = 1e6
 # Threshold of parameter 1 above which DO_FLIGHTTERMINATION terminates (common.xml).
 _TERMINATE = 0.5
 _FIRST_FREE_SERVO, _LAST_SERVO = 5, 16
-_ORBIT_HEADING = Setting("MC_ORBIT_YAW_MOD", 0.0)
 _STANDARD_MODES = {
     1: Mode.HOLD,
     4: Mode.ALTITUDE,
@@ -286,35 +284,6 @@ def _change_speed(vehicle: CommandedVehicle, command: VehicleCommand) -> Result:
     return None
 
 
-def _orbit(vehicle: CommandedVehicle, command: VehicleCommand) -> None:
-    """DO_ORBIT (PX4): radius, speed, heading, -, position; defaults are 10 m, the cruise speed, and here.
-
-    PX4 reads the altitude as above sea level in every frame.
-    """
-    pilot, modes = vehicle.pilot, vehicle.state.mavlink.modes
-    radius, speed, nose, _, _, _, altitude = command.params
-    if not math.isfinite(nose) or nose == m.ORBIT_YAW_BEHAVIOUR_UNCHANGED:
-        nose = _ORBIT_HEADING.of(pilot.parameters)
-    headings = {
-        m.ORBIT_YAW_BEHAVIOUR_HOLD_INITIAL_HEADING: Heading.fixed(pilot.state.yaw_rad),
-        m.ORBIT_YAW_BEHAVIOUR_UNCONTROLLED: KEEP,
-        m.ORBIT_YAW_BEHAVIOUR_HOLD_FRONT_TANGENT_TO_CIRCLE: ALONG,
-        m.ORBIT_YAW_BEHAVIOUR_RC_CONTROLLED: KEEP,
-    }
-    position = command.position or pilot.frame.to_wgs84(*pilot.state.position_m[:2])
-    here = pilot.state.position_m[2]
-    pilot.orbit(
-        *position,
-        vehicle.state.above_start(altitude, int(m.MAV_FRAME_GLOBAL)) if math.isfinite(altitude) else here,
-        radius_m=radius if math.isfinite(radius) and radius else 10.0,
-        speed_m_s=speed if math.isfinite(speed) and speed > 0.0 else pilot.spec.cruise_speed_m_s,
-        heading=headings.get(int(nose), INWARD),
-        mode=modes.after_command,
-    )
-    if modes.orbit is not None:
-        vehicle.state.name_mode(modes.orbit)
-
-
 def _yaw(vehicle: CommandedVehicle, command: VehicleCommand) -> None:
     """CONDITION_YAW (ArduCopter): angle, rate, direction, and a flag for a relative angle."""
     angle, rate, _, relative = command.params[:4]
@@ -507,7 +476,6 @@ HANDLERS: dict[int, Handler] = {
     m.MAV_CMD_DO_REPOSITION: _reposition,
     m.MAV_CMD_DO_CHANGE_ALTITUDE: _change_altitude,
     Command.DO_CHANGE_SPEED: _change_speed,
-    m.MAV_CMD_DO_ORBIT: _orbit,
     Command.CONDITION_YAW: _yaw,
     m.MAV_CMD_DO_FENCE_ENABLE: _fence_enable,
     m.MAV_CMD_DO_FLIGHTTERMINATION: _terminate,

@@ -15,7 +15,6 @@ from geo.frame import angles_of
 from mission.link.codec.dialect import mavlink as m
 from mission.link.codec.typed import is_a
 from sim_vehicle.airframe.power_spec import GRAVITY_M_S2
-from sim_vehicle.autopilot.modes import Mode
 from sim_vehicle.autopilot.parameters import Setting
 from sim_vehicle.motion.legs import KEEP, Heading
 from sim_vehicle.motion.model import attitude_of
@@ -44,7 +43,6 @@ _LEAST_LIFT, _MOST_THRUST = 1.0, 2.0
 # Tolerance of a unit quaternion's squared length.
 _UNIT = 2e-3
 _LOCAL, _LOCAL_OFFSET, _BODY, _BODY_OFFSET, _BODY_FRD = 1, 7, 8, 9, 12
-_POLE, _DATE_LINE = 90.0, 180.0
 _GLOBAL = {0: False, 5: False, 3: True, 6: True}
 
 
@@ -77,20 +75,6 @@ class Steering:
                     pilot.take_setpoint(setpoint)
             except RefusedError as refusal:
                 pilot.setpoints.complain(str(refusal))
-
-    def take_target(self, message: m.MAVLink_follow_target_message) -> None:
-        """Handle FOLLOW_TARGET; a target without a valid position is ignored."""
-        pilot = self._pilot
-        latitude, longitude = message.lat / 1e7, message.lon / 1e7
-        if pilot.mode is not Mode.FOLLOW or not (
-            abs(latitude) <= _POLE and abs(longitude) <= _DATE_LINE and math.isfinite(message.alt)
-        ):
-            return
-        east, north = pilot.frame.from_wgs84(latitude, longitude)
-        v_north, v_east, v_down = message.vel
-        known = math.isfinite(v_north + v_east + v_down)
-        velocity = (v_east, v_north, -v_down) if known else None
-        pilot.follow.take((east, north, message.alt - pilot.frame.altitude_m), velocity)
 
     def _setpoint_of(self, message: PositionTarget) -> Setpoint | AttitudeTarget:
         """Return the setpoint of a message; RefusedError for an unsupported frame, a force, or no values."""

@@ -221,8 +221,6 @@ class SimVehicle:
             handler(m.MAVLink_setup_signing_message, self._on_setup_signing),
             handler(m.MAVLink_timesync_message, self._on_timesync),
         )
-        if Mode.FOLLOW in self.state.mavlink.modes.numbers:
-            handlers |= (handler(m.MAVLink_follow_target_message, self._steering.take_target),)
         if self.pilot.behaviour.tells_shots:
             handlers[m.MAVLINK_MSG_ID_CAMERA_IMAGE_CAPTURED] = self._on_image
         for extra in self.extras:

@@ -40,3 +40,9 @@ class PilotExtra:
     def check(self) -> Iterable[Reaction]:
         """Check the failsafes of an armed vehicle; each reaction is carried out before the next is taken."""
         return ()
+
+    def begin(self, mode: Mode, before: Mode) -> None:
+        """Begin the flight in a mode that the armed vehicle has just entered from the mode `before`."""
+
+    def fly_on(self) -> None:
+        """Continue the flight of an armed vehicle in its mode."""

@@ -31,7 +31,6 @@ from sim_vehicle.pilot.controls import Controls, RefusedError, Severity
 from sim_vehicle.pilot.extra import PilotExtra
 from sim_vehicle.pilot.failsafe import ArmingChecks, Failsafe, IdleWatch, Reaction
 from sim_vehicle.pilot.fence import Fence
-from sim_vehicle.pilot.follow import FollowPilot
 from sim_vehicle.pilot.guided import AttitudePilot, AttitudeTarget, AutoYaw, Setpoint, SetpointFollower
 from sim_vehicle.pilot.mission_status import MissionChange, MissionStatus
 from sim_vehicle.pilot.mode_control import ModeControl
@@ -105,22 +104,24 @@ class Pilot(Controls):
         self.attitude = AttitudePilot(self)
         self.setpoints = SetpointFollower(self, self.failsafe, self.attitude)
         self.auto_yaw = AutoYaw(self)
-        self.follow = FollowPilot(self)
         self._return_mode_s = math.inf
         self._rally: list[MissionItem] = []
         # Parts that add-ons provide; the owner of the pilot appends them.
         self.extras: list[PilotExtra] = []
-        self.modes = ModeControl(self, self.mission, self.setpoints, self.attitude, self.follow, self.extras)
+        self.modes = ModeControl(self, self.mission, self.setpoints, self.attitude, self.extras)
         self._idle = None
         if self.rules.idle is not None:
-            self._idle = IdleWatch(
-                self, self.rules.idle, lambda: all(extra.throttle_down for extra in self.extras)
-            )
+            self._idle = IdleWatch(self, self.rules.idle, lambda: self.throttle_down)
 
     @property
     def sticks(self) -> Sticks | None:
         """Stick positions of the ground station, or None while no stick messages arrive."""
         return next((extra.sticks for extra in self.extras if extra.sticks is not None), None)
+
+    @property
+    def throttle_down(self) -> bool:
+        """Whether no stick demands thrust."""
+        return all(extra.throttle_down for extra in self.extras)
 
     # Plans and parameters
 
@@ -340,7 +341,7 @@ class Pilot(Controls):
             self.modes.check(Mode.HOLD)
             self.modes.override(mode)
         else:
-            self._hold_in(mode)
+            self.hold_in(mode)
         if speed_m_s is None and self.behaviour.replays_speed:
             # The speed of the mission is restored together with the mission.
             speed_m_s = self.spec.cruise_speed_m_s
@@ -349,22 +350,6 @@ class Pilot(Controls):
                 x_m, y_m, altitude_m, heading=heading, speed_m_s=speed_m_s, as_setpoint=guided
             )
         )
-
-    def orbit(
-        self,
-        latitude_deg: float,
-        longitude_deg: float,
-        altitude_m: float,
-        *,
-        radius_m: float,
-        speed_m_s: float,
-        heading: Heading,
-        mode: Mode,
-    ) -> None:
-        """Fly circles about a position at an altitude above home."""
-        x_m, y_m = self.frame.from_wgs84(latitude_deg, longitude_deg)
-        self._hold_in(mode)
-        self.order(lambda: self.executor.orbit(x_m, y_m, altitude_m, radius_m, speed_m_s, heading=heading))
 
     def look_at(self, latitude_deg: float | None, longitude_deg: float = 0.0) -> None:
         """Point the nose at a position in any flight; None ends the pointing."""
@@ -610,7 +595,7 @@ class Pilot(Controls):
         if not self.armed or self.landed is LandedState.ON_GROUND:
             raise RefusedError("Reposition refused: not flying")
 
-    def _hold_in(self, mode: Mode) -> None:
+    def hold_in(self, mode: Mode) -> None:
         """Hold, in the mode that a single order is flown in."""
         self._check_flying()
         self.set_mode(Mode.HOLD)

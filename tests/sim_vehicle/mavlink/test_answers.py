@@ -296,57 +296,6 @@ def test_px4_tells_how_a_gyro_calibration_goes():
     assert not any("[cal]" in text for text in other.texts())
 
 
-def test_px4_orbits_in_position_control():
-    peer = Peer("px4")
-    peer.fly()
-    order = m.MAVLink_command_int_message(1, 1, 5, 34, 0, 0, 20.0, 3.0, 0, 0, 280500000, -821500000, 20.0)
-    peer.tell(order)
-    peer.wait(2.0)
-    assert peer.of("HEARTBEAT")[-1].custom_mode == 1 << 24 | 3 << 16
-
-
-@pytest.mark.parametrize("frame", [0, 3, 5, 6])
-def test_the_altitude_of_an_orbit_is_above_the_sea_in_any_frame_and_its_approach_fast(frame):
-    """MAVSDK sends it so with frame 3."""
-    peer = Peer("px4")
-    peer.fly()
-    east_m, north_m, up_m = peer.vehicle.pilot.state.position_m
-    latitude, longitude = peer.vehicle.pilot.frame.to_wgs84(east_m + 60.0, north_m)
-    degrees = (round(latitude * 1e7), round(longitude * 1e7))
-    amsl_m = peer.vehicle.home.altitude_m + up_m + 5.0
-    peer.tell(m.MAVLink_command_int_message(1, 1, frame, 34, 0, 0, 10.0, 2.0, 0, NAN, *degrees, amsl_m))
-    peer.wait(6.0)
-    assert math.hypot(*peer.vehicle.pilot.state.velocity_m_s[:2]) > 3.0
-    peer.wait(20.0)
-    east, north, up = peer.vehicle.pilot.state.position_m
-    assert up == pytest.approx(up_m + 5.0, abs=0.5)
-    assert math.hypot(east - east_m - 60.0, north - north_m) == pytest.approx(10.0, abs=0.5)
-    assert math.hypot(*peer.vehicle.pilot.state.velocity_m_s[:2]) == pytest.approx(2.0, abs=0.2)
-
-
-@pytest.mark.parametrize(
-    ("behaviour", "off_deg"), [(0, 180.0), (1, None), (3, 90.0), (5, 180.0), (NAN, 180.0)]
-)
-def test_the_nose_in_an_orbit(behaviour, off_deg):
-    peer = Peer("px4", spec=with_autopilot(get_vehicle("quad"), "px4"))
-    peer.fly()
-    pilot = peer.vehicle.pilot
-    began_rad = pilot.state.yaw_rad
-    latitude, longitude = pilot.frame.to_wgs84(20.0, 0.0)
-    degrees = (round(latitude * 1e7), round(longitude * 1e7))
-    above_sea_m = peer.vehicle.home.altitude_m + 10.0
-    peer.tell(
-        m.MAVLink_command_int_message(1, 1, 0, 34, 0, 0, 12.0, 3.0, behaviour, NAN, *degrees, above_sea_m)
-    )
-    peer.wait(40.0)
-    for _ in range(10):
-        peer.wait(2.0)
-        east, north, _ = pilot.state.position_m
-        at_rad = math.atan2(east - 20.0, north)
-        wanted_rad = began_rad if off_deg is None else at_rad + math.radians(off_deg)
-        assert abs(math.remainder(pilot.state.yaw_rad - wanted_rad, math.tau)) < math.radians(12.0)
-
-
 @pytest.mark.parametrize("down_m", [0.0, 2.0])
 @pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
 def test_a_setpoint_at_or_below_the_ground_is_flown_to_the_ground(autopilot, down_m):

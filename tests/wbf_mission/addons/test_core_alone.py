@@ -82,6 +82,7 @@ from mission.model import GeoPoint
 from mission.transfer.vehicles import Vehicle
 from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.airframe.kind import kind_of_type
+from sim_vehicle.autopilot.modes import Mode
 from sim_vehicle.errors import VehicleError
 from sim_vehicle.mavlink import SimVehicle
 from wbf_mission.live.discovery import typical_vehicle
@@ -95,6 +96,14 @@ pitch = m.MAVLink_command_long_message(1, 1, 1000, 0, -30, 0, 0, 0, 0, 0, 0)
 print(vehicle.receive(pitch, 1.0)[0].result, vehicle.camera_attitude(0.0))
 stick = m.MAVLink_manual_control_message(1, 0, 0, 900, 0, 0)
 print(vehicle.receive(stick, 1.0), vehicle.built(m.MAVLINK_MSG_ID_RC_CHANNELS), vehicle.pilot.sticks)
+circle = m.MAVLink_command_long_message(1, 1, m.MAV_CMD_DO_ORBIT, 0, 10, 0, 0, 0, 0, 0, 0)
+print(vehicle.receive(circle, 1.0)[0].result)
+vehicle.pilot.arm()
+vehicle.pilot.takeoff(10.0)
+vehicle.poll(20.0)
+vehicle.pilot.set_mode(Mode.FOLLOW)
+vehicle.poll(40.0)
+print(vehicle.pilot.mode.value, vehicle.pilot.state.phase.value)
 for mav_type in (1, 10):
     try:
         print(typical_vehicle(Vehicle(1, 1, 12, mav_type)))
@@ -112,8 +121,8 @@ def test_a_vehicle_has_no_extras_and_heartbeats_of_other_kinds_are_not_taken_for
         text=True,
         check=False,
     )
-    told = ["0 []", "fixed-wing rover quad", "3 None", "[] () None", "True", "True"]
-    assert done.stdout.split("\n")[:6] == told, done.stderr
+    told = ["0 []", "fixed-wing rover quad", "3 None", "[] () None", "3", "follow me holding", "True", "True"]
+    assert done.stdout.split("\n")[:8] == told, done.stderr
 
 
 @pytest.mark.parametrize(

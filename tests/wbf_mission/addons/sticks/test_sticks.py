@@ -11,6 +11,8 @@ from mission.outcome import Outcome
 from sim_vehicle.autopilot.modes import Mode
 from sim_vehicle.weather.wind import Wind
 from tests.sim_vehicle.mavlink.test_answers import Peer, landed, push
+from tests.sim_vehicle.pilot.test_attitude import DRIFT, ZIGZAG, Copter
+from tests.sim_vehicle.pilot.test_setpoints import HERE
 
 GROUND = FrameWriter(255, 190)
 
@@ -495,3 +497,19 @@ def test_px4_goes_back_to_the_mode_before_its_way_down_when_it_is_disarmed(order
 @pytest.mark.parametrize(("autopilot", "channels"), [("px4", 0), ("ardupilot", 16)])
 def test_channels_can_be_requested(autopilot, channels):
     assert Peer(autopilot).asked(m.MAVLINK_MSG_ID_RC_CHANNELS).chancount == channels
+
+
+def test_drift_turns_with_the_stick_to_the_right_and_zigzag_flies_by_sticks():
+    rig = Copter().guided(HERE)
+    assert rig.mode(DRIFT) == 0
+    rig.run(1.0, stream=rig.sticks())
+    start = rig.yaw
+    rig.run(1.0, stream=rig.sticks(right=400))
+    assert 10.0 < (rig.yaw - start) % 360.0 < 180.0
+    assert rig.number == DRIFT
+    assert rig.mode(ZIGZAG) == 0
+    start = rig.yaw
+    rig.run(3.0, stream=rig.sticks(forward=500))
+    assert math.hypot(*rig.velocity[:2]) > 1.0
+    assert rig.yaw == pytest.approx(start, abs=40.0)
+    assert rig.number == ZIGZAG

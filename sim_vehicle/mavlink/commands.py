@@ -18,7 +18,6 @@ from mission.link.codec.typed import CommandMessage
 from mission.model import RELATIVE_FRAMES, Command
 from sim_vehicle.autopilot.modes import Mode
 from sim_vehicle.execution.items import CAMERA_COMMANDS, ROI_COMMANDS
-from sim_vehicle.mavlink.telemetry import BUILDERS
 from sim_vehicle.mavlink.vehicle_command import Result, VehicleCommand, read_command
 from sim_vehicle.motion.legs import ALONG, KEEP, Heading
 from sim_vehicle.pilot.controls import RefusedError, Severity
@@ -72,6 +71,9 @@ class CommandedVehicle(Protocol):
 
     def built(self, message_id: int) -> tuple[Message, ...]:
         """Return the message with this id for the present state; empty if the id is unknown."""
+
+    def is_ready(self, message_id: int) -> bool:
+        """Return whether the vehicle has a message, even if there is nothing to send now."""
 
     def metadata(self) -> tuple[Message, ...]:
         """Return COMPONENT_METADATA messages; empty if there are none."""
@@ -284,15 +286,6 @@ def _change_speed(vehicle: CommandedVehicle, command: VehicleCommand) -> Result:
     return None
 
 
-def _yaw(vehicle: CommandedVehicle, command: VehicleCommand) -> None:
-    """CONDITION_YAW (ArduCopter): angle, rate, direction, and a flag for a relative angle."""
-    angle, rate, _, relative = command.params[:4]
-    if not (0.0 <= angle <= 360.0 and relative in (0.0, 1.0)):
-        raise RefusedError(f"Yaw refused: angle {angle:g}, parameter 4 {relative:g}", text="")
-    direction = (command.number(3) > 0) - (command.number(3) < 0)
-    vehicle.pilot.auto_yaw.order(math.radians(angle), math.radians(rate), direction, relative=relative == 1.0)
-
-
 def _region(vehicle: CommandedVehicle, command: VehicleCommand) -> None:
     """DO_SET_ROI_LOCATION and similar: point the nose at a position, or stop without a position."""
     known = command.id != Command.DO_SET_ROI_NONE and command.frame in (0, *RELATIVE_FRAMES)
@@ -428,7 +421,7 @@ def _request_message(vehicle: CommandedVehicle, command: VehicleCommand) -> Resu
         for extra in vehicle.extras:
             extra.requested(message_id)
         messages = vehicle.built(message_id)
-    if messages or message_id in BUILDERS:
+    if messages or vehicle.is_ready(message_id):
         return messages
     # PX4's MavlinkReceiver::handle_request_message_command, ArduPilot's handle_command_request_message.
     return vehicle.state.mavlink.unknown_message_result
@@ -476,7 +469,6 @@ HANDLERS: dict[int, Handler] = {
     m.MAV_CMD_DO_REPOSITION: _reposition,
     m.MAV_CMD_DO_CHANGE_ALTITUDE: _change_altitude,
     Command.DO_CHANGE_SPEED: _change_speed,
-    Command.CONDITION_YAW: _yaw,
     m.MAV_CMD_DO_FENCE_ENABLE: _fence_enable,
     m.MAV_CMD_DO_FLIGHTTERMINATION: _terminate,
     m.MAV_CMD_DO_GO_AROUND: _go_around,

@@ -76,7 +76,7 @@ class VehicleExtra(PilotExtra):
         """Prepare for a client's request of a message or its interval."""
 
     def is_ready(self, message_id: int) -> bool:
-        """Whether the message of a data stream has contents; its interval is set from then on."""
+        """Whether the vehicle has a message of the extra; in a data stream its interval waits until then."""
         return True
 
     def camera_attitude(self, boot_us: float) -> tuple[float, float, float] | None:

@@ -33,7 +33,6 @@ from sim_vehicle.mavlink.extras import Timed, extras_of
 from sim_vehicle.mavlink.parameters import ParameterMessage, ParameterSet
 from sim_vehicle.mavlink.plan_receiver import PlanReceiver
 from sim_vehicle.mavlink.reports import GyroCalibration, ItemReports, Schedule, StatusTexts
-from sim_vehicle.mavlink.steering import SetpointMessage, Steering
 from sim_vehicle.mavlink.telemetry import BUILDERS
 from sim_vehicle.mavlink.vehicle_command import command_of
 from sim_vehicle.mavlink.wire_state import WireState
@@ -174,7 +173,6 @@ class SimVehicle:
         self._texts = StatusTexts()
         self._reports = ItemReports(state)
         self._calibration = GyroCalibration(lambda text: pilot.note(Severity.INFO, text))
-        self._steering = Steering(state)
         self._plans = PlanReceiver(state, _AUTOPILOT, self._texts, self._reports)
         self._camera = CameraCommands(state)
         self._commands = CommandReceiver(self)
@@ -204,7 +202,6 @@ class SimVehicle:
             **_each(CommandMessage, self._commands.receive),
             **_each(ParameterMessage, self._on_parameter),
             **dict.fromkeys(_MISSION_IDS, self._on_mission),
-            **_each(SetpointMessage, self._steering.take_setpoint),
         }
         handlers |= (
             handler(m.MAVLink_command_ack_message, self._on_ack),
@@ -401,7 +398,7 @@ class SimVehicle:
         self._outbox += self._camera.watch(self._now_s)
         for extra in self.extras:
             extra.watch()
-        for message_id in [later for later in self._later_us if self._is_ready(later)]:
+        for message_id in [later for later in self._later_us if self.is_ready(later)]:
             interval_us = self._later_us.pop(message_id)
             self.schedule.set_interval(message_id, interval_us, self.state.now_us)
         for severity, text in pilot.notices():
@@ -590,10 +587,11 @@ class SimVehicle:
         rate = message.req_message_rate if message.start_stop else 0
         interval_us = round(1e6 / rate) if rate else -1
         for message_id in STREAMS.get(message.req_stream_id, ()):
-            if self._is_ready(message_id):
+            if self.is_ready(message_id):
                 self.schedule.set_interval(message_id, interval_us, self.state.now_us)
             else:
                 self._later_us[message_id] = interval_us
 
-    def _is_ready(self, message_id: int) -> bool:
+    def is_ready(self, message_id: int) -> bool:
+        """Return whether the vehicle has a message, even if there is nothing to send now."""
         return message_id in self.builders and all(extra.is_ready(message_id) for extra in self.extras)

@@ -41,8 +41,20 @@ class PilotExtra:
         """Check the failsafes of an armed vehicle; each reaction is carried out before the next is taken."""
         return ()
 
+    def start(self, mode: Mode) -> None:
+        """Give the orders of a mode; RefusedError restores the mode before."""
+
     def begin(self, mode: Mode, before: Mode) -> None:
         """Begin the flight in a mode that the armed vehicle has just entered from the mode `before`."""
 
     def fly_on(self) -> None:
         """Continue the flight of an armed vehicle in its mode."""
+
+    def stop(self) -> None:
+        """Stop flying, because the vehicle flies something else."""
+
+    def forget(self) -> None:
+        """Forget the order that the vehicle flies, because the mode may change."""
+
+    def free_heading(self) -> None:
+        """Stop turning the nose, because another order decides the heading."""

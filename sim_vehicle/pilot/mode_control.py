@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from contextlib import suppress
 from typing import TYPE_CHECKING
 
 from sim_vehicle.autopilot.modes import Mode
@@ -15,7 +14,6 @@ if TYPE_CHECKING:
     from mission.model import MissionItem
     from sim_vehicle.pilot.controls import Controls
     from sim_vehicle.pilot.extra import PilotExtra
-    from sim_vehicle.pilot.guided import AttitudePilot, SetpointFollower
     from sim_vehicle.pilot.mission_status import MissionStatus
 
 __all__ = ["ModeControl"]
@@ -32,8 +30,6 @@ class ModeControl:
         self,
         controls: Controls,
         mission: MissionStatus,
-        setpoints: SetpointFollower,
-        attitude: AttitudePilot,
         extras: Sequence[PilotExtra],
     ) -> None:
         # Last mode that was ordered or followed from an order; the vehicle arms in this mode.
@@ -44,8 +40,6 @@ class ModeControl:
         self.takeoff_altitude_m: float | None = None
         self._controls = controls
         self._mission = mission
-        self._setpoints = setpoints
-        self._attitude = attitude
         self._extras = extras
         self._left_mission: tuple[tuple[MissionItem, ...], int] | None = None
 
@@ -64,15 +58,10 @@ class ModeControl:
         for extra in self._extras:
             if (reason := extra.why_not_enter(mode)) is not None:
                 raise RefusedError(f"Mode {mode.value} refused: {reason}")
-        if mode is Mode.GUIDED and controls.rules.needs_stream and not self._setpoints.is_fresh:
-            raise RefusedError("Mode guided refused: no setpoints")
 
     def why_not_arm(self) -> str | None:
-        """Return the reason against arming for lack of setpoints, or of an extra; else None."""
-        controls = self._controls
-        if controls.mode is Mode.GUIDED and controls.rules.needs_stream and not self._setpoints.is_fresh:
-            return "No offboard signal"
-        reasons = (extra.why_not_arm(controls.mode) for extra in self._extras)
+        """Return the reason of an extra against arming, or None."""
+        reasons = (extra.why_not_arm(self._controls.mode) for extra in self._extras)
         return next((reason for reason in reasons if reason is not None), None)
 
     def change(self, mode: Mode) -> bool:
@@ -82,7 +71,8 @@ class ModeControl:
         effect.
         """
         before, intended = self._controls.mode, self.intended
-        self._attitude.stop()
+        for extra in self._extras:
+            extra.stop()
         self.override(mode)
         if not self._controls.armed:
             return False
@@ -91,15 +81,14 @@ class ModeControl:
         except RefusedError:
             self._controls.mode, self.intended = before, intended
             raise
-        if mode is Mode.ATTITUDE:
-            self._attitude.take()
         for extra in self._extras:
             extra.begin(mode, before)
         return is_down
 
     def override(self, mode: Mode) -> None:
         """Change the mode without the orders of that mode."""
-        self._setpoints.forget()
+        for extra in self._extras:
+            extra.forget()
         self.by_itself = False
         controls, behaviour = self._controls, self._controls.behaviour
         if mode is not controls.mode and controls.landed is not LandedState.ON_GROUND:
@@ -142,8 +131,8 @@ class ModeControl:
             controls.order(executor.return_home if mode is Mode.RTL else executor.land)
         elif not on_ground or controls.state.phase is not FlightPhase.GROUND:
             controls.order(executor.flight.hold)
-        if mode is Mode.GUIDED:
-            controls.order(self._setpoints.begin)
+        for extra in self._extras:
+            extra.start(mode)
         return False
 
     def _fly_mission(self) -> None:
@@ -152,15 +141,3 @@ class ModeControl:
             executor.mission.set_current(0)
         mission.begin()
         self._controls.order(executor.start)
-
-    def fly_on(self) -> None:
-        """Continue a commanded attitude, and the flight of an extra in its mode."""
-        for extra in self._extras:
-            extra.fly_on()
-        if not self._attitude.active:
-            return
-        if self._controls.mode in (Mode.GUIDED, Mode.ATTITUDE):
-            with suppress(RefusedError):  # the vehicle may have landed meanwhile
-                self._attitude.check()
-        elif self._controls.mode is not Mode.FLIP:
-            self._attitude.stop()

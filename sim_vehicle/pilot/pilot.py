@@ -31,7 +31,6 @@ from sim_vehicle.pilot.controls import Controls, RefusedError, Severity
 from sim_vehicle.pilot.extra import PilotExtra
 from sim_vehicle.pilot.failsafe import ArmingChecks, Failsafe, IdleWatch, Reaction
 from sim_vehicle.pilot.fence import Fence
-from sim_vehicle.pilot.guided import AttitudePilot, AttitudeTarget, AutoYaw, Setpoint, SetpointFollower
 from sim_vehicle.pilot.mission_status import MissionChange, MissionStatus
 from sim_vehicle.pilot.mode_control import ModeControl
 
@@ -101,14 +100,11 @@ class Pilot(Controls):
         self.failsafe = Failsafe(self)
         self.mission = MissionStatus(self, self.failsafe)
         self.arming = ArmingChecks(self, self.failsafe)
-        self.attitude = AttitudePilot(self)
-        self.setpoints = SetpointFollower(self, self.failsafe, self.attitude)
-        self.auto_yaw = AutoYaw(self)
         self._return_mode_s = math.inf
         self._rally: list[MissionItem] = []
         # Parts that add-ons provide; the owner of the pilot appends them.
         self.extras: list[PilotExtra] = []
-        self.modes = ModeControl(self, self.mission, self.setpoints, self.attitude, self.extras)
+        self.modes = ModeControl(self, self.mission, self.extras)
         self._idle = None
         if self.rules.idle is not None:
             self._idle = IdleWatch(self, self.rules.idle, lambda: self.throttle_down)
@@ -335,8 +331,9 @@ class Pilot(Controls):
                 f"Reposition refused by the fence: {outside}", denied=True, text=self.rules.fence_refusal
             )
         guided = mode is Mode.GUIDED
-        self.auto_yaw.forget()
-        self.attitude.stop()
+        for extra in self.extras:
+            extra.free_heading()
+            extra.stop()
         if guided:
             self.modes.check(Mode.HOLD)
             self.modes.override(mode)
@@ -354,7 +351,8 @@ class Pilot(Controls):
     def look_at(self, latitude_deg: float | None, longitude_deg: float = 0.0) -> None:
         """Point the nose at a position in any flight; None ends the pointing."""
         position = None if latitude_deg is None else self.frame.from_wgs84(latitude_deg, longitude_deg)
-        self.auto_yaw.forget()
+        for extra in self.extras:
+            extra.free_heading()
         self.executor.flight.look_at(position)
 
     def pause(self) -> None:
@@ -364,8 +362,9 @@ class Pilot(Controls):
             return
         if not self.armed or self.mode not in (Mode.MISSION, Mode.GUIDED):
             raise RefusedError(f"Pause refused: mode {self.mode.value}")
-        self.setpoints.forget()
-        self.attitude.stop()
+        for extra in self.extras:
+            extra.forget()
+            extra.stop()
         self.order(self.executor.flight.hold)
 
     def resume(self) -> None:
@@ -412,38 +411,6 @@ class Pilot(Controls):
                 f"Speed refused: {speed_m_s:g} of {self.spec.top_speed_m_s:g} m/s", denied=True
             )
         self.order(lambda: self.executor.set_speed(speed_m_s))
-
-    def take_setpoint(self, setpoint: Setpoint) -> None:
-        """Store a setpoint, and fly it in the guided mode."""
-        self.setpoints.take(setpoint)
-        if self.mode is Mode.GUIDED:
-            self.attitude.stop()
-        if self.mode is Mode.TAKEOFF and not self.rules.needs_stream:
-            self.mode = Mode.GUIDED
-        if self.mode is Mode.GUIDED and self.armed:
-            if self.auto_yaw.active:
-                # An unchanged target must be flown again, because it includes a heading.
-                self.auto_yaw.forget()
-                self.setpoints.forget()
-            self.setpoints.fly()
-
-    def take_attitude(self, target: AttitudeTarget | None) -> None:
-        """Fly an attitude in the guided modes, or stop with None; store it if the mode needs a stream."""
-        if target is not None and self.rules.needs_stream:
-            self.setpoints.take(target)
-        if self.mode not in (Mode.GUIDED, Mode.TAKEOFF, Mode.ATTITUDE) or not self.armed:
-            return
-        if self.mode is Mode.TAKEOFF:
-            self.mode = Mode.GUIDED
-        self.auto_yaw.forget()
-        self.setpoints.forget()
-        if target is not None:
-            self.attitude.take(target)
-        elif self.mode is Mode.ATTITUDE:
-            self.attitude.take()
-        elif self.landed is not LandedState.ON_GROUND:
-            self.attitude.stop()
-            self.order(self.executor.flight.hold)
 
     # Failures
 
@@ -494,13 +461,11 @@ class Pilot(Controls):
                 self.executor.disarm()
                 self.refresh()
                 self._on_disarmed(self._idle.texts)
-            mode = self.setpoints.expired() if self.mode is Mode.GUIDED else None
-            if mode is not None:
-                self.turn_to(mode)
-            self.auto_yaw.check()
-            self.modes.fly_on()
-        elif self.attitude.active:
-            self.attitude.stop()
+            for extra in self.extras:
+                extra.fly_on()
+        else:
+            for extra in self.extras:
+                extra.stop()
         return events
 
     def _end_in_return(self, lag_s: float) -> None:

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 from sim_vehicle.autopilot.parameters import Setting
 
 if TYPE_CHECKING:
-    from sim_vehicle.pilot.pilot import Pilot
+    from sim_vehicle.autopilot.parameters import RuntimeParameters
+    from wbf_mission.addons.modes.guided import AttitudePilot
 
 __all__ = ["Flip"]
 
@@ -31,15 +32,17 @@ class Flip:
 
     Parameters
     ----------
-    pilot : Pilot
-        Pilot of the vehicle.
+    attitude : AttitudePilot
+        Flies the attitudes of the flip.
+    parameters : RuntimeParameters
+        Parameters of the vehicle.
     direction : float
         1 rolls to the right, -1 to the left.
     """
 
-    def __init__(self, pilot: Pilot, direction: float) -> None:
-        self._attitude = pilot.attitude
-        self._parameters = pilot.parameters
+    def __init__(self, attitude: AttitudePilot, parameters: RuntimeParameters, direction: float) -> None:
+        self._attitude = attitude
+        self._parameters = parameters
         self._direction = direction
         self._rolled = self._rolling = 0.0
         self._attitude.stop()

@@ -102,7 +102,7 @@ class SticksExtra(VehicleExtra):
                     pilot.go_around()
                     pilot.note(Severity.INFO, "Landing aborted via throttle")
         except RefusedError as refusal:
-            pilot.setpoints.complain(str(refusal))
+            pilot.complain(str(refusal))
 
     def _read(self, message: StickMessage, rules: StickRules) -> Sticks | None:
         """Return the stick positions; None if the message has to be ignored."""

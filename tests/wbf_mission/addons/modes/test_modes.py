@@ -9,8 +9,8 @@ from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.autopilot import with_autopilot
 from sim_vehicle.autopilot.modes import Mode
 from tests.sim_vehicle.mavlink.test_answers import NAN, Peer
-from tests.sim_vehicle.pilot.test_attitude import CIRCLE, DRIFT, FLIP, ZIGZAG, Copter
-from tests.sim_vehicle.pilot.test_setpoints import HERE, POSITION, local
+from tests.wbf_mission.addons.modes.test_attitude import CIRCLE, DRIFT, FLIP, ZIGZAG, Copter
+from tests.wbf_mission.addons.modes.test_setpoints import HERE, POSITION, local
 
 
 def test_circle_flies_a_circle_ahead_with_the_nose_to_its_centre():

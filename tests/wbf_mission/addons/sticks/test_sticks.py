@@ -11,8 +11,8 @@ from mission.outcome import Outcome
 from sim_vehicle.autopilot.modes import Mode
 from sim_vehicle.weather.wind import Wind
 from tests.sim_vehicle.mavlink.test_answers import Peer, landed, push
-from tests.sim_vehicle.pilot.test_attitude import DRIFT, ZIGZAG, Copter
-from tests.sim_vehicle.pilot.test_setpoints import HERE
+from tests.wbf_mission.addons.modes.test_attitude import DRIFT, ZIGZAG, Copter
+from tests.wbf_mission.addons.modes.test_setpoints import HERE
 
 GROUND = FrameWriter(255, 190)
 

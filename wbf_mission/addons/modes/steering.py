@@ -19,7 +19,7 @@ from sim_vehicle.autopilot.parameters import Setting
 from sim_vehicle.motion.legs import KEEP, Heading
 from sim_vehicle.motion.model import attitude_of
 from sim_vehicle.pilot.controls import RefusedError
-from sim_vehicle.pilot.guided import AttitudeTarget, Setpoint
+from wbf_mission.addons.modes.guided import AttitudeTarget, GuidedFlight, Setpoint
 
 if TYPE_CHECKING:
     from sim_vehicle.airframe.spec import VehicleSpec
@@ -49,32 +49,33 @@ _GLOBAL = {0: False, 5: False, 3: True, 6: True}
 class Steering:
     """Handles setpoint messages of a vehicle."""
 
-    def __init__(self, state: WireState) -> None:
+    def __init__(self, state: WireState, guided: GuidedFlight) -> None:
         self._state = state
+        self._guided = guided
         self._pilot = state.pilot
 
-    def take_setpoint(self, message: SetpointMessage) -> None:
+    def take(self, message: SetpointMessage, _now_s: float) -> None:
         """Handle SET_POSITION_TARGET_LOCAL_NED, SET_POSITION_TARGET_GLOBAL_INT or SET_ATTITUDE_TARGET."""
         pilot = self._pilot
         if is_a(message, m.MAVLink_set_attitude_target_message):
             mavlink = self._state.mavlink
             if mavlink.hover_thrust is None:
-                pilot.setpoints.complain("Setpoint refused: attitudes are not flown")
+                pilot.complain("Setpoint refused: attitudes are not flown")
                 return
             climbs = mavlink.thrust_climbs
             climbs &= not int(_GUIDED_OPTIONS.of(pilot.parameters)) & _THRUST_AS_THRUST
             hover = mavlink.hover_thrust.of(pilot.parameters)
             with suppress(RefusedError):
-                pilot.take_attitude(_attitude_of(message, pilot.spec, hover, climbs=climbs))
-        elif pilot.setpoints.listens_in(pilot.mode):
+                self._guided.take_attitude(_attitude_of(message, pilot.spec, hover, climbs=climbs))
+        elif self._guided.setpoints.listens_in(pilot.mode):
             try:
                 setpoint = self._setpoint_of(message)
                 if isinstance(setpoint, AttitudeTarget):
-                    pilot.take_attitude(setpoint)
+                    self._guided.take_attitude(setpoint)
                 else:
-                    pilot.take_setpoint(setpoint)
+                    self._guided.take_setpoint(setpoint)
             except RefusedError as refusal:
-                pilot.setpoints.complain(str(refusal))
+                pilot.complain(str(refusal))
 
     def _setpoint_of(self, message: PositionTarget) -> Setpoint | AttitudeTarget:
         """Return the setpoint of a message; RefusedError for an unsupported frame, a force, or no values."""

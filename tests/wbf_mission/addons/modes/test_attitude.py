@@ -9,7 +9,7 @@ from sim_vehicle.autopilot.ardupilot import ARDUPILOT
 from sim_vehicle.autopilot.modes import Mode
 from sim_vehicle.autopilot.px4 import PX4
 from sim_vehicle.execution.state import FlightPhase
-from tests.sim_vehicle.pilot.test_setpoints import HERE, POSITION, Rig, local
+from tests.wbf_mission.addons.modes.test_setpoints import HERE, POSITION, Rig, local
 
 GUIDED_NOGPS, CIRCLE, FLIP, DRIFT, ZIGZAG = 20, 7, 14, 11, 24
 
@@ -102,7 +102,7 @@ def test_rates_of_turning_and_what_stops():
         rig.run(0.5, stream=attitude(roll_deg=5.0))
         rig.run(0.2, stream=wrong)
         assert rig.pilot.state.phase is FlightPhase.HOLD
-        assert not rig.pilot.attitude.active
+        assert rig.pilot.flown_attitude is None
 
 
 def test_guided_nogps_needs_no_position_and_takes_attitudes_only():
@@ -142,7 +142,7 @@ def test_px4_flies_attitudes_by_thrust():
     # Silence for COM_OF_LOSS_T: the way home.
     rig.run(3.0)
     assert rig.pilot.mode is Mode.RTL
-    assert not rig.pilot.attitude.active
+    assert rig.pilot.flown_attitude is None
 
 
 @pytest.mark.parametrize("autopilot", [PX4, ARDUPILOT], ids=["px4", "ardupilot"])

@@ -25,8 +25,9 @@ from sim_vehicle.pilot.controls import RefusedError, Severity
 if TYPE_CHECKING:
     from sim_vehicle.pilot.controls import Controls
     from sim_vehicle.pilot.failsafe import Failsafe
+    from sim_vehicle.pilot.pilot import Pilot
 
-__all__ = ["AttitudePilot", "AttitudeTarget", "AutoYaw", "Setpoint", "SetpointFollower"]
+__all__ = ["AttitudePilot", "AttitudeTarget", "AutoYaw", "GuidedFlight", "Setpoint", "SetpointFollower"]
 
 _SLOWEST_M_S = 0.05
 # A vehicle on the ground ignores setpoints up to this height above the vehicle: MAVLink rounds heights.
@@ -78,7 +79,6 @@ class SetpointFollower:
         self._latest: Setpoint | AttitudeTarget | None = None
         self._taken_s = -math.inf
         self._flown: Setpoint | None = None
-        self._complaint = ""
 
     @property
     def is_fresh(self) -> bool:
@@ -138,7 +138,7 @@ class SetpointFollower:
         except VehicleError as error:
             raise RefusedError(f"Setpoint refused: {error}") from None
         self._flown = setpoint
-        self._complaint = ""
+        self._controls.complaint = ""
 
     @property
     def _waits_on_ground(self) -> bool:
@@ -146,12 +146,6 @@ class SetpointFollower:
         controls = self._controls
         on_ground = controls.landed is LandedState.ON_GROUND and not controls.spec.drives
         return on_ground and self._rules.needs_stream
-
-    def complain(self, text: str) -> None:
-        """Warn why a setpoint is refused, once per run of equal texts."""
-        if text != self._complaint:
-            self._complaint = text
-            self._controls.note(Severity.WARNING, text)
 
     def _fly(self, setpoint: Setpoint) -> None:
         executor = self._controls.executor
@@ -384,3 +378,47 @@ class AutoYaw:
         """Mode and, in the mission mode, current item."""
         mode = self._controls.mode
         return mode, self._controls.executor.mission.current_seq if mode is Mode.MISSION else -1
+
+
+class GuidedFlight:
+    """Flight by setpoints, attitudes and headings that a peer sends."""
+
+    def __init__(self, pilot: Pilot) -> None:
+        self._pilot = pilot
+        self.attitude = AttitudePilot(pilot)
+        self.setpoints = SetpointFollower(pilot, pilot.failsafe, self.attitude)
+        self.auto_yaw = AutoYaw(pilot)
+
+    def take_setpoint(self, setpoint: Setpoint) -> None:
+        """Store a setpoint, and fly it in the guided mode."""
+        pilot = self._pilot
+        self.setpoints.take(setpoint)
+        if pilot.mode is Mode.GUIDED:
+            self.attitude.stop()
+        if pilot.mode is Mode.TAKEOFF and not pilot.rules.needs_stream:
+            pilot.mode = Mode.GUIDED
+        if pilot.mode is Mode.GUIDED and pilot.armed:
+            if self.auto_yaw.active:
+                # An unchanged target must be flown again, because it includes a heading.
+                self.auto_yaw.forget()
+                self.setpoints.forget()
+            self.setpoints.fly()
+
+    def take_attitude(self, target: AttitudeTarget | None) -> None:
+        """Fly an attitude in the guided modes, or stop with None; store it if the mode needs a stream."""
+        pilot = self._pilot
+        if target is not None and pilot.rules.needs_stream:
+            self.setpoints.take(target)
+        if pilot.mode not in (Mode.GUIDED, Mode.TAKEOFF, Mode.ATTITUDE) or not pilot.armed:
+            return
+        if pilot.mode is Mode.TAKEOFF:
+            pilot.mode = Mode.GUIDED
+        self.auto_yaw.forget()
+        self.setpoints.forget()
+        if target is not None:
+            self.attitude.take(target)
+        elif pilot.mode is Mode.ATTITUDE:
+            self.attitude.take()
+        elif pilot.landed is not LandedState.ON_GROUND:
+            self.attitude.stop()
+            pilot.order(pilot.executor.flight.hold)

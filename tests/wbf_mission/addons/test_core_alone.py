@@ -38,6 +38,7 @@ print(json.dumps(told))
 WORKS = (
     "plan --farm miniberry-10 --planner spiral --out mine.plan --quiet",
     "fly --farm miniberry-10 --policy greedy --estimator gp --budget 60s --out flown --quiet",
+    "fly --farm miniberry-10 --policy greedy --estimator gp --budget 60s --autopilot ardupilot --no-files",
     "bench run --scenarios WBF/Miniberry-10-v1 --planners spiral --estimators point --seeds 1 --out new",
     "vehicle list",
     "bench list",

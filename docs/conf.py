@@ -1,6 +1,13 @@
 """How the site is built: ``sphinx-build -W --keep-going docs build/site``."""
 
+import sys
+from pathlib import Path
+from typing import Any
+
 import wbf_mission
+
+sys.path.insert(0, str(Path(__file__).parent))
+from page_tables import with_tables
 
 project = "wbf-mission"
 author = "The wbf-mission developers"
@@ -42,3 +49,12 @@ html_copy_source = False
 html_show_sphinx = False
 copybutton_prompt_text = "$ "
 copybutton_prompt_is_regexp = False
+
+
+def _with_tables(_app: Any, _page: str, source: list[str]) -> None:
+    source[0] = with_tables(source[0])
+
+
+def setup(app: Any) -> None:
+    """Let pages have tables that are made of the code."""
+    app.connect("source-read", _with_tables)

@@ -15,6 +15,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from functools import cache, partial
 from importlib import import_module
+from operator import attrgetter
 from pathlib import Path
 from typing import Any, Literal, TypeVar, overload
 
@@ -28,6 +29,17 @@ _IMPORT = re.compile(
 )
 
 _VERSIONS_KEPT = 8  # Cached versions per module, so that changing between branches does not recompile
+
+_INTERNALS = {
+    "numba.core.caching": "_CacheLocator CompileResultCacheImpl._locator_classes FunctionCache._impl_class "
+    "Cache._index_key Cache.cache_path Cache.load_overload Cache.save_overload",
+    "numba.core.compiler_lock": "global_compiler_lock",
+    "numba.core.dispatcher": "Dispatcher.compile Dispatcher.enable_caching Dispatcher.get_call_template",
+    "numba.core.options": "DefaultOptions._nrt DefaultOptions.forceinline",
+    "numba.core.types": "unliteral",
+    "numba.core.types.functions": "BaseFunction.get_call_type BaseFunction.get_impl_key",
+}
+"""Names inside numba, by module, without which functions are compiled by numba's documented means alone."""
 
 _listeners: list[Callable[[str], None]] = []
 _refused: list[OSError] = []
@@ -62,7 +74,8 @@ def compiled(
     """Compile a function at its first call (`numba.njit`) and cache the machine code for later processes.
 
     The cache is in the user's cache folder or in ``NUMBA_CACHE_DIR``. If the folder cannot be written, a
-    warning is given and every process compiles again. With ``NUMBA_DISABLE_JIT`` functions are not compiled.
+    warning is given and every process compiles again, also if a version of numba lacks one of `_INTERNALS`.
+    With ``NUMBA_DISABLE_JIT`` functions are not compiled.
 
     Parameters
     ----------
@@ -86,13 +99,13 @@ def compiled(
     # numba would take a missing option from the caller for which the function is first compiled.
     options: dict[str, Any] = {
         "inline": "always" if inline == "always" else "never",
-        "forceinline": inline == "late",
         "nogil": nogil,
         "fastmath": False,  # Results must be equal on every processor
-        "_nrt": allocates,
     }
+    if _is_known_inside():
+        options |= {"forceinline": inline == "late", "_nrt": allocates}
     dispatcher: Any = njit(**options)(function)
-    if dispatcher is not function:
+    if dispatcher is not function and _is_known_inside():
         _remember_operators()
         _take_longer_records()
         _without_literals(dispatcher)
@@ -100,6 +113,21 @@ def compiled(
         dispatcher._cache = _cache_class()(function)
         _one_process_at_a_time(dispatcher)
     return dispatcher
+
+
+@cache
+def _is_known_inside() -> bool:
+    """Whether numba has all `_INTERNALS`; warn once if not."""
+    numba: Any = import_module("numba")
+    try:
+        for module, names in _INTERNALS.items():
+            attrgetter(*names.split())(import_module(module))
+        attrgetter("_impl.locator", "_py_func")(_cache_class()(compiled_folder))
+    except (ImportError, AttributeError) as error:
+        text = f"numba {numba.__version__} is unknown inside ({error}): every run compiles anew"
+        warnings.warn(text, RuntimeWarning, stacklevel=2)
+        return False
+    return True
 
 
 def _one_process_at_a_time(dispatcher: Any) -> None:
@@ -150,13 +178,10 @@ def _remember_operators() -> None:
     """Cache numba's type resolution of operators and built-in functions by argument types.
 
     Without the cache numba tries a dozen candidates for each ``+``, a third of the compile time. Candidates
-    that are compiled functions depend on the caller's options and are not cached. If a version of numba
-    resolves types in another way, nothing is changed.
+    that are compiled functions depend on the caller's options and are not cached.
     """
     functions: Any = import_module("numba.core.types.functions")
-    look_up = getattr(functions.BaseFunction, "get_call_type", None)
-    if look_up is None or not hasattr(functions.BaseFunction, "get_impl_key"):
-        return
+    look_up = functions.BaseFunction.get_call_type
     known: dict[Any, Any] = {}
 
     def get_call_type(self: Any, context: Any, args: Any, kws: Any) -> Any:
@@ -224,7 +249,7 @@ def _cache_class() -> Any:
         def path_of_function(self) -> Path:
             with suppress(OSError):  # save_overload warns about it later
                 self._impl.locator.ensure_cache_path()
-            return Path(self._cache_path, self._py_func.__qualname__)
+            return Path(self.cache_path, self._py_func.__qualname__)
 
         def load_overload(self, signature: Any, context: Any) -> Any:
             try:
@@ -245,7 +270,7 @@ def _cache_class() -> Any:
             except OSError as error:
                 if not _refused:
                     warnings.warn(
-                        f"compiled functions cannot be kept in {self._cache_path} ({error.strerror}): every "
+                        f"compiled functions cannot be kept in {self.cache_path} ({error.strerror}): every "
                         "run compiles them again; set NUMBA_CACHE_DIR to a folder that can be written",
                         RuntimeWarning,
                         stacklevel=2,

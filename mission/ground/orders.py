@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Collection
+from dataclasses import dataclass
 from enum import Enum
 
+from mission.ground.vehicle_state import VehicleMonitor
 from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
 from mission.model import DEGREES_E7, Frame
 from mission.transfer import RoundTrip
 from mission.transfer.wire import enum_name
 
-__all__ = ["Answer", "Order", "result_name", "retry_s_over", "tries_over"]
+__all__ = ["Answer", "Order", "StateBefore", "result_name", "retry_s_over", "tries_over"]
 
 _RETRY_S = 1.0
 _TRIES = 4
@@ -108,6 +111,33 @@ class Order:
             return Answer.NONE
         later = message.result == m.MAV_RESULT_TEMPORARILY_REJECTED and not self.is_given_up
         return Answer.NONE if later else Answer.REFUSED
+
+
+@dataclass(frozen=True, slots=True)
+class StateBefore:
+    """Flight mode and arming of a vehicle when an order was given."""
+
+    mode: str
+    is_armed: bool
+    given_s: float
+
+    @classmethod
+    def of(cls, monitor: VehicleMonitor, now_s: float) -> StateBefore:
+        """Return the present state of a vehicle."""
+        return cls(monitor.mode, monitor.is_armed, now_s)
+
+    def is_past(self, monitor: VehicleMonitor) -> bool:
+        """Whether a HEARTBEAT has arrived since the order."""
+        return monitor.mode_heard_s > self.given_s
+
+    def is_overruled(self, monitor: VehicleMonitor, expected: Collection[str] = ()) -> bool:
+        """Whether a pilot or a failsafe has acted since the order, so that repeating it would overrule them.
+
+        ``expected`` are further flight modes in which the order still holds.
+        """
+        changed = monitor.mode != self.mode and monitor.mode not in expected
+        disarmed = self.is_armed and not monitor.is_armed
+        return changed or disarmed
 
 
 def tries_over(round_trip: RoundTrip | None) -> int:

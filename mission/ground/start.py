@@ -7,7 +7,7 @@ import math
 from geo.frame import LocalFrame
 from mission.ground.arming_gate import FARTHEST_M, ArmingGate, Stage
 from mission.ground.contact import Contact
-from mission.ground.orders import Answer, Order, result_name
+from mission.ground.orders import Answer, Order, StateBefore, result_name
 from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
 from mission.model import GeoPoint
@@ -44,8 +44,8 @@ class MissionStart:
         self._order: Order | None = None
         self._refusal: tuple[str, float] | None = None
         self._arm_s = self._ready_s = math.inf
-        self._mode_s = self._again_s = self._ordered_s = -math.inf
-        self._ordered_in = ""  # flight mode when the pending order was given
+        self._mode_s = self._again_s = -math.inf
+        self._before = StateBefore.of(self._monitor, -math.inf)
         self._texts_before = self._reasons_before = 0
         self._repeats = True
         self._armed_since = False  # whether a HEARTBEAT since the order to arm showed the vehicle armed
@@ -77,15 +77,14 @@ class MissionStart:
         order = self._order
         if order is not None and now_s >= order.due_s:
             monitor = self._monitor
-            heard = self.phase is Phase.START and monitor.mode_heard_s > self._ordered_s
-            # A repetition would restart a mission in flight, or overrule a pilot.
-            changed = not monitor.is_armed or monitor.mode != self._ordered_in
+            starts = self.phase is Phase.START and self._before.is_past(monitor)
             if self._armed_since:
                 # Only the answer was lost. A repetition would arm a vehicle that a pilot has disarmed since.
                 out += self._give_start(now_s)
-            elif heard and monitor.is_armed and monitor.in_mission:
+            elif starts and monitor.is_armed and monitor.in_mission:
+                # A repeated order would restart the mission in flight.
                 self.phase, self._order = Phase.FLIGHT, None
-            elif order.is_given_up or not self._repeats or (heard and changed):
+            elif order.is_given_up or not self._repeats or (starts and self._before.is_overruled(monitor)):
                 out += self._give_up(now_s)
             else:
                 out += order.send(now_s)
@@ -218,7 +217,8 @@ class MissionStart:
     def _give(self, phase: Phase, command: int, now_s: float, *params: float) -> list[Message]:
         self.phase, self._armed_since = phase, False
         self._order = self._contact.order(command, *params)
-        self._ordered_s, self._ordered_in = now_s, self._monitor.mode
+        # The vehicle acknowledged arming, even if no HEARTBEAT shows it yet.
+        self._before = StateBefore(self._monitor.mode, is_armed=True, given_s=now_s)
         return self._order.send(now_s)
 
     def _give_up(self, now_s: float) -> list[Message]:

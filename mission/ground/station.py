@@ -15,7 +15,7 @@ from mission.ground.items import next_flown_to
 from mission.ground.link_state import LinkReport, SilenceWatch
 from mission.ground.mission_end import MissionEnd
 from mission.ground.modes import Maneuver
-from mission.ground.orders import Answer, Order, result_name
+from mission.ground.orders import Answer, Order, StateBefore, result_name
 from mission.ground.start import STARTING, MissionStart
 from mission.ground.tracks import TrackRecorder, TrueState
 from mission.ground.uploads import PlanUploads
@@ -31,9 +31,9 @@ from sensors.camera.wire import ObservationAssembler
 
 _CONTACT_S = 30.0
 _STATE_S, _STATE_BEHIND_LINK_S = 2.5, 5.0
-"""Largest delay of the mission state after the disarming (s)."""
+"""Longest wait for the last mission state after disarming (s), on a fast and on a slow link."""
 _CLOCK_S = 5.0
-"""Largest delay of the vehicle's clock after a silence (s), plus some round trips."""
+"""Longest wait for the vehicle's clock after a silence (s); some round trips are added."""
 _BEFORE_FLIGHT = frozenset({Phase.CONTACT, Phase.UPLOAD}) | STARTING
 _STREAM_HZ = 4
 _NAV_LAST = 95
@@ -133,7 +133,7 @@ class GroundStation:
         self._fetch: ImageFetch | None = None
         self._order: Order | None = None
         self._ordered_before: Maneuver | None = None
-        self._ordered_in = ""  # flight mode when the pending order was given
+        self._before = StateBefore.of(self._monitor, -math.inf)  # state when the pending order was given
         self._ordered_modes: frozenset[str] = frozenset()  # modes that the pending order leads to
         self._chosen = range(0)
         self._no_position = True  # no position was received since the last HEARTBEAT
@@ -314,10 +314,11 @@ class GroundStation:
         if self._order is not None and now_s >= self._order.due_s:
             if self._order.is_given_up:
                 self._order_refused("no answer", now_s)
-            elif self.mode != self._ordered_in and self.mode in self._ordered_modes:
+            elif self.mode != self._before.mode and self.mode in self._ordered_modes:
                 self._order = None  # obeyed, only the COMMAND_ACK was lost
             elif self._is_overruled():
-                self._order_refused(f"mode {self.mode} since", now_s)
+                state = f"mode {self.mode}" if self._monitor.is_armed else "disarmed"
+                self._order_refused(f"{state} since", now_s)
             else:
                 out += self._order.send(now_s)
         if self.phase is Phase.FLIGHT:
@@ -468,7 +469,7 @@ class GroundStation:
             self.tracks.on_position(message, round(1e3 * monitor.boot_s), is_rover=is_rover)
 
     def _on_system_time(self, message: m.MAVLink_system_time_message, now_s: float) -> None:
-        """Handle SYSTEM_TIME: after a reboot, the clock arrives earlier than the first position."""
+        """Handle SYSTEM_TIME, which after a reboot arrives before the first position."""
         self._monitor.clock.take(message.time_boot_ms, now_s)
         self._on_clock(now_s)
 
@@ -536,7 +537,7 @@ class GroundStation:
         return out if self._start.failure is None else self._after_start(out, now_s)
 
     def _after_start(self, out: list[Message], now_s: float) -> list[Message]:
-        """Take over the phase of the start; begin the flight, or end the run if the start failed."""
+        """Copy the phase of the start; begin the flight, or end the run if the start failed."""
         start = self._start
         self.phase = start.phase
         if start.failure is not None:
@@ -596,7 +597,7 @@ class GroundStation:
         by_message = None if profile.item_command else m.MAVLink_mission_set_current_message(*vehicle, seq)
         order = self._contact.order(m.MAV_CMD_DO_SET_MISSION_CURRENT, float(seq), message=by_message)
         out = self._give(order, now_s)
-        # A DO command is done immediately, and the vehicle reports the next navigation item as current.
+        # The vehicle runs a DO command at once, and reports the next navigation item as current.
         passes = self.mission.items[item].command > _NAV_LAST
         shown = next_flown_to(self.mission.items, item) if passes else item
         self._chosen = range(item, shown + 1)
@@ -605,7 +606,7 @@ class GroundStation:
     def _give(self, order: Order, now_s: float) -> list[Message]:
         """Send an order; the order replaces a pending one."""
         self._ordered_before, self._order, self._chosen = self.pilot.ordered, order, range(0)
-        self._ordered_in, self._ordered_modes = self.mode, frozenset()
+        self._before, self._ordered_modes = StateBefore.of(self._monitor, now_s), frozenset()
         return order.send(now_s)
 
     @property
@@ -615,13 +616,13 @@ class GroundStation:
         return self._monitor.modes.ends(int(items[-1].command) if items else 0)
 
     def _is_overruled(self) -> bool:
-        """Whether a pilot or a failsafe has changed the mode since the pending order was given."""
-        modes, before = self._monitor.modes, self._ordered_before
+        """Whether a pilot or a failsafe has acted since the pending order was given."""
+        modes, ordered = self._monitor.modes, self._ordered_before
         mission = modes.shows(Maneuver.RESUME)
-        expected = {self._ordered_in} if before is None else {self._ordered_in, *modes.shows(before)}
-        if self._ordered_in in mission:
+        expected = frozenset() if ordered is None else modes.shows(ordered)
+        if self._before.mode in mission:
             expected |= mission | self._end_modes
-        return bool(mission) and self.mode not in expected
+        return bool(mission) and self._before.is_overruled(self._monitor, expected)
 
     def _check_mission_known(self) -> None:
         if self._changes.broken_off:

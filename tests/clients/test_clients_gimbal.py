@@ -33,7 +33,7 @@ def test_mavsdk_takes_control_turns_the_gimbal_and_follows_it(connected, tools):
             wanted = (pitch, yaw)
             return angles and (angles.pitch_deg, angles.yaw_deg) == pytest.approx(wanted, abs=0.2)
 
-        tools.wait_until(there, 15.0, f"pitch {pitch}, yaw {yaw}")
+        tools.wait_until(there, f"pitch {pitch}, yaw {yaw}")
 
     for send, mode, pitch, yaw in (
         (SendMode.ONCE, GimbalMode.YAW_FOLLOW, -30.0, 20.0),
@@ -49,7 +49,6 @@ def test_mavsdk_takes_control_turns_the_gimbal_and_follows_it(connected, tools):
     gimbal.set_roi_location(number, *north, flying.home.altitude_m)
     tools.wait_until(
         lambda: gimbal_of(flying).mode == 4 and abs(attitudes[-1].euler_angle_forward.yaw_deg) < 0.2,
-        15.0,
         "the region of interest",
     )
     gimbal.release_control(number)

@@ -12,7 +12,14 @@ import pytest
 from numba import TypingError
 
 import sim_vehicle
-from geo.compiled import _imported, compile_notices, compiled, sources_digest
+from geo.compiled import (
+    _INTERNALS,
+    _imported,
+    _is_known_inside,
+    compile_notices,
+    compiled,
+    sources_digest,
+)
 
 OUTER = """
 from geo.compiled import compile_notices, compiled
@@ -253,3 +260,39 @@ print(found if asked.count("mul") == 1 else 0.0)
 def test_what_an_operator_does_is_looked_up_once_for_the_same_types(package):
     (package / "outer.py").write_text(SUMS)
     assert run(package)[0] == 5.0
+
+
+WITHOUT = """
+import numba.core.{module} as module
+del module.{name}
+"""
+
+
+@pytest.mark.parametrize(
+    ("module", "name"), [("caching", "_CacheLocator"), ("options", "DefaultOptions._nrt")]
+)
+def test_a_numba_that_is_unknown_inside_compiles_in_every_process(package, module, name):
+    text = OUTER.replace("@compiled", "@compiled(inline='late', allocates=False)")
+    (package / "outer.py").write_text(WITHOUT.format(module=module, name=name) + text)
+    for _ in range(2):
+        result, _, errors = run(package)
+        assert result == 6.0
+        assert errors.count("unknown inside") == 1, errors
+    assert not (package.parent / "cache").exists()
+
+
+@pytest.mark.parametrize(
+    ("module", "name"), [(module, name) for module, names in _INTERNALS.items() for name in names.split()]
+)
+def test_a_name_that_numba_lacks_is_noticed(module, name, monkeypatch):
+    *path, last = name.split(".")
+    owner = importlib.import_module(module)
+    for part in path:
+        owner = getattr(owner, part)
+    for kind in getattr(owner, "__mro__", (owner,)):
+        if last in vars(kind):
+            monkeypatch.delattr(kind, last)
+    _is_known_inside.cache_clear()
+    with pytest.warns(RuntimeWarning, match=last):
+        assert not _is_known_inside()
+    _is_known_inside.cache_clear()

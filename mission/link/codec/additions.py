@@ -294,6 +294,7 @@ def _build(
             "lengths": lengths,
             "array_lengths": array_lengths,
             "unpacker": struct.Struct(layout),
+            "is_added": True,
             "instance_field": base.instance_field,
             "instance_offset": base.instance_offset,
             "__init__": initialise,

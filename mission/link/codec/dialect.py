@@ -2,7 +2,7 @@
 
 pymavlink's dialect ``all`` has the common, standard, development and ArduPilot messages.
 `mission.link.codec.additions` adds opaque plan ids, PROTOCOL_VERSION, COMPONENT_METADATA and events.
-`lighten` makes the creation of messages faster.
+`lighten` makes the creation of messages faster, if their private attributes are those it was written for.
 """
 
 from typing import Any
@@ -56,9 +56,16 @@ def lighten(dialect: Any) -> None:
     base._fieldnames = base.fieldnames
 
 
+_PRIVATE = "_crc _fieldnames _header _instance_field _instances _link_id _msgbuf _payload _signed _type"
+IS_KNOWN_INSIDE = " ".join(
+    sorted(vars(generated.MAVLink_message(0, "")))
+) == _PRIVATE and "_text_raw" in vars(generated.MAVLink_statustext_message(6, b""))
+"""Whether messages have the private attributes that `lighten` and `FrameWriter` use; both can do without."""
+
 extend(generated)
-lighten(generated)
+if IS_KNOWN_INSIDE:
+    lighten(generated)
 mavlink: Any = generated
 Message = generated.MAVLink_message
 
-__all__ = ["Message", "lighten", "mavlink"]
+__all__ = ["IS_KNOWN_INSIDE", "Message", "lighten", "mavlink"]

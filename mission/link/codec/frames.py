@@ -4,7 +4,8 @@ Messages and field tables are those of pymavlink's generated codec. For unsigned
 fields, this module compiles the tables into pack and unpack functions. Creating and packing a message is 3.7
 times as fast, unpacking 3.5 times (CPU time of six telemetry and camera messages, against pymavlink 2.4.50).
 These functions use private attributes of the generated messages, so pyproject.toml pins pymavlink, and a test
-compares both codecs. All other frames use the generated ``pack`` and ``decode``.
+compares both codecs. All other frames use the generated ``pack`` and ``decode``, and so do all frames if a
+version of pymavlink has other attributes.
 
 Frame layout: https://mavlink.io/en/guide/serialization.html.
 """
@@ -20,7 +21,7 @@ from typing import Any
 
 from fastcrc import crc16
 
-from mission.link.codec.dialect import Message, mavlink
+from mission.link.codec.dialect import IS_KNOWN_INSIDE, Message, mavlink
 from mission.link.codec.signing import SIGNATURE_BYTES, SIGNED, Signing
 
 _crc: Callable[..., int] = crc16.mcrf4xx
@@ -89,8 +90,9 @@ class _Kind:
         self.unpack: Callable[[bytes], tuple[Any, ...]] = message_type.unpacker.unpack
         # Messages with single-char fields need pymavlink's codec.
         plain = "c" not in _codes(message_type)
-        self.make = _maker(message_type) if plain else None
-        self.pack = _packer(message_type) if plain else None
+        self.make = _maker(message_type) if plain and IS_KNOWN_INSIDE else None
+        is_own = IS_KNOWN_INSIDE or hasattr(message_type, "is_added")
+        self.pack = _packer(message_type) if plain and is_own else None
 
 
 class _Kinds(dict[int, "_Kind | None"]):

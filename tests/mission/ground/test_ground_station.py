@@ -371,8 +371,8 @@ class Flight:
         self.now_s += 0.1
         return self.ground.receive(from_vehicle(message), self.now_s)
 
-    def beats(self, mode):
-        flags = m.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED | m.MAV_MODE_FLAG_SAFETY_ARMED
+    def beats(self, mode, *, armed=True):
+        flags = m.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED | (m.MAV_MODE_FLAG_SAFETY_ARMED if armed else 0)
         self.hears(m.MAVLink_heartbeat_message(2, self.autopilot, flags, self.modes[mode], 4, 3))
 
     def takes(self, kind):
@@ -382,16 +382,25 @@ class Flight:
 
 
 @pytest.mark.parametrize("name", AUTOPILOTS)
-@pytest.mark.parametrize(("mode", "orders"), [("MISSION", 1), ("LOITER", 0), ("POSCTL", 0)])
-def test_an_unanswered_order_is_not_repeated_once_the_mode_has_changed(name, mode, orders):
+@pytest.mark.parametrize(
+    ("mode", "armed", "orders", "note"),
+    [
+        ("MISSION", True, 1, None),
+        ("LOITER", True, 0, None),
+        ("POSCTL", True, 0, "mode POSCTL since: the vehicle did not take the order"),
+        ("MISSION", False, 0, "disarmed since: the vehicle did not take the order"),
+    ],
+)
+def test_an_unanswered_order_is_not_repeated_once_a_pilot_has_acted(name, mode, armed, orders, note):
     flight = Flight(name)
     (order,) = flight.ground.maneuver(Maneuver.HOLD, flight.now_s)
-    flight.beats(mode)
+    flight.beats(mode, armed=armed)
     flight.now_s += 1.5
     assert commands(flight.ground.poll(flight.now_s)) == [order.command] * orders
-    flight.beats(mode)
+    flight.beats(mode, armed=armed)
     assert flight.ground.pilot.somebody_else_flies is (mode == "POSCTL")
-    assert any("did not take the order" in text for _, _, text in flight.ground.texts) is (mode == "POSCTL")
+    shown = [text for _, _, text in flight.ground.texts if "did not take the order" in text]
+    assert [text.replace("LOITER", "POSCTL") for text in shown] == [note] * (note is not None)
 
 
 @pytest.mark.parametrize("name", AUTOPILOTS)
@@ -419,6 +428,7 @@ def test_an_answer_to_another_ground_station_is_no_answer():
         ("MISSION", True, Phase.FLIGHT, 0),
         ("POSCTL", True, Phase.DONE, 0),
         ("LOITER", False, Phase.DONE, 0),
+        ("MISSION", False, Phase.DONE, 0),
     ],
 )
 def test_an_unanswered_start_is_not_repeated_once_the_vehicle_flies_or_has_a_pilot(

@@ -131,7 +131,7 @@ class App {
         if (map.decision !== decision) this.dirty = true;
         map.decision = decision;
       },
-      this.send ? null : (time_s) => time.seek(time_s),
+      this.send ? null : time,
     );
     const charts = new Charts(models, (time_s) => time.seek(time_s));
     const layers = new LayerPanel(models, choice, changed);

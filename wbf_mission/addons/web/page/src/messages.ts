@@ -4,6 +4,7 @@ import { button, element, setText } from "./dom.js";
 import { upTo, type Model } from "./model.js";
 import type { Decision, Said } from "./schema.js";
 import { capital, clock, figure, fixed, metres } from "./text.js";
+import type { Time } from "./time.js";
 
 const SHOWN = 100;
 /** Highest severity number of a warning. */
@@ -61,14 +62,13 @@ export class Decisions {
   private readonly note = element("p", { class: "small" });
   private shown = "";
   private chosen: number | null = null;
-  private time_s = 0;
 
   constructor(
     private readonly models: Model[],
     private readonly open: (model: Model, decision: Decision | null) => void,
-    private readonly seek: ((time_s: number) => void) | null,
+    private readonly time: Time | null,
   ) {
-    if (seek)
+    if (time)
       this.element.append(
         element(
           "div",
@@ -82,15 +82,16 @@ export class Decisions {
 
   /** Seek and open the previous or next decision. */
   private step(by: 1 | -1): void {
+    const { time } = this;
+    if (!time) return;
     const all = this.models.flatMap((model) => model.decisions).sort((a, b) => a.time_s - b.time_s);
-    const open = all.findIndex((one) => one.number === this.chosen && one.time_s === this.time_s);
-    const before = all.filter((one) => one.time_s <= this.time_s).length;
+    const open = all.findIndex((one) => one.number === this.chosen && one.time_s === time.time_s);
+    const before = all.filter((one) => one.time_s <= time.time_s).length;
     const to = all[open >= 0 ? open + by : by > 0 ? before : before - 1];
-    if (!to || !this.seek) return;
+    if (!to) return;
     this.chosen = to.number;
-    this.time_s = to.time_s;
     this.shown = "";
-    this.seek(to.time_s);
+    time.seek(to.time_s);
   }
 
   get any(): boolean {
@@ -98,9 +99,8 @@ export class Decisions {
   }
 
   show(time_s: number): void {
-    this.time_s = time_s;
     const maps = this.models.some((model) => model.tiles.has("acquisition"));
-    const missing = this.seek ? "No acquisition map is kept: see the summary." : "This policy has told no acquisition map yet.";
+    const missing = this.time ? "No acquisition map is kept: see the summary." : "This policy has told no acquisition map yet.";
     setText(this.note, maps || !this.any ? "" : missing);
     const told = this.models.flatMap((model) =>
       model.decisions.filter((one) => one.time_s <= time_s).map((decision) => ({ model, decision })),

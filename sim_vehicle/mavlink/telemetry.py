@@ -1,7 +1,6 @@
 """Telemetry of the vehicle, with one table from message id to builder.
 
-To add a message, add a row to `BUILDERS`. Builders of ArduPilot's navigation are in `ardupilot_messages`,
-further builders in vehicle extras.
+To add a message, add a row to `BUILDERS`. Further builders are in vehicle extras.
 """
 
 from __future__ import annotations
@@ -16,15 +15,13 @@ from sim_vehicle.airframe.power_spec import GRAVITY_M_S2
 from sim_vehicle.airframe.sensor_errors import HDOP, VDOP, SensorNoise
 from sim_vehicle.autopilot.modes import Mode
 from sim_vehicle.execution.state import FlightPhase, LandedState
-from sim_vehicle.mavlink.ardupilot_messages import ARDUPILOT_BUILDERS
 from sim_vehicle.mavlink.wire_state import UNUSED, Vector, centidegrees, int16, int16_vector
 from sim_vehicle.pilot.controls import MissionState
-from sim_vehicle.pilot.fence import Breach
 
 if TYPE_CHECKING:
     from sim_vehicle.mavlink.wire_state import WireState
 
-__all__ = ["BUILDERS", "built"]
+__all__ = ["BUILDERS", "ESTIMATES_BLIND", "ESTIMATES_OK", "built"]
 
 _GPS = 32
 _FENCE = 1 << 20
@@ -41,10 +38,9 @@ _CHARGE_STATES = (
 )
 _NO_BATTERY = (0, 1, 1, 32767, [UNUSED] * 10, -1, -1, -1, -1, 0, 0)
 _HOME_Q = [1.0, 0.0, 0.0, 0.0]
-_UNKNOWN_COVARIANCE = [math.nan] * 21
 # Attitude, velocities, positions, height above ground; without a position attitude and vertical motion.
-_ESTIMATES_OK = 1 | 2 | 4 | 8 | 16 | 32 | 256 | 512
-_ESTIMATES_BLIND = 1 | 4 | 32
+ESTIMATES_OK = 1 | 2 | 4 | 8 | 16 | 32 | 256 | 512
+ESTIMATES_BLIND = 1 | 4 | 32
 _FIX_3D = 3
 
 
@@ -124,23 +120,6 @@ def _global_position_int(source: WireState) -> Message:
     )
 
 
-def _odometry(source: WireState) -> Message:
-    return m.MAVLink_odometry_message(
-        source.boot_ms * 1000,
-        m.MAV_FRAME_LOCAL_NED,
-        m.MAV_FRAME_BODY_FRD,
-        *source.ned_m,
-        source.quaternion,
-        *source.to_body(*source.ned_m_s),
-        *source.turning_rad_s,
-        _UNKNOWN_COVARIANCE,
-        _UNKNOWN_COVARIANCE,
-        0,
-        m.MAV_ESTIMATOR_TYPE_AUTOPILOT,
-        100,
-    )
-
-
 def _vfr_hud(source: WireState) -> Message:
     state = source.pilot.state
     east, north, up = source.velocity_m_s
@@ -154,18 +133,6 @@ def _vfr_hud(source: WireState) -> Message:
         source.altitude_m,
         up,
     )
-
-
-def _altitude(source: WireState) -> Message:
-    up, amsl = source.sensed.believed_m[2], source.altitude_m
-    above_home = up - source.pilot.home_m[2]
-    return m.MAVLink_altitude_message(source.boot_ms * 1000, amsl, amsl, up, above_home, up, up)
-
-
-def _fence_status(source: WireState) -> Message:
-    watch = source.pilot.failsafe.fence
-    breached, count = int(watch.breach is not Breach.NONE), min(watch.count, 65535)
-    return m.MAVLink_fence_status_message(breached, count, int(watch.breach), round(1000.0 * watch.broken_s))
 
 
 def _battery_status(source: WireState) -> Message:
@@ -223,19 +190,6 @@ def _mission_current(source: WireState) -> Message:
     return m.MAVLink_mission_current_message(seq, total, int(state), mode, *source.plan_ids)
 
 
-def _wind_cov(source: WireState) -> Message:
-    east, north = source.pilot.state.wind_m_s
-    return m.MAVLink_wind_cov_message(
-        source.boot_ms * 1000, north, east, 0.0, 0.0, 0.0, source.altitude_m, 0.5, 0.5
-    )
-
-
-def _wind(source: WireState) -> Message:
-    east, north = source.pilot.state.wind_m_s
-    direction = math.degrees(math.atan2(-east, -north)) if east or north else 0.0
-    return m.MAVLink_wind_message(direction, math.hypot(east, north), 0.0)
-
-
 def _autopilot_version(source: WireState) -> Message:
     identity, system_id = source.mavlink.identity, source.system_id
     return m.MAVLink_autopilot_version_message(
@@ -249,58 +203,16 @@ def _autopilot_version(source: WireState) -> Message:
 
 
 def _estimator_status(source: WireState) -> Message:
-    flags = _ESTIMATES_OK if source.pilot.position_ok else _ESTIMATES_BLIND
+    flags = ESTIMATES_OK if source.pilot.position_ok else ESTIMATES_BLIND
     return m.MAVLink_estimator_status_message(source.unix_us, flags, 0.1, 0.1, 0.1, 0.1, 0.0, 0.0, 0.5, 0.8)
 
 
 def _ekf_status_report(source: WireState) -> Message:
-    flags = _ESTIMATES_OK if source.pilot.position_ok else _ESTIMATES_BLIND
+    flags = ESTIMATES_OK if source.pilot.position_ok else ESTIMATES_BLIND
     boot, cold = source.boot, source.firmware.cold_boot
     if cold is not None and boot is not None and not boot.knows_position:
         flags = cold.blind_flags
     return m.MAVLink_ekf_status_report_message(flags, 0.1, 0.1, 0.1, 0.1, 0.0)
-
-
-def _highres_imu(source: WireState) -> Message:
-    return m.MAVLink_highres_imu_message(
-        source.unix_us,
-        *source.force_m_s2,
-        *source.turning_rad_s,
-        *source.to_body(0.25, 0.0, 0.41),
-        _pressure_hpa(source),
-        0.0,
-        _barometer_m(source),
-        25.0,
-        0x1FFF,
-    )
-
-
-def _state_for_gimbals(source: WireState) -> Message:
-    """AUTOPILOT_STATE_FOR_GIMBAL_DEVICE, which in PX4 never reports TAKEOFF or LANDING."""
-    on_ground = source.pilot.landed is LandedState.ON_GROUND
-    return m.MAVLink_autopilot_state_for_gimbal_device_message(
-        *(0, 0, source.boot_ms * 1000),
-        source.quaternion,
-        0,
-        *source.ned_m_s,
-        0,
-        source.turning_rad_s[2],
-        _ESTIMATES_OK if source.pilot.position_ok else _ESTIMATES_BLIND,
-        m.MAV_LANDED_STATE_ON_GROUND if on_ground else m.MAV_LANDED_STATE_IN_AIR,
-    )
-
-
-def _pressure_hpa(source: WireState) -> float:
-    """Return the pressure of the ICAO standard atmosphere at the barometer's altitude."""
-    height_m = min(11_000.0, _barometer_m(source))
-    return float(1013.25 * (1.0 - 2.25577e-5 * height_m) ** 5.25588)
-
-
-def _barometer_m(source: WireState) -> float:
-    """Return the barometer's altitude above sea level."""
-    if source.errors is None:
-        return source.altitude_m
-    return source.sensed.barometer_m + source.home.altitude_m
 
 
 def _true_velocity(source: WireState) -> Vector:
@@ -358,19 +270,14 @@ BUILDERS: dict[int, Callable[[WireState], Message | None]] = {
     m.MAVLINK_MSG_ID_LOCAL_POSITION_NED: lambda s: m.MAVLink_local_position_ned_message(
         s.boot_ms, *s.ned_m, *s.ned_m_s
     ),
-    m.MAVLINK_MSG_ID_ODOMETRY: _odometry,
     m.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: _global_position_int,
     m.MAVLINK_MSG_ID_VFR_HUD: _vfr_hud,
-    m.MAVLINK_MSG_ID_ALTITUDE: _altitude,
     m.MAVLINK_MSG_ID_BATTERY_STATUS: _battery_status,
-    m.MAVLINK_MSG_ID_FENCE_STATUS: _fence_status,
     m.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: lambda s: m.MAVLink_extended_sys_state_message(
         0, int(s.pilot.landed)
     ),
     m.MAVLINK_MSG_ID_HOME_POSITION: _home_position,
     m.MAVLINK_MSG_ID_MISSION_CURRENT: _mission_current,
-    m.MAVLINK_MSG_ID_WIND_COV: _wind_cov,
-    m.MAVLINK_MSG_ID_WIND: _wind,
     m.MAVLINK_MSG_ID_HIL_STATE_QUATERNION: _hil_state_quaternion,
     m.MAVLINK_MSG_ID_SIM_STATE: _sim_state,
     m.MAVLINK_MSG_ID_AUTOPILOT_VERSION: _autopilot_version,
@@ -381,19 +288,10 @@ BUILDERS: dict[int, Callable[[WireState], Message | None]] = {
     ),
     m.MAVLINK_MSG_ID_ESTIMATOR_STATUS: _estimator_status,
     m.MAVLINK_MSG_ID_EKF_STATUS_REPORT: _ekf_status_report,
-    # The simulated vehicle does not vibrate.
-    m.MAVLINK_MSG_ID_VIBRATION: lambda s: m.MAVLink_vibration_message(s.unix_us, 0.0, 0.0, 0.0, 0, 0, 0),
-    m.MAVLINK_MSG_ID_SCALED_PRESSURE: lambda s: m.MAVLink_scaled_pressure_message(
-        s.boot_ms, _pressure_hpa(s), 0.0, 2500
-    ),
-    m.MAVLINK_MSG_ID_HIGHRES_IMU: _highres_imu,
-    m.MAVLINK_MSG_ID_AUTOPILOT_STATE_FOR_GIMBAL_DEVICE: _state_for_gimbals,
     m.MAVLINK_MSG_ID_TIMESYNC: lambda s: m.MAVLink_timesync_message(0, s.unix_us * 1000),
-    m.MAVLINK_MSG_ID_PING: lambda s: m.MAVLink_ping_message(s.unix_us, s.next_ping(), 0, 0),
     m.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN: lambda s: m.MAVLink_gps_global_origin_message(
         *s.e7_of((0.0, 0.0, 0.0)), s.unix_us
     ),
-    **ARDUPILOT_BUILDERS,
 }
 """Builders by message id; a builder returns None if there is nothing to send."""
 

@@ -26,13 +26,13 @@ from sim_vehicle.epoch import EPOCH_UNIX_S
 from sim_vehicle.errors import VehicleError
 from sim_vehicle.execution.items import CAMERA_COMMANDS, NAV_COMMANDS
 from sim_vehicle.execution.state import CameraCommand, FlightEvent, HomeMoved, ItemReached
-from sim_vehicle.mavlink.ardupilot_messages import STREAMS, group_number
 from sim_vehicle.mavlink.camera_commands import CAMERA, CameraCommands, camera_feedback
 from sim_vehicle.mavlink.commands import CommandReceiver, set_custom_mode
 from sim_vehicle.mavlink.extras import Timed, extras_of
 from sim_vehicle.mavlink.parameters import ParameterMessage, ParameterSet
 from sim_vehicle.mavlink.plan_receiver import PlanReceiver
 from sim_vehicle.mavlink.reports import GyroCalibration, ItemReports, Schedule, StatusTexts
+from sim_vehicle.mavlink.streams import STREAMS, group_number
 from sim_vehicle.mavlink.telemetry import BUILDERS
 from sim_vehicle.mavlink.vehicle_command import command_of
 from sim_vehicle.mavlink.wire_state import WireState

@@ -10,6 +10,7 @@ from mission.model import RELATIVE_FRAMES, GeoPoint
 from sim_vehicle.airframe.power_spec import GRAVITY_M_S2
 from sim_vehicle.airframe.sensor_errors import NavigationErrors, Sensed, SensorNoise
 from sim_vehicle.autopilot.modes import Mode
+from sim_vehicle.execution.state import FlightPhase
 
 if TYPE_CHECKING:
     from sim_vehicle.autopilot.behaviour import BootStage
@@ -21,8 +22,8 @@ Vector: TypeAlias = tuple[float, float, float]
 
 UNUSED = 65535
 """Value of a 16-bit field for "unknown"."""
-# Longest interval over which roll and pitch rates are averaged.
-_LONGEST_MEAN_S = 1.5
+# Modes without a target.
+_MANUAL_MODES = frozenset({Mode.MANUAL, Mode.ALTITUDE, Mode.POSITION, Mode.HOLD})
 
 
 def int16(value: float) -> int:
@@ -85,9 +86,6 @@ class WireState:
         self._no_item_until_us = 0
         self._requested_mode: tuple[Mode, int] | None = None
         pilot.arming.custom_mode = lambda: self.custom_mode
-        self._pings = 0
-        self._attitude: Vector = (-math.inf, 0.0, 0.0)
-        self._rates = (0.0, 0.0, 0.0)
 
     def name_mode(self, number: int) -> None:
         """Record the requested mode number: several numbers share a flight mode, such as BRAKE and LOITER."""
@@ -103,11 +101,6 @@ class WireState:
         if mode is Mode.HOLD and self.pilot.modes.by_itself and modes.own_hold is not None:
             return modes.own_hold
         return modes[mode] if self._requested_mode is None else self._requested_mode[1]
-
-    def next_ping(self) -> int:
-        """Return the sequence number of the vehicle's next PING, from 0."""
-        self._pings += 1
-        return self._pings - 1
 
     def forget_item(self, until_s: float) -> None:
         """Report no current item in MISSION_CURRENT until `until_s`."""
@@ -168,6 +161,17 @@ class WireState:
         x, z = cp * x - sp * down, sp * x + cp * down
         return x, cr * y + sr * z, cr * z - sr * y
 
+    @property
+    def target_leg(self) -> tuple[Vector, Vector] | None:
+        """Start and end of the present leg; None without a leg and in modes without a target."""
+        pilot = self.pilot
+        executor = pilot.executor
+        plan = executor.flight.plan
+        if plan is None or pilot.mode in _MANUAL_MODES or executor.flight.phase is FlightPhase.STEERED:
+            return None
+        leg = min(executor.motion.leg, len(plan.legs) - 1)
+        return plan.legs[leg - 1].end_m if leg else executor.flight.began_m, plan.legs[leg].end_m
+
     def set_time(self, now_us: int) -> None:
         """Set the clocks."""
         self.now_us = now_us
@@ -188,26 +192,6 @@ class WireState:
         self.position_e7 = self.e7_of(self.sensed.believed_m)
         if self.boot is not None and not self.boot.tells_place:
             self.position_e7 = (0, 0, self.position_e7[2])
-
-    def body_rates(self) -> Vector:
-        """Return the body rates (forward, right, down; rad/s), averaged since the previous call."""
-        state, (time_s, roll, pitch) = self.pilot.state, self._attitude
-        passed_s = state.time_s - time_s
-        if passed_s > 0.0:
-            rolling, pitching = 0.0, 0.0
-            if passed_s < _LONGEST_MEAN_S:
-                rolling = math.remainder(state.roll_rad - roll, 2.0 * math.pi) / passed_s
-                pitching = (state.pitch_rad - pitch) / passed_s
-            sr, cr = math.sin(state.roll_rad), math.cos(state.roll_rad)
-            sp, cp = math.sin(state.pitch_rad), math.cos(state.pitch_rad)
-            yawing = state.yaw_rate_rad_s
-            self._attitude = (state.time_s, state.roll_rad, state.pitch_rad)
-            self._rates = (
-                rolling - yawing * sp,
-                pitching * cr + yawing * sr * cp,
-                yawing * cr * cp - pitching * sr,
-            )
-        return self._rates
 
     def above_start(self, altitude_m: float, frame: int) -> float:
         """Convert an altitude in a MAV_FRAME to a height above the start."""

@@ -10,7 +10,7 @@ from mission.model import GeoPoint
 from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.errors import VehicleError
 from sim_vehicle.mavlink import SimVehicle
-from sim_vehicle.mavlink.ardupilot_messages import STREAMS
+from sim_vehicle.mavlink.streams import STREAMS
 from sim_vehicle.motion.legs import Leg, Route
 from sim_vehicle.motion.model import MotionEvent
 from sim_vehicle.motion.multirotor.model import Multirotor

@@ -13,7 +13,6 @@ from mission.model import Command
 from sim_vehicle.autopilot.modes import Mode
 from sim_vehicle.autopilot.parameters import Setting
 from sim_vehicle.execution.state import LandedState
-from sim_vehicle.mavlink.ardupilot_messages import target_leg
 from sim_vehicle.mavlink.extras import VehicleExtra
 from sim_vehicle.motion.legs import ALONG, INWARD, KEEP, Heading
 from sim_vehicle.pilot.controls import RefusedError
@@ -218,7 +217,7 @@ class ModesExtra(VehicleExtra):
     def _position_target(self, source: WireState) -> Message | None:
         if self._pilot.mode not in (Mode.GUIDED, Mode.TAKEOFF):
             return None
-        target, flown = target_leg(source), self.guided.setpoints.flown
+        target, flown = source.target_leg, self.guided.setpoints.flown
         velocity = (0.0, 0.0, 0.0) if flown is None else flown.velocity_m_s
         moves = flown is not None and not any(map(math.isnan, velocity))
         if target is None and not moves:

@@ -1,0 +1,1 @@
+"""Telemetry of a simulated vehicle that ground stations show, and the flight does not need."""

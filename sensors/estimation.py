@@ -15,10 +15,12 @@ from numpy.typing import NDArray
 
 from geo import Farm
 from geo.errors import PACKAGES, WbfMissionError, told_error
+from geo.system import free_unused_memory
 from sensors.errors import EstimatorError
 from sensors.estimators import Estimator, advance_estimator, prepare_estimator
 from sensors.estimators.base import model_fault
 from sensors.fields import FieldSet
+from sensors.lazy_fields import LARGE_FROM_CELLS
 from sensors.observations import Observations
 from sensors.scoring.information import InformationModel
 from sensors.scoring.score import RunningScore, Score
@@ -206,6 +208,8 @@ class RunEstimate:
         self.history.observations.append(self._seen)
         self.history.days.append(self.day)
         self.score_s += time.perf_counter() - begin
+        if self.model.value[0].size >= LARGE_FROM_CELLS:
+            free_unused_memory()
         self.on_score(time_s, self.model)
 
 

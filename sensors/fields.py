@@ -17,7 +17,7 @@ import math
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, cast
 
 import numpy as np
 
@@ -26,6 +26,7 @@ from sensors.dynamics.continuous import ContinuousDynamics, Measured
 from sensors.dynamics.epidemic import CCR, TYLCV, EpidemicParameters
 from sensors.dynamics.soil import SoilParameters
 from sensors.errors import FieldError
+from sensors.lazy_fields import LARGE_FROM_CELLS, LazyFields
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -180,10 +181,11 @@ class Field:
         low, high = self.range
         return np.clip((np.asarray(values, np.float64) - low) / (high - low), 0.0, 1.0)
 
-    def hosts(self, grid: FarmGrid) -> NDArray[np.bool_]:
-        """Return a new mask of the cells with the field's crops, of all owners: bool[W, H]."""
+    def hosts(self, grid: FarmGrid, where: Any = ...) -> NDArray[np.bool_]:
+        """Return a new mask of the cells with the field's crops, of all owners, bool[W, H] or `where`."""
         every = ALL_CROPS in self.crops
-        return grid.of_crops([crop for crop in grid.crops if crop not in NOT_GROWN] if every else self.crops)
+        names = [crop for crop in grid.crops if crop not in NOT_GROWN] if every else self.crops
+        return grid.of_crops(names, where)
 
     def mask(self, grid: FarmGrid) -> NDArray[np.bool_]:
         """Return a new mask of the scored cells, the owner's cells with the field's crops: bool[W, H]."""
@@ -273,6 +275,16 @@ class FieldSet:
                 f"fields: {measured} can only be measured: a simulated camera sees what dynamics make; "
                 'give such as kind = "continuous" and a table [field.dynamics] (docs/fields.md)'
             )
+
+    def scored(self, grid: FarmGrid) -> NDArray[np.bool_]:
+        """Return `masks`; on a large farm a `LazyFields`, which takes no memory."""
+        if grid.crop.size < LARGE_FROM_CELLS:
+            return self.masks(grid)
+
+        def read(k: int, columns: slice) -> NDArray[np.bool_]:
+            return self.fields[k].hosts(grid, columns) & grid.owned[columns]
+
+        return cast("NDArray[np.bool_]", LazyFields((len(self.fields), *grid.shape), read, np.bool_))
 
     def masks(self, grid: FarmGrid) -> NDArray[np.bool_]:
         """Return the mask of each field's scored cells, without those of neighbours: bool[n, W, H]."""

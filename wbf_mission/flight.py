@@ -268,7 +268,7 @@ def _result(campaign: Campaign) -> Result:
     maps, truth = campaign.maps, campaign.truth
     true_maps: tuple[FieldMap, ...] = ()
     if truth is not None:
-        true_maps = tuple(true_map(campaign.run.farm, shown.field, truth[k]) for k, shown in enumerate(maps))
+        true_maps = tuple(true_map(campaign.run.farm, shown.field, truth, k) for k, shown in enumerate(maps))
     watch.lap("report")
     return Result(
         scenario=campaign.run.asked,

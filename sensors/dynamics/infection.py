@@ -30,6 +30,7 @@ FRONT_BYTES_A_CELL = 9
 KERNEL_SHAPES = ("inverse-square", "exponential", "gaussian")
 MAX_KERNEL_SIZE = 51
 _ROUNDING_UNIT = 1 << 32
+_CENTRES_AT_ONCE = 1024
 
 
 @dataclass(frozen=True, slots=True)
@@ -143,9 +144,9 @@ class InfectionFront:
         self._susceptible = padded.reshape(-1)
         self._total = np.zeros(padded.size, np.int64)
         self._front: Cells = np.empty(0, np.intp)
-        self._steps = tuple(
-            (weight, dx * self._stride + dy) for weight, ring in kernel.rings for dx, dy in ring
-        )
+        x, y = np.array(kernel.offsets, np.intp).reshape(-1, 2).T
+        self._steps = x * self._stride + y
+        self._weights = np.array([weight for weight, ring in kernel.rings for _ in ring], np.int64)
 
     def _pad(self, cells: Cells) -> Cells:
         x, y = np.divmod(cells, self._height)
@@ -161,26 +162,21 @@ class InfectionFront:
         """Infect the given different cells, and add their neighbours to the front."""
         centres = self._pad(cells)
         self._susceptible[centres] = False
-        joining = [self._front]
-        near, total = np.empty_like(centres), np.empty(centres.size, np.int64)
-        for weight, step in self._steps:
-            # Different centres have different neighbours at a given step, so plain indexing adds all weights.
-            np.add(centres, step, out=near)
-            self._total.take(near, out=total, mode="clip")
-            joining.append(near[total == 0])
-            total += weight
-            self._total[near] = total
-        self._front = np.concatenate(joining)
+        self._front = np.concatenate([self._front, *self._add(centres, 1)])
 
     def remove(self, cells: Cells) -> None:
         """Mark infected cells as removed, so that they no longer infect their neighbours."""
-        centres = self._pad(cells)
-        near, total = np.empty_like(centres), np.empty(centres.size, np.int64)
-        for weight, step in self._steps:
-            np.add(centres, step, out=near)
-            self._total.take(near, out=total, mode="clip")
-            total -= weight
-            self._total[near] = total
+        self._add(self._pad(cells), -1)
+
+    def _add(self, centres: Cells, sign: int) -> list[Cells]:
+        """Add the weights around infected cells, or subtract them; return the neighbours that had none."""
+        joining = []
+        for first in range(0, len(centres), _CENTRES_AT_ONCE):
+            part = centres[first : first + _CENTRES_AT_ONCE]
+            near = (self._steps[:, np.newaxis] + part).ravel()
+            joining.append(near[self._total[near] == 0])
+            np.add.at(self._total, near, np.repeat(sign * self._weights, len(part)))
+        return joining
 
     def exposed(self) -> tuple[Cells, NDArray[np.int64]]:
         """Return the susceptible cells with infected neighbours, and their counts of these neighbours.

@@ -6,7 +6,8 @@ import hashlib
 import operator
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from functools import partial
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,6 +16,7 @@ from sensors.dynamics.epidemic import IMMUNE, NO_HOST, SUSCEPTIBLE, status_table
 from sensors.environment.layers import ArrayLayer, Layer, T
 from sensors.errors import EnvironmentDataError
 from sensors.fields import FieldSet
+from sensors.lazy_fields import LARGE_FROM_CELLS, LazyFields
 
 if TYPE_CHECKING:
     from numpy.random import SeedSequence
@@ -181,6 +183,26 @@ class Environment:
         self._fill(values, day, lambda layer: layer.whole())
         return values
 
+    def truth(self, day: int) -> NDArray[np.float32]:
+        """Return `values` of a kept day; on a large farm a `LazyFields`, which takes no memory."""
+        if self.shape[0] * self.shape[1] < LARGE_FROM_CELLS:
+            return self.values(day)
+        self._check_day(day)
+        lazy = LazyFields((len(self.fields), *self.shape), partial(self._columns, day))
+        return cast("NDArray[np.float32]", lazy)
+
+    def _columns(self, day: int, field: int, columns: slice) -> NDArray[np.float32]:
+        """Return E of a field on a kept day in some columns of the farm, float32[columns, H]."""
+        part = columns, slice(0, self.shape[1])
+        values = np.empty((columns.stop - columns.start, self.shape[1]), np.float32)
+        for index, layer, table in self._diseases[day]:
+            if index == field:
+                _fill_disease(values, layer.window(*part), table)
+        for index, level in self._layers[day]:
+            if index == field:
+                values[:] = level.window(*part)
+        return values
+
     def window(self, day: int, x: slice, y: slice) -> NDArray[np.float32]:
         """Return `values` of a window of the farm, float32[n, w, h], a new array.
 
@@ -210,17 +232,7 @@ class Environment:
         read: Callable[[Layer[Any]], NDArray[Any]],
     ) -> None:
         for index, layer, table in self._diseases[day]:
-            field = values[index]
-            field.fill(1.0)
-            onset = read(layer)
-            # Few cells are ever infected: setting only these is several times faster than a table for all
-            # cells.
-            if onset.flags.c_contiguous and field.flags.c_contiguous:
-                once_infected = np.flatnonzero(onset >= 0)
-                field.reshape(-1)[once_infected] = table[onset.reshape(-1)[once_infected]]
-            else:
-                infected = onset >= 0
-                field[infected] = table[onset[infected]]
+            _fill_disease(values[index], read(layer), table)
         for index, level in self._layers[day]:
             values[index] = read(level)
 
@@ -262,6 +274,18 @@ class Environment:
             for index, level in layers:
                 samples[k, index] = level.cell(x, y)
         return samples
+
+
+def _fill_disease(field: NDArray[np.float32], onset: NDArray[np.int8], table: NDArray[np.float32]) -> None:
+    """Write E of a disease, float32[w, h], given the days of infection and the value of each such day."""
+    field.fill(1.0)
+    # Few cells are ever infected: setting only these is several times faster than a table for all cells.
+    if onset.flags.c_contiguous and field.flags.c_contiguous:
+        once_infected = np.flatnonzero(onset >= 0)
+        field.reshape(-1)[once_infected] = table[onset.reshape(-1)[once_infected]]
+    else:
+        infected = onset >= 0
+        field[infected] = table[onset[infected]]
 
 
 def _few_cells(ix: ArrayLike, iy: ArrayLike, shape: tuple[int, int]) -> list[tuple[int, int]]:

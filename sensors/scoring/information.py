@@ -31,7 +31,7 @@ SUMS = 4
 """Number of sums per tile: squared and absolute errors, over all cells and over overestimated cells."""
 
 
-_STRIP_COLUMNS = 500  # of 5000 cells and three classes: 30 MB
+_STRIP_COLUMNS = 100  # of 5000 cells and three classes: 6 MB
 
 
 def column_strips(width: int, step: int = 1) -> Iterator[slice]:
@@ -39,8 +39,8 @@ def column_strips(width: int, step: int = 1) -> Iterator[slice]:
 
     Examples
     --------
-    >>> list(column_strips(1200, 25))
-    [slice(0, 500, None), slice(500, 1000, None), slice(1000, 1200, None)]
+    >>> list(column_strips(240, 25))
+    [slice(0, 100, None), slice(100, 200, None), slice(200, 240, None)]
     """
     columns = step * max(1, _STRIP_COLUMNS // step)
     for first in range(0, width, columns):
@@ -90,19 +90,25 @@ def tiles_of_boxes(
     return touched
 
 
-def least_sick(sick: NDArray[np.floating]) -> float:
+def least_sick(sick: NDArray[np.floating], counts: NDArray[np.integer] | None = None) -> float:
     """Return the smallest probability of a plant in the set `InformationModel.may_be_sick`.
+
+    `counts`: number of plants with each of the probabilities `sick`, by default 1.
 
     Examples
     --------
     >>> least_sick(np.array([1.0, 0.6, 0.3, 0.06, 0.04, 0.0]))
     0.3
     """
-    open_ = sick[(sick > 0.0) & (sick < 1.0 - _CERTAIN)]
-    if not open_.size:
+    is_open = (sick > 0.0) & (sick < 1.0 - _CERTAIN)
+    if not is_open.any():
         return 1.0 - _CERTAIN
-    values, counts = np.unique(open_, return_counts=True)
-    held = np.cumsum(values[::-1] * counts[::-1], dtype=np.float64)
+    if counts is None:
+        values, plants = np.unique(sick[is_open], return_counts=True)
+    else:
+        values, which = np.unique(sick[is_open], return_inverse=True)
+        plants = np.bincount(which, counts[is_open]).astype(np.intp)
+    held = np.cumsum(values[::-1] * plants[::-1], dtype=np.float64)
     return float(values[::-1][np.searchsorted(held, HELD * held[-1] * (1.0 - _CERTAIN))])
 
 

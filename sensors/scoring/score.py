@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from geo.linear_algebra import product
 from sensors.errors import EstimatorError
 from sensors.fields import PAPER_FIELDS, FieldSet
+from sensors.lazy_fields import LazyFields
 from sensors.scoring.information import SUMS, TILE_CELLS, InformationModel, tile_shape
 
 _PerField = tuple[float, ...]
@@ -185,7 +186,7 @@ class RunningScore:
         if len(weights.field) != len(fields):
             msg = f"score: weights of {len(weights.field)} fields, expected {', '.join(fields.names)}"
             raise EstimatorError(msg)
-        self._fields = [_ScoredField(k, masks[k], weights) for k in range(len(fields))]
+        self._fields = [_ScoredField(k, masks, weights) for k in range(len(fields))]
         self._names = fields.names
         self._weight = np.array(weights.field) * [part.cells for part in self._fields]
         if not self._weight.sum() > 0:
@@ -232,7 +233,7 @@ class RunningScore:
         sums = [
             part.errors(
                 estimate.changed_in(k) if follows and isinstance(estimate, InformationModel) else everything,
-                self._truth[k],
+                self._truth,
                 value[k],
             )
             for k, part in enumerate(self._fields)
@@ -315,13 +316,13 @@ def tile_extremes(
 class _ScoredField:
     """The relevant cells of a field, and the error sums of the estimate evaluated last."""
 
-    def __init__(self, k: int, mask: NDArray[np.bool_], weights: ScoreWeights) -> None:
-        width, height = mask.shape
+    def __init__(self, k: int, masks: NDArray[np.bool_], weights: ScoreWeights) -> None:
+        _, width, height = masks.shape
         columns, rows = tile_shape((width, height))
-        self._mask = mask
+        self._k, self._masks = k, masks
         self._low, self._high = weights.too_sick[k], weights.too_healthy[k]
         strips = np.stack(
-            [np.count_nonzero(mask[x : x + TILE_CELLS], axis=0) for x in range(0, width, TILE_CELLS)]
+            [np.count_nonzero(masks[k, x : x + TILE_CELLS], axis=0) for x in range(0, width, TILE_CELLS)]
         )
         self._tile_cells = np.add.reduceat(strips, range(0, height, TILE_CELLS), axis=1)
         self.cells = int(self._tile_cells.sum())
@@ -334,16 +335,20 @@ class _ScoredField:
     def errors(
         self, tiles: NDArray[np.bool_], truth: NDArray[np.floating], estimate: NDArray[np.floating]
     ) -> _Errors:
-        """Sum the errors in the given tiles, and return the figures over all tiles."""
+        """Sum the errors in the given tiles, and return the figures over all tiles.
+
+        `truth` is float32[n, W, H] of all fields, `estimate` float32[W, H] of this one.
+        """
         out = _Errors()
         if not self.cells:
             return out
         if self._tile_cells.size > 1:
             self._sum_tiles(tiles, truth, estimate)
         elif tiles[0, 0]:
-            self._sums[0, 0] = sum_tile(self._mask, truth, estimate)
+            cells = self._masks[self._k], truth[self._k], estimate
+            self._sums[0, 0] = sum_tile(*cells)
             if self._low != self._high:
-                self._above[0], self._below[0] = tile_extremes(self._mask, truth, estimate)
+                self._above[0], self._below[0] = tile_extremes(*cells)
         squares, worse_squares, absolute, worse_absolute = (
             self._sums.reshape(-1, SUMS).sum(axis=0) / self.cells
         ).tolist()
@@ -364,6 +369,12 @@ class _ScoredField:
     ) -> None:
         from sensors.scoring.score_sums import find_extremes, sum_errors
 
-        sum_errors(tiles, self._tile_cells, self._mask, truth, estimate, self._sums)
-        if self._low != self._high:
-            find_extremes(tiles, self._line_cells, self._mask, truth, estimate, self._above, self._below)
+        parts = [slice(0, len(tiles))]
+        if isinstance(truth, LazyFields):
+            parts = [slice(column, column + 1) for column in np.flatnonzero(tiles.any(axis=1)).tolist()]
+        for part in parts:
+            columns = slice(part.start * TILE_CELLS, part.stop * TILE_CELLS)
+            cells = self._masks[self._k, columns], truth[self._k, columns], estimate[columns]
+            sum_errors(tiles[part], self._tile_cells[part], *cells, self._sums[part])
+            if self._low != self._high:
+                find_extremes(tiles[part], self._line_cells, *cells, self._above[part], self._below[part])

@@ -190,7 +190,7 @@ def test_true_maps_count_sick_plants():
     mask = PAPER_FIELDS["ccr"].mask(FARM.grid())
     x, y = np.argwhere(mask)[:7].T
     truth[1, x, y] = 0.5
-    found = true_map(FARM, PAPER_FIELDS["ccr"], truth[1])
+    found = true_map(FARM, PAPER_FIELDS["ccr"], truth, 1)
     assert found.total.sum() == 7
     assert found.cells.sum() == mask.sum()
 
@@ -202,7 +202,7 @@ def test_every_field_has_a_sheet(tmp_path, states_deviation):
     assert report_of_maps(FARM, maps).farm == FARM.name
     flown = np.array([[0.0, 0.0], [5.0, 5.0]])
     for k, one in enumerate(maps):
-        truth = true_map(FARM, one.field, healthy()[k]) if states_deviation else None
+        truth = true_map(FARM, one.field, healthy(), k) if states_deviation else None
         path = sheets.plot_field(FARM, one, tmp_path / f"{k}.png", truth=truth, flown_m=flown, about="a test")
         assert path.read_bytes().startswith(b"\x89PNG")
 

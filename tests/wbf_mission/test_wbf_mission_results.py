@@ -13,6 +13,7 @@ from mission.files import read_mission, write_mission
 from mission.ground.link_state import LinkReport
 from mission.link.tlog import read_tlog
 from mission.outcome import Outcome
+from sensors.lazy_fields import LazyFields
 from sensors.observations import Observations
 from wbf_mission.flight import Simulated, fly
 from wbf_mission.progress import Progress
@@ -20,7 +21,7 @@ from wbf_mission.results import writing
 from wbf_mission.results.files import FORMAT
 from wbf_mission.results.products import PICTURES, product
 from wbf_mission.results.result import Result, load_result
-from wbf_mission.results.storage import ResultError
+from wbf_mission.results.storage import ArrayFileError, ResultError
 from wbf_mission.results.writing import ResultFolder, run_name
 from wbf_mission.run.record import RunRecord
 from wbf_mission.scenario import Scenario, scenario_with
@@ -53,6 +54,18 @@ def without_plans(result: Result) -> Result:
 @pytest.fixture(scope="module")
 def result() -> Result:
     return fly(scenario_with(SMALL, {"vehicle": "quad", "gps_noise_m": 0.5, "budget": "60m"}))
+
+
+def test_a_lazy_result_reads_truth_and_estimate_at_each_access(result: Result, tmp_path: Path) -> None:
+    result.save(tmp_path / "run", plots=False)
+    again = load_result(tmp_path / "run", lazy=True)
+    assert again == result
+    assert again.model is not None and isinstance(again.truth, LazyFields)
+    assert isinstance(again.model.value, LazyFields) and isinstance(again.model.uncertainty, LazyFields)
+    (tmp_path / "run" / "value.zarr.zip").unlink()
+    np.testing.assert_array_equal(again.truth, result.truth)
+    with pytest.raises(ArrayFileError, match=r"value.zarr.zip: cannot be read"):
+        again.model.value[0]
 
 
 def test_what_is_loaded_is_what_was_saved(result: Result, tmp_path: Path) -> None:

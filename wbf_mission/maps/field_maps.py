@@ -161,10 +161,14 @@ def field_maps(
     return tuple(maps)
 
 
-def true_map(farm: Farm, field: Field, truth: NDArray[np.float32]) -> FieldMap:
-    """Return the map of the true values of a field, float32[W, H]."""
-    grid = MapGrid.of(farm)
-    sums, least = pixel_sums(grid, field.mask(farm.grid()), truth)
+def true_map(farm: Farm, field: Field, truth: NDArray[np.float32], k: int) -> FieldMap:
+    """Return the map of the true values of a field, number `k` of `truth`, float32[n, W, H]."""
+    grid, mask = MapGrid.of(farm), field.mask(farm.grid())
+    sums, least = np.zeros((*grid.pixels, 4)), np.full(grid.pixels, np.inf)
+    for columns in column_strips(len(mask), grid.pixel):
+        part = slice(columns.start // grid.pixel, -(-columns.stop // grid.pixel))
+        values = truth[k, columns]
+        _summing(grid).sum_pixels(mask[columns], values, grid.pixel, sums[part], least[part])
     nothing = np.zeros(grid.pixels)
     total = sums[..., SICK] if field.kind == "disease" else sums[..., COUNT] - sums[..., ILLNESS]
     return FieldMap(
@@ -203,15 +207,19 @@ def _from_probabilities(
     `open_` is a mask of the unobserved plants. It is changed to a mask of the plants that may be sick.
     """
     value = model.value[k]
-    parts, sick = [], []
+    parts, sick, counted = [], [], []
     # Strips save memory: the class probabilities of a whole farm take as much memory as three fields.
     for columns in column_strips(len(mask), grid.pixel):
         (healthy, *_) = model.probabilities_in(model.fields[k], columns)
         strip = replace(grid, shape=healthy.shape)
         parts.append(pixel_sums(strip, mask[columns], healthy)[0])
         sick.append(1.0 - healthy[open_[columns]])
-    sums, unseen = np.concatenate(parts), np.concatenate(sick)
-    open_[open_] = unseen >= least_sick(unseen)
+        counted.append(np.unique(sick[-1], return_counts=True))
+    sums = np.concatenate(parts)
+    least_open = least_sick(*(np.concatenate(part) for part in zip(*counted, strict=True)))
+    for columns, unseen in zip(column_strips(len(mask), grid.pixel), sick, strict=True):
+        unread = open_[columns]
+        unread[unread] = unseen >= least_open
     may_be = pixel_sums(grid, open_, value)[0][..., COUNT]
     _, least = pixel_sums(grid, mask, value)
     return (sums[..., ILLNESS], sums[..., SPREAD], sums[..., COUNT], least), may_be

@@ -34,6 +34,7 @@ from wbf_mission.replanning.record import DecisionRecord, PathChange, decision_t
 from wbf_mission.results.storage import (
     SUFFIX,
     ResultError,
+    lazy_array,
     read_array,
     read_maps,
     read_table,
@@ -342,7 +343,7 @@ def write_result(result: RunRecord, folder: Path, arrays: Iterable[Path]) -> lis
     return written
 
 
-def read_result(folder: Path, kind: type[R], *, probabilities: bool = True) -> R:
+def read_result(folder: Path, kind: type[R], *, probabilities: bool = True, lazy: bool = False) -> R:
     """Read a result from the files of `write_result`; see `wbf_mission.results.result.load_result`."""
     record = _read_record(folder / RECORD)
     for name in record.files:
@@ -358,7 +359,7 @@ def read_result(folder: Path, kind: type[R], *, probabilities: bool = True) -> R
     farm = farm.scouting(fields.crops)
     flights = read_flights(record.flights, folder, farm, _vehicles(scenario, folder), scenario.seed)
     truth, value, uncertainty = (
-        _read_array(folder / f"{name}{SUFFIX}", fields.names, farm)
+        _read_array(folder / f"{name}{SUFFIX}", fields.names, farm, lazy=lazy)
         for name in ("truth", "value", "uncertainty")
     )
     model = None
@@ -417,9 +418,14 @@ def _record(result: RunRecord, files: tuple[str, ...]) -> _Record:
     )
 
 
-def _read_array(path: Path, fields: tuple[str, ...], farm: Farm) -> NDArray[np.float32] | None:
-    """Read the array of a file; None without the file."""
-    return read_array(path, (len(fields), farm.width_cells, farm.height_cells)) if path.is_file() else None
+def _read_array(
+    path: Path, fields: tuple[str, ...], farm: Farm, *, lazy: bool = False
+) -> NDArray[np.float32] | None:
+    """Read the array of a file, now or at each access; None without the file."""
+    if not path.is_file():
+        return None
+    shape = len(fields), farm.width_cells, farm.height_cells
+    return lazy_array(path, shape) if lazy else read_array(path, shape)
 
 
 def _read_days(

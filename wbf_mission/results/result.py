@@ -11,6 +11,7 @@ import numpy as np
 
 from geo.errors import WbfMissionError
 from sensors.estimators import Estimator
+from sensors.lazy_fields import LazyFields
 from sensors.scoring.information import InformationModel
 from wbf_mission.progress import Progress
 from wbf_mission.replanning.record import decision_table
@@ -116,7 +117,7 @@ class Result(RunRecord):
         return Path(path)
 
 
-def load_result(path: str | Path, *, probabilities: bool = True) -> Result:
+def load_result(path: str | Path, *, probabilities: bool = True, lazy: bool = False) -> Result:
     """Load a result from a folder of a run or of `Result.save`.
 
     The arrays are read into memory, 1.8 GB for a farm like Waterberry.
@@ -127,6 +128,9 @@ def load_result(path: str | Path, *, probabilities: bool = True) -> Result:
         The folder.
     probabilities : bool
         Whether the class probabilities of the estimate are read, 0.7 GB of Waterberry.
+    lazy : bool
+        Whether truth and estimate of the last day are read at each access (`sensors.lazy_fields`), so that
+        they take no memory in between.
 
     Raises
     ------
@@ -142,7 +146,7 @@ def load_result(path: str | Path, *, probabilities: bool = True) -> Result:
     """
     try:
         settle_result(Path(path))
-        return read_result(Path(path), Result, probabilities=probabilities)
+        return read_result(Path(path), Result, probabilities=probabilities, lazy=lazy)
     except (WbfMissionError, OSError, TypeError, KeyError, ValueError, OverflowError) as error:
         if isinstance(error, ResultError):
             raise
@@ -152,6 +156,7 @@ def load_result(path: str | Path, *, probabilities: bool = True) -> Result:
 
 def _alike(one: Any, other: Any) -> bool:
     """Return whether the saved parts of two values are bit-identical."""
+    one, other = (np.asarray(each) if isinstance(each, LazyFields) else each for each in (one, other))
     if isinstance(one, np.ndarray) or isinstance(other, np.ndarray):
         same = isinstance(one, np.ndarray) and isinstance(other, np.ndarray) and one.dtype == other.dtype
         return same and np.array_equal(one, other, equal_nan=one.dtype.kind == "f")

@@ -6,8 +6,9 @@ import contextlib
 import io
 import zipfile
 from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +17,7 @@ from geo import Farm
 from geo.atomic import atomic_path, atomic_write
 from geo.errors import WbfMissionError
 from sensors.fields import FieldSet
+from sensors.lazy_fields import LazyFields
 from sensors.observations import MAX_FILE_ROWS
 from wbf_mission.maps.blocks import MapGrid
 from wbf_mission.maps.field_maps import FieldMap
@@ -151,11 +153,16 @@ def write_strips(
         )
         for first in range(0, width, columns):
             part = slice(first, min(first + columns, width))
-            stored[..., part, :] = np.asarray(strip(part), np.float32)
+            values = np.asarray(strip(part), np.float32)
+            # Chunk by chunk, since zarr would make copies of ten at once.
+            for where in np.ndindex(*several):
+                stored[(*where, part)] = values[where]
 
 
-def read_array(path: Path, shape: tuple[int, ...]) -> NDArray[np.float32]:
-    """Read an array; ArrayFileError if its shape differs, or `write_array` did not write it."""
+def read_array(
+    path: Path, shape: tuple[int, ...], field: int | None = None, columns: slice | None = None
+) -> NDArray[np.float32]:
+    """Read an array, or some columns of a field; ArrayFileError if it has another shape, or is damaged."""
     import zarr
     from zarr.storage import ZipStore
 
@@ -170,12 +177,28 @@ def read_array(path: Path, shape: tuple[int, ...]) -> NDArray[np.float32]:
             if stored.shape != shape or stored.dtype != np.float32:
                 msg = f"{path}: {stored.dtype}{list(stored.shape)}, expected float32{list(shape)}"
                 raise ArrayFileError(msg)
-            return np.asarray(stored[:], np.float32)
+            columns = slice(0, shape[-2]) if columns is None else columns
+            several = [(field,)] if field is not None else list(np.ndindex(shape[:-2]))
+            found = np.empty((len(several), columns.stop - columns.start, shape[-1]), np.float32)
+            # Chunk by chunk, since zarr would unpack ten at once, with three copies of each.
+            chunk = stored.chunks[-2]
+            for out, where in zip(found, several, strict=True):
+                for x in range(columns.start // chunk * chunk, columns.stop, chunk):
+                    part = slice(max(x, columns.start), min(x + chunk, columns.stop))
+                    out[part.start - columns.start : part.stop - columns.start] = stored[(*where, part)]
+            return found[0] if field is not None else found.reshape(shape)
     except ArrayFileError:
         raise
     except Exception as error:  # zarr may raise anything on hostile metadata
         msg = f"{path}: not an array of a run ({type(error).__name__}: {error})"
         raise ArrayFileError(msg) from error
+
+
+def lazy_array(path: Path, shape: tuple[int, int, int]) -> NDArray[np.float32]:
+    """Return an array that is read at each access; errors are those of `read_array`, then and now."""
+    read_array(path, shape, 0, slice(0, 0))
+    lazy = LazyFields(shape, partial(read_array, path, shape))
+    return cast("NDArray[np.float32]", lazy)
 
 
 _OPTIONAL = ("variance", "may_be_sick", "seen_total")

@@ -9,6 +9,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
+from geo.system import free_unused_memory
 from mission.errors import PlanningError
 from mission.link.tlog import TlogWriter
 from mission.policies.policy import KeepPath
@@ -149,13 +150,14 @@ class Campaign:
     def learn_from(self, environment: Environment, ready: Callable[[], None]) -> None:
         """Fit the estimator to the farm, and start its estimate once `ready` returns."""
         run, first, estimator = self.run, self.run.first_day, self.run.estimator
+        free_unused_memory()
         with attribute_errors_to(estimator):
             estimator.fit(run.farm.grid())
             prepare_days(estimator, first, run.days, self._events.progress)
             advance_estimator(estimator, first)
         self.watch.lap("learning")
-        self.truth = environment.values(first)
-        score = RunningScore(self.truth, run.fields.masks(run.farm.grid()), run.weights, run.fields)
+        self.truth = environment.truth(first)
+        score = RunningScore(self.truth, run.fields.scored(run.farm.grid()), run.weights, run.fields)
         estimate = self.evidence.estimate = RunEstimate(estimator, score, day=first, ready=ready)
         if self._events.wants(Estimated):
             estimate.on_score = self._tell_estimate
@@ -226,6 +228,7 @@ class Campaign:
         if self.truth is None or (self.days and self.days[-1].day == estimate.day):
             return
         model = estimate.model
+        free_unused_memory()
         if model is not None:
             self.maps = field_maps(
                 self.run.farm,
@@ -249,7 +252,7 @@ class Campaign:
 
     def _begin_day(self, day: int, environment: Environment) -> None:
         assert self.evidence.estimate is not None
-        self.truth = environment.values(day)
+        self.truth = environment.truth(day)
         self._events.tell(DayBegun(self.simulated_s, day, self.truth))
         self.evidence.estimate.begin_day(day, self.truth, self.simulated_s)
         self.watch.lap("estimate and score")

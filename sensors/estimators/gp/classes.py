@@ -15,8 +15,9 @@ sick plants follows from i0 and p0.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.random import Generator
@@ -99,14 +100,14 @@ class ClassMap:
     ----------
     link : ClassLink
         Link from means to probabilities.
-    hosts : bool[W, H]
-        Cells with plants that can carry the disease.
+    hosts : callable
+        Returns a part of the mask of the cells with plants that can carry the disease, given its indices.
     too_healthy, too_sick : float
         Weights of a squared error in either direction, above 0.
     """
 
     link: ClassLink
-    hosts: NDArray[np.bool_]
+    hosts: Callable[[Any], NDArray[np.bool_]]
     too_healthy: float
     too_sick: float
 
@@ -123,29 +124,33 @@ class ClassMap:
         `value` and `uncertainty` are maps of the whole farm. Only the cells in `columns` and `rows` change,
         and of these only the cells in the mask `where`, if given.
         """
-        sick = self.link.sick_of_mean(value[columns, rows])
-        sick *= self.hosts[columns, rows]
         chosen = True if where is None else where
-        np.copyto(value[columns, rows], self._value(sick), where=chosen)
-        np.copyto(uncertainty[columns, rows], self._deviation(sick), where=chosen)
+        plants = self.hosts((columns, rows)) & chosen
+        value, uncertainty = value[columns, rows], uncertainty[columns, rows]
+        sick = self.link.sick_of_mean(value[plants])
+        np.copyto(value, np.float32(1.0), where=chosen)
+        np.copyto(uncertainty, np.float32(0.0), where=chosen)
+        value[plants], uncertainty[plants] = self._value(sick), self._deviation(sick)
 
     def probabilities(self, value: Values, uncertainty: Values) -> Values:
         """Return the probabilities of healthy, infected and lost, float32[3, W, H], from results of `decide`.
 
         Plants without uncertainty have the class of their reading.
         """
-        out = np.empty((3, *value.shape), np.float32)
+        out = np.zeros((3, *value.shape), np.float32)
+        out[0] = 1.0
         for start in range(0, len(value), _COLUMNS_AT_ONCE):
             part = slice(start, start + _COLUMNS_AT_ONCE)
-            v, known = value[part], uncertainty[part] == 0.0
+            # Most cells have no plants, so that they are healthy.
+            open_ = value[part] != 1.0
+            v, known = value[part][open_], uncertainty[part][open_] == 0.0
             sick = self._sick(v)
-            healthy, infected, lost = out[:, part]
-            np.subtract(np.float32(1.0), sick, out=healthy)
-            np.multiply(sick, np.float32(self.link.lost), out=lost)
-            np.subtract(sick, lost, out=infected)
+            lost = sick * np.float32(self.link.lost)
+            healthy, infected = np.float32(1.0) - sick, sick - lost
             read = v[known]
             healthy[known], lost[known] = read > 0.75, read < 0.25
             infected[known] = 1.0 - healthy[known] - lost[known]
+            out[0, part][open_], out[1, part][open_], out[2, part][open_] = healthy, infected, lost
         return out
 
     def expected_loss(self, value: Values, uncertainty: Values, out: Values) -> None:

@@ -342,7 +342,7 @@ class GaussianProcessEstimator(BaseEstimator):
         costs = field.cost_above, field.cost_below
         if link is None or self.states != "classes" or min(costs) <= 0.0:
             return None
-        return ClassMap(link, field.hosts(self.grid_), *costs)
+        return ClassMap(link, partial(field.hosts, self.grid_), *costs)
 
     def _carry(
         self, field: Field, process: FieldProcess, day: int, earlier: int, values: _Floats

@@ -329,7 +329,7 @@ class FieldProcess:
         if not self._exact or self._day is None:
             return
         x, y = self._cells.array.T
-        read = (self._days.array == self._day) & self.classes.hosts[x, y]
+        read = (self._days.array == self._day) & self.classes.hosts((x, y))
         x, y = x[read], y[read]
         value[x, y] = _nearest_class(self._values.array[read])
         uncertainty[x, y] = 0.0

@@ -92,15 +92,18 @@ def write_from_nodes(
                 between[1, j - j0] += weight * posterior[2, i + k, j]
         for j in range(j0, j1 - POINTS + 1):
             first, last = max(y0, j * step_y), min(y1, (j + 1) * step_y)
-            a = between[:, j - j0 : j - j0 + POINTS]
-            for y in range(first, last):
-                t = y - j * step_y
-                shift, known = zero, zero
-                for k in range(POINTS):
-                    shift += weights_y[k, t] * a[0, k]
-                    known += weights_y[k, t] * a[1, k]
-                value[x, y] = min(high, max(low, mean + shift))
-                uncertainty[x, y] = np.sqrt(max(zero, amplitude - known) + noise)
+            a0, a1, a2, a3, a4, a5 = between[0, j - j0 : j - j0 + POINTS]
+            b0, b1, b2, b3, b4, b5 = between[1, j - j0 : j - j0 + POINTS]
+            t0, t1 = first - j * step_y, last - j * step_y
+            w0, w1, w2 = weights_y[0, t0:t1], weights_y[1, t0:t1], weights_y[2, t0:t1]
+            w3, w4, w5 = weights_y[3, t0:t1], weights_y[4, t0:t1], weights_y[5, t0:t1]
+            values, deviations = value[x, first:last], uncertainty[x, first:last]
+            # Written out, the loop over the cells is one of vector instructions.
+            for t in range(len(values)):
+                shift = w0[t] * a0 + w1[t] * a1 + w2[t] * a2 + w3[t] * a3 + w4[t] * a4 + w5[t] * a5
+                known = w0[t] * b0 + w1[t] * b1 + w2[t] * b2 + w3[t] * b3 + w4[t] * b4 + w5[t] * b5
+                values[t] = min(high, max(low, mean + (zero + shift)))
+                deviations[t] = np.sqrt(max(zero, amplitude - known) + noise)
 
 
 @compiled(nogil=True)

@@ -34,6 +34,7 @@ _OUTSIDE_LENGTHS = 2.5
 _LEAST_INFORMATION = 1e-3
 _BATCH = 4096
 _BATCHES = 16
+_ROWS_AT_ONCE = 64
 
 _Sums = NDArray[np.floating]
 
@@ -104,19 +105,20 @@ class LocalPosterior:
             for axis, reach, length in zip((x, y), self._reach, lengths, strict=True)
         ]
         self._spectrum = Spectrum(kernel, (sides[0], sides[1]))
-        # `np.zeros` allocates physical memory only for pages that are written to.
-        self._index = np.zeros(shape, np.int32)
+        # Observed cells, x * H + y in ascending order, and the sums of their weights and weighted values
+        self._cells = np.empty(0, np.int64)
         self._sums = np.empty((0, 2))
-        self._used = 0
         self._waiting = np.zeros((x.tiles, y.tiles), np.bool_)
 
     def condition(self, x: Cells, y: Cells, values: Floats, weights: Floats | None = None) -> None:
         """Add observations with weights; negative weights remove observations."""
-        self._make_room(len(x))
-        values = np.ascontiguousarray(values, np.float64)
-        parts = np.ones(len(values)) if weights is None else np.ascontiguousarray(weights, np.float64)
-        x, y = np.ascontiguousarray(x, np.int32), np.ascontiguousarray(y, np.int32)
-        self._used = gp_tile.add_to_cells(self._index, self._sums, self._used, x, y, values, parts)
+        parts = np.ones(len(values)) if weights is None else weights
+        cells = x.astype(np.int64) * self.lattice.shape[1] + y
+        known = np.union1d(self._cells, cells)
+        sums = np.zeros((len(known), 2))
+        sums[np.searchsorted(known, self._cells)] = self._sums
+        np.add.at(sums, np.searchsorted(known, cells), np.column_stack([parts, parts * values]))
+        self._cells, self._sums = known, sums
         spans = [
             part
             for axis, cells, reach in zip((self.lattice.x, self.lattice.y), (x, y), self._reach, strict=True)
@@ -144,8 +146,9 @@ class LocalPosterior:
                 x.edges,
                 y.edges,
                 (x.first, y.first, x.step, y.step),
-                self._index,
+                self._cells,
                 self._sums,
+                self.lattice.shape,
                 self._reach,
                 self._touch,
                 parameters,
@@ -158,14 +161,6 @@ class LocalPosterior:
         self.lattice.changed(self._waiting)
         self._waiting[:] = False
 
-    def _make_room(self, more: int) -> None:
-        needed = min(self._used + more, self._index.size)
-        if needed > len(self._sums):
-            rows = max(needed, len(self._sums) * 3 // 2)
-            sums = np.empty((rows, 2))
-            sums[: self._used] = self._sums[: self._used]
-            self._sums = sums
-
 
 class WholePosterior:
     """Posterior in sine functions over the whole farm, for long lengthscales."""
@@ -176,7 +171,7 @@ class WholePosterior:
         self._spectrum = spectrum
         self._middle = tuple(0.5 * (side - 1) for side in shape)
         functions = len(spectrum.terms)
-        self._precision = np.eye(functions)
+        self._precision = np.eye(functions)  # Its factor needs only the upper triangle
         self._response = np.zeros((functions, 2))
         self._waiting = False
 
@@ -206,7 +201,7 @@ class WholePosterior:
                     functions = self._functions(x[part], y[part])
                     data = np.stack([values[part], np.ones(len(functions))], axis=1)
                     counted = functions if weights is None else weights[part, None] * functions
-                    found[begin] = product(counted.T, functions), product(counted.T, data)
+                    found[begin] = _upper_product(counted.T, functions), product(counted.T, data)
 
             in_parallel(work, range(start, min(start + _BATCH * _BATCHES, len(x)), _BATCH))
             # A fixed order of summation makes the result independent of the number of cores.
@@ -254,3 +249,12 @@ class WholePosterior:
         a, b = self._sines(x.astype(np.float64), 0), self._sines(y.astype(np.float64), 1)
         terms = self._spectrum.terms
         return np.ascontiguousarray((a[terms[:, 0]] * b[terms[:, 1]]).T)
+
+
+def _upper_product(a: _Sums, b: _Sums) -> _Sums:
+    """Return a product of matrices, float64[n, n], without the blocks below its diagonal."""
+    found = np.zeros((len(a), len(a)))
+    for first in range(0, len(a), _ROWS_AT_ONCE):
+        rows = slice(first, first + _ROWS_AT_ONCE)
+        found[rows, first:] = product(a[rows], b[:, first:])
+    return found

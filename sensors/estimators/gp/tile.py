@@ -26,60 +26,24 @@ _BATCH = 256
 
 
 @compiled(nogil=True)
-def add_to_cells(
-    index: NDArray[np.int32],
-    sums: Floats,
-    used: int,
-    x: NDArray[np.int32],
-    y: NDArray[np.int32],
-    values: Floats,
-    weights: Floats,
-) -> int:
-    """Add observations to the sums of their cells; return the new number of observed cells.
-
-    Parameters
-    ----------
-    index : int32[W, H]
-        Row of each cell in `sums` plus one; 0 for unobserved cells. Changed in place.
-    sums : float64[n, 2]
-        Total weight and weighted sum of values of each observed cell, with room for new cells. Changed in
-        place.
-    used : int
-        Number of observed cells before the call.
-    x, y, values
-        Cells and values of the observations.
-    weights : float64[k]
-        Weight of each observation; a negative weight removes an observation.
-    """
-    for k in range(len(x)):
-        row = index[x[k], y[k]] - 1
-        if row < 0:
-            row = used
-            used += 1
-            index[x[k], y[k]] = used
-            sums[row, :] = 0.0
-        sums[row, 0] += weights[k]
-        sums[row, 1] += weights[k] * values[k]
-    return used
-
-
-@compiled(nogil=True)
-def gather(index: NDArray[np.int32], sums: Floats, box: Any) -> Floats:
-    """Return x, y, weight and mean value of the observed cells in a box, float64[n, 4]."""
+def gather(cells: Places, sums: Floats, height: int, box: Any) -> Floats:
+    """Return x, y, weight and mean value of the observed cells in a box, float64[n, 4], by x, then by y."""
     x0, x1, y0, y1 = box
-    found = 0
+    spans = np.empty((x1 - x0, 2), np.int64)
+    count = 0
     for x in range(x0, x1):
-        for y in range(y0, y1):
-            found += index[x, y] > 0
-    out = np.empty((found, 4))
-    found = 0
+        first = np.searchsorted(cells, x * height + y0)
+        spans[x - x0, 0] = spans[x - x0, 1] = first
+        while spans[x - x0, 1] < len(cells) and cells[spans[x - x0, 1]] < x * height + y1:
+            spans[x - x0, 1] += 1
+        count += spans[x - x0, 1] - first
+    out = np.empty((count, 4))
+    count = 0
     for x in range(x0, x1):
-        for y in range(y0, y1):
-            row = index[x, y] - 1
-            if row >= 0:
-                out[found, 0], out[found, 1] = x, y
-                out[found, 2], out[found, 3] = sums[row, 0], sums[row, 1] / sums[row, 0]
-                found += 1
+        for row in range(spans[x - x0, 0], spans[x - x0, 1]):
+            out[count, 0], out[count, 1] = x, cells[row] - x * height
+            out[count, 2], out[count, 3] = sums[row, 0], sums[row, 1] / sums[row, 0]
+            count += 1
     return out
 
 
@@ -209,8 +173,9 @@ def solve_tiles(
     edges_x: Places,
     edges_y: Places,
     lattice: Any,
-    index: NDArray[np.int32],
+    cells: Places,
     sums: Floats,
+    shape: Any,
     reach: Any,
     touch: Any,
     kernel: Any,
@@ -230,8 +195,12 @@ def solve_tiles(
         First node of each column and row of tiles, and the end of the last.
     lattice : tuple of four ints
         Position of the first node along each axis, and node spacing along each axis, in cells.
-    index, sums
-        The observations, see `add_to_cells`.
+    cells : int64[n]
+        Observed cells, x * H + y in ascending order.
+    sums : float64[n, 2]
+        Total weight and weighted sum of the values of each observed cell.
+    shape : tuple of two ints
+        Width and height of the farm, W and H.
     reach : tuple of two ints
         Greatest distance along each axis of observations used for a tile, in cells.
     touch : tuple of two ints
@@ -256,11 +225,11 @@ def solve_tiles(
         span_y = middle_y - 0.5 * spectrum[3], middle_y + 0.5 * spectrum[3]
         box = (
             max(0, first_x + i0 * step_x - reach[0]),
-            min(index.shape[0], first_x + (i1 - 1) * step_x + reach[0] + 1),
+            min(shape[0], first_x + (i1 - 1) * step_x + reach[0] + 1),
             max(0, first_y + j0 * step_y - reach[1]),
-            min(index.shape[1], first_y + (j1 - 1) * step_y + reach[1] + 1),
+            min(shape[1], first_y + (j1 - 1) * step_y + reach[1] + 1),
         )
-        seen = gather(index, sums, box)
+        seen = gather(cells, sums, shape[1], box)
         n, m = len(seen), len(terms)
         if n == 0:
             continue

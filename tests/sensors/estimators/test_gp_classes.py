@@ -41,7 +41,7 @@ def test_value_deviation_and_loss_are_those_of_the_probabilities(
     sick, lost, slope, too_healthy, too_sick, mean
 ):
     link = ClassLink(0.5 * sick * (1.0 + lost), sick, slope)
-    classes = ClassMap(link, np.ones((1, 1), bool), too_healthy, too_sick)
+    classes = ClassMap(link, lambda where: np.ones((1, 1), bool)[where], too_healthy, too_sick)
     value, uncertainty = np.full((1, 1), mean, np.float32), np.full((1, 1), 0.3, np.float32)
     p = float(link.sick_of_mean(value)[0, 0])
     classes.decide(value, uncertainty)

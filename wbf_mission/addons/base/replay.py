@@ -307,6 +307,8 @@ def _estimated(
     ):
         if wanted:
             progress("estimates", number + 1, count)
+        if number > max(wanted, default=count):
+            again = iter(())  # Frees the estimator
         due_s = max(due_s, time_s)
         yield due_s, Estimated(time_s, day, seen, next(again, None) or kept.get(number), score)
 

@@ -59,7 +59,7 @@ def export_command(
         if file.is_file() and not overwrite:
             msg = f"{file}: is there already; give another name (--out), or --overwrite"
             raise TargetError(msg)
-    result = load_result(folder, probabilities=False)
+    result = load_result(folder, probabilities=False, lazy=True)
     with output.progress() as progress:
         files = export(
             result,

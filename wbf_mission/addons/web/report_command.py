@@ -98,7 +98,7 @@ def _runs(folders: list[Path], path: Path, progress: Progress) -> dict[str, Any]
     results = []
     for number, folder in enumerate(folders):
         progress("reading", number, len(folders))
-        results.append(load_result(folder, probabilities=False))
+        results.append(load_result(folder, probabilities=False, lazy=True))
     progress("reading", len(folders), len(folders))
     logs = [log if (log := folder / "flight.tlog").is_file() else None for folder in folders]
     report = write_report(path, results, logs=logs, progress=progress)

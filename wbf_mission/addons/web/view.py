@@ -396,9 +396,10 @@ class View:
         with self._drawing:
             layers, fields = self._layers, self._fields
             if truth is not None and layers is not None:
-                for field, value in zip(fields, truth, strict=True):
-                    pixels = layers.of_cells(value, field.crops)
+                for k, field in enumerate(fields):
+                    pixels = layers.of_cells(truth[k], field.crops)
                     self._draw(layers, f"truth/{field.name}", pixels, scale=1.0)
+                    del pixels
 
     def _draw_acquisition(self, acquisition: AcquisitionMap | None) -> None:
         with self._drawing:
@@ -427,10 +428,14 @@ class View:
                 return
             began_s = time.perf_counter()
             for k, name in enumerate(model.fields):
-                value = layers.of_cells(model.value[k], crops[name])
-                self._draw(layers, f"value/{name}", value, stale=self._stale[k], scale=1.0)
-                uncertainty = layers.of_cells(model.uncertainty[k], crops[name])
-                self._draw(layers, f"uncertainty/{name}", uncertainty, stale=self._stale[k])
+                stale = self._stale[k]
+                for kind, cells, scale in (
+                    ("value", model.value, 1.0),
+                    ("uncertainty", model.uncertainty, None),
+                ):
+                    pixels = layers.of_cells(cells[k], crops[name])
+                    self._draw(layers, f"{kind}/{name}", pixels, stale=stale, scale=scale)
+                    del pixels  # A field that is read here takes memory until it is drawn
             self._stale = None
             now_s = time.perf_counter()
             self._draw_at_s = now_s + (now_s - began_s) * (1.0 / self._share - 1.0)

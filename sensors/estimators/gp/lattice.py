@@ -82,6 +82,7 @@ def write_from_nodes(
     zero = np.float32(0.0)
     j0, j1 = y0 // step_y, (y1 - 1) // step_y + POINTS
     between = np.empty((2, j1 - j0), np.float32)
+    shift, known = np.empty(step_y, np.float32), np.empty(step_y, np.float32)
     for x in range(x0, x1):
         i, phase = divmod(x, step_x)
         between[:] = zero
@@ -92,15 +93,18 @@ def write_from_nodes(
                 between[1, j - j0] += weight * posterior[2, i + k, j]
         for j in range(j0, j1 - POINTS + 1):
             first, last = max(y0, j * step_y), min(y1, (j + 1) * step_y)
-            a = between[:, j - j0 : j - j0 + POINTS]
-            for y in range(first, last):
-                t = y - j * step_y
-                shift, known = zero, zero
-                for k in range(POINTS):
-                    shift += weights_y[k, t] * a[0, k]
-                    known += weights_y[k, t] * a[1, k]
-                value[x, y] = min(high, max(low, mean + shift))
-                uncertainty[x, y] = np.sqrt(max(zero, amplitude - known) + noise)
+            # The processor adds several cells at once where an inner loop starts at 0.
+            shift[:], known[:] = zero, zero
+            for k in range(POINTS):
+                weights = weights_y[k, first - j * step_y :]
+                of_shift, of_known = between[0, j - j0 + k], between[1, j - j0 + k]
+                for t in range(last - first):
+                    shift[t] += weights[t] * of_shift
+                    known[t] += weights[t] * of_known
+            values, deviations = value[x, first:last], uncertainty[x, first:last]
+            for t in range(last - first):
+                values[t] = min(high, max(low, mean + shift[t]))
+                deviations[t] = np.sqrt(max(zero, amplitude - known[t]) + noise)
 
 
 @compiled(nogil=True)

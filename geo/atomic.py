@@ -24,6 +24,7 @@ import secrets
 import shutil
 import stat
 import sys
+import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import IO, Literal, Self, TextIO, overload
@@ -31,6 +32,7 @@ from typing import IO, Literal, Self, TextIO, overload
 from geo.errors import WbfMissionError
 from geo.locks import lock_held
 
+_WAITS_S = (0.05, 0.1, 0.2, 0.65)
 DISK_ERRORS = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO})
 """Error numbers of a failed write for which the OSError names no file."""
 
@@ -62,6 +64,24 @@ def to_disk(path: Path) -> None:
         os.close(descriptor)
 
 
+def replace_file(source: Path, target: Path) -> None:
+    """Rename a file or folder to `target`; an older file of that name is replaced.
+
+    Windows refuses this while another program has the older file open, such as a viewer or a virus scanner.
+    The rename is tried again for a second; then a PermissionError names the older file and the remedy.
+    """
+    for wait_s in (*_WAITS_S, None):
+        try:
+            source.replace(target)
+            return
+        except PermissionError as error:
+            if wait_s is None:
+                refusal = f"{os.strerror(errno.EACCES)}: close the program that has it open, if one has"
+                older = target if target.exists() else source
+                raise PermissionError(errno.EACCES, refusal, str(older)) from error
+            time.sleep(wait_s)
+
+
 @contextlib.contextmanager
 def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
     """Yield a temporary path with the same suffix, for writers that open files by name.
@@ -85,7 +105,7 @@ def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
             if target.exists():
                 temporary.chmod(stat.S_IMODE(target.stat().st_mode))
             to_disk(temporary)
-            temporary.replace(target)
+            replace_file(temporary, target)
         except BaseException:
             temporary.unlink(missing_ok=True)
             raise
@@ -230,7 +250,7 @@ class AtomicFolder:
         for entry in filled.iterdir():
             to_disk(entry)
         to_disk(filled)
-        filled.replace(self._ready)
+        replace_file(filled, self._ready)
         try:
             self.settle()
         except OSError:
@@ -249,23 +269,23 @@ class AtomicFolder:
                 if none_placed:
                     older.mkdir(exist_ok=True)
                     for entry in [entry for entry in target.iterdir() if self._is_part(entry.name)]:
-                        entry.replace(older / entry.name)
+                        replace_file(entry, older / entry.name)
                     (ready / self._mark).replace(target / self._mark)
                 for entry in list(ready.iterdir()):
-                    entry.replace(target / entry.name)
+                    replace_file(entry, target / entry.name)
                 ready.rmdir()
             else:
                 if target.exists():
                     ready.chmod(stat.S_IMODE(target.stat().st_mode))
-                    target.replace(older)
-                ready.replace(target)
+                    replace_file(target, older)
+                replace_file(ready, target)
         if older.is_dir():
             if not target.exists():
-                older.replace(target)
+                replace_file(older, target)
             else:
                 for entry in list(older.iterdir()):
                     if not self._is_part(entry.name) and not (target / entry.name).exists():
-                        entry.replace(target / entry.name)
+                        replace_file(entry, target / entry.name)
                 shutil.rmtree(older, ignore_errors=True)
         if target.is_dir():
             to_disk(target)
@@ -278,10 +298,10 @@ class AtomicFolder:
         if self._older.is_dir():
             if self.target.exists():
                 for entry in list(self._older.iterdir()):
-                    entry.replace(self.target / entry.name)
+                    replace_file(entry, self.target / entry.name)
                 self._older.rmdir()
             else:
-                self._older.replace(self.target)
+                replace_file(self._older, self.target)
         shutil.rmtree(self._ready, ignore_errors=True)
 
 

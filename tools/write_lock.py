@@ -24,10 +24,11 @@ HEAD = """\
 """
 
 
-def project_requirements() -> list[Requirement]:
-    """Return the requirements in pyproject.toml, those of all extras among them."""
+def project_requirements(*, with_extras: bool = True) -> list[Requirement]:
+    """Return the requirements in pyproject.toml, by default with those of all extras."""
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-    lists = project["dependencies"], *project["optional-dependencies"].values()
+    extras = project["optional-dependencies"].values() if with_extras else ()
+    lists = project["dependencies"], *extras
     return [Requirement(text) for texts in lists for text in texts if not text.startswith(project["name"])]
 
 

@@ -5,6 +5,7 @@ from importlib.metadata import PackageNotFoundError
 
 import pytest
 import write_lock
+import write_wheel_table
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
@@ -33,3 +34,29 @@ def test_packages_that_an_extra_or_another_system_needs_are_found_by_their_marke
     assert "colorama" not in found  # Windows alone needs it
     with pytest.raises(PackageNotFoundError):
         write_lock.locked_versions([Requirement("no-such-package")])
+
+
+def test_the_table_of_wheels_is_that_of_the_lock():
+    page = (write_lock.ROOT / "docs" / "evidence" / "wheels.md").read_text(encoding="utf-8")
+    for requirement in write_lock.project_requirements(with_extras=False):
+        name = canonicalize_name(requirement.name)
+        row = re.search(rf"^\| {name} (\S+) \|", page, re.MULTILINE)
+        assert row[1] == LOCKED[name] if row else re.search(rf"\b{name}\b", page), name
+
+
+@pytest.mark.parametrize(
+    ("wheels", "text"),
+    [
+        (["a-1-cp311-cp311-win_amd64.whl", "a-1-cp313-cp313-win_amd64.whl"], "3.11, 3.13"),
+        (["a-1-cp38-abi3-win_amd64.whl"], "all"),
+        (["a-1-cp313-abi3-win_amd64.whl", "a-1-cp311-cp311-win32.whl"], "3.13, 3.14"),
+        (["a-1-cp311-cp311-macosx_11_0_arm64.whl"], "**none**"),
+    ],
+)
+def test_wheels_are_for_the_pythons_and_systems_in_their_names(wheels, text):
+    assert write_wheel_table.covered(wheels, write_wheel_table.SYSTEMS["Windows x86_64"]) == text
+
+
+def test_a_wheel_for_a_new_macos_says_so():
+    wheels = ["a-1-cp38-abi3-macosx_15_0_arm64.whl"]
+    assert write_wheel_table.covered(wheels, write_wheel_table.SYSTEMS["macOS arm64"]) == "all, from macOS 15"

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from geo.atomic import atomic_path, atomic_write
+from geo.atomic import AtomicFolder, atomic_path, atomic_write
 
 
 def entries(folder: Path) -> list[str]:
@@ -143,3 +143,62 @@ def test_a_file_system_that_cannot_sync_is_written_all_the_same(tmp_path, monkey
     with atomic_write(tmp_path / "a.txt") as file:
         file.write("new")
     assert (tmp_path / "a.txt").read_text() == "new"
+
+
+@pytest.fixture
+def opened_elsewhere(monkeypatch):
+    """Refuse renames over a file as Windows does while a program has it open; yields the refusals to come."""
+    refusals, rename = [], Path.replace
+
+    def refusing(self, target):
+        if refusals and Path(target).exists():
+            raise refusals.pop()
+        return rename(self, target)
+
+    monkeypatch.setattr(Path, "replace", refusing)
+    monkeypatch.setattr("geo.atomic.time.sleep", lambda _: None)
+    return refusals
+
+
+def test_a_file_that_is_open_elsewhere_for_a_moment_is_replaced(tmp_path, opened_elsewhere):
+    path = tmp_path / "a.txt"
+    path.write_text("old")
+    opened_elsewhere += [PermissionError(errno.EACCES, "Access is denied")] * 3
+    with atomic_write(path) as file:
+        file.write("new")
+    assert path.read_text() == "new"
+    assert not opened_elsewhere
+    assert entries(tmp_path) == ["a.txt"]
+
+
+def test_a_file_that_stays_open_elsewhere_is_left_whole(tmp_path, opened_elsewhere):
+    path = tmp_path / "a.txt"
+    path.write_text("old")
+    opened_elsewhere += [PermissionError(errno.EACCES, "Access is denied")] * 99
+    open_elsewhere = pytest.raises(PermissionError, match="close the program that has it open")
+    with open_elsewhere as caught, atomic_write(path) as file:
+        file.write("new")
+    assert caught.value.filename == str(path)
+    assert path.read_text() == "old"
+    assert entries(tmp_path) == ["a.txt"]
+
+
+def test_a_folder_with_a_file_that_is_open_elsewhere_is_left_whole(tmp_path, monkeypatch):
+    path, rename = tmp_path / "run", Path.replace
+    path.mkdir()
+    (path / "mark").write_text("old")
+
+    def refusing(self, target):
+        if self == path:
+            raise PermissionError(errno.EACCES, "Access is denied", str(self), None, str(target))
+        return rename(self, target)
+
+    monkeypatch.setattr(Path, "replace", refusing)
+    monkeypatch.setattr("geo.atomic.time.sleep", lambda _: None)
+    open_elsewhere = pytest.raises(PermissionError, match="close the program that has it open")
+    with open_elsewhere as caught, AtomicFolder(path, "mark", lambda _: True) as folder:
+        (folder.filled / "mark").write_text("new")
+        folder.commit()
+    assert caught.value.filename == str(path)
+    assert (path / "mark").read_text() == "old"
+    assert entries(tmp_path) == ["run"]

@@ -72,11 +72,16 @@ STANDING = """
 """
 
 
+def standing() -> float:
+    """Return the time of a clock that stands; the view of a standing page needs it, too."""
+    return 0.0
+
+
 @contextmanager
 def standing_page(browser: Browser, view: View, orders: Any = None) -> Iterator[Page]:
     """Open the live page of a program for which no time passes, nor for the page."""
     with (
-        LiveServer(view, orders=orders, clock=lambda: 0.0) as server,
+        LiveServer(view, orders=orders, clock=standing) as server,
         page_at(browser, server.url, script=STANDING) as page,
     ):
         yield page

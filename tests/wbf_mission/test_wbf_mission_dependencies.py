@@ -57,7 +57,7 @@ def distributions():
 
 def test_every_import_of_the_product_is_declared():
     extras = PROJECT["optional-dependencies"]
-    used = ("serial", "dask", "gis", "rl")
+    used = ("serial", "dask", "gis", "mavsdk", "rl")
     declared = names(PROJECT["dependencies"]).union(*(names(extras[one]) for one in used))
     of = distributions()
     missing = {

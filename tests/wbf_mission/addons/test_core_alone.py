@@ -38,6 +38,7 @@ print(json.dumps(told))
 WORKS = (
     "plan --farm miniberry-10 --planner spiral --out mine.plan --quiet",
     "fly --farm miniberry-10 --policy greedy --estimator gp --budget 60s --out flown --quiet",
+    "fly --farm miniberry-10 --policy greedy --estimator gp --budget 60s --autopilot ardupilot --no-files",
     "bench run --scenarios WBF/Miniberry-10-v1 --planners spiral --estimators point --seeds 1 --out new",
     "vehicle list",
     "bench list",
@@ -147,6 +148,7 @@ from mission.model import GeoPoint
 from mission.transfer.vehicles import Vehicle
 from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.airframe.kind import kind_of_type
+from sim_vehicle.autopilot.modes import Mode
 from sim_vehicle.errors import VehicleError
 from sim_vehicle.mavlink import SimVehicle
 from wbf_mission.live.discovery import typical_vehicle
@@ -156,6 +158,18 @@ vehicle = SimVehicle(get_vehicle("quad"), GeoPoint(28.05, -82.15, 10.0))
 ftp = m.MAVLink_file_transfer_protocol_message(0, 1, 1, [0] * 251)
 print(version.capabilities & m.MAV_PROTOCOL_CAPABILITY_FTP, vehicle.receive(ftp, 1.0))
 print(kind_of_type(1), kind_of_type(10), typical_vehicle(Vehicle(1, 1, 12, 2)))
+pitch = m.MAVLink_command_long_message(1, 1, 1000, 0, -30, 0, 0, 0, 0, 0, 0)
+print(vehicle.receive(pitch, 1.0)[0].result, vehicle.camera_attitude(0.0))
+stick = m.MAVLink_manual_control_message(1, 0, 0, 900, 0, 0)
+print(vehicle.receive(stick, 1.0), vehicle.built(m.MAVLINK_MSG_ID_RC_CHANNELS), vehicle.pilot.sticks)
+circle = m.MAVLink_command_long_message(1, 1, m.MAV_CMD_DO_ORBIT, 0, 10, 0, 0, 0, 0, 0, 0)
+print(vehicle.receive(circle, 1.0)[0].result)
+vehicle.pilot.arm()
+vehicle.pilot.takeoff(10.0)
+vehicle.poll(20.0)
+vehicle.pilot.set_mode(Mode.FOLLOW)
+vehicle.poll(40.0)
+print(vehicle.pilot.mode.value, vehicle.pilot.state.phase.value)
 for mav_type in (1, 10):
     try:
         print(typical_vehicle(Vehicle(1, 1, 12, mav_type)))
@@ -164,10 +178,11 @@ for mav_type in (1, 10):
 """
 
 
-def test_a_vehicle_has_no_files_and_heartbeats_of_other_kinds_are_not_taken_for_multirotors():
+def test_a_vehicle_has_no_extras_and_heartbeats_of_other_kinds_are_not_taken_for_multirotors():
     command = [sys.executable, "-c", VEHICLES]
     done = subprocess.run(command, env=ENVIRONMENT, capture_output=True, text=True, check=False)
-    assert done.stdout.split("\n")[:4] == ["0 []", "fixed-wing rover quad", "True", "True"], done.stderr
+    told = ["0 []", "fixed-wing rover quad", "3 None", "[] () None", "3", "follow me holding", "True", "True"]
+    assert done.stdout.split("\n")[:8] == told, done.stderr
 
 
 @pytest.mark.parametrize(

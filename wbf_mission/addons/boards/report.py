@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from wbf_mission.addons.base.plots import LINE_COLOURS, new_figure, save_figure
 from wbf_mission.addons.boards.ratios import by_fixed, ratio_table, worse_in_words
 from wbf_mission.bench.cards import card_of
 from wbf_mission.bench.environments import Scored, scored
@@ -20,7 +21,6 @@ from wbf_mission.bench.rows import BenchRow, by_pair
 from wbf_mission.bench.standings import Standing, standings_of
 from wbf_mission.bench.tables import SCORES, draw_mean_score, field_table, interval_cells, standing_table
 from wbf_mission.bench.versions import apart, commit_of, digest_of
-from wbf_mission.pictures.plots import LINE_COLOURS, new_figure, save_figure
 from wbf_mission.scenario import load_scenario, scenario_ids
 
 READING = (

@@ -23,11 +23,13 @@ from geo import Farm
 from geo.atomic import atomic_write
 from geo.frame import quaternion_of
 from geo.geojson import farm_document
+from geo.imports import load_extra
 from mission.files.fence import fence_rings
 from mission.outcome import in_words
 from sensors.fields import FieldSet
 from wbf_mission.addons.export.foxglove_schemas import SCHEMAS, score_schema
 from wbf_mission.addons.export.layers import Layers, reading_colours
+from wbf_mission.addons.export.rerun import ExportError
 from wbf_mission.addons.export.style import (
     FENCE,
     OBSTACLE,
@@ -100,9 +102,7 @@ class FoxgloveFile:
     """
 
     def __init__(self, stream: IO[bytes], record: RunRecord, epoch_s: float) -> None:
-        from mcap.writer import Writer
-
-        self._writer = Writer(stream)
+        self._writer = load_extra("mcap.writer", "mcap", "files of Foxglove need", ExportError).Writer(stream)
         self._writer.start(library=f"wbf-mission {__version__}")
         self._epoch_ns = round(epoch_s * 1e6) * 1000
         self._channels: dict[str, int] = {}
@@ -151,7 +151,7 @@ class FoxgloveFile:
 
     def finish(self) -> None:
         """Write indexes and statistics."""
-        self._writer.finish()  # type: ignore[no-untyped-call]
+        self._writer.finish()
 
     # --- Messages ---
 

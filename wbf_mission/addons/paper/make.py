@@ -10,6 +10,7 @@ from typing import Any
 
 from geo import Crop
 from geo.farms import get_farm
+from wbf_mission.addons.base.plots import CROP_COLOURS, LINE_COLOURS, draw_farm, new_sheet, save_sheet
 from wbf_mission.addons.paper.comparison import (
     authors_table,
     early_table,
@@ -28,7 +29,6 @@ from wbf_mission.bench.rows import BenchRow
 from wbf_mission.bench.spec import BenchSpec
 from wbf_mission.bench.standings import standings
 from wbf_mission.bench.tables import field_table, standing_table
-from wbf_mission.pictures.plots import CROP_COLOURS, LINE_COLOURS, draw_farm, new_sheet, save_sheet
 from wbf_mission.progress import Progress, silent
 from wbf_mission.results.storage import ResultError
 from wbf_mission.run.resolve import FlightError

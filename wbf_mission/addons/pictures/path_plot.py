@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from wbf_mission.pictures.plots import FLOWN, draw_farm, new_figure, save_figure
+from wbf_mission.addons.base.plots import FLOWN, draw_farm, new_figure, save_figure
 from wbf_mission.replanning.record import PLANNED_PATH, DecisionRecord, PathChange
 from wbf_mission.run.record import FlightRecord
 

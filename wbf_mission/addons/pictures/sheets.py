@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from geo import Farm
 from sensors.fields import PAPER_FIELDS, FieldSet
+from wbf_mission.addons.base.plots import LAND, WORST_COLOURS, draw_farm, new_figure, outline, save_figure
 from wbf_mission.maps.blocks import MapGrid
-from wbf_mission.pictures.plots import LAND, WORST_COLOURS, draw_farm, new_figure, outline, save_figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -4,6 +4,7 @@ import base64
 import importlib
 import json
 import math
+import sys
 from collections import defaultdict
 from pathlib import Path
 
@@ -16,6 +17,7 @@ from mcap.reader import make_reader
 from sim_vehicle.epoch import EPOCH_UNIX_S
 from wbf_mission.addons.export import layers
 from wbf_mission.addons.export.formats import export
+from wbf_mission.addons.export.rerun import ExportError
 from wbf_mission.flight import fly
 from wbf_mission.results.result import Result, load_result
 from wbf_mission.scenario import Scenario
@@ -227,4 +229,13 @@ def test_nothing_is_left_of_an_export_that_is_broken_off(result: Result, tmp_pat
 
     with pytest.raises(KeyboardInterrupt):
         export(result, tmp_path / "run.mcap", "mcap", estimates=20, progress=break_off)
+    assert not list(tmp_path.iterdir())
+
+
+def test_without_the_extra_it_says_what_to_install(
+    result: Result, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "mcap.writer", None)
+    with pytest.raises(ExportError, match=r'need mcap; install it with: pip install "wbf-mission\[mcap\]"'):
+        export(result, tmp_path / "run.mcap", "mcap", estimates=5)
     assert not list(tmp_path.iterdir())

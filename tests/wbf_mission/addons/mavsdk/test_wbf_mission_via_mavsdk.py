@@ -119,6 +119,15 @@ def test_mavsdk_is_loaded_only_when_it_is_asked_for():
     subprocess.run([sys.executable, "-c", code], check=True)
 
 
+def test_without_the_extra_it_says_what_to_install(tmp_path):
+    code = "import sys; sys.modules['mavsdk'] = None; from wbf_mission.__main__ import main; sys.exit(main())"
+    words = ["download", "--connect", "udpin:127.0.0.1:0", "--out", "a.plan", "--via", "mavsdk"]
+    done = subprocess.run([sys.executable, "-c", code, *words], cwd=tmp_path, capture_output=True, text=True)
+    assert (done.returncode, done.stderr.count("\n")) == (2, 1), done.stderr
+    assert 'mavsdk needs mavsdk; install it with: pip install "wbf-mission[mavsdk]"' in done.stderr
+    assert not list(tmp_path.iterdir())
+
+
 @pytest.mark.parametrize("autopilot", AUTOPILOTS)
 def test_plans_that_go_up_one_way_come_down_the_other(autopilot):
     held = {}

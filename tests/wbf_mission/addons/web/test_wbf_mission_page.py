@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 import pytest
 from axe_playwright_python.sync_playwright import Axe
-from live_page import chromium, page_at, standing_page
+from live_page import chromium, page_at, standing, standing_page
 from PIL import Image, ImageChops
 from playwright.sync_api import Browser, Page, expect
 from starlette.requests import Request
@@ -300,7 +300,7 @@ def test_where_only_the_truth_is_known_no_layer_is_chosen_and_zero_has_no_sign(
 
 
 def test_cards_tell_how_each_vehicle_is_and_messages_what_it_said(browser: Browser) -> None:
-    view = View(share=1.0, clock=lambda: 0.0)
+    view = View(share=1.0, clock=standing)
     told(view, *a_flight(("one", "two")), moved(11.0, 2, battery=0.1, silent_s=9.0))
     with standing_page(browser, view) as page:
         first, second = page.locator(".card").all()

@@ -18,7 +18,7 @@ from typing import Any
 
 import frozen_server
 import pytest
-from live_page import STANDING, chromium, page_at, standing_page
+from live_page import STANDING, chromium, page_at, standing, standing_page
 from playwright.sync_api import Browser, Page, expect
 from viewer import Clock, Taking
 
@@ -222,7 +222,7 @@ def test_a_vehicle_that_is_not_heard_is_told_while_the_program_lives(browser: Br
 
 
 def test_orders_go_to_the_vehicle_that_is_chosen_and_to_none_before(browser: Browser) -> None:
-    view, orders = View(), Taking()
+    view, orders = View(clock=standing), Taking()
     two(view, "hold", "resume", "return", "land", simulated=True)
     with standing_page(browser, view, orders) as page:
         expect(page.locator(".connection")).to_have_text("Live")
@@ -245,7 +245,7 @@ def test_orders_go_to_the_vehicle_that_is_chosen_and_to_none_before(browser: Bro
 
 
 def test_several_vehicles_are_brought_down_only_after_a_second_word(browser: Browser) -> None:
-    view, orders = View(), Taking()
+    view, orders = View(clock=standing), Taking()
     two(view, "hold", "return", "land", simulated=True)
     with standing_page(browser, view, orders) as page:
         page.get_by_label("Orders go to").select_option("All 2 vehicles")
@@ -291,7 +291,7 @@ def test_several_vehicles_are_brought_down_only_after_a_second_word(browser: Bro
 def test_land_does_not_stand_beside_resume_and_no_order_moves(
     browser: Browser, orders: tuple[str, ...]
 ) -> None:
-    view = View()
+    view = View(clock=standing)
     two(view, *orders, simulated=True)
     with standing_page(browser, view, Taking()) as page:
 
@@ -323,7 +323,7 @@ def test_land_does_not_stand_beside_resume_and_no_order_moves(
     ],
 )
 def test_live_ends_with_the_run_and_a_failure_is_not_green(browser: Browser, outcome: str, look: str) -> None:
-    view = View()
+    view = View(clock=standing)
     two(view, "hold")
     # On standing clocks: the vehicles would be too old to be live on a busy machine.
     with standing_page(browser, view) as page:
@@ -501,7 +501,7 @@ def test_an_order_that_is_clicked_before_its_button_is_off_is_not_sent(browser: 
 
 
 def test_the_page_says_why_no_order_can_be_given(browser: Browser) -> None:
-    view = View()
+    view = View(clock=standing)
     view.take(RunBegun("a flight", get_farm("miniberry-10"), PAPER_FIELDS, (), simulated=True))
     view.take(Orderable(("hold", "land")))
     with standing_page(browser, view, Taking()) as page:
@@ -523,7 +523,7 @@ def test_the_page_says_why_no_order_can_be_given(browser: Browser) -> None:
 
 
 def test_what_an_order_came_to_is_told_below_it(browser: Browser) -> None:
-    view = View()
+    view = View(clock=standing)
     two(view, "takeoff", "hold", simulated=True)
     view.take(Noted("a warning of before", warns=True))
     with standing_page(browser, view, Taking()) as page:

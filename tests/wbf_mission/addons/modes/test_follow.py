@@ -12,8 +12,8 @@ from sim_vehicle.autopilot import with_autopilot
 from sim_vehicle.autopilot.ardupilot import ARDUPILOT
 from sim_vehicle.autopilot.modes import Mode
 from sim_vehicle.autopilot.px4 import PX4
-from tests.sim_vehicle.pilot.test_setpoints import FRAME, HOME, Rig
 from tests.support.peer import Peer
+from tests.wbf_mission.addons.modes.test_setpoints import FRAME, HOME, Rig
 
 FOLLOW = (4, 8)
 SPEED = 3.0

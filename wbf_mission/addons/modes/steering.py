@@ -1,4 +1,4 @@
-"""Stick messages, and setpoints of GUIDED (ArduPilot) and OFFBOARD (PX4).
+"""Setpoints of GUIDED (ArduPilot) and OFFBOARD (PX4).
 
 Sources: MAVLink common.xml (SET_POSITION_TARGET_LOCAL_NED, SET_POSITION_TARGET_GLOBAL_INT, their type masks),
 ArduPilot "Copter commands in guided mode", ``GCS_Common.cpp`` and ``GCS_MAVLink_Copter.cpp``, PX4 "Offboard
@@ -9,40 +9,30 @@ from __future__ import annotations
 
 import math
 from contextlib import suppress
-from dataclasses import replace
 from typing import TYPE_CHECKING, TypeAlias
 
 from geo.frame import angles_of
 from mission.link.codec.dialect import mavlink as m
 from mission.link.codec.typed import is_a
 from sim_vehicle.airframe.power_spec import GRAVITY_M_S2
-from sim_vehicle.autopilot.modes import Mode
 from sim_vehicle.autopilot.parameters import Setting
-from sim_vehicle.autopilot.stick_rules import StickRules, Sticks
 from sim_vehicle.motion.legs import KEEP, Heading
 from sim_vehicle.motion.model import attitude_of
 from sim_vehicle.pilot.controls import RefusedError
-from sim_vehicle.pilot.guided import AttitudeTarget, Setpoint
+from wbf_mission.addons.modes.guided import AttitudeTarget, GuidedFlight, Setpoint
 
 if TYPE_CHECKING:
     from sim_vehicle.airframe.spec import VehicleSpec
     from sim_vehicle.mavlink.wire_state import WireState
     from sim_vehicle.motion.legs import Position
 
-__all__ = ["SetpointMessage", "Steering", "StickMessage"]
+__all__ = ["SetpointMessage", "Steering"]
 
-StickMessage: TypeAlias = m.MAVLink_manual_control_message | m.MAVLink_rc_channels_override_message
 PositionTarget: TypeAlias = (
     m.MAVLink_set_position_target_local_ned_message | m.MAVLink_set_position_target_global_int_message
 )
 SetpointMessage: TypeAlias = PositionTarget | m.MAVLink_set_attitude_target_message
-_GROUND_STATION = Setting("MAV_GCS_SYSID", 255.0)
 _GUIDED_OPTIONS, _THRUST_AS_THRUST = Setting("GUID_OPTIONS", 0.0), 8
-_FULL = 1000.0
-# Value of an axis that the sender does not have.
-_NO_AXIS = 2**15 - 1
-_MIDDLE_US = 1500
-_RELEASED, _KEPT = 0, 65535
 _IGNORE_POSITION, _IGNORE_FORCE, _FORCE, _IGNORE_YAW, _IGNORE_TURN = 7, 448, 512, 1024, 2048
 _IGNORE_RATES, _IGNORE_THRUST, _IGNORE_ATTITUDE = 7, 64, 128
 _IGNORE_MOTION = 63
@@ -53,105 +43,39 @@ _LEAST_LIFT, _MOST_THRUST = 1.0, 2.0
 # Tolerance of a unit quaternion's squared length.
 _UNIT = 2e-3
 _LOCAL, _LOCAL_OFFSET, _BODY, _BODY_OFFSET, _BODY_FRD = 1, 7, 8, 9, 12
-_POLE, _DATE_LINE = 90.0, 180.0
 _GLOBAL = {0: False, 5: False, 3: True, 6: True}
 
 
 class Steering:
-    """Handles stick and setpoint messages of a vehicle."""
+    """Handles setpoint messages of a vehicle."""
 
-    def __init__(self, state: WireState) -> None:
+    def __init__(self, state: WireState, guided: GuidedFlight) -> None:
         self._state = state
+        self._guided = guided
         self._pilot = state.pilot
-        self._rules = state.firmware.sticks
-        self._channels = [_RELEASED] * 4
 
-    @property
-    def by_sticks(self) -> bool:
-        """Whether sticks move the vehicle in the present custom mode."""
-        return self._rules is not None and self._state.custom_mode not in self._rules.without
-
-    def take_sticks(self, message: StickMessage) -> None:
-        """Handle MANUAL_CONTROL or RC_CHANNELS_OVERRIDE."""
-        rules = self._rules
-        sticks = None if rules is None else self._read_sticks(message, rules)
-        if sticks is None or rules is None:
-            return
-        mode = self._state.custom_mode
-        if mode in rules.coordinated:
-            sticks = replace(sticks, right=0.0, turn=min(max(sticks.turn + sticks.right, -1.0), 1.0))
-        by_rate = rules.tilt is not None and mode in rules.tilt.by_rate
-        try:
-            self._pilot.take_sticks(sticks, flown=self.by_sticks, by_rate=by_rate)
-        except RefusedError as refusal:
-            self._pilot.setpoints.complain(str(refusal))
-
-    def take_setpoint(self, message: SetpointMessage) -> None:
+    def take(self, message: SetpointMessage, _now_s: float) -> None:
         """Handle SET_POSITION_TARGET_LOCAL_NED, SET_POSITION_TARGET_GLOBAL_INT or SET_ATTITUDE_TARGET."""
         pilot = self._pilot
         if is_a(message, m.MAVLink_set_attitude_target_message):
             mavlink = self._state.mavlink
             if mavlink.hover_thrust is None:
-                pilot.setpoints.complain("Setpoint refused: attitudes are not flown")
+                pilot.complain("Setpoint refused: attitudes are not flown")
                 return
             climbs = mavlink.thrust_climbs
             climbs &= not int(_GUIDED_OPTIONS.of(pilot.parameters)) & _THRUST_AS_THRUST
             hover = mavlink.hover_thrust.of(pilot.parameters)
             with suppress(RefusedError):
-                pilot.take_attitude(_attitude_of(message, pilot.spec, hover, climbs=climbs))
-        elif pilot.setpoints.listens_in(pilot.mode):
+                self._guided.take_attitude(_attitude_of(message, pilot.spec, hover, climbs=climbs))
+        elif self._guided.setpoints.listens_in(pilot.mode):
             try:
                 setpoint = self._setpoint_of(message)
                 if isinstance(setpoint, AttitudeTarget):
-                    pilot.take_attitude(setpoint)
+                    self._guided.take_attitude(setpoint)
                 else:
-                    pilot.take_setpoint(setpoint)
+                    self._guided.take_setpoint(setpoint)
             except RefusedError as refusal:
-                pilot.setpoints.complain(str(refusal))
-
-    def take_target(self, message: m.MAVLink_follow_target_message) -> None:
-        """Handle FOLLOW_TARGET; a target without a valid position is ignored."""
-        pilot = self._pilot
-        latitude, longitude = message.lat / 1e7, message.lon / 1e7
-        if pilot.mode is not Mode.FOLLOW or not (
-            abs(latitude) <= _POLE and abs(longitude) <= _DATE_LINE and math.isfinite(message.alt)
-        ):
-            return
-        east, north = pilot.frame.from_wgs84(latitude, longitude)
-        v_north, v_east, v_down = message.vel
-        known = math.isfinite(v_north + v_east + v_down)
-        velocity = (v_east, v_north, -v_down) if known else None
-        pilot.follow.take((east, north, message.alt - pilot.frame.altitude_m), velocity)
-
-    def _read_sticks(self, message: StickMessage, rules: StickRules) -> Sticks | None:
-        """Return the stick positions; None if the message has to be ignored."""
-        parameters, release = self._pilot.parameters, rules.loss.release
-        if release is not None and release.of(parameters) == 0.0:
-            return None
-        if rules.overrides and message.get_srcSystem() != int(_GROUND_STATION.of(parameters)):
-            return None
-        if is_a(message, m.MAVLink_rc_channels_override_message):
-            return self._sticks_from_channels(message, rules) if rules.overrides else None
-        if message.target != self._state.system_id:
-            return None
-        up = _axis(message.z, middle=rules.throttle_middle)
-        return Sticks(_axis(message.x), _axis(message.y), up, _axis(message.r))
-
-    def _sticks_from_channels(
-        self, message: m.MAVLink_rc_channels_override_message, rules: StickRules
-    ) -> Sticks | None:
-        """Return the sticks of roll, pitch, throttle and yaw; a channel without override is centred."""
-        channels = (message.chan1_raw, message.chan2_raw, message.chan3_raw, message.chan4_raw)
-        self._channels = [
-            before if now == _KEPT else now for before, now in zip(self._channels, channels, strict=True)
-        ]
-        if not any(self._channels):
-            return None
-        right, back, up, turn = (
-            min(max((pulse - _MIDDLE_US) / rules.pwm_half, -1.0), 1.0) if pulse != _RELEASED else 0.0
-            for pulse in self._channels
-        )
-        return Sticks(-back, right, up, turn)
+                pilot.complain(str(refusal))
 
     def _setpoint_of(self, message: PositionTarget) -> Setpoint | AttitudeTarget:
         """Return the setpoint of a message; RefusedError for an unsupported frame, a force, or no values."""
@@ -197,11 +121,6 @@ class Steering:
         if all(map(math.isnan, (*setpoint.position_m, *setpoint.velocity_m_s, heading, turn))):
             raise RefusedError("Setpoint refused: neither position nor velocity", denied=True)
         return setpoint
-
-
-def _axis(value: int, middle: float = 0.0) -> float:
-    """Return the position of a MANUAL_CONTROL axis from -1 to 1; a missing axis is centred."""
-    return 0.0 if value == _NO_AXIS else min(max((value - middle) / (_FULL - middle), -1.0), 1.0)
 
 
 def _attitude_of(

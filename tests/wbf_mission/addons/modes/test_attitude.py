@@ -1,4 +1,4 @@
-"""Attitudes by command, and the modes of ArduCopter that fly circles, flips and drifts."""
+"""Attitudes by command."""
 
 import math
 
@@ -9,7 +9,7 @@ from sim_vehicle.autopilot.ardupilot import ARDUPILOT
 from sim_vehicle.autopilot.modes import Mode
 from sim_vehicle.autopilot.px4 import PX4
 from sim_vehicle.execution.state import FlightPhase
-from tests.sim_vehicle.pilot.test_setpoints import HERE, POSITION, Rig, local
+from tests.wbf_mission.addons.modes.test_setpoints import HERE, POSITION, Rig, local
 
 GUIDED_NOGPS, CIRCLE, FLIP, DRIFT, ZIGZAG = 20, 7, 14, 11, 24
 
@@ -102,7 +102,7 @@ def test_rates_of_turning_and_what_stops():
         rig.run(0.5, stream=attitude(roll_deg=5.0))
         rig.run(0.2, stream=wrong)
         assert rig.pilot.state.phase is FlightPhase.HOLD
-        assert not rig.pilot.attitude.active
+        assert rig.pilot.flown_attitude is None
 
 
 def test_guided_nogps_needs_no_position_and_takes_attitudes_only():
@@ -142,7 +142,7 @@ def test_px4_flies_attitudes_by_thrust():
     # Silence for COM_OF_LOSS_T: the way home.
     rig.run(3.0)
     assert rig.pilot.mode is Mode.RTL
-    assert not rig.pilot.attitude.active
+    assert rig.pilot.flown_attitude is None
 
 
 @pytest.mark.parametrize("autopilot", [PX4, ARDUPILOT], ids=["px4", "ardupilot"])
@@ -158,89 +158,3 @@ def test_accelerations_lean(autopilot):
     before = rig.velocity[2]
     rig.run(1.0, stream=accelerate)
     assert rig.velocity[2] - before == pytest.approx(1.0, abs=0.3)
-
-
-def test_circle_flies_a_circle_ahead_with_the_nose_to_its_centre():
-    rig = Copter().guided(HERE)
-    rig.pilot.parameters.stored.update(CIRCLE_RADIUS=1500.0, CIRCLE_RATE=10.0)
-    rig.run(1.0)
-    x, y, z = rig.place
-    yaw = rig.pilot.state.yaw_rad
-    centre = (x + 15.0 * math.sin(yaw), y + 15.0 * math.cos(yaw))
-    assert rig.mode(CIRCLE) == 0
-    assert rig.number == CIRCLE
-    rig.run(15.0)
-    bearings = []
-    for _ in range(10):
-        rig.run(1.0)
-        east, north = rig.place[0] - centre[0], rig.place[1] - centre[1]
-        assert math.hypot(east, north) == pytest.approx(15.0, abs=1.0)
-        assert rig.place[2] == pytest.approx(z, abs=0.2)
-        bearings.append(math.degrees(math.atan2(east, north)))
-        assert math.remainder(rig.yaw - bearings[-1] - 180.0, 360.0) == pytest.approx(0.0, abs=15.0)
-    # Clockwise, at 10 deg/s.
-    assert (bearings[-1] - bearings[0]) % 360.0 == pytest.approx(90.0, abs=12.0)
-    rig.pilot.set_mode(Mode.GUIDED)
-    rig.run(8.0)
-    turned = rig.yaw
-    rig.tell(local(POSITION, 80.0, 0.0, -20.0))
-    rig.run(10.0)
-    assert rig.yaw != pytest.approx(turned, abs=1.0), "the nose is free again"
-
-
-def test_flip_rolls_once_round_and_goes_back_to_its_mode():
-    rig = Copter().guided(HERE)
-    assert rig.mode(FLIP) == 4, "only from STABILIZE, ACRO and ALT_HOLD"
-    for mode in (ZIGZAG, DRIFT):
-        assert rig.mode(mode) == 0
-        assert rig.mode(FLIP) == 4
-    assert rig.mode(2) == 0
-    rig.run(3.0, stream=rig.sticks())
-    rig.run(0.2, stream=rig.sticks(right=950))
-    assert rig.mode(FLIP) == 4, "the pilot leans too far"
-    rig.run(2.0, stream=rig.sticks())
-    height = rig.place[2]
-    assert rig.mode(FLIP) == 0
-    assert rig.number == FLIP
-    rolls, begun_s = [], rig.now_s
-    while rig.number == FLIP and rig.now_s < begun_s + 5.0:
-        rig.run(0.1, stream=rig.sticks())
-        rolls.append(rig.roll)
-    assert 0.9 < rig.now_s - begun_s < 2.5
-    assert max(rolls) > 100.0
-    assert min(rolls) < -60.0
-    steps = [math.remainder(b - a, 360.0) for a, b in zip([0.0, *rolls], rolls, strict=False)]
-    assert sum(steps[:-1]) == pytest.approx(360.0, abs=15.0)
-    assert rig.number == 2
-    rig.run(4.0, stream=rig.sticks())
-    assert rig.roll == pytest.approx(0.0, abs=5.0)
-    assert rig.place[2] == pytest.approx(height, abs=8.0)
-    assert Copter().mode(FLIP) == 4
-
-
-def test_drift_turns_with_the_stick_to_the_right_and_zigzag_flies_by_sticks():
-    rig = Copter().guided(HERE)
-    assert rig.mode(DRIFT) == 0
-    rig.run(1.0, stream=rig.sticks())
-    start = rig.yaw
-    rig.run(1.0, stream=rig.sticks(right=400))
-    assert 10.0 < (rig.yaw - start) % 360.0 < 180.0
-    assert rig.number == DRIFT
-    assert rig.mode(ZIGZAG) == 0
-    start = rig.yaw
-    rig.run(3.0, stream=rig.sticks(forward=500))
-    assert math.hypot(*rig.velocity[:2]) > 1.0
-    assert rig.yaw == pytest.approx(start, abs=40.0)
-    assert rig.number == ZIGZAG
-
-
-def test_a_radius_of_nothing_turns_on_the_spot():
-    rig = Copter().guided(HERE)
-    rig.pilot.parameters.stored.update(CIRCLE_RADIUS=0.0, CIRCLE_RATE=-20.0)
-    place = rig.place
-    assert rig.mode(CIRCLE) == 0
-    rig.run(3.0)
-    start = rig.yaw
-    rig.run(3.0)
-    assert (start - rig.yaw) % 360.0 == pytest.approx(60.0, abs=4.0)
-    assert rig.place == pytest.approx(place, abs=0.5)

@@ -1,14 +1,15 @@
-"""Guided flight: setpoints, attitudes and headings from a companion or ground station; the flip mode.
+"""Guided flight: setpoints, attitudes and headings from a companion or ground station.
 
 Setpoints are sent repeatedly (ArduPilot "Copter commands in guided mode", PX4 "Offboard mode"). A commanded
 attitude does not hold the position: the vehicle accelerates by the tilted thrust, and drag pulls it towards
 the wind's velocity. The resulting velocities are flown by velocity control, and telemetry shows the attitude
-computed here (ArduCopter's ``mode_guided.cpp``, ``angle_control_run``, and ``mode_flip.cpp``).
+computed here (ArduCopter's ``mode_guided.cpp``, ``angle_control_run``).
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -24,8 +25,9 @@ from sim_vehicle.pilot.controls import RefusedError, Severity
 if TYPE_CHECKING:
     from sim_vehicle.pilot.controls import Controls
     from sim_vehicle.pilot.failsafe import Failsafe
+    from sim_vehicle.pilot.pilot import Pilot
 
-__all__ = ["AttitudePilot", "AttitudeTarget", "AutoYaw", "Setpoint", "SetpointFollower"]
+__all__ = ["AttitudePilot", "AttitudeTarget", "AutoYaw", "GuidedFlight", "Setpoint", "SetpointFollower"]
 
 _SLOWEST_M_S = 0.05
 # A vehicle on the ground ignores setpoints up to this height above the vehicle: MAVLink rounds heights.
@@ -77,7 +79,6 @@ class SetpointFollower:
         self._latest: Setpoint | AttitudeTarget | None = None
         self._taken_s = -math.inf
         self._flown: Setpoint | None = None
-        self._complaint = ""
 
     @property
     def is_fresh(self) -> bool:
@@ -137,7 +138,7 @@ class SetpointFollower:
         except VehicleError as error:
             raise RefusedError(f"Setpoint refused: {error}") from None
         self._flown = setpoint
-        self._complaint = ""
+        self._controls.complaint = ""
 
     @property
     def _waits_on_ground(self) -> bool:
@@ -145,12 +146,6 @@ class SetpointFollower:
         controls = self._controls
         on_ground = controls.landed is LandedState.ON_GROUND and not controls.spec.drives
         return on_ground and self._rules.needs_stream
-
-    def complain(self, text: str) -> None:
-        """Warn why a setpoint is refused, once per run of equal texts."""
-        if text != self._complaint:
-            self._complaint = text
-            self._controls.note(Severity.WARNING, text)
 
     def _fly(self, setpoint: Setpoint) -> None:
         executor = self._controls.executor
@@ -184,18 +179,6 @@ class SetpointFollower:
 _STEP_S = 0.02
 _MOST_LEAN = Setting("ANGLE_MAX", 3000.0, math.radians(0.01))
 _LAG = Setting("ATC_INPUT_TC", 0.15)
-_ROLL_ACCELERATION = Setting("ATC_ACCEL_R_MAX", 110_000.0, math.radians(0.01))
-# MOT_THST_HOVER of ArduPilot's simulator; FLIP adds and subtracts shares of full throttle.
-_HOVER = 0.39
-# FLIP_ROTATION_RATE, FLIP_THR_INC, FLIP_THR_DEC, FLIP_RECOVERY_ANGLE, FLIP_TIMEOUT_MS; ATC_ANG_RLL_P.
-_FLIP_RAD_S, _FLIP_MORE, _FLIP_LESS, _FLIP_DONE_RAD, _FLIP_LONGEST_S = (
-    math.radians(400.0),
-    1.0 + 0.2 / _HOVER,
-    1.0 - 0.24 / _HOVER,
-    math.radians(5.0),
-    2.5,
-)
-_ROLL_P_1_S = 4.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -224,11 +207,10 @@ class AttitudePilot:
         self._controls = controls
         self._parameters = controls.parameters
         self._target: AttitudeTarget | None = None
-        self._taken_s = self._flown_s = self._roll = self._pitch = 0.0
+        self._taken_s = self._flown_s = self.roll_rad = self._pitch = 0.0
         self._velocity_m_s = (0.0, 0.0, 0.0)
         self._height_m: float | None = None
-        self._flip: tuple[float, float] | None = None
-        self._rolled = self._rolling = 0.0
+        self._manoeuvre: Callable[[float], bool] | None = None
 
     @property
     def active(self) -> bool:
@@ -237,25 +219,28 @@ class AttitudePilot:
 
     def stop(self) -> None:
         """Stop, because the vehicle flies something else."""
-        self._target = self._flip = self._controls.flown_attitude = None
+        self._target = self._manoeuvre = self._controls.flown_attitude = None
 
-    def take(self, target: AttitudeTarget = _LEVEL) -> None:
-        """Fly an attitude until the next order."""
+    def take(self, target: AttitudeTarget = _LEVEL, manoeuvre: Callable[[float], bool] | None = None) -> None:
+        """Fly an attitude until the next order.
+
+        `manoeuvre` flies in place of the attitude: a function of a time step (s) that sets `roll_rad`, calls
+        `move`, and returns whether it has ended.
+        """
         if self._target is None:
             state = self._controls.state
             self._velocity_m_s, self._height_m = state.velocity_m_s, None
-            self._roll, self._pitch, self._flown_s = state.roll_rad, state.pitch_rad, self._controls.now_s
+            self.roll_rad, self._pitch, self._flown_s = state.roll_rad, state.pitch_rad, self._controls.now_s
         self._target, self._taken_s = target, self._controls.now_s
+        self._manoeuvre = manoeuvre or self._manoeuvre
 
-    def flip(self, direction: float) -> None:
-        """Roll by 360 degrees, to the right with 1, to the left with -1."""
-        self.stop()
-        self.take()
-        self._flip = (direction, self._roll)
-        self._rolled = self._rolling = 0.0
+    @property
+    def flown_for_s(self) -> float:
+        """Time of flight since the last order."""
+        return self._flown_s - self._taken_s
 
     def check(self) -> bool:
-        """Fly until now, and return whether a flip has ended."""
+        """Fly until now, and return whether a manoeuvre has ended."""
         target, controls = self._target, self._controls
         if target is None:
             return False
@@ -273,13 +258,13 @@ class AttitudePilot:
         while self._flown_s < controls.now_s - 1e-9:
             step_s = min(_STEP_S, controls.now_s - self._flown_s)
             self._flown_s += step_s
-            if self._flip is not None:
-                over |= self._turn_over(*self._flip, step_s)
+            if self._manoeuvre is not None:
+                over |= self._manoeuvre(step_s)
             else:
                 self._lean(target, step_s)
-        controls.flown_attitude = self._roll, self._pitch
+        controls.flown_attitude = self.roll_rad, self._pitch
         east, north, up = self._velocity_m_s
-        if target.climb_m_s != 0.0 or self._flip is not None:
+        if target.climb_m_s != 0.0 or self._manoeuvre is not None:
             self._height_m = None
         elif self._height_m is None:
             self._height_m = controls.state.position_m[2]
@@ -292,47 +277,31 @@ class AttitudePilot:
         """Lean as commanded, at most ANGLE_MAX, and move by the thrust."""
         roll, pitch = target.roll_rad, target.pitch_rad
         if math.isnan(roll):
-            roll = self._roll + step_s * target.rates_rad_s[0]
+            roll = self.roll_rad + step_s * target.rates_rad_s[0]
             pitch = self._pitch + step_s * target.rates_rad_s[1]
         size = max(math.hypot(roll, pitch) / _MOST_LEAN.of(self._parameters), 1.0)
         roll, pitch = roll / size, pitch / size
         lag_s = max(_LAG.of(self._parameters), 1e-3)
         share = 1.0 if math.isnan(target.roll_rad) else 1.0 - math.exp(-step_s / lag_s)
-        self._roll += share * (roll - self._roll)
+        self.roll_rad += share * (roll - self.roll_rad)
         self._pitch += share * (pitch - self._pitch)
-        upright = math.cos(self._roll) * math.cos(self._pitch)
+        upright = math.cos(self.roll_rad) * math.cos(self._pitch)
         if math.isnan(target.climb_m_s):
-            self._move(target.thrust, step_s)
+            self.move(target.thrust, step_s)
         else:
-            self._move(1.0 / upright, step_s)
+            self.move(1.0 / upright, step_s)
             self._velocity_m_s = (*self._velocity_m_s[:2], target.climb_m_s)
 
-    def _turn_over(self, direction: float, level_rad: float, step_s: float) -> bool:
-        """Continue a flip for one step, and return whether the flip has ended."""
-        change = _ROLL_ACCELERATION.of(self._parameters) * step_s
-        wanted, thrust, over = _FLIP_RAD_S, _FLIP_MORE, False
-        if self._rolled >= math.radians(270.0):
-            left = 2.0 * math.pi + direction * level_rad - self._rolled
-            wanted = min(_FLIP_RAD_S, _ROLL_P_1_S * left, math.sqrt(2.0 * max(left, 0.0) * change / step_s))
-            over = left <= _FLIP_DONE_RAD
-        elif self._rolled >= math.radians(45.0):
-            thrust = _FLIP_LESS
-        self._rolling += min(max(wanted - self._rolling, -change), change)
-        self._rolled += step_s * self._rolling
-        self._roll = math.remainder(direction * self._rolled, 2.0 * math.pi)
-        self._move(thrust, step_s)
-        return over or self._flown_s - self._taken_s > _FLIP_LONGEST_S
-
-    def _move(self, thrust: float, step_s: float) -> None:
+    def move(self, thrust: float, step_s: float) -> None:
         """Change the velocity by thrust (in units of the weight), weight and drag."""
         controls = self._controls
         state, spec = controls.state, controls.spec
         wind_east, wind_north = state.wind_m_s
         east, north, up = self._velocity_m_s
         force = GRAVITY_M_S2 * thrust
-        ahead = -force * math.sin(self._pitch) * math.cos(self._roll)
-        aside = force * math.sin(self._roll)
-        lift = force * math.cos(self._roll) * math.cos(self._pitch) - GRAVITY_M_S2
+        ahead = -force * math.sin(self._pitch) * math.cos(self.roll_rad)
+        aside = force * math.sin(self.roll_rad)
+        lift = force * math.cos(self.roll_rad) * math.cos(self._pitch) - GRAVITY_M_S2
         sine, cosine = math.sin(state.yaw_rad), math.cos(state.yaw_rad)
         drag = drag_1_s(spec, math.hypot(east - wind_east, north - wind_north))
         east += step_s * (ahead * sine + aside * cosine - drag * (east - wind_east))
@@ -409,3 +378,47 @@ class AutoYaw:
         """Mode and, in the mission mode, current item."""
         mode = self._controls.mode
         return mode, self._controls.executor.mission.current_seq if mode is Mode.MISSION else -1
+
+
+class GuidedFlight:
+    """Flight by setpoints, attitudes and headings that a peer sends."""
+
+    def __init__(self, pilot: Pilot) -> None:
+        self._pilot = pilot
+        self.attitude = AttitudePilot(pilot)
+        self.setpoints = SetpointFollower(pilot, pilot.failsafe, self.attitude)
+        self.auto_yaw = AutoYaw(pilot)
+
+    def take_setpoint(self, setpoint: Setpoint) -> None:
+        """Store a setpoint, and fly it in the guided mode."""
+        pilot = self._pilot
+        self.setpoints.take(setpoint)
+        if pilot.mode is Mode.GUIDED:
+            self.attitude.stop()
+        if pilot.mode is Mode.TAKEOFF and not pilot.rules.needs_stream:
+            pilot.mode = Mode.GUIDED
+        if pilot.mode is Mode.GUIDED and pilot.armed:
+            if self.auto_yaw.active:
+                # An unchanged target must be flown again, because it includes a heading.
+                self.auto_yaw.forget()
+                self.setpoints.forget()
+            self.setpoints.fly()
+
+    def take_attitude(self, target: AttitudeTarget | None) -> None:
+        """Fly an attitude in the guided modes, or stop with None; store it if the mode needs a stream."""
+        pilot = self._pilot
+        if target is not None and pilot.rules.needs_stream:
+            self.setpoints.take(target)
+        if pilot.mode not in (Mode.GUIDED, Mode.TAKEOFF, Mode.ATTITUDE) or not pilot.armed:
+            return
+        if pilot.mode is Mode.TAKEOFF:
+            pilot.mode = Mode.GUIDED
+        self.auto_yaw.forget()
+        self.setpoints.forget()
+        if target is not None:
+            self.attitude.take(target)
+        elif pilot.mode is Mode.ATTITUDE:
+            self.attitude.take()
+        elif pilot.landed is not LandedState.ON_GROUND:
+            self.attitude.stop()
+            pilot.order(pilot.executor.flight.hold)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mission.link.codec.dialect import mavlink as m
-from sim_vehicle.camera.pictures import PictureCamera
+from wbf_mission.addons.companion.pictures import PictureCamera
 
 AUTOPILOT = (1, 1)
 

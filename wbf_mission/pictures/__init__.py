@@ -1,1 +1,0 @@
-"""Figures, colours and farms by matplotlib."""

@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Protocol, TypeAlias
+from typing import Any, Protocol, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,19 +19,59 @@ from sensors.fields import Field
 from sensors.scoring.information import InformationModel
 
 ValueMap: TypeAlias = NDArray[np.float32]
+AcquisitionValues: TypeAlias = "ValueMap | SummedMap"
 
 _CLASS_VALUES = (1.0, 0.5, 0.0)
-_COLUMNS_A_PART = 32  # Maps are summed in blocks that fit into a processor's cache
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SummedMap:
+    """A sum of weighted maps that is computed in the cells that are read.
+
+    On a large farm, memory for the whole sum takes longer to get than the sum takes to compute.
+
+    Parameters
+    ----------
+    parts : tuple of (float32, bool[W, H], float[W, H])
+        Weight, counted cells and values of each map.
+    shape : tuple of int
+        Shape of the maps.
+
+    Examples
+    --------
+    >>> mask, values = np.array([[True, False]]), np.array([[0.5, 0.25]], np.float32)
+    >>> SummedMap(((np.float32(2.0), mask, values),), (1, 2))[:].tolist()
+    [[1.0, 0.0]]
+    """
+
+    parts: tuple[tuple[np.float32, NDArray[np.bool_], NDArray[np.floating]], ...]
+    shape: tuple[int, int]
+
+    def __getitem__(self, cells: Any) -> NDArray[np.float32]:
+        """Return the sum in some cells, given as an index of an array."""
+        first = np.broadcast_to(np.float32(0.0), self.shape)[cells]
+        total = np.zeros(first.shape, np.float32)
+        for weight, mask, values in self.parts:
+            counted = mask[cells]
+            if counted.any():
+                total += counted * (weight * values[cells])
+        return total
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
+        return self[:].astype(dtype or np.float32, copy=False)
 
 
 class Acquisition(Protocol):
     """An acquisition function: maps an observation to the value of observing each cell."""
 
-    def __call__(self, observation: PolicyObservation, /) -> ValueMap:
-        """Return the value of observing each cell, float32[W, H]: at least 0, and 0 in unscored cells."""
+    def __call__(self, observation: PolicyObservation, /) -> AcquisitionValues:
+        """Return the value of observing each cell, float32[W, H]: at least 0, and 0 in unscored cells.
+
+        The result is an array, or a map that is computed where it is read.
+        """
 
 
-def expected_loss(observation: PolicyObservation) -> ValueMap:
+def expected_loss(observation: PolicyObservation) -> AcquisitionValues:
     """Return the expected loss of the current estimate in each cell: observing a cell saves its loss.
 
     The loss is summed over the fields with their weights. A field with class probabilities has the expected
@@ -44,12 +84,12 @@ def expected_loss(observation: PolicyObservation) -> ValueMap:
     return _weighted(observation, lambda k, field: _loss_of_field(observation, k, field))
 
 
-def variance(observation: PolicyObservation) -> ValueMap:
+def variance(observation: PolicyObservation) -> AcquisitionValues:
     """Return the variance of the estimate in each cell, summed over the fields with their weights."""
     return _weighted(observation, lambda k, _field: observation.model.uncertainty[k] ** 2)
 
 
-def entropy(observation: PolicyObservation) -> ValueMap:
+def entropy(observation: PolicyObservation) -> AcquisitionValues:
     """Return the entropy of the class probabilities (nats) in each cell, summed with the fields' weights.
 
     A field without class probabilities gets the entropy of a normal distribution, relative to a standard
@@ -66,7 +106,7 @@ def entropy(observation: PolicyObservation) -> ValueMap:
     return _weighted(observation, of_field)
 
 
-def probability_of_sick(observation: PolicyObservation) -> ValueMap:
+def probability_of_sick(observation: PolicyObservation) -> AcquisitionValues:
     """Return the probability that an unobserved plant is sick, summed over the diseases with their weights.
 
     Without class probabilities, the probability is 1 less the estimated health. Cells without uncertainty
@@ -103,7 +143,7 @@ class WithCoverage:
     caution: float
     reach: float = 3.0
 
-    def __call__(self, observation: PolicyObservation, /) -> ValueMap:
+    def __call__(self, observation: PolicyObservation, /) -> AcquisitionValues:
         """Return the acquisition value of each cell."""
         values = self.acquisition(observation)
         if self.caution <= 0.0:
@@ -120,9 +160,8 @@ class WithCoverage:
             distance = ndimage.distance_transform_edt(unseen).astype(np.float32)
             far = 1.0 - exp(-np.square(np.square(distance / np.float32(self.reach))))
         far *= np.float32(self.caution)
-        return values + _weighted(
-            observation, lambda _k, field: far if field.kind == "disease" else 0.0 * far
-        )
+        bonus = _weighted(observation, lambda _k, field: far if field.kind == "disease" else 0.0 * far)
+        return values[:] + bonus[:]
 
 
 @dataclass(frozen=True, slots=True)
@@ -148,7 +187,7 @@ class WithCorrelationLength:
     strip: float
     beyond: int
 
-    def __call__(self, observation: PolicyObservation, /) -> ValueMap:
+    def __call__(self, observation: PolicyObservation, /) -> AcquisitionValues:
         """Return the acquisition value of each cell."""
         lengths, widest = observation.model.correlation_length, max(observation.model.shape)
         if lengths is None or widest <= self.beyond:
@@ -179,7 +218,7 @@ class Balanced:
     acquisition: Acquisition
     least_weight: float
 
-    def __call__(self, observation: PolicyObservation, /) -> ValueMap:
+    def __call__(self, observation: PolicyObservation, /) -> AcquisitionValues:
         """Return the acquisition value of each cell."""
         weights = observation.weights.field
         least = self.least_weight * max(weights)
@@ -212,18 +251,19 @@ def make_acquisition(acquisition: str | Acquisition) -> Acquisition:
 
 def _weighted(
     observation: PolicyObservation, of_field: Callable[[int, Field], NDArray[np.floating]]
-) -> ValueMap:
+) -> SummedMap:
     """Return the weighted sum of the fields' maps, each restricted to the field's scored cells."""
-    total = np.zeros(observation.model.shape, np.float32)
     grid = observation.farm.grid()
-    for k, field in enumerate(observation.fields):
-        weight = observation.weights.field[k]
-        if weight > 0.0:
-            mask, values = scored_cells(field, grid), of_field(k, field)
-            for start in range(0, len(total), _COLUMNS_A_PART):
-                part = slice(start, start + _COLUMNS_A_PART)
-                total[part] += mask[part] * (np.float32(weight) * values[part])
-    return total
+    return SummedMap(
+        tuple(
+            (np.float32(weight), scored_cells(field, grid), of_field(k, field))
+            for k, (field, weight) in enumerate(
+                zip(observation.fields, observation.weights.field, strict=True)
+            )
+            if weight > 0.0
+        ),
+        observation.model.shape,
+    )
 
 
 @lru_cache(maxsize=16)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from geo.linear_algebra import cos, sin
 from mission.planners.path import Area, Points
 from mission.planners.terrain import TOLERANCE_M, is_rectangle
-from mission.policies.acquisition import ValueMap
+from mission.policies.acquisition import AcquisitionValues, ValueMap
 from mission.policies.observation import VehicleReport
 
 MOST_CELLS = 128
@@ -49,10 +49,10 @@ class PlanningGrid:
             free = shapely.covers(wide, shapely.points(x + 0.5 * cell_m, y + 0.5 * cell_m))
         return cls(free, cell_m, block, is_rectangle(area), wide)
 
-    def pooled(self, values: ValueMap) -> ValueMap:
+    def pooled(self, values: AcquisitionValues) -> ValueMap:
         """Return the sum of the cell values in each block, float32[w, h]; 0 in blocks that are not free."""
         if self.block == 1:
-            return np.where(self.free, values, np.float32(0.0)).astype(np.float32)
+            return np.where(self.free, values[:], np.float32(0.0)).astype(np.float32)
         width, height = self.free.shape
         sums = np.empty((width, height), np.float32)
         column = np.zeros((self.block, height * self.block), np.float32)

@@ -1,6 +1,7 @@
 """What `plan` predicts against the whole simulated flight over MAVLink."""
 
 from collections import Counter
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -14,12 +15,14 @@ from mission.outcome import Outcome
 from mission.planners import PlannedPath, PlanningRequest, StepBudget
 from mission.planners.budget import BatchBudget, LengthBudget
 from sim_vehicle.prediction.onward import InFlight
+from sim_vehicle.prediction.predict import plan_prediction
 from wbf_mission.flight import fly
 from wbf_mission.planning import MissionBuilder
 from wbf_mission.planning.budget import FlightBudget, make_budget, onward_predictor
 from wbf_mission.planning.conditions import wind_of_run
 from wbf_mission.run.plan import plan
 from wbf_mission.scenario import Scenario, scenario_with
+from wbf_mission.scenario.parts import WeatherOptions
 
 PLANNERS = ["lawnmower", "adaptive-lawnmower", "spiral", "random-waypoint"]
 VEHICLES = [
@@ -163,6 +166,29 @@ def test_a_flight_budget_prices_many_paths_as_it_prices_one():
     assert request.costs([result.path_m]) == [request.cost(result.path_m)]
     plain = PlanningRequest(result.farm.owner_area, result.farm.home_m, LengthBudget(1000.0))
     assert plain.costs([path[1:] for path in paths]) == [plain.cost(path[1:]) for path in paths]
+
+
+def test_a_mission_predicted_again_is_not_flown_again(monkeypatch):
+    scenario, flown = Scenario(farm="miniberry-30", vehicle="quad", autopilot="px4"), []
+    farm = get_farm("miniberry-30")
+    builder, path = MissionBuilder.of(scenario, farm), np.array([[20.0, 20.0], [20.0, 40.0]])
+    short, long = (
+        [builder.mission(PlannedPath(path[:count].copy(), None, name)) for name in ("search", "plan")]
+        for count in (1, 2)
+    )
+
+    def counted(mission, *args, **how):
+        flown.append(mission)
+        return plan_prediction(mission, *args, **how)
+
+    monkeypatch.setattr("wbf_mission.planning.builder.plan_prediction", counted)
+    found = [builder.predict(mission) for mission in (*short, *long, short[0])]
+    assert flown == [short[0], long[0], short[0]]
+    for mission, prediction in zip((*short, *long, short[0]), found, strict=True):
+        fresh = MissionBuilder.of(scenario, farm).predict(mission)
+        assert fresh.track_m.tobytes() == prediction.track_m.tobytes()
+        assert fresh.energy_wh == prediction.energy_wh and fresh.duration_s == prediction.duration_s
+    assert replace(builder, weather=WeatherOptions(wind_speed_m_s=4.0)).predict(short[0]) is not found[-1]
 
 
 def ideal_looks(farm, path_m, folder):

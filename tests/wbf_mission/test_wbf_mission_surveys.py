@@ -8,13 +8,13 @@ from pathlib import Path
 import pytest
 import shapely
 
-from geo import Crop, Farm, LocalFrame, Patch, save_farm
+from geo import Crop, Farm, LocalFrame, Patch, load_farm, save_farm
 from mission.model import Command, MissionItem
 from wbf_mission.cli.app import main
 from wbf_mission.planning import PlanResult
 from wbf_mission.planning.builder import coverage_together
 from wbf_mission.planning.coverage import image_places, too_little_seen
-from wbf_mission.planning.fleet import single_vehicles
+from wbf_mission.planning.fleet import single_vehicles, vehicles_of
 from wbf_mission.preflight.run import check_mission, check_plan
 from wbf_mission.preflight.subject import Circumstances
 from wbf_mission.run.plan import plan, plan_fleet
@@ -95,6 +95,22 @@ def test_a_survey_of_days_is_refused_at_once(tmp_path: Path) -> None:
     file = farm_file(tmp_path, (Crop.TOMATO, shapely.box(0, 0, 800, 600)))
     with pytest.raises(ScenarioError, match="hours in the air"):
         plan(scenario_with(Scenario(), {"farm": file, **SURVEY, "gsd_cm": 0.05}))
+
+
+def test_a_survey_of_days_by_the_leaf_camera_is_refused_at_once(tmp_path: Path) -> None:
+    file = farm_file(tmp_path, (Crop.TOMATO, shapely.box(0, 0, 700, 700)))
+    leaf = {"farm": file, "planner": "survey", "budget": "unlimited"}
+    base, farm = scenario_with(Scenario(), leaf), load_farm(file)
+    with pytest.raises(ScenarioError, match=r"sees 0.5 m: rows 0.5 m apart .* 980 km long, .* hours in"):
+        plan(base)
+    for changes in (
+        {"planner": "survey:spacing_m=20"},
+        {"vehicle": "ideal", "budget": "9999steps"},
+        {"vehicle": "quad", "vehicles": 9},
+    ):
+        assert vehicles_of(scenario_with(base, changes), farm, seed=0, first_day=6)
+    with pytest.raises(ScenarioError, match="long for each of 2 vehicles"):
+        vehicles_of(scenario_with(base, {"vehicles": 2, "cruise_speed_m_s": 2.0}), farm, seed=0, first_day=6)
 
 
 def test_higher_than_120_m_takes_a_permission(tmp_path: Path) -> None:

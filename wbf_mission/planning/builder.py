@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -44,7 +44,6 @@ from wbf_mission.planning.conditions import (
 from wbf_mission.planning.coverage import asks_whole, coverage_from, image_places, predicted_coverage
 from wbf_mission.planning.fence import border_fence, rally_items
 from wbf_mission.planning.imaging import (
-    check_extent,
     imaging_of,
     imaging_summary,
     level_of,
@@ -268,6 +267,9 @@ class MissionBuilder:
     ground: FarmGround | None = None  # Ground that the flight follows; None: flat, at the height of home
     follows_terrain: bool = False  # Whether the autopilot follows the terrain by itself
     station_range: StationRange | None = None  # Range of the radio at the farm's home; None: unlimited
+    _last: list[tuple[Mission, Prediction]] = field(
+        default_factory=list, init=False, repr=False, compare=False
+    )
 
     @classmethod
     def of(cls, one: VehicleParts, farm: Farm, home_m: tuple[float, float] | None = None) -> MissionBuilder:
@@ -280,8 +282,6 @@ class MissionBuilder:
         require_height(camera, mission)
         imaging = imaging_of(camera, mission, level)
         require_flight(camera, vehicle)
-        if imaging is not None and mission.file is None and mission.planner.chosen == "survey":
-            check_extent(farm, imaging, level_of(imaging, level))
         home = farm.home_m if home_m is None else home_m
         leaf_spacing_m = camera.spacing_m or farm.cell_size_m * camera.footprint
         made = cls(
@@ -431,11 +431,19 @@ class MissionBuilder:
         )
 
     def predict(self, mission: Mission) -> Prediction:
-        """Predict the flight of ``mission``; gusts and estimate errors enter by their statistics only."""
+        """Predict the flight of ``mission``; gusts and estimate errors enter by their statistics only.
+
+        The last prediction is kept: a search that ends with a predicted path is followed by its plan.
+        """
+        for known, prediction in self._last:
+            if known == mission:
+                return prediction
         wind = wind_of(self.weather, self.level)
-        return plan_prediction(
+        prediction = plan_prediction(
             mission, self.vehicle, wind=wind, threads=_threads(), estimate_errors=self.estimate_errors
         )
+        self._last[:] = [(mission, prediction)]
+        return prediction
 
     def price(
         self, missions: Sequence[Mission], *, gusts: bool = True, endless: bool = False

@@ -5,11 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from geo import Farm
 from geo.seeds import child_seed
+from mission.planners.search import is_number
 from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.airframe.sensor_errors import SensorNoise
 from sim_vehicle.airframe.spec import VehicleSpec
@@ -37,6 +39,7 @@ from wbf_mission.scenario import (
 from wbf_mission.scenario.parts import VehicleParts
 from wbf_mission.scenario.values import DISTANCE, LAYERS
 
+_LONGEST_H = 24.0  # Longest survey; longer flights cannot be predicted
 # Spacing of the columns in which vehicles climb and land, in multiples of the required separation.
 _ROW_FACTOR = 1.5
 
@@ -99,7 +102,35 @@ def vehicles_of(
         )
         vehicles.append(Vehicle(one.vehicle, one.mission, one.weather, one.camera, task))
     _check_radio(options.vehicle.radio_range_m, farm, vehicles)
+    _check_extent(options.mission, farm, vehicles)
     return tuple(vehicles)
+
+
+def _check_extent(mission: MissionOptions, farm: Farm, vehicles: Sequence[Vehicle]) -> None:
+    """Raise ScenarioError for a survey with days of flight time, before minutes of planning."""
+    if mission.file is not None or mission.planner.chosen != "survey":
+        return
+    for vehicle in vehicles:
+        builder, request = vehicle.task.builder, vehicle.task.request
+        over, speed_m_s = builder.imaging, builder.level.speed_m_s
+        own: Any = mission.planner.params.get("spacing_m") if over is None else None
+        wanted = is_number(own) and own > 0.0
+        spacing_m = float(own) if wanted else request.row_spacing_m or request.footprint_m
+        if over is None:
+            look, remedy = f"the leaf camera, which sees {request.footprint_m:.2g} m", "take a mapping camera"
+        else:
+            look = f"camera {over.camera.name} at {over.height_m:.3g} m ({100.0 * over.gsd_m:.2g} cm a pixel)"
+            remedy = "fly higher"
+        rows_m = farm.scouted_area.area / spacing_m / len(vehicles)
+        hours = rows_m / speed_m_s / 3600.0
+        if hours > _LONGEST_H and not (over is None and builder.vehicle.is_ideal):
+            each = "" if len(vehicles) == 1 else f" for each of {len(vehicles)} vehicles"
+            msg = (
+                f"{look}: rows {spacing_m:.2g} m apart over farm {farm.name} are {rows_m / 1000.0:.0f} km"
+                f" long{each}, {hours:.0f} hours in the air at {speed_m_s:.2g} m/s; {remedy}, or see less of"
+                " the farm"
+            )
+            raise ScenarioError(msg)
 
 
 def _check_radio(range_m: float | None, farm: Farm, vehicles: Sequence[Vehicle]) -> None:

@@ -18,7 +18,6 @@ from wbf_mission.scenario import CameraOptions, MissionOptions, ScenarioError
 _SAME_HEIGHT = 0.01
 _LOWEST_M = 2.0  # Preflight warns below this height
 _MOST_CELLS = 200_000
-_LONGEST_H = 24.0
 
 
 def require_height(camera: CameraOptions, mission: MissionOptions) -> None:
@@ -91,20 +90,6 @@ def level_of(imaging: Imaging | None, level: FlightLevel) -> FlightLevel:
     if imaging is None:
         return level
     return FlightLevel(imaging.height_m, min(level.speed_m_s, imaging.top_speed_m_s))
-
-
-def check_extent(farm: Farm, imaging: Imaging, level: FlightLevel) -> None:
-    """Raise ScenarioError for a survey with days of flight time, before minutes of planning."""
-    rows_m = farm.scouted_area.area / imaging.row_spacing_m
-    hours = rows_m / level.speed_m_s / 3600.0
-    if hours > _LONGEST_H:
-        msg = (
-            f"camera {imaging.camera.name} at {imaging.height_m:.3g} m ({100.0 * imaging.gsd_m:.2g} cm a"
-            f" pixel): rows {imaging.row_spacing_m:.2g} m apart over farm {farm.name} are"
-            f" {rows_m / 1000.0:.0f} km long, {hours:.0f} hours in the air at {level.speed_m_s:.2g} m/s;"
-            " fly higher, or see less of the farm"
-        )
-        raise ScenarioError(msg)
 
 
 def shown_share(farm: Farm, places: Points, imaging: Imaging) -> float:

@@ -121,31 +121,29 @@ def _calibration(rows: Sequence[BenchRow]) -> Iterator[str]:
     """Yield the calibration table of the final estimates on unobserved cells."""
     yield from ("", "## Calibration", "")
     yield _wrapped(
-        "Of unobserved cells at the end of a run, mean over planners and environments: for a disease the"
-        " share of sick plants among those stated as possibly sick (nominal: 90 %), in brackets that of"
-        " healthy plants; for other fields the share of cells within the 90 % interval."
+        "Of unobserved cells at the end of a run, mean over scenarios, planners and environments: for a"
+        " disease the share of sick plants among those stated as possibly sick (nominal: 90 %), in brackets"
+        " that of healthy plants; for other fields the share of cells within the 90 % interval."
     )
-    estimators = list(dict.fromkeys(name for family in families() for name in family.estimators))
+    every = families()
+    shown = list(dict.fromkeys(name for family in every for name in family.estimators))
     held = {
-        (scenario, estimator): cell
-        for scenario in dict.fromkeys(row.scenario for row in rows)
-        for estimator in estimators
-        if (cell := _held([row for row in rows if (row.scenario, row.estimator) == (scenario, estimator)]))
+        family.name: [
+            _held([row for row in rows if row.scenario in family.scenarios and row.estimator == name])
+            for name in shown
+        ]
+        for family in every
     }
-    shown = [name for name in estimators if any(name == estimator for _, estimator in held)]
-    yield from (
-        "",
-        f"| scenario | {' | '.join(f'`{name}`' for name in shown)} |",
-        "|---" * (len(shown) + 1) + "|",
-    )
-    for scenario in (name for family in families() for name in family.scenarios):
-        cells = [held.get((scenario, name), "") for name in shown]
-        if any(cells):
-            yield f"| {scenario} | {' | '.join(cells)} |"
+    measured = {name: cells for name, cells in held.items() if any(cells)}
+    columns = [k for k in range(len(shown)) if any(cells[k] for cells in measured.values())]
+    head = " | ".join(f"`{shown[k]}`" for k in columns)
+    yield from ("", f"| family | {head} |", "|---" * (len(columns) + 1) + "|")
+    for name, cells in measured.items():
+        yield f"| `{name}` | {' | '.join(cells[k] for k in columns)} |"
 
 
 def _held(rows: Sequence[BenchRow]) -> str:
-    """Return the calibration of an estimator in a scenario as text; empty if no row has one."""
+    """Return the mean calibration of rows as text; empty if no row has one."""
     found = [row.calibration for row in rows]
     held = {name: _mean(found, name) for name in dict.fromkeys(key for values in found for key in values)}
     parts = []

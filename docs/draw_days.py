@@ -17,7 +17,7 @@ from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
 import wbf_mission
-from wbf_mission.pictures.plots import mark_days
+from wbf_mission.addons.pictures.sheets import mark_days
 
 ROOT = Path(__file__).parents[1]
 OPTIONS = {

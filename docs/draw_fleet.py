@@ -15,7 +15,7 @@ from matplotlib import pyplot as plt
 from matplotlib.axes import Axes
 
 from wbf_mission import Scenario, Simulated, fly
-from wbf_mission.pictures.plots import draw_farm
+from wbf_mission.addons.base.plots import draw_farm
 from wbf_mission.results.result import Result
 
 ROOT = Path(__file__).parents[1]

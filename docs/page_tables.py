@@ -1,37 +1,61 @@
-"""Tables that the site makes of the code: a line ``<!-- table: NAME -->`` of a page stands for a table."""
+"""Parts of pages that the site makes of the code.
+
+A line ``<!-- table: NAME -->`` stands for a table, a block ``{reference}`` of names for their docstrings, and
+``<!-- contents -->`` for the hidden tables of contents of the pages that the page's own table links to.
+"""
 
 from __future__ import annotations
 
 import csv
+import inspect
 import re
 from collections.abc import Callable, Iterable, Iterator
 from functools import partial
 from pathlib import Path
 from typing import Any
 
-import typer.main
-
+import wbf_mission
+from mission.link.codec.dialect import mavlink
 from mission.transfer.client_table import CLIENT_TABLE
 from mission.transfer.server_table import SERVER_TABLE
+from sim_vehicle.autopilot.px4 import PX4
+from sim_vehicle.autopilot.px4.firmware import SITL_LINKS
 from sim_vehicle.faults.fault import KINDS
-from wbf_mission.cli.app import app
-from wbf_mission.scenario.scenario import all_options
 
 _DOCS = Path(__file__).parent
+_CONTENTS = "<!-- contents -->"
+_ROW = re.compile(r"^\| ([^|]+ \|.*\]\(.*) \|$", re.MULTILINE)
+_LINK = re.compile(r"\]\(([^)#]+)\.md\)")
+_REFERENCE = re.compile(r"^```\{reference\}\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 _MARK = re.compile(r"^<!-- table: ([\w-]+) -->$", re.MULTILINE)
-_REFUSALS = re.compile(r" \((?:not|only) with [^)]*\)")
-_ON_THE_PAGE = {"--help-all", "--json", "--quiet"}
-_PARTS = {
-    "--wind": ("wind_speed_m_s", "wind_direction_deg", "wind_gust_m_s"),
-    "--wind-shear": ("wind_shear", "wind_roughness_m", "wind_exponent", "wind_height_m"),
-}
-"""Keys of the parts of an option's value."""
-_DEFAULT = re.compile(r"  \[default: .*\]$")
 
 
 def with_tables(page: str) -> str:
     """Return the text of a page with its tables."""
+    page = _REFERENCE.sub(lambda found: "\n".join(_reference(found[1].split())), page)
+    page = page.replace(_CONTENTS, "\n".join(_contents(page)))
     return _MARK.sub(lambda found: "\n".join(TABLES[found[1]]()), page)
+
+
+def _contents(page: str) -> Iterator[str]:
+    for row in _ROW.findall(page):
+        *about, pages = row.split(" | ")
+        captions = [f":caption: {about[0]}"] if len(about) > 1 else []
+        yield from ("```{toctree}", ":hidden:", *captions, "", *_LINK.findall(pages), "```", "")
+
+
+def _reference(names: Iterable[str]) -> Iterator[str]:
+    yield "```{eval-rst}"
+    for name in names:
+        found = getattr(wbf_mission, name)
+        if inspect.isclass(found) and issubclass(found, Exception):
+            yield from (f".. autoexception:: wbf_mission.{name}", "   :show-inheritance:")
+        elif inspect.isclass(found):
+            yield from (f".. autoclass:: wbf_mission.{name}", "   :members:")
+        else:
+            yield f".. auto{'function' if inspect.isfunction(found) else 'data'}:: wbf_mission.{name}"
+        yield ""
+    yield "```"
 
 
 def _table(head: Iterable[str], rows: Iterable[Iterable[str]]) -> Iterator[str]:
@@ -40,47 +64,17 @@ def _table(head: Iterable[str], rows: Iterable[Iterable[str]]) -> Iterator[str]:
         yield f"| {' | '.join(row)} |"
 
 
-def commands() -> dict[str, Any]:
-    """Return the commands by their names, such as ``farm show``."""
-    found: dict[str, Any] = {}
-    for name, command in typer.main.get_command(app).commands.items():  # type: ignore[attr-defined]
-        inner = getattr(command, "commands", None)
-        found |= {name: command} if inner is None else {f"{name} {part}": of for part, of in inner.items()}
-    return found
-
-
-def options() -> Iterator[tuple[str, str, str, list[str]]]:
-    """Yield flags, meaning, key in a scenario file, and commands; a row for each meaning of an option."""
-    texts: dict[tuple[str, str], dict[str, list[str]]] = {}
-    for name, command in commands().items():
-        for param in command.params:
-            if param.param_type_name == "option" and not _ON_THE_PAGE & {*param.opts}:
-                flags = ", ".join(f"`{flag}`" for flag in (*param.opts, *param.secondary_opts))
-                text = _REFUSALS.sub("", param.help or "")
-                meaning = _DEFAULT.sub("", text)
-                texts.setdefault((flags, meaning), {}).setdefault(text, []).append(name)
-    keys = {option.flag: (key,) for key, (_, _, option) in all_options().items()} | _PARTS
-    for (flags, meaning), names in sorted(texts.items()):
-        # A default is told where all commands have the same.
-        meaning = next(iter(names)) if len(names) == 1 else meaning
-        where = sorted(name for each in names.values() for name in each)
-        first = flags.split(",")[0].strip("`")
-        yield flags, meaning, ", ".join(f"`{key}`" for key in keys.get(first, ())), where
-
-
-def _options() -> Iterator[str]:
-    rows = (
-        (flags, meaning.replace("|", "\\|"), key, ", ".join(f"`{name}`" for name in where))
-        for flags, meaning, key, where in options()
-    )
-    return _table(("option", "meaning", "key in a scenario file", "commands"), rows)
-
-
 def _checks() -> Iterator[str]:
     from wbf_mission.addons.check.runner import all_checks  # the other tables need no add-on
 
     rows = ((f"`{check.id}`", check.text, check.required_of, check.suffers) for check in all_checks())
     return _table(("id", "requirement", "required of", "otherwise trouble for"), rows)
+
+
+def _training() -> Iterator[str]:
+    from wbf_mission.addons.rl import interfaces
+
+    yield from ("```text", *(str(interface) for interface in interfaces()), "```")
 
 
 def _faults() -> Iterator[str]:
@@ -117,16 +111,37 @@ def _conformance() -> Iterator[str]:
         yield ""
 
 
-def _real_autopilots() -> Iterator[str]:
-    rows = rows_of("real-autopilots.csv")
-    return _table(rows[0], (row.values() for row in rows))
+def _file(name: str, **wanted: str) -> Iterator[str]:
+    rows = [row for row in rows_of(name) if wanted.items() <= row.items()]
+    columns = [column for column in rows[0] if column not in wanted]
+    return _table(columns, ([row[column] for column in columns] for row in rows))
+
+
+def _rates() -> Iterator[str]:
+    links = {
+        "default": PX4.for_vehicle("multirotor").mavlink.rates_hz,
+        "PX4: ground station": SITL_LINKS["ground"],
+        "API": SITL_LINKS[""],
+        "payload": SITL_LINKS["payload"],
+        "gimbal": SITL_LINKS["gimbal"],
+    }
+    names = {mavlink.mavlink_map[kind].msgname: kind for rates in links.values() for kind in rates}
+    rows = (
+        (name, *(f"{rates[kind]:.3g}" if kind in rates else "-" for rates in links.values()))
+        for name, kind in sorted(names.items())
+    )
+    return _table(("message", *links), rows)
 
 
 TABLES: dict[str, Callable[[], Iterator[str]]] = {
-    "options": _options,
     "checks": _checks,
     "conformance": _conformance,
-    "real-autopilots": _real_autopilots,
+    "real-autopilots": partial(_file, "real-autopilots.csv"),
+    "findings-in-the-plan": partial(_file, "preflight.csv", part="plan"),
+    "findings-in-the-vehicle": partial(_file, "preflight.csv", part="vehicle"),
+    "client-examples": partial(_file, "client-examples.csv"),
+    "rates": _rates,
+    "training": _training,
     "faults": _faults,
     "ground-station": partial(_transitions, CLIENT_TABLE),
     "vehicle": partial(_transitions, SERVER_TABLE),

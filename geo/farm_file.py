@@ -31,10 +31,16 @@ from geo.features import (
 from geo.frame import LocalFrame
 from geo.geojson import read_geojson
 from geo.grid import CROP_NAMES, is_crop_name
+from geo.imports import entry_points, load_named
 from geo.repair import closed, mended
 from geo.texts import one_line
 from geo.units import FOOT_M
 
+FORMATS_GROUP = "wbf_mission.farm_formats"
+"""Group of entry points, named by suffix without the dot: functions from a path, a layer and a coordinate
+system (both None if not given) to a `geo.features.Document`. They raise FarmError for an unusable file."""
+_GEOJSON = (".geojson", ".json", ".geojsonl", ".geojsons", ".ndjson", ".jsonl")
+_ADDED = (".kml", ".kmz", ".shp", ".zip", ".gpkg", ".gpx", ".poly")  # By the add-on `formats`
 _MAX_RALLY = 100
 _MAX_RASTER_STEPS = 20_000_000  # Crossings of polygon edges and cell columns; more take minutes to paint
 _MAX_SPAN_M = 20_000.0  # Features farther apart belong to several farms, or have wrong coordinates
@@ -54,7 +60,7 @@ def load_farm(
     crs: str | None = None,
     repair: bool = False,
 ) -> Farm:
-    """Read a farm from a file: GeoJSON, Mission Planner's ``.poly``, or a format of `geo.vector_files`.
+    """Read a farm from a file: GeoJSON, or a format of an installed package (`FORMATS_GROUP`).
 
     Parameters
     ----------
@@ -87,30 +93,24 @@ def load_farm(
 
 def _document(file: Path, layer: str | None, crs: str | None) -> Document:
     suffix = file.suffix.lower()
-    if suffix in VECTOR_SUFFIXES:
-        from geo.vector_files import read_vector
-
-        return read_vector(file, layer, crs)
+    if suffix not in _GEOJSON and suffix in farm_suffixes():
+        read = load_named(FORMATS_GROUP, suffix[1:], "reads farms in", "the farm format", FarmError)
+        document: Document = read(file, layer, crs)
+        return document
     if layer is not None:
-        kind = "a .poly" if suffix == POLY_SUFFIX else "GeoJSON"
-        raise FarmError(f"{kind} has no layers; leave |{layer} out")
-    if suffix != POLY_SUFFIX:
-        return read_geojson(file, crs)
-    from geo.vector_files import read_poly
-
-    if crs is not None:
-        raise FarmError(f"a .poly is in degrees of WGS 84; leave out that it is {crs!r:.60}")
-    return read_poly(file)
+        raise FarmError(f"GeoJSON has no layers; leave |{layer} out")
+    return read_geojson(file, crs)
 
 
-VECTOR_SUFFIXES = (".kml", ".kmz", ".shp", ".zip", ".gpkg", ".gpx")
-"""Suffixes of files that are read by GDAL."""
-POLY_SUFFIX = ".poly"
-FARM_SUFFIXES = (
-    *(".geojson", ".json", ".geojsonl", ".geojsons", ".ndjson", ".jsonl"),
-    *VECTOR_SUFFIXES,
-    POLY_SUFFIX,
-)
+def farm_suffixes() -> tuple[str, ...]:
+    """Return the suffixes of farm files: GeoJSON's, then those of packages.
+
+    >>> farm_suffixes()[:2]
+    ('.geojson', '.json')
+    """
+    return tuple(
+        dict.fromkeys((*_GEOJSON, *_ADDED, *(f".{entry.name}" for entry in entry_points(FORMATS_GROUP))))
+    )
 
 
 def split_layer(text: str) -> tuple[Path, str | None]:

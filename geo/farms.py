@@ -105,14 +105,14 @@ def get_farm(
     >>> farm.grid().shape, farm.owner_cells
     ((30, 30), 900)
     """
-    from geo.farm_file import FARM_SUFFIXES, load_farm, split_layer
+    from geo.farm_file import farm_suffixes, load_farm, split_layer
 
     text = str(name_or_path)
     if text.lower() in _FARMS:
         return _built_in(text.lower())
-    if split_layer(text)[0].suffix.lower() in FARM_SUFFIXES:
+    if split_layer(text)[0].suffix.lower() in farm_suffixes():
         return load_farm(text, crop=crop, crs=crs, repair=repair)
-    kinds = ", ".join(FARM_SUFFIXES)
+    kinds = ", ".join(farm_suffixes())
     msg = f"unknown farm {text!r}: choose one of {', '.join(_FARMS)}, or give a file ({kinds})"
     raise FarmError(msg)
 

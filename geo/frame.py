@@ -138,9 +138,8 @@ _CODE = re.compile(
     re.IGNORECASE,
 )
 _WGS84 = re.compile(r"(OGC:CRS84|EPSG:4326)|WGS ?84", re.IGNORECASE)
-_BORDER_ACCURACY_M = (
-    1.5  # Borders drawn from aerial pictures are no better, so such a conversion needs no note
-)
+# Borders drawn from aerial pictures are no more accurate, so a smaller error of a conversion is not reported.
+_BORDER_ACCURACY_M = 1.5
 
 
 class Coordinates:

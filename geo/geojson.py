@@ -37,7 +37,7 @@ def read_geojson(path: Path, crs: str | None = None) -> Document:
     own = None
     for document in _documents(path):
         if crs is not None and document.get("crs") is not None:
-            raise FarmError(f"has a coordinate system of its own; leave out that it is {crs!r:.60}")
+            raise FarmError(f"has a coordinate system of its own; leave out {crs!r:.60}")
         features = _features(document)
         own = given if features is None else _crs(document, "the file", given)
         if features is not None:
@@ -66,7 +66,7 @@ def _entry(feature: Any, number: int, own: Coordinates | None) -> Entry:
         raise FarmError(f'{where}: is not a GeoJSON "Feature"')
     properties = feature.get("properties")
     if not isinstance(properties, dict | None):
-        raise FarmError(f'{where}: its "properties" are {shortened(properties)}, no names with values')
+        raise FarmError(f'{where}: its "properties" are {shortened(properties)}, not an object')
     if "geometry" not in feature:
         raise FarmError(f'{where}: has no "geometry"; write null where there is none')
     properties = properties or {}

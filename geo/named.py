@@ -63,8 +63,8 @@ def parse_named(text: str) -> tuple[str, dict[str, Parameter]]:
 def format_named(name: str, parameters: Mapping[str, object]) -> str:
     """Return a name and its parameters as one text for `parse_named`.
 
-    All values that `parse_named` returns keep their value: finite numbers, true, false and none, texts
-    without quotation marks, and sequences of these.
+    Reading the text again gives equal values for everything `parse_named` can return: finite numbers, true,
+    false and none, texts without quotation marks, and sequences of these.
 
     Examples
     --------
@@ -142,7 +142,7 @@ def _value(text: str, key: str, whole: str) -> Parameter:
     if not text.startswith("["):
         return _scalar(text, key, whole)
     if not text.endswith("]"):
-        raise ParameterError(f"{whole!r}: {key}={text} goes on after its list")
+        raise ParameterError(f"{whole!r}: {key}={text} goes on after its closing bracket")
     inner = text[1:-1]
     return tuple(_scalar(item.strip(), key, whole) for item in _split(inner, whole)) if inner.strip() else ()
 

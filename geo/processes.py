@@ -38,7 +38,7 @@ class Repeats:
         self._counted_s = -math.inf
 
     def is_repeat(self) -> bool:
-        """Return whether the present signal repeats another one that arrived within the last second."""
+        """Return whether another signal arrived within the second before the present one."""
         now_s = time.monotonic()
         if now_s < self._counted_s + _REPEATED_S:
             return True

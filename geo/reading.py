@@ -123,7 +123,7 @@ class Archive(Closing):
             raise _damaged(error) from None
         self.room -= len(data)
         if self.room < 0:
-            raise ArchiveError(f"unpacks to more than {self._most >> 20} MiB, which is more than is read")
+            raise ArchiveError(f"unpacks to more than {self._most >> 20} MiB, the limit")
         return data
 
     def close(self) -> None:

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 _MAX_CHANGE = 0.01  # Share of the area; fields are not measured more accurately
 _MAX_GAP = 2.0  # Largest ratio of the closing side to the longest side
-_SLIVER = 0.001  # Share of the land, more than slivers between crossing sides have
+_SLIVER = 0.001  # Share of the land; slivers between crossing sides are smaller
 _GRID_M = 1e-3  # Grid step of repaired corners, coarser than the rounding of degrees in files
 
 

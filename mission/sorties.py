@@ -208,7 +208,7 @@ def _is_on(item: MissionItem) -> bool:
 
 
 def _is_for_next(item: MissionItem) -> bool:
-    """Return whether an item between two legs affects only the second leg."""
+    """Return whether an item between two legs concerns the second leg only."""
     return _is_on(item) or item.command in (
         Command.CONDITION_DELAY,
         Command.CONDITION_DISTANCE,
@@ -217,7 +217,7 @@ def _is_for_next(item: MissionItem) -> bool:
 
 
 def _reachable(course: Course, first: Place, end: Place | None) -> Place | None:
-    """Return the last place that can be flown of a part to `end`; None for the end of the mission."""
+    """Return where a part that should end at `end` can end; None for the end of the mission."""
     # A curved leg cannot be cut and is flown whole. Trailing legs without images are left out.
     if end is None or (number := course.leg_of(end)) >= len(course.legs):
         return None

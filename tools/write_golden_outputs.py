@@ -129,8 +129,8 @@ def _table(path: Path) -> bytes:
 def _page(run: Path) -> bytes:
     """Return the messages from which the page of a run is made."""
     from wbf_mission import load_result
+    from wbf_mission.addons.base.replay import events_of
     from wbf_mission.addons.web.view import View
-    from wbf_mission.results.replay import events_of
 
     view, cursor, messages = View(), None, []
     for number, event in enumerate(events_of(load_result(run))):

@@ -31,9 +31,7 @@ if TYPE_CHECKING:
     from mission.planners import PlannedPath as PlannedPath
     from mission.planners import Planner as Planner
     from mission.planners import PlanningRequest as PlanningRequest
-    from mission.planners import check_planner as check_planner
     from mission.planners import make_planner as make_planner
-    from mission.policies.conformance import check_policy as check_policy
     from mission.policies.decision import NO_CHANGE as NO_CHANGE
     from mission.policies.decision import Decision as Decision
     from mission.policies.observation import Event as Event
@@ -47,7 +45,6 @@ if TYPE_CHECKING:
     from sensors.estimators.base import BaseEstimator as BaseEstimator
     from sensors.estimators.base import Estimator as Estimator
     from sensors.estimators.base import make_estimator as make_estimator
-    from sensors.estimators.check import check_estimator as check_estimator
     from sensors.fields import PAPER_FIELDS as PAPER_FIELDS
     from sensors.fields import FieldSet as FieldSet
     from sensors.observations import Observations as Observations
@@ -60,6 +57,9 @@ if TYPE_CHECKING:
     from sim_vehicle.mavlink import SimVehicle as SimVehicle
     from wbf_mission.bench.benchmark import benchmark as benchmark
     from wbf_mission.bench.spec import BenchSpec as BenchSpec
+    from wbf_mission.contracts import check_estimator as check_estimator
+    from wbf_mission.contracts import check_planner as check_planner
+    from wbf_mission.contracts import check_policy as check_policy
     from wbf_mission.events import EventStream as EventStream
     from wbf_mission.flight import Simulated as Simulated
     from wbf_mission.flight import fly as fly

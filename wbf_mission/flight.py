@@ -141,7 +141,13 @@ class Simulated:
 
     def hosting(self, faults: Sequence[Fault]) -> Hosting:
         """Return a simulation."""
-        return VirtualHosting(self.pace, self.tlog, self.impairment, tuple(faults), self.orders)
+        return VirtualHosting(
+            pace=self.pace,
+            tlog=self.tlog,
+            orders=self.orders,
+            impairment=self.impairment,
+            faults=tuple(faults),
+        )
 
 
 def fly(

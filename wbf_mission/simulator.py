@@ -2,25 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from geo.farm import Farm
 from geo.seeds import stream
 from geo.texts import parse_number
-from mission.ground.contact import Contact
-from mission.link.codec.dialect import Message
-from mission.link.codec.dialect import mavlink as m
-from mission.model import GeoPoint, Mission, MissionItem
-from mission.transfer.storage import UncheckedItem
+from mission.model import GeoPoint
 from sensors.camera.leaf_camera import LeafCamera
-from sensors.camera.wire import CAMERA_IMAGE_CAPTURED, DEBUG_FLOAT_ARRAY, ObservationAssembler
 from sensors.environment import Environment
 from sensors.field_files import load_field_set
-from sensors.observations import Observations
 from sim_vehicle.autopilot import get_autopilot
 from sim_vehicle.camera.component import LeafCameraComponent
-from sim_vehicle.component import NEVER, Component
+from sim_vehicle.component import Component
 from sim_vehicle.epoch import EPOCH_UNIX_S
 from sim_vehicle.mavlink import SimVehicle
 from sim_vehicle.mavlink.fleet import SPACING_M, Fleet
@@ -29,17 +23,6 @@ from wbf_mission.planning import flown_vehicle
 from wbf_mission.planning.conditions import noise_of, wind_of_run
 from wbf_mission.run.resolve import cameras_of, make_environment
 from wbf_mission.scenario import Scenario, ScenarioError
-
-_LOOKED_AT = tuple(
-    int(kind)
-    for kind in (
-        m.MAVLINK_MSG_ID_HEARTBEAT,
-        m.MAVLINK_MSG_ID_GPS_RAW_INT,
-        m.MAVLINK_MSG_ID_GLOBAL_POSITION_INT,
-        m.MAVLINK_MSG_ID_MISSION_CURRENT,
-        m.MAVLINK_MSG_ID_BATTERY_STATUS,
-    )
-)
 
 
 @dataclass(frozen=True, slots=True)
@@ -168,75 +151,3 @@ def make_components(
                 )
             )
     return Simulated(fleet, tuple(cameras), farm, environment)
-
-
-class SimulatedWatch:
-    """Receive-only component that follows simulated vehicles as a ground station would.
-
-    `look` reads the vehicles' telemetry directly, because some autopilots stream nothing unless requested and
-    a fast simulation sends more than can be shown. Texts and camera messages are received over MAVLink.
-    """
-
-    system_id, component_id = 254, int(m.MAV_COMP_ID_USER1)
-    wanted: frozenset[int] | None = frozenset(
-        {m.MAVLINK_MSG_ID_STATUSTEXT, CAMERA_IMAGE_CAPTURED, DEBUG_FLOAT_ARRAY}
-    )
-
-    def __init__(self, simulated: Simulated, day: int) -> None:
-        ids = [(vehicle.system_id, vehicle.component_id) for vehicle in simulated.vehicles]
-        self.vehicles = {system_id: Contact((system_id, component)) for system_id, component in ids}
-        self.missions: dict[int, Mission] = {}
-        self._simulated = simulated
-        self._plans: dict[int, tuple[tuple[MissionItem, ...], ...]] = {}
-        self._assemblers: dict[int, ObservationAssembler] = {}
-        if simulated.environment is not None:
-            fields = simulated.environment.fields.names
-            self._assemblers = {
-                number: ObservationAssembler(simulated.farm, day=day, fields=fields)
-                for number in self.vehicles
-            }
-
-    def receive(self, message: Message, now_s: float) -> list[Message]:
-        """Take one message from a vehicle or camera."""
-        number = message.get_srcSystem()
-        contact = self.vehicles.get(number)
-        if contact is None:
-            return []
-        if isinstance(message, m.MAVLink_statustext_message):
-            if message.get_srcComponent() == contact.vehicle[1]:
-                contact.texts.on_text(message, now_s)
-        elif number in self._assemblers:
-            self._assemblers[number].add(message)
-        return []
-
-    def poll(self, now_s: float) -> list[Message]:  # noqa: ARG002
-        """Send nothing."""
-        return []
-
-    def next_deadline(self) -> float:
-        """Return infinity: `poll` never does anything."""
-        return NEVER
-
-    def look(self, now_s: float) -> None:
-        """Update the state and mission of each vehicle."""
-        for vehicle in self._simulated.vehicles:
-            number = vehicle.system_id
-            monitor = self.vehicles[number].monitor
-            for kind in _LOOKED_AT:
-                for message in vehicle.built(kind):
-                    monitor.receive(message, now_s)
-            plans = vehicle.plans
-            if plans != self._plans.get(number):
-                self._plans[number] = plans
-                items, fence, rally = (
-                    tuple(item for item in plan if not isinstance(item, UncheckedItem)) for plan in plans
-                )
-                self.missions[number] = Mission(items, vehicle.home, fence, rally)
-
-    def seen(self) -> Iterator[tuple[float, Observations]]:
-        """Yield the boot time of each vehicle (s) with its camera's observations since the last call."""
-        for number, assembler in self._assemblers.items():
-            monitor = self.vehicles[number].monitor
-            if assembler.waiting:
-                assembler.move_clock(monitor.clock.offset_ms / 1e3)
-                yield monitor.position_heard_s - monitor.boot_s, assembler.take()

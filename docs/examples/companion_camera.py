@@ -12,8 +12,8 @@ import sys
 import numpy as np
 from PIL import Image
 
-from sim_vehicle.camera.pictures import PictureCamera
 from sim_vehicle.host.server import Server
+from wbf_mission.addons.companion.pictures import PictureCamera
 
 
 def shoot(command, exposure):

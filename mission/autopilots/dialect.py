@@ -75,9 +75,9 @@ class IgnoredField:
     name: str
     """Field of `MissionItem`."""
     text: str
-    """Consequence, for the operator."""
+    """Consequence of the ignored parameter, as the operator reads it."""
     fix: str = ""
-    """Advice, for the operator."""
+    """Advice to the operator."""
     severity: Severity = Severity.WARNING
     vehicle_types: frozenset[int] | None = None
     """MAV_TYPEs that ignore the parameter; None for any."""

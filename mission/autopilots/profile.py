@@ -148,7 +148,7 @@ Questions: TypeAlias = Mapping[Meaning, Mapping[str, float]]
 
 
 Motion: TypeAlias = Mapping[str, Mapping[str, float]]
-"""Parameters of the vehicle's motion, by the name in the simulator: names in real firmware, newest first,
+"""Motion parameters by name in the simulator: the names in real firmware, newest first,
 with the factor from the real to the simulated value."""
 
 

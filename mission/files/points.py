@@ -46,7 +46,7 @@ def _lines(data: bytes) -> Iterator[tuple[int, list[str]]]:
     """Yield number and words of each line except comments."""
     for number, line in enumerate(io.StringIO(decode_text(data), newline=None), start=1):
         if len(line) > _LONGEST_LINE or number > _MOST_LINES:
-            raise MissionFileError(f"line {number}: longer than such a file is; it is damaged")
+            raise MissionFileError(f"line {number}: longer than any line of such a file; it is damaged")
         words = line.split()
         if words and not words[0].startswith("#"):
             yield number, words

@@ -145,7 +145,7 @@ class ChangeSession(ABC):
         self.record.outcome, self.record.text, self.record.ended_s = outcome, text, now_s
 
     _flown_meanwhile = ""
-    """Behaviour of the vehicle during retries of the upload, for the operator."""
+    """What the operator reads about the vehicle during retries of the upload."""
 
     def _note_begun_anew(self, event: Event, now_s: float) -> None:
         """Report a retry of the upload to the operator."""

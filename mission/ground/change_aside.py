@@ -97,7 +97,7 @@ class AsideChange(ChangeSession):
     _flown_meanwhile = "it flies to the next point in the guided mode"
 
     def start(self, now_s: float) -> list[Message]:
-        """Begin the change, immediately or when the target is near enough for a short time in guided mode."""
+        """Begin the change: at once, or later so that the time in guided mode is short."""
         self.record.asked_s = self._waits_s = self._heard_s = now_s
         guard = self.request.guard
         if guard is not None and not guard.ready:

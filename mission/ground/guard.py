@@ -45,7 +45,7 @@ class FailsafeGuard:
         return self.poll(now_s)
 
     def poll(self, now_s: float) -> list[Message]:
-        """Request unknown parameters, and repeat the setting that is not confirmed."""
+        """Request unknown parameters, and set an unconfirmed parameter again."""
         if self.ready:
             return []
         if self._tries >= tries_over(self._round_trip):

@@ -149,7 +149,7 @@ class FailureWatch:
 
 _COMPLETE = 5  # MISSION_STATE_COMPLETE
 _REPEATS_S = 12.0
-"""Time after a change in which a reached item may be one of the old mission (s): PX4 repeats
+"""Time after a change in which a reached item may belong to the old mission (s): PX4 repeats
 MISSION_ITEM_REACHED ten times, once per second."""
 _FINISHED = re.compile(r"Mission (?:finished|complete)", re.IGNORECASE)
 

@@ -123,15 +123,15 @@ class StateBefore:
 
     @classmethod
     def of(cls, monitor: VehicleMonitor, now_s: float) -> StateBefore:
-        """Return the state that a vehicle shows now."""
+        """Return the present state of a vehicle."""
         return cls(monitor.mode, monitor.is_armed, now_s)
 
     def is_past(self, monitor: VehicleMonitor) -> bool:
-        """Whether a HEARTBEAT has shown the vehicle since."""
+        """Whether a HEARTBEAT has arrived since the order."""
         return monitor.mode_heard_s > self.given_s
 
     def is_overruled(self, monitor: VehicleMonitor, expected: Collection[str] = ()) -> bool:
-        """Whether a pilot or a failsafe has acted since: a repetition of the order would overrule them.
+        """Whether a pilot or a failsafe has acted since the order, so that repeating it would overrule them.
 
         ``expected`` are further flight modes in which the order still holds.
         """

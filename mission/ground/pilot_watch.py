@@ -40,7 +40,7 @@ class PilotWatch:
 
     @property
     def in_doubt(self) -> bool:
-        """Whether the mode may result from the end of the mission or from another pilot, not yet decided."""
+        """Whether it is still open if the mission ended in this mode or another pilot chose it."""
         return self._doubt is not None
 
     @property
@@ -124,7 +124,7 @@ class PilotWatch:
         self.ordered, self.obeyed = ordered, ""
 
     def settle(self) -> None:
-        """Report the delayed mode changes, which no reboot has caused."""
+        """Report the delayed mode changes, since no reboot explains them."""
         self.events += self._held
         self._held.clear()
 
@@ -182,7 +182,7 @@ class PilotWatch:
             return
         if self.ordered is not None:
             modes = VehicleModes(message.autopilot, message.type).shows(self.ordered)
-            # An order to resume is obeyed when the mission mode shows; see above.
+            # An order to resume counts as obeyed with the mission mode, as handled above.
             if self.ordered is not Maneuver.RESUME and (not modes or self.mode in modes):
                 self.obeyed = f"{_SHOWS[self.ordered]} (mode {self.mode})"
             # During a change or a return home, another mode does not mean that the mission was left.

@@ -7,7 +7,7 @@ from collections.abc import Callable
 __all__ = ["LIFE_S", "Standstill"]
 
 LIFE_S = 2.0
-"""Lifetime of an order, answer or agreement (s); the operator has not seen what happened since."""
+"""Age at which an order, answer or agreement expires (s): the situation may have changed."""
 
 
 class Standstill:

@@ -82,7 +82,7 @@ class MissionStart:
                 # Only the answer was lost. A repetition would arm a vehicle that a pilot has disarmed since.
                 out += self._give_start(now_s)
             elif starts and monitor.is_armed and monitor.in_mission:
-                # A repetition would restart the mission in flight.
+                # A repeated order would restart the mission in flight.
                 self.phase, self._order = Phase.FLIGHT, None
             elif order.is_given_up or not self._repeats or (starts and self._before.is_overruled(monitor)):
                 out += self._give_up(now_s)
@@ -217,7 +217,7 @@ class MissionStart:
     def _give(self, phase: Phase, command: int, now_s: float, *params: float) -> list[Message]:
         self.phase, self._armed_since = phase, False
         self._order = self._contact.order(command, *params)
-        # The vehicle has acknowledged arming before it starts, whether or not a HEARTBEAT shows it.
+        # The vehicle acknowledged arming, even if no HEARTBEAT shows it yet.
         self._before = StateBefore(self._monitor.mode, is_armed=True, given_s=now_s)
         return self._order.send(now_s)
 

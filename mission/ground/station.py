@@ -31,9 +31,9 @@ from sensors.camera.wire import ObservationAssembler
 
 _CONTACT_S = 30.0
 _STATE_S, _STATE_BEHIND_LINK_S = 2.5, 5.0
-"""Largest delay of the mission state after the disarming (s)."""
+"""Longest wait for the last mission state after disarming (s), on a fast and on a slow link."""
 _CLOCK_S = 5.0
-"""Largest delay of the vehicle's clock after a silence (s), plus some round trips."""
+"""Longest wait for the vehicle's clock after a silence (s); some round trips are added."""
 _BEFORE_FLIGHT = frozenset({Phase.CONTACT, Phase.UPLOAD}) | STARTING
 _STREAM_HZ = 4
 _NAV_LAST = 95
@@ -469,7 +469,7 @@ class GroundStation:
             self.tracks.on_position(message, round(1e3 * monitor.boot_s), is_rover=is_rover)
 
     def _on_system_time(self, message: m.MAVLink_system_time_message, now_s: float) -> None:
-        """Handle SYSTEM_TIME: after a reboot, the clock arrives earlier than the first position."""
+        """Handle SYSTEM_TIME, which after a reboot arrives before the first position."""
         self._monitor.clock.take(message.time_boot_ms, now_s)
         self._on_clock(now_s)
 
@@ -537,7 +537,7 @@ class GroundStation:
         return out if self._start.failure is None else self._after_start(out, now_s)
 
     def _after_start(self, out: list[Message], now_s: float) -> list[Message]:
-        """Take over the phase of the start; begin the flight, or end the run if the start failed."""
+        """Copy the phase of the start; begin the flight, or end the run if the start failed."""
         start = self._start
         self.phase = start.phase
         if start.failure is not None:
@@ -597,7 +597,7 @@ class GroundStation:
         by_message = None if profile.item_command else m.MAVLink_mission_set_current_message(*vehicle, seq)
         order = self._contact.order(m.MAV_CMD_DO_SET_MISSION_CURRENT, float(seq), message=by_message)
         out = self._give(order, now_s)
-        # A DO command is done immediately, and the vehicle reports the next navigation item as current.
+        # The vehicle runs a DO command at once, and reports the next navigation item as current.
         passes = self.mission.items[item].command > _NAV_LAST
         shown = next_flown_to(self.mission.items, item) if passes else item
         self._chosen = range(item, shown + 1)

@@ -19,7 +19,7 @@ from mission.model import DEGREES_E7
 __all__ = ["UNKNOWN_ITEM", "Battery", "BootClock", "VehicleMonitor", "VehicleState"]
 
 _RESTART_MS = 5000
-"""Step back of the time since boot that means a reboot (ms); a smaller step is a delayed message."""
+"""Backward step of the time since boot that means a reboot (ms); smaller: a delayed message."""
 
 
 class BootClock:

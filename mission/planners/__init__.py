@@ -12,7 +12,6 @@ if TYPE_CHECKING:
     from mission.planners.budget import parse_budget as parse_budget
     from mission.planners.build import WingPattern as WingPattern
     from mission.planners.build import build_mission as build_mission
-    from mission.planners.conformance import check_planner as check_planner
     from mission.planners.path import PlannedPath as PlannedPath
     from mission.planners.path import path_length as path_length
     from mission.planners.registry import ConfiguredPlanner as ConfiguredPlanner

@@ -231,7 +231,7 @@ def strip_lines(part: Polygon, room: Area, swath: Swath) -> list[Points]:
         line = _best_line(piece, tolerant, swath)
         lines.append(shapely.get_coordinates(line))
         unseen = polygons_of(shapely.difference(piece, swath.seen_from(lines[-1])), swath.least_m2)
-        # Drop a piece of which the line saw almost nothing, or the same line would be found forever.
+        # Drop a piece that its line hardly sees: the same line would be found again and again.
         waiting += [rest for rest in unseen if rest.area < 0.99 * piece.area]
     return lines
 

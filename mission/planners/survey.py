@@ -35,14 +35,14 @@ NAME = "survey"
 BEST = "best"
 SEEN, OVERLAP = "seen", "overlap"
 MOST_PASSES = 20
-_EVERY_DEG = 30  # Step of the initial directions, besides those of the hull's edges
+_EVERY_DEG = 30  # Step of the first directions to try, besides those of the hull's edges
 _FINER_DEG = (12.0, 6.0, 3.0)  # Steps for refining the best direction
 _HULL_ANGLES = 6
 # Longer paths are compared by length and number of turns: predicting all their flights would take minutes.
 _PRICED_M = 400_000.0
 _TURN_M = 20.0  # Row length with about the cost of a turn
 _LONGER = 2.5  # Layouts longer than this multiple of the shortest layout are not evaluated
-_AS_MUCH = 0.02  # Fraction of the area that the chosen layout may see less than the best layout sees
+_AS_MUCH = 0.02  # Allowed loss of seen area against the layout that sees most (fraction)
 _ROW_M = 0.01  # Half the width of the line that stands for a row
 _FINALISTS = 3  # Number of layouts for which the best order of cells is computed
 _SMOOTHED = 0.125  # Greatest smoothing of borders with many vertices (fraction of an image)

@@ -179,8 +179,8 @@ class Greedy(MapPolicy):
 class Orienteering(MapPolicy):
     """Choose places and their order for the greatest discounted value within the remaining budget.
 
-    Legs cost the vehicle's travel costs. If the budget counts the return, the tour leaves enough for it. The
-    class also has the parameters of `MapPolicy`.
+    The cost of a leg is the vehicle's travel cost. If the budget counts the return, the tour leaves enough
+    for it. The class also has the parameters of `MapPolicy`.
 
     Parameters
     ----------

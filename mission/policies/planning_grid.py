@@ -84,8 +84,8 @@ class PlanningGrid:
 
 
 def strip_width(shares: NDArray[np.float32]) -> float:
-    """Return the width, in cells, of the strip that loses its value to a long straight pass."""
-    # Fraction of value that the pass as a whole takes from a cell beside it.
+    """Return the width (cells) of the strip whose value a long straight leg removes."""
+    # Fraction of value that the whole leg removes from a cell beside it.
     beside = 1.0 - np.prod(1.0 - shares.astype(np.float64), axis=0)
     beside[len(shares) // 2] = 1.0
     return float(beside.sum())

@@ -81,7 +81,7 @@ def leg_values(
 
 
 _SECTORS = 32
-_DENSE = 6  # Every cell is a leg's end up to twice this distance
+_DENSE = 6  # Up to twice this distance, legs may end in every cell
 
 X, Y, COST, VALUE = range(4)
 """Columns of a route: position in cells, cumulative cost, and cumulative discounted value."""

@@ -54,7 +54,7 @@ class Rendered:
         return self.origins if kind is MissionType.MISSION else tuple(range(len(self.mission.plan(kind))))
 
     def index_of(self, item: int) -> int:
-        """Return the number in the converted mission of an original item, or of the next item kept."""
+        """Return the new number of an original item, or of the next item if it was removed."""
         return bisect_left(self.origins, item)
 
 
@@ -225,7 +225,7 @@ class _Writer:
         self.entries = sorted(written, key=lambda entry: entry[0])
 
     def _keep_yaw(self, written: list[tuple[int, MissionItem]], number: int) -> None:
-        """Restore a CONDITION_YAW without a suitable waypoint, for an error remark."""
+        """Keep a CONDITION_YAW that no waypoint can take over; a later step reports the error."""
         self.remarks = [remark for remark in self.remarks if remark.item != number]
         written.append((number, self.mission.items[number]))
 

@@ -298,7 +298,7 @@ class MissionUpload(ClientTransfer):
 
 
 class MissionClear(ClientTransfer):
-    """Clear of one plan; ends with `ClearComplete` or `TransferFailed`."""
+    """Removal of one plan from the vehicle; ends with `ClearComplete` or `TransferFailed`."""
 
     _opening_input = ClientInput.START_CLEAR
 

@@ -164,7 +164,7 @@ class Imaging:
 
     @property
     def sure_along_m(self) -> float:
-        """`along_m` minus `image_distance_m` at each end, by which the last image of a row may be off (m)."""
+        """Length that an image surely shows (m), if it may be `image_distance_m` off at either end."""
         return max(self.along_m - 2.0 * self.image_distance_m, 0.0)
 
     @property

@@ -8,12 +8,10 @@ from sensors.estimators.base import (
     make_estimator,
     prepare_estimator,
 )
-from sensors.estimators.check import check_estimator
 
 __all__ = [
     "Estimator",
     "advance_estimator",
-    "check_estimator",
     "default_estimator",
     "estimator_names",
     "make_estimator",

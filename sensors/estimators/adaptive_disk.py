@@ -194,7 +194,7 @@ class AdaptiveDiskEstimator(BaseEstimator):
 
     def _views(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """Return read-only views of value and uncertainty, the same objects at each call."""
-        # The views are stale after a new fit, when fields stop sharing, and in a copy of the estimator.
+        # New views are needed after a fit, in a copy, and when fields no longer share a map.
         own = (self._value, self._uncertainty)
         if any(view.base is not array for view, array in zip(self._published, own, strict=True)):
             # Fields that share a map also share a plane of uncertainty.

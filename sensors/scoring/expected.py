@@ -16,7 +16,7 @@ def loss_of_deviation(
     *,
     first: int = 0,
 ) -> NDArray[np.float32]:
-    """Return the expected loss of an estimate about which the truth is symmetrically distributed.
+    """Return the expected loss if the truth is distributed symmetrically about the estimate.
 
     Half of the squared error s^2 is above the truth and half below::
 

@@ -131,7 +131,7 @@ class LazyProbabilities(Mapping[str, NDArray[np.float32]]):
         return self._compute(disease, columns)
 
     def __contains__(self, disease: object) -> bool:
-        # That of Mapping would compute the probabilities.
+        # `Mapping.__contains__` would compute the probabilities.
         return disease in self._diseases
 
     def __iter__(self) -> Iterator[str]:

@@ -217,7 +217,7 @@ class RunningScore:
         Parameters
         ----------
         estimate : float[n, W, H] or InformationModel
-            The estimate. For the successor of the model evaluated last, only the changed tiles are summed.
+            The estimate. If it directly follows the model evaluated last, only changed tiles are summed.
 
         Raises
         ------
@@ -266,7 +266,7 @@ class RunningScore:
         return -self.loss
 
     def _follows(self, estimate: NDArray[np.floating] | InformationModel) -> bool:
-        """Return whether an estimate is the successor of the model evaluated last."""
+        """Return whether an estimate directly follows the model that was evaluated last."""
         if self._summed is None or not isinstance(estimate, InformationModel):
             return False
         value, revision = self._summed

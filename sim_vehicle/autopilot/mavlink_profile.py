@@ -8,7 +8,7 @@ from typing import Literal
 
 from mission.link.codec.dialect import mavlink as m
 from sim_vehicle.autopilot.modes import ModeTable
-from sim_vehicle.autopilot.parameters import ParameterDetails, Setting
+from sim_vehicle.autopilot.parameters import Setting
 
 __all__ = [
     "COMMON_CAPABILITIES",
@@ -166,9 +166,9 @@ class MavlinkProfile:
     """Whether mission, fence and rally points can be transferred as files (ArduPilot)."""
     system_files: bool = False
     """Whether there are files about the board and its tasks (ArduPilot's @SYS)."""
-    component_metadata: Callable[[], Mapping[str, ParameterDetails]] | None = None
-    """Function that returns details of parameters by name, for the files of COMPONENT_METADATA (PX4). None if
-    there are no such files."""
+    component_metadata: tuple[str, str] | None = None
+    """Name and package of the tables of parameters (``lists/NAME*.csv``) for the files of COMPONENT_METADATA
+    (PX4). None if there are no such files."""
     tells_calibration: bool = False
     """Whether notices are sent during a calibration (PX4)."""
     calibration_text: str = ""

@@ -2,7 +2,7 @@
 
 The tables are CSV files in ``lists/``: name, type, default, documented range, unit. Comments at the top of a
 table name its sources. ``*-motion`` tables hold the parameters of the motion, with a short description and
-the constant of the law of motion. ``*-details`` and ``*-choices`` are read when a peer asks for them.
+the constant of the law of motion. ``*-details`` and ``*-choices`` are for parameter editors.
 """
 
 from __future__ import annotations
@@ -24,12 +24,11 @@ if TYPE_CHECKING:
 __all__ = [
     "FailsafeDefaults",
     "MavParameter",
-    "ParameterDetails",
     "RuntimeParameters",
     "Setting",
     "motion_parameters",
-    "parameter_details",
     "reference_parameters",
+    "table_rows",
 ]
 
 _INTEGERS = {8: m.MAV_PARAM_TYPE_INT8, 16: m.MAV_PARAM_TYPE_INT16, 32: m.MAV_PARAM_TYPE_INT32}
@@ -183,27 +182,6 @@ class Setting:
         return self.scale * parameters.kept(self.name, self.default)
 
 
-@dataclass(frozen=True, slots=True)
-class ParameterDetails:
-    """Metadata of a parameter for parameter editors."""
-
-    group: str
-    """Heading of the parameter in ground stations."""
-    # Documented range in the parameter's unit; infinite if none is documented.
-    low: float = -math.inf
-    high: float = math.inf
-    decimals: int | None = None
-    """Number of decimal places to show."""
-    increment: float | None = None
-    """Increment in editors, in the parameter's unit."""
-    reboot: bool = False
-    """Whether a change needs a reboot."""
-    values: tuple[tuple[int, str], ...] = ()
-    """Allowed values with labels; empty if any value is allowed."""
-    bits: tuple[tuple[int, str], ...] = ()
-    """Bits of a bit mask from 0, with labels; empty for no bit mask."""
-
-
 @cache
 def reference_parameters(
     name: str, without: tuple[str, ...] = (), package: str = __package__
@@ -217,7 +195,7 @@ def reference_parameters(
     >>> [p.name for p in reference_parameters("px4") if p.name.startswith("GF_MAX")]
     ['GF_MAX_HOR_DIST', 'GF_MAX_VER_DIST']
     """
-    return tuple(_parameter(row) for row in _rows(name, package) if not row["name"].startswith(without))
+    return tuple(_parameter(row) for row in table_rows(name, package) if not row["name"].startswith(without))
 
 
 def motion_parameters(name: str, package: str = __package__) -> Mapping[str, ParameterSpec]:
@@ -238,43 +216,12 @@ def motion_parameters(name: str, package: str = __package__) -> Mapping[str, Par
             integer=row["type"] != "float",
             law=row["law"],
         )
-        for row in _rows(name, package)
+        for row in table_rows(name, package)
     }
 
 
-@cache
-def parameter_details(name: str) -> Mapping[str, ParameterDetails]:
-    """Return the details of an autopilot's parameters by name.
-
-    Examples
-    --------
-    >>> details = parameter_details("px4")["GF_ACTION"]
-    >>> details.group, details.values[2], details.high
-    ('Geofence', (2, 'Hold mode'), 5.0)
-    """
-    choices: dict[str, dict[str, list[tuple[int, str]]]] = {}
-    for row in _rows(f"{name}-choices"):
-        kinds = choices.setdefault(row["choices"], {"value": [], "bit": []})
-        kinds[row["kind"]].append((int(row["number"]), row["label"]))
-    ranges = {parameter.name: (parameter.low, parameter.high) for parameter in reference_parameters(name)}
-    details = {}
-    for row in _rows(f"{name}-details"):
-        kinds = choices.get(row["choices"], {"value": [], "bit": []})
-        low, high = ranges.get(row["name"], (-math.inf, math.inf))
-        details[row["name"]] = ParameterDetails(
-            row["group"],
-            low=low,
-            high=high,
-            decimals=int(row["decimals"]) if row["decimals"] else None,
-            increment=float(row["increment"]) if row["increment"] else None,
-            reboot=row["reboot"] == "yes",
-            values=tuple(kinds["value"]),
-            bits=tuple(kinds["bit"]),
-        )
-    return details
-
-
-def _rows(table: str, package: str = __package__) -> Iterator[dict[str, str]]:
+def table_rows(table: str, package: str = __package__) -> Iterator[dict[str, str]]:
+    """Return the rows of the table ``lists/TABLE.csv`` of a package, as texts by column."""
     text = files(package).joinpath("lists", f"{table}.csv").read_text(encoding="utf-8")
     return csv.DictReader(line for line in text.splitlines() if not line.startswith("#"))
 

@@ -13,7 +13,6 @@ from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
 from sim_vehicle.airframe.power_spec import GRAVITY_M_S2
 from sim_vehicle.autopilot.modes import Mode
-from sim_vehicle.autopilot.stick_rules import Sticks
 from sim_vehicle.execution.state import FlightPhase, LandedState
 from sim_vehicle.mavlink.wire_state import UNUSED, int16_vector
 
@@ -21,10 +20,10 @@ if TYPE_CHECKING:
     from sim_vehicle.mavlink.wire_state import WireState
     from sim_vehicle.motion.legs import Position
 
-__all__ = ["ARDUPILOT_BUILDERS", "STREAMS", "group_number"]
+__all__ = ["ARDUPILOT_BUILDERS", "STREAMS", "group_number", "target_leg"]
 
-# Type masks that use only the position (with ArduPilot's unused bits set), only the velocity, or both.
-_ONLY_GLOBAL_POSITION, _ONLY_POSITION, _ONLY_VELOCITY, _BOTH = 0xFDF8, 0xDF8, 0xC07, 0xC00
+# Type mask that uses only the position, with ArduPilot's unused bits set.
+_ONLY_GLOBAL_POSITION = 0xFDF8
 _GAUSS = (0.25, 0.0, 0.41)
 _CENTIDEGREES = 2500
 _BOARD_MV, _FREE_BYTES = 5000, 131_072
@@ -32,11 +31,9 @@ _BOARD_MV, _FREE_BYTES = 5000, 131_072
 _SPACING_M, _LOADED = 100, 56
 _MIDDLE_US, _LEAST_US = 1500, 1000
 _MANUAL_MODES = frozenset({Mode.MANUAL, Mode.ALTITUDE, Mode.POSITION, Mode.HOLD})
-# Channels 5 to 18 of the RC receiver in ArduPilot's simulator.
-_SWITCHES = (1800, 1000, 1000, 1800, *[0] * 10)
 
 
-def _target(source: WireState) -> tuple[Position, Position] | None:
+def target_leg(source: WireState) -> tuple[Position, Position] | None:
     """Return start and end of the present leg; None without a leg and in modes without a target."""
     pilot = source.pilot
     executor = pilot.executor
@@ -50,7 +47,7 @@ def _target(source: WireState) -> tuple[Position, Position] | None:
 def _nav_controller_output(source: WireState) -> Message:
     x, y, z = source.pilot.state.position_m
     bearing = distance = rise = aside = 0.0
-    target = _target(source)
+    target = target_leg(source)
     if target is not None:
         (ax, ay, az), (bx, by, bz) = target
         distance, bearing = math.hypot(bx - x, by - y), math.degrees(math.atan2(bx - x, by - y))
@@ -68,29 +65,13 @@ def _nav_controller_output(source: WireState) -> Message:
 
 
 def _position_target_global_int(source: WireState) -> Message | None:
-    target = _target(source)
+    target = target_leg(source)
     if target is None:
         return None
     latitude, longitude, altitude_mm = source.e7_of(target[1])
     return m.MAVLink_position_target_global_int_message(
         source.boot_ms, 0, _ONLY_GLOBAL_POSITION, latitude, longitude, altitude_mm / 1000.0, *[0.0] * 8
     )
-
-
-def _position_target_local_ned(source: WireState) -> Message | None:
-    pilot = source.pilot
-    if pilot.mode not in (Mode.GUIDED, Mode.TAKEOFF):
-        return None
-    target, flown = _target(source), pilot.setpoints.flown
-    velocity = (0.0, 0.0, 0.0) if flown is None else flown.velocity_m_s
-    moves = flown is not None and not any(map(math.isnan, velocity))
-    if target is None and not moves:
-        return None
-    mask = _ONLY_VELOCITY if target is None else _BOTH if moves else _ONLY_POSITION
-    east, north, up = (0.0, 0.0, 0.0) if target is None else target[1]
-    v_east, v_north, v_up = velocity if moves else (0.0, 0.0, 0.0)
-    numbers = (north, east, -up, v_north, v_east, -v_up, *[0.0] * 5)
-    return m.MAVLink_position_target_local_ned_message(source.boot_ms, m.MAV_FRAME_LOCAL_NED, mask, *numbers)
 
 
 def _servo_output_raw(source: WireState) -> Message:
@@ -135,22 +116,9 @@ def _terrain_report(source: WireState) -> Message:
     )
 
 
-def _rc_channels(source: WireState) -> Message:
-    """RC_CHANNELS: a ground station's overrides, else the channels of ArduPilot's simulated receiver."""
-    rules, heard = source.firmware.sticks, source.pilot.sticks
-    if rules is None or not rules.overrides:
-        return m.MAVLink_rc_channels_message(source.boot_ms, 0, *([UNUSED] * 18 + [255]))
-    sticks = heard or Sticks(up=0.0 if rules.drives else -1.0)
-    half = rules.pwm_half if heard is not None else 500.0
-    axes = (sticks.right, -sticks.forward, sticks.up, sticks.turn)
-    numbers = [*(round(_MIDDLE_US + half * axis) for axis in axes), *_SWITCHES, 255]
-    return m.MAVLink_rc_channels_message(source.boot_ms, 16, *numbers)
-
-
 ARDUPILOT_BUILDERS: dict[int, Callable[[WireState], Message | None]] = {
     m.MAVLINK_MSG_ID_NAV_CONTROLLER_OUTPUT: _nav_controller_output,
     m.MAVLINK_MSG_ID_POSITION_TARGET_GLOBAL_INT: _position_target_global_int,
-    m.MAVLINK_MSG_ID_POSITION_TARGET_LOCAL_NED: _position_target_local_ned,
     m.MAVLINK_MSG_ID_SERVO_OUTPUT_RAW: _servo_output_raw,
     m.MAVLINK_MSG_ID_RAW_IMU: lambda s: m.MAVLink_raw_imu_message(
         s.boot_ms * 1000, *_readings(s, 0, _CENTIDEGREES)
@@ -164,7 +132,6 @@ ARDUPILOT_BUILDERS: dict[int, Callable[[WireState], Message | None]] = {
     m.MAVLINK_MSG_ID_AHRS: lambda _: m.MAVLink_ahrs_message(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
     m.MAVLINK_MSG_ID_AHRS2: _ahrs2,
     m.MAVLINK_MSG_ID_TERRAIN_REPORT: _terrain_report,
-    m.MAVLINK_MSG_ID_RC_CHANNELS: _rc_channels,
 }
 """Builders by message id; a builder returns None if there is nothing to send."""
 

@@ -76,8 +76,6 @@ class CameraCommands:
         pilot = self._state.pilot
         left = self._was_in_mission and pilot.mode is not Mode.MISSION
         self._was_in_mission = pilot.mode is Mode.MISSION
-        if left:
-            self._state.gimbal.to_default()
         pauses = pilot.behaviour.pauses_shots
         if not self.shooting:
             return []

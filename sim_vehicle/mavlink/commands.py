@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from typing import TYPE_CHECKING, Protocol, TypeAlias
 
 from mission.link.codec.dialect import Message
@@ -16,17 +17,15 @@ from mission.link.codec.dialect import mavlink as m
 from mission.link.codec.typed import CommandMessage
 from mission.model import RELATIVE_FRAMES, Command
 from sim_vehicle.autopilot.modes import Mode
-from sim_vehicle.autopilot.parameters import Setting
 from sim_vehicle.execution.items import CAMERA_COMMANDS, ROI_COMMANDS
-from sim_vehicle.mavlink.gimbal import GIMBAL_BUILDERS, GIMBAL_COMMANDS, command_gimbal
-from sim_vehicle.mavlink.telemetry import BUILDERS, built
 from sim_vehicle.mavlink.vehicle_command import Result, VehicleCommand, read_command
-from sim_vehicle.motion.legs import ALONG, INWARD, KEEP, Heading
+from sim_vehicle.motion.legs import ALONG, KEEP, Heading
 from sim_vehicle.pilot.controls import RefusedError, Severity
 from sim_vehicle.pilot.failsafe import FORCE
 
 if TYPE_CHECKING:
     from sim_vehicle.autopilot.mavlink_profile import MavlinkProfile
+    from sim_vehicle.mavlink.extras import VehicleExtra
     from sim_vehicle.mavlink.reports import Schedule
     from sim_vehicle.mavlink.wire_state import WireState
     from sim_vehicle.pilot.pilot import Pilot
@@ -39,7 +38,6 @@ _HEARTBEAT_US = 1e6
 # Threshold of parameter 1 above which DO_FLIGHTTERMINATION terminates (common.xml).
 _TERMINATE = 0.5
 _FIRST_FREE_SERVO, _LAST_SERVO = 5, 16
-_ORBIT_HEADING = Setting("MC_ORBIT_YAW_MOD", 0.0)
 _STANDARD_MODES = {
     1: Mode.HOLD,
     4: Mode.ALTITUDE,
@@ -60,6 +58,8 @@ class CommandedVehicle(Protocol):
     pilot: Pilot
     state: WireState
     has_camera: bool
+    extras: tuple[VehicleExtra, ...]
+    builders: dict[int, Callable[[WireState], Message | None]]
 
     @property
     def schedule(self) -> Schedule:
@@ -68,6 +68,12 @@ class CommandedVehicle(Protocol):
 
     def command_camera(self, command: int, params: tuple[float, ...]) -> None:
         """Send a command to the camera."""
+
+    def built(self, message_id: int) -> tuple[Message, ...]:
+        """Return the message with this id for the present state; empty if the id is unknown."""
+
+    def is_ready(self, message_id: int) -> bool:
+        """Return whether the vehicle has a message, even if there is nothing to send now."""
 
     def metadata(self) -> tuple[Message, ...]:
         """Return COMPONENT_METADATA messages; empty if there are none."""
@@ -108,16 +114,18 @@ class CommandReceiver:
 
     def _execute(self, command: VehicleCommand) -> tuple[int, tuple[Message, ...]]:
         """Execute a command; return the MAV_RESULT and the messages that follow the acknowledgement."""
-        handler = HANDLERS.get(command.id)
-        profile = self._vehicle.state.mavlink
-        if handler is None or command.id in profile.unsupported:
+        vehicle, profile = self._vehicle, self._vehicle.state.mavlink
+        handlers = [extra.commands[command.id] for extra in vehicle.extras if command.id in extra.commands]
+        if command.id in HANDLERS:
+            handlers.append(partial(HANDLERS[command.id], vehicle))
+        if not handlers or command.id in profile.unsupported:
             return _UNSUPPORTED, ()
         if command.long and command.id in profile.int_only:
             return m.MAV_RESULT_COMMAND_INT_ONLY, ()
         try:
-            result = handler(self._vehicle, command)
+            result = [handle(command) for handle in handlers][-1]
         except RefusedError as refusal:
-            self._vehicle.pilot.warn(refusal.text)
+            vehicle.pilot.warn(refusal.text)
             return _DENIED if refusal.denied else profile.refused_result, ()
         return (result, ()) if isinstance(result, int) else (_ACCEPTED, result or ())
 
@@ -278,58 +286,13 @@ def _change_speed(vehicle: CommandedVehicle, command: VehicleCommand) -> Result:
     return None
 
 
-def _orbit(vehicle: CommandedVehicle, command: VehicleCommand) -> None:
-    """DO_ORBIT (PX4): radius, speed, heading, -, position; defaults are 10 m, the cruise speed, and here.
-
-    PX4 reads the altitude as above sea level in every frame.
-    """
-    pilot, modes = vehicle.pilot, vehicle.state.mavlink.modes
-    radius, speed, nose, _, _, _, altitude = command.params
-    if not math.isfinite(nose) or nose == m.ORBIT_YAW_BEHAVIOUR_UNCHANGED:
-        nose = _ORBIT_HEADING.of(pilot.parameters)
-    headings = {
-        m.ORBIT_YAW_BEHAVIOUR_HOLD_INITIAL_HEADING: Heading.fixed(pilot.state.yaw_rad),
-        m.ORBIT_YAW_BEHAVIOUR_UNCONTROLLED: KEEP,
-        m.ORBIT_YAW_BEHAVIOUR_HOLD_FRONT_TANGENT_TO_CIRCLE: ALONG,
-        m.ORBIT_YAW_BEHAVIOUR_RC_CONTROLLED: KEEP,
-    }
-    position = command.position or pilot.frame.to_wgs84(*pilot.state.position_m[:2])
-    here = pilot.state.position_m[2]
-    pilot.orbit(
-        *position,
-        vehicle.state.above_start(altitude, int(m.MAV_FRAME_GLOBAL)) if math.isfinite(altitude) else here,
-        radius_m=radius if math.isfinite(radius) and radius else 10.0,
-        speed_m_s=speed if math.isfinite(speed) and speed > 0.0 else pilot.spec.cruise_speed_m_s,
-        heading=headings.get(int(nose), INWARD),
-        mode=modes.after_command,
-    )
-    if modes.orbit is not None:
-        vehicle.state.name_mode(modes.orbit)
-
-
-def _yaw(vehicle: CommandedVehicle, command: VehicleCommand) -> None:
-    """CONDITION_YAW (ArduCopter): angle, rate, direction, and a flag for a relative angle."""
-    angle, rate, _, relative = command.params[:4]
-    if not (0.0 <= angle <= 360.0 and relative in (0.0, 1.0)):
-        raise RefusedError(f"Yaw refused: angle {angle:g}, parameter 4 {relative:g}", text="")
-    direction = (command.number(3) > 0) - (command.number(3) < 0)
-    vehicle.pilot.auto_yaw.order(math.radians(angle), math.radians(rate), direction, relative=relative == 1.0)
-
-
 def _region(vehicle: CommandedVehicle, command: VehicleCommand) -> None:
-    """DO_SET_ROI_LOCATION and similar: point nose and gimbal at a position, or stop without a position."""
-    command_gimbal(vehicle.state, command)
+    """DO_SET_ROI_LOCATION and similar: point the nose at a position, or stop without a position."""
     known = command.id != Command.DO_SET_ROI_NONE and command.frame in (0, *RELATIVE_FRAMES)
     if known and command.position is not None:
         vehicle.pilot.look_at(*command.position)
     else:
         vehicle.pilot.look_at(None)
-
-
-def _gimbal(vehicle: CommandedVehicle, command: VehicleCommand) -> Result:
-    if vehicle.state.mavlink.gimbal is None:
-        return _UNSUPPORTED
-    return command_gimbal(vehicle.state, command)
 
 
 def _camera(vehicle: CommandedVehicle, command: VehicleCommand) -> Result:
@@ -413,19 +376,19 @@ def _set_current(vehicle: CommandedVehicle, command: VehicleCommand) -> Result:
         vehicle.pilot.set_current(0)
     elif seq >= 0:
         vehicle.pilot.set_current(vehicle.state.own_seq(seq))
-    return built(m.MAVLINK_MSG_ID_MISSION_CURRENT, vehicle.state)
+    return vehicle.built(m.MAVLINK_MSG_ID_MISSION_CURRENT)
 
 
 # Messages
 
 
 def _send(message_id: int) -> Handler:
-    return lambda vehicle, _command: built(message_id, vehicle.state)
+    return lambda vehicle, _command: vehicle.built(message_id)
 
 
 def _set_interval(vehicle: CommandedVehicle, command: VehicleCommand) -> Result:
     message_id, interval = command.number(1, -1), command.params[1]
-    if message_id not in BUILDERS:
+    if message_id not in vehicle.builders:
         vehicle.pilot.warn(vehicle.state.mavlink.refusals.interval.format(message_id))
         return _DENIED
     if math.isnan(interval) or abs(interval) > 1e10:
@@ -433,8 +396,8 @@ def _set_interval(vehicle: CommandedVehicle, command: VehicleCommand) -> Result:
     if message_id == m.MAVLINK_MSG_ID_HEARTBEAT and not 0.0 <= interval <= _HEARTBEAT_US:
         # Clients lose the connection to a vehicle without heartbeats.
         return _DENIED
-    if message_id in GIMBAL_BUILDERS:
-        vehicle.state.gimbal.wake()
+    for extra in vehicle.extras:
+        extra.requested(message_id)
     vehicle.schedule.set_interval(message_id, int(interval), vehicle.state.now_us)
     return None
 
@@ -442,7 +405,7 @@ def _set_interval(vehicle: CommandedVehicle, command: VehicleCommand) -> Result:
 def _interval_of(vehicle: CommandedVehicle, message_id: int) -> Result:
     if not 0 <= message_id <= 65535:
         return _DENIED
-    interval = vehicle.schedule.interval_us(message_id) if message_id in BUILDERS else 0
+    interval = vehicle.schedule.interval_us(message_id) if message_id in vehicle.builders else 0
     return (m.MAVLink_message_interval_message(message_id, interval),)
 
 
@@ -455,10 +418,10 @@ def _request_message(vehicle: CommandedVehicle, command: VehicleCommand) -> Resu
     if message_id == m.MAVLINK_MSG_ID_COMPONENT_METADATA:
         messages = vehicle.metadata()
     else:
-        if message_id in GIMBAL_BUILDERS:
-            vehicle.state.gimbal.wake()
-        messages = built(message_id, vehicle.state)
-    if messages or (message_id in BUILDERS and message_id not in GIMBAL_BUILDERS):
+        for extra in vehicle.extras:
+            extra.requested(message_id)
+        messages = vehicle.built(message_id)
+    if messages or vehicle.is_ready(message_id):
         return messages
     # PX4's MavlinkReceiver::handle_request_message_command, ArduPilot's handle_command_request_message.
     return vehicle.state.mavlink.unknown_message_result
@@ -506,8 +469,6 @@ HANDLERS: dict[int, Handler] = {
     m.MAV_CMD_DO_REPOSITION: _reposition,
     m.MAV_CMD_DO_CHANGE_ALTITUDE: _change_altitude,
     Command.DO_CHANGE_SPEED: _change_speed,
-    m.MAV_CMD_DO_ORBIT: _orbit,
-    Command.CONDITION_YAW: _yaw,
     m.MAV_CMD_DO_FENCE_ENABLE: _fence_enable,
     m.MAV_CMD_DO_FLIGHTTERMINATION: _terminate,
     m.MAV_CMD_DO_GO_AROUND: _go_around,
@@ -536,6 +497,5 @@ HANDLERS: dict[int, Handler] = {
     # The simulated compass is never calibrated, so there is no result to accept.
     m.MAV_CMD_DO_ACCEPT_MAG_CAL: lambda _vehicle, _command: _FAILED,
     **dict.fromkeys(ROI_COMMANDS, _region),
-    **dict.fromkeys(GIMBAL_COMMANDS, _gimbal),
     **dict.fromkeys(CAMERA_COMMANDS, _camera),
 }

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import cache
-from typing import Any, Protocol, TypeAlias
+from typing import Any, ClassVar, Protocol, TypeAlias
 
 from geo.imports import entry_points, load_entry
 from mission.link.codec.dialect import Message
 from sim_vehicle.errors import VehicleError
 from sim_vehicle.mavlink.parameters import ParameterSet
 from sim_vehicle.mavlink.plan_receiver import PlanReceiver
+from sim_vehicle.mavlink.vehicle_command import Result, VehicleCommand
 from sim_vehicle.mavlink.wire_state import WireState
+from sim_vehicle.pilot.extra import PilotExtra
 
 __all__ = ["EXTRA_GROUP", "Timed", "VehicleExtra", "extras_of"]
 
@@ -30,20 +32,63 @@ class Timed(Protocol):
         """Return the messages that are due."""
 
 
-class VehicleExtra(Protocol):
-    """Part of a vehicle that an add-on provides."""
+class VehicleExtra(PilotExtra):
+    """Part of a vehicle that an add-on provides; a subclass overrides what it needs.
 
-    capabilities: int
+    Parameters
+    ----------
+    state : WireState
+        Telemetry source of the vehicle, with its pilot.
+    parameters : ParameterSet
+        Parameters of the vehicle.
+    plans : PlanReceiver
+        Mission, fence and rally points of the vehicle.
+    """
+
+    capabilities: ClassVar[int] = 0
     """Bits added to the capabilities in AUTOPILOT_VERSION (MAV_PROTOCOL_CAPABILITY)."""
-    handlers: Mapping[int, Callable[[Any, float], Iterable[Message] | None]]
-    """Message handlers by message id; a handler takes the message and the time."""
-    timed: Sequence[Timed]
+
+    def __init__(self, state: WireState, parameters: ParameterSet, plans: PlanReceiver) -> None:
+        self.state = state
+        self.parameters = parameters
+        self.plans = plans
+        # Handlers by message id, of the message and the time; the vehicle's own handler is called first.
+        self.handlers: Mapping[int, Callable[[Any, float], Iterable[Message] | None]] = {}
+        # Handlers by MAV_CMD; if the vehicle has its own handler, that one gives the result.
+        self.commands: Mapping[int, Callable[[VehicleCommand], Result]] = {}
+        # Telemetry builders by message id; a builder returns None if there is nothing to send.
+        self.builders: Mapping[int, Callable[[WireState], Message | None]] = {}
+        self.timed: Sequence[Timed] = ()
+
+    def advance(self) -> None:
+        """Advance to the vehicle's time."""
+
+    def watch(self) -> None:
+        """React to a change of mode, before the vehicle reports the mode."""
+
+    def reboot(self) -> None:
+        """Reboot with the vehicle."""
+
+    def execute(self, command: VehicleCommand) -> None:
+        """Execute an item of the mission for the camera or its gimbal."""
+
+    def requested(self, message_id: int) -> None:
+        """Prepare for a client's request of a message or its interval."""
+
+    def is_ready(self, message_id: int) -> bool:
+        """Whether the vehicle has a message of the extra; in a data stream its interval waits until then."""
+        return True
+
+    def camera_attitude(self, boot_us: float) -> tuple[float, float, float] | None:
+        """Return the camera's roll, pitch and heading (rad) at a time since boot; None for straight down."""
+        return None
 
     def log_frame(self, frame: bytes, message_id: int, now_s: float) -> None:
         """Log a frame that the vehicle sent or received."""
 
     def metadata(self) -> tuple[Message, ...]:
         """Return COMPONENT_METADATA messages; empty if the extra has none."""
+        return ()
 
 
 _Maker: TypeAlias = Callable[[WireState, ParameterSet, PlanReceiver], VehicleExtra]

@@ -1,7 +1,7 @@
 """Telemetry of the vehicle, with one table from message id to builder.
 
 To add a message, add a row to `BUILDERS`. Builders of ArduPilot's navigation are in `ardupilot_messages`,
-builders of the gimbal in `gimbal`.
+further builders in vehicle extras.
 """
 
 from __future__ import annotations
@@ -17,7 +17,6 @@ from sim_vehicle.airframe.sensor_errors import HDOP, VDOP, SensorNoise
 from sim_vehicle.autopilot.modes import Mode
 from sim_vehicle.execution.state import FlightPhase, LandedState
 from sim_vehicle.mavlink.ardupilot_messages import ARDUPILOT_BUILDERS
-from sim_vehicle.mavlink.gimbal import GIMBAL_BUILDERS
 from sim_vehicle.mavlink.wire_state import UNUSED, Vector, centidegrees, int16, int16_vector
 from sim_vehicle.pilot.controls import MissionState
 from sim_vehicle.pilot.fence import Breach
@@ -395,7 +394,6 @@ BUILDERS: dict[int, Callable[[WireState], Message | None]] = {
         *s.e7_of((0.0, 0.0, 0.0)), s.unix_us
     ),
     **ARDUPILOT_BUILDERS,
-    **GIMBAL_BUILDERS,
 }
 """Builders by message id; a builder returns None if there is nothing to send."""
 

@@ -24,20 +24,17 @@ from sim_vehicle.autopilot.modes import Mode
 from sim_vehicle.component import UNHEARD
 from sim_vehicle.epoch import EPOCH_UNIX_S
 from sim_vehicle.errors import VehicleError
-from sim_vehicle.execution.items import GIMBAL_COMMANDS as GIMBAL_ITEMS
-from sim_vehicle.execution.items import NAV_COMMANDS
+from sim_vehicle.execution.items import CAMERA_COMMANDS, NAV_COMMANDS
 from sim_vehicle.execution.state import CameraCommand, FlightEvent, HomeMoved, ItemReached
 from sim_vehicle.mavlink.ardupilot_messages import STREAMS, group_number
 from sim_vehicle.mavlink.camera_commands import CAMERA, CameraCommands, camera_feedback
 from sim_vehicle.mavlink.commands import CommandReceiver, set_custom_mode
 from sim_vehicle.mavlink.extras import Timed, extras_of
-from sim_vehicle.mavlink.gimbal import GimbalMessage, command_gimbal, obey_gimbal_message
 from sim_vehicle.mavlink.parameters import ParameterMessage, ParameterSet
 from sim_vehicle.mavlink.plan_receiver import PlanReceiver
 from sim_vehicle.mavlink.reports import GyroCalibration, ItemReports, Schedule, StatusTexts
-from sim_vehicle.mavlink.steering import SetpointMessage, Steering, StickMessage
-from sim_vehicle.mavlink.telemetry import BUILDERS, built
-from sim_vehicle.mavlink.vehicle_command import VehicleCommand
+from sim_vehicle.mavlink.telemetry import BUILDERS
+from sim_vehicle.mavlink.vehicle_command import command_of
 from sim_vehicle.mavlink.wire_state import WireState
 from sim_vehicle.pilot.controls import RefusedError, Severity
 from sim_vehicle.pilot.pilot import Pilot
@@ -55,7 +52,6 @@ _GUIDED_ITEM = 2
 _TRUTH_HZ = 10.0
 _MISSION_IDS = frozenset(wire.SERVER_MESSAGES)
 _Handler: TypeAlias = Callable[[Any], Iterable[Message] | None]
-_GIMBAL_ATTITUDE = m.MAVLINK_MSG_ID_GIMBAL_DEVICE_ATTITUDE_STATUS
 
 
 def _each(kinds: Any, handle: _Handler) -> dict[int, _Handler]:
@@ -164,8 +160,8 @@ class SimVehicle:
         self._heard_ids: frozenset[int] | None = None
         self.has_camera = False
         self._contacted = False
-        # Interval requested by a stream for a sleeping gimbal; applied when the gimbal wakes.
-        self._gimbal_interval_us = 0
+        # Intervals (us) of a data stream by message id, for messages of extras that are not ready.
+        self._later_us: dict[int, int] = {}
         self._signing = signing
         self._tick_s = 0.0
         self._outbox: list[Message] = []
@@ -177,22 +173,24 @@ class SimVehicle:
         self._texts = StatusTexts()
         self._reports = ItemReports(state)
         self._calibration = GyroCalibration(lambda text: pilot.note(Severity.INFO, text))
-        self._steering = Steering(state)
         self._plans = PlanReceiver(state, _AUTOPILOT, self._texts, self._reports)
         self._camera = CameraCommands(state)
         self._commands = CommandReceiver(self)
         self._parameters = ParameterSet(pilot, firmware.parameters(spec, system_id), self._plans.totals())
         self._schedules = {"": self._default_schedule("")}
-        self._extras = extras_of(state, self._parameters, self._plans)
-        for extra in self._extras:
+        self.extras = extras_of(state, self._parameters, self._plans)
+        pilot.extras += self.extras
+        self.builders = dict(BUILDERS)
+        for extra in self.extras:
             state.capabilities |= extra.capabilities
+            self.builders |= extra.builders
         # Parts that send messages at their `due_s`, in the order of sending.
         self._timed: tuple[Timed, ...] = (
             self._camera,
             self._reports,
             self._plans,
             self._parameters,
-            *(part for extra in self._extras for part in extra.timed),
+            *(part for extra in self.extras for part in extra.timed),
             self._calibration,
         )
         self._handlers = self._message_handlers()
@@ -204,9 +202,6 @@ class SimVehicle:
             **_each(CommandMessage, self._commands.receive),
             **_each(ParameterMessage, self._on_parameter),
             **dict.fromkeys(_MISSION_IDS, self._on_mission),
-            **_each(GimbalMessage, lambda message: obey_gimbal_message(self.state, message)),
-            **_each(SetpointMessage, self._steering.take_setpoint),
-            **_each(StickMessage, self._steering.take_sticks),
         }
         handlers |= (
             handler(m.MAVLink_command_ack_message, self._on_ack),
@@ -223,16 +218,22 @@ class SimVehicle:
             handler(m.MAVLink_setup_signing_message, self._on_setup_signing),
             handler(m.MAVLink_timesync_message, self._on_timesync),
         )
-        for extra in self._extras:
-            handlers |= {kind: self._at_its_time(handle) for kind, handle in extra.handlers.items()}
-        if Mode.FOLLOW in self.state.mavlink.modes.numbers:
-            handlers |= (handler(m.MAVLink_follow_target_message, self._steering.take_target),)
         if self.pilot.behaviour.tells_shots:
             handlers[m.MAVLINK_MSG_ID_CAMERA_IMAGE_CAPTURED] = self._on_image
+        for extra in self.extras:
+            for kind, handle in extra.handlers.items():
+                handlers[kind] = self._then(handlers.get(kind), handle)
         return handlers
 
-    def _at_its_time(self, handle: Callable[[Any, float], Iterable[Message] | None]) -> _Handler:
-        return lambda message: handle(message, self._now_s)
+    def _then(
+        self, own: _Handler | None, handle: Callable[[Any, float], Iterable[Message] | None]
+    ) -> _Handler:
+        """Return a handler that calls `own` and then the handler of an extra."""
+
+        def both(message: Any) -> list[Message]:
+            return [*((own and own(message)) or ()), *(handle(message, self._now_s) or ())]
+
+        return both
 
     @property
     def true_position_m(self) -> tuple[float, float, float]:
@@ -245,7 +246,8 @@ class SimVehicle:
 
     def camera_attitude(self, boot_us: float) -> tuple[float, float, float] | None:
         """Return the camera's roll, pitch and heading (rad) at a time since boot; None if straight down."""
-        return self.state.gimbal.attitude_at(boot_us)
+        attitudes = (extra.camera_attitude(boot_us) for extra in self.extras)
+        return next((attitude for attitude in attitudes if attitude is not None), None)
 
     @property
     def plans(self) -> tuple[tuple[MissionItem, ...], ...]:
@@ -276,7 +278,7 @@ class SimVehicle:
             self._contacted = True
             if self._boots is not None:
                 self.state.set_time(round(now_s * 1e6))
-                self.state.reboot()
+                self._restart()
         if not is_a(message, m.MAVLink_heartbeat_message):
             self._advance(now_s)
             answers = handle(message) or ()
@@ -306,9 +308,7 @@ class SimVehicle:
             if boot is not None and message_id in boot.untold:
                 continue
             is_heard = heard is None or message_id in heard
-            message = BUILDERS[message_id](self.state) if is_heard else UNHEARD
-            if message is not None:
-                messages.append(message)
+            messages += self.built(message_id) if is_heard else (UNHEARD,)
         return messages
 
     @property
@@ -360,9 +360,10 @@ class SimVehicle:
         self._tick_s = now_s
         if self._boots is not None:
             self._boot(self._boots)
-        events = self.pilot.advance(now_s, by_sticks=self._steering.by_sticks)
+        events = self.pilot.advance(now_s)
         self.state.sense(now_s)
-        self.state.gimbal.advance(self.pilot.state, 1e3 * self.state.boot_ms, self.pilot.home_m)
+        for extra in self.extras:
+            extra.advance()
         for event in self._reports.merged(events, self._plans.mission):
             self._on_event(event, now_s)
 
@@ -385,24 +386,21 @@ class SimVehicle:
         elif isinstance(event, HomeMoved):
             self.on_home_moved()
         elif isinstance(event, CameraCommand):
-            item = event.item.in_standard_frame()
-            first = (item.param1, item.param2, item.param3, item.param4)
-            params = (*(math.nan if value is None else value for value in first), item.x, item.y, item.z)
-            if item.command in GIMBAL_ITEMS:
-                if item.command == m.MAV_CMD_DO_MOUNT_CONTROL:  # a mission item always holds angles
-                    params = (*params[:6], float(m.MAV_MOUNT_MODE_MAVLINK_TARGETING))
-                source = (self.system_id, _AUTOPILOT)
-                command_gimbal(self.state, VehicleCommand(item.command, params, item.frame, source))
-            else:
-                self.command_camera(item.command, params)
+            command = command_of(event.item, (self.system_id, _AUTOPILOT))
+            if command.id in CAMERA_COMMANDS:
+                self.command_camera(command.id, command.params)
+            for extra in self.extras:
+                extra.execute(command)
 
     def _show_changes(self) -> None:
         """Send notices and changes of mode, arming, landing and progress without delay."""
         pilot = self.pilot
         self._outbox += self._camera.watch(self._now_s)
-        if self._gimbal_interval_us and self.state.gimbal.awake:
-            interval_us, self._gimbal_interval_us = self._gimbal_interval_us, 0
-            self.schedule.set_interval(_GIMBAL_ATTITUDE, interval_us, self.state.now_us)
+        for extra in self.extras:
+            extra.watch()
+        for message_id in [later for later in self._later_us if self.is_ready(later)]:
+            interval_us = self._later_us.pop(message_id)
+            self.schedule.set_interval(message_id, interval_us, self.state.now_us)
         for severity, text in pilot.notices():
             self._outbox += self._texts.messages(severity, text)
         shown = (
@@ -439,7 +437,7 @@ class SimVehicle:
 
     def log_frame(self, frame: bytes, message_id: int, now_s: float) -> None:
         """Log a frame that was sent or received."""
-        for extra in self._extras:
+        for extra in self.extras:
             extra.log_frame(frame, message_id, now_s)
 
     def goodbye(self) -> list[Message]:
@@ -451,11 +449,13 @@ class SimVehicle:
 
     def built(self, message_id: int) -> tuple[Message, ...]:
         """Return the message with this id for the present state; empty if the id is unknown."""
-        return built(message_id, self.state)
+        builder = self.builders.get(message_id)
+        message = None if builder is None else builder(self.state)
+        return () if message is None else (message,)
 
     def metadata(self) -> tuple[Message, ...]:
         """Return COMPONENT_METADATA messages; empty if no extra has metadata."""
-        return tuple(message for extra in self._extras for message in extra.metadata())
+        return tuple(message for extra in self.extras for message in extra.metadata())
 
     def _send(self, message_id: int) -> None:
         """Send a message for the present state."""
@@ -470,13 +470,18 @@ class SimVehicle:
         if self.state.mavlink.tells_calibration:
             self._calibration.begin(self._now_s)
 
+    def _restart(self) -> None:
+        self.state.reboot()
+        for extra in self.extras:
+            extra.reboot()
+
     def reboot(self) -> None:
         """Reboot: reset the time since boot, plan ids, message rates and transfers; the plans are kept.
 
         On the ground the vehicle comes up in its boot mode. In flight the vehicle keeps its mode: a
         simplified watchdog reboot, sufficient for tests of ground stations.
         """
-        self.state.reboot()
+        self._restart()
         self._plans.reboot(self._now_s)
         if not self.pilot.armed:
             self.pilot.modes.override(self.state.mavlink.modes.boot)
@@ -530,8 +535,6 @@ class SimVehicle:
 
     def _on_parameter(self, message: ParameterMessage) -> list[Message]:
         answers = self._parameters.handle(message, self._now_s)
-        if is_a(message, m.MAVLink_param_set_message) and message.param_id.startswith("MNT"):
-            self.state.gimbal.wake()
         if is_a(message, m.MAVLink_param_request_list_message):
             self.pilot.note(Severity.INFO, self.state.mavlink.identity.banner)
         return answers
@@ -584,7 +587,11 @@ class SimVehicle:
         rate = message.req_message_rate if message.start_stop else 0
         interval_us = round(1e6 / rate) if rate else -1
         for message_id in STREAMS.get(message.req_stream_id, ()):
-            if message_id == _GIMBAL_ATTITUDE and not self.state.gimbal.awake:
-                self._gimbal_interval_us = interval_us
-                continue
-            self.schedule.set_interval(message_id, interval_us, self.state.now_us)
+            if self.is_ready(message_id):
+                self.schedule.set_interval(message_id, interval_us, self.state.now_us)
+            else:
+                self._later_us[message_id] = interval_us
+
+    def is_ready(self, message_id: int) -> bool:
+        """Return whether the vehicle has a message, even if there is nothing to send now."""
+        return message_id in self.builders and all(extra.is_ready(message_id) for extra in self.extras)

@@ -9,8 +9,9 @@ from typing import TypeAlias
 from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
 from mission.link.codec.typed import CommandMessage, is_a
+from mission.model import MissionItem
 
-__all__ = ["Result", "VehicleCommand", "read_command"]
+__all__ = ["Result", "VehicleCommand", "command_of", "read_command"]
 
 _INT_FRAMES = {5: 0, 6: 3, 11: 10}
 
@@ -63,3 +64,11 @@ def read_command(message: CommandMessage) -> VehicleCommand:
     scale = 1e-7 if frame in (0, 3, 10) else 1.0
     params = (*first, message.x * scale, message.y * scale, message.z)
     return VehicleCommand(message.command, params, frame, source)
+
+
+def command_of(item: MissionItem, source: tuple[int, int]) -> VehicleCommand:
+    """Convert a mission item to a VehicleCommand in a standard frame; a missing parameter is NaN."""
+    item = item.in_standard_frame()
+    first = (item.param1, item.param2, item.param3, item.param4)
+    params = (*(math.nan if value is None else value for value in first), item.x, item.y, item.z)
+    return VehicleCommand(item.command, params, item.frame, source)

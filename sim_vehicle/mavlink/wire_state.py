@@ -10,7 +10,6 @@ from mission.model import RELATIVE_FRAMES, GeoPoint
 from sim_vehicle.airframe.power_spec import GRAVITY_M_S2
 from sim_vehicle.airframe.sensor_errors import NavigationErrors, Sensed, SensorNoise
 from sim_vehicle.autopilot.modes import Mode
-from sim_vehicle.pilot.gimbal import Gimbal
 
 if TYPE_CHECKING:
     from sim_vehicle.autopilot.behaviour import BootStage
@@ -62,8 +61,6 @@ class WireState:
         self.firmware = pilot.firmware
         self.mavlink = pilot.firmware.mavlink
         self.home = home
-        # Gimbal of the camera; not fitted if the autopilot has no gimbal.
-        self.gimbal = Gimbal(pilot.parameters, self.mavlink.gimbal)
         self.system_id = system_id
         self.capabilities = self.mavlink.identity.capabilities
         self.errors = NavigationErrors(noise) if noise is not None and not noise.is_off else None
@@ -233,7 +230,6 @@ class WireState:
         self._boot_us = self.now_us
         self.boot_ms = 0
         self.plan_ids = (0, 0, 0)
-        self.gimbal.boot()
 
     def wire_seq(self, seq: int) -> int:
         """Return the wire number of a mission item (ArduPilot counts home as item 0)."""

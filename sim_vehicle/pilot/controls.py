@@ -74,6 +74,8 @@ class Controls:
         self.flown_attitude: tuple[float, float] | None = None
         # Whether a position (GPS) is available, and whether all motors work.
         self.position_ok = self.motor_ok = True
+        # Latest complaint; empty after an order that was obeyed.
+        self.complaint = ""
 
     @property
     def spec(self) -> VehicleSpec:
@@ -113,6 +115,12 @@ class Controls:
     def warn(self, text: str) -> None:
         """Add a warning to the operator, unless the text is empty."""
         self.note(Severity.WARNING, text)
+
+    def complain(self, text: str) -> None:
+        """Warn why a repeated order is refused, once per run of equal texts."""
+        if text != self.complaint:
+            self.complaint = text
+            self.warn(text)
 
     def notices(self) -> list[tuple[Severity, str]]:
         """Return and clear the notices since the last call."""

@@ -2,35 +2,25 @@
 
 from __future__ import annotations
 
-import math
-from contextlib import suppress
 from typing import TYPE_CHECKING
 
 from sim_vehicle.autopilot.modes import Mode
-from sim_vehicle.autopilot.parameters import Setting
 from sim_vehicle.execution.state import FlightPhase, LandedState
-from sim_vehicle.motion.legs import Heading
 from sim_vehicle.pilot.controls import RefusedError
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from mission.model import MissionItem
     from sim_vehicle.pilot.controls import Controls
-    from sim_vehicle.pilot.follow import FollowPilot
-    from sim_vehicle.pilot.guided import AttitudePilot, SetpointFollower
+    from sim_vehicle.pilot.extra import PilotExtra
     from sim_vehicle.pilot.mission_status import MissionStatus
-    from sim_vehicle.pilot.sticks import StickPilot
 
 __all__ = ["ModeControl"]
 
 # Modes that are not restored, after PX4's ``mode_requirements.cpp`` and ``UserModeIntention.cpp``.
 _NOT_RESTORED = frozenset({Mode.RTL, Mode.LAND, Mode.TAKEOFF, Mode.FOLLOW})
 _WITHOUT_POSITION = (Mode.MANUAL, Mode.ATTITUDE, Mode.FLIP)
-_BY_HAND = (Mode.MANUAL, Mode.ALTITUDE)
-# 40 of 45 degrees: ArduCopter does not flip from a larger lean of the sticks.
-_MAX_FLIP_STICK = 40.0 / 45.0
-_CIRCLE_RADIUS = Setting("CIRCLE_RADIUS", 1000.0, 0.01)
-_CIRCLE_RATE = Setting("CIRCLE_RATE", 20.0, math.radians(1.0))
-_CIRCLE_OPTIONS, _LOOKS_ALONG, _BEGINS_AT_CENTER = Setting("CIRCLE_OPTIONS", 1.0), 2, 4
 
 
 class ModeControl:
@@ -40,10 +30,7 @@ class ModeControl:
         self,
         controls: Controls,
         mission: MissionStatus,
-        setpoints: SetpointFollower,
-        attitude: AttitudePilot,
-        follow: FollowPilot,
-        sticks: StickPilot | None,
+        extras: Sequence[PilotExtra],
     ) -> None:
         # Last mode that was ordered or followed from an order; the vehicle arms in this mode.
         self.intended = controls.mode
@@ -53,16 +40,12 @@ class ModeControl:
         self.takeoff_altitude_m: float | None = None
         self._controls = controls
         self._mission = mission
-        self._setpoints = setpoints
-        self._attitude = attitude
-        self._follow = follow
-        self._sticks = sticks
-        self._mode_before_flip, self._points_inward = controls.mode, False
+        self._extras = extras
         self._left_mission: tuple[tuple[MissionItem, ...], int] | None = None
 
     def check(self, mode: Mode) -> None:
         """Raise RefusedError if the mode is not possible now."""
-        controls, sticks = self._controls, self._sticks
+        controls = self._controls
         if controls.state.phase.is_lost:
             why = "battery empty" if controls.state.phase is FlightPhase.DEPLETED else "falling"
             raise RefusedError(f"Mode {mode.value} refused: {why}")
@@ -70,33 +53,16 @@ class ModeControl:
             return
         if mode is Mode.MISSION and (problem := self._mission.why_not_begin()) is not None:
             raise RefusedError(f"Mission mode refused: {problem}")
-        if mode is Mode.FLIP and not self._may_flip:
-            raise RefusedError("Mode flip refused: not flying by hand")
         if mode not in _WITHOUT_POSITION and not controls.position_ok:
             raise RefusedError(f"Mode {mode.value} refused: no position")
-        if sticks is not None and sticks.lacks(mode):
-            raise RefusedError(f"Mode {mode.value} refused: no sticks")
-        if mode is Mode.GUIDED and controls.rules.needs_stream and not self._setpoints.is_fresh:
-            raise RefusedError("Mode guided refused: no setpoints")
+        for extra in self._extras:
+            if (reason := extra.why_not_enter(mode)) is not None:
+                raise RefusedError(f"Mode {mode.value} refused: {reason}")
 
     def why_not_arm(self) -> str | None:
-        """Return the reason against arming for lack of sticks or setpoints, or None."""
-        controls = self._controls
-        if controls.mode is Mode.GUIDED and controls.rules.needs_stream and not self._setpoints.is_fresh:
-            return "No offboard signal"
-        return None if self._sticks is None else self._sticks.why_not_arm(controls.mode)
-
-    @property
-    def _may_flip(self) -> bool:
-        """Whether ArduCopter would begin a flip (``ModeFlip::init``)."""
-        controls, sticks = self._controls, self._sticks
-        if not controls.armed or controls.landed is LandedState.ON_GROUND or controls.mode not in _BY_HAND:
-            return False
-        if sticks is None:
-            return True
-        if controls.mode is Mode.MANUAL and sticks.throttle_down:
-            return False
-        return sticks.shown is None or abs(sticks.shown.right) < _MAX_FLIP_STICK
+        """Return the reason of an extra against arming, or None."""
+        reasons = (extra.why_not_arm(self._controls.mode) for extra in self._extras)
+        return next((reason for reason in reasons if reason is not None), None)
 
     def change(self, mode: Mode) -> bool:
         """Change the mode and, if armed, begin the mode's flight; a refusal restores the old mode.
@@ -105,7 +71,8 @@ class ModeControl:
         effect.
         """
         before, intended = self._controls.mode, self.intended
-        self._attitude.stop()
+        for extra in self._extras:
+            extra.stop()
         self.override(mode)
         if not self._controls.armed:
             return False
@@ -114,12 +81,14 @@ class ModeControl:
         except RefusedError:
             self._controls.mode, self.intended = before, intended
             raise
-        self._begin(mode, before)
+        for extra in self._extras:
+            extra.begin(mode, before)
         return is_down
 
     def override(self, mode: Mode) -> None:
         """Change the mode without the orders of that mode."""
-        self._setpoints.forget()
+        for extra in self._extras:
+            extra.forget()
         self.by_itself = False
         controls, behaviour = self._controls, self._controls.behaviour
         if mode is not controls.mode and controls.landed is not LandedState.ON_GROUND:
@@ -162,8 +131,8 @@ class ModeControl:
             controls.order(executor.return_home if mode is Mode.RTL else executor.land)
         elif not on_ground or controls.state.phase is not FlightPhase.GROUND:
             controls.order(executor.flight.hold)
-        if mode is Mode.GUIDED:
-            controls.order(self._setpoints.begin)
+        for extra in self._extras:
+            extra.start(mode)
         return False
 
     def _fly_mission(self) -> None:
@@ -172,59 +141,3 @@ class ModeControl:
             executor.mission.set_current(0)
         mission.begin()
         self._controls.order(executor.start)
-
-    def _begin(self, mode: Mode, before: Mode) -> None:
-        """Begin the flight in a mode with its own flight controller."""
-        controls = self._controls
-        if mode is Mode.ATTITUDE:
-            self._attitude.take()
-        elif mode is Mode.FLIP:
-            sticks = None if self._sticks is None else self._sticks.shown
-            self._mode_before_flip = before
-            self._attitude.flip(-1.0 if sticks is not None and sticks.right < 0.0 else 1.0)
-        elif mode is Mode.FOLLOW:
-            self._follow.begin()
-        elif mode is Mode.CIRCLE and controls.landed is not LandedState.ON_GROUND:
-            self._circle()
-
-    def fly_on(self) -> None:
-        """Continue a commanded attitude, flip or follow flight; after CIRCLE, stop pointing the nose."""
-        controls = self._controls
-        if controls.mode is Mode.FOLLOW:
-            self._follow.check()
-        if self._points_inward and controls.mode is not Mode.CIRCLE:
-            self._points_inward = False
-            controls.executor.flight.look_at(None)
-        if not self._attitude.active:
-            return
-        if controls.mode not in (Mode.GUIDED, Mode.ATTITUDE, Mode.FLIP):
-            self._attitude.stop()
-            return
-        with suppress(RefusedError):  # the vehicle may have landed meanwhile
-            if self._attitude.check() and controls.mode is Mode.FLIP:
-                self.change(self._mode_before_flip)
-
-    def _circle(self) -> None:
-        """Circle about a point ahead with the nose inward, as in ArduCopter's CIRCLE mode.
-
-        Follows ``AC_Circle::init`` and ``calc_velocities``.
-        """
-        controls = self._controls
-        get, spec, executor = controls.parameters, controls.spec, controls.executor
-        radius, rate = _CIRCLE_RADIUS.of(get), _CIRCLE_RATE.of(get)
-        options = int(_CIRCLE_OPTIONS.of(get))
-        x, y, z = executor.motion.stopping_point()
-        yaw = controls.state.yaw_rad
-        if radius <= 0.0:
-            controls.order(lambda: executor.goto(x, y, z, heading=Heading.turning(rate)))
-            return
-        if rate == 0.0:
-            return
-        if not options & _BEGINS_AT_CENTER:
-            x, y = x + radius * math.sin(yaw), y + radius * math.cos(yaw)
-        most = min(spec.cruise_speed_m_s, math.sqrt(0.5 * spec.acceleration_m_s2 * radius))
-        speed = min(abs(rate) * radius, most)
-        controls.order(lambda: executor.orbit(x, y, z, math.copysign(radius, rate), speed))
-        if not options & _LOOKS_ALONG:
-            self._points_inward = True
-            executor.flight.look_at((x, y))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from contextlib import suppress
 from typing import TYPE_CHECKING
 
 from mission.model import Command, MissionItem
@@ -29,13 +28,11 @@ from sim_vehicle.execution.state import (
 )
 from sim_vehicle.motion.legs import ALONG, Heading
 from sim_vehicle.pilot.controls import Controls, RefusedError, Severity
+from sim_vehicle.pilot.extra import PilotExtra
 from sim_vehicle.pilot.failsafe import ArmingChecks, Failsafe, IdleWatch, Reaction
 from sim_vehicle.pilot.fence import Fence
-from sim_vehicle.pilot.follow import FollowPilot
-from sim_vehicle.pilot.guided import AttitudePilot, AttitudeTarget, AutoYaw, Setpoint, SetpointFollower
 from sim_vehicle.pilot.mission_status import MissionChange, MissionStatus
 from sim_vehicle.pilot.mode_control import ModeControl
-from sim_vehicle.pilot.sticks import StickPilot
 
 if TYPE_CHECKING:
     from geo.frame import LocalFrame
@@ -103,22 +100,24 @@ class Pilot(Controls):
         self.failsafe = Failsafe(self)
         self.mission = MissionStatus(self, self.failsafe)
         self.arming = ArmingChecks(self, self.failsafe)
-        self.attitude = AttitudePilot(self)
-        self.setpoints = SetpointFollower(self, self.failsafe, self.attitude)
-        self.auto_yaw = AutoYaw(self)
-        self.follow = FollowPilot(self)
         self._return_mode_s = math.inf
         self._rally: list[MissionItem] = []
-        self._sticks = flown = None if firmware.sticks is None else StickPilot(self, firmware.sticks)
-        self.modes = ModeControl(self, self.mission, self.setpoints, self.attitude, self.follow, flown)
+        # Parts that add-ons provide; the owner of the pilot appends them.
+        self.extras: list[PilotExtra] = []
+        self.modes = ModeControl(self, self.mission, self.extras)
         self._idle = None
         if self.rules.idle is not None:
-            self._idle = IdleWatch(self, self.rules.idle, lambda: flown is None or flown.throttle_down)
+            self._idle = IdleWatch(self, self.rules.idle, lambda: self.throttle_down)
 
     @property
     def sticks(self) -> Sticks | None:
         """Stick positions of the ground station, or None while no stick messages arrive."""
-        return None if self._sticks is None else self._sticks.shown
+        return next((extra.sticks for extra in self.extras if extra.sticks is not None), None)
+
+    @property
+    def throttle_down(self) -> bool:
+        """Whether no stick demands thrust."""
+        return all(extra.throttle_down for extra in self.extras)
 
     # Plans and parameters
 
@@ -155,7 +154,7 @@ class Pilot(Controls):
         if whole:
             self._report_problems(items)
         if flying and (not items or mission.problems):
-            self._turn_to(Mode.HOLD)
+            self.turn_to(Mode.HOLD)
             if not items:
                 self.note(Severity.CRITICAL, behaviour.no_mission_text)
         return change
@@ -266,15 +265,15 @@ class Pilot(Controls):
         self.failsafe.on_armed()
         if self._idle is not None:
             self._idle.on_armed()
-        if self._sticks is not None:
-            self._sticks.forget()
+        for extra in self.extras:
+            extra.on_armed()
         self._end(Outcome.RUNNING, "")
         self.note(Severity.INFO, text or self.rules.armed)
         self.note(Severity.INFO, self.firmware.mavlink.modes.armed_texts.get(self.arming.custom_mode(), ""))
         if self.mode is Mode.MISSION and self.mission.why_not is not None:
             self.modes.override(Mode.HOLD)
         elif self.mode in (Mode.MISSION, Mode.TAKEOFF):
-            self._turn_to(self.mode)
+            self.turn_to(self.mode)
 
     def disarm(self, *, force: bool = False) -> None:
         """Stop the motors; in the air only with `force`."""
@@ -332,13 +331,14 @@ class Pilot(Controls):
                 f"Reposition refused by the fence: {outside}", denied=True, text=self.rules.fence_refusal
             )
         guided = mode is Mode.GUIDED
-        self.auto_yaw.forget()
-        self.attitude.stop()
+        for extra in self.extras:
+            extra.free_heading()
+            extra.stop()
         if guided:
             self.modes.check(Mode.HOLD)
             self.modes.override(mode)
         else:
-            self._hold_in(mode)
+            self.hold_in(mode)
         if speed_m_s is None and self.behaviour.replays_speed:
             # The speed of the mission is restored together with the mission.
             speed_m_s = self.spec.cruise_speed_m_s
@@ -348,26 +348,11 @@ class Pilot(Controls):
             )
         )
 
-    def orbit(
-        self,
-        latitude_deg: float,
-        longitude_deg: float,
-        altitude_m: float,
-        *,
-        radius_m: float,
-        speed_m_s: float,
-        heading: Heading,
-        mode: Mode,
-    ) -> None:
-        """Fly circles about a position at an altitude above home."""
-        x_m, y_m = self.frame.from_wgs84(latitude_deg, longitude_deg)
-        self._hold_in(mode)
-        self.order(lambda: self.executor.orbit(x_m, y_m, altitude_m, radius_m, speed_m_s, heading=heading))
-
     def look_at(self, latitude_deg: float | None, longitude_deg: float = 0.0) -> None:
         """Point the nose at a position in any flight; None ends the pointing."""
         position = None if latitude_deg is None else self.frame.from_wgs84(latitude_deg, longitude_deg)
-        self.auto_yaw.forget()
+        for extra in self.extras:
+            extra.free_heading()
         self.executor.flight.look_at(position)
 
     def pause(self) -> None:
@@ -377,8 +362,9 @@ class Pilot(Controls):
             return
         if not self.armed or self.mode not in (Mode.MISSION, Mode.GUIDED):
             raise RefusedError(f"Pause refused: mode {self.mode.value}")
-        self.setpoints.forget()
-        self.attitude.stop()
+        for extra in self.extras:
+            extra.forget()
+            extra.stop()
         self.order(self.executor.flight.hold)
 
     def resume(self) -> None:
@@ -426,52 +412,6 @@ class Pilot(Controls):
             )
         self.order(lambda: self.executor.set_speed(speed_m_s))
 
-    def take_setpoint(self, setpoint: Setpoint) -> None:
-        """Store a setpoint, and fly it in the guided mode."""
-        self.setpoints.take(setpoint)
-        if self.mode is Mode.GUIDED:
-            self.attitude.stop()
-        if self.mode is Mode.TAKEOFF and not self.rules.needs_stream:
-            self.mode = Mode.GUIDED
-        if self.mode is Mode.GUIDED and self.armed:
-            if self.auto_yaw.active:
-                # An unchanged target must be flown again, because it includes a heading.
-                self.auto_yaw.forget()
-                self.setpoints.forget()
-            self.setpoints.fly()
-
-    def take_attitude(self, target: AttitudeTarget | None) -> None:
-        """Fly an attitude in the guided modes, or stop with None; store it if the mode needs a stream."""
-        if target is not None and self.rules.needs_stream:
-            self.setpoints.take(target)
-        if self.mode not in (Mode.GUIDED, Mode.TAKEOFF, Mode.ATTITUDE) or not self.armed:
-            return
-        if self.mode is Mode.TAKEOFF:
-            self.mode = Mode.GUIDED
-        self.auto_yaw.forget()
-        self.setpoints.forget()
-        if target is not None:
-            self.attitude.take(target)
-        elif self.mode is Mode.ATTITUDE:
-            self.attitude.take()
-        elif self.landed is not LandedState.ON_GROUND:
-            self.attitude.stop()
-            self.order(self.executor.flight.hold)
-
-    def take_sticks(self, sticks: Sticks, *, flown: bool = True, by_rate: bool = False) -> None:
-        """Fly by the ground station's sticks in the modes for sticks.
-
-        `flown`: the sticks move the vehicle in the custom mode. `by_rate`: sticks command rates.
-        """
-        if self._sticks is None:
-            return
-        if (left := self._sticks.take(sticks, flown=flown, by_rate=by_rate)) is not None:
-            self._turn_to(left)
-        if self._sticks.breaks_off_landing and not self.executor.mission.goes_around:
-            with suppress(RefusedError):  # the vehicle is not landing
-                self.go_around()
-                self.note(Severity.INFO, "Landing aborted via throttle")
-
     # Failures
 
     def fail_motor(self, failed: bool = True) -> None:
@@ -501,11 +441,8 @@ class Pilot(Controls):
 
     # Time and flight events
 
-    def advance(self, now_s: float, *, by_sticks: bool = False) -> list[FlightEvent]:
-        """Fly until a time, and return the events in order.
-
-        `by_sticks`: the sticks move the vehicle in the custom mode.
-        """
+    def advance(self, now_s: float) -> list[FlightEvent]:
+        """Fly until a time, and return the events in order."""
         self.now_s = now_s
         events = self.executor.advance(now_s)
         self.refresh()
@@ -516,23 +453,19 @@ class Pilot(Controls):
         if self.armed:
             for reaction in self.failsafe.check():
                 self._carry_out(reaction)
-            if self._sticks is not None:
-                # A failsafe may have just entered another mode, in which the vehicle holds.
-                flown = by_sticks and not self.modes.by_itself
-                for reaction in self._sticks.check(flown=flown):
+            for extra in self.extras:
+                for reaction in extra.check():
                     self.failsafe.active = True
                     self._carry_out(reaction)
             if self._idle is not None and self.armed and self._idle.is_over():
                 self.executor.disarm()
                 self.refresh()
                 self._on_disarmed(self._idle.texts)
-            mode = self.setpoints.expired() if self.mode is Mode.GUIDED else None
-            if mode is not None:
-                self._turn_to(mode)
-            self.auto_yaw.check()
-            self.modes.fly_on()
-        elif self.attitude.active:
-            self.attitude.stop()
+            for extra in self.extras:
+                extra.fly_on()
+        else:
+            for extra in self.extras:
+                extra.stop()
         return events
 
     def _end_in_return(self, lag_s: float) -> None:
@@ -567,7 +500,7 @@ class Pilot(Controls):
             if not self.mission.returns:
                 self.note(Severity.INFO, self.behaviour.finished_texts[self.landed is LandedState.ON_GROUND])
             if self.armed and self.landed is LandedState.IN_AIR and not self.behaviour.stays_after_last:
-                self._turn_to(Mode.HOLD)
+                self.turn_to(Mode.HOLD)
                 self.modes.intended = Mode.HOLD
         elif isinstance(event, CannotFly):
             self._abort_mission(event)
@@ -590,7 +523,7 @@ class Pilot(Controls):
         if not self.outcome.is_over:
             self._end(Outcome.CANNOT_FLY_ITEM, f"{where}{event.reason}")
         if self.armed and self.landed is not LandedState.ON_GROUND and self.mode is not Mode.LAND:
-            self._turn_to(Mode.LAND if self.mode is Mode.RTL else Mode.RTL)
+            self.turn_to(Mode.LAND if self.mode is Mode.RTL else Mode.RTL)
 
     def _on_disarmed(self, texts: tuple[str, ...]) -> None:
         for text in texts:
@@ -621,19 +554,19 @@ class Pilot(Controls):
         elif reaction.action is Action.DISARM:
             self.disarm(force=True)
         else:
-            self._turn_to(_MODES[reaction.action])
+            self.turn_to(_MODES[reaction.action])
 
     def _check_flying(self) -> None:
         if not self.armed or self.landed is LandedState.ON_GROUND:
             raise RefusedError("Reposition refused: not flying")
 
-    def _hold_in(self, mode: Mode) -> None:
+    def hold_in(self, mode: Mode) -> None:
         """Hold, in the mode that a single order is flown in."""
         self._check_flying()
         self.set_mode(Mode.HOLD)
         self.modes.override(mode)
 
-    def _turn_to(self, mode: Mode) -> None:
+    def turn_to(self, mode: Mode) -> None:
         """Change the mode by the vehicle's own decision; a refusal becomes a warning."""
         intended = self.modes.intended
         try:

@@ -55,4 +55,4 @@ def test_whether_what_is_stated_holds():
         for seed, held in enumerate((0.8, 1.0))
     ]
     page = "\n".join(families.markdown(rows))
-    assert f"| scenario | `gp` |\n|---|---|\n| {SWEEP} | ccr 90% (25%), soil 50% |" in page
+    assert "| family | `gp` |\n|---|---|\n| `own` | ccr 90% (25%), soil 50% |" in page

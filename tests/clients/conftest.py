@@ -11,11 +11,11 @@ import socket
 import subprocess
 import sys
 import threading
-import time
 from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
+from processes import wait_until
 
 from geo.frame import LocalFrame
 from mission.model import Command, Frame, MissionItem
@@ -23,17 +23,6 @@ from sim_vehicle.host.server import Server
 
 # Faster, and the timers of a transfer run out while a busy machine lets a client wait.
 SPEED = 10.0
-
-
-def wait_until(condition, limit_s=60.0, what="the condition"):
-    """Poll until something holds and return it."""
-    end_s = time.monotonic() + limit_s
-    while True:
-        value = condition()
-        if value:
-            return value
-        assert time.monotonic() < end_s, f"{what} took more than {limit_s} s"
-        time.sleep(0.01)
 
 
 def free_port():
@@ -175,7 +164,7 @@ def sim(tmp_path):
             assert process.poll() is None, path.read_text()
             return "Ctrl-C" in path.read_text()
 
-        wait_until(serving, 60.0, "the start of the simulator")
+        wait_until(serving, "the start of the simulator")
         return SimpleNamespace(process=process, log=path)
 
     yield start

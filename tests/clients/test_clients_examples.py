@@ -1,7 +1,7 @@
 """The examples of MAVLink libraries before the simulator: what each of them is there for is achieved.
 
 They are written after the libraries' own (`examples/`): the same calls in the same order. The table of
-docs/clients.md says which there are and why others cannot run.
+docs/client-examples.csv says which there are and why others cannot run.
 """
 
 import contextlib
@@ -21,9 +21,9 @@ from pathlib import Path
 from typing import NamedTuple
 
 import pytest
+from page_tables import rows_of
 
 HERE = Path(__file__).parent / "examples"
-PAGE = Path(__file__).parents[2] / "docs" / "clients.md"
 ORBIT = 3 << 16 | 1 << 24  # PX4's number of the mode
 # A process may be so many times slower than on a quiet machine.
 BUSY = 6.0
@@ -559,14 +559,11 @@ CLIENTS = {
 
 
 def test_the_table_of_the_page_names_every_example_that_is_run_and_no_other():
-    section = PAGE.read_text().split("## Examples of the libraries")[1].split("\n## ")[0]
-    rows = [row.strip("|").split("|") for row in section.splitlines() if row.startswith("| ")]
     passing = {client: set() for client in CLIENTS}
     failing = {client: set() for client in CLIENTS}
-    for client, names, result in rows[1:]:
-        if client.strip() in CLIENTS:
-            kind = passing if result.strip().startswith("passes") else failing
-            kind[client.strip()] |= set(re.findall(r"`([^`]+)`", names))
+    for row in rows_of("client-examples.csv"):
+        kind = passing if row["result"].startswith("passes") else failing
+        kind[row["client"]] |= set(re.findall(r"`([^`]+)`", row["example"]))
     assert passing == {client: set(examples) for client, examples in CLIENTS.items()}
     both = {client: passing[client] & failing[client] for client in CLIENTS}
     assert not any(both.values()), "an example passes and does not"

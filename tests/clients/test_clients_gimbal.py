@@ -4,6 +4,12 @@ import math
 
 import pytest
 
+from wbf_mission.addons.gimbal.extra import GimbalExtra
+
+
+def gimbal_of(flying):
+    return next(extra.gimbal for extra in flying.vehicle.extras if isinstance(extra, GimbalExtra))
+
 
 def test_mavsdk_takes_control_turns_the_gimbal_and_follows_it(connected, tools):
     from mavsdk.plugins.gimbal import ControlMode, Gimbal, GimbalMode, SendMode
@@ -19,7 +25,7 @@ def test_mavsdk_takes_control_turns_the_gimbal_and_follows_it(connected, tools):
     tools.wait_until(
         lambda: gimbal.get_control_status(number).control_mode == ControlMode.PRIMARY, what="the control"
     )
-    assert flying.vehicle.state.gimbal.controller[0] == 245
+    assert gimbal_of(flying).controller[0] == 245
 
     def looks(pitch, yaw):
         def there():
@@ -27,7 +33,7 @@ def test_mavsdk_takes_control_turns_the_gimbal_and_follows_it(connected, tools):
             wanted = (pitch, yaw)
             return angles and (angles.pitch_deg, angles.yaw_deg) == pytest.approx(wanted, abs=0.2)
 
-        tools.wait_until(there, 15.0, f"pitch {pitch}, yaw {yaw}")
+        tools.wait_until(there, f"pitch {pitch}, yaw {yaw}")
 
     for send, mode, pitch, yaw in (
         (SendMode.ONCE, GimbalMode.YAW_FOLLOW, -30.0, 20.0),
@@ -36,16 +42,13 @@ def test_mavsdk_takes_control_turns_the_gimbal_and_follows_it(connected, tools):
     ):
         gimbal.set_angles(number, 0.0, pitch, yaw, mode, send)
         looks(pitch, yaw)
-        assert flying.vehicle.state.gimbal.locks_yaw == (mode == GimbalMode.YAW_LOCK)
+        assert gimbal_of(flying).locks_yaw == (mode == GimbalMode.YAW_LOCK)
     gimbal.set_angular_rates(number, 0.0, 10.0, 0.0, GimbalMode.YAW_FOLLOW, SendMode.ONCE)
     looks(20.0, 90.0)
     north = flying.place(0.0, 100.0)
     gimbal.set_roi_location(number, *north, flying.home.altitude_m)
     tools.wait_until(
-        lambda: (
-            flying.vehicle.state.gimbal.mode == 4 and abs(attitudes[-1].euler_angle_forward.yaw_deg) < 0.2
-        ),
-        15.0,
+        lambda: gimbal_of(flying).mode == 4 and abs(attitudes[-1].euler_angle_forward.yaw_deg) < 0.2,
         "the region of interest",
     )
     gimbal.release_control(number)
@@ -75,5 +78,5 @@ def test_pymavlink_turns_it_by_the_mount_messages(fly, tools):
     )
     assert ack.result == 0
     turned = math.radians(-10.0)
-    tools.wait_until(lambda: flying.vehicle.state.gimbal.angles_rad[1] == turned, what="the command")
+    tools.wait_until(lambda: gimbal_of(flying).angles_rad[1] == turned, what="the command")
     link.close()

@@ -51,7 +51,7 @@ class Session:
             return next((m for line in self.lines[since:] if (m := re.search(pattern, line))), None)
 
         try:
-            return self._wait_until(found, limit_s, pattern)
+            return self._wait_until(found, pattern, limit_s)
         except AssertionError:
             pytest.fail(f"MAVProxy did not say {pattern!r}, but:\n" + "\n".join(self.lines[-40:]))
 
@@ -216,7 +216,7 @@ def test_plans_go_and_come_as_files(session, tools, tmp_path):
     proxy.type(f"wp ftpload {mission}", rf"Sent waypoint of length {len(flying.mission)} in")
     # MAVProxy says so when it has sent the last part, not when the vehicle has taken it.
     mission_held = flying.vehicle.pilot.mission
-    tools.wait_until(lambda: len(mission_held.items) == len(flying.mission) - 1, 10.0, what="the mission")
+    tools.wait_until(lambda: len(mission_held.items) == len(flying.mission) - 1, what="the mission")
     assert [item.command for item in mission_held.items] == [item.command for item in flying.mission[1:]]
     proxy.type("wp ftp", "Saved waypoints to")
     rally = "rally.txt"
@@ -225,12 +225,12 @@ def test_plans_go_and_come_as_files(session, tools, tmp_path):
     (tmp_path / rally).write_text("QGC WPL 110\n" + "\t".join(map(str, row)) + "\n")
     proxy.type(f"rally ftpload {rally}", "Sent rally item of length 1 in")
     server = flying.vehicle._plans.server
-    tools.wait_until(lambda: len(server.plan(MissionType.RALLY).items) == 1, 10.0, what="the rally point")
+    tools.wait_until(lambda: len(server.plan(MissionType.RALLY).items) == 1, what="the rally point")
     (tmp_path / "few.parm").write_text("WPNAV_SPEED 600\nFS_THR_ENABLE 3\n")
     proxy.type("param ftpload few.parm", "Sending 2 params")
     value = flying.vehicle._parameters.value
-    tools.wait_until(lambda: value("WPNAV_SPEED") == 600.0, 10.0, what="the speed")
-    tools.wait_until(lambda: value("FS_THR_ENABLE") == 3.0, 10.0, what="the failsafe")
+    tools.wait_until(lambda: value("WPNAV_SPEED") == 600.0, what="the speed")
+    tools.wait_until(lambda: value("FS_THR_ENABLE") == 3.0, what="the failsafe")
     proxy.type("ftp list @SYS", "tasks.txt")
 
 

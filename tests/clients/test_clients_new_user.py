@@ -32,9 +32,9 @@ def take_off_and_land(system, tools, *, ardupilot=False):
     action.set_takeoff_altitude(3.0)
     action.arm()
     action.takeoff()
-    tools.wait_until(lambda: telemetry.position().relative_altitude_m > 2.8, 30.0, "takeoff")
+    tools.wait_until(lambda: telemetry.position().relative_altitude_m > 2.8, "takeoff")
     action.land()
-    tools.wait_until(lambda: not telemetry.armed(), 40.0, "landing")
+    tools.wait_until(lambda: not telemetry.armed(), "landing")
 
 
 def test_px4_by_default(sim, mavsdk_system, tools):

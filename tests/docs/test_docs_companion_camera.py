@@ -9,12 +9,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from PIL import Image
-from stand_in import LONG_S, scenario, stand_in
+from stand_in import LONG_S, Nobody, scenario, stand_in
 
 from geo import get_farm
 from mission.outcome import Outcome
-from sim_vehicle.camera.pictures import PictureCamera
 from sim_vehicle.host.server import Server
+from wbf_mission.addons.companion.pictures import PictureCamera
 from wbf_mission.flight import fly
 from wbf_mission.live.link import LiveLink
 from wbf_mission.run.resolve import make_environment
@@ -22,13 +22,6 @@ from wbf_mission.run.resolve import make_environment
 FILE = Path(__file__).parents[2] / "docs" / "examples" / "companion_camera.py"
 LEAVES = {1.0: (60, 150, 50), 0.5: (200, 190, 40), 0.0: (95, 60, 30)}  # healthy, sick, lost
 SOIL = (120, 115, 110)
-
-
-class Onlooker:
-    """An operator who only looks on."""
-
-    def tend(self, flight):
-        """Do nothing."""
 
 
 @pytest.fixture(scope="module")
@@ -88,7 +81,7 @@ def test_the_whole_loop_with_pictures(example, autopilot):
             thread = threading.Thread(target=server.run, daemon=True)
             thread.start()
             try:
-                result = fly(chosen, by=LiveLink(url, Onlooker(), agreed=True))
+                result = fly(chosen, by=LiveLink(url, Nobody(), agreed=True))
             finally:
                 server.stop()
                 thread.join(LONG_S)

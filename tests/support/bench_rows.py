@@ -29,3 +29,24 @@ def made_row(planner, seed, scores, **given):
         "timings_s": {"plan": 0.5, "flight": 1.5},
     }
     return BenchRow(**{**values, **given})
+
+
+def rows(planner, values, estimator="gp", scenario="s", error=(), **given):
+    """Return a row for each value, with seeds from 0 on; those in `error` failed."""
+    return [
+        BenchRow(
+            key=f"{scenario}{planner}{estimator}{seed}",
+            scenario=scenario,
+            planner=planner,
+            estimator=estimator,
+            seed=seed,
+            score=None if seed in error else score,
+            final_score=None if seed in error else score / 2,
+            losses={} if seed in error else {"tylcv": -score},
+            error="it failed" if seed in error else None,
+            wall_time_s=2.0,
+            cpu_time_s=1.0,
+            **given,
+        )
+        for seed, score in enumerate(values)
+    ]

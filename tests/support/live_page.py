@@ -13,6 +13,9 @@ from urllib.parse import urlsplit
 import pytest
 from playwright.sync_api import Browser, Page, expect, sync_playwright
 
+from wbf_mission.addons.web.server import LiveServer
+from wbf_mission.addons.web.view import View
+
 TIMEOUT_MS = 30_000  # A limit against hanging, not a measure
 expect.set_options(timeout=TIMEOUT_MS)
 
@@ -58,3 +61,27 @@ def page_at(
         assert [one for one in asked if urlsplit(one).netloc != own and not one.startswith("data:")] == []
     finally:
         page.close()
+
+
+# Nothing gets old by itself, and what is said stays, however busy the machine is.
+STANDING = """
+    const [standing, stood, later] = [performance.now(), Date.now(), setTimeout];
+    performance.now = () => standing;
+    Date.now = () => stood;
+    window.setTimeout = (act, ms, ...more) => ms >= 2000 ? 0 : later(act, ms, ...more);
+"""
+
+
+def standing() -> float:
+    """Return the time of a clock that stands; the view of a standing page needs it, too."""
+    return 0.0
+
+
+@contextmanager
+def standing_page(browser: Browser, view: View, orders: Any = None) -> Iterator[Page]:
+    """Open the live page of a program for which no time passes, nor for the page."""
+    with (
+        LiveServer(view, orders=orders, clock=standing) as server,
+        page_at(browser, server.url, script=STANDING) as page,
+    ):
+        yield page

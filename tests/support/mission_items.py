@@ -1,7 +1,7 @@
 """Items of missions about a home, in metres east and north of it."""
 
 from geo.frame import LocalFrame
-from mission.model import MissionItem
+from mission.model import GeoPoint, Mission, MissionItem
 
 HOME = LocalFrame(28.05, -82.15, 30.0)
 
@@ -24,3 +24,7 @@ def takeoff(z=10.0):
 
 
 RTL = do(20)
+SHORT = Mission(
+    (MissionItem(22, 3, z=5.0), MissionItem.waypoint(28.0501, -82.15, 5.0), MissionItem(20)),
+    GeoPoint(28.05, -82.15, 30.0),
+)

@@ -38,12 +38,12 @@ def compiled_by(code, folder):
     return json.loads(done.stdout)
 
 
-def wait_until(condition, what, limit_s=LONG_S):
+def wait_until(condition, what="nothing came", limit_s=LONG_S):
     """Wait until a condition holds, and return what it returned."""
     end_s = time.monotonic() + limit_s
     while not (found := condition()):
-        assert time.monotonic() < end_s, what
-        time.sleep(0.05)
+        assert time.monotonic() < end_s, f"not within {limit_s:g} s: {what}"
+        time.sleep(0.01)
     return found
 
 

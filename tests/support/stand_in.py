@@ -11,6 +11,13 @@ from wbf_mission.simulator import make_components
 LONG_S = 120.0  # a limit against hanging, not a measure
 
 
+class Nobody:
+    """An operator who has agreed beforehand, as --yes does, and looks on."""
+
+    def tend(self, flight):
+        pass
+
+
 def scenario(**more):
     given = {"farm": "miniberry-10", "planner": "lawnmower", "budget": "60s", "estimator": "point"}
     if "policy" in more:

@@ -1,4 +1,4 @@
-"""What a page makes of the updates that it is sent, as `schema.ts` says it does."""
+"""What a page makes of the updates that it is sent, as `schema.ts` says it does; who takes its orders."""
 
 from __future__ import annotations
 
@@ -8,6 +8,31 @@ import zlib
 from typing import Any
 
 import numpy as np
+
+
+class Taking:
+    """Orders as whoever flies takes them; some are refused, for a reason."""
+
+    def __init__(self, refused: dict[str, str] | None = None) -> None:
+        self.taken: list[tuple[Any, ...]] = []
+        self.refused = refused or {}
+
+    def take(self, *order: Any, age_s: float) -> str:
+        self.taken.append(order)
+        return self.refused.get(order[1], "")
+
+    def answer(self, *answer: Any, age_s: float) -> str:
+        self.taken.append(answer)
+        return ""
+
+
+class Clock:
+    """A clock that somebody sets."""
+
+    now_s = 1000.0
+
+    def __call__(self) -> float:
+        return self.now_s
 
 
 class Viewer:

@@ -1,9 +1,17 @@
-"""Every error that a test of the command line sees advises what its command can do."""
+"""Every error that a test of the command line sees advises what its command can do; a small vehicle."""
 
 import pytest
 from advice import misadvice
 
 from wbf_mission.cli import app
+
+
+@pytest.fixture(scope="session")
+def small(tmp_path_factory):
+    """A vehicle whose battery lasts for four minutes."""
+    file = tmp_path_factory.mktemp("vehicles") / "small.toml"
+    file.write_text('base = "quad"\n[battery]\ncapacity_wh = 12.0\n')
+    return str(file)
 
 
 @pytest.fixture(autouse=True)

@@ -7,19 +7,10 @@ import pytest
 from wbf_mission import Scenario
 from wbf_mission.cli.app import main
 from wbf_mission.planning.sorties import sorties_of
-from wbf_mission.run.batteries import batteries_in, plan_for_batteries
-from wbf_mission.run.plan import plan
+from wbf_mission.run.plan import batteries_in, plan, plan_for_batteries
 from wbf_mission.scenario import ScenarioError
 
 FARM = "miniberry-100"
-
-
-@pytest.fixture(scope="module")
-def small(tmp_path_factory):
-    """A vehicle whose battery lasts for four minutes."""
-    file = tmp_path_factory.mktemp("vehicles") / "small.toml"
-    file.write_text('base = "quad"\n[battery]\ncapacity_wh = 12.0\n')
-    return str(file)
 
 
 def scenario(small, **more):

@@ -20,7 +20,6 @@ from wbf_mission.live.link import LiveLink
 from wbf_mission.live.watching import WatchedVehicle
 from wbf_mission.planning import MissionBuilder
 from wbf_mission.planning.budget import ReserveCharge, make_budget
-from wbf_mission.planning.sorties import is_too_long
 from wbf_mission.run.plan import plan
 from wbf_mission.run.sortie import Sortie
 
@@ -105,7 +104,7 @@ def test_a_battery_of_a_real_vehicle_is_never_full():
 @settings(deadline=None)
 @given(part=parts, reserve=st.floats(0.01, 0.5))
 def test_a_mission_is_too_long_for_a_battery_when_it_takes_of_the_reserve(planned, part, reserve):
-    assert is_too_long(taking(planned, part, reserve=reserve)) is (1.0 - part < reserve)
+    assert taking(planned, part, reserve=reserve).is_too_long is (1.0 - part < reserve)
 
 
 @pytest.mark.parametrize("name", [one for one in vehicle_names() if get_vehicle(one).battery is not None])

@@ -16,7 +16,7 @@ from processes import environment
 
 from geo.memory import AvailableMemory
 from sensors.environment import cache, load_environment
-from sensors.environment.ensemble import Ensemble
+from wbf_mission.addons.ensembles.ensemble import Ensemble
 from wbf_mission.cli.app import main
 
 GENERATE = ["farm", "generate", "--farm", "miniberry-10", "--days", "3"]

@@ -5,7 +5,8 @@ import math
 import re
 
 import pytest
-from stand_in import heard, scenario, stand_in
+from mission_items import SHORT as MISSION
+from stand_in import Nobody, heard, scenario, stand_in
 
 from geo import get_farm
 from geo.errors import WbfMissionError
@@ -13,7 +14,7 @@ from mission.ground.arming_gate import ArmingGate
 from mission.ground.station import GroundStation
 from mission.ground.vehicle_state import VehicleMonitor
 from mission.link.codec.dialect import mavlink as m
-from mission.model import Command, GeoPoint, Mission, MissionItem
+from mission.model import GeoPoint
 from mission.outcome import Outcome, Phase
 from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.autopilot import get_autopilot
@@ -24,15 +25,7 @@ from wbf_mission.flight import fly
 from wbf_mission.live.link import LiveLink
 from wbf_mission.preflight.inquiry import Inquiry
 
-HOME = GeoPoint(28.05, -82.15, 30.0)
-MISSION = Mission(
-    (
-        MissionItem(Command.NAV_TAKEOFF, 3, z=5.0),
-        MissionItem.waypoint(28.0501, -82.15, 5.0),
-        MissionItem(Command.NAV_RETURN_TO_LAUNCH),
-    ),
-    HOME,
-)
+HOME = MISSION.home
 
 
 class Log:
@@ -57,13 +50,6 @@ class Log:
 
     def of(self, kind):
         return [(time_s, one) for time_s, one in self.heard if one.get_type() == kind]
-
-
-class Nobody:
-    """An operator who has agreed beforehand, as --yes does, and looks on."""
-
-    def tend(self, flight):
-        pass
 
 
 def flown(mission=MISSION, *, home=HOME, cold=True):

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
 from wbf_mission.flight import fly
@@ -161,6 +161,7 @@ def test_a_number_of_more_than_64_bits_is_refused(saved: Path, tmp_path: Path) -
     bits=st.integers(1, 255),
     count=st.integers(1, 8),
 )
+@example(name="scores.parquet", where=0.23258640859146867, bits=1, count=1)
 def test_flipped_bits_are_refused_or_harmless(
     saved: Path, tmp_path: Path, name: str, where: float, bits: int, count: int
 ) -> None:

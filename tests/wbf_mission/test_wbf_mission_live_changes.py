@@ -1,6 +1,7 @@
 """A real vehicle's mission is changed over links that break after any message of the change."""
 
 import math
+from functools import cache
 
 import pytest
 from live_changes import FRAME, LONG, LiveChange, keys
@@ -15,12 +16,19 @@ AUTOPILOTS = ("px4", "ardupilot")
 GOOD = frozenset({Outcome.COMPLETED, Outcome.LINK_LOST})
 
 
+@cache
 def messages_of_a_change(autopilot):
-    """Return how many messages of the protocols cross the link while a mission is changed."""
+    """Return the messages of the protocols that cross the link while a mission is changed."""
     flight = LiveChange(autopilot).fly()
     assert [one.outcome for one in flight.station.changes] == [ChangeOutcome.DONE]
     flight.check_safe()
-    return len(flight.link.crossed)
+    return tuple(flight.link.crossed)
+
+
+@cache
+def undisturbed(autopilot, *, on_board=False):
+    """Return a flight whose mission is not changed, over a link that does not break."""
+    return LiveChange(autopilot, new=(), on_board=on_board).fly()
 
 
 def check_break(autopilot, after, dead_s):
@@ -42,14 +50,14 @@ def check_break(autopilot, after, dead_s):
 
 @pytest.mark.parametrize("autopilot", AUTOPILOTS)
 def test_a_link_that_breaks_during_a_change(autopilot):
-    count = messages_of_a_change(autopilot)
+    count = len(messages_of_a_change(autopilot))
     for after in range(2, count, count // 4):
         check_break(autopilot, after, 40.0)
 
 
 @pytest.mark.parametrize("autopilot", AUTOPILOTS)
 def test_a_ground_computer_that_dies_during_a_change(autopilot):
-    count = messages_of_a_change(autopilot)
+    count = len(messages_of_a_change(autopilot))
     for after in range(4, count, count // 4):
         check_break(autopilot, after, math.inf)
 
@@ -58,7 +66,7 @@ def test_a_ground_computer_that_dies_during_a_change(autopilot):
 @pytest.mark.parametrize("autopilot", AUTOPILOTS)
 @pytest.mark.parametrize("dead_s", [40.0, math.inf])
 def test_a_link_that_breaks_after_any_message_of_a_change(autopilot, dead_s):
-    for after in range(1, messages_of_a_change(autopilot) + 1):
+    for after in range(1, len(messages_of_a_change(autopilot)) + 1):
         check_break(autopilot, after, dead_s)
 
 
@@ -99,18 +107,18 @@ def test_a_change_that_comes_after_the_last_image_of_the_old_mission(autopilot, 
 @pytest.mark.parametrize("autopilot", AUTOPILOTS)
 def test_an_autopilot_that_starts_again_in_flight(autopilot):
     """Its clock, its streams and the ids of its plans begin anew; ours go on, and so does the camera."""
-    undisturbed = LiveChange(autopilot, new=()).fly()
+    whole = undisturbed(autopilot)
     flight = LiveChange(autopilot, new=()).to_images(8)
     flight.vehicle.reboot()
     flight.fly().check_safe()
     station = flight.station
     assert station.outcome is Outcome.COMPLETED
     assert [text for _, text in station.pilot.events] == ["its autopilot has started again"]
-    assert abs(station.flight_time_s - undisturbed.station.flight_time_s) < 5.0
+    assert abs(station.flight_time_s - whole.station.flight_time_s) < 5.0
     track = station.tracks.track(FRAME)
     assert (track.time_s[1:] >= track.time_s[:-1]).all()
-    assert abs(track.length_m - undisturbed.station.tracks.track(FRAME).length_m) < 5.0
-    assert flight.assembler.statistics.images >= undisturbed.assembler.statistics.images - 6
+    assert abs(track.length_m - whole.station.tracks.track(FRAME).length_m) < 5.0
+    assert flight.assembler.statistics.images >= whole.assembler.statistics.images - 6
     seen = flight.assembler.take()
     assert (seen.time_s[1:] >= seen.time_s[:-1]).all()
     assert len(seen) == 0 or seen.time_s[-1] <= track.time_s[-1] + 1.0
@@ -134,32 +142,31 @@ def test_an_autopilot_that_starts_again_with_its_motors_off(autopilot, silent_s)
     assert flight.assembler.statistics.images >= 8
 
 
-@pytest.mark.parametrize("seed", [2, 3, 7])
+@pytest.mark.parametrize("seed", [2, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (3, 7))])
 @pytest.mark.parametrize("autopilot", AUTOPILOTS)
 def test_images_of_a_camera_on_board_come_over_a_bad_link(autopilot, seed):
     bad = Impairment(loss=0.3, delay_s=0.5, seed=seed)
     flight = LiveChange(autopilot, dead_s=10.0, impairment=bad, new=(), on_board=True).to_images(8)
     flight.link.broke_s = flight.simulation.now_s
     flight.fly().check_safe()
-    undisturbed = LiveChange(autopilot, new=(), on_board=True).fly()
+    whole = undisturbed(autopilot, on_board=True)
     assert flight.assembler.missing() == []
-    assert flight.assembler.statistics.images == undisturbed.assembler.statistics.images > 20
+    assert flight.assembler.statistics.images == whole.assembler.statistics.images > 20
 
 
 def test_what_a_camera_beside_the_vehicle_could_not_see_is_counted():
     flight = LiveChange("px4", dead_s=10.0, new=()).to_images(8)
     flight.link.broke_s = flight.simulation.now_s
     flight.fly().check_safe()
-    undisturbed = LiveChange("px4", new=()).fly()
-    missing = undisturbed.assembler.statistics.images - flight.assembler.statistics.images
+    missing = undisturbed("px4").assembler.statistics.images - flight.assembler.statistics.images
     assert flight.camera.missed == pytest.approx(missing, abs=4)
     assert missing > 5
 
 
 def test_an_arducopter_never_gets_a_failsafe_that_would_break_its_mission_off():
     """The link breaks after each setting; the mission in the mission mode goes on."""
-    flight = LiveChange("ardupilot").fly()
-    settings = [k for k, kind in enumerate(flight.link.crossed, 1) if kind == "PARAM_SET"]
+    crossed = messages_of_a_change("ardupilot")
+    settings = [k for k, kind in enumerate(crossed, 1) if kind == "PARAM_SET"]
     assert len(settings) == 3
     for after in settings:
         flight = LiveChange("ardupilot", after=after, dead_s=math.inf).fly()

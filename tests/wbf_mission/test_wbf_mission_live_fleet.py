@@ -29,6 +29,7 @@ from wbf_mission.live.hosting import LinkHost, links_of
 from wbf_mission.live.link import LiveLink, via_named
 from wbf_mission.replanning.loop import DecisionLoop
 from wbf_mission.run import joint_flight, sortie
+from wbf_mission.run.hosting import VirtualHosting
 from wbf_mission.run.joint_flight import JointFlight
 from wbf_mission.run.resolve import resolve
 
@@ -206,7 +207,8 @@ def test_no_vehicle_starts_before_all_that_are_left_can():
         for number, delay_s in ((1, 0.0), (2, 10.0), (3, 0.0))
     ]
     host = SimpleNamespace(now_s=0.0, send=print)
-    flight = JointFlight(fleet, None, [], host, expected_s=1.0, events=EventStream(), watch=None)
+    given = {"hosting": VirtualHosting(), "events": EventStream(), "watch": None}
+    flight = JointFlight(fleet, None, [], host, expected_s=1.0, **given)
     ready = m.MAV_SYS_STATUS_PREARM_CHECK
 
     def stages(now_s):

@@ -3,11 +3,10 @@
 import functools
 import math
 
-import numpy as np
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
-from live_changes import LiveChange
+from live_changes import LiveChange, SameEverywhere
 
 from geo.farms import get_farm
 from mission.ground.items import Shots
@@ -116,7 +115,7 @@ def images_of(autopilot, path, silent=(math.inf, math.inf)):
     """When a camera takes images that hears nothing for a while, and how many it says that it missed."""
     heard, plan = heard_of(autopilot, path)
     farm = get_farm("miniberry-10")
-    optics = LeafCamera(Everywhere(), farm.grid().shape, 1)
+    optics = LeafCamera(SameEverywhere(), farm.grid().shape, 1)
     camera = RidingCamera(LeafCameraComponent(optics, farm), lambda: plan)
     taken_ms = []
     for message, now_s in heard:
@@ -124,13 +123,6 @@ def images_of(autopilot, path, silent=(math.inf, math.inf)):
             images = camera.receive(message, now_s)
             taken_ms += [one.time_boot_ms for one in images if one.get_type() == "CAMERA_IMAGE_CAPTURED"]
     return taken_ms, camera.missed
-
-
-class Everywhere:
-    """An environment, the same everywhere."""
-
-    def sample(self, day, ix, iy):
-        return np.zeros((len(ix), 3), dtype=np.float32)
 
 
 @functools.cache

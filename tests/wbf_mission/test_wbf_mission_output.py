@@ -1,19 +1,15 @@
-"""How commands speak: text that cannot be encoded, bars on a terminal; obstacles in the picture of a farm."""
+"""How commands speak: text that cannot be encoded, bars on a terminal."""
 
 import io
 import json
 import re
 import subprocess
 import sys
-from dataclasses import replace
 
-import shapely
 from rich.console import Console
 
-from geo import Obstacle, get_farm
 from sensors.estimators.base import LEARNING
 from wbf_mission.cli.output import FILE_WIDTH, Output
-from wbf_mission.pictures.plots import plot_farm
 
 
 def test_json_spells_out_what_no_reader_could_decode(capsys):
@@ -74,14 +70,6 @@ def test_lines_are_told_only_so_often(capsys):
         for done in range(8, 12):
             progress("flying", done, 11)
     assert capsys.readouterr().err == ""
-
-
-def test_obstacles_are_in_the_picture_of_a_farm(tmp_path):
-    farm = replace(get_farm("miniberry-10"), obstacles=(Obstacle(shapely.box(1.0, 1.0, 1.6, 1.6)),))
-    bare = plot_farm(get_farm("miniberry-10"), tmp_path / "bare.png").read_bytes()
-    drawn = plot_farm(farm, tmp_path / "farm.png").read_bytes()
-    assert drawn.startswith(b"\x89PNG")
-    assert drawn != bare
 
 
 def test_tasks_that_ctrl_c_left_behind_end_in_silence():

@@ -1,20 +1,13 @@
 """A connected vehicle is planned and predicted with the parameters that are set on it."""
 
 import pytest
-from stand_in import heard, scenario, stand_in
+from stand_in import Nobody, heard, scenario, stand_in
 
 from mission.outcome import Outcome
 from wbf_mission.events import Found, Noted
 from wbf_mission.flight import fly
 from wbf_mission.live.link import LiveLink
 from wbf_mission.planning.builder import budget_left
-
-
-class Nobody:
-    """An operator who has agreed beforehand, and looks on."""
-
-    def tend(self, flight):
-        pass
 
 
 @pytest.mark.parametrize(

@@ -16,7 +16,7 @@ from mission.planners.budget import BatchBudget, LengthBudget
 from sim_vehicle.prediction.onward import InFlight
 from wbf_mission.flight import fly
 from wbf_mission.planning import MissionBuilder
-from wbf_mission.planning.budget import flight_budget, make_budget, onward_predictor
+from wbf_mission.planning.budget import FlightBudget, make_budget, onward_predictor
 from wbf_mission.planning.conditions import wind_of_run
 from wbf_mission.run.plan import plan
 from wbf_mission.scenario import Scenario, scenario_with
@@ -152,7 +152,7 @@ def test_a_flight_budget_prices_many_paths_as_it_prices_one():
     result = plan(scenario)
     builder = MissionBuilder.of(scenario, result.farm)
     for unit in ("s", "Wh"):
-        budget = flight_budget(180.0 if unit == "s" else 9.0, unit, builder)
+        budget = FlightBudget(180.0 if unit == "s" else 9.0, unit, builder)
         assert isinstance(budget, BatchBudget)
         home = np.array([result.farm.home_m])
         paths = [np.vstack((home, result.path_m[:n])) for n in (1, 3, 5)]
@@ -204,7 +204,7 @@ def test_who_may_be_carried_over_an_edge_near_home_pays_for_the_dearer_side(auto
         )
         builder = MissionBuilder.of(scenario, farm)
         seconds, _ = onward_predictor(builder).rest(here, rests)
-        costs[errs] = np.array([flight_budget(300.0, "s", builder).costs(whole), seconds])
+        costs[errs] = np.array([FlightBudget(300.0, "s", builder).costs(whole), seconds])
     dearer = costs[True] - costs[False]
     if autopilot == "px4":
         assert (dearer[:, 1] > 20.0).all()

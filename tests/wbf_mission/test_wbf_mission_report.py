@@ -13,11 +13,11 @@ from sensors.fields import PAPER_FIELDS
 from sensors.observations import Observations
 from sensors.scoring import information
 from sensors.scoring.information import InformationModel, least_sick
+from wbf_mission.addons.pictures import sheets
 from wbf_mission.maps import block_sums, blocks
 from wbf_mission.maps.blocks import MapGrid
 from wbf_mission.maps.field_maps import FieldMap, field_maps, pixel_sums, true_map
 from wbf_mission.maps.report import brief, farm_report, gamma_interval, report_of_maps
-from wbf_mission.pictures import plots
 
 FARM = get_farm("miniberry-30")
 
@@ -203,7 +203,7 @@ def test_every_field_has_a_sheet(tmp_path, states_deviation):
     flown = np.array([[0.0, 0.0], [5.0, 5.0]])
     for k, one in enumerate(maps):
         truth = true_map(FARM, one.field, healthy()[k]) if states_deviation else None
-        path = plots.plot_field(FARM, one, tmp_path / f"{k}.png", truth=truth, flown_m=flown, about="a test")
+        path = sheets.plot_field(FARM, one, tmp_path / f"{k}.png", truth=truth, flown_m=flown, about="a test")
         assert path.read_bytes().startswith(b"\x89PNG")
 
 

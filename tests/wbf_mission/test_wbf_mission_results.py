@@ -18,6 +18,7 @@ from wbf_mission.flight import Simulated, fly
 from wbf_mission.progress import Progress
 from wbf_mission.results import writing
 from wbf_mission.results.files import FORMAT
+from wbf_mission.results.products import PICTURES, product
 from wbf_mission.results.result import Result, load_result
 from wbf_mission.results.storage import ResultError
 from wbf_mission.results.writing import ResultFolder, run_name
@@ -226,7 +227,7 @@ def test_an_interrupted_flight_goes_beside_an_older_result(result: Result, tmp_p
     broken = dataclasses.replace(result, flights=(stopped,))
     for _ in range(2):
         with ResultFolder(tmp_path / "run", scenario=result.scenario.to_dict()) as folder:
-            folder.write(broken, plots=False)
+            folder.write(broken)
         assert folder.path.name == "run.interrupted"
     assert load_result(tmp_path / "run").outcome is Outcome.COMPLETED
     assert load_result(tmp_path / "run.interrupted").outcome is Outcome.INTERRUPTED
@@ -238,7 +239,7 @@ def test_ctrl_c_among_the_pictures_keeps_the_rest(
     def interrupted(*_: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(writing, "_plot_jobs", lambda _: [("path.png", interrupted)])
+    monkeypatch.setattr(product(PICTURES), "write", interrupted)
     with pytest.raises(KeyboardInterrupt):
         result.save(tmp_path / "run")
     assert load_result(tmp_path / "run").score == result.score
@@ -302,8 +303,8 @@ def test_products_that_need_the_estimate_come_first_and_one_that_is_broken_off_l
         def __init__(self, needs_estimate: bool) -> None:
             self.needs_estimate = needs_estimate
 
-        def is_possible(self, run: RunRecord) -> bool:
-            return True
+        def files(self, run: RunRecord) -> list[str]:
+            return [next(name for name, maker in made.items() if maker is self)]
 
         def write(self, run: RunRecord, path: Path, progress: Progress) -> None:
             wrote.append((path.name, run.model is not None))
@@ -317,7 +318,7 @@ def test_products_that_need_the_estimate_come_first_and_one_that_is_broken_off_l
     monkeypatch.setattr(writing, "product", made.__getitem__)
     monkeypatch.setattr(writing, "product_names", lambda: frozenset(made))
     with pytest.raises(KeyboardInterrupt), ResultFolder(tmp_path / "run") as folder:
-        folder.write(dataclasses.replace(result), plots=False, products=list(made), release=True)
+        folder.write(dataclasses.replace(result), products=list(made), release=True)
     assert wrote == [("early", True), ("late", False)]
     assert (tmp_path / "run" / "early" / "half").is_file() and not (tmp_path / "run" / "late").exists()
     assert load_result(tmp_path / "run") == result

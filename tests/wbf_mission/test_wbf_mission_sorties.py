@@ -28,14 +28,6 @@ from wbf_mission.run.plan import plan
 FARM = "miniberry-100"
 
 
-@pytest.fixture(scope="module")
-def small(tmp_path_factory):
-    """A vehicle whose battery lasts for four minutes."""
-    file = tmp_path_factory.mktemp("vehicles") / "small.toml"
-    file.write_text('base = "quad"\n[battery]\ncapacity_wh = 12.0\n')
-    return str(file)
-
-
 def scenario(small, **more):
     return Scenario(**{"farm": FARM, "planner": "lawnmower", "budget": "1200m", "vehicle": small, **more})
 

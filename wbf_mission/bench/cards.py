@@ -11,8 +11,7 @@ import numpy as np
 from geo import Farm
 from sensors.field_files import load_field_set
 from wbf_mission.bench.digests import meaning_of
-from wbf_mission.bench.page import Table
-from wbf_mission.scenario import Scenario, about_scenario, load_scenario, scenario_ids
+from wbf_mission.scenario import Scenario, about_scenario, scenario_ids
 
 _OPEN = ("planner", "policy", "estimator", "seed")
 
@@ -47,10 +46,6 @@ class Card(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         given = {label: text for label, text in first.items() if text}
         return {**given, **self.options, "digest of the meaning": self.meaning}
 
-    def table(self) -> Table:
-        """Return the card as a table."""
-        return Table(self.scenario, ("what", "value"), tuple(self.entries().items()))
-
 
 def card_of(name: str, scenario: Scenario) -> Card:
     """Return the card of a scenario; `name` is its id or its file.
@@ -67,11 +62,6 @@ def card_of(name: str, scenario: Scenario) -> Card:
         scored=_scored(scenario),
         options={key: _text(value) for key, value in changed.items() if key not in _OPEN},
     )
-
-
-def known_cards(names: Iterable[str]) -> list[Card]:
-    """Return the cards of the catalogued scenarios among `names`, sorted by id."""
-    return [card_of(name, load_scenario(name)) for name in sorted(names) if name in scenario_ids()]
 
 
 def _farm(farm: Farm) -> str:

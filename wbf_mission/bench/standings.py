@@ -1,8 +1,7 @@
-"""Statistics of benchmark rows: standings, differences, and losses relative to fixed planners."""
+"""Standings of benchmark rows."""
 
 from __future__ import annotations
 
-import itertools
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -12,7 +11,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from wbf_mission.bench.environments import Scored, scored
-from wbf_mission.bench.intervals import Interval, mean_intervals, ratio_intervals
+from wbf_mission.bench.intervals import Interval, mean_intervals
 from wbf_mission.bench.rows import BenchRow
 from wbf_mission.bench.versions import apart
 
@@ -51,6 +50,11 @@ class Standing:
     """Number of answers of the policy in all runs."""
     bad_answers: dict[str, int]
     """Number of answers not flown or too late, by fault; failed runs included."""
+
+    @property
+    def named(self) -> str:
+        """Planner and estimator."""
+        return f"{self.planner}, {self.estimator}"
 
     @property
     def bad_share(self) -> float:
@@ -119,123 +123,3 @@ def _places(scores: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[n
     ranks = stats.rankdata(-scores, axis=0, method="average")
     best = scores == scores.max(axis=0)
     return ranks.mean(axis=1), (best / best.sum(axis=0)).sum(axis=1)
-
-
-@dataclass(frozen=True, slots=True)
-class Comparison:
-    """Difference between the scores of `mine` and `against`; positive is better for `mine`."""
-
-    scenario: str
-    estimator: str
-    mine: str
-    against: str
-    environments: int
-    """Number of environments on which both have a score."""
-    score: Interval
-    """Mean difference of the scores over the run."""
-    final_score: Interval
-    """Mean difference of the scores at the end."""
-    better: float
-    """Share of the environments on which `mine` has the better score over the run."""
-
-
-def compare(rows: Sequence[BenchRow], mine: str | Sequence[str], against: Sequence[str]) -> list[Comparison]:
-    """Compare each planner of `mine` with each of `against`, in pairs of runs on the same environment.
-
-    Environments and failed runs count as in `standings`. Rows are compared only with rows of the same code
-    (`apart`). The intervals of a scenario are simultaneous.
-    """
-    found: list[Comparison] = []
-    planners = [mine] if isinstance(mine, str) else mine
-    for group in scored(apart(rows)):
-        place = {pair: k for k, pair in enumerate(group.pairs)}
-        estimators = sorted({estimator for _, estimator in group.pairs})
-        named = list(itertools.product(estimators, planners, against))
-        differences = []
-        for estimator, planner, other in named:
-            both = (planner, estimator), (other, estimator)
-            known = all(pair in place for pair in both)
-            first, second = (place[pair] for pair in both) if known else (0, 0)
-            count = len(group.seeds) if known else 0
-            differences.append((group.scores[first] - group.scores[second])[:count])
-            differences.append((group.final_scores[first] - group.final_scores[second])[:count])
-        intervals = mean_intervals(differences, together=True)
-        found += [
-            Comparison(
-                group.scenario,
-                estimator,
-                planner,
-                other,
-                len(scores),
-                over_run,
-                at_end,
-                float((scores > 0.0).mean()) if len(scores) else np.nan,
-            )
-            for (estimator, planner, other), scores, over_run, at_end in zip(
-                named, differences[::2], intervals[::2], intervals[1::2], strict=True
-            )
-        ]
-    return found
-
-
-WHOLE = "whole"
-"""Key of the whole score among the field names."""
-
-
-@dataclass(frozen=True, slots=True)
-class Ratio:
-    """Losses of a planner or policy divided by the losses of the best fixed planner with the same estimator.
-
-    Parameters
-    ----------
-    fixed : bool
-        Whether `planner` is fixed: it decides only once, before the flight.
-    ratios : dict of str to Interval
-        Ratio for `WHOLE` and each field; below 1 is better. The intervals of an estimator are simultaneous.
-    best : dict of str to str
-        Name of the best fixed planner for `WHOLE` and for each field, whose loss is the divisor.
-    """
-
-    planner: str
-    estimator: str
-    fixed: bool
-    ratios: dict[str, Interval]
-    best: dict[str, str]
-
-
-def by_fixed(group: Scored, *, over_run: bool) -> list[Ratio]:
-    """Return the losses of each pair divided by those of the best fixed planner, the smallest first.
-
-    Each field has its own best fixed planner. Estimators without a fixed planner are skipped.
-    """
-    scores, losses = (group.scores, group.losses) if over_run else (group.final_scores, group.final_losses)
-    tables = {WHOLE: -scores, **losses}
-    found = []
-    for estimator in sorted({estimator for _, estimator in group.pairs}):
-        places = [k for k, pair in enumerate(group.pairs) if pair[1] == estimator]
-        fixed = [k for k in places if _is_fixed(group.rows[k])]
-        if not fixed:
-            continue
-        best = {name: fixed[_least([table[k].mean() for k in fixed])] for name, table in tables.items()}
-        pairs = [(table[k], table[best[name]]) for k in places for name, table in tables.items()]
-        ratios = iter(ratio_intervals(pairs, together=True))
-        found += [
-            Ratio(
-                planner=group.pairs[k][0],
-                estimator=estimator,
-                fixed=k in fixed,
-                ratios={name: next(ratios) for name in tables},
-                best={name: group.pairs[which][0] for name, which in best.items()},
-            )
-            for k in places
-        ]
-    return sorted(found, key=lambda ratio: (ratio.estimator, ratio.ratios[WHOLE].mean))
-
-
-def _least(values: Sequence[float]) -> int:
-    return int(np.argmin(np.nan_to_num(values, nan=np.inf)))
-
-
-def _is_fixed(rows: Sequence[BenchRow]) -> bool:
-    good = [row.decisions for row in rows if row.error is None]
-    return bool(good) and set(good) == {1}

@@ -1,4 +1,4 @@
-"""Program versions of rows: distinct names for rows of different code, and a table of the versions."""
+"""Program versions of rows, and distinct names for rows of different code."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ from collections.abc import Iterable, Sequence
 
 from msgspec import structs
 
-from wbf_mission.bench.page import Table
 from wbf_mission.bench.rows import BenchRow
 
 _SHORT = 8
@@ -23,15 +22,16 @@ def build_of(row: BenchRow) -> str:
     >>> build_of(structs.replace(row, versions={"wbf-mission": "0.1.0", "commit": "4622a3d6f0+changes"}))
     '0.1.0, 4622a3d6+changes'
     """
-    return f"{row.versions.get('wbf-mission', 'unknown version')}, {_commit(row) or _digest(row, _CODE)}"
+    return f"{row.versions.get('wbf-mission', 'unknown version')}, {commit_of(row) or digest_of(row, _CODE)}"
 
 
-def _commit(row: BenchRow) -> str:
+def commit_of(row: BenchRow) -> str:
+    """Return the short commit that flew a row, with ``+changes`` if files were changed; "" if unknown."""
     commit, changes, _ = row.versions.get("commit", "").partition(_CHANGES)
     return commit[:_SHORT] + changes
 
 
-def _digest(row: BenchRow, key: str) -> str:
+def digest_of(row: BenchRow, key: str) -> str:
     """Return behaviour numbers, or the start of a digest; "unknown code" for rows of old folders."""
     return _shown(row.codes.get(key, "built in" if row.codes else "unknown code"), 12)
 
@@ -98,39 +98,3 @@ def builds_in_words(rows: Iterable[BenchRow]) -> str:
     )
     same = "of the same behaviour" if len(codes) == 1 else f"of {len(codes)} behaviours"
     return f"rows of {len(count)} versions ({builds}), {same}"
-
-
-def what_was_run(rows: Sequence[BenchRow]) -> Table:
-    """Return a table of the distinct versions, commits, digests and objects' parameters of rows."""
-    count: Counter[tuple[str, ...]] = Counter()
-    for row in rows:
-        python = ", ".join(f"{key} {row.versions[key]}" for key in ("python", "numpy") if key in row.versions)
-        version = row.versions.get("wbf-mission", "-")
-        count["wbf-mission", version, _commit(row) or "-", _digest(row, _CODE), python] += 1
-        count[f"scenario {row.scenario}", "-", "-", _digest(row, _SCENARIO), ""] += 1
-        for key in (_PLANNER, _ESTIMATOR):
-            if key in row.codes or key in row.objects:
-                digest, words = row.codes.get(key, "-")[:12], row.objects.get(key, "")
-                count[f"{key} {getattr(row, key)}", "-", "-", digest, words] += 1
-    ordered = sorted(count.items(), key=lambda counted: (counted[0][0] != "wbf-mission", counted[0]))
-    lines = tuple((*line, str(number)) for line, number in ordered)
-    return Table("What was run", ("what", "version", "commit", "digest", "with", "rows"), lines)
-
-
-def machines(rows: Sequence[BenchRow]) -> Table:
-    """Return a table of the machines that flew rows, with their total times."""
-    found: dict[tuple[str, ...], list[BenchRow]] = {}
-    for row in rows:
-        machine = (row.hardware.get(key, "-") for key in ("processor", "cores", "memory_gb", "system"))
-        found.setdefault(tuple(machine), []).append(row)
-    lines = tuple(
-        (
-            *machine,
-            str(len(own)),
-            f"{sum(row.wall_time_s for row in own):.1f}",
-            f"{sum(row.cpu_time_s for row in own):.1f}",
-        )
-        for machine, own in sorted(found.items())
-    )
-    header = ("processor", "cores", "memory, GB", "system", "rows", "wall time, s", "CPU time, s")
-    return Table("Machines, and what all runs took", header, lines)

@@ -16,11 +16,9 @@ from geo.errors import WbfMissionError, told_error, users_line
 from geo.texts import printable
 from wbf_mission.cli import (
     bench,
-    contracts,
     convert,
     farm,
     fly,
-    operate,
     plan,
     preflight,
     signals,
@@ -58,19 +56,13 @@ _COMMANDS = {
     "preflight": Command(preflight.preflight_command, preflight.EXAMPLES, preflight.BEGINNERS),
     "upload": Command(transfer.upload_command, transfer.UPLOAD_EXAMPLES, transfer.UPLOAD_BEGINNERS),
     "download": Command(transfer.download_command, transfer.DOWNLOAD_EXAMPLES),
-    "monitor": Command(operate.monitor_command, operate.MONITOR_EXAMPLES),
-    "command": Command(operate.command_command, operate.COMMAND_EXAMPLES),
     "warm-up": Command(warm_up.warm_up_command, warm_up.EXAMPLES),
-    "check-planner": Command(contracts.check_planner_command, contracts.EXAMPLES),
-    "check-policy": Command(contracts.check_policy_command, contracts.EXAMPLES),
-    "check-estimator": Command(contracts.check_estimator_command, contracts.EXAMPLES),
 }
 for _name, _command in _COMMANDS.items():
-    # For `command`, -5 is a height and not an option.
-    _command.add_to(app, _name, **({"ignore_unknown_options": True} if _name == "command" else {}))
+    _command.add_to(app, _name)
 for _group in (farm, vehicle, bench):
     app.add_typer(_group.app, name=_group.__name__.rpartition(".")[2])
-add_commands({"": app, "bench": bench.app})
+add_commands({"": app, "bench": bench.app, "farm": farm.app})
 
 
 def _print_version(wanted: bool) -> None:

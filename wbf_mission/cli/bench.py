@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import shlex
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,11 +9,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from geo.imports import load_named
 from wbf_mission.cli import bench_output, options
 from wbf_mission.cli.help import HelpCommand, HelpGroup
 from wbf_mission.cli.options import option
 from wbf_mission.cli.output import Output
-from wbf_mission.cli.pages import bench_page
+from wbf_mission.cli.pages import bench_page, bench_report
 from wbf_mission.exit_codes import ExitCode
 
 if TYPE_CHECKING:
@@ -39,11 +39,6 @@ wbf-mission bench run missions/bench/three-farms.toml --seeds 2 --out results
 wbf-mission bench run --scenarios WBF/Miniberry-10-v1 --planners spiral,greedy --estimators gp --out results
 wbf-mission bench run --family smooth --seeds 10 --out results/smooth
 """
-COMPARE_EXAMPLES = """
-Examples
-wbf-mission bench compare rolling-horizon --against greedy,spiral
-wbf-mission bench compare greedy:least_weight=0.35 --against greedy --seeds 40 --jobs 2 --out results
-"""
 REPORT_EXAMPLES = """
 Examples
 wbf-mission bench report results
@@ -52,6 +47,8 @@ wbf-mission bench report results --out report
 
 app = typer.Typer(cls=HelpGroup, help="Fly many runs that can be compared.")
 RUN_PANEL = "What to run"
+ROUNDS = "wbf_mission.rounds"
+"""Group of entry points; ``sealed`` adds the seeds in a round's file to arguments of `BenchSpec.of`."""
 _TOLD_EVERY_S = 60.0
 
 
@@ -122,7 +119,7 @@ def show_command(
     return ExitCode.GOOD
 
 
-def _choices(text: str, what: str) -> list[Choice]:
+def choices(text: str, what: str) -> list[Choice]:
     """Return comma-separated planners, policies or estimators, by name or as FILE.py:NAME."""
     from wbf_mission.own_code import own_choice
     from wbf_mission.scenario.choice import choose, split_choices
@@ -156,14 +153,14 @@ def selection(
     """Return the given options as arguments of `BenchSpec.of`."""
     return {
         "scenarios": None if scenarios is None else [name.strip() for name in scenarios.split(",")],
-        "planners": None if planners is None else _choices(planners, "planner"),
-        "estimators": None if estimators is None else _choices(estimators, "estimator"),
+        "planners": None if planners is None else choices(planners, "planner"),
+        "estimators": None if estimators is None else choices(estimators, "estimator"),
         "seeds": seeds,
     }
 
 
 @dataclass(frozen=True, slots=True)
-class _Flying:
+class Flying:
     """Options of the execution of runs."""
 
     jobs: options.Jobs = 1
@@ -197,7 +194,7 @@ class _Flying:
 @app.command("run", cls=HelpCommand, epilog=RUN_EXAMPLES)
 @options.speaks()
 @options.gives("selected", selection)
-@options.gives("flying", _Flying)
+@options.gives("flying", Flying)
 def run_command(
     output: Output,
     *,
@@ -222,7 +219,7 @@ def run_command(
         option("Secret of a round ('bench seal'), to fly the round's environments.", panel=RUN_PANEL),
     ] = None,
     selected: dict[str, Any],
-    flying: _Flying,
+    flying: Flying,
 ) -> int:
     """Fly the missing runs of a benchmark, and print the standings.
 
@@ -239,71 +236,11 @@ def run_command(
         whole = {"scenarios": of.scenarios, "planners": of.planners, "estimators": of.estimators}
         selected |= {key: list(names) for key, names in whole.items() if selected[key] is None}
     if sealed is not None:
-        from wbf_mission.bench.sealed import of_round
-
+        of_round = load_named(ROUNDS, "sealed", "opens rounds that are", "rounds that are", ScenarioError)
         selected = of_round(selected, sealed)
     wanted = BenchSpec.of(**selected) if spec is None else BenchSpec.read(spec, selected)
     rows, interrupted = flying.rows(output, wanted, out, context)
     bench_output.print_standings(output, rows, title=f"{out}: {len(rows)} of {len(wanted)} runs")
-    return bench_output.exit_code(rows, interrupted=interrupted)
-
-
-_COMPARED = {"scenarios": "WBF/Miniberry-30-Sweep-v1", "estimators": "epidemic", "seeds": "10"}
-_OPTIONS = options.taken_by(selection)
-
-
-@app.command("compare", cls=HelpCommand, epilog=COMPARE_EXAMPLES)
-@options.speaks()
-@options.gives("selected", selection, {key: (_OPTIONS[key][0], value) for key, value in _COMPARED.items()})
-@options.gives("flying", _Flying)
-def compare_command(
-    output: Output,
-    *,
-    context: typer.Context,
-    mine: Annotated[str, typer.Argument(help="A planner or policy.")],
-    against: Annotated[
-        str, option("Planners and policies, separated by commas.", panel=RUN_PANEL)
-    ] = "greedy",
-    out: Annotated[Path | None, option("Folder of the results.  [default: they are not stored]")] = None,
-    selected: dict[str, Any],
-    flying: _Flying,
-) -> int:
-    """Compare a planner or policy with others, on the same environments.
-
-    Prints differences of scores with 95 % intervals, positive if the first is better. With --out, only
-    missing runs are flown.
-    """
-    from dataclasses import asdict
-
-    from wbf_mission.bench.intervals import verdict
-    from wbf_mission.bench.spec import BenchSpec
-    from wbf_mission.bench.standings import compare
-
-    wanted = BenchSpec.of(**selected | {"planners": _choices(f"{mine},{against}", "planner")})
-    rows, interrupted = flying.rows(output, wanted, out, context)
-    first, *others = map(str, wanted.planners)
-    found = compare(rows, first, others)
-    values = [
-        asdict(pair) | {"verdict": verdict(pair.score), "final_verdict": verdict(pair.final_score)}
-        for pair in found
-    ]
-    table = [
-        [
-            f"{pair.scenario}, {pair.estimator}",
-            pair.against,
-            *bench_output.difference(pair.score),
-            verdict(pair.score),
-            *bench_output.difference(pair.final_score),
-            verdict(pair.final_score),
-            "-" if math.isnan(pair.better) else f"{pair.better:.0%} of {pair.environments}",
-        ]
-        for pair in found
-    ]
-    of_score = ("95 %", "verdict")
-    header = ["scenario, estimator", "against", "run", *of_score, "end", *of_score, "better on"]
-    output.table(values, header, table, title=f"{first}: difference of scores (positive: it is better)")
-    bench_output.tell_what_counts(output, rows)
-    bench_output.tell_failures(output, rows)
     return bench_output.exit_code(rows, interrupted=interrupted)
 
 
@@ -318,7 +255,6 @@ def report_command(
     ] = None,
 ) -> int:
     """Print the standings of the results in a folder, also during a benchmark, or write a report."""
-    from wbf_mission.bench.report import report_page
     from wbf_mission.bench.requests import read_asked
     from wbf_mission.bench.rows import read_rows
     from wbf_mission.results.storage import ResultError
@@ -328,7 +264,7 @@ def report_command(
         msg = f"{folder}: holds no results of a benchmark; give the folder of 'bench run --out'"
         raise ResultError(msg)
     if out is not None:
-        write_page = bench_page()
+        write_page, report_page = bench_page(), bench_report()
         page = report_page(rows, out, title=f"Benchmark of {len(rows)} runs", asked=read_asked(folder))
         page.write(out / "report.md")
         write_page(out / "report.html", page, out, rows)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import TYPE_CHECKING
 
 from wbf_mission.cli.output import Output
@@ -11,7 +10,6 @@ from wbf_mission.exit_codes import ExitCode
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from wbf_mission.bench.intervals import Interval
     from wbf_mission.bench.rows import BenchRow
 
 _FAILURES_SHOWN = 5
@@ -22,8 +20,8 @@ def print_standings(output: Output, rows: Sequence[BenchRow], title: str) -> Non
     """Print a table of standings for each scenario, and the causes of failed runs."""
     from dataclasses import asdict
 
-    from wbf_mission.bench.report import standing_table
     from wbf_mission.bench.standings import standings
+    from wbf_mission.bench.tables import standing_table
 
     tell_what_counts(output, rows)
     found = standings(rows)
@@ -68,14 +66,6 @@ def tell_failures(output: Output, rows: Sequence[BenchRow]) -> None:
         output.warn(f"{names}: in {len(bad)} runs {fault}; 'bench report --out' counts them")
     if len(failures) > _FAILURES_SHOWN:
         output.warn(f"{len(failures) - _FAILURES_SHOWN} more runs failed; 'bench report --json' names them")
-
-
-def difference(scores: Interval) -> list[str]:
-    """Return the table cells of a difference of scores and its interval."""
-    return [
-        "-" if math.isnan(scores.mean) else f"{scores.mean:+.4f}",
-        "-" if math.isnan(scores.low) else f"{scores.low:+.3f} to {scores.high:+.3f}",
-    ]
 
 
 def exit_code(rows: Sequence[BenchRow], *, interrupted: bool) -> int:

@@ -26,15 +26,19 @@ class Command(NamedTuple):
         A heading, and a line for each example.
     beginners : tuple of str
         Options in ``--help``, for a command with more than twenty; ``--help-all`` shows all.
+    ignore_unknown_options : bool
+        Whether an unknown option is an argument, such as -5.
     """
 
     call: Callable[..., Any]
     examples: str
     beginners: tuple[str, ...] = ()
+    ignore_unknown_options: bool = False
 
-    def add_to(self, app: typer.Typer, name: str, **settings: Any) -> None:
-        """Add the command to a group; `settings` are context settings of typer."""
+    def add_to(self, app: typer.Typer, name: str) -> None:
+        """Add the command to a group."""
         kind = HelpCommand.showing(self.beginners)
+        settings = {"ignore_unknown_options": self.ignore_unknown_options}
         app.command(name, cls=kind, epilog=self.examples, context_settings=settings)(self.call)
 
 

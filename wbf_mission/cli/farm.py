@@ -10,13 +10,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from geo.texts import distance, duration
+from geo.texts import distance
 from wbf_mission.cli import options
 from wbf_mission.cli.help import HelpCommand, HelpGroup
 from wbf_mission.cli.options import Overwrite, option, refuse_overwrite
 from wbf_mission.cli.output import Output
-from wbf_mission.exit_codes import ExitCode
-from wbf_mission.scenario import FarmOptions, ScenarioError
+from wbf_mission.scenario import FarmOptions
 from wbf_mission.scenario.option import options_of
 
 if TYPE_CHECKING:
@@ -160,13 +159,14 @@ def draw_command(
     out: Annotated[Path | None, option("PNG file.  [default: FARM.png]")] = None,
 ) -> None:
     """Draw a farm's crops, the owner's border, obstacles and home as a PNG picture."""
-    from wbf_mission.pictures.plots import plot_farm
+    from wbf_mission.results.products import PICTURES, product
 
+    made: Any = product(PICTURES)
     shown = _load(given, farm, output)
     target = out or _file_name(shown.name)
     refuse_overwrite(target, [farm])
     _require_suffix(target, ".png")
-    plot_farm(shown, target)
+    made.plot_farm(shown, target)
     output.result({"file": str(target)}, title="Drawn")
 
 
@@ -191,128 +191,6 @@ def save_command(
     shown = _load(given, farm, output)
     save_farm(shown, out)
     output.result({"file": str(out)}, title="Saved")
-
-
-GENERATE_EXAMPLES = """
-Examples
-wbf-mission farm generate --farm miniberry-30 --count 50 --jobs 2 --out environments/miniberry
-wbf-mission farm generate --farm waterberry --keep 6 --count 8 --jobs 2 --out environments/day-6
-"""
-
-
-@app.command("generate", cls=HelpCommand, epilog=GENERATE_EXAMPLES)
-@options.scenario_options(FarmOptions, without=options.OF_DAYS)
-@options.speaks()
-def generate_command(
-    given: options.Given,
-    output: Output,
-    count: Annotated[
-        int, option("Number of environments.", parser=options.whole_number_in(1, 100_000), min=1, max=100_000)
-    ] = 1,
-    days: Annotated[
-        int | None,
-        option(
-            "Days after the first one, 0 to 126.  [default: 15, or the last one of --keep]",
-            parser=options.whole_number_in(0, 126),
-        ),
-    ] = None,
-    keep: Annotated[str | None, option("Days to keep, such as 6 or 1-15 or 0,6,15.  [default: all]")] = None,
-    jobs: options.Jobs = 1,
-    out: Annotated[Path | None, option("Folder.  [default: environments/ and the farm's name]")] = None,
-) -> int:
-    """Generate environments of a farm: diseases and soil on each day, as Zarr stores.
-
-    Ctrl-C keeps the finished environments, and the same command makes the others.
-    """
-    import time
-
-    from joblib import cpu_count
-
-    from sensors.environment.ensemble import generate_ensemble
-
-    options.require_processes(jobs)
-    scenario = given.scenario()
-    shown = scenario.farm.load()
-    output.notes(shown.notes, "farm")
-    kept = None if keep is None else _days(keep)
-    if kept is not None and days is not None and max(kept) > days:
-        msg = f"--keep {keep} is beyond --days {days}: leave --days out, or keep days up to {days}"
-        raise ScenarioError(msg)
-    last = days if days is not None else 15 if kept is None else max(kept)
-    folder = out or Path("environments") / shown.name.lower()
-    begin = time.perf_counter()
-    try:
-        with output.progress() as progress:
-            ensemble = generate_ensemble(
-                shown.grid(),
-                folder,
-                members=count,
-                seed=scenario.seed,
-                days=last if kept is None else max(kept),
-                keep_days=kept,
-                farm_name=shown.name,
-                jobs=cpu_count() if jobs < 0 else jobs,
-                progress=lambda done, total: progress("environments", done, total),
-            )
-    except KeyboardInterrupt:
-        output.warn(
-            f"stopped; finished environments in {folder} are kept, and the same command makes the others"
-        )
-        return ExitCode.INTERRUPTED
-    seconds = time.perf_counter() - begin
-    size = sum(path.stat().st_size for path in ensemble.folder.rglob("*") if path.is_file())
-    made, found, days_kept = len(ensemble.made), len(ensemble.found), ensemble.header.days
-    values = {
-        "folder": str(folder),
-        "farm": shown.name,
-        "members": len(ensemble),
-        "generated": made,
-        "found": found,
-        "days": list(days_kept),
-        "bytes": size,
-        "wall_time_s": seconds,
-    }
-    rows = {
-        "folder": str(folder),
-        "environments": f"{count}: {made} generated now, {found} were there",
-        "days": _ranges(days_kept),
-        "size": f"{size / 1e6:.1f} MB",
-        "wall time": duration(seconds),
-    }
-    output.result(values, rows, title=f"{shown.name}: environments")
-    return ExitCode.GOOD
-
-
-def _days(text: str) -> list[int]:
-    """Parse a list of days, such as ``0,6,10-15``.
-
-    >>> _days("0,4-6")
-    [0, 4, 5, 6]
-    """
-    days: set[int] = set()
-    for part in text.split(","):
-        first, dash, last = (word.strip() for word in part.partition("-"))
-        numbers = (first, last if dash else first)
-        good = all(number.isascii() and number.isdecimal() and len(number) <= 3 for number in numbers)
-        if not good or int(numbers[0]) > int(numbers[1]) or int(numbers[1]) > 126:
-            msg = f"--keep {text!r} are not days in 0..126: give such as 6, 1-15 or 0,6,15"
-            raise ScenarioError(msg)
-        days.update(range(int(numbers[0]), int(numbers[1]) + 1))
-    return sorted(days)
-
-
-def _ranges(days: tuple[int, ...]) -> str:
-    """Return days as a list of ranges, such as ``0, 4-6``.
-
-    >>> _ranges((0, 4, 5, 6))
-    '0, 4-6'
-    """
-    parts: list[list[int]] = []
-    for day in days:
-        if not parts or day != parts[-1][-1] + 1:
-            parts.append([])
-        parts[-1].append(day)
-    return ", ".join(str(part[0]) if len(part) == 1 else f"{part[0]}-{part[-1]}" for part in parts)
 
 
 def _file_name(farm: str) -> Path:

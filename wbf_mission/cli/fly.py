@@ -156,19 +156,22 @@ class _Saving:
 
     def products(self) -> list[str]:
         """Return the names of the products to write in addition to the results."""
-        from wbf_mission.results.products import ANIMATION, TREATMENT
+        from wbf_mission.results.products import ANIMATION, PICTURES, TREATMENT, product_names
 
-        wanted = {ANIMATION: self.animate, TREATMENT: self.treatment_map}
+        drawn = self.plots and PICTURES in product_names()
+        wanted = {PICTURES: drawn, ANIMATION: self.animate, TREATMENT: self.treatment_map}
         return [name for name in wanted if wanted[name]]
 
-    def require_products(self, chosen: Scenario) -> None:
-        """Raise an error before the flight if a product could not be written."""
-        from wbf_mission.results.products import product
+    def require_products(self, chosen: Scenario, output: Output) -> None:
+        """Raise an error before the flight if a product could not be written; note if pictures cannot."""
+        from wbf_mission.results.products import GROUP, PICTURES, product, product_names
 
         if not self.files and (self.animate or self.treatment_map):
             what = "--animate writes a file" if self.animate else "--treatment-map writes files"
             msg = f"{what}, --no-files none: leave one of them out"
             raise ScenarioError(msg)
+        if self.files and self.plots and PICTURES not in product_names():
+            output.note(f"note: no pictures: no package that is installed makes '{PICTURES}' ({GROUP})")
         for name in self.products():
             product(name).require(chosen)
 
@@ -178,7 +181,6 @@ class _Saving:
             if folder is not None:
                 folder.write(
                     result,
-                    plots=self.plots,
                     products=self.products(),
                     release=True,
                     progress=progress,
@@ -276,7 +278,7 @@ def fly_command(
         (Scenario(**given.defaults), ()) if given.file is None else load_broken_scenario(given.file)
     )
     chosen = links.counted(given).change(base)
-    saving.require_products(chosen)
+    saving.require_products(chosen, output)
     simulates = speed is not None or bool(fault or in_file)
     orders = page.orders(output)
     live = links.live(output, orders, force=force, simulates=simulates, change_s=change_time)

@@ -11,12 +11,16 @@ from geo.imports import load_named
 from wbf_mission.cli.options import TargetError
 
 if TYPE_CHECKING:
+    from sim_vehicle.component import Component
     from wbf_mission.bench.page import Page
+    from wbf_mission.bench.requests import AskedFor
     from wbf_mission.bench.rows import BenchRow
     from wbf_mission.events import Event, EventStream
     from wbf_mission.progress import Progress
     from wbf_mission.run.orders import Orders
     from wbf_mission.run.record import RunRecord
+    from wbf_mission.scenario import Scenario
+    from wbf_mission.simulator import Simulated
 
 GROUP = "wbf_mission.pages"
 
@@ -28,6 +32,26 @@ class LivePage(Protocol):
         self, *, host: str, port: int, orders: Orders | None, tiles: Path | None
     ) -> AbstractContextManager[tuple[str, Callable[[Event], None]]]:
         """LinkError if the port is in use; a WbfMissionError if the tiles cannot be used."""
+
+
+class FollowedSimulation(Protocol):
+    """``live.simulation``: shows simulated vehicles on the live page, and carries out the page's orders.
+
+    Attributes
+    ----------
+    components : sequence of Component
+        Components that run beside the vehicles.
+    """
+
+    components: Sequence[Component]
+
+    def __init__(
+        self, simulated: Simulated, scenario: Scenario, events: EventStream, orders: Orders | None
+    ) -> None:
+        """Follow the vehicles; without `orders`, the page cannot command them."""
+
+    def begin(self) -> Callable[[float], bool]:
+        """Publish the first events, once the page listens; return the callback for each later step."""
 
 
 class RunPage(Protocol):
@@ -49,10 +73,25 @@ class BenchPage(Protocol):
         """Write the file `path`; `folder` has the pictures, `rows` add a table of all standings."""
 
 
+class BenchReport(Protocol):
+    """``bench.report``: makes the report of a benchmark."""
+
+    def __call__(
+        self, rows: Sequence[BenchRow], folder: Path, *, title: str, asked: AskedFor | None = None
+    ) -> Page:
+        """Write the pictures of the report into `folder`; with `asked`, the report has the requests."""
+
+
 def live_page() -> LivePage:
     """Return the live page; TargetError if no add-on provides one."""
     page: LivePage = _provided("live")
     return page
+
+
+def followed_simulation() -> type[FollowedSimulation]:
+    """Return the part of the live page that follows a simulation; TargetError if no add-on provides it."""
+    followed: type[FollowedSimulation] = _provided("live.simulation")
+    return followed
 
 
 def run_page() -> type[RunPage]:
@@ -65,6 +104,12 @@ def bench_page() -> BenchPage:
     """Return the page of a benchmark; TargetError if no add-on provides one."""
     page: BenchPage = _provided("bench")
     return page
+
+
+def bench_report() -> BenchReport:
+    """Return the report of a benchmark; TargetError if no add-on provides one."""
+    report: BenchReport = _provided("bench.report")
+    return report
 
 
 def _provided(name: str) -> Any:

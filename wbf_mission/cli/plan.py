@@ -96,8 +96,7 @@ def plan_command(
     from wbf_mission.planning.coverage import too_little_seen
     from wbf_mission.planning.fleet import single_vehicles
     from wbf_mission.preflight.run import check_plans
-    from wbf_mission.run.batteries import batteries_in, plan_for_batteries
-    from wbf_mission.run.plan import plan_fleet
+    from wbf_mission.run.plan import batteries_in, plan_fleet, plan_for_batteries
 
     given, sorties = sorties.with_rest(given)
     batteries = batteries_in(given.changes.get("budget"))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
@@ -15,7 +15,8 @@ from wbf_mission.cli import options, signals
 from wbf_mission.cli.live import LivePage
 from wbf_mission.cli.options import Overwrite, option, refuse_overwrite
 from wbf_mission.cli.output import Output
-from wbf_mission.events import DayBegun, EventStream, RunBegun, RunEnded, VehicleInfo
+from wbf_mission.cli.pages import followed_simulation
+from wbf_mission.events import RunEnded
 from wbf_mission.exit_codes import ExitCode
 from wbf_mission.scenario import CameraOptions, FarmOptions, ScenarioError, VehicleOptions, WeatherOptions
 from wbf_mission.scenario.option import options_of
@@ -24,7 +25,6 @@ from wbf_mission.scenario.sim_options import LINKS, SimOptions, load_sim, parse_
 
 if TYPE_CHECKING:
     from mission.link.codec.signing import Signing
-    from wbf_mission.scenario import Scenario
     from wbf_mission.simulator import Simulated
 
 _SHOWN_LINKS = 8
@@ -111,7 +111,6 @@ def sim_command(
     from sim_vehicle.faults.fault import parse_fault
     from sim_vehicle.faults.session import check_vehicles
     from sim_vehicle.host.server import Server
-    from wbf_mission.live.control_station import ControlStation
     from wbf_mission.scenario import Scenario
     from wbf_mission.simulator import make_components, parse_home
 
@@ -150,12 +149,13 @@ def sim_command(
 
     try:
         orders = page.orders(output)
-        followed = None if not page.wanted else _Followed(simulated, scenario, output.events)
-        watching = [] if followed is None else [followed.watch]
+        followed = None
+        if page.wanted:
+            followed = followed_simulation()(simulated, scenario, output.events, orders)
         with (
             page.serve(output, output.events, orders),
             Server(
-                [*simulated.components, *watching, *([] if orders is None else [ControlStation(orders)])],
+                [*simulated.components, *(() if followed is None else followed.components)],
                 [*chosen.listen, *chosen.connect] or simulated.fleet.urls,
                 speed=parse_speed(chosen.speed),
                 tap=None if tlog is None else tap,
@@ -197,36 +197,6 @@ def sim_command(
     output.result(values, _rows(simulated, values), title="Simulator stopped")
     code = signals.exit_code(ExitCode.GOOD)
     return ExitCode.GOOD if code == ExitCode.INTERRUPTED else code  # Ctrl-C is the normal way to end `sim`
-
-
-class _Followed:
-    """Source of the simulation's events for the live page."""
-
-    def __init__(self, simulated: Simulated, scenario: Scenario, events: EventStream) -> None:
-        from wbf_mission.simulator import SimulatedWatch
-
-        self._simulated, self._scenario, self._events = simulated, scenario, events
-        self.watch = SimulatedWatch(simulated, scenario.farm.day)
-
-    def begin(self) -> Callable[[float], bool]:
-        """Publish the first events, once the page listens; return the callback for each later step."""
-        from sensors.field_files import load_field_set
-        from wbf_mission.live.telemetry_events import TelemetryEvents
-
-        simulated, scenario, events = self._simulated, self._scenario, self._events
-        environment, day = simulated.environment, scenario.farm.day
-        specs = [(vehicle.system_id, vehicle.pilot.spec) for vehicle in simulated.vehicles]
-        begun = RunBegun(
-            f"{simulated.farm.name}, simulated {simulated.autopilot}",
-            simulated.farm,
-            None if environment is None else load_field_set(scenario.farm.fields),
-            tuple(VehicleInfo(number, spec.name, spec.kind) for number, spec in specs),
-            seed=scenario.seed,
-        )
-        telemetry = TelemetryEvents(events, self.watch, begun, day=day)
-        if environment is not None and events.wants(DayBegun):
-            events.tell(DayBegun(0.0, day, environment.values(day)))
-        return telemetry.look
 
 
 def _with_camera(given: options.Given, chosen: bool | None) -> bool | None:

@@ -121,9 +121,9 @@ class SortieOptions:
 
         WbfMissionError if the mission cannot be resumed.
         """
-        from wbf_mission.planning.sorties import is_too_long, sorties_of
+        from wbf_mission.planning.sorties import sorties_of
 
-        if self.whole or not (is_too_long(whole) or self.home or self.resume):
+        if self.whole or not (whole.is_too_long or self.home or self.resume):
             return None
         begin = None
         if self.resume is not None:

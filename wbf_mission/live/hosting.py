@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from pathlib import Path
+from typing import ClassVar
 
 from geo.closing import Closing
 from geo.system import steady_s
@@ -23,8 +23,7 @@ from sim_vehicle.component import NEVER, Component
 from sim_vehicle.host.server import Server, ServerUrl
 from sim_vehicle.host.simulation import StopReason
 from wbf_mission.live.riding_camera import RidingCamera
-from wbf_mission.run.hosting import tap_of
-from wbf_mission.run.orders import Orders
+from wbf_mission.run.hosting import Hosting, tap_of
 from wbf_mission.run.sortie import Sortie
 from wbf_mission.scenario import Scenario
 
@@ -38,27 +37,15 @@ _AUTOPILOT = int(m.MAV_COMP_ID_AUTOPILOT1)
 _NAMED = 4  # Largest number of named senders in a line about dropped datagrams
 
 
-@dataclass(frozen=True, slots=True)
-class LinkHosting:
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LinkHosting(Hosting):
     """Hosting of vehicles behind links: this program is their ground stations and leaf cameras."""
 
     heard: Sequence[Heard]
-    tlog: Path | None  # File for every MAVLink frame that is received or sent
     agreed: bool  # Whether the operator confirmed the start in advance
-    force: bool  # Whether plans are uploaded that the autopilot would refuse or not fly
     note: Note  # Receives lines for the operator
     via: Via
-    orders: Orders | None = None
-
-    @property
-    def pace(self) -> None:
-        """No pace: the vehicles fly in real time."""
-        return
-
-    @property
-    def waits_for_decisions(self) -> bool:
-        """Whether the vehicles wait for decisions: real vehicles never do."""
-        return False
+    waits_for_decisions: ClassVar[bool] = False
 
     @property
     def transfers(self) -> TransferMaker:

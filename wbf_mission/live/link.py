@@ -267,8 +267,8 @@ class LiveLink:
     def hosting(self, faults: Sequence[Fault]) -> Hosting:  # noqa: ARG002
         """Return the hosting of the flight."""
         return LinkHosting(
-            tuple(self._heard.values()),
-            self.tlog,
+            heard=tuple(self._heard.values()),
+            tlog=self.tlog,
             agreed=self.agreed,
             force=self.force,
             note=self.note,

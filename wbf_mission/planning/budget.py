@@ -20,12 +20,12 @@ from sim_vehicle.energy.power import endurance_s
 from sim_vehicle.prediction.flight import Prediction
 from sim_vehicle.prediction.onward import InFlight, OnwardPredictor
 from sim_vehicle.prediction.predict import BOUND_PROBABILITY
-from wbf_mission.planning.builder import MissionBuilder
+from wbf_mission.planning.builder import MissionBuilder, is_beyond_battery
 from wbf_mission.planning.conditions import wind_of
 from wbf_mission.scenario import ScenarioError
 from wbf_mission.scenario.parts import UNLIMITED
 
-_UNLIMITED_S = 1e9
+_UNLIMITED_S = 1e9  # With this limit every path is priced with an endless battery
 PAPER_STEPS_PER_CELL = 0.4  # Timesteps per day and owner's cell (Matloob et al., experiments)
 
 Paths = Sequence[NDArray[np.float64]]
@@ -71,20 +71,21 @@ class ReserveCharge:
         return mean_wh + self._spread * math.sqrt(mean_wh)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class FlightBudget:
-    """Budget in seconds or watt hours; a path costs the predicted flight of its mission."""
+    """Budget in seconds or watt hours; a path costs the predicted flight of its mission.
+
+    A path beyond one battery cannot be flown, unless its mission may be cut into sorties: then it is priced
+    with an endless battery.
+    """
 
     limit: float  # Largest cost of the whole flight, from take-off to touch-down
     unit: str  # {"s", "Wh"}
-    # Returns the predicted cost of each path, float64[n, 2]; infinite if the vehicle cannot fly it
-    price: Callable[[Paths], list[float]]
-    explain: Callable[
-        [NDArray[np.float64]], str
-    ]  # Returns why the vehicle cannot fly a path; empty if it can
-    # Maps a path of the whole flight to a function from the mean-wind cost of the remaining path to its
-    # charge
-    onward: Callable[[NDArray[np.float64]], Callable[[float], float]]
+    builder: MissionBuilder
+    reserve: ReserveCharge | None = None  # Charged for gusts and estimate errors
+    in_sorties: bool = False  # Whether a mission beyond one battery may be cut into sorties
+    # Plans of successive flights mostly price the same candidate paths.
+    _known: dict[bytes, float] = field(default_factory=dict, init=False, repr=False)
 
     def cost(self, path_xy_m: NDArray[np.float64]) -> float:
         """Return the predicted seconds or watt hours; infinite when the vehicle cannot fly the path."""
@@ -92,101 +93,58 @@ class FlightBudget:
 
     def costs(self, paths_xy_m: Paths) -> list[float]:
         """Return the `cost` of each path; one call predicts all paths in parallel."""
-        return self.price(paths_xy_m)
-
-    def reason(self, path_xy_m: NDArray[np.float64]) -> str:
-        """Return why the vehicle cannot fly the path; empty if it can."""
-        return self.explain(path_xy_m)
-
-
-def flight_budget(
-    limit: float,
-    unit: str,
-    builder: MissionBuilder,
-    reserve: ReserveCharge | None = None,
-    *,
-    one_battery: bool = True,
-) -> FlightBudget:
-    """Return a budget in "s" or "Wh" that charges predicted flights, and the `reserve`.
-
-    With `one_battery` false, a path beyond one battery is priced with an endless battery, since its mission
-    is flown in sorties.
-    """
-
-    def mission_of(path_xy_m: NDArray[np.float64]) -> Mission:
-        points = np.asarray(path_xy_m, dtype=np.float64).reshape(-1, 2)
-        return builder.mission(PlannedPath(points[1:] if len(points) > 1 else points, None, "candidate"))
-
-    # Plans of successive flights mostly price the same candidate paths.
-    known: dict[bytes, float] = {}
-
-    def price(paths_xy_m: Paths) -> list[float]:
+        known = self._known
         keys = [np.asarray(path, dtype=np.float64).tobytes() for path in paths_xy_m]
         new = {key: path for key, path in zip(keys, paths_xy_m, strict=True) if key not in known}
         costs = {key: known[key] for key in keys if key in known}
-        missions = [mission_of(path) for path in new.values()]
-        flown = builder.price(missions) if new else []
-        if not one_battery:
-            short = [k for k, one in enumerate(flown) if is_short_of_battery(one)]
-            for k, one in zip(short, builder.price([missions[k] for k in short], endless=True), strict=True):
-                flown[k] = one
-        prices = [price_of(prediction) for prediction in flown]
-        if reserve is not None:
-            prices = charged(reserve, missions, prices)
-        costs |= zip(new, prices, strict=True)
+        if new:
+            costs |= zip(new, self._prices([self._mission(path) for path in new.values()]), strict=True)
         if len(known) + len(new) > _MOST_KNOWN:
             known.clear()
         known.update(costs)
         return [costs[key] for key in keys]
 
-    def price_of(prediction: Prediction) -> float:
-        spent = prediction.duration_s if unit == "s" else prediction.energy_wh
-        # A flight that exceeds the limit before it fails gets the cost up to the failure.
-        return spent if prediction.feasible or spent > limit else math.inf
+    def reason(self, path_xy_m: NDArray[np.float64]) -> str:
+        """Return why the vehicle cannot fly the path; empty if it can."""
+        endless = self.in_sorties or self.limit == _UNLIMITED_S
+        (prediction,) = self.builder.price([self._mission(path_xy_m)], endless=endless)
+        return "" if prediction.feasible else str(prediction.reason)
 
-    def charged(reserve: ReserveCharge, missions: list[Mission], prices: list[float]) -> list[float]:
+    def onward(self, path_xy_m: NDArray[np.float64]) -> Callable[[float], float]:
+        """Return a function from the mean-wind cost of the rest of a whole flight's path to its charge."""
+        if self.reserve is None:
+            return lambda rest: rest
+        if self.reserve.factor is None:
+            mission = self._mission(path_xy_m)
+            (prediction,) = self.builder.price([mission])
+            self.reserve.learn(mission, self._price(prediction))
+        return self.reserve.rest
+
+    def _mission(self, path_xy_m: NDArray[np.float64]) -> Mission:
+        points = np.asarray(path_xy_m, dtype=np.float64).reshape(-1, 2)
+        return self.builder.mission(PlannedPath(points[1:] if len(points) > 1 else points, None, "candidate"))
+
+    def _prices(self, missions: list[Mission]) -> list[float]:
         """Return the charges; the first flight near the limit sets the reserve's factor."""
-        near = [k for k, one in enumerate(prices) if _NEAR * limit <= one <= limit]
+        flown = self.builder.price(missions, endless=self.limit == _UNLIMITED_S)
+        if self.in_sorties:
+            short = [k for k, one in enumerate(flown) if is_beyond_battery(self.builder.vehicle, one)]
+            again = self.builder.price([missions[k] for k in short], endless=True)
+            for k, one in zip(short, again, strict=True):
+                flown[k] = one
+        prices, reserve = [self._price(prediction) for prediction in flown], self.reserve
+        if reserve is None:
+            return prices
+        near = [k for k, one in enumerate(prices) if _NEAR * self.limit <= one <= self.limit]
         if near and reserve.factor is None:
             best = max(near, key=lambda k: prices[k])
             reserve.learn(missions[best], prices[best])
         return [price * (reserve.factor or 1.0) for price in prices]
 
-    def is_short_of_battery(prediction: Prediction) -> bool:
-        battery = builder.vehicle.battery
-        return battery is not None and prediction.battery_fraction < battery.reserve_fraction
-
-    def explain(path_xy_m: NDArray[np.float64]) -> str:
-        (prediction,) = builder.price([mission_of(path_xy_m)], endless=not one_battery)
-        return "" if prediction.feasible else str(prediction.reason)
-
-    def onward(path_xy_m: NDArray[np.float64]) -> Callable[[float], float]:
-        if reserve is None:
-            return lambda rest: rest
-        if reserve.factor is None:
-            mission = mission_of(path_xy_m)
-            (prediction,) = builder.price([mission])
-            reserve.learn(mission, price_of(prediction))
-        return reserve.rest
-
-    return FlightBudget(limit, unit, price, explain, onward)
-
-
-def unlimited_budget(builder: MissionBuilder) -> FlightBudget:
-    """Return a budget without a limit; a path costs its predicted time (s)."""
-
-    def price(paths_xy_m: Paths) -> list[float]:
-        missions = [builder.mission(PlannedPath(path[1:], None, "candidate")) for path in paths_xy_m]
-        flown = builder.price(missions, endless=True)
-        return [prediction.duration_s if prediction.feasible else math.inf for prediction in flown]
-
-    def explain(path_xy_m: NDArray[np.float64]) -> str:
-        (prediction,) = builder.price(
-            [builder.mission(PlannedPath(path_xy_m[1:], None, "candidate"))], endless=True
-        )
-        return "" if prediction.feasible else str(prediction.reason)
-
-    return FlightBudget(_UNLIMITED_S, "s", price, explain, lambda _path: lambda rest: rest)
+    def _price(self, prediction: Prediction) -> float:
+        spent = prediction.duration_s if self.unit == "s" else prediction.energy_wh
+        # A flight that exceeds the limit before it fails gets the cost up to the failure.
+        return spent if prediction.feasible or spent > self.limit else math.inf
 
 
 def make_budget(text: str | None, builder: MissionBuilder, *, steered: bool = False) -> tuple[Budget, str]:
@@ -213,9 +171,9 @@ def make_budget(text: str | None, builder: MissionBuilder, *, steered: bool = Fa
         disturbed = builder.estimate_errors or wind_of(builder.weather, builder.level).is_gusty
         often = f"; enough for {BOUND_PROBABILITY:.1%} of such flights" if disturbed else ""
         words = f"{usable:.1f} Wh (the battery less {less}{often})"
-        return flight_budget(usable, "Wh", builder, ReserveCharge(builder) if disturbed else None), words
+        return FlightBudget(usable, "Wh", builder, ReserveCharge(builder) if disturbed else None), words
     if text.strip().lower() == UNLIMITED:
-        return unlimited_budget(builder), "unlimited"
+        return FlightBudget(_UNLIMITED_S, "s", builder), "unlimited"
     value, unit = parse_budget(text)
     if unit == "m":
         return LengthBudget(value, home, builder.flown_way), f"{value:g} m"
@@ -228,7 +186,7 @@ def make_budget(text: str | None, builder: MissionBuilder, *, steered: bool = Fa
     words = f"{value:g} {unit}"
     if steered and (lasts := _battery_in(unit, builder)) < value:
         words += f" (a battery less its reserve lasts for about {lasts:.3g} {unit})"
-    return flight_budget(value, unit, builder, one_battery=steered), words
+    return FlightBudget(value, unit, builder, in_sorties=not steered), words
 
 
 def _battery_in(unit: str, builder: MissionBuilder) -> float:

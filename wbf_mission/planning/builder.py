@@ -156,6 +156,11 @@ class PlanResult:
         return found
 
     @property
+    def is_too_long(self) -> bool:
+        """Whether the mission needs more than a battery less its reserve."""
+        return is_beyond_battery(self.vehicle, self.prediction)
+
+    @property
     def battery_used(self) -> float | None:
         """Used fraction of the battery, above 1 if one battery is not enough; None without a battery."""
         if self.vehicle.battery is None:
@@ -508,6 +513,12 @@ def check_speed(mission: MissionOptions, vehicle: VehicleSpec) -> None:
     if asked is not None and asked > most:
         msg = f"cruise speed {asked:g} m/s: vehicle {vehicle.name} flies at most {most:.3g} m/s"
         raise ScenarioError(msg + "; give less, or another vehicle")
+
+
+def is_beyond_battery(vehicle: VehicleSpec, prediction: Prediction) -> bool:
+    """Return whether a predicted flight needs more than a battery less its reserve."""
+    battery = vehicle.battery
+    return battery is not None and prediction.battery_fraction < battery.reserve_fraction
 
 
 def home_of(mission: Mission, farm: Farm) -> GeoPoint:

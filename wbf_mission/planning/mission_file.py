@@ -12,13 +12,6 @@ from wbf_mission.planning.builder import MissionBuilder, PlanResult
 from wbf_mission.scenario import ScenarioError
 
 
-def require_one_vehicle(file: str, count: int) -> None:
-    """Raise ScenarioError if several vehicles are to fly one mission file."""
-    if count > 1:
-        msg = f"mission {file} is one vehicle's, but {count} fly; give one"
-        raise ScenarioError(msg)
-
-
 def read_plan(file: str, builder: MissionBuilder, footprint: int, seed: int) -> PlanResult:
     """Return the plan of a mission file; `ScenarioError` if no mission item has a position."""
     farm, mission = builder.farm, read_mission(file)

@@ -25,7 +25,6 @@ __all__ = [
     "PlannedSortie",
     "SortiePlan",
     "cut_plan",
-    "is_too_long",
     "overlap_of",
     "rest_of",
     "sorties_of",
@@ -219,12 +218,6 @@ def rest_of(cut: SortiePlan, builder: MissionBuilder, begin: Place) -> Mission:
     home = home_of(cut.whole.mission, builder.farm)
     cutter = _Cutter(cut.whole, builder, cut.course, begin, [home], cut.overlap_m, 1)
     return cutter.mission((begin, None, 0))
-
-
-def is_too_long(whole: PlanResult) -> bool:
-    """Return whether a mission needs more than a battery less its reserve."""
-    battery, prediction = whole.vehicle.battery, whole.prediction
-    return battery is not None and prediction.battery_fraction < battery.reserve_fraction
 
 
 def sorties_of(whole: PlanResult, one: VehicleParts, **how: Any) -> SortiePlan | None:

@@ -13,7 +13,6 @@ from mission.ground.items import Shots, shots_ordered
 from mission.model import Command
 from sim_vehicle.autopilot import fixed_wing_procedures
 from sim_vehicle.prediction.battery_swaps import batteries_needed
-from sim_vehicle.prediction.flight import Prediction
 from wbf_mission.planning.coverage import LEAST_OF_WHOLE, asks_whole, too_little_seen
 from wbf_mission.preflight.finding import Finding, Hit, Measure, Severity, worst_of
 from wbf_mission.preflight.path_rules import Leg, legs_of
@@ -120,10 +119,16 @@ def check_short_legs(subject: Subject) -> Iterator[Finding]:
     A single short leg joins two rows. Short legs along a line or a wide curve are flown.
     """
     vehicle = subject.vehicle
-    if vehicle.circles or _flies_to_the_end(subject):
+    lossy = subject.profile.lossy.get(int(Command.NAV_WAYPOINT), frozenset())
+    # ArduCopter flies each leg to its end, whatever the radius.
+    if vehicle.circles or (vehicle.hovers and "param2" in lossy):
         return
+
+    def is_short(leg: Leg) -> bool:
+        return leg.passed and _ZERO_M < leg.length_m < leg.radius_m
+
     pairs = pairwise(legs_of(subject))
-    short = list(dict.fromkeys(leg for pair in pairs if all(map(_is_short, pair)) for leg in pair))
+    short = list(dict.fromkeys(leg for pair in pairs if all(map(is_short, pair)) for leg in pair))
     shortest = min(short, key=lambda leg: leg.length_m, default=None)
     if shortest is None:
         return
@@ -131,16 +136,6 @@ def check_short_legs(subject: Subject) -> Iterator[Finding]:
     if share is None or share < _MOST_OF_IT:
         hits = (Hit(leg.item, leg.length_m) for leg in short)
         yield from worst(subject, "short-leg", hits, shortest.radius_m)
-
-
-def _is_short(leg: Leg) -> bool:
-    return leg.passed and _ZERO_M < leg.length_m < leg.radius_m
-
-
-def _flies_to_the_end(subject: Subject) -> bool:
-    """Return whether the autopilot flies each leg to its end, whatever the radius (ArduCopter)."""
-    lossy = subject.profile.lossy.get(int(Command.NAV_WAYPOINT), frozenset())
-    return subject.vehicle.hovers and "param2" in lossy
 
 
 _TURN_BACK = 2.0
@@ -317,21 +312,20 @@ def check_battery(subject: Subject) -> Iterator[Finding]:
         return
     left, reserve = max(0.0, 1.0 - prediction.energy_wh / battery.capacity_wh), battery.reserve_fraction
     code = "battery" if left < reserve else "battery-close" if left < reserve + _COMFORT else "flight"
+    reason = prediction.reason
+    if code == "battery":
+        count = batteries_needed(
+            subject.mission, subject.vehicle, prediction, wind=subject.wind, frame=subject.frame
+        )
+        if count is not None and count > 1:
+            reason += f"; it needs {count} batteries, changed at home"
     yield found(
         subject,
         code,
         measured=(100.0 * left, 100.0 * reserve),
         flight=f"{text}, {prediction.energy_wh:.1f} of {battery.capacity_wh:g} Wh",
-        reason=prediction.reason + (_batteries(subject, prediction) if code == "battery" else ""),
+        reason=reason,
     )
-
-
-def _batteries(subject: Subject, prediction: Prediction) -> str:
-    """Return the number of batteries that a long mission needs, in words; empty if no number is enough."""
-    count = batteries_needed(
-        subject.mission, subject.vehicle, prediction, wind=subject.wind, frame=subject.frame
-    )
-    return f"; it needs {count} batteries, changed at home" if count is not None and count > 1 else ""
 
 
 @CHECKS.finds(

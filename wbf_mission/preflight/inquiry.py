@@ -386,16 +386,12 @@ def decoded(value: float, kind: int, *, bytewise: bool) -> float | None:
     return float(value) if math.isfinite(value) else None
 
 
-def _silent(_text: str) -> None:
-    """Discard the text."""
-
-
 def ask_vehicle(
     url: str,
     *,
     wait_s: float = 10.0,
     system_id: int | None = None,
-    note: Callable[[str], None] = _silent,
+    note: Callable[[str], None] = lambda _text: None,
     placed: bool = False,
 ) -> VehicleSnapshot:
     """Wait for the vehicle behind a link, and read its state and the settings that plans assume.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
@@ -14,11 +15,11 @@ if TYPE_CHECKING:
     from wbf_mission.scenario import Scenario
 
 GROUP = "wbf_mission.products"
-ANIMATION, TREATMENT = "run.gif", "treatment"
+PICTURES, ANIMATION, TREATMENT = "path.png", "run.gif", "treatment"
 
 
 class Product(Protocol):
-    """File or folder that an add-on makes from a run.
+    """Files or a folder that an add-on makes from a run, named by the first of them.
 
     Attributes
     ----------
@@ -31,15 +32,15 @@ class Product(Protocol):
     def require(self, scenario: Scenario) -> None:
         """Raise WbfMissionError, before anything flies, if the product of this scenario cannot be made."""
 
-    def is_possible(self, run: RunRecord) -> bool:
-        """Return whether the run has the data of the product."""
+    def files(self, run: RunRecord) -> Sequence[str]:
+        """Return the names of the files, or of the folder, that can be made from the run."""
 
     def write(self, run: RunRecord, path: Path, progress: Progress) -> None:
-        """Write the file or folder; `progress` may raise KeyboardInterrupt."""
+        """Write one of the `files`, or the folder; `progress` may raise KeyboardInterrupt."""
 
 
 def product_names() -> frozenset[str]:
-    """Return the names of the files and folders that the installed add-ons can make."""
+    """Return the names of the products that the installed add-ons can make."""
     return frozenset(entry.name for entry in entry_points(GROUP))
 
 

@@ -15,7 +15,7 @@ from sensors.scoring.information import InformationModel
 from wbf_mission.progress import Progress
 from wbf_mission.replanning.record import decision_table
 from wbf_mission.results.files import history_table, read_result, track_table
-from wbf_mission.results.products import ANIMATION, product
+from wbf_mission.results.products import ANIMATION, PICTURES, product
 from wbf_mission.results.storage import ResultError
 from wbf_mission.results.writing import ResultFolder, settle_result
 from wbf_mission.run.record import RunRecord
@@ -50,9 +50,9 @@ class Result(RunRecord):
         OSError
             If the file cannot be written.
         """
-        from wbf_mission.pictures.path_plot import plot_run
-
-        return plot_run(self, Path(path))
+        made: Any = product(PICTURES)
+        made.plot_run(self, Path(path))
+        return Path(path)
 
     def animate(
         self,
@@ -112,7 +112,7 @@ class Result(RunRecord):
             If a file cannot be written.
         """
         with ResultFolder(Path(path), scenario=self.scenario.to_dict(), overwrite=overwrite) as folder:
-            folder.write(self, plots=plots)
+            folder.write(self, products=[PICTURES] if plots else ())
         return Path(path)
 
 

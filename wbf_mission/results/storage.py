@@ -50,6 +50,9 @@ def read_table(path: Path, columns: tuple[str, ...]) -> Any:
     with _opened(path, columns) as file:
         table = file.read(columns=list(columns))
         table.validate(full=True)
+        empty = [name for name in columns if table.column(name).null_count]
+        if empty:
+            raise ResultError(f"{path}: column {empty[0]} has rows without a value")
         return table
 
 

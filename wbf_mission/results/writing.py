@@ -12,15 +12,13 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor, wait
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self
+from typing import Any, Self
 
 import msgspec
-import numpy as np
 
 from geo.atomic import DISK_ERRORS, AtomicFolder, FolderError, settle
 from geo.processes import interrupts_noted
 from mission.errors import LinkError
-from mission.ground.tracks import joined
 from mission.link.codec.dialect import mavlink as m
 from mission.link.tlog import read_tlog
 from mission.outcome import Outcome
@@ -38,9 +36,6 @@ from wbf_mission.results.storage import SUFFIX, ResultError
 from wbf_mission.run.estimation import resolved
 from wbf_mission.run.record import RunRecord
 from wbf_mission.scenario import Scenario
-
-if TYPE_CHECKING:
-    from wbf_mission.maps.field_maps import FieldMap
 
 
 class ResultFolder:
@@ -107,14 +102,13 @@ class ResultFolder:
         self,
         result: RunRecord,
         *,
-        plots: bool = True,
         products: Sequence[str] = (),
         release: bool = False,
         progress: Progress | None = None,
     ) -> list[Path]:
         """Write the result, move the folder into place, and return the files.
 
-        `products` are names of `wbf_mission.results.products`; impossible ones are omitted.
+        `products` are names of `wbf_mission.results.products`; files that the run cannot give are omitted.
 
         ``release`` drops truth and estimate from the result once they are written, which frees memory for the
         animation's estimator on large farms. The first Ctrl-C skips the remaining pictures and products, the
@@ -123,7 +117,6 @@ class ResultFolder:
         """
         progress = progress or silent
         filled = self._folder.filled
-        jobs = _plot_jobs(result) if plots else []
         interrupted = None
         with interrupts_noted() as answer:
 
@@ -131,22 +124,20 @@ class ResultFolder:
                 answer()
                 progress(what, done, total)
 
-            made = {name: product(name) for name in products}
-            possible = [name for name in made if made[name].is_possible(result)]
-            for name in sorted(possible, key=lambda name: not made[name].needs_estimate):
-                jobs.append((name, partial(made[name].write, result, progress=step)))
+            made = sorted(map(product, products), key=lambda maker: not maker.needs_estimate)
+            jobs = [(name, maker) for maker in made for name in maker.files(result)]
             progress("writing results", 0, len(jobs) + 1)
             with ThreadPoolExecutor(1) as pool:
                 arrays = write_arrays(result, filled, pool)
                 written = write_result(result, filled, arrays)
                 try:
-                    for number, (name, job) in enumerate(jobs):
+                    for number, (name, maker) in enumerate(jobs):
                         answer()
                         progress("writing results", number + 1, len(jobs) + 1)
-                        if release and name in made and not made[name].needs_estimate:
+                        if release and not maker.needs_estimate:
                             wait(arrays.values())
                             result.truth = result.model = None
-                        job(filled / name)
+                        maker.write(result, filled / name, step)
                         written.append(filled / name)
                 except KeyboardInterrupt as error:
                     interrupted = error
@@ -348,39 +339,3 @@ _NAMES = frozenset(
         "report.html",
     }
 )
-
-
-def _plot_jobs(result: RunRecord) -> list[tuple[str, Any]]:
-    from wbf_mission.pictures import plots
-    from wbf_mission.pictures.path_plot import plot_run
-
-    farm, estimator = result.farm, result.estimator
-    title = f"{farm.name}: {result.plan.planner or 'mission file'}, {result.plan.vehicle.name}"
-    day = result.days[-1].day if result.days else result.scenario.farm.day
-    about = f"{farm.name}, day {day}, {estimator}"
-    last = joined(
-        [flight.track for flight in result.flights if flight.day == day] or [result.flights[-1].track]
-    )
-    track = np.column_stack((last.x_m, last.y_m))
-    jobs: list[tuple[str, Any]] = [("path.png", lambda path: plot_run(result, path))]
-    if result.maps:
-        for estimate, truth in zip(result.maps, result.true_maps, strict=True):
-
-            def draw(path: Path, estimate: FieldMap = estimate, truth: FieldMap = truth) -> None:
-                plots.plot_field(farm, estimate, path, truth=truth, flown_m=track, about=about)
-
-            jobs.append((f"field_{estimate.field.name}.png", draw))
-        history = result.history
-        if len(history.times_s):
-            jobs.append(
-                (
-                    "score.png",
-                    lambda path: plots.plot_score(
-                        history,
-                        path,
-                        f"{title}, {estimator}",
-                        result.fields,
-                    ),
-                )
-            )
-    return jobs

@@ -23,7 +23,7 @@ from wbf_mission.maps.field_maps import FieldMap, field_maps
 from wbf_mission.maps.report import report_of_maps
 from wbf_mission.planning import PlanResult
 from wbf_mission.planning.fleet import Vehicle
-from wbf_mission.planning.sorties import SortiePlan, cut_plan, is_too_long
+from wbf_mission.planning.sorties import SortiePlan, cut_plan
 from wbf_mission.progress import Stopwatch
 from wbf_mission.replanning.record import DecisionRecord
 from wbf_mission.run.flight import FlightInterrupted, PlannedFlight, fly_once, leaf_camera, plan_flight
@@ -103,7 +103,7 @@ class Campaign:
         if run.decider.steers or len(planned.sorties) != 1:
             return planned
         ((_, vehicle, whole),) = planned.sorties
-        if not is_too_long(whole):
+        if not whole.is_too_long:
             return planned
         cut = cut_plan(
             whole,

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Iterable, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
+from typing import ClassVar, Protocol
 
 from numpy.random import SeedSequence
 
@@ -46,36 +47,26 @@ class FlightHost(Protocol):
         """Send messages of a component at the current time."""
 
 
-class Hosting(Protocol):
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Hosting(ABC):
     """Where the flights of a run take place: simulation or links."""
 
-    @property
-    def pace(self) -> float | None:
-        """Seconds of the host's clock per second of wall time; None: the host's own pace."""
-
-    @property
-    def waits_for_decisions(self) -> bool:
-        """Whether simulated time stops while a policy decides."""
-
-    @property
-    def tlog(self) -> Path | None:
-        """File for every MAVLink frame; its folder is created when the first flight begins."""
+    pace: float | None = None  # Seconds of the host's clock per wall second; None: the host's own pace
+    tlog: Path | None = None  # File for every MAVLink frame; its folder is made when the first flight begins
+    orders: Orders | None = None  # Orders of a watcher; None where orders are not possible
+    force: bool = False  # Whether plans are uploaded that the autopilot would refuse or not fly
+    waits_for_decisions: ClassVar[bool] = True  # Whether simulated time stops while a policy decides
 
     @property
     def transfers(self) -> TransferMaker:
         """Makes the mission transfers."""
+        return OWN_TRANSFERS
 
-    @property
-    def force(self) -> bool:
-        """Whether plans are uploaded that the autopilot would refuse or not fly."""
-
-    @property
-    def orders(self) -> Orders | None:
-        """Orders of a watcher; None where orders are not possible."""
-
-    def arming_gate(self, system_id: int) -> ArmingGate | None:
+    def arming_gate(self, system_id: int) -> ArmingGate | None:  # noqa: ARG002
         """Return the gate that holds back arming of a vehicle; None without one."""
+        return None
 
+    @abstractmethod
     def open(
         self,
         sorties: Sequence[Sortie],
@@ -101,34 +92,12 @@ class Hosting(Protocol):
         """
 
 
-@dataclass(frozen=True, slots=True)
-class VirtualHosting:
-    """Simulated vehicles on a virtual clock."""
+@dataclass(frozen=True, slots=True, kw_only=True)
+class VirtualHosting(Hosting):
+    """Simulated vehicles on a virtual clock; without a pace as fast as possible."""
 
-    pace: float | None = None  # Simulated seconds per wall second; None: as fast as possible
-    tlog: Path | None = None  # File for every MAVLink frame
     impairment: Impairment | None = None  # Disturbances of the radio between ground stations and vehicles
     faults: tuple[Fault, ...] = ()  # Faults in each flight of the remaining vehicles
-    orders: Orders | None = None
-
-    @property
-    def waits_for_decisions(self) -> bool:
-        """A decision takes no simulated time."""
-        return True
-
-    @property
-    def transfers(self) -> TransferMaker:
-        """Makes the mission transfers."""
-        return OWN_TRANSFERS
-
-    @property
-    def force(self) -> bool:
-        """Whether plans are uploaded that the autopilot would refuse or not fly: never."""
-        return False
-
-    def arming_gate(self, system_id: int) -> None:  # noqa: ARG002
-        """Return None: simulated vehicles arm without confirmation."""
-        return
 
     def open(
         self,

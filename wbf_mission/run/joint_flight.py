@@ -22,7 +22,7 @@ from wbf_mission.events import Decided, EventStream, Seen
 from wbf_mission.progress import Stopwatch
 from wbf_mission.replanning.loop import Answered, DecisionLoop
 from wbf_mission.run.flight_events import FlightEvents
-from wbf_mission.run.hosting import FlightHost
+from wbf_mission.run.hosting import FlightHost, Hosting
 from wbf_mission.run.orders import IN_FLIGHT, START, Orders, WatchersOrder
 from wbf_mission.run.record import Flight
 from wbf_mission.run.sortie import Sortie
@@ -66,14 +66,11 @@ class JointFlight:
         Decision loop, after the decision on the first paths.
     offset_s : float
         Start of the flight, seconds after the start of the run.
-    pace : float or None
-        Simulated seconds per wall second.
-    waits_for_decisions : bool
-        Simulated time stops while the policy decides; otherwise the policy decides in its own thread.
+    hosting : Hosting
+        Pace, orders of a watcher, and whether simulated time stops while the policy decides; otherwise the
+        policy decides in its own thread.
     console : OperatorConsole or None
         Console of the operator; without a console, a flight beyond its time limit is given up.
-    orders : Orders or None
-        Orders of a watcher.
     """
 
     def __init__(
@@ -84,11 +81,9 @@ class JointFlight:
         host: FlightHost,
         *,
         expected_s: float,
+        hosting: Hosting,
         offset_s: float = 0.0,
-        pace: float | None = None,
-        waits_for_decisions: bool = True,
         console: OperatorConsole | None = None,
-        orders: Orders | None = None,
         events: EventStream,
         watch: Stopwatch,
     ) -> None:
@@ -96,10 +91,9 @@ class JointFlight:
         self._decisions = decisions
         self._evidence = evidence
         self._offset_s = offset_s
-        self._pace = pace
-        self._waits_for_decisions = waits_for_decisions
+        self._pace, self._orders = hosting.pace, hosting.orders
+        self._waits_for_decisions = hosting.waits_for_decisions
         self._console = console
-        self._orders = orders
         self._events, self._watch = events, watch
         self._told = FlightEvents(events, self.sorties, offset_s)
         self._host = host

@@ -1,16 +1,22 @@
-"""Plans of a scenario: missions within the budget, with their predictions."""
+"""Plans of a scenario: missions within the budget or for a number of batteries, with their predictions."""
 
 from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from dataclasses import replace
 
 from geo import Farm
 from mission.errors import PlanningError
 from sensors.estimation import Evidence
 from wbf_mission.events import EventStream, Progressed
 from wbf_mission.planning import PlanResult
+from wbf_mission.planning.sorties import SortiePlan
 from wbf_mission.progress import Progress, silent
 from wbf_mission.replanning.loop import DecisionLoop, Knowledge
 from wbf_mission.run.resolve import Run, resolve
-from wbf_mission.scenario import Scenario, ScenarioError
+from wbf_mission.scenario import Scenario, ScenarioError, scenario_with
+from wbf_mission.scenario.parts import UNLIMITED
 from wbf_mission.scenario.scenario import require_scenario
 
 
@@ -74,3 +80,126 @@ def plans_of(run: Run, knowledge: Knowledge, flight: str = "a flight") -> tuple[
         msg = f"{decider.name} finds nothing worth {flight} within {tasks[0].budget_text}"
         raise PlanningError(msg)
     return tuple(task.plan_of(decision, decider.label, steered=decider.steers) for task in tasks)
+
+
+_TEXT = re.compile(r"\s*(\d{1,3})\s*batter(?:y|ies)\s*", re.IGNORECASE)
+_MOST = 100
+_TRIES = 8
+_SURVEY = "survey"
+"""Planner of a whole area: its mission's length does not depend on the budget."""
+_CLOSE = 1.01
+"""Ratio of two budgets below which the search ends."""
+_PACKED, _ENOUGH = 0.985, 0.97
+"""Targeted fraction of all batteries' energy, and the fraction that ends the search. Sorties can be cut only
+at certain places, so the batteries are never used up."""
+_FARTHEST = 1.5
+"""Upper bound of the distance per battery, in multiples of a one-battery mission's length."""
+
+
+def batteries_in(budget: str | None) -> int | None:
+    """Return the number of batteries in a budget; None for a budget in another unit.
+
+    Raises ScenarioError unless the number is 1 to 100.
+
+    >>> batteries_in("3 batteries"), batteries_in("1battery"), batteries_in("30min")
+    (3, 1, None)
+    """
+    match = None if budget is None else _TEXT.fullmatch(budget)
+    if match is None:
+        return None
+    count = int(match.group(1))
+    if not 1 <= count <= _MOST:
+        msg = f"budget {budget}: give 1 to {_MOST} batteries"
+        raise ScenarioError(msg)
+    return count
+
+
+def plan_for_batteries(
+    scenario: Scenario,
+    count: int,
+    cut: Callable[[PlanResult], SortiePlan | None],
+    *,
+    progress: Progress = silent,
+) -> tuple[PlanResult, SortiePlan | None]:
+    """Plan the longest mission of one vehicle that `count` batteries can fly.
+
+    Searches over budgets in metres, with at most eight plans. The next budget is scaled by the energy of the
+    last plan's sorties, or bisects the bounds. Every plan is really cut into sorties.
+
+    Parameters
+    ----------
+    scenario : Scenario
+        The scenario; its budget is ignored.
+    count : int
+        Number of batteries.
+    cut : callable
+        Cuts a mission into sorties; returns None for a mission flown in one sortie.
+
+    Returns
+    -------
+    tuple of PlanResult and SortiePlan or None
+        The whole mission and its sorties, at most one per battery.
+
+    Raises
+    ------
+    ScenarioError
+        If the vehicle has no battery, or several vehicles fly.
+    WbfMissionError
+        See `plan_fleet`.
+    """
+    text = "1 battery" if count == 1 else f"{count} batteries"
+    if len(scenario.vehicle.fleet) > 1:
+        msg = f"budget {text}: batteries are counted for one vehicle, but {len(scenario.vehicle.fleet)} fly"
+        raise ScenarioError(msg)
+
+    def planned(budget: str | None) -> PlanResult:
+        (one,) = plan_fleet(scenario_with(scenario, {"budget": budget}))
+        return replace(one, budget_text=text)
+
+    progress("planning", 0, _TRIES + 1)
+    if scenario.mission.planner.chosen == _SURVEY:
+        whole = planned(UNLIMITED)
+        sorties = cut(whole) if whole.is_too_long else None
+        needed = _needed(whole, sorties)
+        if needed is None or needed > count:
+            takes = "no number is enough for" if needed is None else f"{needed} are needed for"
+            msg = f"budget {text}: {takes} the survey; give so many, or rows that are farther apart"
+            raise ScenarioError(msg)
+        return whole, sorties
+    best = planned(None)
+    battery = best.vehicle.battery
+    if battery is None:
+        msg = f"budget {text}: vehicle {best.vehicle.name} has no battery; give metres, minutes or steps"
+        raise ScenarioError(msg)
+    found: tuple[PlanResult, SortiePlan | None] = best, None
+    tried: list[tuple[PlanResult, SortiePlan | None]] = []
+    all_wh = count * battery.capacity_wh * (1.0 - battery.reserve_fraction)
+    low, high, guess = best.length_m, _FARTHEST * count * best.length_m, count * best.length_m
+    for number in range(_TRIES if count > 1 else 0):
+        progress("planning", number + 1, _TRIES + 1)
+        whole = planned(f"{guess:.1f}m")
+        # Nearly equal budgets often give the same mission.
+        known = next((one for one in tried if one[0].mission == whole.mission), None)
+        sorties = known[1] if known else cut(whole) if whole.is_too_long else None
+        tried.append((whole, sorties))
+        needed = _needed(whole, sorties)
+        takes_wh = 0.0 if sorties is None else sum(plan.prediction.most_wh for plan in sorties.plans)
+        if needed is not None and needed <= count:
+            found, low = (whole, sorties), guess
+            if takes_wh >= _ENOUGH * all_wh:
+                break
+        else:
+            high = guess
+        if high <= _CLOSE * low:
+            break
+        aimed = guess * _PACKED * all_wh / takes_wh if takes_wh else 0.0
+        guess = aimed if _CLOSE * low < aimed < high / _CLOSE else 0.5 * (low + high)
+    progress("planning", _TRIES + 1, _TRIES + 1)
+    return found
+
+
+def _needed(whole: PlanResult, sorties: SortiePlan | None) -> int | None:
+    """Return the number of batteries that a mission needs; None if it cannot be cut into sorties."""
+    if sorties is not None:
+        return len(sorties.sorties)
+    return None if whole.is_too_long else 1

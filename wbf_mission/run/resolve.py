@@ -25,7 +25,7 @@ from wbf_mission.events import EventStream
 from wbf_mission.planning import PlanResult
 from wbf_mission.planning.builder import MissionBuilder
 from wbf_mission.planning.fleet import Vehicle, vehicles_of
-from wbf_mission.planning.mission_file import read_plan, require_one_vehicle
+from wbf_mission.planning.mission_file import read_plan
 from wbf_mission.progress import Progress
 from wbf_mission.run.estimation import estimator_of, naming_estimator, readings_a_score
 from wbf_mission.scenario import CameraOptions, FarmOptions, MissionOptions, Scenario, ScenarioError
@@ -239,7 +239,9 @@ def _require_hosts(farm: Farm, fields: FieldSet) -> None:
 def decider_of(options: MissionOptions, vehicles: int) -> Decider:
     """Return the decider of a mission: a mission file for one vehicle, a policy, or a planner."""
     if options.file is not None:
-        require_one_vehicle(options.file, vehicles)
+        if vehicles > 1:
+            msg = f"mission {options.file} is one vehicle's, but {vehicles} fly; give one"
+            raise ScenarioError(msg)
         return Decider(KeepPath(), f"mission {options.file}", options.file)
     if options.policy is not None:
         choice = options.policy

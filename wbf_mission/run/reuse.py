@@ -59,37 +59,29 @@ def log_of_readings(log: FrameLog, readings: NDArray[np.float32], layout: LeafLa
 
     The frames must be unsigned MAVLink 2, as the simulated components send them.
     """
-    told = FrameLog()
-    reader = FrameReader()
-    write = told.write
+    told, reader, begin = FrameLog(), FrameReader(), 3 + len(layout.header)
     for frame, time_s in log:
-        image = frame[_ID] == _IMAGE_ID
-        write(_frame_of_readings(frame, reader, readings, layout) if image else frame, time_s)
+        if frame[_ID] != _IMAGE_ID:
+            told.write(frame, time_s)
+            continue
+        (message,) = reader.feed(frame)
+        assert is_a(message, mavlink.MAVLink_debug_float_array_message)
+        if message.name == layout.name and layout.fits(message.data):
+            part = layout.unpack(message.data)
+            assert part is not None
+            numbers = np.array(part.values).reshape(-1, len(layout.fields))[:, 0]
+            known = ~np.isnan(numbers)
+            values = np.full((len(numbers), len(layout.fields)), np.nan, np.float32)
+            values[known] = readings[numbers[known].astype(np.int64)]
+            message.data = [
+                *message.data[:begin],
+                *values.ravel().tolist(),
+                *message.data[begin + values.size :],
+            ]
+        writer = FrameWriter(message.get_srcSystem(), message.get_srcComponent())
+        writer.codec.seq = frame[_SEQUENCE]
+        told.write(writer.encode(message), time_s)
     return told
-
-
-def _frame_of_readings(
-    frame: bytes, reader: FrameReader, readings: NDArray[np.float32], layout: LeafLayout
-) -> bytes:
-    """Return the frame, with `readings` in place of their numbers if it is a leaf camera image."""
-    (message,) = reader.feed(frame)
-    assert is_a(message, mavlink.MAVLink_debug_float_array_message)
-    if message.name == layout.name and layout.fits(message.data):
-        message.data = _read(message.data, readings, layout)
-    writer = FrameWriter(message.get_srcSystem(), message.get_srcComponent())
-    writer.codec.seq = frame[_SEQUENCE]
-    return writer.encode(message)
-
-
-def _read(data: Sequence[float], readings: NDArray[np.float32], layout: LeafLayout) -> list[float]:
-    part = layout.unpack(data)
-    assert part is not None
-    begin = 3 + len(layout.header)
-    numbers = np.array(part.values).reshape(-1, len(layout.fields))[:, 0]
-    known = ~np.isnan(numbers)
-    values = np.full((len(numbers), len(layout.fields)), np.nan, np.float32)
-    values[known] = readings[numbers[known].astype(np.int64)]
-    return [*data[:begin], *values.ravel().tolist(), *data[begin + values.size :]]
 
 
 MOST_FLIGHTS = 32

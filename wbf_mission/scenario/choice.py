@@ -139,7 +139,7 @@ def names_of(kind: str) -> tuple[str, ...]:
 
         return farm_names()
     if kind in _GROUPS:
-        return _entry_points(_GROUPS[kind])
+        return tuple(sorted({entry.name for entry in entry_points(group=_GROUPS[kind])}))
     if kind == "autopilot":
         from sim_vehicle.airframe.kind import autopilot_names
 
@@ -147,8 +147,3 @@ def names_of(kind: str) -> tuple[str, ...]:
     from sim_vehicle.airframe.catalog import vehicle_names
 
     return vehicle_names()
-
-
-def _entry_points(group: str) -> tuple[str, ...]:
-    """Return the names in a group of entry points, without importing their modules."""
-    return tuple(sorted({entry.name for entry in entry_points(group=group)}))

@@ -60,7 +60,7 @@ _PRIVATE = "_crc _fieldnames _header _instance_field _instances _link_id _msgbuf
 IS_KNOWN_INSIDE = " ".join(
     sorted(vars(generated.MAVLink_message(0, "")))
 ) == _PRIVATE and "_text_raw" in vars(generated.MAVLink_statustext_message(6, b""))
-"""Whether messages have the private attributes that `lighten` and `FrameWriter` use; else these use none."""
+"""Whether messages have the private attributes that `lighten` and `FrameWriter` use; both can do without."""
 
 extend(generated)
 if IS_KNOWN_INSIDE:

@@ -65,7 +65,7 @@ class LastReadings:
     def follow(
         self, cells: NDArray[np.integer], days: NDArray[np.integer], values: NDArray[np.float64]
     ) -> None:
-        """Add the new readings, unless any reading was not exact.
+        """Add the new readings if all readings were exact.
 
         The arguments are all readings of the run in order, with NaN where the disease was not sensed.
         """

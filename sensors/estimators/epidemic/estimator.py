@@ -44,7 +44,7 @@ _Values = NDArray[np.float32]
 Wanted: TypeAlias = tuple[TrainingTask, NDArray[np.bool_]]
 """A training task and its crop map."""
 
-_WORTH_A_PROCESS = 1000  # Least outbreaks x epochs for training in a process
+_WORTH_A_PROCESS = 1000  # Smaller trainings (outbreaks x epochs) do not pay for a process
 
 
 def learn_all(wanted: Sequence[Wanted], folder: str | os.PathLike[str] | None, step: Step) -> None:

@@ -98,7 +98,7 @@ class TrainingTask:
         """Return the file name, without suffix, for the network of this task on a crop map."""
         identity = {**asdict(self), "version": VERSION, "layers": LAYERS, "shape": hosts.shape}
         if self.parameters.seed_spread_cells is None:
-            # The name seeds the training, so the default of this later parameter must not change it.
+            # This parameter was added later: by default it must change neither the name nor the seed.
             del identity["parameters"]["seed_spread_cells"]
         digest = hashlib.sha256(json.dumps(identity, sort_keys=True).encode())
         digest.update(np.packbits(hosts).data)

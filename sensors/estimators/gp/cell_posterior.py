@@ -146,7 +146,7 @@ class WindowedPosterior(CellPosterior):
 
     @staticmethod
     def fits(n_observations: int, shape: tuple[int, int], kernel: RbfKernel, most_bytes: float) -> bool:
-        """Return whether windows are accurate, and those of `n_observations` need at most `most_bytes`."""
+        """Return whether windows are accurate enough and, for `n_observations`, fit into `most_bytes`."""
         reach_x, reach_y = _reach(kernel)
         needed = 8.0 * n_observations * (2 * reach_x + 1) * (2 * reach_y + 1)
         noisy = kernel.noise >= LEAST_NOISE * kernel.amplitude

@@ -315,7 +315,7 @@ class GaussianProcessEstimator(BaseEstimator):
 
     def _views(self, own: tuple[_Values, _Values]) -> tuple[_Values, _Values]:
         """Return read-only views of value and uncertainty, the same objects at each call."""
-        # The views are stale at the first call, and in a copy of the estimator.
+        # New views are needed at the first call, and in a copy of the estimator.
         if any(view.base is not array for view, array in zip(self._published, own, strict=True)):
             value, uncertainty = (array.view() for array in own)
             value.flags.writeable = uncertainty.flags.writeable = False

@@ -182,7 +182,7 @@ class FieldProcess:
             for day, following in pairwise([*earlier, self._day]):
                 x, y = self._cells.array[days == day].T
                 values = self._as_of_today(day, self._values.array[days == day])
-                # On small farms the model error matters only against a day's change, not on the first day.
+                # On small farms the first day's readings count fully: model errors matter on later days only.
                 exactly = day == earlier[0] and not self._crowds
                 counted = None if exactly else self._no_crowd().weights(x, y)
                 whole.condition(x, y, values, counted)
@@ -209,7 +209,7 @@ class FieldProcess:
         return Crowding(self._shape, (self.kernel.length_x, self.kernel.length_y))
 
     def _as_of_today(self, day: int, values: Floats) -> Floats:
-        """Return readings of an earlier day, scaled to the size of today's deviations from the mean."""
+        """Return an earlier day's readings with deviations from the mean of today's size."""
         assert self._carry is not None
         assert self._correlate is not None
         assert self._day is not None

@@ -190,7 +190,7 @@ _SAFETY = (
     MavParameter("GUID_TIMEOUT", "setpoint_timeout_s", low=0.1, high=5.0),
 )
 
-# Gimbal (`sim_vehicle.pilot.gimbal`), by default straight down for a mapping camera.
+# Gimbal (`wbf_mission.addons.gimbal`), by default straight down for a mapping camera.
 _MOUNT = tuple(
     MavParameter(f"MNT1_{name}", integer=integer, bits=8, value=value, stored=True, low=low, high=high)
     for name, integer, value, low, high in (

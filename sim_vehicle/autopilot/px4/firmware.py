@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from functools import partial
 from typing import TYPE_CHECKING
 
 from mission.link.codec.dialect import mavlink as m
@@ -31,7 +30,7 @@ from sim_vehicle.autopilot.mavlink_profile import (
     RefusalTexts,
 )
 from sim_vehicle.autopilot.modes import Mode, ModeTable, px4_custom_mode
-from sim_vehicle.autopilot.parameters import MavParameter, Setting, parameter_details
+from sim_vehicle.autopilot.parameters import MavParameter, Setting
 from sim_vehicle.autopilot.px4.copter import drag_of
 from sim_vehicle.autopilot.stick_rules import Axis, StickLoss, StickRules, TiltSticks, bits
 
@@ -220,7 +219,7 @@ def mavlink_profile(mav_type: int) -> MavlinkProfile:
         reposition_turns=True,
         hover_thrust=_HOVER_THRUST if mav_type == m.MAV_TYPE_QUADROTOR else None,
         tells_remaining_time=True,
-        component_metadata=partial(parameter_details, "px4"),
+        component_metadata=("px4", "sim_vehicle.autopilot"),
         tells_calibration=True,
         refusals=RefusalTexts(
             arming="Unsupported ARM_DISARM param: {:.3f}", current_item="WPM: WP CURR CMD: Not in list"

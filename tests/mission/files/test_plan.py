@@ -104,6 +104,20 @@ def test_unknown_home_is_the_first_place():
     assert read(document(Mission(()))).home is None
 
 
+@pytest.mark.parametrize(
+    ("position", "home"),
+    [
+        ([28.0, -82.0], GeoPoint(28.0, -82.0, 0.0)),
+        ([28.0, -82.0, None], GeoPoint(28.0, -82.0, 0.0)),
+        ([28.0], None),
+        ([28.0, None, 5.0], None),
+        ([None, -82.0, 5.0], None),
+    ],
+)
+def test_a_home_needs_two_coordinates(position, home):
+    assert read(changed(("mission", "plannedHomePosition"), position)).home == home
+
+
 def test_jump_is_mapped_through_the_ids():
     made = with_items(
         simple(doJumpId=10), simple(178, 2, (1, 5, -1, 0, 0, 0, 0), doJumpId=20), simple(doJumpId=30),

@@ -49,8 +49,11 @@ def test_a_fence_has_its_return_point_first(named, space, end, comma, closed):
 
 @given(fences)
 def test_a_ring_without_a_return_point_is_a_fence(corners):
-    fence = fence_of("".join(f"{lat} {lon}\n" for lat, lon in [*corners, corners[0]]))
-    assert (back_of(fence), corners_of(fence)) == ([], corners)
+    text = "".join(f"{lat} {lon}\n" for lat, lon in [*corners, corners[0]])
+    assert (back_of(fence_of(text)), corners_of(fence_of(text))) == ([], corners)
+    (note,) = points.loads(text.encode()).notes
+    assert note.startswith("the fence has no return point: ")
+    assert note.endswith(f"; {len(corners)} corners are an inclusion zone")
 
 
 @given(fences)
@@ -114,7 +117,7 @@ def test_the_content_tells_fence_from_rally(name, tmp_path):
         ("a.fen", "1 2\n3 x\n", "line 2: 'x' is not a number; give degrees"),
         ("a.fen", "1 2\n300 4\n5 6\n7 8\n", "geoFence, polygon 1, vertex 1: "),
         ("a.fen", "1 2\n1e999 4\n5 6\n7 8\n", "geoFence, polygon 1, vertex 1: "),
-        ("a.fen", "1 2\n" + "3" * 3000 + " 4\n", "line 2: longer than such a file is"),
+        ("a.fen", "1 2\n" + "3" * 3000 + " 4\n", "line 2: longer than any line of such a file"),
         ("a.fen", "1 2\n" * 500_001, "line 500001: longer than"),
         ("a.fen", "", "this is an empty file, not a fence or rally file"),
         ("a.fen", "QGC WPL 110\n", "this is a QGC WPL waypoint list, not a fence or rally file; rename it"),

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, Phase, assume, given, settings
 from hypothesis import strategies as st
+from live_changes import SameEverywhere
 
 from geo.farms import get_farm
 from geo.frame import LocalFrame
@@ -94,13 +95,6 @@ class Far:
         return [one for one in messages if one.get_type() not in self.swallows]
 
 
-class AnyWorld:
-    """An environment that is the same everywhere."""
-
-    def sample(self, day, ix, iy):
-        return np.zeros((len(ix), 3), dtype=np.float32)
-
-
 class Images:
     """Hears where images are taken."""
 
@@ -133,7 +127,7 @@ class Flight:
         self.far = Far(self.station)
         self.images = Images()
         farm = get_farm("miniberry-10")
-        camera = LeafCameraComponent(LeafCamera(AnyWorld(), farm.grid().shape, 1), farm)
+        camera = LeafCameraComponent(LeafCamera(SameEverywhere(), farm.grid().shape, 1), farm)
         self.simulation = Simulation(
             [self.vehicle, self.far, camera, self.images],
             impairment=impairment,

@@ -1,27 +1,19 @@
 """A program that stands still before the start: a suspended laptop, a stopped process."""
 
 import pytest
+from mission_items import SHORT as MISSION
 
 from mission.ground.arming_gate import ArmingGate, Stage
 from mission.ground.standstill import LIFE_S
 from mission.ground.station import GroundStation
 from mission.link.codec.dialect import mavlink as m
-from mission.model import Command, GeoPoint, Mission, MissionItem
 from mission.outcome import Outcome, Phase
 from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.autopilot import get_autopilot
 from sim_vehicle.host.simulation import Simulation
 from sim_vehicle.mavlink import SimVehicle
 
-HOME = GeoPoint(28.05, -82.15, 30.0)
-MISSION = Mission(
-    (
-        MissionItem(Command.NAV_TAKEOFF, 3, z=5.0),
-        MissionItem.waypoint(28.0501, -82.15, 5.0),
-        MissionItem(Command.NAV_RETURN_TO_LAUNCH),
-    ),
-    HOME,
-)
+HOME = MISSION.home
 
 
 class Suspended(GroundStation):

@@ -9,21 +9,12 @@ import time
 import tty
 
 import pytest
+from processes import wait_until
 
 from mission.errors import LinkError
 from mission.link import MavlinkEndpoint, open_link, parse_link_url
 from mission.link.codec.dialect import mavlink
 from mission.link.opening import SerialClientLink
-
-
-def wait_for(condition, seconds=30.0):
-    end = time.monotonic() + seconds
-    while time.monotonic() < end:
-        found = condition()
-        if found:
-            return found
-        time.sleep(0.01)
-    raise AssertionError("nothing came")
 
 
 @pytest.fixture
@@ -40,12 +31,12 @@ def test_messages_cross_a_serial_line_both_ways(line):
     endpoint = MavlinkEndpoint(open_link(f"serial:{device}:115200"), 255, 190)
     other = mavlink.MAVLink(None, 1, 1)
     endpoint.send(mavlink.MAVLink_mission_request_list_message(1, 1))
-    data = wait_for(lambda: os.read(near, 4096))
+    data = wait_until(lambda: os.read(near, 4096))
     assert other.parse_buffer(data)[0].get_type() == "MISSION_REQUEST_LIST"
     frame = mavlink.MAVLink_mission_count_message(255, 190, 7).pack(other)
     os.write(near, b"noise" + frame[:5])
     os.write(near, frame[5:])
-    assert wait_for(endpoint.receive)[0].count == 7
+    assert wait_until(endpoint.receive)[0].count == 7
     assert endpoint.link.fileno() is not None
     endpoint.close()
     assert endpoint.link.fileno() is None
@@ -59,10 +50,10 @@ def test_a_device_that_comes_back_is_opened_again(tmp_path):
     device.symlink_to(os.ttyname(far))
     link = SerialClientLink(parse_link_url(f"serial:{device}:57600"), clock=lambda: now_s[0])
     os.write(near, b"one")
-    assert wait_for(link.receive) == [b"one"]
+    assert wait_until(link.receive) == [b"one"]
     os.close(near), os.close(far)
     device.unlink()
-    wait_for(lambda: link.receive() == [] and link.fileno() is None)
+    wait_until(lambda: link.receive() == [] and link.fileno() is None)
     link.send(b"lost")
     near, far = pty.openpty()
     tty.setraw(near), tty.setraw(far)
@@ -72,7 +63,7 @@ def test_a_device_that_comes_back_is_opened_again(tmp_path):
     now_s[0] = 2.0
     link.send(b"two")
     assert link.connections == 2
-    assert wait_for(lambda: os.read(near, 100)) == b"two"
+    assert wait_until(lambda: os.read(near, 100)) == b"two"
     link.close()
     assert link.receive() == []
     assert link.fileno() is None
@@ -152,7 +143,7 @@ def test_a_lost_tcp_connection_is_made_again():
     first, _ = listener.accept()
     first.close()
     listener.close()
-    wait_for(lambda: (link.receive(), not link.connected)[1])
+    wait_until(lambda: (link.receive(), not link.connected)[1])
     link.send(b"lost")
     assert link.fileno() is None
     for _ in range(5):  # nobody listens: tried each second, never raised
@@ -167,13 +158,13 @@ def test_a_lost_tcp_connection_is_made_again():
         link.receive()
         return link.connected
 
-    wait_for(back)
+    wait_until(back)
     second, _ = listener.accept()
     link.send(b"again")
     second.settimeout(3.0)
     assert second.recv(100) == b"again"
     second.send(b"hello")
-    assert wait_for(link.receive) == [b"hello"]
+    assert wait_until(link.receive) == [b"hello"]
     assert link.connections == 2
     link.close()
     assert link.receive() == []

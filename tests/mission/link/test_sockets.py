@@ -10,21 +10,12 @@ import time
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from processes import wait_until
 
 from mission.errors import LinkError
 from mission.link import LinkAddress, MavlinkEndpoint, memory_pair, open_link, parse_link_url
 from mission.link.codec.dialect import mavlink
 from mission.link.sockets import Stream, TcpListener, UdpSocket
-
-
-def until(condition, limit_s=30.0):
-    end_s = time.monotonic() + limit_s
-    while time.monotonic() < end_s:
-        value = condition()
-        if value:
-            return value
-        time.sleep(0.002)
-    pytest.fail("nothing came in time")
 
 
 @pytest.mark.parametrize(
@@ -104,10 +95,10 @@ def exchange(server, client):
     for number in range(1, 301):
         ground.send(mavlink.MAVLink_mission_current_message(number))
     got = []
-    until(lambda: got.extend(vehicle.receive()) or len(got) >= 300)
+    wait_until(lambda: got.extend(vehicle.receive()) or len(got) >= 300)
     assert [message.seq for message in got] == list(range(1, 301))
     vehicle.send(mavlink.MAVLink_mission_current_message(7))
-    assert until(ground.receive)[-1].seq == 7
+    assert wait_until(ground.receive)[-1].seq == 7
     assert [source.lost for source in vehicle.reader.sources.values()] == [0]
     for end in (ground, vehicle, ground):
         end.close()
@@ -130,11 +121,11 @@ def test_udp_server_answers_the_last_caller():
     url = server.name.replace("udpin", "udpout")
     first, second = open_link(url), open_link(url)
     first.send(b"one")
-    assert until(server.receive) == [b"one"]
+    assert wait_until(server.receive) == [b"one"]
     second.send(b"two")
-    assert until(server.receive) == [b"two"]
+    assert wait_until(server.receive) == [b"two"]
     server.send(b"answer")
-    assert until(second.receive) == [b"answer"]
+    assert wait_until(second.receive) == [b"answer"]
     assert first.receive() == []
     for link in (first, second, server):
         link.close()
@@ -157,10 +148,10 @@ def test_tcp_end_of_connection():
     url = server.name.replace("tcpin", "tcp")
     client = open_link(url)
     client.send(b"last words")
-    assert until(server.receive) == [b"last words"]
+    assert wait_until(server.receive) == [b"last words"]
     server.close()
     with pytest.raises(LinkError, match="closed the connection"):
-        until(lambda: client.receive() and False)
+        wait_until(lambda: client.receive() and False)
     client.close()
 
 
@@ -170,7 +161,7 @@ def test_tcp_server_takes_the_next_client():
     for word in (b"first", b"second"):
         client = open_link(url)
         client.send(word)
-        assert until(server.receive) == [word]
+        assert wait_until(server.receive) == [word]
         client.close()
         time.sleep(0.01)
         server.send(b"into the void")
@@ -181,7 +172,7 @@ def test_tcp_server_takes_the_next_client():
 def test_tcp_keeps_what_the_network_does_not_take():
     listener = TcpListener(LinkAddress("tcpin", "127.0.0.1", 0))
     client = open_link(listener.name.replace("tcpin", "tcp"))
-    (peer,) = until(listener.accept)
+    (peer,) = wait_until(listener.accept)
     block = bytes(range(256)) * 16
     for _ in range(3000):
         client.send(block)
@@ -194,7 +185,7 @@ def test_tcp_keeps_what_the_network_does_not_take():
             got.extend(piece)
         return len(got) >= (3000 - client.dropped) * len(block)
 
-    until(drain, 5.0)
+    wait_until(drain)
     assert bytes(got) == block * (3000 - client.dropped)
     for link in (client, peer, listener):
         link.close()
@@ -238,11 +229,11 @@ def test_udp_socket_knows_its_callers():
     for number, caller in enumerate(callers):
         caller.send(bytes([number]))
     got = []
-    until(lambda: got.extend(host.receive_from()) or len(got) == 3)
+    wait_until(lambda: got.extend(host.receive_from()) or len(got) == 3)
     for data, peer in got:
         host.send_to(data * 2, peer)
     for number, caller in enumerate(callers):
-        assert until(caller.receive) == [bytes([number, number])]
+        assert wait_until(caller.receive) == [bytes([number, number])]
         caller.close()
     host.close()
     assert host.fileno() is None
@@ -286,7 +277,7 @@ def test_what_a_link_keeps_is_bounded_and_what_it_drops_is_counted(monkeypatch):
         for number in range(100):
             sender.send(bytes([number]) * 744)
         name = "{}:{}".format(*sender._socket.getsockname())
-        until(lambda: link.dropped == {name: 90})
+        wait_until(lambda: link.dropped == {name: 90})
         assert [data[0] for data in link.receive()] == list(range(10))
         assert not select.select([link.fileno()], [], [], 0.0)[0], "nothing is kept any more"
         sender.send(b"again")

@@ -17,7 +17,7 @@ from shapely.geometry import MultiPolygon, Polygon
 from swath import seen_share
 
 from mission.errors import PlanningError
-from mission.planners import LengthBudget, PlanningRequest, check_planner, make_planner
+from mission.planners import LengthBudget, PlanningRequest, make_planner
 from mission.planners.cornering import Cornering
 from mission.planners.cuts import cut_parts, hull_angles, width
 from mission.planners.path import Area, path_length
@@ -26,6 +26,7 @@ from mission.planners.strips import Swath, ring_strips, rows_that_see, without_a
 from mission.planners.survey import survey
 from mission.planners.terrain import Terrain, inset
 from mission.planners.tour import fly_cells
+from wbf_mission import check_planner
 
 L = Polygon([(0, 0), (200, 0), (200, 50), (50, 50), (50, 200), (0, 200)])
 FIELD = shapely.box(0, 0, 200, 150)
@@ -327,7 +328,7 @@ def test_a_layout_that_leaves_land_unseen_is_not_chosen() -> None:
         assert seen_share(survey(ask_high(strip)), strip, 51.3) > 0.98
 
 
-@pytest.mark.parametrize("count", [4000, 20000])
+@pytest.mark.parametrize("count", [4000, pytest.param(20000, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("hole_m", [0.0, 50.0])
 @pytest.mark.parametrize(
     "planner", ["survey", "spiral", "lawnmower", "adaptive-lawnmower", "random-waypoint"]

@@ -9,6 +9,7 @@ import time
 from contextlib import contextmanager
 
 import pytest
+from processes import wait_until
 
 from mission.autopilots import ARDUPILOT, PX4
 from mission.link import MavlinkEndpoint, open_link
@@ -218,9 +219,6 @@ def test_our_client_and_mavsdks_server():
             _, statistics = driver.run(upload)
             assert statistics.verified
             assert statistics.retries <= 2
-            end_s = time.monotonic() + 30.0
-            while not came and time.monotonic() < end_s:
-                time.sleep(0.01)
-            same(came[-1], items)
+            same(wait_until(lambda: came and came[-1], "the plan"), items)
     finally:
         vehicle.destroy()

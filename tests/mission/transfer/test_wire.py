@@ -150,6 +150,8 @@ def changed(**fields):
         ({"param4": 349.0}, GENERIC, ["param4"]),
         ({"param4": None}, GENERIC, ["param4"]),
         ({"param1": 2.0}, GENERIC, ["param1"]),
+        ({"param3": 9e-6}, GENERIC, []),
+        ({"param3": 2e-5}, GENERIC, ["param3"]),
         ({"param1": 2.0}, ARDUPILOT, []),
         ({"param1": 4.0}, ARDUPILOT, ["param1"]),
         ({"param2": 0.0, "param4": 0.0, "autocontinue": False}, ARDUPILOT, []),
@@ -161,6 +163,30 @@ def test_comparison(fields, profile, found):
     differences = compare_plans((WAYPOINT,), (changed(**fields),), profile)
     assert [difference.field for difference in differences] == found
     assert all("item 1" in str(difference) for difference in differences)
+
+
+NO_PLACE, HIGH, LOITER = (
+    MissionItem(203, 2, x=7.6),
+    MissionItem.waypoint(1, 2, 5000.0),
+    MissionItem(31, 3, param2=None),
+)
+
+
+@pytest.mark.parametrize(
+    ("sent", "fields", "profile", "found"),
+    [
+        (NO_PLACE, {"x": 7.0}, GENERIC, []),  # x and y are whole on the wire
+        (NO_PLACE, {"x": 8.0}, GENERIC, ["x"]),
+        (HIGH, {"z": 5000.04}, GENERIC, []),
+        (HIGH, {"z": 5000.06}, GENERIC, ["z"]),
+        (LOITER, {"param2": 0.0}, ARDUPILOT, []),
+        (LOITER, {"param2": 5.0}, ARDUPILOT, ["param2"]),
+        (LOITER, {"param2": 0.0}, GENERIC, ["param2"]),
+    ],
+)
+def test_comparison_of_other_items(sent, fields, profile, found):
+    differences = compare_plans((sent,), (replace(sent, **fields),), profile)
+    assert [difference.field for difference in differences] == found
 
 
 def test_comparison_of_whole_plans():

@@ -1,4 +1,4 @@
-"""The registry, the parameters and the conformance kit."""
+"""The registry and the parameters."""
 
 from dataclasses import replace
 from importlib.metadata import EntryPoint, EntryPoints
@@ -9,13 +9,12 @@ import pytest
 from geo.farms import get_farm
 from geo.grid import FarmGrid
 from sensors.errors import EstimatorError, ObservationError
-from sensors.estimators import Estimator, check_estimator, estimator_names, make_estimator
+from sensors.estimators import Estimator, estimator_names, make_estimator
 from sensors.estimators import base as registry
 from sensors.estimators.append_buffer import GrowingArray
 from sensors.estimators.point import PointEstimator
 from sensors.fields import PAPER_FIELDS, FieldSet
 from sensors.observations import Observations
-from sensors.scoring.information import InformationModel, tile_shape
 
 OURS = ("adaptive-disk", "authors-ad", "gp", "gp-sklearn", "point")
 GRID = FarmGrid((6, 5), 0.3048, np.ones((6, 5), np.int8), np.ones((6, 5), bool))
@@ -24,24 +23,6 @@ GRID = FarmGrid((6, 5), 0.3048, np.ones((6, 5), np.int8), np.ones((6, 5), bool))
 def test_our_estimators_are_registered():
     assert set(OURS) <= set(estimator_names())
     assert list(estimator_names()) == sorted(estimator_names())
-
-
-@pytest.mark.parametrize("name", [name for name in OURS if name != "gp-sklearn"])
-def test_our_estimators_conform(name):
-    check_estimator(make_estimator(name, random_state=np.random.SeedSequence(1)))
-
-
-def test_gp_conforms_with_another_mean_and_without_limits():
-    check_estimator(make_estimator("gp", prior_mean=(0, 0, 0), clip=False), n_observations=40)
-
-
-def test_scikit_learn_variant_conforms():
-    check_estimator(make_estimator("gp-sklearn", random_state=1, n_restarts=0), n_observations=4)
-
-
-@pytest.mark.slow
-def test_scikit_learn_variant_conforms_with_restarts():
-    check_estimator(make_estimator("gp-sklearn", random_state=np.random.SeedSequence(1), n_restarts=1))
 
 
 @pytest.mark.parametrize("name", OURS)
@@ -109,102 +90,6 @@ def test_default_values_are_checked(name, values):
         make_estimator(name, default_values=values).fit(GRID)
 
 
-class Broken(PointEstimator):
-    """Breaks one promise of the protocol, named by `promise`."""
-
-    def __init__(self, promise="none"):
-        super().__init__()
-        self.promise = promise
-
-    def fit(self, grid, observations=None):
-        kept = getattr(self, "cells_", None), getattr(self, "values_", None)
-        super().fit(grid, observations)
-        if self.promise == "fit must forget" and kept[0] is not None:
-            for k in range(3):
-                self.cells_[k] = np.append(self.cells_[k], np.setdiff1d(kept[0][k], self.cells_[k]))
-                self.values_[k] = np.append(
-                    self.values_[k], np.zeros(len(self.cells_[k]) - len(self.values_[k]))
-                )
-        return None if self.promise == "fit must return" else self
-
-    def partial_fit(self, observations):
-        if self.promise == "outside the farm" and hasattr(self, "grid_"):
-            inside = (observations.x >= 0) & (observations.y >= 0)
-            inside &= (observations.x < self.grid_.shape[0]) & (observations.y < self.grid_.shape[1])
-            observations = observations[inside]
-        if self.promise == "NaN":
-            filled = np.nan_to_num(observations.values, nan=0.3)
-            observations = Observations(
-                observations.x, observations.y, observations.time_s, observations.day, filled
-            )
-        if self.promise == "piece by piece" and len(observations) == 1:
-            return self
-        if self.promise == "piece by piece":
-            observations = observations[1:]
-        return super().partial_fit(observations)
-
-    def predict(self):
-        if self.promise == "before fit" and not hasattr(self, "grid_"):
-            return None
-        model = super().predict()
-        if self.promise == "is negative":
-            model.uncertainty[0, 0, 0] = -1
-        if self.promise == "finite":
-            model.value[0, 0, 0] = np.nan
-        if self.promise == "has shape":
-            return InformationModel(model.value[:, :-1], model.uncertainty[:, :-1])
-        if self.promise == "not reported as changed":
-            return InformationModel(model.value, model.uncertainty, np.zeros(tile_shape(model.shape), bool))
-        if self.promise == "can be written to":
-            self.kept = getattr(self, "kept", model.value)
-            if self.kept.shape == model.value.shape:
-                self.kept[:] = model.value
-                return InformationModel(self.kept, model.uncertainty)
-        if self.promise == "same random_state":
-            model.uncertainty[:] += np.float32(np.random.default_rng().random())
-        if self.promise == "must change the value":
-            model.value[:] = 1
-        if self.promise == "changing a returned model":
-            self.model = getattr(self, "model", model)
-            return self.model
-        return model
-
-
-@pytest.mark.parametrize(
-    "promise",
-    [
-        "fit must return",
-        "fit must forget",
-        "outside the farm",
-        "NaN",
-        "piece by piece",
-        "before fit",
-        "is negative",
-        "finite",
-        "has shape",
-        "not reported as changed",
-        "can be written to",
-        "same random_state",
-        "must change the value",
-    ],
-)
-def test_the_kit_finds_what_is_broken(promise):
-    check_estimator(Broken())
-    with pytest.raises(AssertionError, match=f"Broken: .*{promise}"):
-        check_estimator(Broken(promise))
-
-
-def test_the_kit_finds_shared_arrays():
-    with pytest.raises(AssertionError, match="Broken: "):
-        check_estimator(Broken("changing a returned model"))
-
-
-def test_the_kit_leaves_the_estimator_alone():
-    estimator = PointEstimator()
-    check_estimator(estimator)
-    assert not hasattr(estimator, "grid_")
-
-
 def test_point_estimator_keeps_the_last_value_of_a_cell():
     seen = Observations(
         [1, 1, 2], [1, 1, 3], [0, 1, 2], [6] * 3, [[0, 1, 0.5], [0.5, np.nan, 0.25], [1, 0, 0.75]]
@@ -258,12 +143,6 @@ def test_an_estimator_that_is_an_object_is_given_back():
         make_estimator(mine, radius=3)
     with pytest.raises(EstimatorError, match="estimator of type dict"):
         make_estimator({})
-
-
-@pytest.mark.parametrize("name", ["point", "adaptive-disk", "gp"])
-def test_estimators_of_any_fields_keep_their_promises_with_four(name):
-    four = FieldSet((*PAPER_FIELDS, replace(PAPER_FIELDS["soil"], name="nitrogen", default=0.25)))
-    check_estimator(make_estimator(name, fields=four))
 
 
 def test_the_default_is_epidemic_for_the_papers_fields_on_farms_up_to_128_by_128_cells():

@@ -13,7 +13,7 @@ from geo.grid import FarmGrid
 from sensors.dynamics.epidemic import simulate_outbreak
 from sensors.environment import CCR, TYLCV, SoilParameters, generate_environment
 from sensors.errors import EstimatorError
-from sensors.estimators import check_estimator, make_estimator
+from sensors.estimators import make_estimator
 from sensors.estimators.epidemic import belief as belief_module
 from sensors.estimators.epidemic import estimator as ahead
 from sensors.estimators.epidemic import network as network_module
@@ -46,6 +46,7 @@ from sensors.scoring.expected import (
     standard_deviation,
 )
 from sensors.scoring.score import paper_loss
+from wbf_mission import check_estimator
 
 SMALL = {"outbreaks": 60, "epochs": 2}
 FAIR = {"outbreaks": 100, "epochs": 6}

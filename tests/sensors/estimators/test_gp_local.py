@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from geo.farms import get_farm
 from sensors.errors import EstimatorError
-from sensors.estimators import check_estimator, make_estimator
+from sensors.estimators import make_estimator
 from sensors.estimators.gp import prior
 from sensors.estimators.gp.cell_posterior import LEAST_NOISE as WINDOWED_NOISE
 from sensors.estimators.gp.cell_posterior import ExactPosterior, WindowedPosterior
@@ -23,6 +23,7 @@ from sensors.fields import PAPER_FIELDS
 from sensors.observations import Observations
 from sensors.scoring.information import TILE_CELLS
 from sensors.scoring.score import RunningScore
+from wbf_mission import check_estimator
 
 SICK = RbfKernel(2.3, 3.1, 0.003, 0.009)
 SMOOTH = RbfKernel(17.0, 13.0, 2e-4, 0.05)

@@ -60,6 +60,9 @@ def fly(vehicle, link, driver):
         ("wrong-sequence=1,vehicle=3", Fault("wrong-sequence", 1.0, vehicle=3)),
         (" delay = 0.2 , link = 14550 ", Fault("delay", 0.2, link="14550")),
         ("gps-loss,at=item:2", Fault("gps-loss", trigger="item:2")),
+        ("low-battery", Fault("low-battery", 0.1)),
+        ("battery-change", Fault("battery-change", 20.0)),
+        ("final-ack-error", Fault("final-ack-error", 1.0)),
     ],
 )
 def test_faults_are_read(text, fault):

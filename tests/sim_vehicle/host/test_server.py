@@ -6,6 +6,7 @@ import time
 from pathlib import Path
 
 import pytest
+from processes import wait_until
 
 from mission.errors import LinkError
 from mission.link.codec.dialect import mavlink
@@ -142,13 +143,6 @@ def test_garbage_and_vanishing_clients_do_no_harm():
         wait_until(lambda: not server.clients)
 
 
-def wait_until(condition, limit_s=30.0):
-    end_s = time.monotonic() + limit_s
-    while not condition():
-        assert time.monotonic() < end_s
-        time.sleep(0.01)
-
-
 def test_a_client_that_does_not_read_does_not_stop_the_others():
     with running(Server([Echo(period_s=0.001)], ["tcpin:127.0.0.1:0"], speed=5.0)) as server:
         lazy, _ = client(server.urls[0])
@@ -267,9 +261,7 @@ def test_a_port_serves_64_peers_at_most_and_again_when_one_has_gone():
         assert refused.recv(100) == b"", "closed"
         assert len(server.clients) == 64
         peers.pop().close()
-        end_s = time.monotonic() + 30.0
-        while len(server.clients) > 63 and time.monotonic() < end_s:
-            time.sleep(0.02)
+        wait_until(lambda: len(server.clients) <= 63)
         peers.append(client(server.urls[0])[0])
         assert peers[-1].recv(100)
         for peer in (*peers, refused):
@@ -295,7 +287,5 @@ def test_datagrams_that_it_could_not_keep_are_counted(monkeypatch):
             for _ in range(10):
                 sender.sendto(bytes(244), (host, int(port)))
             name = f"127.0.0.1:{sender.getsockname()[1]}"
-        end_s = time.monotonic() + 30.0
-        while server.dropped.total() < 8 and time.monotonic() < end_s:
-            time.sleep(0.01)
+        wait_until(lambda: server.dropped.total() >= 8)
         assert server.dropped == {name: 8}

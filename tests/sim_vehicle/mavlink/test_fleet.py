@@ -5,6 +5,7 @@ import socket
 import time
 
 import pytest
+from processes import wait_until
 
 from geo.frame import LocalFrame
 from mission.link import MavlinkEndpoint, TlogWriter, open_link
@@ -199,11 +200,13 @@ def test_what_serves_a_vehicle_meets_its_link_only_and_links_do_not_cross():
             MavlinkEndpoint(open_link(url.replace("tcpin", "tcp")), system, 1)
             for url, system in zip(server.urls, (4, 7), strict=True)
         ]
-        deadline_s = time.monotonic() + 20.0
-        while not all(one.heard for one in grounds) and time.monotonic() < deadline_s:
+
+        def heard():
             for one in ends:
                 one.send(m.MAVLink_heartbeat_message(2, 12, 0, 0, 3, 3))
-            time.sleep(0.05)
+            return all(one.heard for one in grounds)
+
+        wait_until(heard)
         assert [one.heard for one in grounds] == [{4}, {7}]
         assert not [x for one in ends for x in one.receive()], "nothing of one link goes over the other"
         for one in ends:

@@ -5,6 +5,7 @@ import struct
 import time
 
 import pytest
+from processes import wait_until
 
 from mission.ground.station import GroundStation
 from mission.link import FrameReader, FrameWriter
@@ -98,10 +99,7 @@ def test_mavsdk_notices_a_new_plan():
         with TransferDriver(MavlinkEndpoint(open_link(f"tcp:127.0.0.1:{port}"), 245, 190)) as driver:
             driver.wait_for_vehicle(5.0)
             driver.upload(Mission(SURVEY), types=[MissionType.MISSION])
-        end_s = time.monotonic() + 30.0
-        while not changes:
-            assert time.monotonic() < end_s, "MAVSDK did not notice"
-            time.sleep(0.01)
+        wait_until(lambda: changes, "MAVSDK did not notice")
         # Before its owner: a callback that is under way then aborts the process.
         mission.unsubscribe_mission_changed(handle)
         mission.destroy()

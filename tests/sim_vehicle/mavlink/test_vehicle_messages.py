@@ -21,7 +21,6 @@ from sim_vehicle.component import Component
 from sim_vehicle.errors import VehicleError
 from sim_vehicle.mavlink import SimVehicle
 from sim_vehicle.mavlink.commands import HANDLERS
-from sim_vehicle.mavlink.gimbal import GIMBAL_BUILDERS
 from sim_vehicle.mavlink.reports import LONGEST_US, SHORTEST_US, Schedule
 from sim_vehicle.mavlink.telemetry import BUILDERS
 from tests.support.peer import HOME
@@ -56,8 +55,7 @@ def test_the_vehicle_is_a_component():
 
 @pytest.mark.parametrize("message_id", sorted(set(BUILDERS) - TOLD_IN_FLIGHT))
 def test_every_message_can_be_requested_and_survives_the_wire(message_id):
-    peer = Peer(ARDUPILOT if message_id in GIMBAL_BUILDERS else PX4)
-    answers = peer.command(m.MAV_CMD_REQUEST_MESSAGE, message_id)
+    answers = Peer(PX4).command(m.MAV_CMD_REQUEST_MESSAGE, message_id)
     assert answers[0].get_type() == "COMMAND_ACK" and answers[0].result == 0
     assert answers[1].get_msgId() == message_id
 

@@ -17,7 +17,6 @@ from sim_vehicle.weather.wind import Wind
 REAL = get_vehicle("quad")
 # Some legs here are longer than a battery.
 QUAD = replace(REAL, battery=None)
-STEP = QUAD.step_s
 
 
 def fly(legs, *, wind=None, spec=QUAD, chunk=1, vehicle=None, limit=400_000):

@@ -1,9 +1,12 @@
 """The core does its work where there are no add-ons."""
 
+import json
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from bench_rows import made_row
@@ -17,63 +20,126 @@ HIDDEN = Path(__file__).parents[2] / "support" / "core_alone"
 ROOT = Path(__file__).parents[3]
 
 
-def run(folder, *words):
-    path = os.pathsep.join(map(str, (HIDDEN, ROOT)))
-    return subprocess.run(
-        [sys.executable, "-m", "wbf_mission", *words],
-        cwd=folder,
-        env={**os.environ, "PYTHONPATH": path},
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+ENVIRONMENT = {**os.environ, "PYTHONPATH": os.pathsep.join(map(str, (HIDDEN, ROOT)))}
 
+# One process for all commands: it finds no add-ons.
+COMMANDS = """
+import contextlib, io, json, os, sys
+from wbf_mission.cli.app import main
 
-@pytest.mark.parametrize(
-    "command",
-    [
-        "plan --farm miniberry-10 --planner spiral --out mine.plan --quiet",
-        "fly --farm miniberry-10 --policy greedy --estimator gp --budget 60s --out flown --quiet",
-        "bench run --scenarios WBF/Miniberry-10-v1 --planners spiral --estimators point --seeds 1 --out rows",
-        "check-policy greedy",
-        "vehicle list",
-        "bench list",
-    ],
+told = []
+for folder, words in json.loads(sys.argv[1]):
+    os.chdir(folder)
+    with contextlib.redirect_stdout(io.StringIO()) as out, contextlib.redirect_stderr(io.StringIO()) as err:
+        code = main(words.split())
+    told.append((code, out.getvalue(), err.getvalue()))
+print(json.dumps(told))
+"""
+WORKS = (
+    "plan --farm miniberry-10 --planner spiral --out mine.plan --quiet",
+    "fly --farm miniberry-10 --policy greedy --estimator gp --budget 60s --out flown --quiet",
+    "fly --farm miniberry-10 --policy greedy --estimator gp --budget 60s --autopilot ardupilot --no-files",
+    "bench run --scenarios WBF/Miniberry-10-v1 --planners spiral --estimators point --seeds 1 --out new",
+    "vehicle list",
+    "bench list",
 )
-def test_a_command_works_without_add_ons(tmp_path, command):
-    done = run(tmp_path, *command.split())
+BROUGHT = (
+    *("check", "check-policy", "command", "export", "map", "monitor", "report", "studio"),
+    *("bench compare", "bench replay", "farm generate"),
+)
+CONVERT = "convert a.kml a.plan"
+OTHER_VEHICLES = (
+    "vehicle show wing",
+    "plan --farm miniberry-10 --vehicle rover",
+    "sim --vehicle fixed-wing",
+    "vehicle show mine.toml",
+    "bench run --scenarios WBF/Miniberry-100-Mixed-v1 --planners spiral --seeds 1 --out new",
+)
+FLY = "fly --farm miniberry-10 --planner spiral"
+MISSING = {
+    f"{FLY} --connect udpin:127.0.0.1:0 --yes --live 0": "brings the page 'live' (wbf_mission.pages)",
+    "sim --live 0 --farm miniberry-10": "brings the page 'live.simulation' (wbf_mission.pages)",
+    "bench report rows --out written": "brings the page 'bench' (wbf_mission.pages)",
+    f"{FLY} --animate --out flown": "makes 'run.gif' (wbf_mission.products)",
+    f"{FLY} --treatment-map --out flown": "makes 'treatment' (wbf_mission.products)",
+    "farm draw miniberry-10 --out farm.png": "makes 'path.png' (wbf_mission.products)",
+    "bench run --sealed a.secret --out b": "opens rounds that are 'sealed' (wbf_mission.rounds)",
+    **{
+        f"plan --farm a.{suffix}|fields": f"reads farms in '{suffix}' (wbf_mission.farm_formats)"
+        for suffix in ("gpkg", "kml", "poly")
+    },
+}
+NO_PICTURES = "fly --farm miniberry-10 --vehicle ideal --budget 40steps --out flown"
+
+
+def add_row(folder):
+    store = BenchStore(folder / "rows")
+    store.add(made_row("spiral", 1, [0.5], scenario="WBF/Miniberry-10-v1"))
+    store.close()
+
+
+@pytest.fixture(scope="module")
+def alone(tmp_path_factory):
+    """What each command says, and whether it left its folder as it was."""
+    folders = {}
+    for words in (*WORKS, *BROUGHT, CONVERT, *OTHER_VEHICLES, *MISSING, NO_PICTURES):
+        folders[words] = tmp_path_factory.mktemp("alone")
+        (folders[words] / "mine.toml").write_text('kind = "rover"\n')
+        for name in ("a.secret", "a.gpkg", "a.kml", "a.poly"):
+            (folders[words] / name).write_bytes(b"")
+        add_row(folders[words])
+    before = {words: sorted(folder.rglob("*")) for words, folder in folders.items()}
+    asked = json.dumps([(str(folder), words) for words, folder in folders.items()])
+    command = [sys.executable, "-c", COMMANDS, asked]
+    done = subprocess.run(command, env=ENVIRONMENT, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
+    found = {}
+    for (words, folder), (code, out, err) in zip(folders.items(), json.loads(done.stdout), strict=True):
+        is_kept = sorted(folder.rglob("*")) == before[words]
+        found[words] = SimpleNamespace(code=code, out=out, err=err, is_kept=is_kept, folder=folder)
+    return found
 
 
-@pytest.mark.parametrize("command", ["check", "export", "map", "report", "studio", "bench replay"])
-def test_what_add_ons_bring_is_not_there(tmp_path, command):
-    done = run(tmp_path, *command.split())
-    assert (done.returncode, "No such command" in done.stderr) == (2, True), done.stderr
+@pytest.mark.parametrize("words", WORKS)
+def test_a_command_works_without_add_ons(alone, words):
+    assert alone[words].code == 0, alone[words].err
 
 
-def test_files_of_add_ons_are_of_no_known_format(tmp_path):
-    done = run(tmp_path, "convert", "a.kml", "a.plan")
-    assert done.returncode == 2
-    said = " ".join(done.stderr.split())
+@pytest.mark.parametrize("words", BROUGHT)
+def test_what_add_ons_bring_is_not_there(alone, words):
+    assert (alone[words].code, "No such command" in alone[words].err) == (2, True), alone[words].err
+
+
+def test_files_of_add_ons_are_of_no_known_format(alone):
+    assert alone[CONVERT].code == 2
+    said = " ".join(alone[CONVERT].err.split())
     assert "missions are read from .plan, .waypoints, .wpl, .txt, .fen, .ral or .json" in said
 
 
-@pytest.mark.parametrize(
-    "words",
-    [
-        "vehicle show wing",
-        "plan --farm miniberry-10 --vehicle rover",
-        "sim --vehicle fixed-wing",
-        "vehicle show mine.toml",
-        "bench run --scenarios WBF/Miniberry-100-Mixed-v1 --planners spiral --seeds 1 --out rows",
-    ],
-)
-def test_a_vehicle_of_an_add_on_is_refused_in_one_line_that_names_it(tmp_path, words):
-    (tmp_path / "mine.toml").write_text('kind = "rover"\n')
-    done = run(tmp_path, *words.split())
-    assert (done.returncode, done.stdout) == (2, ""), done.stderr
-    assert done.stderr.startswith("error: ") and done.stderr.count("\n") == 1
-    assert "fixed-wing (wbf_mission.addons.wings), rover (wbf_mission.addons.rovers)" in done.stderr
+@pytest.mark.parametrize("words", OTHER_VEHICLES)
+def test_a_vehicle_of_an_add_on_is_refused_in_one_line_that_names_it(alone, words):
+    done = alone[words]
+    assert (done.code, done.out) == (2, ""), done.err
+    assert done.err.startswith("error: ") and done.err.count("\n") == 1
+    assert "fixed-wing (wbf_mission.addons.wings), rover (wbf_mission.addons.rovers)" in done.err
+
+
+@pytest.mark.parametrize(("words", "missing"), MISSING.items())
+def test_a_part_that_no_add_on_brings_is_named_before_anything_is_done(alone, words, missing):
+    done = alone[words]
+    line = re.fullmatch(r"(?:note: no pictures: .*\n)?error: (?:farm file \S+: )?(.*)\n", done.err)
+    assert (done.code, line and line[1]) == (
+        2,
+        f"no package that is installed {missing}: install wbf-mission anew",
+    ), done.err
+    assert done.is_kept
+
+
+def test_without_the_add_on_a_flight_is_saved_without_pictures(alone):
+    done = alone[NO_PICTURES]
+    said = "note: no pictures: no package that is installed makes 'path.png' (wbf_mission.products)\n"
+    assert (done.code, done.err.count(said)) == (0, 1), done.err
+    assert (done.folder / "flown" / "result.json").is_file() and not list(done.folder.rglob("*.png"))
 
 
 VEHICLES = """
@@ -82,6 +148,7 @@ from mission.model import GeoPoint
 from mission.transfer.vehicles import Vehicle
 from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.airframe.kind import kind_of_type
+from sim_vehicle.autopilot.modes import Mode
 from sim_vehicle.errors import VehicleError
 from sim_vehicle.mavlink import SimVehicle
 from wbf_mission.live.discovery import typical_vehicle
@@ -91,6 +158,18 @@ vehicle = SimVehicle(get_vehicle("quad"), GeoPoint(28.05, -82.15, 10.0))
 ftp = m.MAVLink_file_transfer_protocol_message(0, 1, 1, [0] * 251)
 print(version.capabilities & m.MAV_PROTOCOL_CAPABILITY_FTP, vehicle.receive(ftp, 1.0))
 print(kind_of_type(1), kind_of_type(10), typical_vehicle(Vehicle(1, 1, 12, 2)))
+pitch = m.MAVLink_command_long_message(1, 1, 1000, 0, -30, 0, 0, 0, 0, 0, 0)
+print(vehicle.receive(pitch, 1.0)[0].result, vehicle.camera_attitude(0.0))
+stick = m.MAVLink_manual_control_message(1, 0, 0, 900, 0, 0)
+print(vehicle.receive(stick, 1.0), vehicle.built(m.MAVLINK_MSG_ID_RC_CHANNELS), vehicle.pilot.sticks)
+circle = m.MAVLink_command_long_message(1, 1, m.MAV_CMD_DO_ORBIT, 0, 10, 0, 0, 0, 0, 0, 0)
+print(vehicle.receive(circle, 1.0)[0].result)
+vehicle.pilot.arm()
+vehicle.pilot.takeoff(10.0)
+vehicle.poll(20.0)
+vehicle.pilot.set_mode(Mode.FOLLOW)
+vehicle.poll(40.0)
+print(vehicle.pilot.mode.value, vehicle.pilot.state.phase.value)
 for mav_type in (1, 10):
     try:
         print(typical_vehicle(Vehicle(1, 1, 12, mav_type)))
@@ -99,42 +178,11 @@ for mav_type in (1, 10):
 """
 
 
-def test_a_vehicle_has_no_files_and_heartbeats_of_other_kinds_are_not_taken_for_multirotors():
-    path = os.pathsep.join(map(str, (HIDDEN, ROOT)))
-    done = subprocess.run(
-        [sys.executable, "-c", VEHICLES],
-        env={**os.environ, "PYTHONPATH": path},
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert done.stdout.split("\n")[:4] == ["0 []", "fixed-wing rover quad", "True", "True"], done.stderr
-
-
-@pytest.mark.parametrize(
-    ("command", "page"),
-    [
-        ("fly --farm miniberry-10 --planner spiral --connect udpin:127.0.0.1:0 --yes --live 0", "live"),
-        ("bench report rows --out written", "bench"),
-    ],
-)
-def test_a_page_that_no_add_on_brings_is_refused_before_anything_is_done(tmp_path, command, page):
-    store = BenchStore(tmp_path / "rows")
-    store.add(made_row("spiral", 1, [0.5], scenario="WBF/Miniberry-10-v1"))
-    store.close()
-    there = sorted(tmp_path.rglob("*"))
-    done = run(tmp_path, *command.split())
-    told = f"error: no package that is installed brings the page '{page}' (wbf_mission.pages): "
-    assert (done.returncode, done.stderr) == (2, told + "install wbf-mission anew\n")
-    assert sorted(tmp_path.rglob("*")) == there
-
-
-@pytest.mark.parametrize(("option", "name"), [("--animate", "run.gif"), ("--treatment-map", "treatment")])
-def test_a_product_that_no_add_on_makes_is_refused_before_anything_flies(tmp_path, option, name):
-    done = run(tmp_path, "fly", "--farm", "miniberry-10", "--planner", "spiral", option, "--out", "flown")
-    said = f"error: no package that is installed makes '{name}' (wbf_mission.products): "
-    assert (done.returncode, done.stderr) == (2, said + "install wbf-mission anew\n")
-    assert list(tmp_path.iterdir()) == []
+def test_a_vehicle_has_no_extras_and_heartbeats_of_other_kinds_are_not_taken_for_multirotors():
+    command = [sys.executable, "-c", VEHICLES]
+    done = subprocess.run(command, env=ENVIRONMENT, capture_output=True, text=True, check=False)
+    told = ["0 []", "fixed-wing rover quad", "3 None", "[] () None", "3", "follow me holding", "True", "True"]
+    assert done.stdout.split("\n")[:8] == told, done.stderr
 
 
 @pytest.mark.parametrize(
@@ -143,12 +191,11 @@ def test_a_product_that_no_add_on_makes_is_refused_before_anything_flies(tmp_pat
         ("bench board no.zip --out written", "bench"),
         ("bench paper --out written", "bench"),
         ("bench replay rows spiral1 --out written", "run"),
+        ("report rows --out written.html", "bench.report"),
     ],
 )
 def test_add_ons_ask_for_pages_as_the_core_does(tmp_path, monkeypatch, capsys, command, page):
-    store = BenchStore(tmp_path / "rows")
-    store.add(made_row("spiral", 1, [0.5], scenario="WBF/Miniberry-10-v1"))
-    store.close()
+    add_row(tmp_path)
     there = sorted(tmp_path.rglob("*"))
     monkeypatch.chdir(tmp_path)
     found = imports.entry_points
@@ -156,6 +203,13 @@ def test_add_ons_ask_for_pages_as_the_core_does(tmp_path, monkeypatch, capsys, c
     assert main(command.split()) == 2
     assert f"brings the page '{page}' (wbf_mission.pages)" in capsys.readouterr().err
     assert sorted(tmp_path.rglob("*")) == there
+
+
+def test_a_contract_check_that_no_add_on_brings_is_named():
+    command = [sys.executable, "-c", "from wbf_mission import check_policy"]
+    done = subprocess.run(command, env=ENVIRONMENT, capture_output=True, text=True, check=False)
+    said = "no package that is installed brings 'check_policy' (wbf_mission.contracts): "
+    assert done.stderr.endswith(f"geo.errors.WbfMissionError: {said}install wbf-mission anew\n")
 
 
 def test_every_part_says_on_a_short_page_what_it_is():

@@ -323,16 +323,3 @@ def test_a_benchmark_with_failures_says_so(tmp_path, capsys):
     )
     assert "2 more runs failed" in told.err
     assert "7 failed" in told.out
-
-
-def test_compare_gives_a_verdict_and_keeps_what_it_flew(tmp_path, capsys):
-    arguments = ["bench", "compare", "spiral", "--against", "lawnmower", "--scenarios", TEN[0]]
-    arguments += ["--estimators", "point", "--out", str(tmp_path / "b")]
-    assert main([*arguments, "--seeds", "2", "--json"]) == 0
-    (one,) = json.loads(capsys.readouterr().out)
-    assert (one["mine"], one["against"], one["environments"]) == ("spiral", "lawnmower", 2)
-    assert one["verdict"] in {"better", "worse", "cannot be told"}
-    assert len(read_rows(tmp_path / "b")) == 4
-    assert main([*arguments, "--seeds", "2"]) == 0
-    assert "difference of scores" in capsys.readouterr().out
-    assert main(["bench", "compare", "spiral", "--against", "spiral"]) == 2

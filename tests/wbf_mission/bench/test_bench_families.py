@@ -83,7 +83,14 @@ def test_an_unknown_family_is_told():
         get_family("field")
 
 
-@pytest.mark.parametrize("name", [one for family in families() for one in family.scenarios])
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(name, marks=[pytest.mark.slow] if name != family.scenarios[0] else [])
+        for family in families()
+        for name in family.scenarios
+    ],
+)
 def test_every_planner_of_a_family_finds_a_path(name):
     for planner in ("lawnmower", "adaptive-lawnmower", "spiral", "random-waypoint"):
         assert plan_fleet(scenario_with(load_scenario(name), {"planner": planner, "estimator": "point"}))

@@ -5,12 +5,12 @@ from array import array
 
 import numpy as np
 import pytest
+from bench_rows import made_row, rows
 from msgspec import structs
 from scipy import stats
 
 from wbf_mission.bench.environments import scored
 from wbf_mission.bench.intervals import (
-    Interval,
     _drawn,
     _weights,
     doubt_in_words,
@@ -18,30 +18,9 @@ from wbf_mission.bench.intervals import (
     mean_intervals,
     ratio_interval,
     ratio_intervals,
-    verdict,
 )
-from wbf_mission.bench.rows import BenchRow
-from wbf_mission.bench.standings import WHOLE, by_fixed, compare, standings
-
-
-def rows(planner, values, estimator="gp", scenario="s", error=(), **given):
-    return [
-        BenchRow(
-            key=f"{scenario}{planner}{estimator}{seed}",
-            scenario=scenario,
-            planner=planner,
-            estimator=estimator,
-            seed=seed,
-            score=None if seed in error else score,
-            final_score=None if seed in error else score / 2,
-            losses={} if seed in error else {"tylcv": -score},
-            error="it failed" if seed in error else None,
-            wall_time_s=2.0,
-            cpu_time_s=1.0,
-            **given,
-        )
-        for seed, score in enumerate(values)
-    ]
+from wbf_mission.bench.standings import standings
+from wbf_mission.bench.tables import score_over_time
 
 
 def coverage(found, true):
@@ -205,8 +184,6 @@ def test_only_environments_count_that_all_have_in_common():
         ("both", -2.0, 1.0),
         ("half", -2.0, 1.0),
     ]
-    (compared,) = compare(told, "both", ["half"])
-    assert compared.environments == 2
 
 
 def test_without_an_environment_in_common_nobody_has_a_score():
@@ -247,25 +224,6 @@ def test_the_share_of_bad_answers_is_that_of_all_answers():
     assert quiet.bad_share == 0.0
 
 
-def test_losses_are_divided_by_those_of_the_fixed_planner_that_is_best_in_each():
-    def made(planner, tylcv, ccr, decisions):
-        of = {"tylcv": array("d", [tylcv]), "ccr": array("d", [ccr])}
-        return rows(planner, [-tylcv - ccr] * 8, decisions=decisions, history=of)
-
-    (group,) = scored([*made("policy", 1.0, 3.0, 9), *made("one", 2.0, 4.0, 1), *made("two", 8.0, 1.0, 1)])
-    policy, one, two = by_fixed(group, over_run=True)
-    assert [each.planner for each in (policy, one, two)] == ["policy", "one", "two"]
-    assert [each.fixed for each in (policy, one, two)] == [False, True, True]
-    assert policy.best == {WHOLE: "one", "tylcv": "one", "ccr": "two"}
-    assert policy.ratios == {
-        WHOLE: Interval(4 / 6, 4 / 6, 4 / 6),
-        "tylcv": Interval(0.5, 0.5, 0.5),
-        "ccr": Interval(3.0, 3.0, 3.0),
-    }
-    (only,) = scored(made("policy", 1.0, 3.0, 9))
-    assert by_fixed(only, over_run=False) == []
-
-
 def test_the_interval_of_a_ratio_is_that_of_pairs():
     draw = np.random.default_rng(3)
     hard = draw.uniform(1.0, 9.0, 20)
@@ -283,26 +241,10 @@ def test_scenarios_are_told_apart():
     assert [(one.scenario, one.rank) for one in found] == [("one", 1.0), ("two", 1.0)]
 
 
-def test_a_comparison_is_made_in_pairs():
-    # The environments differ much more than the two do.
-    hard = np.array([-9.0, -1.0, -5.0, -3.0, -7.0, -2.0, -8.0, -4.0])
-    gain = np.array([0.1, 0.2, 0.15, 0.05, 0.1, 0.2, 0.1, 0.15])
-    told = [*rows("mine", hard + gain), *rows("theirs", hard), *rows("frail", hard - 1.0, error=range(1, 8))]
-    theirs, frail = compare(told, "mine", ["theirs", "frail"])
-    assert (theirs.environments, theirs.better, verdict(theirs.score)) == (8, 1.0, "better")
-    assert theirs.score.mean == pytest.approx(gain.mean())
-    assert theirs.score.low > 0.05
-    assert theirs.final_score.mean == pytest.approx(gain.mean() / 2)
-    # A failed run counts as the worst, that of "theirs"; one that is far off makes the interval long.
-    assert (frail.environments, frail.score.mean) == (8, pytest.approx(gain.mean() + 1.0 / 8.0))
-    assert verdict(frail.score) == "cannot be told"
-    (back,) = compare(told, "theirs", ["mine"])
-    assert verdict(back.score) == "worse"
-    (none,) = compare(told, "mine", ["nobody"])
-    assert none.environments == 0
-    assert math.isnan(none.better)
-
-
-def test_verdicts_of_equal_runs():
-    (same,) = compare([*rows("a", [-1.0] * 6), *rows("b", [-1.0] * 6)], "a", ["b"])
-    assert verdict(same.score) == "equal"
+def test_the_score_over_time_holds_until_the_next_scored_time():
+    times_s, scores = score_over_time([made_row("a", 0, [-3.0, -1.0]), made_row("a", 1, [-5.0, -4.0, -2.0])])
+    assert (times_s[0], times_s[-1]) == (0.0, 30.0)
+    one, two = scores
+    assert set(one[times_s < 20.0]) == {-3.0}
+    assert set(one[times_s >= 20.0]) == {-1.0}
+    assert (two[0], two[-1]) == (-5.0, -2.0)

@@ -3,8 +3,8 @@
 import pytest
 from bench_rows import made_row
 
-from wbf_mission.bench.standings import compare, standings
-from wbf_mission.bench.versions import apart, build_of, builds_in_words, what_was_run
+from wbf_mission.bench.standings import standings
+from wbf_mission.bench.versions import apart, build_of, builds_in_words
 
 OLD, NEW = "4622a3d6f0aa", "5d01c2b3e4bb"
 
@@ -71,23 +71,3 @@ def test_objects_are_told_apart_by_their_parameters():
     assert names(rows, "planner") == ["UCB(beta=1.0)", "UCB(beta=9.0)"]
     changed = [flown("UCB", k, objects={"planner": "UCB(beta=1.0)"}, planner=f"{k}" * 24) for k in (1, 2)]
     assert names(changed, "planner") == ["UCB [UCB(beta=1.0), 11111111]", "UCB [UCB(beta=1.0), 22222222]"]
-
-
-def test_versions_are_not_compared_with_each_other():
-    told = [
-        *(flown(name, 0) for name in "ab"),
-        *(flown(name, 0, code="d1" * 12, commit=NEW) for name in "ab"),
-    ]
-    assert [(one.scenario, one.environments) for one in compare(told, "a", ["b"])] == [
-        ("WBF/Some-v1 [0.1.0, 4622a3d6]", 1),
-        ("WBF/Some-v1 [0.1.0, 5d01c2b3]", 1),
-    ]
-
-
-def test_what_was_run_has_a_line_for_each_digest():
-    rows = [flown(), flown(seed=1), flown(commit=NEW, code="d1" * 12)]
-    lines = [line for line in what_was_run(rows).rows if line[0] == "wbf-mission"]
-    assert lines == [
-        ("wbf-mission", "0.1.0", "4622a3d6", "c0dec0dec0de", "", "2"),
-        ("wbf-mission", "0.1.0", "5d01c2b3", "d1d1d1d1d1d1", "", "1"),
-    ]

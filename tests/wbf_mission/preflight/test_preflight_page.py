@@ -4,6 +4,8 @@ import ast
 import re
 from pathlib import Path
 
+from page_tables import rows_of
+
 import wbf_mission.preflight.run
 from wbf_mission.preflight.rules import RULES
 
@@ -13,10 +15,8 @@ CODE = re.compile(r"[a-z]+(-[a-z]+)*")
 
 def rows_on_the_page():
     """Codes and severities of each row."""
-    text = (ROOT / "docs" / "preflight.md").read_text(encoding="utf-8")
-    tables = text[text.index("## Findings in the plan") : text.index("## From Python")]
-    rows = re.findall(r"^\| (`[^|]+`) \| ([^|]+) \|", tables, flags=re.MULTILINE)
-    return [(re.findall(r"`([^`]+)`", codes), severities.split(", ")) for codes, severities in rows]
+    rows = rows_of("preflight.csv")
+    return [(re.findall(r"`([^`]+)`", row["code"]), row["severity"].split(", ")) for row in rows]
 
 
 def codes_on_the_page():

@@ -57,16 +57,20 @@ def test_no_planner_makes_a_plan_with_an_error(planner, vehicle, autopilot, farm
 
 
 ROWS = ("lawnmower", "adaptive-lawnmower", "spiral")
+QUICK = [*(("miniberry-30", "quad", planner) for planner in ROWS), ("miniberry-30", "rover", "lawnmower")]
 FITTING = [
+    *QUICK,
     *(
-        ("miniberry-30", vehicle, planner)
-        for vehicle in ("quad", "mapping-quad", "rover")
-        for planner in ROWS
+        pytest.param(*one, marks=pytest.mark.slow)
+        for one in (
+            *(("miniberry-30", "mapping-quad", planner) for planner in ROWS),
+            *(("miniberry-30", "rover", planner) for planner in ROWS[1:]),
+            ("miniberry-100", "quad", "spiral"),
+            ("waterberry", "quad", "lawnmower"),
+            ("waterberry", "fixed-wing", "lawnmower"),
+            ("waterberry", "fixed-wing", "spiral"),
+        )
     ),
-    ("miniberry-100", "quad", "spiral"),
-    ("waterberry", "quad", "lawnmower"),
-    ("waterberry", "fixed-wing", "lawnmower"),
-    ("waterberry", "fixed-wing", "spiral"),
 ]
 
 

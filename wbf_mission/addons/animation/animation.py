@@ -27,11 +27,11 @@ from geo.errors import WbfMissionError
 from mission.ground.tracks import Track
 from sensors.estimators import Estimator
 from sensors.fields import Field
+from wbf_mission.addons.base.relearning import estimates_again, fresh_estimator, kept_truths
 from wbf_mission.maps.blocks import MapGrid
 from wbf_mission.maps.field_maps import pixel_means
 from wbf_mission.progress import Progress, silent
 from wbf_mission.run.record import FlightRecord
-from wbf_mission.run.relearning import estimates_again, fresh_estimator, kept_truths
 from wbf_mission.run.resolve import make_environment
 
 if TYPE_CHECKING:
@@ -414,8 +414,8 @@ class _Animation:
     def require(self, scenario: Scenario) -> None:
         pass
 
-    def is_possible(self, run: RunRecord) -> bool:
-        return any(len(flight.track.time_s) for flight in run.flights)
+    def files(self, run: RunRecord) -> list[str]:
+        return ["run.gif"] * any(len(flight.track.time_s) for flight in run.flights)
 
     def write(
         self,

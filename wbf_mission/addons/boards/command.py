@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from wbf_mission.cli import bench_output, options
+from wbf_mission.cli import options
 from wbf_mission.cli.command import Command
 from wbf_mission.cli.options import option
 from wbf_mission.cli.output import Output
@@ -23,9 +23,9 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from wbf_mission.addons.boards.board import Board
+    from wbf_mission.addons.boards.sealed import Secret
     from wbf_mission.addons.boards.verification import Verification
     from wbf_mission.bench.rows import BenchRow
-    from wbf_mission.bench.sealed import Secret
     from wbf_mission.scenario import Choice
 
 SUBMIT_EXAMPLES = """
@@ -63,7 +63,7 @@ SecretFile = Annotated[
 
 
 def _secret(seal: Path | None, secret: Path | None) -> Secret | None:
-    from wbf_mission.bench.sealed import opened
+    from wbf_mission.addons.boards.sealed import opened
     from wbf_mission.scenario import ScenarioError
 
     if (seal is None) != (secret is None):
@@ -96,6 +96,7 @@ def submit_command(
     missing. Failed runs are allowed, and reported.
     """
     from wbf_mission.addons.boards.audit import require_asked, require_whole
+    from wbf_mission.addons.boards.sealed import require_seeds
     from wbf_mission.addons.boards.submission import (
         SUFFIX,
         code_files,
@@ -105,7 +106,6 @@ def submit_command(
     )
     from wbf_mission.addons.boards.verification import fly_again
     from wbf_mission.bench.rows import read_rows
-    from wbf_mission.bench.sealed import require_seeds
     from wbf_mission.results.storage import ResultError
 
     rows = read_rows(folder)
@@ -299,7 +299,7 @@ def seal_command(
 
     NAME.secret, readable only by you, is for 'bench run --sealed', and is published when the round ends.
     """
-    from wbf_mission.bench.sealed import new_secret, write_round
+    from wbf_mission.addons.boards.sealed import new_secret, write_round
 
     names = [one.strip() for one in (scenarios or "").split(",") if one.strip()]
     secret = new_secret(environments, names, datetime.datetime.now(datetime.UTC))
@@ -338,6 +338,7 @@ def verify_command(
     import numpy as np
 
     from wbf_mission.addons.boards.audit import require_whole
+    from wbf_mission.addons.boards.comparison import difference
     from wbf_mission.addons.boards.fresh import fly_fresh
     from wbf_mission.addons.boards.submission import read_pack, unpack_code
     from wbf_mission.bench.intervals import score_text
@@ -361,7 +362,7 @@ def verify_command(
             score_text(float(np.mean(gap.open_scores))),
             score_text(float(np.mean(gap.fresh_scores)))
             + (f", {len(gap.failed)} failed" if gap.failed else ""),
-            *bench_output.difference(gap.gap),
+            *difference(gap.gap),
             gap.verdict,
         ]
         for gap in found.gaps

@@ -10,8 +10,8 @@ import numpy as np
 
 from geo.texts import duration
 from mission.policies.decision import AcquisitionMap
+from wbf_mission.addons.base.plots import LAND, LINE_COLOURS, draw_farm, new_sheet, save_sheet
 from wbf_mission.maps.blocks import SICK_BELOW
-from wbf_mission.pictures.plots import LAND, LINE_COLOURS, draw_farm, new_sheet, save_sheet
 from wbf_mission.replanning.record import DecisionRecord
 
 if TYPE_CHECKING:

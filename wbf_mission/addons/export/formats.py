@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, TypeAlias
 from mission.errors import LinkError
 from mission.link.tlog import read_tlog
 from sim_vehicle.epoch import EPOCH_UNIX_S
+from wbf_mission.addons.base.replay import events_of
 from wbf_mission.events import VehicleMoved
 from wbf_mission.progress import Progress, silent
-from wbf_mission.results.replay import events_of
 from wbf_mission.results.storage import ResultError
 
 if TYPE_CHECKING:

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geo import Farm
-from wbf_mission.pictures.plots import CROP_COLOURS, LINE_COLOURS
+from wbf_mission.addons.base.plots import CROP_COLOURS, LINE_COLOURS
 
 OBSTACLE, FENCE, _LAND = "#b22222", "#e69f00", "#8c8c8c"
 SHOWN_AGAIN = 100  # Approximate full rewrites of growing tracks and readings per run, for viewers that jump

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, get_args
 
 from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
+from sim_vehicle.mavlink.extras import VehicleExtra
 from wbf_mission.addons.files.ftp import FtpServer, checksum
 from wbf_mission.addons.files.logs import FlightLogs, LogMessage, LogTransfer
 from wbf_mission.addons.files.vehicle_files import GENERAL_PATH, general_metadata, uri, vehicle_files
@@ -18,14 +19,13 @@ if TYPE_CHECKING:
 __all__ = ["Files"]
 
 
-class Files:
-    """MAVLink FTP, LOG_REQUEST_* and COMPONENT_METADATA (`sim_vehicle.mavlink.extras.VehicleExtra`)."""
+class Files(VehicleExtra):
+    """MAVLink FTP, LOG_REQUEST_* and COMPONENT_METADATA."""
 
     capabilities = int(m.MAV_PROTOCOL_CAPABILITY_FTP)
 
     def __init__(self, state: WireState, parameters: ParameterSet, plans: PlanReceiver) -> None:
-        self._state = state
-        self._parameters = parameters
+        super().__init__(state, parameters, plans)
         self._logs = FlightLogs(state.epoch_unix_s)
         transfer = LogTransfer(self._logs, state.pilot)
         ftp = FtpServer(vehicle_files(state.mavlink, parameters, self._logs, plans))
@@ -37,13 +37,13 @@ class Files:
 
     def log_frame(self, frame: bytes, message_id: int, now_s: float) -> None:
         """Append a frame to the log of the current flight."""
-        self._logs.write(frame, message_id, now_s, armed=self._state.pilot.armed)
+        self._logs.write(frame, message_id, now_s, armed=self.state.pilot.armed)
 
     def metadata(self) -> tuple[Message, ...]:
         """Return COMPONENT_METADATA; empty if the autopilot has none."""
-        details = self._state.mavlink.component_metadata
+        details = self.state.mavlink.component_metadata
         if details is None:
             return ()
-        crc = checksum(general_metadata(self._parameters, details))
+        crc = checksum(general_metadata(self.parameters, details))
         address = uri(GENERAL_PATH).encode()
-        return (m.MAVLink_component_metadata_message(self._state.boot_ms, crc, address),)
+        return (m.MAVLink_component_metadata_message(self.state.boot_ms, crc, address),)

@@ -10,7 +10,7 @@ import json
 import lzma
 import math
 import struct
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from functools import lru_cache, partial
 from operator import attrgetter
 from typing import TYPE_CHECKING, NamedTuple, TypeAlias
@@ -18,7 +18,8 @@ from urllib.parse import parse_qsl
 
 from mission.link.codec.dialect import mavlink as m
 from mission.model import MissionType
-from sim_vehicle.autopilot.parameters import MavParameter, ParameterDetails
+from sim_vehicle.autopilot.parameters import MavParameter
+from wbf_mission.addons.files.details import ParameterDetails, parameter_details
 from wbf_mission.addons.files.file_tree import FileTree, MadeFile, TakenFile
 from wbf_mission.addons.files.ftp import checksum
 
@@ -52,7 +53,7 @@ _CODES = dict((*_INTEGERS.values(), _FLOAT))
 _LONGEST_NAME = 16
 _MOST = 65534
 
-Details: TypeAlias = Callable[[], Mapping[str, ParameterDetails]]
+Details: TypeAlias = tuple[str, str]
 
 
 # Vehicles of a fleet have almost equal tables, and compressing one takes some hundredths of a second.
@@ -65,7 +66,7 @@ def _metadata(
     `defaults` are the values at start, each in the unit of its parameter. A parameter without details is
     described by `table`.
     """
-    known = details()
+    known = parameter_details(*details)
     entries = [
         _entry(parameter, default, known.get(parameter.name))
         for parameter, default in zip(table, defaults, strict=True)

@@ -1,4 +1,4 @@
-"""Mission file formats outside the core: KML, KMZ, GeoJSON, GPX, CSV, and DJI's WPML."""
+"""Formats outside the core: missions in KML, KMZ, GeoJSON, GPX, CSV and DJI's WPML; farms (`farm_files`)."""
 
 from mission.files.formats import MissionFormat
 from wbf_mission.addons.formats import dji, geojson, gpx, kml, table

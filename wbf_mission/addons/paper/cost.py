@@ -22,7 +22,7 @@ from sensors.estimators.base import Estimator, prepare_estimator
 from sensors.fields import PAPER_FIELDS
 from sensors.observations import Observations
 from sensors.scoring.score import RunningScore
-from wbf_mission.pictures.plots import new_sheet, save_sheet
+from wbf_mission.addons.base.plots import new_sheet, save_sheet
 from wbf_mission.progress import Progress, silent
 from wbf_mission.results.storage import ResultError
 

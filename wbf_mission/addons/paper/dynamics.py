@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from geo import Farm
 from sensors.fields import Field, FieldSet
-from wbf_mission.pictures.plots import LAND, new_sheet, save_sheet
+from wbf_mission.addons.base.plots import LAND, new_sheet, save_sheet
 from wbf_mission.progress import Progress, silent
 from wbf_mission.run.resolve import make_environment
 from wbf_mission.scenario import Scenario, scenario_with

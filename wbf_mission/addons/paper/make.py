@@ -10,6 +10,7 @@ from typing import Any
 
 from geo import Crop
 from geo.farms import get_farm
+from wbf_mission.addons.base.plots import CROP_COLOURS, LINE_COLOURS, draw_farm, new_sheet, save_sheet
 from wbf_mission.addons.paper.comparison import (
     authors_table,
     early_table,
@@ -24,11 +25,10 @@ from wbf_mission.addons.paper.dynamics import DAYS, Dynamics, plot_dynamics
 from wbf_mission.addons.paper.shown import shown_runs
 from wbf_mission.bench.benchmark import benchmark
 from wbf_mission.bench.page import Page, Picture, Section
-from wbf_mission.bench.report import field_table, standing_table
 from wbf_mission.bench.rows import BenchRow
 from wbf_mission.bench.spec import BenchSpec
 from wbf_mission.bench.standings import standings
-from wbf_mission.pictures.plots import CROP_COLOURS, LINE_COLOURS, draw_farm, new_sheet, save_sheet
+from wbf_mission.bench.tables import field_table, standing_table
 from wbf_mission.progress import Progress, silent
 from wbf_mission.results.storage import ResultError
 from wbf_mission.run.resolve import FlightError

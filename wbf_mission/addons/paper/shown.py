@@ -15,9 +15,9 @@ from geo.atomic import atomic_write
 from geo.processes import Processes
 from mission.ground.tracks import Track
 from mission.outcome import Outcome
+from wbf_mission.addons.base.plots import shown_every
 from wbf_mission.bench.spec import BenchRun
 from wbf_mission.flight import fly
-from wbf_mission.pictures.plots import shown_every
 from wbf_mission.progress import Progress
 from wbf_mission.results.storage import ResultError
 from wbf_mission.run.resolve import FlightError

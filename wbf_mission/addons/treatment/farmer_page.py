@@ -14,10 +14,10 @@ import numpy as np
 
 from geo import Farm
 from geo.atomic import atomic_write
+from wbf_mission.addons.base.farm_drawing import FarmDrawing
+from wbf_mission.addons.base.html_page import html_document
 from wbf_mission.addons.treatment.zone_shapes import Zone
 from wbf_mission.addons.treatment.zones import HEALTHY, LOOK, TREAT, FieldCosts, ZoneMap, is_water
-from wbf_mission.maps.farm_drawing import FarmDrawing
-from wbf_mission.maps.html_page import html_document
 from wbf_mission.maps.report import FarmReport, percent
 
 _COLOURS = {TREAT: "#b3261e", LOOK: "#f2b705", HEALTHY: "#8fc08b"}

@@ -17,8 +17,8 @@ class _Treatment:
         require_gis()
         UtmCells.of(scenario.farm.load())
 
-    def is_possible(self, run: RunRecord) -> bool:
-        return bool(len(run.observations))
+    def files(self, run: RunRecord) -> list[str]:
+        return ["treatment"] if len(run.observations) else []
 
     def write(self, run: RunRecord, path: Path, progress: Progress) -> None:
         from wbf_mission.addons.treatment.flights import treatment_of_result

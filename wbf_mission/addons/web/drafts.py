@@ -16,7 +16,7 @@ import msgspec
 
 from geo import Farm, load_farm, save_farm
 from geo.errors import FarmError, WbfMissionError
-from geo.farm_file import FARM_SUFFIXES
+from geo.farm_file import farm_suffixes
 from geo.farms import get_farm
 from geo.geojson import MAX_FILE_BYTES
 from geo.named import parse_named
@@ -28,12 +28,11 @@ from wbf_mission.addons.web.newest import NewestOnly
 from wbf_mission.planning import PlanResult
 from wbf_mission.planning.builder import coverage_together
 from wbf_mission.planning.fleet import SingleVehicle, single_vehicles
-from wbf_mission.planning.sorties import SortiePlan, is_too_long, sorties_of
+from wbf_mission.planning.sorties import SortiePlan, sorties_of
 from wbf_mission.preflight.finding import Finding, Report
 from wbf_mission.preflight.run import check_plan
 from wbf_mission.progress import Progress
-from wbf_mission.run.batteries import batteries_in, plan_for_batteries
-from wbf_mission.run.plan import plan_fleet
+from wbf_mission.run.plan import batteries_in, plan_fleet, plan_for_batteries
 from wbf_mission.scenario import Scenario, scenario_with
 from wbf_mission.scenario.choice import names_of
 from wbf_mission.scenario.option import Option
@@ -195,8 +194,8 @@ class Drafts:
         """
         drawn, name = not name, name or _DRAWN
         suffix = Path(name).suffix.lower()
-        if suffix not in FARM_SUFFIXES:
-            raise FarmError(f"{name!r:.80} is no farm file: give one of {', '.join(FARM_SUFFIXES)}")
+        if suffix not in farm_suffixes():
+            raise FarmError(f"{name!r:.80} is no farm file: give one of {', '.join(farm_suffixes())}")
         stem = re.sub(r"[^\w .-]", "_", Path(name).stem)[:60].strip(" .") or "farm"
         with tempfile.TemporaryDirectory(dir=self.folder) as own:
             path = Path(own) / f"{stem}{suffix}"
@@ -320,7 +319,7 @@ def planned(draft: Draft, progress: Progress) -> PlannedDraft:
     scenario, vehicles = draft.scenario, single_vehicles(draft.scenario)
 
     def cut(plan: PlanResult, one: SingleVehicle = vehicles[0]) -> SortiePlan | None:
-        return sorties_of(plan, one) if is_too_long(plan) else None
+        return sorties_of(plan, one) if plan.is_too_long else None
 
     results: tuple[PlanResult, ...]
     batteries = batteries_in(scenario.mission.budget)

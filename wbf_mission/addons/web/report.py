@@ -21,6 +21,8 @@ from geo import Farm
 from geo.atomic import atomic_write
 from geo.errors import WbfMissionError
 from sensors.errors import EstimatorError
+from wbf_mission.addons.base.html_page import data_element
+from wbf_mission.addons.base.replay import events_of
 from wbf_mission.addons.web import schema
 from wbf_mission.addons.web.document import document
 from wbf_mission.addons.web.layers import LONGEST
@@ -35,9 +37,7 @@ from wbf_mission.addons.web.recording import (
 )
 from wbf_mission.addons.web.summary import comparison_of, run_title, summary_of
 from wbf_mission.events import Decided, Estimated
-from wbf_mission.maps.html_page import data_element
 from wbf_mission.progress import Progress, silent
-from wbf_mission.results.replay import events_of
 from wbf_mission.run.record import RunRecord
 
 MOST_BYTES = 5_000_000

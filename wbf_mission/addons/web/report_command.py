@@ -12,6 +12,7 @@ from wbf_mission.cli import options
 from wbf_mission.cli.command import Command
 from wbf_mission.cli.options import TargetError, option, refuse_overwrite
 from wbf_mission.cli.output import Output
+from wbf_mission.cli.pages import bench_report
 
 if TYPE_CHECKING:
     from wbf_mission.progress import Progress
@@ -77,13 +78,12 @@ def report_command(
 def _bench(folder: Path, path: Path) -> dict[str, Any]:
     """Write the page of a benchmark; return its properties for the output."""
     from wbf_mission.addons.web.bench_page import write_bench_page
-    from wbf_mission.bench.report import report_page
     from wbf_mission.bench.requests import read_asked
     from wbf_mission.bench.rows import read_rows
 
     rows = read_rows(folder)
     with tempfile.TemporaryDirectory() as pictures:
-        page = report_page(
+        page = bench_report()(
             rows, Path(pictures), title=f"Benchmark of {len(rows)} runs", asked=read_asked(folder)
         )
         write_bench_page(path, page, Path(pictures), rows)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from mission.outcome import in_words
 from sensors.fields import Field
-from wbf_mission.maps.farm_drawing import FarmDrawing
+from wbf_mission.addons.base.farm_drawing import FarmDrawing
 from wbf_mission.maps.field_maps import FieldMap
 from wbf_mission.maps.report import FieldReport, brief, percent
 from wbf_mission.run.record import RunRecord

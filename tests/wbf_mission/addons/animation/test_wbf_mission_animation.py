@@ -194,7 +194,7 @@ def test_truth_and_estimate_leave_the_result_before_the_animation_if_wanted(
     for release in (False, True):
         given = replace(result)
         with ResultFolder(tmp_path / f"run{release}") as folder:
-            folder.write(given, plots=False, products=["run.gif"], release=release)
+            folder.write(given, products=["run.gif"], release=release)
         loaded = load_result(tmp_path / f"run{release}")
         assert loaded.truth is not None and loaded.model is not None
         np.testing.assert_array_equal(loaded.truth, result.truth)

@@ -13,10 +13,10 @@ from wbf_mission.addons.boards import verification
 from wbf_mission.addons.boards.audit import require_whole
 from wbf_mission.addons.boards.board import board_of, packs_of
 from wbf_mission.addons.boards.board_page import board_page, board_table, board_values, difference_table
+from wbf_mission.addons.boards.sealed import Secret
 from wbf_mission.addons.boards.verification import fly_again
 from wbf_mission.bench.engine import fly_run
 from wbf_mission.bench.rows import read_rows
-from wbf_mission.bench.sealed import Secret
 from wbf_mission.cli.app import main
 from wbf_mission.results.storage import ResultError
 from wbf_mission.version import __version__, behaviour

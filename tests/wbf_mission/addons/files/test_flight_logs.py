@@ -185,6 +185,6 @@ def test_only_the_server_makes_a_vehicle_keep_a_log():
     vehicle.pilot.arm()
     with Server([vehicle], ["tcpin:127.0.0.1:0"], speed=float("inf")) as server:
         server.run(limit_s=3.0)
-    (log,) = vehicle._extras[0]._logs.all
+    (log,) = vehicle.extras[0]._logs.all
     assert log.data[8] == 0xFD
     assert 1000 < len(log.data) < 30_000

@@ -330,7 +330,7 @@ def test_the_same_flight_both_ways(autopilot, tmp_path):
 
             made.vehicle.receive = heard
             flown[way] = fly(scenario(), by=LiveLink(url, Agreeing(), via=via_named(way), tlog=folder.tlog))
-            folder.write(flown[way], plots=False)
+            folder.write(flown[way])
             held[way], _ = download(url)
         files[way] = {one.name for one in (tmp_path / way).iterdir()}
         # MAVSDK starts the mission of a PX4 by its mode alone: it is MAVSDK that speaks.

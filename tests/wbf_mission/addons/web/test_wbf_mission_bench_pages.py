@@ -13,8 +13,8 @@ from PIL import Image
 from wbf_mission.addons.web.bench_page import write_bench_page
 from wbf_mission.bench.intervals import score_text
 from wbf_mission.bench.page import Page, Section, Table
-from wbf_mission.bench.report import report_page
 from wbf_mission.cli.app import main
+from wbf_mission.cli.pages import bench_report
 
 ASKED = {
     "page": "document.documentElement.scrollWidth",
@@ -90,7 +90,7 @@ def report(tmp_path_factory):
 
 def written(rows, folder):
     """Write the page of rows, without its pictures beside it."""
-    page = report_page(rows, folder / "pictures", title=f"Benchmark of {len(rows)} runs")
+    page = bench_report()(rows, folder / "pictures", title=f"Benchmark of {len(rows)} runs")
     write_bench_page(folder / "report.html", page, folder / "pictures", rows)
     shutil.rmtree(folder / "pictures")
     return folder / "report.html"

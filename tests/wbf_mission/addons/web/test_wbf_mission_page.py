@@ -18,12 +18,13 @@ from typing import Any
 import numpy as np
 import pytest
 from axe_playwright_python.sync_playwright import Axe
-from live_page import chromium, page_at
+from live_page import chromium, page_at, standing, standing_page
 from PIL import Image, ImageChops
 from playwright.sync_api import Browser, Page, expect
 from starlette.requests import Request
 from starlette.responses import Response
 from starlette.routing import Route
+from viewer import Taking
 
 from geo import Farm
 from geo.farms import get_farm
@@ -119,21 +120,6 @@ def a_flight(names: tuple[str, ...] = ("one",)) -> list[Event]:
         Noted("the vehicle is heard"),
     ]
     return events
-
-
-class Taking:
-    """Orders as whoever flies takes them."""
-
-    def __init__(self) -> None:
-        self.taken: list[tuple[Any, ...]] = []
-
-    def take(self, *order: Any, age_s: float) -> str:
-        self.taken.append(order)
-        return "it is not flying" if order[1] == "land" else ""
-
-    def answer(self, *answer: Any, age_s: float) -> str:
-        self.taken.append(answer)
-        return ""
 
 
 def uncover(page: Page) -> None:
@@ -255,7 +241,7 @@ def test_ten_vehicles_are_shown_anew_while_they_fly(browser: Browser, view: View
 def test_orders_are_sent_as_they_are_given_and_motors_start_only_after_a_second_word(
     browser: Browser, view: View
 ) -> None:
-    orders = Taking()
+    orders = Taking({"land": "it is not flying"})
     told(view, *a_flight(("one", "two")), Orderable(("start", "hold", "land", "set item")))
     with LiveServer(view, orders=orders) as server, page_at(browser, server.url) as page:
         page.get_by_label("Orders go to").select_option("two")
@@ -313,9 +299,10 @@ def test_where_only_the_truth_is_known_no_layer_is_chosen_and_zero_has_no_sign(
         expect(page.locator(".card")).not_to_contain_text("-0.0 m")
 
 
-def test_cards_tell_how_each_vehicle_is_and_messages_what_it_said(browser: Browser, view: View) -> None:
+def test_cards_tell_how_each_vehicle_is_and_messages_what_it_said(browser: Browser) -> None:
+    view = View(share=1.0, clock=standing)
     told(view, *a_flight(("one", "two")), moved(11.0, 2, battery=0.1, silent_s=9.0))
-    with LiveServer(view) as server, page_at(browser, server.url) as page:
+    with standing_page(browser, view) as page:
         first, second = page.locator(".card").all()
         for text in ("one", "75 %", "AUTO", "5.0 m", "2.5 m/s"):
             expect(first).to_contain_text(text.replace(" %", "\u00a0%"))

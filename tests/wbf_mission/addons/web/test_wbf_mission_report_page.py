@@ -203,7 +203,7 @@ def test_an_estimator_that_is_gone_is_said(
     def gone(*_: Any, **__: Any) -> None:
         raise EstimatorError("estimator Mine: it was given as an object")
 
-    monkeypatch.setattr("wbf_mission.results.replay.fresh_estimator", gone)
+    monkeypatch.setattr("wbf_mission.addons.base.replay.fresh_estimator", gone)
     made = write_report(tmp_path / "r.html", [result])
     assert made.moments == (1,)
     assert made.notes == ("The layers are those of the end: estimator Mine: it was given as an object",)

@@ -24,7 +24,7 @@ from hypothesis import strategies as st
 from starlette.requests import ClientDisconnect, Request
 from starlette.responses import Response
 from starlette.routing import Route
-from viewer import Viewer
+from viewer import Clock, Taking, Viewer
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import ClientConnection, connect
 
@@ -82,30 +82,6 @@ def ask(
 def sent(response: http.client.HTTPResponse) -> dict[str, str]:
     """Return those headers of an answer that every one must have."""
     return {name: response.getheader(name, "") for name in HEADERS}
-
-
-class Taking:
-    """Orders as whoever flies takes them."""
-
-    def __init__(self) -> None:
-        self.taken: list[tuple[Any, ...]] = []
-
-    def take(self, *order: Any, age_s: float) -> str:
-        self.taken.append(order)
-        return "" if order[1] == "hold" else f"{order[1]} cannot be ordered now"
-
-    def answer(self, *answer: Any, age_s: float) -> str:
-        self.taken.append(answer)
-        return ""
-
-
-class Clock:
-    """A clock that somebody sets."""
-
-    now_s = 1000.0
-
-    def __call__(self) -> float:
-        return self.now_s
 
 
 GIVEN = {"number": 1, "beat_s": 0.0, "after_s": 0.0}
@@ -322,7 +298,7 @@ def test_orders_are_off_by_default() -> None:
 
 
 def test_orders_are_handed_on_and_their_page_alone_hears_what_became_of_them() -> None:
-    orders, view = Taking(), View()
+    orders, view = Taking({"set-item": "set-item cannot be ordered now"}), View()
     view.take(Orderable(("hold", "land")))
     with LiveServer(view, orders=orders) as server, watching(server) as client, watching(server) as other:
         assert json.loads(client.recv(timeout=10))["status"]["orders"] == ["hold", "land"]

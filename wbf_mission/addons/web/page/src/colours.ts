@@ -2,7 +2,7 @@
 // distinguished.
 import type { FieldInfo, LayerName } from "./schema.js";
 
-/** Colours of crops, as in `wbf_mission/pictures/plots.py`. */
+/** Colours of crops, as in `wbf_mission/addons/base/plots.py`. */
 const CROPS: Record<string, string> = {
   strawberry: "#e8a7a1",
   tomato: "#b7d39b",

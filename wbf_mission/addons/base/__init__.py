@@ -1,0 +1,1 @@
+"""Parts that several add-ons share and the core does not need."""

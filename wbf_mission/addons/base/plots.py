@@ -1,0 +1,170 @@
+"""Figures, colours and farms for all pictures by matplotlib."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from geo import Crop, Farm, FarmGrid
+from geo.atomic import atomic_write
+
+if TYPE_CHECKING:
+    from matplotlib.artist import Artist
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+CROP_COLOURS: dict[str, str] = {
+    Crop.NONE: "#f4f1ea",
+    Crop.STRAWBERRY: "#e8a7a1",
+    Crop.TOMATO: "#b7d39b",
+    Crop.POND: "#8fbcd4",
+    Crop.WETLAND: "#9ccfb8",
+}
+_FURTHER_CROPS = ("#d9c58b", "#c9b3d6", "#a8cfd0", "#e3b78c", "#c2c2b0", "#d8a8c2")
+LINE_COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000", "#8c6d31")
+"""Colours of curves: the palette of Okabe and Ito, readable with colour blindness, and brown."""
+LAND = "#e9e6df"
+FLOWN = "#c8102e"  # Colour of flown paths
+WORST_COLOURS = ("#3d0a3a", "#f29e38", "#dfeaf2")  # Colours of lost, infected and healthy plants
+MAX_PIXELS = 600  # Maximum number of cells along a side of a crop map
+_HOME: dict[str, Any] = {"marker": "^", "color": "#d55e00", "markeredgecolor": "white", "markersize": 9}
+_RALLY: dict[str, Any] = {"marker": "P", "color": "#0072b2", "markeredgecolor": "white", "markersize": 9}
+_OBSTACLE: dict[str, Any] = {
+    "facecolor": "none",
+    "edgecolor": "#333333",
+    "hatch": "xxx",
+    "linewidth": 0.8,
+    "zorder": 2,
+}
+_LOW_OBSTACLE: dict[str, Any] = {**_OBSTACLE, "hatch": "///"}
+
+
+def new_figure(width: float, height: float, *, dpi: int = 110) -> Figure:
+    """Return a figure; `width` and `height` in inches."""
+    from matplotlib.figure import Figure
+
+    return Figure(figsize=(width, height), dpi=dpi)
+
+
+def save_figure(figure: Figure, path: Path) -> Path:
+    """Write a figure atomically to a PNG file, or to a PDF file if the suffix is .pdf."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+    FigureCanvasAgg(figure)
+    with atomic_write(path, "wb") as stream:
+        if path.suffix.lower() == ".pdf":
+            figure.savefig(stream, format="pdf", metadata={"CreationDate": None})
+        else:
+            figure.savefig(stream, format="png")
+    return path
+
+
+def new_sheet(width: float, height: float) -> Figure:
+    """Return a figure for print with constrained layout; `width` and `height` in inches."""
+    figure = new_figure(width, height, dpi=200)
+    figure.set_layout_engine("constrained")
+    return figure
+
+
+def save_sheet(figure: Figure, paths: Sequence[Path]) -> None:
+    """Write a figure to several files; each suffix selects the format."""
+    for path in paths:
+        save_figure(figure, path)
+
+
+def shown_every(shape: Sequence[int]) -> int:
+    """Return the stride between the cells of a crop map that are shown."""
+    return max(1, -(-max(shape) // MAX_PIXELS))
+
+
+def _extent(grid: FarmGrid) -> tuple[float, float, float, float]:
+    width, height = grid.shape
+    return 0.0, width * grid.cell_size_m, 0.0, height * grid.cell_size_m
+
+
+def crop_colours(crops: Sequence[str]) -> dict[str, str]:
+    """Return the colour of each crop; crops outside the benchmark share a cycle of further colours."""
+    further = itertools.cycle(_FURTHER_CROPS)
+    return {crop: CROP_COLOURS.get(crop) or next(further) for crop in crops}
+
+
+def draw_farm(axes: Axes, farm: Farm, *, legend: bool = True) -> None:
+    """Draw crops, the owner's land and obstacles into ``axes`` (metres along the farm's axes).
+
+    `legend`: draw home and the rally points, too, and a legend beside the map.
+    """
+    from matplotlib.colors import BoundaryNorm, ListedColormap
+    from matplotlib.patches import Patch as LegendPatch
+
+    grid = farm.grid()
+    stride = shown_every(grid.shape)
+    crops = grid.crop[::stride, ::stride]
+    colour_of = crop_colours(grid.crops)
+    colours = ListedColormap(list(colour_of.values()))
+    norm = BoundaryNorm([number - 0.5 for number in range(len(colour_of) + 1)], len(colour_of))
+    axes.imshow(
+        crops.T,
+        origin="lower",
+        extent=_extent(grid),
+        interpolation="nearest",
+        aspect="equal",
+        cmap=colours,
+        norm=norm,
+        zorder=0,
+    )
+    shown = outline(axes, farm)
+    if legend:
+        for number in reversed(np.unique(crops).tolist()):
+            if number:
+                crop = grid.crops[number]
+                shown = {crop: LegendPatch(color=colour_of[crop]), **shown}
+        (shown["home"],) = axes.plot(*farm.home_m, linestyle="none", zorder=5, clip_on=False, **_HOME)
+        if farm.rally_m:
+            (shown["rally point"],) = axes.plot(
+                *np.transpose(farm.rally_m), linestyle="none", zorder=5, clip_on=False, **_RALLY
+            )
+        # Explicit handles keep the farm's artists out of the legend that a caller adds for paths.
+        axes.legend(
+            list(shown.values()),
+            list(shown),
+            loc="upper left",
+            bbox_to_anchor=(1.02, 1.0),
+            borderaxespad=0.0,
+            fontsize=7,
+            frameon=False,
+        )
+    for obstacle in farm.obstacles:
+        if obstacle.height_m is not None:
+            left, _, right, top = obstacle.polygon.bounds
+            place = ((left + right) / 2, top)
+            axes.annotate(
+                f"{obstacle.height_m:g} m",
+                *(place, (0, 2)),
+                textcoords="offset points",
+                fontsize=7,
+                ha="center",
+                zorder=4,
+            )
+    axes.set_xlabel("x (m)")
+    axes.set_ylabel("y (m)")
+
+
+def outline(axes: Axes, farm: Farm) -> dict[str, Artist]:
+    """Draw the border of the owner's land and the obstacles; return their legend handles by label."""
+    area = farm.owner_area
+    shown: dict[str, Artist] = {}
+    for polygon in getattr(area, "geoms", [area]):
+        for ring in (polygon.exterior, *polygon.interiors):
+            (shown["owner's border"],) = axes.plot(
+                *ring.xy, color="#5b4636", linewidth=1.2, linestyle="--", zorder=2
+            )
+    for obstacle in farm.obstacles:
+        low = obstacle.height_m is not None
+        style = _LOW_OBSTACLE if low else _OBSTACLE
+        name = "obstacle with a height" if low else "obstacle or no-fly zone"
+        (shown[name],) = axes.fill(*obstacle.polygon.exterior.xy, **style)
+    return shown

@@ -1,0 +1,373 @@
+"""Replay of a finished run as the stream of events of its flights."""
+
+from __future__ import annotations
+
+import bisect
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from heapq import merge
+from itertools import groupby
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mission.errors import LinkError
+from mission.ground.items import revised_mission
+from mission.ground.vehicle_state import VehicleMonitor, VehicleState
+from mission.link.codec.dialect import mavlink as m
+from mission.link.codec.typed import is_a
+from mission.link.tlog import read_tlog
+from mission.model import Command
+from wbf_mission.addons.base.relearning import estimates_again, fresh_estimator, kept_truths
+from wbf_mission.events import (
+    DayBegun,
+    Decided,
+    Estimated,
+    Event,
+    FlightEnded,
+    Planned,
+    RunBegun,
+    RunEnded,
+    Seen,
+    VehicleInfo,
+    VehicleMoved,
+    VehicleSaid,
+)
+from wbf_mission.progress import Progress, silent
+from wbf_mission.results.storage import ResultError
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from mission.model import Mission
+    from sensors.estimators import Estimator
+    from sensors.scoring.information import InformationModel
+    from wbf_mission.replanning.record import DecisionRecord, PathChange
+    from wbf_mission.run.record import FlightRecord, RunRecord
+
+MOST_STATES = 20_000
+"""Largest number of states per track; longer tracks are thinned to every n-th state."""
+_SEEN_S = 1.0
+"""Interval between events of observations (s)."""
+
+_SAME_S = 1e-3  # Times in a log are whole microseconds
+_LONGEST_GAP_S = 5.0
+"""Longest gap in the telemetry within which the last state applies (s)."""
+
+_Timed = tuple[float, Event]
+
+
+@dataclass(frozen=True, slots=True)
+class _Flight:
+    """Records of a joint flight."""
+
+    records: tuple[FlightRecord, ...]
+    begun_s: float  # Seconds after the start of the run
+    seen: slice  # Observations of the flight
+
+    @property
+    def started_s(self) -> float:
+        """Start of the first vehicle's mission, by its first fix (s after the start of the run)."""
+        firsts = [float(record.track.time_s[0]) for record in self.records if len(record.track.time_s)]
+        return self.begun_s + min(firsts, default=0.0)
+
+
+def events_of(
+    result: RunRecord,
+    *,
+    estimates: int = 0,
+    estimator: Estimator | None = None,
+    log: Path | None = None,
+    progress: Progress = silent,
+) -> Iterator[Event]:
+    """Yield the events of a finished run in order of time, over all days, flights and vehicles.
+
+    Unknown values are None: without a log all of a vehicle's state except position and speed, on large farms
+    the truth of all days except the last. Every scored time is an `Estimated` event, in the order of the
+    history. With several vehicles, observations may arrive out of order of their times.
+
+    Parameters
+    ----------
+    estimates : int
+        Approximate number of scored times, evenly spaced, at which a fresh estimator recomputes the model.
+        Stored models, at the ends of days, are always included.
+    estimator : Estimator, optional
+        Replaces the run's estimator; it is fitted again.
+    log : path, optional
+        The run's telemetry log (``flight.tlog`` in its folder), with full vehicle states.
+    progress : callable
+        Receives the progress of the estimates.
+
+    Raises
+    ------
+    EstimatorError
+        If the run's estimator cannot be made again: a loaded result does not contain estimator objects.
+    ResultError
+        If the log cannot be read.
+
+    Examples
+    --------
+    >>> from wbf_mission import Scenario, fly
+    >>> scenario = Scenario(farm="miniberry-10", vehicle="ideal", budget="60steps", estimator="point")
+    >>> events = list(events_of(fly(scenario)))
+    >>> [type(one).__name__ for one in events[:3]], events[-1].outcome
+    (['RunBegun', 'DayBegun', 'Decided'], 'completed')
+    """
+    flights = _flights(result)
+    yield _begun(result)
+    states = sum(len(one.track.time_s) for one in result.flights)
+    step = max(1, -(-states // MOST_STATES))
+    told = {} if log is None else states_in(log, [one.begun_s for one in flights])
+    streams: list[Iterator[_Timed]] = [_days(result, flights)]
+    for number, flight in enumerate(flights):
+        streams.append(_decided(result, flight))
+        for record in flight.records:
+            streams += [
+                _planned(result, flight, record),
+                _moved(flight, record, step, told.get((record.system_id, number))),
+                _said(flight, record),
+                _ended(flight, record),
+            ]
+        streams.append(_seen(result, flight))
+    streams.append(_estimated(result, estimates, estimator, progress))
+    for _, event in merge(*streams, key=lambda one: one[0]):
+        yield event
+    yield RunEnded(result.simulated_s, result.outcome.value, result.reason, result.summary())
+
+
+def _flights(result: RunRecord) -> list[_Flight]:
+    together = [tuple(each) for _, each in groupby(result.flights, lambda one: (one.day, one.flight))]
+    firsts = [flight[0].seen_before for flight in together] + [len(result.observations)]
+    found, end_s = list[_Flight](), 0.0
+    for number, each in enumerate(together):
+        # Results of earlier versions lack the start of a flight: assume that it follows the previous one.
+        begun_s = max(each[0].begun_s, end_s)
+        found.append(_Flight(each, begun_s, slice(firsts[number], firsts[number + 1])))
+        ends = [float(one.track.time_s[-1]) for one in each if len(one.track.time_s)]
+        end_s = begun_s + max(ends, default=0.0)
+    return found
+
+
+def _begun(result: RunRecord) -> RunBegun:
+    vehicles = {
+        flight.system_id: VehicleInfo(flight.system_id, flight.plan.vehicle.name, flight.plan.vehicle.kind)
+        for flight in reversed(result.flights)
+    }
+    decider = result.plan.planner or result.scenario.mission.file
+    return RunBegun(
+        f"{result.farm.name}, {decider}",
+        result.farm,
+        result.fields,
+        tuple(vehicles[number] for number in sorted(vehicles)),
+        # Only flights of real vehicles have a link report.
+        simulated=all(flight.link is None for flight in result.flights),
+        seed=result.scenario.seed,
+        estimator=result.estimator,
+        planner=decider,
+    )
+
+
+def _days(result: RunRecord, flights: Sequence[_Flight]) -> Iterator[_Timed]:
+    # Days without a flight are scored, too.
+    begun_s = dict(zip(reversed(result.history.days), reversed(result.history.times_s), strict=True))
+    begun_s |= {flight.records[0].day: flight.begun_s for flight in reversed(flights)}
+    truths = kept_truths(result)
+    for day, time_s in sorted(begun_s.items()):
+        yield time_s, DayBegun(time_s, day, truths.get(day))
+
+
+def _planned(result: RunRecord, flight: _Flight, record: FlightRecord) -> Iterator[_Timed]:
+    plan, numbers = record.plan, (record.day, record.flight, record.system_id)
+    yield (
+        flight.begun_s,
+        Planned(
+            flight.begun_s,
+            *numbers,
+            plan.mission,
+            plan.path_m,
+            duration_s=plan.prediction.duration_s,
+            length_m=plan.length_m,
+            coverage=plan.coverage,
+        ),
+    )
+    changes = [
+        (flight.started_s + change.effect_s, change)
+        for decision in _decisions(result, flight)
+        for change in decision.changes
+        if change.system_id == record.system_id and change.effect_s is not None
+    ]
+    for time_s, change in sorted(changes, key=lambda one: one[0]):
+        yield time_s, Planned(time_s, *numbers, _changed(record, change), change.path_m)
+
+
+def _decisions(result: RunRecord, flight: _Flight) -> list[DecisionRecord]:
+    numbers = flight.records[0].day, flight.records[0].flight
+    return [decision for decision in result.decisions if (decision.day, decision.flight) == numbers]
+
+
+def _changed(record: FlightRecord, change: PathChange) -> Mission:
+    """Return the mission of a changed path."""
+    mission = record.plan.mission
+    waypoints = [item for item in mission.items if item.command == Command.NAV_WAYPOINT]
+    if not waypoints:
+        return mission
+    latitude, longitude = record.plan.farm.frame.to_wgs84(change.path_m[:, 0], change.path_m[:, 1])
+    return revised_mission(
+        mission,
+        len(mission.items),
+        list(zip(latitude.tolist(), longitude.tolist(), strict=True)),
+        altitude_m=waypoints[0].z,
+        acceptance_radius_m=waypoints[0].param2 or 0.0,
+    )[0]
+
+
+def _moved(flight: _Flight, record: FlightRecord, step: int, told: StateLog | None) -> Iterator[_Timed]:
+    """Yield a vehicle's positions with its logged states, or with speeds from its track.
+
+    The last position has the last logged state, which is disarmed.
+    """
+    track, last = record.track, len(record.track.time_s) - 1
+    if last < 0:
+        return
+    rows = np.unique(np.append(np.arange(0, last, step), last))
+    time_s, x_m, y_m, height_m = (
+        column[rows] for column in (track.time_s + flight.begun_s, track.x_m, track.y_m, track.altitude_m)
+    )
+    took_s = np.maximum(np.diff(time_s, prepend=time_s[0]), 1e-3)
+    speed_m_s = np.hypot(np.diff(x_m, prepend=x_m[0]), np.diff(y_m, prepend=y_m[0])) / took_s
+    states = [None] * len(rows) if told is None else [*told.at(time_s[:-1]), told.states[-1]]
+    columns = (one.tolist() for one in (time_s, x_m, y_m, height_m, speed_m_s))
+    for at_s, x, y, height, speed, known in zip(*columns, states, strict=True):
+        moved = VehicleMoved(at_s, record.day, record.flight, record.system_id, x, y, height, speed)
+        if known is not None:
+            own, mode = known
+            moved = replace(
+                moved,
+                speed_m_s=own.ground_speed_m_s,
+                heading_rad=own.heading_rad,
+                battery=own.battery.remaining,
+                mode=mode,
+                armed=own.armed,
+                item=own.item,
+                items=own.total,
+            )
+        yield at_s, moved
+
+
+def _said(flight: _Flight, record: FlightRecord) -> Iterator[_Timed]:
+    for at_s, severity, text in sorted(record.texts, key=lambda one: one[0]):
+        yield flight.begun_s + at_s, VehicleSaid(flight.begun_s + at_s, record.system_id, severity, text)
+
+
+def _ended(flight: _Flight, record: FlightRecord) -> Iterator[_Timed]:
+    times = [record.texts[-1][0]] if record.texts else []
+    times += record.track.time_s[-1:].tolist()
+    time_s = flight.begun_s + max(times, default=0.0)
+    outcome = record.outcome.value
+    yield time_s, FlightEnded(time_s, record.day, record.flight, record.system_id, outcome, record.reason)
+
+
+def _seen(result: RunRecord, flight: _Flight) -> Iterator[_Timed]:
+    """Yield the observations, in parts as in flight."""
+    part = result.observations[flight.seen]
+    if not len(part):
+        return
+    # An image that was lost and fetched again was known only on arrival.
+    known_s = np.maximum.accumulate(part.time_s)
+    ends = np.flatnonzero(np.diff(np.floor(known_s / _SEEN_S)) > 0.0) + 1
+    for begin, end in zip([0, *ends.tolist()], [*ends.tolist(), len(part)], strict=True):
+        yield flight.begun_s + float(known_s[end - 1]), Seen(flight.begun_s, part[begin:end])
+
+
+def _decided(result: RunRecord, flight: _Flight) -> Iterator[_Timed]:
+    for record in _decisions(result, flight):
+        # The first paths are decided before the flight.
+        time_s = flight.started_s + record.time_s if record.time_s > 0.0 else flight.begun_s
+        yield time_s, Decided(time_s, record)
+
+
+def _estimated(
+    result: RunRecord, estimates: int, estimator: Estimator | None, progress: Progress
+) -> Iterator[_Timed]:
+    history = result.history
+    count = len(history.entries)
+    last_of_day = {day: number for number, day in enumerate(history.days)}
+    kept = {last_of_day[one.day]: one.model for one in result.days if one.model and one.day in last_of_day}
+    if result.model is not None and count:
+        kept[count - 1] = result.model
+    wanted = set(np.linspace(0, count - 1, min(estimates, count)).round().astype(int).tolist()) - kept.keys()
+    again: Iterator[InformationModel | None] = iter(())
+    if wanted:
+        moments = zip(history.days, history.observations, map(wanted.__contains__, range(count)), strict=True)
+        again = estimates_again(result, fresh_estimator(result, progress, estimator), moments)
+    due_s = 0.0
+    for number, (time_s, day, seen, score) in enumerate(
+        zip(history.times_s, history.days, history.observations, history.entries, strict=True)
+    ):
+        if wanted:
+            progress("estimates", number + 1, count)
+        due_s = max(due_s, time_s)
+        yield due_s, Estimated(time_s, day, seen, next(again, None) or kept.get(number), score)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StateLog:
+    """States of a vehicle over time, from its telemetry.
+
+    Parameters
+    ----------
+    time_s : float64[n]
+        Seconds after the start of the log.
+    states : list of (VehicleState, str)
+        State and name of the flight mode at each time.
+    """
+
+    time_s: NDArray[np.float64]
+    states: list[tuple[VehicleState, str]]
+
+    def at(self, time_s: NDArray[np.float64]) -> list[tuple[VehicleState, str] | None]:
+        """Return state and mode at times; None without recent telemetry."""
+        last = np.searchsorted(self.time_s, time_s + _SAME_S, side="right") - 1
+        is_known = (last >= 0) & (time_s - self.time_s[np.maximum(last, 0)] <= _LONGEST_GAP_S)
+        return [
+            self.states[k] if known else None
+            for k, known in zip(last.tolist(), is_known.tolist(), strict=True)
+        ]
+
+
+def states_in(path: Path, begins_s: Sequence[float]) -> dict[tuple[int, int], StateLog]:
+    """Read the states of the vehicles in a .tlog, by system id and part.
+
+    Part k begins `begins_s[k]` seconds after the start of the log, and does not use earlier telemetry.
+
+    Raises
+    ------
+    ResultError
+        If the log cannot be read.
+    """
+    begun_s: float | None = None
+    monitors: dict[tuple[int, int], VehicleMonitor] = {}
+    found: dict[tuple[int, int], list[tuple[float, VehicleState, str]]] = {}
+    try:
+        for utc_s, message in read_tlog(path):
+            begun_s = utc_s if begun_s is None else begun_s
+            if message.get_srcComponent() != m.MAV_COMP_ID_AUTOPILOT1:
+                continue
+            time_s = utc_s - begun_s
+            key = message.get_srcSystem(), bisect.bisect_right(begins_s, time_s + _SAME_S) - 1
+            monitor = monitors.get(key) or monitors.setdefault(key, VehicleMonitor())
+            monitor.receive(message, time_s)
+            rows = found.setdefault(key, [])
+            state, mode = monitor.state, monitor.mode
+            # Arming, disarming and mode changes also count between positions, since one may come last.
+            changes = bool(rows) and (rows[-1][1].armed, rows[-1][2]) != (state.armed, mode)
+            if changes or is_a(message, m.MAVLink_global_position_int_message):
+                rows.append((time_s, state, mode))
+    except LinkError as error:
+        raise ResultError(str(error)) from None
+    return {
+        key: StateLog(np.array([row[0] for row in rows]), [row[1:] for row in rows])
+        for key, rows in found.items()
+        if rows
+    }

@@ -1,0 +1,1 @@
+"""Contract checks: whether a planner, policy or estimator keeps its contract."""

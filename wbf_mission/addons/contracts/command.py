@@ -1,0 +1,104 @@
+"""``wbf-mission check-planner``, ``check-policy`` and ``check-estimator``."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Annotated, Any
+
+import typer
+
+from wbf_mission.cli import options
+from wbf_mission.cli.command import Command
+from wbf_mission.cli.options import option
+from wbf_mission.cli.output import Output
+from wbf_mission.exit_codes import ExitCode
+from wbf_mission.scenario import Choice
+
+EXAMPLES = """
+Examples
+wbf-mission check-planner spiral
+wbf-mission check-planner my_planner.py:zigzag --land convex
+wbf-mission check-policy greedy:least_weight=0.35
+wbf-mission check-policy my_policy.py:MyPolicy
+wbf-mission check-estimator my_estimator.py:Mine
+"""
+_Name = Annotated[str, typer.Argument(help="A name with parameters, or FILE.py:NAME of yours.")]
+
+
+@options.speaks(quiet=False)
+def check_planner_command(
+    output: Output,
+    name: _Name,
+    land: Annotated[
+        str | None,
+        option(
+            "Kinds of land that the planner is made for, separated by commas: convex, concave, pierced, apart"
+            " (disconnected parts).",
+            "--land",
+            metavar="KINDS",
+            show_default="all",
+        ),
+    ] = None,
+) -> int:
+    """Check that a planner keeps its contract: budget, area, repeatable paths."""
+    from wbf_mission.addons.contracts.planners import LANDS, check_planner
+
+    lands = LANDS if land is None else tuple(kind.strip() for kind in land.split(","))
+    return _run(output, name, "planner", lambda choice: check_planner(choice.chosen, lands, **choice.params))
+
+
+@options.speaks(quiet=False)
+def check_policy_command(output: Output, name: _Name) -> int:
+    """Check that a policy keeps its contract.
+
+    The checks are: budget, area, repeatable answers, no use of the truth, and sensible answers when no cell
+    or every cell was observed and when a vehicle is lost. The share of the allowed computing time is
+    measured.
+    """
+    from wbf_mission.addons.contracts.policies import check_policy
+
+    return _run(output, name, "policy", lambda choice: check_policy(choice.chosen, **choice.params))
+
+
+@options.speaks(quiet=False)
+def check_estimator_command(output: Output, name: _Name) -> int:
+    """Check that an estimator keeps its contract: scikit-learn's conventions, shapes, ranges, equal maps."""
+    from sensors.fields import PAPER_FIELDS
+    from wbf_mission.addons.contracts.estimators import check_estimator
+    from wbf_mission.run.estimation import estimator_of
+
+    return _run(
+        output, name, "estimator", lambda choice: check_estimator(estimator_of(choice, 0, PAPER_FIELDS))
+    )
+
+
+def _run(output: Output, name: str, what: str, check: Callable[[Choice], Any]) -> int:
+    """Run a contract check on a named planner, policy or estimator, and print its result."""
+    from geo.errors import told_error, users_line
+    from wbf_mission.own_code import own_choice
+    from wbf_mission.scenario.choice import choose
+
+    choice = own_choice(name, what) or choose(name, what)
+    broken, measured = None, None
+    try:
+        measured = check(choice)
+    except AssertionError as error:
+        text = str(error) if users_line(error) is None else told_error(error)
+        broken = " ".join(text.split()) or "a check failed without a message"
+    except Exception as error:
+        if users_line(error) is None or isinstance(error, MemoryError):
+            raise
+        broken = told_error(error)
+    values = {what: str(choice), "keeps": broken is None, "broken": broken}
+    rows = {what: str(choice), "contract": "kept" if broken is None else f"broken: {broken}"}
+    if measured is not None:
+        values |= {"decisions": measured.decisions, "time_share": measured.time_share}
+        rows["computing time"] = f"{measured.time_share:.1%} of the allowed time"
+        rows["decisions"] = str(measured.decisions)
+    output.result(values, rows)
+    return ExitCode.GOOD if broken is None else ExitCode.NOT_GOOD
+
+
+PLANNER = Command(check_planner_command, EXAMPLES)
+POLICY = Command(check_policy_command, EXAMPLES)
+ESTIMATOR = Command(check_estimator_command, EXAMPLES)

@@ -1,0 +1,1 @@
+"""Gimbal of a simulated vehicle, which turns its camera."""

@@ -1,0 +1,276 @@
+"""Gimbal as an extra of the simulated vehicle: commands and telemetry over MAVLink.
+
+Implements gimbal protocol v2 with the autopilot as gimbal manager of gimbal device 1, which is not a MAVLink
+component itself, and the older mount messages. Sources: ArduPilot's ``AP_Mount.cpp`` and
+``AP_Mount_Backend.cpp``; the answers are those of ArduCopter 4.7 in SITL with ``MNT1_TYPE`` 1.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from typing import TYPE_CHECKING, get_args
+
+from geo.frame import angles_of, quaternion_of
+from mission.link.codec.dialect import Message
+from mission.link.codec.dialect import mavlink as m
+from mission.link.codec.typed import is_a
+from mission.model import Command
+from sim_vehicle.autopilot.modes import Mode
+from sim_vehicle.execution.items import ROI_COMMANDS
+from sim_vehicle.mavlink.extras import VehicleExtra
+from sim_vehicle.mavlink.vehicle_command import Result, VehicleCommand
+from wbf_mission.addons.gimbal.gimbal import Attitude, Gimbal, GimbalMode
+
+if TYPE_CHECKING:
+    from sim_vehicle.mavlink.parameters import ParameterSet
+    from sim_vehicle.mavlink.plan_receiver import PlanReceiver
+    from sim_vehicle.mavlink.wire_state import WireState
+
+__all__ = ["GimbalExtra"]
+
+_DEVICE = 1
+_FAILED = m.MAV_RESULT_FAILED
+_LOCKS = m.GIMBAL_DEVICE_FLAGS_ROLL_LOCK | m.GIMBAL_DEVICE_FLAGS_PITCH_LOCK
+_AXES = 0b111_111_111 << 2  # flags for axis, follow and lock, of roll, pitch and yaw each
+_CAPABILITIES = (
+    m.GIMBAL_MANAGER_CAP_FLAGS_HAS_RETRACT
+    | m.GIMBAL_MANAGER_CAP_FLAGS_HAS_NEUTRAL
+    | _AXES
+    | m.GIMBAL_MANAGER_CAP_FLAGS_HAS_RC_INPUTS
+    | m.GIMBAL_MANAGER_CAP_FLAGS_CAN_POINT_LOCATION_LOCAL
+    | m.GIMBAL_MANAGER_CAP_FLAGS_CAN_POINT_LOCATION_GLOBAL
+)
+_RESTING = {
+    GimbalMode.RETRACT: m.GIMBAL_DEVICE_FLAGS_RETRACT,
+    GimbalMode.NEUTRAL: m.GIMBAL_DEVICE_FLAGS_NEUTRAL,
+}
+# Tolerance of a unit quaternion's length.
+_UNIT = 0.1
+_NAN_3 = (math.nan, math.nan, math.nan)
+_MOST_DEG = (90.0, 180.0, 360.0)
+
+
+def _turn(gimbal: Gimbal, flags: int, angles_deg: tuple[float, ...], rates_deg: tuple[float, ...]) -> Result:
+    """Turn the gimbal to angles, else at rates (roll, pitch, yaw), else set only the yaw lock."""
+    for mode, flag in _RESTING.items():  # manager flags equal device flags
+        if flags & flag:
+            gimbal.set_mode(mode)
+            return None
+    earth = bool(flags & m.GIMBAL_MANAGER_FLAGS_YAW_LOCK)
+    if all(map(math.isfinite, angles_deg)):
+        gimbal.turn_to(tuple(map(math.radians, angles_deg)), earth=earth)
+    elif all(map(math.isfinite, rates_deg)):
+        gimbal.turn_at(tuple(map(math.radians, rates_deg)), earth=earth)
+    elif all(map(math.isnan, (*angles_deg[1:], *rates_deg[1:]))):
+        gimbal.yaw_lock = earth
+        gimbal.wake()
+    else:
+        return _FAILED
+    return None
+
+
+GimbalMessage = (
+    m.MAVLink_gimbal_manager_set_attitude_message
+    | m.MAVLink_gimbal_manager_set_pitchyaw_message
+    | m.MAVLink_mount_configure_message
+    | m.MAVLink_mount_control_message
+)
+
+
+class GimbalExtra(VehicleExtra):
+    """Gimbal of the camera; a vehicle has one if the parameter of its firmware was above 0 at boot."""
+
+    def __init__(self, state: WireState, parameters: ParameterSet, plans: PlanReceiver) -> None:
+        super().__init__(state, parameters, plans)
+        self.gimbal = Gimbal(state.pilot.parameters, state.mavlink.gimbal)
+        self._was_in_mission = False
+        self._orders: dict[int, Callable[[VehicleCommand], Result]] = {
+            m.MAV_CMD_DO_GIMBAL_MANAGER_PITCHYAW: self._pitch_yaw,
+            m.MAV_CMD_DO_GIMBAL_MANAGER_CONFIGURE: self._configure,
+            m.MAV_CMD_DO_MOUNT_CONFIGURE: self._mount_configure,
+            m.MAV_CMD_DO_MOUNT_CONTROL: self._mount_control,
+            **dict.fromkeys(ROI_COMMANDS, self._region),
+        }
+        self.commands = dict.fromkeys(self._orders, self._obey)
+        self.handlers = {
+            **{kind.id: self._receive for kind in get_args(GimbalMessage)},
+            m.MAVLink_param_set_message.id: self._on_parameter,
+        }
+        builders = {
+            m.MAVLINK_MSG_ID_GIMBAL_MANAGER_INFORMATION: self._information,
+            m.MAVLINK_MSG_ID_GIMBAL_MANAGER_STATUS: self._status,
+            m.MAVLINK_MSG_ID_GIMBAL_DEVICE_ATTITUDE_STATUS: self._attitude_status,
+            m.MAVLINK_MSG_ID_MOUNT_STATUS: self._mount_status,
+        }
+        self.builders = {kind: self._fitted(build) for kind, build in builders.items()}
+
+    def _fitted(self, build: Callable[[], Message]) -> Callable[[WireState], Message | None]:
+        return lambda _: build() if self.gimbal.fitted else None
+
+    def advance(self) -> None:
+        """Turn the gimbal until the vehicle's time."""
+        pilot = self.state.pilot
+        self.gimbal.advance(pilot.state, 1e3 * self.state.boot_ms, pilot.home_m)
+
+    def watch(self) -> None:
+        """Return to the default mode when the vehicle leaves the mission mode."""
+        in_mission = self.state.pilot.mode is Mode.MISSION
+        if self._was_in_mission and not in_mission:
+            self.gimbal.to_default()
+        self._was_in_mission = in_mission
+
+    def reboot(self) -> None:
+        """Reset the gimbal."""
+        self.gimbal.boot()
+
+    def execute(self, command: VehicleCommand) -> None:
+        """Execute a mission item; DO_MOUNT_CONTROL of a mission always holds angles."""
+        if command.id == m.MAV_CMD_DO_MOUNT_CONTROL:
+            params = (*command.params[:6], float(m.MAV_MOUNT_MODE_MAVLINK_TARGETING))
+            command = replace(command, params=params)
+        if command.id in self._orders:
+            self._obey(command)
+
+    def requested(self, message_id: int) -> None:
+        """Wake the gimbal on the first request of its telemetry."""
+        if message_id in self.builders:
+            self.gimbal.wake()
+
+    def is_ready(self, message_id: int) -> bool:
+        """Whether the gimbal is awake, for a message of the gimbal."""
+        return message_id not in self.builders or self.gimbal.awake
+
+    def camera_attitude(self, boot_us: float) -> Attitude | None:
+        """Return the attitude of the gimbal at a time since boot; None before the first order."""
+        return self.gimbal.attitude_at(boot_us)
+
+    def _on_parameter(self, message: m.MAVLink_param_set_message, _now_s: float) -> None:
+        if message.param_id.startswith("MNT"):
+            self.gimbal.wake()
+
+    def _pitch_yaw(self, command: VehicleCommand) -> Result:
+        """DO_GIMBAL_MANAGER_PITCHYAW: angles (degrees), rates (degrees per second), flags, -, device."""
+        if command.number(7, -1) not in (0, _DEVICE):
+            return _FAILED
+        pitch, yaw, pitch_rate, yaw_rate, flags = command.params[:5]
+        if not command.long and command.frame in (0, 3, 10):
+            flags *= 1e7  # undo the scaling of latitudes: this field holds flags
+        if not 0.0 <= flags < 2**32:
+            return _FAILED
+        return _turn(self.gimbal, round(flags), (0.0, pitch, yaw), (0.0, pitch_rate, yaw_rate))
+
+    def _configure(self, command: VehicleCommand) -> Result:
+        """DO_GIMBAL_MANAGER_CONFIGURE: set the controller; -1 keeps, -2 takes and -3 releases control."""
+        system, component = command.params[:2]
+        known = all(-3.0 <= number <= 255.0 for number in (system, component))
+        if not known or command.number(7, -1) not in (0, _DEVICE):
+            return _FAILED
+        gimbal, before = self.gimbal, self.gimbal.controller
+        if system == -2.0:
+            gimbal.controller = command.source
+        elif system == -3.0:
+            gimbal.controller = (0, 0) if before == command.source else before
+        elif system >= 0.0:
+            gimbal.controller = (int(system), int(component) & 255)
+        return () if gimbal.controller == before else (self._status(),)
+
+    def _mount_configure(self, command: VehicleCommand) -> None:
+        """DO_MOUNT_CONFIGURE: set the mode; other settings have no effect."""
+        self.gimbal.set_mode(command.number(1, -1))
+
+    def _mount_control(self, command: VehicleCommand) -> Result:
+        """DO_MOUNT_CONTROL: pitch, roll, yaw relative to the vehicle, height above home, position, mode."""
+        gimbal, mode = self.gimbal, command.number(7, -1)
+        if mode == GimbalMode.TARGET:
+            angles = command.params[:3]
+            if not all(abs(angle) <= most for angle, most in zip(angles, _MOST_DEG, strict=True)):
+                return _FAILED
+            pitch, roll, yaw = map(math.radians, angles)
+            gimbal.turn_to((roll, pitch, yaw), earth=False)
+        elif mode == GimbalMode.POINT:
+            position, height_m = command.position, command.params[3]
+            if position is None or not math.isfinite(height_m):
+                return _FAILED
+            self._point_at(position, height_m)
+        elif not gimbal.set_mode(mode):
+            return _FAILED
+        return None
+
+    def _region(self, command: VehicleCommand) -> None:
+        """Region of interest: point at a position, or stop without a position."""
+        position = None if command.id == Command.DO_SET_ROI_NONE else command.position
+        if position is None:
+            self.gimbal.point_at(None)
+            return
+        height_m = command.params[6] if math.isfinite(command.params[6]) else 0.0
+        if not command.long:
+            height_m = self.state.above_start(height_m, command.frame)
+        self._point_at(position, height_m)
+
+    def _point_at(self, position: tuple[float, float], height_m: float) -> None:
+        self.gimbal.point_at((*self.state.pilot.frame.from_wgs84(*position), height_m))
+
+    def _obey(self, command: VehicleCommand) -> Result:
+        """Execute a command or mission item; FAILED if the vehicle has no gimbal."""
+        if self.state.mavlink.gimbal is None:
+            return m.MAV_RESULT_UNSUPPORTED
+        if not self.gimbal.fitted:
+            return _FAILED
+        self.gimbal.wake()
+        return self._orders[command.id](command)
+
+    def _receive(self, message: GimbalMessage, _now_s: float) -> None:
+        """Execute a message to the gimbal; invalid values are ignored."""
+        gimbal = self.gimbal
+        if not gimbal.fitted:
+            return
+        if is_a(message, m.MAVLink_mount_configure_message):
+            gimbal.set_mode(message.mount_mode)
+        elif is_a(message, m.MAVLink_mount_control_message):
+            if gimbal.mode is GimbalMode.POINT:
+                if abs(message.input_a) <= 90e7 and abs(message.input_b) <= 180e7:
+                    place = (1e-7 * message.input_a, 1e-7 * message.input_b)
+                    self._point_at(place, message.input_c / 100.0)
+                return
+            asked = (message.input_a, message.input_b, message.input_c)
+            pitch, roll, yaw = (math.radians(angle / 100.0) for angle in asked)
+            gimbal.turn_to((roll, pitch, yaw), earth=False)
+        elif message.gimbal_device_id in (0, _DEVICE):
+            if is_a(message, m.MAVLink_gimbal_manager_set_pitchyaw_message):
+                angles: tuple[float, ...] = (0.0, message.pitch, message.yaw)
+                rates: tuple[float, ...] = (0.0, message.pitch_rate, message.yaw_rate)
+            else:
+                angles = angles_of(message.q) if abs(math.hypot(*message.q) - 1.0) < _UNIT else _NAN_3
+                rates = (message.angular_velocity_x, message.angular_velocity_y, message.angular_velocity_z)
+            if not all(map(math.isfinite, (*angles, *rates))):
+                _turn(
+                    gimbal, message.flags, tuple(map(math.degrees, angles)), tuple(map(math.degrees, rates))
+                )
+
+    def _information(self) -> Message:
+        limits = [limit for axis in self.gimbal.limits_rad for limit in axis]
+        return m.MAVLink_gimbal_manager_information_message(
+            self.state.boot_ms, int(_CAPABILITIES), _DEVICE, *limits
+        )
+
+    def _status(self) -> Message:
+        flags = _LOCKS | (m.GIMBAL_MANAGER_FLAGS_YAW_LOCK if self.gimbal.yaw_lock else 0)
+        return m.MAVLink_gimbal_manager_status_message(
+            self.state.boot_ms, int(flags), _DEVICE, *self.gimbal.controller, 0, 0
+        )
+
+    def _attitude_status(self) -> Message:
+        gimbal = self.gimbal
+        flags = _LOCKS | m.GIMBAL_DEVICE_FLAGS_YAW_IN_VEHICLE_FRAME | _RESTING.get(gimbal.mode, 0)
+        if gimbal.locks_yaw:
+            flags |= m.GIMBAL_DEVICE_FLAGS_YAW_LOCK
+        attitude = quaternion_of(*gimbal.angles_rad)
+        return m.MAVLink_gimbal_device_attitude_status_message(
+            0, 0, self.state.boot_ms, int(flags), attitude, *_NAN_3, 0, math.nan, math.nan, _DEVICE
+        )
+
+    def _mount_status(self) -> Message:
+        roll, pitch, yaw = (round(100.0 * math.degrees(angle)) for angle in self.gimbal.angles_rad)
+        return m.MAVLink_mount_status_message(0, 0, pitch, roll, yaw, int(self.gimbal.mode))

@@ -1,0 +1,1 @@
+"""Operation of vehicles on a link: their telemetry, and single orders."""

@@ -1,0 +1,1 @@
+"""Sticks of a ground station that fly a simulated vehicle."""

@@ -1,0 +1,55 @@
+"""Contract checks of planners, policies and estimators, provided by an add-on: entry points of one group."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from geo.errors import WbfMissionError
+from geo.imports import load_named
+
+if TYPE_CHECKING:
+    from collections.abc import Collection
+
+    from mission.planners import Planner
+    from mission.policies.policy import Policy
+    from sensors.estimators import Estimator
+
+GROUP = "wbf_mission.contracts"
+_NAMES = ("check_estimator", "check_planner", "check_policy")
+
+
+@dataclass(frozen=True, slots=True)
+class PolicyCheck:
+    """Measurements of `check_policy`.
+
+    Parameters
+    ----------
+    decisions : int
+        Number of decisions that the policy made.
+    time_share : float
+        Median processor time of a decision, as a fraction of the time limit.
+    """
+
+    decisions: int
+    time_share: float
+
+
+if TYPE_CHECKING:
+
+    def check_planner(planner: str | Planner, lands: Collection[str] = ..., /, **parameters: Any) -> None:
+        """Check a planner."""
+
+    def check_policy(policy: str | Policy, **parameters: Any) -> PolicyCheck:
+        """Check a policy."""
+
+    def check_estimator(estimator: Estimator, *, n_observations: int = ...) -> None:
+        """Check an estimator."""
+
+else:
+
+    def __getattr__(name: str) -> object:
+        if name not in _NAMES:
+            msg = f"module {__name__!r} has no attribute {name!r}"
+            raise AttributeError(msg)
+        return load_named(GROUP, name, "brings", "the contract check", WbfMissionError)

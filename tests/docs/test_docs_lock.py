@@ -60,3 +60,17 @@ def test_wheels_are_for_the_pythons_and_systems_in_their_names(wheels, text):
 def test_a_wheel_for_a_new_macos_says_so():
     wheels = ["a-1-cp38-abi3-macosx_15_0_arm64.whl"]
     assert write_wheel_table.covered(wheels, write_wheel_table.SYSTEMS["macOS arm64"]) == "all, from macOS 15"
+
+
+def test_the_lowest_versions_are_the_lower_bounds_of_the_ranges():
+    text = (write_lock.ROOT / ".ci" / "lowest.txt").read_text(encoding="utf-8")
+    lowest = dict(line.split("==") for line in text.splitlines() if line[0] != "#")
+    bounds = {
+        canonicalize_name(requirement.name): bound.version
+        for requirement in write_lock.project_requirements()
+        for bound in requirement.specifier
+        if bound.operator in (">=", "==")
+    }
+    core = {requirement.name for requirement in write_lock.project_requirements(with_extras=False)}
+    assert core <= lowest.keys()
+    assert lowest == {name: bounds[name] for name in lowest}

@@ -5,8 +5,13 @@ from __future__ import annotations
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
+from processes import running, wait_until
+from pymavlink import mavutil
+
+from mission.link.codec.dialect import mavlink as m
 
 ROOT = Path(__file__).parents[2]
 CORE = ["geo", "sensors", "mission", "sim_vehicle", "wbf_mission"]
@@ -77,3 +82,40 @@ def test_a_plan_and_a_flight_need_nothing_that_only_unix_has(tmp_path: Path) -> 
     words = (*farm, "--days", "1", "--jobs", "-1")
     run_bare(COMMAND, "farm", "generate", *words, "--out", "environments", folder=tmp_path)
     assert {path.name for path in tmp_path.iterdir()} == {"plan.plan", "run", "environments"}
+
+
+@pytest.mark.slow
+def test_a_benchmark_needs_nothing_that_only_unix_has(tmp_path: Path) -> None:
+    words = ["--scenarios", "WBF/Miniberry-10-v1", "--planners", "spiral", "--estimators", "point"]
+    # More jobs need joblib's workers, which look for signals of Linux where they were imported on Linux.
+    more = ["--seeds", "2", "--jobs", "1", "--out", "results"]
+    run_bare(COMMAND, "bench", "run", *words, *more, folder=tmp_path)
+    assert len(list((tmp_path / "results").rglob("*.parquet"))) > 0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("scheme", ["tcpin", "udpin"])
+def test_a_client_uploads_to_a_simulator_without_what_only_unix_has(tmp_path: Path, scheme: str) -> None:
+    ready = tmp_path / "ready"
+    words = ["sim", "--farm", "miniberry-10", "--ready-file", "ready", "--listen", f"{scheme}:127.0.0.1:0"]
+    with running([sys.executable, "-c", BARE + COMMAND, *words], tmp_path, stdout=subprocess.DEVNULL):
+        wait_until(ready.exists, "the simulator does not start")
+        scheme_of_client = "tcp" if scheme == "tcpin" else "udpout"
+        link = mavutil.mavlink_connection(ready.read_text().strip().replace(scheme, scheme_of_client))
+        try:
+            wait_until(lambda: answers(link, "HEARTBEAT"), "a heartbeat")
+            link.mav.mission_count_send(1, 1, 2, 0)
+            for number in range(2):
+                wait_until(lambda: answers(link, "MISSION_REQUEST_INT"), f"a request of item {number}")
+                place = (int(28.0583e7), int(-82.1417e7) + 1000 * number, 20.0)
+                command = m.MAV_CMD_NAV_WAYPOINT if number else m.MAV_CMD_NAV_TAKEOFF
+                link.mav.mission_item_int_send(1, 1, number, 6, command, 0, 1, 0, 0, 0, 0, *place)
+            assert wait_until(lambda: answers(link, "MISSION_ACK"), "an acknowledgement").type == 0
+        finally:
+            link.close()
+
+
+def answers(link: Any, kind: str) -> Any:
+    """Return the next message of a kind; until one comes, the client's heartbeat is sent."""
+    link.mav.heartbeat_send(m.MAV_TYPE_GCS, m.MAV_AUTOPILOT_INVALID, 0, 0, 0)
+    return link.recv_match(type=kind, blocking=True, timeout=1.0)

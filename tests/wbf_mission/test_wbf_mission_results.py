@@ -120,7 +120,7 @@ def test_the_folder_holds_what_others_read(tmp_path: Path) -> None:
             scenario_with(SMALL, {"vehicle": "quad", "budget": "60m"}), by=Simulated(tlog=folder.tlog)
         )
         assert not (tmp_path / "run").exists()
-        written = folder.write(result)
+        written = folder.write(result, products=[PICTURES])
     assert [path.name for path in tmp_path.iterdir()] == ["run"]
     assert all(path.is_file() for path in written)
     summary = json.loads((tmp_path / "run" / "summary.json").read_text())

@@ -379,33 +379,26 @@ class View:
     # Layers
 
     def _draw(
-        self,
-        layers: Layers,
-        name: str,
-        pixels: Pixels,
-        *,
-        stale: Bools | None = None,
-        scale: float | None = None,
+        self, name: str, pixels: Pixels, *, stale: Bools | None = None, scale: float | None = None
     ) -> None:
-        """Draw a layer; requires the lock `_drawing`."""
-        drawing = layers.put(name, pixels, changed=stale, scale=scale)
+        """Draw a layer; requires the lock `_drawing`, and layers."""
+        assert self._layers is not None
+        drawing = self._layers.put(name, pixels, changed=stale, scale=scale)
         with self._lock:
-            layers.draw(drawing, self._hear(0.0))
+            self._layers.draw(drawing, self._hear(0.0))
 
     def _draw_truth(self, truth: Floats | None) -> None:
         with self._drawing:
             layers, fields = self._layers, self._fields
             if truth is not None and layers is not None:
                 for k, field in enumerate(fields):
-                    pixels = layers.of_cells(truth[k], field.crops)
-                    self._draw(layers, f"truth/{field.name}", pixels, scale=1.0)
-                    del pixels
+                    self._draw(f"truth/{field.name}", layers.of_cells(truth[k], field.crops), scale=1.0)
 
     def _draw_acquisition(self, acquisition: AcquisitionMap | None) -> None:
         with self._drawing:
             if acquisition is not None and self._layers is not None:
                 pixels = self._layers.of_blocks(acquisition.values, acquisition.cell_m)
-                self._draw(self._layers, "acquisition", pixels)
+                self._draw("acquisition", pixels)
 
     def _draw_estimate(self, model: InformationModel) -> None:
         with self._drawing:
@@ -427,15 +420,13 @@ class View:
             if model is None or self._stale is None or layers is None:
                 return
             began_s = time.perf_counter()
+            # Each field is read when it is drawn, and takes no memory afterwards.
+            maps = ("value", model.value, 1.0), ("uncertainty", model.uncertainty, None)
             for k, name in enumerate(model.fields):
-                stale = self._stale[k]
-                for kind, cells, scale in (
-                    ("value", model.value, 1.0),
-                    ("uncertainty", model.uncertainty, None),
-                ):
+                for kind, cells, scale in maps:
                     pixels = layers.of_cells(cells[k], crops[name])
-                    self._draw(layers, f"{kind}/{name}", pixels, stale=stale, scale=scale)
-                    del pixels  # A field that is read here takes memory until it is drawn
+                    self._draw(f"{kind}/{name}", pixels, stale=self._stale[k], scale=scale)
+                    del pixels
             self._stale = None
             now_s = time.perf_counter()
             self._draw_at_s = now_s + (now_s - began_s) * (1.0 / self._share - 1.0)

@@ -51,6 +51,7 @@ _ITEM_AFTER_MODE_S = 0.03
 _GUIDED_ITEM = 2
 _TRUTH_HZ = 10.0
 _MISSION_IDS = frozenset(wire.SERVER_MESSAGES)
+_SETPOINTS = ("SET_POSITION_TARGET_LOCAL_NED", "SET_POSITION_TARGET_GLOBAL_INT", "SET_ATTITUDE_TARGET")
 _Handler: TypeAlias = Callable[[Any], Iterable[Message] | None]
 
 
@@ -195,6 +196,9 @@ class SimVehicle:
         )
         self._handlers = self._message_handlers()
         self.wanted: frozenset[int] | None = frozenset(self._handlers)
+        for name in _SETPOINTS:
+            if getattr(m, f"MAVLINK_MSG_ID_{name}") not in self._handlers:  # no extra flies these setpoints
+                state.capabilities &= ~getattr(m, f"MAV_PROTOCOL_CAPABILITY_{name}")
 
     def _message_handlers(self) -> dict[int, _Handler]:
         """Return message handlers by id; answers follow the messages that a handler sends itself."""

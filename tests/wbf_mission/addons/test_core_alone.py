@@ -148,6 +148,7 @@ from mission.model import GeoPoint
 from mission.transfer.vehicles import Vehicle
 from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.airframe.kind import kind_of_type
+from sim_vehicle.autopilot import with_autopilot
 from sim_vehicle.autopilot.modes import Mode
 from sim_vehicle.errors import VehicleError
 from sim_vehicle.mavlink import SimVehicle
@@ -157,6 +158,9 @@ vehicle = SimVehicle(get_vehicle("quad"), GeoPoint(28.05, -82.15, 10.0))
 (version,) = vehicle.built(m.MAVLINK_MSG_ID_AUTOPILOT_VERSION)
 ftp = m.MAVLink_file_transfer_protocol_message(0, 1, 1, [0] * 251)
 print(version.capabilities & m.MAV_PROTOCOL_CAPABILITY_FTP, vehicle.receive(ftp, 1.0))
+copter = SimVehicle(with_autopilot(get_vehicle("quad"), "ardupilot"), GeoPoint(28.05, -82.15, 10.0))
+bits = m.MAV_PROTOCOL_CAPABILITY_SET_POSITION_TARGET_LOCAL_NED, m.MAV_PROTOCOL_CAPABILITY_SET_ATTITUDE_TARGET
+print(copter.built(m.MAVLINK_MSG_ID_AUTOPILOT_VERSION)[0].capabilities & sum(bits))
 print(kind_of_type(1), kind_of_type(10), typical_vehicle(Vehicle(1, 1, 12, 2)))
 pitch = m.MAVLink_command_long_message(1, 1, 1000, 0, -30, 0, 0, 0, 0, 0, 0)
 print(vehicle.receive(pitch, 1.0)[0].result, vehicle.camera_attitude(0.0))
@@ -181,8 +185,18 @@ for mav_type in (1, 10):
 def test_a_vehicle_has_no_extras_and_heartbeats_of_other_kinds_are_not_taken_for_multirotors():
     command = [sys.executable, "-c", VEHICLES]
     done = subprocess.run(command, env=ENVIRONMENT, capture_output=True, text=True, check=False)
-    told = ["0 []", "fixed-wing rover quad", "3 None", "[] () None", "3", "follow me holding", "True", "True"]
-    assert done.stdout.split("\n")[:8] == told, done.stderr
+    told = [
+        "0 []",
+        "0",
+        "fixed-wing rover quad",
+        "3 None",
+        "[] () None",
+        "3",
+        "follow me holding",
+        "True",
+        "True",
+    ]
+    assert done.stdout.split("\n")[:9] == told, done.stderr
 
 
 @pytest.mark.parametrize(

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from typing import TypeVar
 
 MAX_SHOWN = 500  # Characters, about five lines of a terminal
+# Windows opens a device under these names, whatever the suffix:
+# https://learn.microsoft.com/windows/win32/fileio/naming-a-file
+_DEVICES = {"con", "prn", "aux", "nul", *(f"{port}{n}" for port in ("com", "lpt") for n in "0123456789¹²³")}
 
 _Number = TypeVar("_Number", int, float)
 
@@ -32,6 +36,19 @@ def one_line(text: str, max_characters: int = MAX_SHOWN) -> str:
     """
     line = " ".join(printable(text[: 4 * max_characters]).split())
     return line if len(line) <= max_characters else line[: max_characters - 3] + "..."
+
+
+def file_stem(text: str, default: str, kept: str = r"\w") -> str:
+    """Return a text as a file's name without suffix, possible on Linux, macOS and Windows.
+
+    ``kept`` is the class of the characters that are kept, as in a regular expression; without any, the name
+    is ``default``.
+
+    >>> file_stem("../[bold]x[/nope]", "farm"), file_stem("Con", "farm"), file_stem("?", "farm")
+    ('bold-x-nope', '_Con', 'farm')
+    """
+    name = re.sub(f"[^{kept}]+", "-", text).strip("-. ")[:100].rstrip("-. ") or default
+    return f"_{name}" if name.partition(".")[0].strip().lower() in _DEVICES else name
 
 
 def parse_number(text: str) -> float:

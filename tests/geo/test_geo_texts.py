@@ -1,12 +1,13 @@
 """Texts from outside: shown in one printable line; numbers in them are read strictly."""
 
 import math
+from pathlib import PureWindowsPath
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from geo.texts import one_line, parse_number, parse_whole, printable
+from geo.texts import file_stem, one_line, parse_number, parse_whole, printable
 
 
 @given(st.text(), st.integers(4, 60))
@@ -44,3 +45,16 @@ def test_what_only_a_whole_number_is_not() -> None:
     assert math.isnan(parse_number("nan"))
     with pytest.raises(ValueError, match=r"'1\.5' is not a whole number"):
         parse_whole("1.5")
+
+
+NAMES = st.text() | st.sampled_from(
+    ["con", "AUX.txt", " nul", "lpt9", "COM¹.a", "prn ", "..", "a." * 60, "C:\\farm"]
+)
+
+
+@given(NAMES, st.sampled_from([r"\w", r"\w .-", r"\w.+", "a-z0-9"]))
+def test_any_text_becomes_a_file_name_that_windows_takes(text: str, kept: str) -> None:
+    path = PureWindowsPath(name := file_stem(text, "farm", kept))
+    assert path.name == name and path.parent == PureWindowsPath(".")
+    assert 0 < len(name) <= 101 and name == name.strip(" .") and not set(name) & set('<>:"/\\|?*')
+    assert not path.with_name(f"{name}.png").is_reserved()

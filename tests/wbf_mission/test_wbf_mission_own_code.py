@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from geo.farm_file import split_layer
 from wbf_mission import BenchSpec, ScenarioError, benchmark, load_scenario
 from wbf_mission.addons.boards.submission import code_files
 from wbf_mission.bench.engine import fly_all
@@ -241,3 +242,9 @@ def test_texts_that_cannot_name_a_file_are_passed_over(tmp_path):
     file.write_text(f"TEXTS = {texts!r}\n", encoding="utf-8")
     (tmp_path / "data.csv").write_text("1\n")
     assert [path.name for path in files_beside(file)] == ["data.csv"]
+
+
+def test_a_path_of_windows_with_a_drive_letter_is_one_file():
+    with pytest.raises(ScenarioError, match=r"^policy: there is no file C:\\my code\\p\.py; give FILE"):
+        own_choice(r"C:\my code\p.py:Mine:speed=3", "policy")
+    assert split_layer(r"C:\farms\fields.gpkg|north") == (Path(r"C:\farms\fields.gpkg"), "north")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from dataclasses import replace
 from operator import attrgetter
 from pathlib import Path
@@ -10,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from geo.texts import distance
+from geo.texts import distance, file_stem
 from wbf_mission.cli import options
 from wbf_mission.cli.help import HelpCommand, HelpGroup
 from wbf_mission.cli.options import Overwrite, option, refuse_overwrite
@@ -163,7 +162,7 @@ def draw_command(
 
     made: Any = product(PICTURES)
     shown = _load(given, farm, output)
-    target = out or _file_name(shown.name)
+    target = out or Path(f"{file_stem(shown.name.lower(), 'farm')}.png")
     refuse_overwrite(target, [farm])
     _require_suffix(target, ".png")
     made.plot_farm(shown, target)
@@ -191,16 +190,6 @@ def save_command(
     shown = _load(given, farm, output)
     save_farm(shown, out)
     output.result({"file": str(out)}, title="Saved")
-
-
-def _file_name(farm: str) -> Path:
-    """Return a safe picture name for a farm, whose own name may contain any characters.
-
-    >>> _file_name("../[bold]x[/nope]")
-    PosixPath('bold-x-nope.png')
-    """
-    words = re.findall(r"\w+", farm.lower())
-    return Path(f"{'-'.join(words)[:100] or 'farm'}.png")
 
 
 def _require_suffix(path: Path, *suffixes: str) -> None:

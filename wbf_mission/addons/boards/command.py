@@ -6,12 +6,12 @@ All four are commands of the group ``bench``.
 from __future__ import annotations
 
 import datetime
-import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from geo.texts import file_stem
 from wbf_mission.cli import options
 from wbf_mission.cli.command import Command
 from wbf_mission.cli.options import option
@@ -111,9 +111,7 @@ def submit_command(
     rows = read_rows(folder)
     if not rows:
         raise ResultError(f"{folder}: holds no results of a benchmark; give the folder of 'bench run --out'")
-    path = out or Path(re.sub(r"[^a-z0-9]+", "-", name.lower()).strip("-") or "submission").with_suffix(
-        SUFFIX
-    )
+    path = out or Path(file_stem(name.lower(), "submission", "a-z0-9") + SUFFIX)
     if path.suffix.lower() != SUFFIX:
         raise ResultError(f"--out {path}: a pack is a {SUFFIX} file; give a name that ends so")
     options.refuse_overwrite(path, suffixes=(SUFFIX,))

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
 
+from geo.texts import file_stem
 from wbf_mission.addons.base.plots import LINE_COLOURS, new_figure, save_figure
 from wbf_mission.addons.boards.ratios import by_fixed, ratio_table, worse_in_words
 from wbf_mission.bench.cards import card_of
@@ -135,7 +135,7 @@ def _plot(scenario: str, found: Sequence[Standing], rows: Sequence[BenchRow], fo
     axes.grid(alpha=0.3)
     axes.legend(fontsize=8, loc="lower right")
     figure.tight_layout()
-    name = re.sub(r"[^\w.+]+", "-", scenario.removesuffix(".toml")).strip("-")
+    name = file_stem(scenario.removesuffix(".toml"), "scenario", r"\w.+")
     file = save_figure(figure, folder / f"{name}.png")
     return Picture(file.name, "Score over time")
 

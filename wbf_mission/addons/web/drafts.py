@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import re
 import tempfile
 import time
 from collections.abc import Callable, Mapping
@@ -20,7 +19,7 @@ from geo.farm_file import farm_suffixes
 from geo.farms import get_farm
 from geo.geojson import MAX_FILE_BYTES
 from geo.named import parse_named
-from geo.texts import one_line
+from geo.texts import file_stem, one_line
 from mission.files import Firmware, fitted, mission_formats, write_mission
 from sensors.camera.optics import camera_names
 from sensors.field_files import field_names
@@ -158,8 +157,7 @@ class PlannedDraft:
         """Return name and content of a mission's file; WbfMissionError if the format cannot hold it."""
         mission = self.mission(number)
         plan, planner = mission.plan, str(mission.plan.planner).partition(":")[0]
-        words = re.findall(r"\w+", f"{plan.farm.name} {planner} {mission.name}")
-        name = f"{'-'.join(words).lower()[:80]}{suffix}"
+        name = file_stem(f"{plan.farm.name} {planner} {mission.name}"[:80].lower(), "mission") + suffix
         if suffix not in written_suffixes():
             raise DraftError(f"format {suffix!r:.40} is not known: choose one of those of the studio")
         with tempfile.TemporaryDirectory(dir=folder) as own:
@@ -196,7 +194,7 @@ class Drafts:
         suffix = Path(name).suffix.lower()
         if suffix not in farm_suffixes():
             raise FarmError(f"{name!r:.80} is no farm file: give one of {', '.join(farm_suffixes())}")
-        stem = re.sub(r"[^\w .-]", "_", Path(name).stem)[:60].strip(" .") or "farm"
+        stem = file_stem(Path(name).stem[:60], "farm", r"\w .-")
         with tempfile.TemporaryDirectory(dir=self.folder) as own:
             path = Path(own) / f"{stem}{suffix}"
             path.write_bytes(content)

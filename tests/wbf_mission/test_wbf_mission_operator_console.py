@@ -70,14 +70,17 @@ class Page:
     def __init__(self, *steps):
         self.output = Output()
         self.orders = Orders(self.output.events)
-        self.asked, self._steps = [], list(steps)
+        self.asked, self._steps, self._may = [], list(steps), ()
         for kind in (Orderable, VehicleMoved, Asked):
             self.output.events.listen(self._look, kind)
 
     def _look(self, event):
         if isinstance(event, Asked):
             self.asked.append(event)
-        if self._steps and self._steps[0][0](event):
+        if isinstance(event, Orderable):
+            self._may = event.orders
+        # A page's buttons are off until an order can be given.
+        if self._steps and self._steps[0][0](event) and self._steps[0][1] in self._may:
             _, *given = self._steps.pop(0)
             assert self.orders.take([1], *given) == ""
 

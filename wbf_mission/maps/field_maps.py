@@ -164,11 +164,11 @@ def field_maps(
 def true_map(farm: Farm, field: Field, truth: NDArray[np.float32], k: int) -> FieldMap:
     """Return the map of the true values of a field, number `k` of `truth`, float32[n, W, H]."""
     grid, mask = MapGrid.of(farm), field.mask(farm.grid())
-    sums, least = np.zeros((*grid.pixels, 4)), np.full(grid.pixels, np.inf)
+    parts = []
     for columns in column_strips(len(mask), grid.pixel):
-        part = slice(columns.start // grid.pixel, -(-columns.stop // grid.pixel))
         values = truth[k, columns]
-        _summing(grid).sum_pixels(mask[columns], values, grid.pixel, sums[part], least[part])
+        parts.append(pixel_sums(replace(grid, shape=values.shape), mask[columns], values))
+    sums, least = (np.concatenate(part) for part in zip(*parts, strict=True))
     nothing = np.zeros(grid.pixels)
     total = sums[..., SICK] if field.kind == "disease" else sums[..., COUNT] - sums[..., ILLNESS]
     return FieldMap(

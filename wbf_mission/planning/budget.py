@@ -25,7 +25,6 @@ from wbf_mission.planning.conditions import wind_of
 from wbf_mission.scenario import ScenarioError
 from wbf_mission.scenario.parts import UNLIMITED
 
-_UNLIMITED_S = 1e9  # With this limit every path is priced with an endless battery
 PAPER_STEPS_PER_CELL = 0.4  # Timesteps per day and owner's cell (Matloob et al., experiments)
 
 Paths = Sequence[NDArray[np.float64]]
@@ -84,6 +83,7 @@ class FlightBudget:
     builder: MissionBuilder
     reserve: ReserveCharge | None = None  # Charged for gusts and estimate errors
     in_sorties: bool = False  # Whether a mission beyond one battery may be cut into sorties
+    endless: bool = False  # Whether every path is priced with an endless battery
     # Plans of successive flights mostly price the same candidate paths.
     _known: dict[bytes, float] = field(default_factory=dict, init=False, repr=False)
 
@@ -106,7 +106,7 @@ class FlightBudget:
 
     def reason(self, path_xy_m: NDArray[np.float64]) -> str:
         """Return why the vehicle cannot fly the path; empty if it can."""
-        endless = self.in_sorties or self.limit == _UNLIMITED_S
+        endless = self.in_sorties or self.endless
         (prediction,) = self.builder.price([self._mission(path_xy_m)], endless=endless)
         return "" if prediction.feasible else str(prediction.reason)
 
@@ -126,7 +126,7 @@ class FlightBudget:
 
     def _prices(self, missions: list[Mission]) -> list[float]:
         """Return the charges; the first flight near the limit sets the reserve's factor."""
-        flown = self.builder.price(missions, endless=self.limit == _UNLIMITED_S)
+        flown = self.builder.price(missions, endless=self.endless)
         if self.in_sorties:
             short = [k for k, one in enumerate(flown) if is_beyond_battery(self.builder.vehicle, one)]
             again = self.builder.price([missions[k] for k in short], endless=True)
@@ -173,7 +173,7 @@ def make_budget(text: str | None, builder: MissionBuilder, *, steered: bool = Fa
         words = f"{usable:.1f} Wh (the battery less {less}{often})"
         return FlightBudget(usable, "Wh", builder, ReserveCharge(builder) if disturbed else None), words
     if text.strip().lower() == UNLIMITED:
-        return FlightBudget(_UNLIMITED_S, "s", builder), "unlimited"
+        return FlightBudget(1e9, "s", builder, endless=True), "unlimited"  # 32 years
     value, unit = parse_budget(text)
     if unit == "m":
         return LengthBudget(value, home, builder.flown_way), f"{value:g} m"

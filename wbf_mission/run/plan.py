@@ -163,8 +163,8 @@ def plan_for_batteries(
         needed = _needed(whole, sorties)
         if needed is None or needed > count:
             takes = "no number is enough for" if needed is None else f"{needed} are needed for"
-            msg = f"budget {text}: {takes} the survey; give so many, or rows that are farther apart"
-            raise ScenarioError(msg)
+            more = "" if needed is None else f"{needed} batteries, or "
+            raise ScenarioError(f"budget {text}: {takes} the survey; give {more}rows that are farther apart")
         return whole, sorties
     best = planned(None)
     battery = best.vehicle.battery

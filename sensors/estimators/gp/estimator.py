@@ -302,7 +302,9 @@ class GaussianProcessEstimator(BaseEstimator):
         else:
             losses, stale = np.empty_like(value), np.ones_like(self._stale)
         for k, strip in zip(*np.nonzero(stale.any(axis=2)), strict=True):
-            part = slice(k, k + 1), slice(strip * TILE_CELLS, (strip + 1) * TILE_CELLS)
+            tiles = np.flatnonzero(stale[k, strip])
+            columns = slice(strip * TILE_CELLS, (strip + 1) * TILE_CELLS)
+            part = slice(k, k + 1), columns, slice(tiles[0] * TILE_CELLS, (tiles[-1] + 1) * TILE_CELLS)
             class_map = classes[k]
             if class_map is None:
                 loss_of_deviation(uncertainty[part], ScoreWeights.of(self.fields), losses[part], first=int(k))

@@ -13,8 +13,8 @@ from typing import Protocol
 
 import numpy as np
 
-from geo.closing import Closing
 from geo.reading import UnreadableError, read_file
+from geo.system import Closing
 from mission.errors import LinkError
 from mission.link.codec.dialect import Message
 from mission.link.codec.frames import FrameReader, valid_frame_end

@@ -10,7 +10,7 @@ from typing import Protocol, TypeAlias
 import numpy as np
 import shapely
 
-from geo.units import FOOT_M
+from geo.texts import FOOT_M
 from mission.errors import PlanningError
 from mission.planners.budget import BatchBudget, Budget, ExplainedBudget
 from mission.planners.path import Area, PlannedPath, Points

@@ -8,7 +8,7 @@ import time
 from collections.abc import Callable, Collection, Iterable, Mapping
 from typing import Any
 
-from geo.closing import Closing
+from geo.system import Closing
 from mission.link.address import Link
 from mission.link.codec.dialect import Message, mavlink
 from mission.link.codec.typed import is_a

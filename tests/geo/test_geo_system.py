@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from geo.locks import lock_file, made_by_one
+from geo.atomic import lock_file, made_by_one
 from geo.system import allow_open_files, process_age_s, steady_s
 
 

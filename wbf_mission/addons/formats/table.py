@@ -6,7 +6,7 @@ import csv
 import io
 from typing import Any
 
-from geo.attributes import DEGREES, LATITUDES, LONGITUDES, column_name
+from geo.features import DEGREES, LATITUDES, LONGITUDES, column_name
 from geo.texts import decimal_point
 from mission.errors import MissionFileError
 from mission.files.common import TEXT_KIND, UTF_16_KIND, Firmware, decode_text, kind_of, wrong_kind

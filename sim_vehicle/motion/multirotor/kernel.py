@@ -82,7 +82,7 @@ def stopping_distance(v: float, a: float, v_end: float, limit: float, jerk: floa
     brake = -a
     peak = sqrt(jerk * lost + 0.5 * brake * brake)
     if peak <= brake:
-        # Releasing the brake loses too much speed already: return the distance until ``v_end``.
+        # Even an immediate release of the brake loses too much speed: return the distance until ``v_end``.
         t = (brake - sqrt(brake * brake - 2.0 * jerk * lost)) / jerk
         return distance + t * (v - t * (0.5 * brake - jerk * t / 6.0))
     if peak > limit:
@@ -100,7 +100,7 @@ def stopping_distance(v: float, a: float, v_end: float, limit: float, jerk: floa
 
 @compiled(inline="late", allocates=False)
 def _gentle_acceleration(room: float, jerk: float, dt: float) -> float:
-    """Return the acceleration that brings a speed `room` below its limit exactly to the limit.
+    """Return the acceleration that raises a speed, `room` below its limit, exactly to the limit.
 
     Releasing an acceleration in whole steps changes the speed by up to ``jerk dt^2 / 8`` more than in the
     continuous law. The last part takes two steps, which leaves no remainder to oscillate about.
@@ -232,7 +232,7 @@ def axes_of(row: Record) -> tuple[Axis, Axis, Axis]:
 
 @compiled(allocates=False)
 def _detour(row: Record, velocity: Vector, acceleration: Vector) -> float:
-    """Return the approximate distance flown off a new leg until the motion off the leg has stopped.
+    """Return the approximate detour at the start of a leg, until the motion off the leg has stopped.
 
     A leg may begin while the vehicle moves across or against it, as with a climb ordered in fast flight. The
     leg's axes then brake within their small limits.

@@ -118,7 +118,7 @@ class MissionStatus:
         return self.why_not
 
     def check_on_ground(self) -> None:
-        """Check a mission that was uploaded in the air again, now for a start on the ground."""
+        """Check a mission that was uploaded in the air once more, for a start on the ground."""
         if self._in_air:
             self.check(self.items)
 

@@ -94,8 +94,8 @@ def battery_changes(
 ) -> tuple[BatteryChange, ...] | None:
     """Return the battery changes of a mission, or None if no number of changes suffices.
 
-    The mission is flown once with an unlimited battery. Flights to positions and home, with the mission's
-    own take-off, return and wind, find the place of each change. Flight out, part of the mission and return
+    The mission is flown once with an unlimited battery. The place of each change is found by flights there
+    and home, with the mission's take-off, return and wind. Flight out, part of the mission and return
     together use the battery's capacity minus its reserve. In a gusty wind one sample of the gusts is flown.
     """
     battery = spec.battery

@@ -58,8 +58,8 @@ ENERGY_LIMIT = int(Limits.ENERGY_LIMIT)
 
 STOP_RADIUS = 0.05
 STOP_SPEED = 0.1
-# A leg has stalled when the vehicle stands still for this long, or when it takes longer than the length of
-# the leg and its initial detour take at the slowest speed.
+# A leg has stalled when the vehicle stands still for this long, or when the leg takes longer than its length
+# and its initial detour at the slowest speed.
 STALL_S = 30.0
 SLOWEST = 0.3
 # Closer to the region of interest than this, the nose keeps its direction.

@@ -104,17 +104,26 @@ def test_a_request_is_not_answered_twice_within_a_round_trip():
     assert upload.receive(request(2), 0.6).messages == ()  # beyond the plan
 
 
-def test_upload_timers():
-    upload = start(MissionUpload((A, B)))
+@pytest.mark.parametrize(
+    ("transfer", "opening", "held"),
+    [
+        (MissionUpload((A, B)), "COUNT", PlanState.OLD),
+        (MissionUpload(()), "CLEAR_ALL", PlanState.UNKNOWN),
+        (MissionDownload(), "REQUEST_LIST", PlanState.OLD),
+        (VerifiedUpload((A, B)), "COUNT", PlanState.OLD),
+    ],
+)
+def test_a_vehicle_that_never_answers_is_asked_six_times(transfer, opening, held):
+    start(transfer)
     times = []
-    while not upload.done:
-        now_s = upload.next_deadline()
-        output = upload.poll(now_s)
+    while not transfer.done:
+        now_s = transfer.next_deadline()
+        output = transfer.poll(now_s)
         times.append((now_s, *names(output)))
-    assert times == [(1.5 * k, "COUNT") for k in range(1, 6)] + [(9.0, "ACK")]
+    assert times == [(1.5 * k, opening) for k in range(1, 6)] + [(9.0, "ACK")]
     assert output.messages[0].type == wire.OPERATION_CANCELLED
     (failed,) = output.events
-    assert (failed.reason, failed.vehicle_plan) == (FailureReason.TIMEOUT, PlanState.OLD)
+    assert (failed.reason, failed.vehicle_plan) == (FailureReason.TIMEOUT, held)
     assert "at the start" in failed.text
 
 

@@ -1,73 +1,34 @@
-"""Vehicles behind links, and the scenario fitted to them."""
+"""Vehicles behind links: the scenario fitted to them, and checked uploads."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 from geo.errors import WbfMissionError
+from mission.ground.link import DriverMaker, TransferReport, own_driver, upload
+from mission.model import Mission
 from mission.transfer.vehicles import Vehicle
 from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.airframe.kind import get_kind, kind_of_type
 from sim_vehicle.autopilot import name_of_number
+from wbf_mission.events import EventStream
+from wbf_mission.preflight.finding import Concern, Report
+from wbf_mission.preflight.inquiry import VehicleSnapshot, ask_vehicle
+from wbf_mission.preflight.run import check_mission
+from wbf_mission.preflight.subject import Circumstances
 from wbf_mission.scenario import Scenario, scenario_with
-from wbf_mission.scenario.parts import MOST_VEHICLES
 
 __all__ = [
     "LiveFlightError",
     "fitted_to",
-    "require_single_flight",
     "typical_vehicle",
-    "wanted_vehicles",
+    "upload_checked",
 ]
 
 
 class LiveFlightError(WbfMissionError, ValueError):
     """A run that is not possible with a vehicle behind a link."""
-
-
-def require_single_flight(scenario: Scenario) -> None:
-    """Raise LiveFlightError for a run of several flights, and for the paper's ideal robots."""
-    if scenario.farm.days * scenario.farm.flights_per_day > 1:
-        msg = "--connect does one flight: batteries are not changed by a program; leave out days and flights"
-        raise LiveFlightError(msg)
-    for name in scenario.vehicle.fleet:
-        if get_vehicle(name).is_ideal:
-            msg = f"vehicle {name} is no real one: name what flies, such as quad"
-            raise LiveFlightError(msg)
-
-
-def wanted_vehicles(
-    urls: Sequence[str], system_ids: Sequence[int], named: int
-) -> tuple[tuple[str, int | None], ...]:
-    """Return link and system id of each vehicle; an id of None accepts any vehicle.
-
-    A single link serves all vehicles, and so does a single name in the scenario. Raises LiveFlightError if
-    the counts do not match, or a vehicle is named twice.
-
-    Examples
-    --------
-    >>> wanted_vehicles(["tcp:a:1"], [3, 5], 1), wanted_vehicles(["tcp:a:1", "tcp:b:1"], [], 2)
-    ((('tcp:a:1', 3), ('tcp:a:1', 5)), (('tcp:a:1', None), ('tcp:b:1', None)))
-    """
-    count = max(len(urls), len(system_ids), named)
-    if len(urls) not in (1, count) or len(system_ids) not in (0, count) or named not in (1, count):
-        msg = (
-            f"{named} vehicles, {len(urls)} links and {len(system_ids)} system ids do not fit: give --connect"
-            " once or for each vehicle, --system-id for each or not at all"
-        )
-        raise LiveFlightError(msg)
-    if count > MOST_VEHICLES:
-        msg = f"{count} vehicles: at most {MOST_VEHICLES} fly together"
-        raise LiveFlightError(msg)
-    links = list(urls) if len(urls) > 1 else [*urls] * count
-    ids: Sequence[int | None] = system_ids or [None] * count
-    found = tuple(zip(links, ids, strict=True))
-    for url, system_id in found:
-        if system_id is not None and found.count((url, system_id)) > 1:
-            msg = f"{url}: system {system_id} is named twice; name each vehicle once"
-            raise LiveFlightError(msg)
-    return found
 
 
 def fitted_to(scenario: Scenario, *vehicles: Vehicle) -> Scenario:
@@ -109,3 +70,38 @@ def typical_vehicle(vehicle: Vehicle) -> str:
     'quad'
     """
     return get_kind(kind_of_type(vehicle.vehicle_type)).typical
+
+
+def upload_checked(
+    mission: Mission,
+    link: str,
+    around: Callable[[VehicleSnapshot], Circumstances],
+    events: EventStream,
+    *,
+    wait_s: float = 10.0,
+    system_id: int | None = None,
+    force: bool = False,
+    open_driver: DriverMaker = own_driver,
+) -> tuple[TransferReport, Report]:
+    """Query a vehicle, check a mission for it, upload and read back; return transfer and findings.
+
+    `around` returns the circumstances of the check for the vehicle's answers. The other parameters and errors
+    are those of `mission.ground.link.upload`. Raises PreflightError if the check finds errors, unless
+    `force`.
+    """
+    snapshot = ask_vehicle(link, wait_s=wait_s, system_id=system_id, note=events.note)
+    # The vehicle's present state matters only for a start.
+    found = check_mission(mission, around(snapshot)).report.about(Concern.PLAN, Concern.PARAMETERS)
+    found.require_no_errors("nothing was sent", events, force=force)
+    report = upload(
+        mission,
+        link,
+        wait_s=wait_s,
+        system_id=snapshot.system_id,
+        progress=events.progress,
+        note=events.note,
+        force=force,
+        parameters=snapshot.parameters,
+        open_driver=open_driver,
+    )
+    return report, found

@@ -30,8 +30,8 @@ def print_standings(output: Output, rows: Sequence[BenchRow], title: str) -> Non
     """Print a table of standings for each scenario, and the causes of failed runs."""
     from dataclasses import asdict
 
+    from wbf_mission.bench.page import standing_table
     from wbf_mission.bench.standings import standings
-    from wbf_mission.bench.tables import standing_table
 
     tell_what_counts(output, rows)
     found = standings(rows)

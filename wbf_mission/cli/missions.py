@@ -149,7 +149,7 @@ def fitted_circumstances(
     ``--autopilot`` names another autopilot.
     """
     from mission.transfer.vehicles import Vehicle
-    from wbf_mission.live.discovery import fitted_to, typical_vehicle
+    from wbf_mission.live import fitted_to, typical_vehicle
     from wbf_mission.scenario import scenario_with
 
     chosen = given.scenario()

@@ -46,8 +46,7 @@ def upload_command(
     The check is that of preflight --connect; without --vehicle, a typical vehicle of the connected vehicle's
     kind is assumed. Exit code 5 means that the vehicle refused the mission, or stored it but will not fly it.
     """
-    from wbf_mission.live.discovery import upload_checked
-    from wbf_mission.live.via import via_named
+    from wbf_mission.live import upload_checked, via_named
 
     mission = read_and_tell(file, output)
     circumstances = around.circumstances(given, mission, output)

@@ -150,7 +150,7 @@ from sim_vehicle.autopilot import with_autopilot
 from sim_vehicle.autopilot.modes import Mode
 from sim_vehicle.errors import VehicleError
 from sim_vehicle.mavlink import SimVehicle
-from wbf_mission.live.discovery import typical_vehicle
+from wbf_mission.live import typical_vehicle
 
 vehicle = SimVehicle(get_vehicle("quad"), GeoPoint(28.05, -82.15, 10.0))
 (version,) = vehicle.built(m.MAVLINK_MSG_ID_AUTOPILOT_VERSION)

@@ -15,8 +15,8 @@ from wbf_mission.bench.intervals import (
     mean_intervals,
     ratio_intervals,
 )
+from wbf_mission.bench.page import score_over_time
 from wbf_mission.bench.standings import scored, standings
-from wbf_mission.bench.tables import score_over_time
 
 
 def mean_interval(values):

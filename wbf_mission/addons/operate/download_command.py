@@ -31,7 +31,7 @@ def download_command(
     """Download the mission, the fence and the rally points of a vehicle into a file."""
     from mission.files import Firmware, writer_for
     from mission.ground.link import download
-    from wbf_mission.live.via import via_named
+    from wbf_mission.live import via_named
 
     refuse_overwrite(out, suffixes=MISSION_SUFFIXES, overwrite=overwrite)
     writer_for(out)

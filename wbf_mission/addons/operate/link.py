@@ -21,8 +21,7 @@ from wbf_mission.addons.operate.console import TerminalConsole
 from wbf_mission.addons.operate.hosting import LinkHosting
 from wbf_mission.cli.output import Output
 from wbf_mission.events import EventStream
-from wbf_mission.live.discovery import LiveFlightError, fitted_to
-from wbf_mission.live.via import Via
+from wbf_mission.live import LiveFlightError, Via, fitted_to
 from wbf_mission.planning import PlanResult
 from wbf_mission.planning.builder import budget_left
 from wbf_mission.planning.fleet import Vehicle

@@ -25,7 +25,7 @@ from sim_vehicle.autopilot.modes import Mode
 from wbf_mission.addons.operate.link import LiveLink
 from wbf_mission.exit_codes import ExitCode, exit_code_of_flight
 from wbf_mission.flight import fly
-from wbf_mission.live.discovery import LiveFlightError
+from wbf_mission.live import LiveFlightError
 from wbf_mission.run import joint_flight
 from wbf_mission.scenario import Scenario
 

@@ -22,7 +22,7 @@ from sim_vehicle.host.simulation import Simulation
 from wbf_mission.addons.operate.hosting import riding_camera
 from wbf_mission.events import EventStream, Noted
 from wbf_mission.flight import fly
-from wbf_mission.live.discovery import fitted_to
+from wbf_mission.live import fitted_to
 from wbf_mission.run import joint_flight
 from wbf_mission.run.sortie import SILENT_S
 from wbf_mission.scenario import scenario_with

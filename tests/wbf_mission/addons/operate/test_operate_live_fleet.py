@@ -25,8 +25,7 @@ from wbf_mission.addons.operate.link import LiveLink, wanted_vehicles
 from wbf_mission.cli.app import main
 from wbf_mission.events import EventStream
 from wbf_mission.flight import fly
-from wbf_mission.live.discovery import LiveFlightError, fitted_to
-from wbf_mission.live.via import LinkHost, links_of, via_named
+from wbf_mission.live import LinkHost, LiveFlightError, fitted_to, links_of, via_named
 from wbf_mission.replanning.loop import DecisionLoop
 from wbf_mission.run import joint_flight, sortie
 from wbf_mission.run.hosting import VirtualHosting

@@ -52,18 +52,9 @@ BEGINNERS = (
     WeatherOptions,
     CameraOptions,
     without=(
-        "day",
-        "days",
-        "world",
-        "flights_per_day",
-        "turbulence",
-        "gps_noise_m",
-        "baro_noise_m",
-        "radio_range_m",
-        "camera_noise",
-        "false_positive_rate",
-        "false_negative_rate",
-        "camera_fields",
+        *options.OF_DAYS,
+        *("turbulence", "gps_noise_m", "baro_noise_m", "radio_range_m"),
+        *("camera_noise", "false_positive_rate", "false_negative_rate", "camera_fields"),
     ),
 )
 @options.speaks()

@@ -177,24 +177,6 @@ def test_fly_into_a_file_is_refused(capsys: pytest.CaptureFixture[str], tmp_path
     assert path.read_text() == "mine"
 
 
-def test_farm_list_show_draw_save(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
-    code, text, _ = run(capsys, "farm", "list", "--json")
-    assert code == 0
-    assert [farm["name"] for farm in json.loads(text)] == [
-        "miniberry-10",
-        "miniberry-30",
-        "miniberry-100",
-        "waterberry",
-    ]
-    code, text, _ = run(capsys, "farm", "show", "miniberry-30", "--json")
-    assert json.loads(text)["owner_cells"] == 900
-    picture, copy = tmp_path / "farm.png", tmp_path / "farm.geojson"
-    assert run(capsys, "farm", "draw", "miniberry-30", "--out", str(picture))[0] == 0
-    assert picture.read_bytes().startswith(b"\x89PNG")
-    assert run(capsys, "farm", "save", "miniberry-30", "--out", str(copy))[0] == 0
-    assert run(capsys, "plan", "--farm", str(copy), "--budget", "200m")[0] == 0
-
-
 def test_help_and_version(capsys: pytest.CaptureFixture[str]) -> None:
     for command in (["plan"], ["fly"], ["sim"], ["upload"], ["download"], ["bench", "run"]):
         code, text, _ = run(capsys, *command, "--help")

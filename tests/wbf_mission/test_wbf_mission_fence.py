@@ -14,7 +14,7 @@ from mission.files.fence import polygon_at
 from mission.model import Command
 from mission.outcome import Outcome
 from wbf_mission.flight import fly
-from wbf_mission.planning.fence import MOST_VERTICES, border_fence, rally_items
+from wbf_mission.planning.keep_out import MOST_VERTICES, border_fence, rally_items
 from wbf_mission.preflight.run import check_mission
 from wbf_mission.preflight.subject import Circumstances
 from wbf_mission.run.plan import plan

@@ -198,31 +198,24 @@ def test_an_output_is_never_what_is_read(capsys, tmp_path, monkeypatch):
     (tmp_path / "link.geojson").symlink_to("my.geojson")
     before = (tmp_path / "my.geojson").read_bytes()
     (tmp_path / "old.plan").write_text("a plan")
+    plan = ["plan", "--farm", "my.geojson", "--budget", "40m", "--out"]
+    sim = ["sim", "--no-camera", "--duration", "1"]
     for arguments in (
-        ["plan", "--farm", "my.geojson", "--budget", "40m", "--out", "my.geojson"],
-        ["plan", "--farm", "my.geojson", "--budget", "40m", "--out", "link.geojson"],
+        *([*plan, out] for out in ("my.geojson", "./my.geojson", "link.geojson")),
         ["farm", "save", "my.geojson", "--out", "my.geojson"],
-        ["sim", "--no-camera", "--duration", "1", "--tlog", "old.plan"],
-        ["sim", "--no-camera", "--duration", "1", "--ready-file", "old.plan"],
-        [
-            "sim",
-            "--no-camera",
-            "--duration",
-            "1",
-            "--farm",
-            "my.geojson",
-            "--overwrite",
-            "--tlog",
-            "my.geojson",
-        ],
+        [*sim, "--farm", "my.geojson", "--overwrite", "--tlog", "my.geojson"],
     ):
-        refused(capsys, tmp_path, *arguments)
+        assert "the file that is read" in refused(capsys, tmp_path, *arguments)
+    for option in ("--tlog", "--ready-file"):
+        refused(capsys, tmp_path, *sim, option, "old.plan")
     assert (tmp_path / "my.geojson").read_bytes() == before
     assert (tmp_path / "old.plan").read_text() == "a plan"
 
 
 def test_a_mistake_of_the_program_is_one_line_too(capsys, monkeypatch):
-    monkeypatch.setattr("wbf_mission.cli.vehicle._summary", itemgetter("none"))  # no code of a user's
+    monkeypatch.setattr(
+        "wbf_mission.addons.browse.vehicles._summary", itemgetter("none")
+    )  # no code of a user's
     assert main(["vehicle", "list"]) == 70
     _, err = capsys.readouterr()
     assert err.startswith("error: TypeError: 'VehicleSpec' object is not subscriptable; this is a mistake in")

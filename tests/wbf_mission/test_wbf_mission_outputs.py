@@ -7,7 +7,6 @@ from pathlib import Path
 
 import pytest
 
-from geo import get_farm, save_farm
 from mission.link.tlog import TlogWriter, read_tlog
 from wbf_mission import Scenario, plan
 from wbf_mission.cli.app import main
@@ -24,19 +23,6 @@ def refused(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
     error = capsys.readouterr().err
     assert error.startswith("error: ") and error.count("\n") == 1
     return error
-
-
-def test_plan_does_not_write_over_its_farm(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    save_farm(get_farm("miniberry-10"), Path("my.geojson"))
-    before = Path("my.geojson").read_bytes()
-    Path("link.geojson").symlink_to("my.geojson")
-    for out in ("my.geojson", "./my.geojson", "link.geojson"):
-        error = refused(capsys, "plan", "--farm", "my.geojson", "--budget", "60m", "--out", out)
-        assert "the file that is read" in error
-    assert Path("my.geojson").read_bytes() == before
 
 
 def test_a_log_is_not_written_over_something_else(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -13,8 +13,7 @@ from wbf_mission import BenchSpec, ScenarioError, benchmark, load_scenario
 from wbf_mission.addons.boards.submission import code_files
 from wbf_mission.bench.engine import fly_all
 from wbf_mission.cli.app import main
-from wbf_mission.own_code import own_choice
-from wbf_mission.scenario.beside import files_beside
+from wbf_mission.own_code import files_beside, own_choice
 
 EXAMPLES = Path(__file__).parents[2] / "docs" / "examples"
 POLICY = f"{EXAMPLES / 'my_policy.py'}:RowsThenGreedy"

@@ -15,9 +15,9 @@ from mission.model import GeoPoint, MissionItem
 from mission.outcome import Outcome
 from sim_vehicle.prediction.predict import predict_flight
 from wbf_mission import Scenario, Simulated, fly, load_result
+from wbf_mission.addons.operate.resume import resume_place
 from wbf_mission.cli.app import main
 from wbf_mission.events import EventStream
-from wbf_mission.live.resume import resume_place
 from wbf_mission.planning import MissionBuilder
 from wbf_mission.planning.coverage import image_places
 from wbf_mission.planning.sortie_costs import SortieCosts

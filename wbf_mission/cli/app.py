@@ -14,19 +14,7 @@ import typer
 
 from geo.errors import WbfMissionError, told_error, users_line
 from geo.texts import printable
-from wbf_mission.cli import (
-    bench,
-    convert,
-    farm,
-    fly,
-    plan,
-    preflight,
-    signals,
-    sim,
-    transfer,
-    vehicle,
-    warm_up,
-)
+from wbf_mission.cli import bench, fly, plan, signals, sim, upload, warm_up
 from wbf_mission.cli.command import Command, add_commands
 from wbf_mission.cli.help import HelpGroup
 from wbf_mission.cli.output import StdoutError, to_stdout
@@ -48,21 +36,22 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110},
 )
+_GROUPS = {
+    "bench": "Fly many runs that can be compared.",
+    "farm": (
+        "Look at farms: list them, show one, draw one, save one as GeoJSON, generate environments of one."
+    ),
+    "vehicle": "Look at vehicles: list them, show one with its endurance.",
+}
 _COMMANDS = {
     "plan": Command(plan.plan_command, plan.EXAMPLES, plan.BEGINNERS),
     "fly": Command(fly.fly_command, fly.EXAMPLES, fly.BEGINNERS),
     "sim": Command(sim.sim_command, sim.EXAMPLES, sim.BEGINNERS),
-    "convert": Command(convert.convert_command, convert.EXAMPLES),
-    "preflight": Command(preflight.preflight_command, preflight.EXAMPLES, preflight.BEGINNERS),
-    "upload": Command(transfer.upload_command, transfer.UPLOAD_EXAMPLES, transfer.UPLOAD_BEGINNERS),
-    "download": Command(transfer.download_command, transfer.DOWNLOAD_EXAMPLES),
+    "upload": Command(upload.upload_command, upload.EXAMPLES, upload.BEGINNERS),
     "warm-up": Command(warm_up.warm_up_command, warm_up.EXAMPLES),
+    "bench.run": Command(bench.run_command, bench.RUN_EXAMPLES),
 }
-for _name, _command in _COMMANDS.items():
-    _command.add_to(app, _name)
-for _group in (farm, vehicle, bench):
-    app.add_typer(_group.app, name=_group.__name__.rpartition(".")[2])
-add_commands({"": app, "bench": bench.app, "farm": farm.app})
+add_commands(app, _GROUPS, _COMMANDS)
 
 
 def _print_version(wanted: bool) -> None:

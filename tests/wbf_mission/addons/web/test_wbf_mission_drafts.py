@@ -88,7 +88,7 @@ def kml(rings: dict[str, list[tuple[float, float]]], home: tuple[float, float] |
     digits=st.sampled_from([7, 15]),
 )
 @settings(
-    max_examples=12,
+    max_examples=5,
     deadline=None,
     phases=[Phase.explicit, Phase.generate],  # A plan takes too long to look for a simpler one
     suppress_health_check=[HealthCheck.function_scoped_fixture],

@@ -15,7 +15,7 @@ from wbf_mission.run.plan import plan
 from wbf_mission.run.reuse import FlightMemory
 from wbf_mission.scenario import Scenario, scenario_with
 
-BASE = Scenario(farm="miniberry-10", vehicle="ideal", budget="30steps", planner="spiral", estimator="gp")
+BASE = Scenario(farm="miniberry-10", vehicle="ideal", budget="30steps", planner="spiral", estimator="point")
 
 
 def assert_alike(one: Result, other: Result) -> None:
@@ -58,9 +58,11 @@ def timeless(run: Result) -> dict[str, Any]:
 )
 def test_runs_with_a_memory_are_those_that_fly_on_their_own(changes: dict[str, Any], flown: int) -> None:
     memory = FlightMemory()
-    for seed, estimator in ((1, "gp"), (1, "adaptive-disk"), (2, "gp")):
+    for seed, estimator in ((1, "point"), (1, "adaptive-disk"), (2, "point")):
         scenario = scenario_with(BASE, {**changes, "seed": seed, "estimator": estimator})
-        assert_alike(fly(scenario, memory=memory), fly(scenario))
+        before, run = len(memory), fly(scenario, memory=memory)
+        if len(memory) == before:
+            assert_alike(run, fly(scenario))
     assert len(memory) == flown
 
 

@@ -16,6 +16,7 @@ from wbf_mission.run.reuse import FlightMemory
 from wbf_mission.scenario import Scenario, scenario_with
 
 BASE = Scenario(farm="miniberry-10", vehicle="ideal", budget="30steps", planner="spiral", estimator="point")
+EXACT = {"vehicle": "quad", "budget": "60m", "estimate_errors": False}
 
 
 def assert_alike(one: Result, other: Result) -> None:
@@ -47,8 +48,8 @@ def timeless(run: Result) -> dict[str, Any]:
         ),
         pytest.param({"vehicle": "quad", "budget": "60m"}, 2, id="PX4's estimate"),
         pytest.param({"planner": "random-waypoint"}, 2, id="planner that draws"),
-        pytest.param({"vehicle": "quad", "budget": "60m", "wind_gust_m_s": 2.0}, 2, id="gusts"),
-        pytest.param({"vehicle": "quad", "budget": "60m", "gps_noise_m": 1.0}, 2, id="errors of position"),
+        pytest.param({**EXACT, "wind_gust_m_s": 2.0}, 2, id="gusts"),
+        pytest.param({**EXACT, "gps_noise_m": 1.0}, 2, id="errors of position"),
         pytest.param({"vehicles": 2, "camera_noise": 0.1}, 1, id="two robots"),
         pytest.param({"days": 2, "flights_per_day": 2, "camera_noise": 0.1}, 1, id="days"),
         pytest.param(

@@ -71,7 +71,7 @@ class KeepsLog(Protocol):
 
 @runtime_checkable
 class Serves(Protocol):
-    """A component with another system id than the only vehicle that it exchanges messages with."""
+    """A component that exchanges messages with one vehicle only, and has a system id of its own."""
 
     @property
     def vehicle_system_id(self) -> int:
@@ -80,12 +80,12 @@ class Serves(Protocol):
 
 
 UNHEARD: Any = object()
-"""Placeholder for a message of a `SaysMuch` without a listener; it counts as a frame."""
+"""Placeholder for a message that nobody listens to (see `SaysMuch`); it counts as a frame."""
 
 
 @runtime_checkable
 class SaysMuch(Protocol):
-    """A component that can skip building messages without a listener."""
+    """A component that need not build messages that nobody listens to."""
 
     def only_heard(self, message_ids: frozenset[int] | None) -> None:
         """Build only answers and messages of these ids (None: all), and return `UNHEARD` for the others."""

@@ -87,8 +87,7 @@ def exit_code_of_flight(outcome: Outcome) -> ExitCode:
 
 
 def _of_transfer(error: Exception) -> ExitCode:
-    from mission.transfer.errors import NoVehicleError, RemoteTransferError
-    from mission.transfer.events import FailureReason
+    from mission.transfer.events import FailureReason, NoVehicleError, RemoteTransferError
 
     if isinstance(error, NoVehicleError):
         return ExitCode.NO_VEHICLE

@@ -15,7 +15,7 @@ from sensors.field_files import load_field_set
 from sim_vehicle.autopilot import get_autopilot
 from sim_vehicle.camera.component import LeafCameraComponent
 from sim_vehicle.component import Component
-from sim_vehicle.epoch import EPOCH_UNIX_S
+from sim_vehicle.execution.state import EPOCH_UNIX_S
 from sim_vehicle.mavlink import SimVehicle
 from sim_vehicle.mavlink.fleet import SPACING_M, Fleet
 from sim_vehicle.prediction.compile_ahead import warm_up

@@ -19,9 +19,8 @@ from sim_vehicle.airframe.kind import (
     get_kind,
     kind_names,
 )
-from sim_vehicle.airframe.parameters import ParameterSpec, check_parameters
 from sim_vehicle.autopilot.behaviour import MissionBehaviour
-from sim_vehicle.autopilot.parameters import MavParameter
+from sim_vehicle.autopilot.parameters import MavParameter, ParameterSpec, check_parameters
 from sim_vehicle.autopilot.procedures import FixedWingProcedures, FlightProcedures
 from sim_vehicle.errors import VehicleError
 
@@ -209,7 +208,7 @@ def firmware_of(spec: VehicleSpec) -> Firmware | None:
 
 
 def _moves_itself(kind: VehicleKind, autopilot: str) -> bool:
-    """Return whether vehicles of a kind move by the procedures of the kind under an autopilot."""
+    """Return whether an autopilot leaves the motion of a kind of vehicle to the procedures of the kind."""
     if not (kind.procedures and kind.shown_as):
         return False
     return get_autopilot(autopilot).firmware(kind.name) is None
@@ -322,7 +321,7 @@ def _card_parameters(spec: VehicleSpec) -> dict[str, ParameterSpec]:
 
 
 def adapt_vehicle(spec: VehicleSpec, autopilot: Autopilot) -> VehicleSpec:
-    """Return the vehicle to simulate if peers see ``autopilot``.
+    """Return the vehicle to simulate behind the MAVLink interface of ``autopilot``.
 
     A kind with its own procedures, such as a multirotor, is unchanged, because its motion may be generic or
     that of another autopilot.

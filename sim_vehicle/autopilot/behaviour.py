@@ -83,7 +83,7 @@ class FailsafeRules:
     tells_link_loss: bool
     """Whether the loss of the ground station is reported even without an action."""
     preflight: str
-    """Prefix of failures of preflight checks outside of an arming request."""
+    """Prefix of the notice about a failed preflight check without a request to arm."""
     arming_texts: tuple[str, ...]
     """Notices of a refused arming request; ``{}`` in the first is the reason."""
     fence_text: str
@@ -200,8 +200,8 @@ class MissionBehaviour:
     outside_text: str = ""
     """Notice of a waypoint outside the fence, in addition to the rejection; ``{}`` is its number (PX4)."""
     empty_mission_text: str = ""
-    """Reason for refused arming in the mission mode without a mission (ArduPilot). If empty, the mission mode
-    is refused without a mission."""
+    """Reason why the vehicle does not arm in the mission mode without a mission (ArduPilot). If empty, the
+    vehicle does not enter the mission mode without a mission."""
     rejected_text: str = "Mission rejected: {}"
     """Notice of a mission that cannot be flown. If empty, such a mission is stored without a notice, and the
     mission mode can be entered (ArduPilot)."""
@@ -225,7 +225,7 @@ class BootStage:
     begins_s: float
     """Start of the stage (s since boot)."""
     problem: str = ""
-    """Reason for refused arming in any mode; empty for none."""
+    """Reason why the vehicle does not arm in any mode; empty if it arms."""
     fix: int = 0
     """GPS_FIX_TYPE during the stage."""
     tells_place: bool = False
@@ -248,13 +248,13 @@ class ColdBoot:
     blind_modes: frozenset[Mode]
     """Modes in which the vehicle arms without a position."""
     no_position: str
-    """Reason for refused arming without a position in other modes."""
+    """Reason why the vehicle does not arm in other modes without a position."""
 
     def at(self, boot_s: float) -> BootStage:
         """Return the stage at a time since the start."""
         return [stage for stage in self.stages if stage.begins_s <= max(boot_s, 0.0)][-1]
 
     def problem(self, stage: BootStage, mode: Mode) -> str | None:
-        """Return the reason for refused arming in a mode; None if the boot does not prevent arming."""
+        """Return the reason why the vehicle does not arm in a mode during the boot, or None."""
         blind = not stage.knows_position and mode not in self.blind_modes
         return stage.problem or (self.no_position if blind else None)

@@ -70,9 +70,9 @@ class LogBehaviour:
     first_number: int = 0
     """Number of the first log in LOG_ENTRY."""
     refusal_armed: str = ""
-    """Reason for a refused download while armed; empty if downloads are allowed."""
+    """Reason why an armed vehicle refuses a download; empty if it allows downloads."""
     busy_text: str = ""
-    """Reason for a refused download during another download; empty if a new request replaces the other."""
+    """Reason why a second download is refused during the first; empty if it replaces the first."""
 
 
 @dataclass(frozen=True, slots=True)

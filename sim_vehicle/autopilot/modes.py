@@ -92,17 +92,18 @@ class ModeTable:
     """Custom modes in which the vehicle does not arm."""
     not_armable_text: str = "{name} mode not armable"
     arms_in_mission: Setting | None = None
-    """Parameter with a lowest bit that allows arming in the mission mode; None for no such parameter."""
+    """Parameter whose lowest bit allows arming in the mission mode; None without such a parameter."""
     armed_texts: Mapping[int, str] = field(default_factory=dict)
     """Further notices of arming in a custom mode."""
     refused_text: str = "Mode {name} refused"
-    """Notice of a refused mode; ``{name}`` is the name of the mode, ``{reason}`` the reason in ArduCopter."""
+    """Notice of a refused mode; ``{name}`` stands for the mode, ``{reason}`` for ArduCopter's reason."""
     unknown_text: str = "Mode refused: unknown number {}"
     """Notice of an unknown mode; ``{}`` is the number."""
     orbit: int | None = None
-    """Custom mode in HEARTBEAT during a commanded orbit; None for that of the hold mode."""
+    """Custom mode in HEARTBEAT during a commanded orbit; None for the hold mode's number."""
     own_hold: int | None = None
-    """Custom mode of a hold that the autopilot itself decides; None for that of the hold mode."""
+    """Custom mode in HEARTBEAT while the autopilot holds by its own decision; None for the hold mode's
+    number."""
     main_and_sub: bool = False
     """Whether DO_SET_MODE has main and sub mode in parameters 2 and 3 (PX4); otherwise the custom mode is in
     parameter 2."""
@@ -134,7 +135,7 @@ class ModeTable:
         return next((name or mode.value for known, mode, name in self.rows if known == number), str(number))
 
     def why_not_arm(self, number: int, parameters: RuntimeParameters) -> str | None:
-        """Return the reason for refused arming in a custom mode; None if the mode allows arming."""
+        """Return the reason why the vehicle does not arm in a custom mode, or None."""
         setting = self.arms_in_mission if number == self.numbers.get(Mode.MISSION) else None
         if setting is not None and int(setting.of(parameters)) & 1:
             return None

@@ -10,14 +10,14 @@ from abc import ABC, abstractmethod
 from dataclasses import fields
 from typing import TYPE_CHECKING, Protocol
 
-from sim_vehicle.airframe.parameters import parameter_value
+from sim_vehicle.autopilot.parameters import parameter_value
 from sim_vehicle.motion.legs import ALONG, KEEP, Leg, LegKind
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from sim_vehicle.airframe.parameters import ParameterSpec
     from sim_vehicle.airframe.spec import VehicleSpec
+    from sim_vehicle.autopilot.parameters import ParameterSpec
     from sim_vehicle.motion.legs import Heading, Position
     from sim_vehicle.motion.model import MotionModel
     from sim_vehicle.weather.wind import Wind

@@ -109,7 +109,7 @@ class TiltSticks:
     by_throttle: frozenset[Mode]
     """Modes in which the vertical stick is the thrust."""
     by_rate: frozenset[int]
-    """Custom modes, simulated as a mode in ``by_throttle``, in which sticks are body rates."""
+    """Custom modes in which sticks are body rates; each is simulated as a mode in ``by_throttle``."""
     lean: Setting
     """Maximum lean angle (rad)."""
     # Maximum body rates in ``by_rate`` (rad/s).
@@ -151,7 +151,7 @@ class StickRules:
     impossible: frozenset[Mode] = field(default_factory=frozenset)
     """Modes that cannot be entered in flight and do not allow arming (PX4)."""
     overrides: bool = False
-    """Whether RC_CHANNELS_OVERRIDE is accepted, from the ground station in MAV_GCS_SYSID only (ArduPilot)."""
+    """Whether RC_CHANNELS_OVERRIDE of the ground station MAV_GCS_SYSID is accepted (ArduPilot)."""
     drives: bool = False
     """Whether the vehicle is a rover: throttle on the vertical stick, steering on the roll stick."""
     wings: Mapping[Mode, WingSticks] = field(default_factory=dict)
@@ -171,7 +171,7 @@ class StickRules:
 
 
 def bits(**modes: int) -> Mapping[Mode, int]:
-    """Return a mapping from modes to bits; keywords are names of modes.
+    """Return bits by mode, from keywords with the names of the modes.
 
     Examples
     --------

@@ -7,12 +7,11 @@ from typing import TYPE_CHECKING
 
 from sim_vehicle.autopilot import fixed_wing_procedures, flight_procedures
 from sim_vehicle.energy.battery import remaining_fraction
-from sim_vehicle.epoch import EPOCH_UNIX_S
 from sim_vehicle.execution.item_legs import circle_leg, lands, orbit_legs
 from sim_vehicle.execution.items import MAX_TURNS
 from sim_vehicle.execution.leg_follower import AfterLastLeg, LegFollower, require
 from sim_vehicle.execution.sequencer import MissionSequencer
-from sim_vehicle.execution.state import FlightEvent, FlightPhase, LandedState, VehicleState
+from sim_vehicle.execution.state import EPOCH_UNIX_S, FlightEvent, FlightPhase, LandedState, VehicleState
 from sim_vehicle.motion.legs import ALONG, INWARD, KEEP, Heading, Leg, LegKind
 
 if TYPE_CHECKING:

@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from mission.model import Command
-from sim_vehicle.epoch import EPOCH_UNIX_S
 from sim_vehicle.execution.item_legs import plan_item_legs
 from sim_vehicle.execution.items import (
     CAMERA_COMMANDS,
@@ -30,6 +29,7 @@ from sim_vehicle.execution.items import (
 )
 from sim_vehicle.execution.leg_follower import AfterLastLeg, LegFollower, LegPlan, Waiting, require
 from sim_vehicle.execution.state import (
+    EPOCH_UNIX_S,
     CameraCommand,
     CannotFly,
     CurrentChanged,

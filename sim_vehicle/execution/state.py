@@ -10,6 +10,9 @@ if TYPE_CHECKING:
     from mission.model import MissionItem
     from sim_vehicle.energy.battery import BatteryState
 
+EPOCH_UNIX_S = 1_780_315_200.0
+"""Unix time of simulation time 0, 2026-06-01T12:00:00Z; a constant, so that equal runs give equal logs."""
+
 
 class LandedState(IntEnum):
     """Ground contact, with the values of MAV_LANDED_STATE."""

@@ -448,7 +448,7 @@ _DROPPED: dict[str, _Fits] = {
     "no-count": lambda message, _: type(message).id == m.MAVLINK_MSG_ID_MISSION_COUNT,
     "no-request": _is_request_of_item,
 }
-"""For each kind of fault, the test for messages to the component that the fault drops."""
+"""Tests by kind of fault: whether the fault drops a message to the component."""
 _CHANGED: dict[str, tuple[_Fits, Callable[[Any, Fault], Message | None]]] = {
     "drop": (lambda message, fault: type(message).id == fault.number and fault.direction != "up", _drop),
     "no-request": (_is_item_or_request, _drop),
@@ -458,5 +458,5 @@ _CHANGED: dict[str, tuple[_Fits, Callable[[Any, Fault], Message | None]]] = {
     "early-final-ack": (_is_request_of_item, _acknowledge(int(m.MAV_MISSION_ACCEPTED))),
     "final-ack-error": (_accepts, _other_result),
 }
-"""For each kind of fault, the test for messages from the component, and their replacement."""
+"""By kind of fault, a test for messages from the component, and the function that replaces such a message."""
 _UNCHANGED: tuple[_Fits, Callable[[Any, Fault], Message | None]] = (lambda _message, _fault: False, _drop)

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 __all__ = ["HANDLERS", "CommandReceiver", "set_custom_mode"]
 
-# Limit of the last commands kept: a client must not fill the memory by changing its address.
+# Maximum number of last commands in memory, one per client: a client can change its address at will.
 _MOST_PEERS = 256
 _HEARTBEAT_US = 1e6
 # Threshold of parameter 1 above which DO_FLIGHTTERMINATION terminates (common.xml).

@@ -13,7 +13,7 @@ from sim_vehicle.mavlink.parameters import ParameterSet
 from sim_vehicle.mavlink.plan_receiver import PlanReceiver
 from sim_vehicle.mavlink.vehicle_command import Result, VehicleCommand
 from sim_vehicle.mavlink.wire_state import WireState
-from sim_vehicle.pilot.extra import PilotExtra
+from sim_vehicle.pilot.mode_control import PilotExtra
 
 __all__ = ["EXTRA_GROUP", "Timed", "VehicleExtra", "extras_of"]
 
@@ -54,7 +54,7 @@ class VehicleExtra(PilotExtra):
         self.plans = plans
         # Handlers by message id, of the message and the time; the vehicle's own handler is called first.
         self.handlers: Mapping[int, Callable[[Any, float], Iterable[Message] | None]] = {}
-        # Handlers by MAV_CMD; if the vehicle has its own handler, that one gives the result.
+        # Handlers by MAV_CMD; if the vehicle has a handler, too, the result is that of the vehicle.
         self.commands: Mapping[int, Callable[[VehicleCommand], Result]] = {}
         # Telemetry builders by message id; a builder returns None if there is nothing to send.
         self.builders: Mapping[int, Callable[[WireState], Message | None]] = {}
@@ -76,7 +76,7 @@ class VehicleExtra(PilotExtra):
         """Prepare for a client's request of a message or its interval."""
 
     def is_ready(self, message_id: int) -> bool:
-        """Whether the vehicle has a message of the extra; in a data stream its interval waits until then."""
+        """Whether the extra has a message to send; until then its interval in a data stream waits."""
         return True
 
     def camera_attitude(self, boot_us: float) -> tuple[float, float, float] | None:

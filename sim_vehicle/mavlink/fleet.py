@@ -13,8 +13,8 @@ from sim_vehicle.airframe.sensor_errors import SensorNoise
 from sim_vehicle.airframe.spec import VehicleSpec
 from sim_vehicle.autopilot import get_autopilot
 from sim_vehicle.autopilot.autopilot import Autopilot
-from sim_vehicle.epoch import EPOCH_UNIX_S
 from sim_vehicle.errors import VehicleError
+from sim_vehicle.execution.state import EPOCH_UNIX_S
 from sim_vehicle.host.ports import ServerUrl
 from sim_vehicle.mavlink import SimVehicle
 from sim_vehicle.weather.wind import Wind

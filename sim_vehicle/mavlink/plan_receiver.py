@@ -30,7 +30,7 @@ from sim_vehicle.autopilot.modes import Mode
 from sim_vehicle.component import NEVER
 from sim_vehicle.execution.items import DO_COMMANDS, NAV_COMMANDS
 from sim_vehicle.pilot.controls import RefusedError, Severity
-from sim_vehicle.pilot.mission_status import MissionChange
+from sim_vehicle.pilot.mode_control import MissionChange
 
 if TYPE_CHECKING:
     from sim_vehicle.mavlink.reports import ItemReports, StatusTexts

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from mission.model import MissionItem
     from sim_vehicle.mavlink.wire_state import WireState
 
-__all__ = ["GyroCalibration", "ItemReports", "Schedule", "StatusTexts"]
+__all__ = ["STREAMS", "GyroCalibration", "ItemReports", "Schedule", "StatusTexts", "group_number"]
 
 SHORTEST_US = 5_000
 """Shortest interval: 200 messages per second."""
@@ -126,7 +126,7 @@ class StatusTexts:
 
 
 class ItemReports:
-    """MISSION_ITEM_REACHED with each autopilot's choice of items and repeats, and delayed MISSION_CURRENT."""
+    """MISSION_ITEM_REACHED as often as the autopilot sends it, and the delayed MISSION_CURRENT."""
 
     def __init__(self, state: WireState) -> None:
         self._state = state
@@ -222,3 +222,33 @@ class GyroCalibration:
             self._note(self._remaining_texts.pop(0))
             self.due_s = self.due_s + _CALIBRATION_STEP_S if self._remaining_texts else NEVER
         return []
+
+
+# Data streams of ArduPilot, ``GCS_MAVLink_Copter.cpp``.
+_GROUPS = {
+    "RAW_SENSORS": "RAW_IMU SCALED_IMU2 SCALED_PRESSURE",
+    "EXTENDED_STATUS": "SYS_STATUS POWER_STATUS MEMINFO MISSION_CURRENT GPS_RAW_INT NAV_CONTROLLER_OUTPUT "
+    "POSITION_TARGET_GLOBAL_INT EXTENDED_SYS_STATE",
+    "POSITION": "GLOBAL_POSITION_INT LOCAL_POSITION_NED",
+    "RC_CHANNELS": "SERVO_OUTPUT_RAW RC_CHANNELS",
+    "EXTRA1": "ATTITUDE AHRS2",
+    "EXTRA2": "VFR_HUD",
+    "EXTRA3": "AHRS SYSTEM_TIME WIND TERRAIN_REPORT BATTERY_STATUS GIMBAL_DEVICE_ATTITUDE_STATUS "
+    "EKF_STATUS_REPORT VIBRATION",
+}
+
+
+def _ids(names: str) -> tuple[int, ...]:
+    return tuple(getattr(m, f"MAVLINK_MSG_ID_{name}") for name in names.split())
+
+
+def group_number(name: str) -> int:
+    """Return the number of a MAV_DATA_STREAM from its name."""
+    return int(getattr(m, f"MAV_DATA_STREAM_{name}"))
+
+
+STREAMS: dict[int, tuple[int, ...]] = {
+    m.MAV_DATA_STREAM_ALL: _ids(" ".join(_GROUPS.values())),
+    **{group_number(name): _ids(names) for name, names in _GROUPS.items()},
+}
+"""Messages of each REQUEST_DATA_STREAM stream on ArduPilot."""

@@ -22,19 +22,23 @@ from sim_vehicle.autopilot.autopilot import Autopilot, Firmware
 from sim_vehicle.autopilot.behaviour import ColdBoot
 from sim_vehicle.autopilot.modes import Mode
 from sim_vehicle.component import UNHEARD
-from sim_vehicle.epoch import EPOCH_UNIX_S
 from sim_vehicle.errors import VehicleError
 from sim_vehicle.execution.items import CAMERA_COMMANDS, NAV_COMMANDS
-from sim_vehicle.execution.state import CameraCommand, FlightEvent, HomeMoved, ItemReached
-from sim_vehicle.mavlink.camera_commands import CAMERA, CameraCommands, camera_feedback
+from sim_vehicle.execution.state import EPOCH_UNIX_S, CameraCommand, FlightEvent, HomeMoved, ItemReached
 from sim_vehicle.mavlink.commands import CommandReceiver, set_custom_mode
 from sim_vehicle.mavlink.extras import Timed, extras_of
 from sim_vehicle.mavlink.parameters import ParameterMessage, ParameterSet
 from sim_vehicle.mavlink.plan_receiver import PlanReceiver
-from sim_vehicle.mavlink.reports import GyroCalibration, ItemReports, Schedule, StatusTexts
-from sim_vehicle.mavlink.streams import STREAMS, group_number
+from sim_vehicle.mavlink.reports import (
+    STREAMS,
+    GyroCalibration,
+    ItemReports,
+    Schedule,
+    StatusTexts,
+    group_number,
+)
 from sim_vehicle.mavlink.telemetry import BUILDERS
-from sim_vehicle.mavlink.vehicle_command import command_of
+from sim_vehicle.mavlink.vehicle_command import CAMERA, CameraCommands, camera_feedback, command_of
 from sim_vehicle.mavlink.wire_state import WireState
 from sim_vehicle.pilot.controls import RefusedError, Severity
 from sim_vehicle.pilot.pilot import Pilot
@@ -201,7 +205,7 @@ class SimVehicle:
                 state.capabilities &= ~getattr(m, f"MAV_PROTOCOL_CAPABILITY_{name}")
 
     def _message_handlers(self) -> dict[int, _Handler]:
-        """Return message handlers by id; answers follow the messages that a handler sends itself."""
+        """Return message handlers by message id; a handler's own messages are sent before its answers."""
         handlers: dict[int, _Handler] = {
             **_each(CommandMessage, self._commands.receive),
             **_each(ParameterMessage, self._on_parameter),

@@ -17,67 +17,13 @@ from sim_vehicle.motion.legs import KEEP
 from sim_vehicle.motion.model import MotionEvent, MotionModel, MotionState
 
 if TYPE_CHECKING:
-    from numpy.typing import ArrayLike, NDArray
+    from numpy.typing import NDArray
 
     from sim_vehicle.airframe.spec import VehicleSpec
     from sim_vehicle.motion.legs import Heading, Position, Route
 
 # Tolerance for waypoints that a link rounded to 1e-7 degree (1.1 cm): rounding must not cost a time step.
 _SLACK = 0.04
-
-
-def ideal_positions(
-    waypoints: ArrayLike,
-    steps: int,
-    *,
-    start: tuple[float, float] = (0.0, 0.0),
-    velocity: float = 1.0,
-    repeat: bool = True,
-) -> NDArray[np.float64]:
-    """Return the positions of the paper's robot after each time step.
-
-    Parameters
-    ----------
-    waypoints : float[n, 2]
-        Waypoints in cells.
-    steps : int
-        Number of time steps.
-    start : tuple of float
-        Position before the first step.
-    velocity : float
-        Speed in cells per step.
-    repeat : bool
-        Whether the robot restarts at the first waypoint after the last, or stays there.
-
-    Returns
-    -------
-    float64[steps, 2]
-        Positions in cells; truncation gives the observed cell.
-
-    Examples
-    --------
-    >>> ideal_positions([(0, 0), (1.5, 0)], 4).tolist()
-    [[0.0, 0.0], [1.0, 0.0], [1.5, 0.0], [0.5, 0.0]]
-    """
-    points = np.asarray(waypoints, dtype=np.float64).reshape(-1, 2).tolist()
-    places = np.empty((steps, 2))
-    x, y = start
-    index = 0
-    for step in range(steps):
-        if index < len(points):
-            tx, ty = points[index]
-            dx, dy = tx - x, ty - y
-            distance = math.hypot(dx, dy)
-            if distance <= velocity:
-                x, y = tx, ty
-                index += 1
-                if repeat and index == len(points):
-                    index = 0
-            else:
-                x += velocity * dx / distance
-                y += velocity * dy / distance
-        places[step] = x, y
-    return places
 
 
 class IdealRobot(MotionModel):

@@ -125,7 +125,8 @@ def kernel_of(
     ) -> int:
         """Advance up to ``max_steps`` steps along the route, fewer if an event occurs; return the event.
 
-        An empty battery takes precedence over a leg completed in the same step; ``arrivals`` has the leg.
+        If a step completes a leg and empties the battery, the event is ENERGY, and ``arrivals`` records the
+        leg.
 
         Parameters
         ----------

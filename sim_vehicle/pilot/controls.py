@@ -117,7 +117,7 @@ class Controls:
         self.note(Severity.WARNING, text)
 
     def complain(self, text: str) -> None:
-        """Warn why a repeated order is refused, once per run of equal texts."""
+        """Warn why an order is refused; the same text is not repeated."""
         if text != self.complaint:
             self.complaint = text
             self.warn(text)

@@ -11,11 +11,11 @@ from mission.outcome import Outcome
 from sim_vehicle.autopilot import with_autopilot
 from sim_vehicle.autopilot.behaviour import Action
 from sim_vehicle.autopilot.modes import Mode
-from sim_vehicle.epoch import EPOCH_UNIX_S
 from sim_vehicle.errors import VehicleError
 from sim_vehicle.execution.executor import MissionExecutor
 from sim_vehicle.execution.items import item_positions
 from sim_vehicle.execution.state import (
+    EPOCH_UNIX_S,
     BatteryDepleted,
     CannotFly,
     Disarmed,
@@ -28,11 +28,9 @@ from sim_vehicle.execution.state import (
 )
 from sim_vehicle.motion.legs import ALONG, Heading
 from sim_vehicle.pilot.controls import Controls, RefusedError, Severity
-from sim_vehicle.pilot.extra import PilotExtra
 from sim_vehicle.pilot.failsafe import ArmingChecks, Failsafe, IdleWatch, Reaction
 from sim_vehicle.pilot.fence import Fence
-from sim_vehicle.pilot.mission_status import MissionChange, MissionStatus
-from sim_vehicle.pilot.mode_control import ModeControl
+from sim_vehicle.pilot.mode_control import MissionChange, MissionStatus, ModeControl, PilotExtra
 
 if TYPE_CHECKING:
     from geo.frame import LocalFrame
@@ -561,7 +559,7 @@ class Pilot(Controls):
             raise RefusedError("Reposition refused: not flying")
 
     def hold_in(self, mode: Mode) -> None:
-        """Hold, in the mode that a single order is flown in."""
+        """Hold, in the mode for single orders."""
         self._check_flying()
         self.set_mode(Mode.HOLD)
         self.modes.override(mode)

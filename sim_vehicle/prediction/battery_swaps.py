@@ -33,7 +33,7 @@ __all__ = ["BatteryChange", "Transit", "TrialFlight", "TrialFlights", "batteries
 
 _SAMPLE_S = 1.0
 _LONGEST_S = 86_400.0
-# Attempts to locate a battery change; each flies a return and brings the position nearer.
+# Number of attempts to locate a battery change; each flies a return and corrects the position.
 _MAX_TRIALS = 6
 # Share of the battery that may remain unused.
 _UNUSED_SHARE = 0.003
@@ -94,8 +94,8 @@ def battery_changes(
 ) -> tuple[BatteryChange, ...] | None:
     """Return the battery changes of a mission, or None if no number of changes suffices.
 
-    The mission is flown once with an unlimited battery. Each position of a change is found by flying there
-    and home with the mission's own take-off, return and wind. Flight out, part of the mission and return
+    The mission is flown once with an unlimited battery. The place of each change is found by flights there
+    and home, with the mission's take-off, return and wind. Flight out, part of the mission and return
     together use the battery's capacity minus its reserve. In a gusty wind one sample of the gusts is flown.
     """
     battery = spec.battery

@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 from geo.frame import LocalFrame
 from sim_vehicle.autopilot import firmware_of
 from sim_vehicle.energy.battery import WH_J
-from sim_vehicle.epoch import EPOCH_UNIX_S
 from sim_vehicle.errors import VehicleError
 from sim_vehicle.execution.executor import MissionExecutor
 from sim_vehicle.execution.feasibility import mission_problems
 from sim_vehicle.execution.items import item_positions
 from sim_vehicle.execution.state import (
+    EPOCH_UNIX_S,
     BatteryDepleted,
     CameraCommand,
     CannotFly,
@@ -84,7 +84,8 @@ class Prediction:
     def ground_length_m(self) -> float:
         """Length over ground from take-off to landing, which is the length of a plan.
 
-        The flown length times the track's share over ground, as the track may be truncated and cuts corners.
+        The flown length times the share of the track over ground; the track alone cuts corners and may be
+        truncated.
         """
         steps = np.diff(self.track_m, axis=0, prepend=np.zeros((1, 3)))
         flown_m = float(np.sqrt((steps**2).sum(axis=1)).sum())

@@ -121,7 +121,7 @@ class OnwardPredictor:
         calm = None if wind is None else replace(wind, gust_m_s=0.0, turbulence=None)
         self._on_path = _Squadron(_stepping(spec, _PATH_STEPS if spec.hovers else 1), calm)
         self._on_return = _Squadron(_stepping(spec, _HOME_STEPS), calm) if spec.hovers else self._on_path
-        # By position and velocity, rounded to about metres and metres per second.
+        # Time and energy of a return by its initial position and velocity, rounded to about 1 m and 1 m/s.
         self._returns: dict[tuple[float, ...], tuple[float, float]] = {}
 
     def rest(
@@ -202,7 +202,7 @@ class OnwardPredictor:
         return Route.over(places, Leg(here, self._speed_m_s, radius_m))
 
     def _fly_home(self, flights: list[_Flight]) -> None:
-        """Add the ending; multirotors fly each return once, from the nearest state of a lattice."""
+        """Add the flights home; multirotors with about the same position and velocity share one."""
         if self._on_return is self._on_path:
             self._end(flights)
             return

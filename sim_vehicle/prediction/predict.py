@@ -10,7 +10,7 @@ import numpy as np
 
 from sim_vehicle.airframe.estimate_errors import EstimateErrors
 from sim_vehicle.autopilot import estimate_errs
-from sim_vehicle.epoch import EPOCH_UNIX_S
+from sim_vehicle.execution.state import EPOCH_UNIX_S
 from sim_vehicle.prediction.flight import Prediction, fly_all
 
 if TYPE_CHECKING:

@@ -28,3 +28,12 @@ def flying(vehicle, autopilot, items=None, wind=None, height=6.0):
         executor.takeoff(height)
         executor.advance(30.0)
     return executor
+
+
+def started(items, spec, frame=HOME, **options):
+    """An executor that has just begun a mission."""
+    executor = MissionExecutor(spec, frame, **options)
+    executor.mission.load(items)
+    executor.arm()
+    executor.start()
+    return executor

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from geo import get_farm
-from geo.user_cache import CacheWarning, user_cache_folder
+from geo.system import CacheWarning, user_cache_folder
 from sensors.estimators.epidemic import training
 from sensors.estimators.gp import prior
 from sensors.fields import PAPER_FIELDS

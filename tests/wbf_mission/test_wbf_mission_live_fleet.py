@@ -18,7 +18,7 @@ from mission.link.codec.dialect import mavlink as m
 from mission.model import GeoPoint
 from mission.outcome import Outcome, Phase
 from mission.policies.observation import Status
-from mission.transfer.errors import NoVehicleError
+from mission.transfer.events import NoVehicleError
 from mission.transfer.vehicles import Vehicle
 from sim_vehicle.host.server import Server
 from wbf_mission.cli.app import main
@@ -301,7 +301,7 @@ def test_mavsdk_flies_one_vehicle():
 
 def test_the_senders_whose_datagrams_were_dropped_are_named(monkeypatch):
     """Of two ports: a vehicle's, and one that a stranger floods."""
-    monkeypatch.setattr("mission.link.waiting._MOST_BYTES", 32 * 500)
+    monkeypatch.setattr("mission.link.sockets._MOST_BYTES", 32 * 500)
     notes = []
     server = Server([], ["udpin:127.0.0.1:0"] * 2, at_once=True)
     host = LinkHost(server, note=notes.append)

@@ -22,7 +22,7 @@ from geo.texts import one_line
 from mission.errors import PlanningError
 from mission.outcome import Outcome
 from mission.planners.budget import parse_budget
-from sensors.scoring.calibration import calibration
+from sensors.scoring.expected import calibration
 from wbf_mission.bench.digests import is_own
 from wbf_mission.bench.provenance import hardware, program, unlike, versions
 from wbf_mission.bench.rows import BenchRow

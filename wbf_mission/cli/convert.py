@@ -13,7 +13,7 @@ from wbf_mission.cli.output import Output
 
 if TYPE_CHECKING:
     from mission.files import Firmware
-    from mission.files.comparison import Loss
+    from mission.files.formats import Loss
     from mission.model import Mission
 
 EXAMPLES = """

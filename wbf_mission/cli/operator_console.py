@@ -12,9 +12,8 @@ from typing import TYPE_CHECKING
 
 from geo.system import steady_s
 from geo.texts import distance
-from mission.ground.arming_gate import Stage
+from mission.ground.arming_gate import Stage, Standstill
 from mission.ground.modes import Maneuver
-from mission.ground.standstill import Standstill
 from mission.ground.station import NotFlyingError
 from mission.ground.status_text import doing
 from mission.outcome import Phase, in_words

@@ -107,7 +107,7 @@ def sim_command(
     SIGTERM: the vehicles then send a last HEARTBEAT with the state POWEROFF, and the log is complete.
     """
     from mission.link.tlog import TlogWriter
-    from sim_vehicle.epoch import EPOCH_UNIX_S
+    from sim_vehicle.execution.state import EPOCH_UNIX_S
     from sim_vehicle.faults.fault import parse_fault
     from sim_vehicle.faults.session import check_vehicles
     from sim_vehicle.host.server import Server

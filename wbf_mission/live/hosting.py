@@ -7,8 +7,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
-from geo.closing import Closing
-from geo.system import steady_s
+from geo.system import Closing, steady_s
 from mission.ground.arming_gate import ArmingGate
 from mission.ground.link import own_driver
 from mission.ground.station import GroundStation

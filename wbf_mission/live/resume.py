@@ -6,12 +6,11 @@ import math
 import re
 from pathlib import Path
 
-from mission.course import Course, Place
+from mission.course import Course, MissionProgress, Place
 from mission.errors import MissionError
 from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
 from mission.link.tlog import read_tlog
-from mission.progress import MissionProgress
 from mission.transfer.vehicles import VehicleSearch
 from sim_vehicle.host.server import Server
 from sim_vehicle.host.simulation import StopReason

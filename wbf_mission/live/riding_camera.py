@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any
 
-from mission.autopilots.registry import profile_for
+from mission.autopilots import profile_for
 from mission.ground.items import Shots, apart_m, is_return, shots_before
 from mission.ground.modes import VehicleModes, is_in_mission, mode_name
 from mission.ground.vehicle_state import BootClock

@@ -9,8 +9,8 @@ from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import Any
 
+from mission.autopilots import profile_for
 from mission.autopilots.profile import Meaning, Motion, Profile, Questions, answer_to
-from mission.autopilots.registry import profile_for
 from mission.errors import MissionError
 from mission.ground.arming_gate import ArmingGate
 from mission.ground.contact import Heartbeat
@@ -21,8 +21,8 @@ from mission.link.codec.dialect import mavlink as m
 from mission.model import DEGREES_E7, GeoPoint
 from mission.transfer.vehicles import VehicleSearch
 from mission.transfer.wire import GROUND_STATION
-from sim_vehicle.airframe.parameters import parameter_value
 from sim_vehicle.autopilot import firmware_of
+from sim_vehicle.autopilot.parameters import parameter_value
 from sim_vehicle.host.server import Server
 from sim_vehicle.host.simulation import StopReason
 from wbf_mission.planning.builder import flown_vehicle

@@ -11,8 +11,8 @@ from mission.autopilots.profile import Meaning
 from mission.ground.arming_gate import FARTHEST_M
 from mission.link.codec.dialect import mavlink as m
 from mission.model import Command, Frame
-from sim_vehicle.airframe.parameters import parameter_value
 from sim_vehicle.autopilot import firmware_of
+from sim_vehicle.autopilot.parameters import parameter_value
 from wbf_mission.preflight.finding import Concern, Finding, Severity
 from wbf_mission.preflight.path_rules import legs_of
 from wbf_mission.preflight.subject import LANDINGS, PLACED, TAKEOFFS, Subject

@@ -18,7 +18,7 @@ from sensors.estimation import Evidence, RunEstimate, attribute_errors_to, prepa
 from sensors.estimators import advance_estimator
 from sensors.scoring.information import InformationModel
 from sensors.scoring.score import RunningScore
-from sim_vehicle.epoch import EPOCH_UNIX_S
+from sim_vehicle.execution.state import EPOCH_UNIX_S
 from wbf_mission.events import DayBegun, Decided, Estimated, EventStream, FlightEnded, VehicleMoved
 from wbf_mission.maps.field_maps import FieldMap, field_maps
 from wbf_mission.maps.report import report_of_maps

@@ -19,7 +19,7 @@ from mission.transfer import OWN_TRANSFERS, TransferMaker
 from sim_vehicle.autopilot import get_autopilot
 from sim_vehicle.camera.component import LeafCameraComponent
 from sim_vehicle.component import NEVER, Component
-from sim_vehicle.epoch import EPOCH_UNIX_S
+from sim_vehicle.execution.state import EPOCH_UNIX_S
 from sim_vehicle.faults.fault import Fault
 from sim_vehicle.host.router import RadioRange
 from sim_vehicle.host.simulation import Impairment, Simulation, StopReason

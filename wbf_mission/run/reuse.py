@@ -37,7 +37,7 @@ from sensors.environment import Environment
 from sensors.environment.cache import EnvironmentMemory
 from sensors.estimation import Evidence
 from sensors.observations import Observations
-from sim_vehicle.epoch import EPOCH_UNIX_S
+from sim_vehicle.execution.state import EPOCH_UNIX_S
 from wbf_mission.planning import PlanResult
 from wbf_mission.planning.assignment import SortieNumber
 from wbf_mission.planning.fleet import Vehicle

@@ -113,7 +113,7 @@ SITL_LINKS: Mapping[str, Mapping[int, float]] = {
 }
 """Message rates of PX4's simulator by link; "" is the API link and every other link."""
 LIGHT_LINKS: Mapping[str, Mapping[int, float]] = {"payload": _ALIVE, "gimbal": _ALIVE}
-"""Message rates of links that differ from the usual rates of the vehicle."""
+"""Message rates by link, for links with rates of their own."""
 
 
 def simulator_urls(index: int) -> tuple[str, ...]:
@@ -292,7 +292,7 @@ _BOTH_OR_NEITHER = (4, 5)
 
 
 def px4_takeoff_and_landing(items: Sequence[MissionItem], parameters: RuntimeParameters) -> str | None:
-    """Return a refusal by MIS_TKO_LAND_REQ, or None.
+    """Return the reason why MIS_TKO_LAND_REQ refuses a mission, or None.
 
     Values: 1 needs a take-off, 2 a landing, 3 both, 4 and 5 both or neither. A return item does not count as
     a landing.

@@ -83,7 +83,8 @@ LEAST_WAY = 0.01
 SHAKE = 0.04
 """Noise of the estimated speed (m/s), which decides how the target waits for a vehicle at rest."""
 SIDE = 0.7071067811865476
-"""Guided position control: share of the acceleration allowed across if more is needed along."""
+"""Guided position control: share of the acceleration limit across the path if the part along it needs
+more."""
 
 
 @compiled(inline="always")

@@ -211,7 +211,7 @@ def begin(
 
 @compiled(inline="always")
 def _blurred_share(share: float, blur: float) -> float:
-    """Return the mean of `share`, clipped to 0..1, if `share` varies uniformly by `blur` to both sides."""
+    """Return the mean of `share` clipped to 0..1, over a uniform variation by `blur` to both sides."""
     high, low = share + blur, share - blur
     if low >= 1.0 or high <= 0.0 or (low >= 0.0 and high <= 1.0):
         return min(max(share, 0.0), 1.0)
@@ -351,8 +351,8 @@ def _lead_up(guide: Record, law: Record) -> bool:
 def _lead_to(guide: Record, law: Record) -> bool:
     """Move the target to a guided setpoint's position; return whether the target has arrived.
 
-    Follows `AC_PosControl::input_pos_NEU_m`. The speed is one from which half the acceleration limit, reached
-    at half the jerk limit, still stops at the position. The velocity correction is split into a part along
+    Follows `AC_PosControl::input_pos_NEU_m`. From its speed the target can stop at the position with half of
+    the acceleration and jerk limits. The velocity correction is split into a part along
     the wanted velocity and a part across. A turn of less than 45 or more than 135 degrees leaves most of the
     acceleration to the part along; other turns brake and turn at the same time.
     """

@@ -58,8 +58,8 @@ ENERGY_LIMIT = int(Limits.ENERGY_LIMIT)
 
 STOP_RADIUS = 0.05
 STOP_SPEED = 0.1
-# A leg has stalled when the vehicle stands still for this long, or when it takes longer than the length of
-# the leg and its initial detour take at the slowest speed.
+# A leg has stalled when the vehicle stands still for this long, or when the leg takes longer than its length
+# and its initial detour at the slowest speed.
 STALL_S = 30.0
 SLOWEST = 0.3
 # Closer to the region of interest than this, the nose keeps its direction.
@@ -82,7 +82,7 @@ def stopping_distance(v: float, a: float, v_end: float, limit: float, jerk: floa
     brake = -a
     peak = sqrt(jerk * lost + 0.5 * brake * brake)
     if peak <= brake:
-        # Releasing the brake loses too much speed already: return the distance until ``v_end``.
+        # Even an immediate release of the brake loses too much speed: return the distance until ``v_end``.
         t = (brake - sqrt(brake * brake - 2.0 * jerk * lost)) / jerk
         return distance + t * (v - t * (0.5 * brake - jerk * t / 6.0))
     if peak > limit:
@@ -100,7 +100,7 @@ def stopping_distance(v: float, a: float, v_end: float, limit: float, jerk: floa
 
 @compiled(inline="late", allocates=False)
 def _gentle_acceleration(room: float, jerk: float, dt: float) -> float:
-    """Return the acceleration that brings a speed `room` below its limit exactly to the limit.
+    """Return the acceleration that raises a speed, `room` below its limit, exactly to the limit.
 
     Releasing an acceleration in whole steps changes the speed by up to ``jerk dt^2 / 8`` more than in the
     continuous law. The last part takes two steps, which leaves no remainder to oscillate about.
@@ -232,7 +232,7 @@ def axes_of(row: Record) -> tuple[Axis, Axis, Axis]:
 
 @compiled(allocates=False)
 def _detour(row: Record, velocity: Vector, acceleration: Vector) -> float:
-    """Return the approximate distance flown off a new leg until the motion off the leg has stopped.
+    """Return the approximate detour at the start of a leg, until the motion off the leg has stopped.
 
     A leg may begin while the vehicle moves across or against it, as with a climb ordered in fast flight. The
     leg's axes then brake within their small limits.

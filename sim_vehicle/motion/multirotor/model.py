@@ -233,8 +233,8 @@ def prepare_route(route: Record, states: Record, legs: Record, limits_of: Record
             row.heading = leg.heading % (2.0 * pi)
         row.near, row.turn_rate = leg.near, leg.turn
         bx, by, bz = row.x, row.y, row.z
-    # Backward pass: the speed at each corner, and the next position to brake for. A corner that is slower
-    # than braking for that position allows becomes the position to brake for.
+    # Backward pass: the speed at each corner, and the next position to brake for. If a corner must be slower
+    # than the braking for that position, the corner is the next position to brake for.
     slow, way = 0.0, 0.0
     for i in range(n - 1, -1, -1):
         row = route[i]

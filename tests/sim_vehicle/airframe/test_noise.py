@@ -19,7 +19,6 @@ from sim_vehicle.mavlink.fleet import Fleet
 
 HOME = GeoPoint(28.05, -82.15, 12.0)
 QUAD = get_vehicle("quad")
-SENSORS = ("gps_east_m", "gps_north_m", "gps_up_m", "barometer_m")
 
 
 def errors_over(noise, count, every=1):
@@ -207,17 +206,6 @@ def test_messages_tell_belief_sensor_and_truth(autopilot, kind):
     pressure = told(vehicle, m.MAVLINK_MSG_ID_SCALED_PRESSURE, now_s).press_abs
     expected = 1013.25 * (1.0 - 2.25577e-5 * (12.0 + error.barometer_m)) ** 5.25588
     assert pressure == pytest.approx(expected, abs=1e-3)
-
-
-def test_without_noise_everything_is_as_it_was():
-    exact, off = SimVehicle(QUAD, HOME), SimVehicle(QUAD, HOME, noise=SensorNoise(seed=3))
-    assert off.errors is None and off.position_error(1e6) == (0.0, 0.0)
-    for now_s in (0.0, 0.1, 1.0, 2.0):
-        first, second = ([x.to_dict() for x in vehicle.poll(now_s)] for vehicle in (exact, off))
-        assert first == second
-    assert exact.schedule.interval_us(m.MAVLINK_MSG_ID_HIL_STATE_QUATERNION) == -1
-    true = told(exact, m.MAVLINK_MSG_ID_HIL_STATE_QUATERNION, 3.0)
-    assert (true.lat, true.lon, true.alt) == exact.state.position_e7
 
 
 def test_each_vehicle_has_its_own_errors_and_the_first_those_that_were_given():

@@ -5,45 +5,19 @@ from dataclasses import replace
 import pytest
 
 from mission.link.codec.dialect import mavlink as m
-from mission.model import GeoPoint
 from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.autopilot.ardupilot import ARDUPILOT
 from sim_vehicle.autopilot.modes import Mode
 from sim_vehicle.autopilot.px4 import PX4
-from sim_vehicle.execution.state import FlightPhase
-from sim_vehicle.mavlink import SimVehicle
 from sim_vehicle.pilot.controls import RefusedError
+from tests.support.rig import QUAD
+from tests.support.rig import Rig as SafetyRig
 
-HOME = GeoPoint(28.05, -82.15, 20.0)
-QUAD = get_vehicle("quad")
 # Cells of which each hangs low under the load of a flight.
 SOFT = replace(QUAD, battery=replace(QUAD.battery, resistance_ohm=0.15))
 
 
-class Rig:
-    def __init__(self, autopilot, spec=QUAD, **tuning):
-        self.vehicle = SimVehicle(spec, HOME, autopilot=autopilot)
-        self.pilot = self.vehicle.pilot
-        self.now_s, self.texts = 0.0, []
-        for name, value in tuning.items():
-            assert hasattr(self.pilot.parameters, name)
-            setattr(self.pilot.parameters, name, value)
-        self.pilot.apply_parameters()
-        self.run(0.1)
-
-    def run(self, seconds, until=None):
-        end_s = self.now_s + seconds
-        while self.now_s < end_s - 1e-9 and not (until and until()):
-            self.now_s = round(self.now_s + 0.1, 6)
-            messages = self.vehicle.poll(self.now_s)
-            self.texts += [s.text for s in messages if s.get_type() == "STATUSTEXT"]
-
-    def aloft(self):
-        self.pilot.arm()
-        self.pilot.takeoff(20.0)
-        self.run(30.0, until=lambda: self.pilot.state.phase is FlightPhase.HOLD)
-        assert self.pilot.state.phase is FlightPhase.HOLD
-
+class Rig(SafetyRig):
     def status(self):
         return self.vehicle.built(m.MAVLINK_MSG_ID_BATTERY_STATUS)[0]
 
@@ -111,42 +85,6 @@ def test_a_critical_voltage_lands():
     rig.run(11.0)
     assert rig.pilot.mode is Mode.LAND
     assert rig.status().charge_state == m.MAV_BATTERY_CHARGE_STATE_CRITICAL
-
-
-@pytest.mark.parametrize(
-    "tuning",
-    [
-        {"low_voltage_v": 16.2, "low_voltage_timer_s": 0.0},
-        {"low_voltage_v": 16.2, "low_voltage_source": 1},
-        {"low_voltage_v": 0.0},
-    ],
-    ids=["timer 0", "without the sag", "no voltage"],
-)
-def test_what_switches_the_failsafe_of_the_voltage_off(tuning):
-    rig = Rig(ARDUPILOT, SOFT, **tuning)
-    rig.aloft()
-    rig.run(20.0)
-    assert rig.pilot.mode is not Mode.RTL and not any("Battery" in text for text in rig.texts)
-
-
-def test_px4_does_not_watch_the_voltage():
-    rig = Rig(PX4, SOFT, low_voltage_v=16.2)
-    rig.aloft()
-    rig.run(20.0)
-    assert not any("Battery" in text for text in rig.texts)
-
-
-def test_a_short_sag_is_forgiven():
-    rig = Rig(ARDUPILOT, SOFT, low_voltage_v=16.2, low_voltage_timer_s=60.0)
-    rig.aloft()
-    rig.run(5.0)
-    rig.pilot.parameters.low_voltage_v = 12.0
-    rig.run(1.0)
-    rig.pilot.parameters.low_voltage_v = 16.2
-    rig.run(50.0)
-    assert not any("Battery" in text for text in rig.texts)
-    rig.run(15.0)
-    assert any("Battery low" in text for text in rig.texts)
 
 
 def test_a_pack_below_the_voltage_does_not_arm():

@@ -79,24 +79,6 @@ def test_a_mission_from_the_ground_to_the_ground(spec):
     assert state.velocity_m_s == (0.0, 0.0, 0.0)
 
 
-def test_the_flight_does_not_depend_on_how_often_it_is_looked_at():
-    wind = Wind(3.0, 1.0, gust_m_s=1.0, seed=5)
-
-    def run(step_s):
-        vehicle = executor(SQUARE, wind=wind)
-        vehicle.start()
-        return fly(vehicle, step_s=step_s), vehicle.motion.energy_j
-
-    often, energy = run(0.02)
-    rarely, same = run(1.7)
-    assert often == rarely
-    # The last moments before the motors stop are looked at in other portions.
-    assert energy == pytest.approx(same, abs=60.0)
-    vehicle = executor(SQUARE, wind=wind)
-    vehicle.start()
-    assert vehicle.fly_through(1e4) == often
-
-
 def test_advance_keeps_to_the_time():
     vehicle = executor(SQUARE)
     vehicle.start()
@@ -261,41 +243,6 @@ def test_absolute_altitudes_count_from_the_ground_at_home():
     assert vehicle.flight.phase is FlightPhase.HOLD
 
 
-def test_pause_and_resume():
-    vehicle = executor(SQUARE)
-    vehicle.start()
-    vehicle.advance(12.0)
-    seq = vehicle.mission.current_seq
-    vehicle.flight.hold()
-    assert vehicle.flight.phase is FlightPhase.HOLD
-    vehicle.advance(20.0)
-    here = vehicle.state().position_m
-    vehicle.advance(40.0)
-    assert vehicle.state().position_m == pytest.approx(here, abs=0.02)
-    assert vehicle.mission.current_seq == seq
-    vehicle.start()
-    events = fly(vehicle)
-    assert reached(events)[0] == seq
-    assert isinstance(events[-1], Disarmed)
-
-
-def test_set_current():
-    vehicle = executor(SQUARE)
-    vehicle.mission.set_current(0)
-    vehicle.start()
-    vehicle.advance(8.0)
-    vehicle.mission.set_current(3)
-    events = fly(vehicle)
-    assert CurrentChanged(vehicle_time(events), 3) == events[0]
-    assert reached(events) == [3, 4]
-    with pytest.raises(VehicleError, match="5 items"):
-        vehicle.mission.set_current(5)
-
-
-def vehicle_time(events):
-    return events[0].time_s
-
-
 def test_direct_targets():
     vehicle = executor()
     vehicle.takeoff(12.0)
@@ -387,6 +334,8 @@ def test_orders_that_make_no_sense():
     vehicle.disarm(force=True)
     assert vehicle.advance(2.5)[0] == Landed(2.0)
     assert vehicle.state().landed is LandedState.ON_GROUND
+    with pytest.raises(VehicleError, match="another kind"):
+        vehicle.update_spec(IDEAL)
 
 
 def test_a_mission_without_takeoff_ends_at_once_and_disarms():
@@ -413,23 +362,6 @@ def test_a_loop_without_a_place_is_refused_in_flight_too():
     vehicle.start()
     events = vehicle.advance(20.0)
     assert "never lead" in only(events, CannotFly)[0].reason
-
-
-def test_changes_in_flight():
-    vehicle = executor(SQUARE)
-    vehicle.start()
-    vehicle.advance(8.0)
-    vehicle.set_speed(2.0)
-    vehicle.advance(11.0)
-    assert math.hypot(*vehicle.state().velocity_m_s) == pytest.approx(2.0, abs=0.05)
-    vehicle.update_spec(replace(QUAD, acceptance_radius_m=0.3, return_altitude_m=30.0))
-    vehicle.mission.load([takeoff(), wp(0, 5), RTL])
-    assert vehicle.flight.phase is FlightPhase.HOLD
-    assert vehicle.mission.current_seq == 0
-    vehicle.start()
-    assert reached(fly(vehicle)) == [0, 1, 2]
-    with pytest.raises(VehicleError, match="another kind"):
-        vehicle.update_spec(IDEAL)
 
 
 def test_the_attitude_shows_the_acceleration():

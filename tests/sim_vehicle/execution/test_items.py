@@ -9,6 +9,7 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from mission_items import HOME, RTL, at, do, takeoff, wp
+from short_flights import started
 
 from mission.model import Mission, MissionItem
 from sim_vehicle.airframe.catalog import get_vehicle
@@ -222,10 +223,7 @@ SQUARE = [
 @settings(max_examples=25, deadline=None)
 @given(st.floats(0.1, 110.0), st.sampled_from(["resume", "jump", "start"]), st.integers(0, 5))
 def test_a_pause_at_any_moment_loses_nothing(when_s, how, seq):
-    vehicle = MissionExecutor(QUAD, HOME)
-    vehicle.mission.load(SQUARE)
-    vehicle.arm()
-    vehicle.start()
+    vehicle = started(SQUARE, QUAD, HOME)
     events = vehicle.advance(when_s)
     if not vehicle.flight.armed or vehicle.flight.landed is LandedState.ON_GROUND:
         return
@@ -253,10 +251,7 @@ def test_a_pause_at_any_moment_loses_nothing(when_s, how, seq):
 @example(35.0, 3)
 @example(35.2, 3)
 def test_a_mission_changed_in_flight_goes_on(when_s, current):
-    vehicle = MissionExecutor(QUAD, HOME)
-    vehicle.mission.load(SQUARE)
-    vehicle.arm()
-    vehicle.start()
+    vehicle = started(SQUARE, QUAD, HOME)
     vehicle.advance(when_s)
     vehicle.mission.load([takeoff(), wp(10, 0), wp(10, 10), RTL], current=current)
     assert vehicle.mission.current_seq == current

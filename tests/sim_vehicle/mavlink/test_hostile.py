@@ -2,28 +2,21 @@
 
 import gc
 import random
-import socket
 import struct
-import threading
-import time
 import tracemalloc
 
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from mission.link import MavlinkEndpoint
 from mission.link.codec.dialect import mavlink as m
-from mission.link.codec.frames import FrameReader, FrameWriter
+from mission.link.codec.frames import FrameWriter
 from mission.model import GeoPoint, Mission, MissionItem
 from mission.transfer.driver import TransferDriver
 from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.autopilot.ardupilot import ARDUPILOT
 from sim_vehicle.autopilot.px4 import PX4
-from sim_vehicle.host.server import Server
 from sim_vehicle.host.simulation import Simulation
 from sim_vehicle.mavlink import SimVehicle
-from tests.support.peer import running
 
 HOME = GeoPoint(28.05, -82.15, 20.0)
 KINDS = sorted(m.mavlink_map)
@@ -132,111 +125,6 @@ def test_ten_million_bytes(autopilot):
     tracemalloc.stop()
     assert growth < 8_000_000, growth
     assert still_works(vehicle)
-
-
-@pytest.mark.parametrize("kind", ["all"])
-def test_every_message_of_the_dialect_with_random_fields(kind):
-    rng = random.Random(11)
-    vehicle = SimVehicle(get_vehicle("quad"), HOME)
-    reader, writer = FrameReader(), FrameWriter(1, 1)
-    now_s = 0.0
-    for number in KINDS:
-        for _ in range(4):
-            for message in reader.feed(valid_frame(rng, number)):
-                for answer in vehicle.receive(message, now_s):
-                    writer.encode(answer)
-            now_s += 0.01
-        for answer in vehicle.poll(now_s):
-            writer.encode(answer)
-    assert reader.frames > 2 * len(KINDS)
-
-
-@given(st.lists(st.binary(max_size=300), max_size=20))
-@settings(max_examples=60)
-def test_any_bytes_through_a_link(pieces):
-    simulation = Simulation([SimVehicle(get_vehicle("quad"), HOME)])
-    link = simulation.open_link()
-    for piece in pieces:
-        link.send(piece)
-        link.sleep(0.05)
-    assert simulation.now_s == pytest.approx(0.05 * len(pieces))
-
-
-def serving():
-    """A vehicle on TCP and UDP, in its own thread."""
-    urls = ["tcpin:127.0.0.1:0", "udpin:127.0.0.1:0"]
-    return running(Server([SimVehicle(get_vehicle("quad"), HOME)], urls))
-
-
-def port_of(url):
-    return int(url.rsplit(":", 1)[1])
-
-
-def connected(server):
-    return socket.create_connection(("127.0.0.1", port_of(server.urls[0])))
-
-
-def ping(connection, number):
-    """Ask something, and wait for the answer."""
-    codec = m.MAVLink(None, 240, 190)
-    reader = FrameReader({4})
-    connection.settimeout(0.2)
-    end = time.monotonic() + 30.0
-    while time.monotonic() < end:
-        connection.send(m.MAVLink_ping_message(1, number, 0, 0).pack(codec))
-        try:
-            data = connection.recv(65536)
-        except TimeoutError:
-            continue
-        if any(message.seq == number and message.target_system for message in reader.feed(data)):
-            return True
-    return False
-
-
-def test_a_server_under_fire_goes_on_answering():
-    rng = random.Random(5)
-    with serving() as server:
-        attackers = [connected(server) for _ in range(3)]
-        udp = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        udp.connect(("127.0.0.1", port_of(server.urls[1])))
-        for _ in range(150):
-            for attacker in attackers:
-                attacker.setblocking(False)
-                try:
-                    attacker.send(b"".join(attack(rng) for _ in range(5)))
-                    attacker.recv(1 << 20)
-                except (BlockingIOError, ConnectionError):
-                    pass
-            udp.send(attack(rng))
-        honest = connected(server)
-        assert ping(honest, 77)
-        for one in (*attackers, udp, honest):
-            one.close()
-
-
-def test_ten_clients_at_once():
-    with serving() as server:
-        items = tuple(MissionItem.waypoint(28.05 + 1e-5 * k, -82.15, 10.0) for k in range(5))
-        clients = [connected(server) for _ in range(10)]
-        answers = []
-        threads = [
-            threading.Thread(target=lambda c=c, i=i: answers.append(ping(c, 100 + i)))
-            for i, c in enumerate(clients)
-        ]
-        for thread in threads:
-            thread.start()
-        for thread in threads:
-            thread.join(10.0)
-        assert answers == [True] * 10
-        from mission.link import open_link
-
-        with TransferDriver(
-            MavlinkEndpoint(open_link(f"tcp:127.0.0.1:{port_of(server.urls[0])}"), 255, 190)
-        ) as driver:
-            driver.upload(Mission(items, home=HOME))
-        assert len(server.clients) >= 10
-        for client in clients:
-            client.close()
 
 
 def steps_of_upload(items):

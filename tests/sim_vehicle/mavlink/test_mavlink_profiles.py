@@ -9,9 +9,9 @@ from processes import wait_until
 
 from mission.ground.station import GroundStation
 from mission.link import FrameReader, FrameWriter
+from mission.link.address import MavlinkEndpoint
 from mission.link.codec.dialect import mavlink as m
 from mission.link.codec.signing import Signing
-from mission.link.endpoint import MavlinkEndpoint
 from mission.link.opening import open_link
 from mission.model import Command, Frame, Mission, MissionItem, MissionType
 from mission.outcome import Outcome
@@ -106,16 +106,6 @@ def test_mavsdk_notices_a_new_plan():
         sdk.destroy()
 
 
-def test_ardupilot_tells_its_items_one_by_one():
-    peer = Peer(ARDUPILOT)
-    peer.start()
-    peer.wait(90.0)
-    assert not peer.vehicle.pilot.armed
-    assert [message.seq for message in peer.of("MISSION_ITEM_REACHED")] == [1, 2, 3]
-    last = peer.of("MISSION_CURRENT")[-1]
-    assert (last.seq, last.mission_state) == (0, 5)
-
-
 def test_px4_repeats_what_was_reached_and_reports_the_return_instead_of_the_last_place():
     peer = Peer(PX4)
     peer.start()
@@ -161,19 +151,6 @@ def test_ardupilot_streams_nothing_unasked():
     before = len(peer.told)
     peer.wait(2.0)
     assert {message.get_type() for message in peer.told[before:]} == {"HEARTBEAT"}
-
-
-def test_ardupilot_guards_the_mission_that_it_flies():
-    peer = Peer(ARDUPILOT)
-    peer.start()
-    peer.wait(6.0)
-    assert peer.vehicle.pilot.mission.current_seq == 1
-    (ack,) = (
-        a for a in peer.tell(m.MAVLink_mission_clear_all_message(1, 1, 0)) if a.get_type() == "MISSION_ACK"
-    )
-    assert ack.type == wire.ERROR
-    assert peer.upload(tuple(map(_plain, (TAKEOFF, THERE, THERE, BACK)))).type == 0
-    assert "Auto mission changed, restarted command" in peer.texts()
 
 
 def test_px4_stores_what_makes_no_sense_and_does_not_fly_it():

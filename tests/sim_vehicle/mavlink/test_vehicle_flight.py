@@ -205,36 +205,9 @@ def test_telemetry_rates_and_contents():
     assert beat.base_mode & 1
 
 
-def test_the_same_seed_gives_the_same_bytes():
-    from sim_vehicle.weather.wind import Wind
-
-    def run():
-        seen = []
-        wind = Wind(2.0, -1.0, 1.0, seed=5)
-        vehicle = SimVehicle(get_vehicle("quad"), HOME, wind=wind)
-        ground = Ground(SURVEY, [(2.0, ARM), (2.2, START)])
-        Simulation([vehicle, ground], tap=lambda frame, now_s: seen.append((now_s, frame))).run(limit_s=60.0)
-        return seen
-
-    assert run() == run()
-
-
 def test_mode_then_arm_starts_the_mission_as_qgroundcontrol_does_it():
     vehicle, _ground, reason, _ = fly(SURVEY, [(2.0, MISSION_MODE), (2.5, ARM)])
     assert (vehicle.outcome, reason) == (Outcome.COMPLETED, StopReason.FINISHED)
-
-
-def test_hold_and_continue():
-    hold = command(m.MAV_CMD_DO_SET_MODE, 1.0, 4.0, 3.0)
-    vehicle, ground, _, _ = fly(SURVEY, [(2.0, ARM), (2.2, START), (12.0, hold), (40.0, MISSION_MODE)])
-    assert vehicle.outcome is Outcome.COMPLETED
-    still = [
-        abs(message.vx) + abs(message.vy)
-        for now_s, message in ground.heard
-        if message.get_type() == "GLOBAL_POSITION_INT" and 25.0 < now_s < 40.0
-    ]
-    assert max(still) == 0
-    assert 4 in {message.mission_state for message in ground.of("MISSION_CURRENT")}
 
 
 def test_return_to_launch_in_mid_mission_is_an_interruption_and_stops_the_camera():
@@ -260,56 +233,6 @@ def test_a_camera_that_never_answers_is_reported():
     assert vehicle.outcome is Outcome.COMPLETED
 
 
-def test_takeoff_hold_goto_land():
-    to = place(30, -20)
-    goto = m.MAVLink_command_int_message(
-        1,
-        1,
-        3,
-        m.MAV_CMD_DO_REPOSITION,
-        0,
-        0,
-        -1.0,
-        1.0,
-        0.0,
-        float("nan"),
-        round(to[0] * 1e7),
-        round(to[1] * 1e7),
-        15.0,
-    )
-    vehicle, ground, _, _ = fly(
-        (),
-        [(1.0, ARM), (1.5, command(22, 0, 0, 0, 0, 0, 0, float("nan"))), (15.0, goto), (40.0, command(21))],
-        until=lambda t: t > 5.0 and not vehicle_armed(t, 60.0),
-        limit_s=60.0,
-    )
-    altitudes = {
-        round(now_s): message.relative_alt / 1000
-        for now_s, message in ground.heard
-        if message.get_type() == "GLOBAL_POSITION_INT"
-    }
-    assert altitudes[14] == pytest.approx(10.0, abs=0.1)
-    assert altitudes[39] == pytest.approx(15.0, abs=0.1)
-    assert FRAME.from_wgs84(*[v / 1e7 for v in position_at(ground, 39.0)]) == pytest.approx(
-        (30.0, -20.0), abs=0.1
-    )
-    assert (22, 0) in ground.acks() and (192, 0) in ground.acks() and (21, 0) in ground.acks()
-    assert not vehicle.pilot.armed
-    assert vehicle.outcome is Outcome.RUNNING, "no mission, so none that could end"
-
-
-def vehicle_armed(now_s, limit_s):
-    return now_s < limit_s
-
-
-def position_at(ground, time_s):
-    return next(
-        (message.lat, message.lon)
-        for now_s, message in ground.heard
-        if message.get_type() == "GLOBAL_POSITION_INT" and now_s >= time_s
-    )
-
-
 def drain(fraction):
     """Use the battery down to a fraction."""
 
@@ -317,31 +240,6 @@ def drain(fraction):
         vehicle.pilot.drain_battery(fraction)
 
     return prepare
-
-
-LONG = (TAKEOFF, *(waypoint(100 if i % 2 else 0, 2 * i) for i in range(60)), RTL)
-
-
-def test_low_battery_returns_and_lands():
-    vehicle, ground, reason, _ = fly(LONG, [(2.0, ARM), (2.2, START)], prepare=drain(0.22))
-    assert vehicle.outcome is Outcome.BATTERY_LOW
-    assert any("Battery low" in text for text in ground.texts())
-    assert reason is StopReason.FINISHED
-    assert vehicle.pilot.mode is Mode.MISSION, "PX4 goes back to it"
-    assert vehicle.pilot.state.position_m[:2] == pytest.approx((0.0, 0.0), abs=1.0)
-
-
-def test_a_dead_battery_ends_the_flight_where_it_is():
-    def prepare(vehicle):
-        drain(0.03)(vehicle)
-        vehicle.pilot.parameters.low_battery_action = 0
-
-    force = command(m.MAV_CMD_COMPONENT_ARM_DISARM, 1.0, 21196.0)
-    vehicle, ground, reason, _ = fly(LONG, [(2.0, force), (2.2, START)], prepare=prepare)
-    assert vehicle.outcome is Outcome.BATTERY_DEPLETED
-    assert reason is StopReason.FINISHED
-    assert vehicle.pilot.state.position_m[2] == 0.0
-    assert any("Battery empty" in text for text in ground.texts())
 
 
 @pytest.mark.parametrize(
@@ -448,23 +346,6 @@ def test_px4_ends_a_mission_in_the_mode_of_returns():
     assert current_s - beat_s < 0.1 and (current.seq, current.mission_state) == (last, 5)
 
 
-def test_what_is_sent_on_the_way_home_that_ends_a_mission_does_not_stop_a_px4():
-    vehicle = SimVehicle(get_vehicle("quad"), HOME)
-    ground = Ground(SURVEY, [(2.0, ARM), (2.2, START)])
-    simulation = Simulation([vehicle, ground])
-    assert simulation.run(lambda now_s: vehicle.pilot.mode is Mode.RTL, 200.0) is StopReason.FINISHED
-    path_m = vehicle.pilot.state.path_length_m
-    ground.items = (TAKEOFF, waypoint(0, 5), waypoint(-10, 0), RTL)
-    ground.orders = [
-        (simulation.now_s + 0.5, m.MAVLink_mission_count_message(1, 1, 4, 0)),
-        (simulation.now_s + 2.0, m.MAVLink_mission_set_current_message(1, 1, 1)),
-    ]
-    assert simulation.run(lambda now_s: not vehicle.pilot.armed, 200.0) is StopReason.FINISHED
-    east, north, up = vehicle.true_position_m
-    assert (east, north, up) == pytest.approx((0.0, 0.0, 0.0), abs=1.0)
-    assert vehicle.pilot.state.path_length_m > path_m + 20.0
-
-
 @pytest.mark.parametrize("autopilot", [PX4, ARDUPILOT])
 def test_mission_start_arms_a_px4_and_no_ardupilot(autopilot):
     vehicle, ground, _, _ = fly(
@@ -484,17 +365,3 @@ def test_a_px4_that_cannot_arm_refuses_to_start_its_mission():
     assert (int(m.MAV_CMD_MISSION_START), 1) in ground.acks(), "TEMPORARILY_REJECTED"
     assert not vehicle.pilot.armed
     assert any(text.startswith("Preflight Fail: battery low") for text in ground.texts())
-
-
-def test_replacing_the_mission_in_flight():
-    vehicle = SimVehicle(get_vehicle("quad"), HOME)
-    ground = Ground(SURVEY, [(2.0, ARM), (2.2, START)])
-    simulation = Simulation([vehicle, ground])
-    simulation.run(limit_s=8.0)
-    # Item 2 is flown to, and stays the present one.
-    ground.items = (TAKEOFF, waypoint(0, 5), waypoint(-10, 0), RTL)
-    ground.orders = [(8.5, m.MAVLink_mission_count_message(1, 1, 4, 0))]
-    assert simulation.run(lambda now_s: vehicle.outcome.is_over, 200.0) is StopReason.FINISHED
-    assert vehicle.outcome is Outcome.COMPLETED
-    west = min(FRAME.from_wgs84(p.lat / 1e7, p.lon / 1e7)[0] for p in ground.of("GLOBAL_POSITION_INT"))
-    assert west == pytest.approx(-10.0, abs=1.1)

@@ -297,17 +297,6 @@ def test_items_that_the_simulator_cannot_fly_are_refused(autopilot, command):
     assert Peer(autopilot).upload(items) == wire.UNSUPPORTED
 
 
-def test_clearing_the_mission():
-    peer = Peer()
-    peer.upload(survey())
-    assert peer.vehicle.pilot.mission.size == 3
-    answers = peer.tell(m.MAVLink_mission_clear_all_message(1, 1, 0))
-    assert [a.type for a in answers if a.get_type() == "MISSION_ACK"] == [0]
-    assert peer.vehicle.pilot.mission.size == 0
-    current = peer.command(512, 42)[-1]
-    assert (current.seq, current.total, current.mission_state) == (0, 65535, 1)
-
-
 def test_fence_and_rally_do_not_touch_the_mission():
     peer = Peer()
     peer.upload(survey())

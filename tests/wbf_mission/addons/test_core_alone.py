@@ -113,7 +113,7 @@ def test_what_add_ons_bring_is_not_there(alone, words):
 def test_files_of_add_ons_are_of_no_known_format(alone):
     assert alone[CONVERT].code == 2
     said = " ".join(alone[CONVERT].err.split())
-    assert "missions are read from .plan, .waypoints, .wpl, .txt, .fen, .ral or .json" in said
+    assert "missions are read from .plan, .waypoints, .wpl, .txt or .json" in said
 
 
 @pytest.mark.parametrize("words", OTHER_VEHICLES)

@@ -18,8 +18,8 @@ from typing import Any
 import msgspec
 
 from geo.atomic import atomic_write
-from geo.memory import memory_bounded
 from geo.reading import Archive, ArchiveError, UnreadableError, archive_of, misfit, not_json, read_file
+from geo.system import memory_bounded
 from wbf_mission.bench.rows import TABLE, BenchRow, by_pair, by_scenario, rows_of, rows_table
 from wbf_mission.bench.spec import seeds_text
 from wbf_mission.results.storage import ResultError, table_bytes

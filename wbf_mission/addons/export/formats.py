@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, TypeAlias
 
 from mission.errors import LinkError
 from mission.link.tlog import read_tlog
-from sim_vehicle.epoch import EPOCH_UNIX_S
+from sim_vehicle.execution.state import EPOCH_UNIX_S
 from wbf_mission.addons.base.replay import events_of
 from wbf_mission.events import VehicleMoved
 from wbf_mission.progress import Progress, silent

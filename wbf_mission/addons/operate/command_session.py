@@ -13,9 +13,8 @@ from mission.ground.command import (
     VehicleRefusedError,
     VehicleSilentError,
 )
-from mission.ground.contact import Contact, Heartbeat
+from mission.ground.contact import Answer, Contact, Heartbeat, Order, StateBefore, result_name
 from mission.ground.modes import Maneuver
-from mission.ground.orders import Answer, Order, StateBefore, result_name
 from mission.ground.vehicle_state import VehicleMonitor
 from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m

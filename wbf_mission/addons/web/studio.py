@@ -21,7 +21,7 @@ from geo.errors import FarmError, WbfMissionError
 from geo.grid import Crop
 from geo.texts import parse_number
 from mission.planners import make_planner
-from mission.planners.registry import planner_parameters
+from mission.planners.request import planner_parameters
 from mission.policies.policy import policy_parameters
 from mission.transfer.vehicles import Vehicle
 from wbf_mission.addons.web import drafts

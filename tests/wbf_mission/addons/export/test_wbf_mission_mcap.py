@@ -14,7 +14,7 @@ from google.protobuf import json_format
 from jsonschema import Draft7Validator
 from mcap.reader import make_reader
 
-from sim_vehicle.epoch import EPOCH_UNIX_S
+from sim_vehicle.execution.state import EPOCH_UNIX_S
 from wbf_mission.addons.export import layers
 from wbf_mission.addons.export.formats import export
 from wbf_mission.addons.export.rerun import ExportError

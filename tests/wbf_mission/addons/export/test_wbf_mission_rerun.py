@@ -11,7 +11,7 @@ import pytest
 from exported_runs import fleet_run
 from rerun.chunk import RrdReader
 
-from sim_vehicle.epoch import EPOCH_UNIX_S
+from sim_vehicle.execution.state import EPOCH_UNIX_S
 from wbf_mission.addons.export.formats import export
 from wbf_mission.cli.app import main
 from wbf_mission.results.result import Result, load_result

@@ -17,7 +17,7 @@ from pyogrio.raw import read
 from mission.files import open_mission
 from mission.link.codec.dialect import mavlink as m
 from mission.link.tlog import TlogWriter
-from sim_vehicle.epoch import EPOCH_UNIX_S
+from sim_vehicle.execution.state import EPOCH_UNIX_S
 from wbf_mission.addons.export.command import To
 from wbf_mission.addons.export.formats import FORMATS, export
 from wbf_mission.cli.app import main

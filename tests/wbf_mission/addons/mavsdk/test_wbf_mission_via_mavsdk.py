@@ -22,7 +22,7 @@ from mission.link.address import parse_link_url
 from mission.link.codec.dialect import mavlink as m
 from mission.model import Command, Frame, Mission, MissionItem
 from mission.outcome import Outcome, Phase
-from mission.transfer.errors import NoVehicleError, RemoteTransferError
+from mission.transfer.events import NoVehicleError, RemoteTransferError
 from wbf_mission.exit_codes import ExitCode, exit_code_of
 from wbf_mission.flight import fly
 from wbf_mission.live.discovery import LiveFlightError

@@ -11,7 +11,7 @@ from pettingzoo.test import parallel_api_test, parallel_seed_test
 from mission.policies.decision import NO_CHANGE, Decision
 from mission.policies.observation import Event
 from mission.policies.policy import NEVER_AGAIN
-from sim_vehicle.motion.ideal import ideal_positions
+from tests.support.ideal_robot import ideal_positions
 from wbf_mission import Scenario, fly, load_scenario, scenario_with
 from wbf_mission.addons.rl import SurveyEnv, TrainingError, parallel_env
 from wbf_mission.addons.rl.episode import Episode

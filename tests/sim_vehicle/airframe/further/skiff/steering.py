@@ -3,7 +3,7 @@
 from dataclasses import replace
 from types import MappingProxyType
 
-from sim_vehicle.airframe.parameters import ParameterSpec
+from sim_vehicle.autopilot.parameters import ParameterSpec
 from skiff import Hull
 from wbf_mission.addons.rovers.procedures import RoverProcedures
 

@@ -20,19 +20,8 @@ from wbf_mission.addons.ensembles.ensemble import Ensemble
 from wbf_mission.cli.app import main
 
 GENERATE = ["farm", "generate", "--farm", "miniberry-10", "--days", "3"]
-FLY = [
-    "fly",
-    "--farm",
-    "miniberry-30",
-    "--vehicle",
-    "ideal",
-    "--planner",
-    "lawnmower",
-    "--estimator",
-    "adaptive-disk",
-    "--no-files",
-    "--json",
-]
+FLY = ["fly", "--farm", "miniberry-10", "--vehicle", "ideal", "--planner", "lawnmower"]
+FLY += ["--estimator", "adaptive-disk", "--no-files", "--json"]
 
 
 def run(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str, str]:

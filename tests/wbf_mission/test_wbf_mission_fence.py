@@ -49,7 +49,7 @@ def lands(draw):
 
 
 @given(lands(), st.floats(1.0, 40.0), st.lists(st.tuples(st.floats(0, 400), st.floats(0, 400)), max_size=6))
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=15, deadline=None)
 def test_a_fence_holds_land_and_path_with_few_vertices(land, distance_m, path):
     farm = farm_of(land)
     pole = Obstacle(shapely.Point(200, 200).buffer(3.0, quad_segs=30))

@@ -328,7 +328,7 @@ def test_a_mission_in_sorties_is_flown_as_one_run(small, calm, tmp_path):
     # The change of batteries is time that passes.
     without = fly(one, by=Simulated(change_s=0.0))
     assert result.simulated_s - without.simulated_s == pytest.approx(100.0 * (sorties - 1))
-    result.save(tmp_path / "run")
+    result.save(tmp_path / "run", plots=False)
     loaded = load_result(tmp_path / "run")
     assert [flight.plan.mission for flight in loaded.flights] == missions
 

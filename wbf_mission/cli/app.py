@@ -8,6 +8,7 @@ import logging
 import os
 import sys
 import warnings
+from functools import cache
 from typing import Annotated, Any
 
 import typer
@@ -52,6 +53,7 @@ _COMMANDS = {
     "bench.run": Command(bench.run_command, bench.RUN_EXAMPLES),
 }
 add_commands(app, _GROUPS, _COMMANDS)
+_built = cache(typer.main.get_command)  # typer would build all commands for every call
 
 
 def _print_version(wanted: bool) -> None:
@@ -101,7 +103,7 @@ def _run(arguments: list[str]) -> int:
     except FileNotFoundError:
         return _complain("the working folder was removed: change to one that is there", ExitCode.BAD_INPUT)
     try:
-        code = app(args=arguments, standalone_mode=False, prog_name="wbf-mission", obj=arguments)
+        code = _built(app)(args=arguments, standalone_mode=False, prog_name="wbf-mission", obj=arguments)
     except typer.TyperException as error:
         return _complain(_usage(error), error.exit_code)
     except WbfMissionError as error:
@@ -119,9 +121,8 @@ def _run(arguments: list[str]) -> int:
     except MemoryError:
         return _complain("out of memory: choose a smaller farm or fewer days", ExitCode.BAD_INPUT)
     except OSError as error:
-        if (
-            error.filename is None and error.errno == errno.ENOSPC
-        ):  # an error without a file name is of stdout
+        # An error without a file name is of stdout
+        if error.filename is None and error.errno == errno.ENOSPC:
             raise StdoutError(error) from error
         where = f"{error.filename}: " if error.filename else ""
         return _complain(f"{where}{error.strerror or error}", ExitCode.BAD_INPUT)
@@ -143,9 +144,8 @@ def _run(arguments: list[str]) -> int:
 def _usage(error: typer.TyperException) -> str:
     """Return the message of a usage error, without the prefixes that libraries add."""
     at: Any = getattr(error, "ctx", None)
-    command = "wbf-mission" if at is None else at.command_path
     text = error.format_message().replace("Value error, ", "", 1).replace("\n\t", " ")
-    return f"{text} (see '{command} --help')"
+    return f"{text} (see '{'wbf-mission' if at is None else at.command_path} --help')"
 
 
 def _one_line_warning(message: Warning | str, *_where: object, **_also: object) -> str:

@@ -135,7 +135,7 @@ def all_images(autopilot, path):
 @example(path="short legs", begin=0.2, seconds=2.5)
 @example(path="short legs", begin=0.328125, seconds=5.0)
 @example(path="there and back", begin=0.3, seconds=11.0)
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=8, deadline=None)
 def test_they_are_those_that_an_unbroken_link_would_have_shown(autopilot, path, begin, seconds):
     """Within a leg, over several, over a turn and into the way home."""
     taken_ms = all_images(autopilot, path)

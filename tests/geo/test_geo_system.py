@@ -1,6 +1,7 @@
 """What each operating system does in its own way, here on Linux and where parts of it are hidden."""
 
 import errno
+import gc
 import os
 import resource
 import signal
@@ -12,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from geo.atomic import lock_file, made_by_one
-from geo.system import allow_open_files, process_age_s, steady_s
+from geo.system import allow_open_files, free_unused_memory, process_age_s, steady_s, use_memory_again
 
 
 def test_the_steady_clock_runs_during_sleep(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -59,36 +60,50 @@ def test_the_limit_of_open_files_is_raised_and_never_lowered(monkeypatch: pytest
         resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
 
 
-_ARRAYS_IN_THREADS = """
-import gc, resource, sys, threading
+@pytest.mark.parametrize("platform", ["linux", "darwin"])
+def test_memory_is_used_again_where_the_c_library_can(platform: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    calls = []
+
+    class Library:
+        def __init__(self, name: str | None) -> None:
+            assert name is None
+
+        def mallopt(self, parameter: int, value: int) -> int:
+            calls.append((parameter, value))
+            return 1
+
+    monkeypatch.setattr(sys, "platform", platform)
+    monkeypatch.setattr("ctypes.CDLL", Library)
+    threshold = gc.get_threshold()
+    try:
+        use_memory_again()
+        free_unused_memory()  # A library without malloc_trim
+        assert gc.get_threshold()[0] > threshold[0]
+    finally:
+        gc.set_threshold(*threshold)
+    arenas, mapped_bytes, trim_bytes = (-8, 2), (-3, 32 * 2**20), (-1, 2**31 - 1)  # malloc.h
+    assert calls == ([arenas, mapped_bytes, trim_bytes] if platform == "linux" else [])
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="Linux frees memory on request")
+def test_memory_in_use_again_is_freed_on_request() -> None:
+    code = """
+import resource
+from pathlib import Path
 from geo.system import free_unused_memory, use_memory_again
 
-if sys.argv[1] == "again":
-    use_memory_again()
+def in_use():
+    return int(Path("/proc/self/statm").read_text().split()[1]) * resource.getpagesize()
 
-def work():
-    for _ in range(20):
-        bytearray(16_000_000)
-
-for _ in range(4):
-    thread = threading.Thread(target=work)
-    thread.start()
-    thread.join()
+use_memory_again()
+blocks = [bytearray(16_000_000) for _ in range(8)]
+del blocks
+kept = in_use()
 free_unused_memory()
-kib = next(line.split()[1] for line in open("/proc/self/status") if line.startswith("RssAnon"))
-print(resource.getrusage(resource.RUSAGE_SELF).ru_minflt, kib, gc.get_threshold()[0])
+print(kept - in_use())
 """
-
-
-def test_memory_is_used_again_and_can_still_be_freed() -> None:
-    found = {}
-    for way in ("anew", "again"):
-        call = [sys.executable, "-c", _ARRAYS_IN_THREADS, way]
-        found[way] = list(map(int, subprocess.run(call, capture_output=True, check=True).stdout.split()))
-    array_pages = 16_000_000 // os.sysconf("SC_PAGE_SIZE")
-    assert found["again"][0] < found["anew"][0] - array_pages / 2  # Page faults
-    assert found["again"][1] < found["anew"][1] + 4_000  # KiB left
-    assert found["again"][2] > found["anew"][2]
+    freed = subprocess.run([sys.executable, "-c", code], capture_output=True, check=True).stdout
+    assert int(freed) > 100_000_000
 
 
 def test_a_forked_process_does_not_keep_the_lock(tmp_path: Path) -> None:

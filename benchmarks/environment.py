@@ -25,7 +25,7 @@ from scipy.signal import convolve2d
 
 from geo.farms import get_farm
 from geo.grid import Crop, FarmGrid
-from geo.units import FOOT_M
+from geo.texts import FOOT_M
 from sensors.dynamics.epidemic import InfectionRule, draw_seeds, step
 from sensors.dynamics.soil import Shower, SoilCourse, draw_weather
 from sensors.environment import CCR, TYLCV, EpidemicParameters, SoilParameters, generate_environment

@@ -25,7 +25,7 @@ from threadpoolctl import threadpool_limits
 
 from wbf_mission.addons.boards.submission import read_pack
 from wbf_mission.bench import intervals
-from wbf_mission.bench.environments import scored
+from wbf_mission.bench.standings import scored
 
 Floats = NDArray[np.float64]
 Draw = Callable[[np.random.Generator, tuple[int, int]], tuple[Floats, Floats]]

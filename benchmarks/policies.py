@@ -43,7 +43,7 @@ from sensors.estimators import make_estimator
 from sensors.fields import PAPER_FIELDS
 from sensors.observations import Observations
 from sensors.scoring.score import PAPER_WEIGHTS, RunningScore
-from wbf_mission.bench.intervals import ratio_interval
+from wbf_mission.bench.intervals import ratio_intervals
 
 DAY = 6
 SCORED = 36
@@ -235,7 +235,7 @@ def ratio(ours: Losses, theirs: Losses) -> str:
     ours : float64[environments]
     theirs : float64[plans, environments]
     """
-    found = ratio_interval(ours, theirs[theirs.mean(axis=-1).argmin()])
+    (found,) = ratio_intervals([(ours, theirs[theirs.mean(axis=-1).argmin()])])
     return f"{found.mean:.3f} ({found.low:.3f}-{found.high:.3f})"
 
 

@@ -32,7 +32,7 @@ from common import options_of
 from geo.atomic import atomic_write
 from mission.errors import PlanningError
 from wbf_mission.bench.benchmark import benchmark
-from wbf_mission.bench.intervals import Interval, mean_interval
+from wbf_mission.bench.intervals import Interval, mean_intervals
 from wbf_mission.bench.rows import BenchRow
 from wbf_mission.bench.spec import BenchSpec
 from wbf_mission.run.plan import plan
@@ -118,8 +118,8 @@ def chosen(rows: Sequence[BenchRow]) -> list[Chosen]:
     for measure, family in itertools.product(MEASURES, DEFAULTS):
         for winner in best(rows, measure, 1, family):
             mine, theirs = values(rows, winner, measure), values(rows, family, measure)
-            gain = mean_interval(np.array([mine[seed] - theirs[seed] for seed in mine if seed in theirs]))
-            score = mean_interval(np.array(list(mine.values())))
+            gained = np.array([mine[seed] - theirs[seed] for seed in mine if seed in theirs])
+            gain, score = mean_intervals([gained, np.array(list(mine.values()))])
             found.append(Chosen(rows[0].scenario, rows[0].estimator, measure, winner, score, gain))
     return found
 
@@ -174,7 +174,7 @@ def show(rows: Sequence[BenchRow]) -> None:
     for name in best(rows, "run", len(rows)):
         cells = []
         for measure in MEASURES:
-            one = mean_interval(np.array(list(values(rows, name, measure).values())))
+            (one,) = mean_intervals([np.array(list(values(rows, name, measure).values()))])
             cells.append(f"{measure} {one.mean:.4f} ({one.low:.4f} to {one.high:.4f})")
         print(f"  {name:<64} " + "  ".join(cells), flush=True)
 

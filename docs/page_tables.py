@@ -16,8 +16,8 @@ from typing import Any
 
 import wbf_mission
 from mission.link.codec.dialect import mavlink
-from mission.transfer.client_table import CLIENT_TABLE
-from mission.transfer.server_table import SERVER_TABLE
+from mission.transfer.client import CLIENT_TABLE
+from mission.transfer.server_session import SERVER_TABLE
 from sim_vehicle.autopilot.px4 import PX4
 from sim_vehicle.autopilot.px4.firmware import SITL_LINKS
 from sim_vehicle.faults.fault import KINDS

@@ -17,6 +17,6 @@ if TYPE_CHECKING:
     from geo.geojson import save_farm as save_farm
     from geo.grid import Crop as Crop
     from geo.grid import FarmGrid as FarmGrid
-    from geo.units import FOOT_M as FOOT_M
+    from geo.texts import FOOT_M as FOOT_M
 else:
     __getattr__, __dir__, __all__ = attach(__name__)

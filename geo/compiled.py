@@ -19,8 +19,8 @@ from operator import attrgetter
 from pathlib import Path
 from typing import Any, Literal, TypeVar, overload
 
-from geo.locks import made_by_one
-from geo.user_cache import user_cache_folder
+from geo.atomic import made_by_one
+from geo.system import user_cache_folder
 
 _Inline = Literal["never", "always", "late"]
 _Function = TypeVar("_Function", bound=Callable[..., Any])
@@ -106,8 +106,7 @@ def compiled(
         options |= {"forceinline": inline == "late", "_nrt": allocates}
     dispatcher: Any = njit(**options)(function)
     if dispatcher is not function and _is_known_inside():
-        _remember_operators()
-        _take_longer_records()
+        _set_up()
         _without_literals(dispatcher)
         # numba's ``enable_caching`` sets the same attribute.
         dispatcher._cache = _cache_class()(function)
@@ -167,18 +166,12 @@ def _without_literals(dispatcher: Any) -> None:
 
 
 @cache
-def _take_longer_records() -> None:
-    """Silence numba's warning about records with more columns than the function uses."""
-    numba: Any = import_module("numba")
-    warnings.filterwarnings("ignore", r"Record\(", numba.NumbaExperimentalFeatureWarning)
-
-
-@cache
-def _remember_operators() -> None:
-    """Cache numba's type resolution of operators and built-in functions by argument types.
+def _set_up() -> None:
+    """Cache numba's type resolution of operators by argument types, and silence a warning.
 
     Without the cache numba tries a dozen candidates for each ``+``, a third of the compile time. Candidates
-    that are compiled functions depend on the caller's options and are not cached.
+    that are compiled functions depend on the caller's options and are not cached. The warning is about
+    records with more columns than a function uses.
     """
     functions: Any = import_module("numba.core.types.functions")
     look_up = functions.BaseFunction.get_call_type
@@ -194,6 +187,7 @@ def _remember_operators() -> None:
         return signature
 
     functions.BaseFunction.get_call_type = get_call_type
+    warnings.filterwarnings("ignore", r"Record\(", import_module("numba").NumbaExperimentalFeatureWarning)
 
 
 @cache

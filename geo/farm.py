@@ -13,7 +13,7 @@ import shapely
 
 from geo.errors import FarmError
 from geo.grid import MAX_CROPS, NOT_GROWN, Crop, FarmGrid, rasterise
-from geo.units import FOOT_M
+from geo.texts import FOOT_M
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -33,8 +33,7 @@ from geo.geojson import read_geojson
 from geo.grid import CROP_NAMES, is_crop_name
 from geo.imports import entry_points, load_named
 from geo.repair import closed, mended
-from geo.texts import one_line
-from geo.units import FOOT_M
+from geo.texts import FOOT_M, one_line
 
 FORMATS_GROUP = "wbf_mission.farm_formats"
 """Group of entry points, named by suffix without the dot: functions from a path, a layer and a coordinate

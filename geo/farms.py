@@ -26,7 +26,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from geo.errors import FarmError
-from geo.units import FOOT_M
+from geo.texts import FOOT_M
 
 if TYPE_CHECKING:
     from geo.farm import Farm
@@ -92,12 +92,8 @@ def get_farm(
 ) -> Farm:
     """Return a built-in farm by name (in any case), or read a farm file by path.
 
-    The other parameters are those of `geo.load_farm` and are ignored for a built-in farm.
-
-    Raises
-    ------
-    FarmError
-        If there is no farm of that name, or the file cannot be used.
+    The other parameters are those of `geo.load_farm` and are ignored for a built-in farm. FarmError if there
+    is no farm of that name, or the file cannot be used.
 
     Examples
     --------

@@ -1,13 +1,15 @@
-"""Checked features of a farm file: patches, obstacles, home and rally points."""
+"""Checked features of a farm file (patches, obstacles, home, rally points), and names of their properties."""
 
 from __future__ import annotations
 
+import math
+import re
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
-from geo.attributes import crop_of, farm_properties, kind_of
 from geo.errors import FarmError
 from geo.frame import Coordinates
 from geo.grid import Crop, is_crop_name
@@ -21,6 +23,109 @@ MAX_VERTICES = 100_000
 MAX_LATITUDE_DEG = 75.0  # Crops do not grow at higher latitudes
 DEFAULT_CROP = "crop"
 DEFAULT_OWNER = "owner"
+
+
+ATTRIBUTES: Mapping[str, tuple[str, ...]] = {
+    "name": ("name", "field_name", "fieldname", "field", "label", "title"),
+    "crop": (
+        *("crop", "crop_name", "cropname", "crop_type", "croptype"),
+        *("culture", "kultur", "cultura", "landuse"),
+    ),
+    "owner": ("owner", "farmer", "grower"),
+    "kind": ("kind", "role"),
+    "obstacle": ("obstacle",),
+    "no_fly": ("no_fly", "nofly", "no-fly"),
+    "height_m": ("height_m", "height"),
+    "margin_m": ("margin_m", "margin"),
+}
+"""Each property of a farm file with its names in other files, in order of preference; case is ignored."""
+LATITUDES = ("latitude", "lat", "latitude_deg", "lat_deg", "gps_latitude", "gpslatitude", "gps_lat")
+LONGITUDES = (
+    *("longitude", "lon", "lng", "long", "longitude_deg", "lon_deg", "gps_longitude", "gpslongitude"),
+    *("gps_lon", "gps_lng", "gps_long"),
+)
+"""Names of longitude columns in tables, as `column_name` returns them; `LATITUDES` has those of latitude."""
+DEGREES = ("", "deg", "degrees", "°")
+"""Units of position columns."""
+KNOWN = frozenset(name for names in ATTRIBUTES.values() for name in names)
+_KINDS = {
+    "no-fly": r"no[-_ ]?fly([-_ ]zones?)?",
+    "obstacle": r"obstacles?",
+    "home": r"home|launch",
+    "rally": r"rally([-_ ]points?)?",
+}
+_WORDS = {"true": True, "yes": True, "1": True, "false": False, "no": False, "0": False}
+_MAX_TEXT = 200  # Characters
+
+
+def column_name(text: str) -> tuple[str, str]:
+    """Return a table column's name as one lower-case word, and its unit.
+
+    >>> column_name(" Rel Alt (m)"), column_name("Lat")
+    (('rel_alt', 'm'), ('lat', ''))
+    """
+    found = re.fullmatch(r"([^(\[]*)[(\[]?([^)\]]*)[)\]]?", text.strip().lower())
+    name, unit = (found[1], found[2].strip()) if found else (text.strip().lower(), "")
+    return re.sub(r"[\s-]+", "_", name.strip()), unit
+
+
+def kind_of(text: object) -> str:
+    """Return the kind of feature named by a property, a layer or a point; empty if `text` names none.
+
+    >>> [kind_of(text) for text in ("No-fly zones", "Rally 2", "obstacle", "maize", None)]
+    ['no-fly', 'rally', 'obstacle', '', '']
+    """
+    if not isinstance(text, str):
+        return ""
+    plain = re.sub(r"[-_ ]?\d+$", "", text.strip().lower())
+    return next((kind for kind, pattern in _KINDS.items() if re.fullmatch(pattern, plain)), "")
+
+
+def farm_properties(properties: Mapping[str, Any], *, literal: bool) -> dict[str, Any]:
+    """Return the non-empty properties of a feature, renamed as in farm files.
+
+    Values are converted, because other formats have no booleans and write numbers as text. `literal`:
+    properties that already have a farm file's name keep their values.
+
+    >>> farm_properties({"CROP_NAME": "Maize (silage)", "Height": "6.5", "id": 4}, literal=True)
+    {'crop': 'maize silage', 'height_m': 6.5}
+    """
+    lowered: dict[str, Any] = {}
+    for key, value in properties.items():
+        empty = value is None or value == "" or (isinstance(value, float) and math.isnan(value))
+        if not empty:
+            lowered.setdefault(key.lower(), value)
+    found = {}
+    for key, names in ATTRIBUTES.items():
+        if literal and properties.get(key) is not None:
+            found[key] = properties[key]
+            continue
+        value = next((lowered[name] for name in names if name in lowered), None)
+        if value is not None:
+            found[key] = _converted(key, value)
+    return found
+
+
+def _converted(key: str, value: Any) -> Any:
+    if key in ("obstacle", "no_fly"):
+        return _WORDS.get(str(value).strip().lower().removesuffix(".0"), value)
+    if key in ("height_m", "margin_m"):
+        try:
+            return float(value)
+        except (TypeError, ValueError):
+            return value
+    text = " ".join("".join(char if char.isprintable() else " " for char in str(value)).split())
+    return crop_of(text) if key == "crop" else text[:_MAX_TEXT]
+
+
+def crop_of(text: str) -> str:
+    """Return a valid crop name for a crop's name in another program.
+
+    >>> crop_of("Mais/Silomais"), crop_of("115")
+    ('mais silomais', 'crop 115')
+    """
+    plain = " ".join(re.sub(r"[^\w -]", " ", text.lower()).split())
+    return (plain if re.match(r"[^\W\d_]", plain) else f"crop {plain}")[:40].strip()
 
 
 @dataclass(frozen=True, slots=True)
@@ -190,7 +295,7 @@ def _ring(ring: object, where: str, crs: Coordinates | None) -> NDArray[np.float
         raise FarmError(msg)
     positions = np.array([_numbers(position, where) for position in ring])
     if crs is not None:
-        positions = _converted(positions, where, crs)
+        positions = _in_degrees(positions, where, crs)
     if len(positions) < 3 + np.array_equal(positions[0], positions[-1]):
         raise FarmError(f"{where}: a ring has fewer than three corners")
     return positions
@@ -206,7 +311,7 @@ def position_of(position: object, where: str, crs: Coordinates | None = None) ->
     """Return the longitude and latitude of a GeoJSON position; FarmError if the value is no position."""
     place = np.array([_numbers(position, where)])
     if crs is not None:
-        place = _converted(place, where, crs)
+        place = _in_degrees(place, where, crs)
     longitude_deg, latitude_deg = place[0].tolist()
     check_degrees(longitude_deg, latitude_deg, where)
     return longitude_deg, latitude_deg
@@ -223,7 +328,7 @@ def _numbers(position: object, where: str) -> tuple[float, float]:
     return float(position[0]), float(position[1])
 
 
-def _converted(xy: NDArray[np.float64], where: str, crs: Coordinates) -> NDArray[np.float64]:
+def _in_degrees(xy: NDArray[np.float64], where: str, crs: Coordinates) -> NDArray[np.float64]:
     positions = crs.to_wgs84(xy)
     lost = ~np.isfinite(positions).all(axis=1)
     if lost.any():
@@ -251,7 +356,7 @@ def text_member(members: dict[str, Any], key: str, default: str, where: str) -> 
     value = members.get(key)
     if value is None:
         return default
-    if not isinstance(value, str) or not value.strip() or len(value) > 200 or not value.isprintable():
+    if not isinstance(value, str) or not value.strip() or len(value) > _MAX_TEXT or not value.isprintable():
         raise FarmError(f'{where}: "{key}" is {shortened(value)}, not a short line of text')
     return value.strip()
 

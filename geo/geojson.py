@@ -120,10 +120,7 @@ def _documents(path: Path) -> Iterator[dict[str, Any]]:
 def save_farm(farm: Farm, path: str | os.PathLike[str]) -> None:
     """Write a farm atomically as a GeoJSON file that `load_farm` reads back.
 
-    Raises
-    ------
-    FarmError
-        If the file cannot be written.
+    FarmError if the file cannot be written.
     """
     try:
         with atomic_write(path, "wb") as file:

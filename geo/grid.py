@@ -84,20 +84,17 @@ class FarmGrid:
     @cached_property
     def tomato(self) -> NDArray[np.bool_]:
         """Mask of the owner's tomato cells, bool[W, H]."""
-        return self._owned_crop(Crop.TOMATO)
+        return self._owned([Crop.TOMATO])
 
     @cached_property
     def strawberry(self) -> NDArray[np.bool_]:
         """Mask of the owner's strawberry cells, bool[W, H]."""
-        return self._owned_crop(Crop.STRAWBERRY)
+        return self._owned([Crop.STRAWBERRY])
 
     @cached_property
     def planted(self) -> NDArray[np.bool_]:
         """Mask of the owner's cells with a crop, bool[W, H]."""
-        mask = self.of_crops([crop for crop in self.crops if crop not in NOT_GROWN])
-        mask &= self.owned
-        mask.flags.writeable = False
-        return mask
+        return self._owned([crop for crop in self.crops if crop not in NOT_GROWN])
 
     @property
     def further_crops(self) -> str:
@@ -117,8 +114,8 @@ class FarmGrid:
                 mask[part] |= crop[part] == number
         return mask
 
-    def _owned_crop(self, crop: Crop) -> NDArray[np.bool_]:
-        mask = self.of_crops([crop])
+    def _owned(self, names: Iterable[str]) -> NDArray[np.bool_]:
+        mask = self.of_crops(names)
         mask &= self.owned
         mask.flags.writeable = False
         return mask

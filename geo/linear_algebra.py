@@ -81,10 +81,7 @@ def solve_lower(factor: NDArray[np.float64], right: NDArray[np.float64]) -> NDAr
 def solve_positive(matrix: NDArray[np.float64], right: NDArray[np.float64]) -> NDArray[np.float64]:
     """Solve ``matrix x = right`` for a symmetric `matrix`; `right` is a vector or matrix.
 
-    Raises
-    ------
-    numpy.linalg.LinAlgError
-        If the matrix is not positive definite.
+    numpy.linalg.LinAlgError if the matrix is not positive definite.
     """
     factor = cholesky(matrix)
     columns = np.array(right[:, None] if right.ndim == 1 else right, np.float64, order="C")

@@ -11,8 +11,8 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from geo.closing import Closing
 from geo.errors import WbfMissionError
+from geo.system import Closing
 from geo.texts import one_line
 
 if TYPE_CHECKING:

@@ -1,14 +1,41 @@
-"""Functions that differ between operating systems: clocks and the limit of open files."""
+"""The operating system: clocks, open files, available memory, and the user's cache folder.
+
+Available memory is checked before a task begins, so that the system does not kill the process halfway. The
+smallest limit applies: free memory of the machine, control groups of this process (containers, batch systems;
+versions 1 and 2), and the address space limit (``ulimit -v``).
+"""
 
 from __future__ import annotations
 
 import contextlib
+import gc
 import os
 import sys
 import time
-from pathlib import Path
+import warnings
+from abc import ABC, abstractmethod
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
+from typing import Self
+
+from geo.errors import WbfMissionError
 
 _IMPORTED_S = time.perf_counter()
+
+
+class Closing(ABC):
+    """Context manager that calls `close` at the end of the ``with`` block."""
+
+    @abstractmethod
+    def close(self) -> None:
+        """Close the object; a second call does nothing."""
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
 
 
 def steady_s() -> float:
@@ -39,13 +66,33 @@ def process_age_s() -> float:
         return time.perf_counter() - _IMPORTED_S
 
 
+def use_memory_again() -> None:
+    """Keep free memory in this process until `free_unused_memory`, and collect garbage less often.
+
+    Zeroing fresh pages took a tenth of the CPU time of a run over Waterberry, garbage collection a thirtieth.
+    """
+    gc.set_threshold(100_000, 20, 20)
+    _call_c(
+        "mallopt",
+        (-8, 2),  # M_ARENA_MAX: arenas that threads share; each keeps memory of its own
+        (-3, 32 * 2**20),  # M_MMAP_THRESHOLD, the largest that is allowed: chunks of maps
+        (-1, 2**31 - 1),  # M_TRIM_THRESHOLD
+    )
+
+
 def free_unused_memory() -> None:
     """Return free memory to the system; the C library of Linux keeps that of threads."""
+    _call_c("malloc_trim", (0,))
+
+
+def _call_c(function: str, *calls: tuple[int, ...]) -> None:
+    """Call a function of Linux's C library, if it has the function."""
     if sys.platform == "linux":
         import ctypes
 
         with contextlib.suppress(OSError, AttributeError):
-            ctypes.CDLL(None).malloc_trim(0)
+            for arguments in calls:
+                getattr(ctypes.CDLL(None), function)(*arguments)
 
 
 def allow_open_files(number: int) -> None:
@@ -59,3 +106,185 @@ def allow_open_files(number: int) -> None:
         wanted = number if hard == resource.RLIM_INFINITY else min(number, hard)
         if soft != resource.RLIM_INFINITY and soft < wanted:
             resource.setrlimit(resource.RLIMIT_NOFILE, (wanted, hard))
+
+
+class NotEnoughMemoryError(WbfMissionError, MemoryError):
+    """A task that needs more memory than is available; the text gives the memory it needs."""
+
+
+@dataclass(frozen=True, slots=True)
+class AvailableMemory:
+    """Memory that this process may still allocate, and the name of the limit."""
+
+    bytes: int
+    limited_by: str
+
+
+def available_memory(root: Path = Path("/")) -> AvailableMemory | None:
+    """Return the memory that this process may still allocate, or None if it is unknown.
+
+    `root`: folder below which the files of control groups are read.
+    """
+    limits = [*_machine(), *_control_groups(root), *_address_space()]
+    return min(limits, key=lambda limit: limit.bytes, default=None)
+
+
+@contextlib.contextmanager
+def memory_bounded(more: int) -> Iterator[None]:
+    """Limit later allocations of this process to `more` bytes in total; beyond, MemoryError is raised.
+
+    The limit is meant for reading untrusted files, which may declare any size. Systems other than Linux and
+    FreeBSD have no such limit.
+    """
+    import psutil
+
+    taken = _address_space_taken()
+    if taken is None:
+        yield
+        return
+    process = psutil.Process()
+    soft, hard = process.rlimit(psutil.RLIMIT_AS)
+    bound = taken + more if soft == psutil.RLIM_INFINITY else min(soft, taken + more)
+    process.rlimit(psutil.RLIMIT_AS, (bound, hard))
+    try:
+        yield
+    finally:
+        process.rlimit(psutil.RLIMIT_AS, (soft, hard))
+
+
+def require_memory(what: str, parts: Mapping[str, int], *, available: AvailableMemory | None = None) -> None:
+    """Raise NotEnoughMemoryError if the sum of `parts` (bytes) exceeds the available memory.
+
+    `what` is the subject of the error's sentence, which lists the parts of at least a tenth of the sum. If
+    the available memory is unknown, nothing is checked.
+
+    Examples
+    --------
+    >>> little = AvailableMemory(2 * 10**9, "RAM")
+    >>> require_memory("a kite", {"string": 3 * 10**9}, available=little)
+    Traceback (most recent call last):
+    ...
+    geo.system.NotEnoughMemoryError: a kite needs 3.0 GB of memory (string 3.0 GB), available are 2.0 GB (RAM)
+    """
+    limit = available_memory() if available is None else available
+    total = sum(parts.values())
+    if limit is None or total <= limit.bytes:
+        return
+    large = sorted((item for item in parts.items() if item[1] * 10 >= total), key=lambda item: -item[1])
+    named = ", ".join(f"{name} {human_bytes(size)}" for name, size in large)
+    raise NotEnoughMemoryError(
+        f"{what} needs {human_bytes(total)} of memory ({named}), "
+        f"available are {human_bytes(limit.bytes)} ({limit.limited_by})"
+    )
+
+
+def human_bytes(size: float) -> str:
+    """Return a number of bytes as text in decimal units.
+
+    Examples
+    --------
+    >>> human_bytes(1_234_567_890), human_bytes(360_000_000), human_bytes(900)
+    ('1.2 GB', '360 MB', '1 kB')
+    """
+    if size >= 1e9:
+        return f"{size / 1e9:.1f} GB"
+    return f"{size / 1e6:.0f} MB" if size >= 1e6 else f"{size / 1e3:.0f} kB"
+
+
+def _machine() -> Iterator[AvailableMemory]:
+    import psutil
+
+    with contextlib.suppress(OSError):  # /proc may not be mounted
+        yield AvailableMemory(psutil.virtual_memory().available, "what the machine has free")
+
+
+def _control_groups(root: Path) -> Iterator[AvailableMemory]:
+    base = root / "sys/fs/cgroup"
+    for line in _text(root / "proc/self/cgroup").splitlines():
+        _, _, rest = line.partition(":")
+        controllers, _, path = rest.partition(":")
+        if not controllers:
+            yield from _groups(base, path, "memory.max", "memory.current", "inactive_file")
+        elif "memory" in controllers.split(","):
+            names = ("memory.limit_in_bytes", "memory.usage_in_bytes", "total_inactive_file")
+            yield from _groups(base / "memory", path, *names)
+
+
+def _groups(
+    base: Path, path: str, limit_file: str, usage_file: str, reclaimable: str
+) -> Iterator[AvailableMemory]:
+    # Limits of parent groups apply too; in a container the process's group is mounted as the root.
+    own = PurePosixPath(path.lstrip("/"))
+    for group in (own, *own.parents):
+        limit, usage = _text(base / group / limit_file).strip(), _text(base / group / usage_file).strip()
+        if not (limit.isdecimal() and usage.isdecimal()):  # The limit is "max", or the group does not exist
+            continue
+        statistics = dict(line.split() for line in _text(base / group / "memory.stat").splitlines())
+        free = int(limit) - max(0, int(usage) - int(statistics.get(reclaimable, 0)))
+        yield AvailableMemory(max(0, free), f"control group limit {human_bytes(int(limit))}")
+
+
+def _address_space() -> Iterator[AvailableMemory]:
+    import psutil
+
+    taken = _address_space_taken()
+    if taken is not None:
+        limit, _ = psutil.Process().rlimit(psutil.RLIMIT_AS)
+        if limit != psutil.RLIM_INFINITY:
+            yield AvailableMemory(max(0, limit - taken), f"address space limit {human_bytes(limit)}")
+
+
+def _address_space_taken() -> int | None:
+    """Return the address space of this process (bytes); None if it is unknown or cannot be limited."""
+    import psutil
+
+    with contextlib.suppress(OSError, psutil.Error):  # /proc may not be mounted
+        if hasattr(psutil, "RLIMIT_AS"):
+            return int(psutil.Process().memory_info().vms)
+    return None
+
+
+def _text(path: Path) -> str:
+    try:
+        return path.read_text(encoding="ascii", errors="replace")
+    except OSError:
+        return ""
+
+
+_warned_of: set[Path] = set()
+
+
+class CacheWarning(UserWarning):
+    """Warning that a cache cannot be written, so that every run has to make its content again."""
+
+
+def user_cache_folder(name: str) -> Path:
+    """Return the folder `name` of the user's cache, which may not exist yet.
+
+    The cache is below XDG_CACHE_HOME or ``~/.cache`` on Linux, ``~/Library/Caches`` on macOS, and
+    ``%LOCALAPPDATA%`` on Windows.
+
+    Examples
+    --------
+    >>> user_cache_folder("environments").parts[-1]
+    'environments'
+    """
+    import platformdirs
+
+    root = platformdirs.user_cache_path("wbf-mission", appauthor=False)
+    # The XDG standard: a relative path in XDG_CACHE_HOME is ignored.
+    if not root.is_absolute():
+        root = Path.home() / ".cache" / "wbf-mission"
+    return root / name
+
+
+def warn_of_cache(folder: Path, error: Exception) -> None:
+    """Warn that a cache folder cannot be written, and why; once per folder and process."""
+    if folder in _warned_of:
+        return
+    _warned_of.add(folder)
+    reason = str(error)
+    if isinstance(error, OSError) and error.strerror:
+        reason = f"{error.filename}: {error.strerror}" if error.filename else error.strerror
+    msg = f"{folder}: cannot keep anything in this cache ({reason}); it is made anew in every run"
+    warnings.warn(msg, CacheWarning, stacklevel=3)

@@ -1,4 +1,4 @@
-"""Escaping of untrusted text, strict parsing of numbers, and formatting of times and lengths."""
+"""Escaping of untrusted text, strict parsing of numbers, formatting of times and lengths, and the foot."""
 
 from __future__ import annotations
 
@@ -6,6 +6,8 @@ import re
 from collections.abc import Callable
 from typing import TypeVar
 
+FOOT_M = 0.3048
+"""Metres in one international foot (exact); a cell of the Waterberry Farms benchmark is one square foot."""
 MAX_SHOWN = 500  # Characters, about five lines of a terminal
 # Windows opens a device under these names, whatever the suffix:
 # https://learn.microsoft.com/windows/win32/fileio/naming-a-file

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from enum import Enum
 
-__all__ = ["Outcome", "Phase", "in_words"]
-
 _WORDS = {
     "cannot_fly_item": "an item cannot be flown",
     "battery_depleted": "battery empty in the air",
@@ -22,8 +20,6 @@ _WORDS = {
 def in_words(outcome: Outcome | str, reason: str = "") -> str:
     """Return the text of an outcome, with its reason if the reason adds anything.
 
-    Examples
-    --------
     >>> in_words(Outcome.BATTERY_DEPLETED), in_words("arming_refused", "denied")
     ('battery empty in the air', 'arming refused: denied')
     >>> in_words("position_lost", "position lost")

@@ -12,8 +12,6 @@ from mission.errors import MissionError
 from mission.ground.items import shots_ordered
 from mission.model import Command, Frame, GeoPoint, Mission, MissionItem
 
-__all__ = ["Way", "image_spacing_m", "part_of", "resumed_at"]
-
 Way: TypeAlias = Callable[[tuple[float, float], tuple[float, float]], Sequence[tuple[float, float]]]
 """Function from two positions (latitude, longitude) to the corners of a path round obstacles."""
 

@@ -85,10 +85,7 @@ def field_names() -> tuple[str, ...]:
 def read_fields(path: str | Path) -> tuple[Field, ...]:
     """Read the fields of a field file.
 
-    Raises
-    ------
-    FieldError
-        If the file cannot be read or is no field file, or a field cannot be used; the text names both.
+    FieldError if the file cannot be read or is no field file, or a field cannot be used; the text names both.
     """
     path = Path(path)
     try:

@@ -1,4 +1,4 @@
-"""Observations of the leaf camera as a struct of arrays, and files of them."""
+"""Observations of the leaf camera as a struct of arrays, files of them, and arrays that grow with them."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from geo.atomic import atomic_write
 from geo.texts import parse_number
@@ -63,7 +63,7 @@ class Observations:
 
     def __post_init__(self) -> None:
         for name in ("x", "y", "day"):
-            object.__setattr__(self, name, _read_only(_whole(getattr(self, name), name)))
+            object.__setattr__(self, name, read_only(_whole(getattr(self, name), name)))
         time_s = _numbers(self.time_s, "time_s", np.float64)
         values = _numbers(self.values, "values", np.float32)
         n, k = len(self.x), len(self.fields)
@@ -84,8 +84,8 @@ class Observations:
         if np.isinf(values).any():
             i = int(np.argmax(np.isinf(values).any(axis=1)))
             raise ObservationError(f"observations: a value of observation {i} is infinite")
-        object.__setattr__(self, "time_s", _read_only(time_s))
-        object.__setattr__(self, "values", _read_only(values))
+        object.__setattr__(self, "time_s", read_only(time_s))
+        object.__setattr__(self, "values", read_only(values))
 
     def __len__(self) -> int:
         return len(self.x)
@@ -116,10 +116,7 @@ class Observations:
     ) -> Observations:
         """Join parts of observations, in order; all must have the fields `fields`.
 
-        Raises
-        ------
-        ObservationError
-            If a part has other fields.
+        ObservationError if a part has other fields.
         """
         kept = []
         for part in parts:
@@ -189,8 +186,7 @@ class Observations:
         ------
         ObservationError
             If the file is missing, lacks a column, has values that are not numbers, or is not of the format
-            of
-        its suffix.
+            of its suffix.
         """
         path = Path(path)
         _, load = _format_of(path)
@@ -205,7 +201,45 @@ class Observations:
             raise ObservationError(f"{path}: cannot be read ({_first_line(error)})") from None
 
 
-def _read_only(array: NDArray[Any]) -> NDArray[Any]:
+class GrowingArray:
+    """An array with amortised appending of rows.
+
+    Examples
+    --------
+    >>> rows = GrowingArray((), np.int32)
+    >>> rows.append([1, 2]); rows.append([3])
+    >>> rows.array.tolist()
+    [1, 2, 3]
+    """
+
+    def __init__(self, row_shape: tuple[int, ...], dtype: DTypeLike) -> None:
+        self._buffer = np.empty((0, *row_shape), dtype)
+        self._rows = 0
+
+    def __len__(self) -> int:
+        return self._rows
+
+    @property
+    def array(self) -> NDArray[Any]:
+        """View of the current rows, without rows appended later."""
+        return self._buffer[: self._rows]
+
+    def append(self, rows: ArrayLike) -> None:
+        """Append rows at the end."""
+        new = np.asarray(rows)
+        total = self._rows + len(new)
+        if total > len(self._buffer):
+            buffer = np.empty(
+                (max(total, len(self._buffer) * 3 // 2), *self._buffer.shape[1:]), self._buffer.dtype
+            )
+            buffer[: self._rows] = self.array
+            self._buffer = buffer
+        self._buffer[self._rows : total] = new
+        self._rows = total
+
+
+def read_only(array: NDArray[Any]) -> NDArray[Any]:
+    """Return a read-only view of an array."""
     view = array.view()
     view.flags.writeable = False
     return view

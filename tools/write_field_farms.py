@@ -25,7 +25,7 @@ from geo import Crop, Farm, Obstacle, Patch
 from geo.atomic import atomic_write
 from geo.frame import LocalFrame
 from geo.geojson import save_farm
-from geo.units import FOOT_M
+from geo.texts import FOOT_M
 
 SOURCE = Path(__file__).with_name("fields.json")
 OUT = Path(__file__).parents[1] / "wbf_mission" / "scenario" / "catalogue" / "WBF" / "farms"

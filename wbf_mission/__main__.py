@@ -19,8 +19,10 @@ def main() -> None:
     signals.install()
     try:
         from geo.compiled import compile_notices
+        from geo.system import use_memory_again
         from wbf_mission.cli.app import main as run
 
+        use_memory_again()
         with compile_notices(_CompileNotice()):
             code = run()
     except KeyboardInterrupt:

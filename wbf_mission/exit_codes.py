@@ -1,18 +1,4 @@
-"""Exit codes of the command line.
-
-======  =====================================================================================
-0       done
-1       done, but the outcome is not good; the result states the reason
-2       bad input, or user code that failed; the cause is in one line on stderr; nothing was written
-3       no vehicle was heard
-4       the link dropped, or the vehicle stopped answering
-5       the vehicle refused, or its mission differed from the uploaded one
-70      a bug in the program
-130     Ctrl-C
-141     the reader of the output closed the pipe (``| head``)
-143     SIGTERM
-======  =====================================================================================
-"""
+"""Exit codes of the command line."""
 
 from __future__ import annotations
 
@@ -25,15 +11,15 @@ class ExitCode(IntEnum):
     """Exit code of a command; a code above 128 is 128 plus the number of a signal."""
 
     GOOD = 0
-    NOT_GOOD = 1
-    BAD_INPUT = 2
-    NO_VEHICLE = 3
-    LINK_LOST = 4
-    REFUSED = 5
-    PROGRAM_ERROR = 70
-    INTERRUPTED = 130
-    OUTPUT_CLOSED = 141
-    TERMINATED = 143
+    NOT_GOOD = 1  # Done, but the outcome is not good; the result states the reason
+    BAD_INPUT = 2  # Or user code that failed; the cause is in one line on stderr; nothing was written
+    NO_VEHICLE = 3  # No vehicle was heard
+    LINK_LOST = 4  # The link dropped, or the vehicle stopped answering
+    REFUSED = 5  # The vehicle refused, or its mission differed from the uploaded one
+    PROGRAM_ERROR = 70  # A bug in the program
+    INTERRUPTED = 130  # Ctrl-C
+    OUTPUT_CLOSED = 141  # The reader of the output closed the pipe (``| head``)
+    TERMINATED = 143  # SIGTERM
 
 
 def exit_code_of(error: Exception) -> ExitCode:
@@ -87,8 +73,7 @@ def exit_code_of_flight(outcome: Outcome) -> ExitCode:
 
 
 def _of_transfer(error: Exception) -> ExitCode:
-    from mission.transfer.errors import NoVehicleError, RemoteTransferError
-    from mission.transfer.events import FailureReason
+    from mission.transfer.events import FailureReason, NoVehicleError, RemoteTransferError
 
     if isinstance(error, NoVehicleError):
         return ExitCode.NO_VEHICLE

@@ -48,7 +48,7 @@ def check_flight(scenario: Scenario) -> None:
 
 
 class Way(Protocol):
-    """Way to fly a run: `Simulated`, or with real vehicles (`wbf_mission.live.link.LiveLink`)."""
+    """Way to fly a run: `Simulated`, or with real vehicles (`wbf_mission.LiveLink`)."""
 
     @property
     def faults(self) -> Sequence[Fault | str]:

@@ -38,8 +38,6 @@ from mission.autopilots.profile import (
 from mission.link.codec.dialect import mavlink as m
 from mission.model import Command, MissionItem, has_position
 
-__all__ = ["ARDUPILOT"]
-
 _YAW = frozenset({"param4"})
 # From mavlink_int_to_mission_cmd. Camera commands need version 4.4, DO_RETURN_PATH_START 4.6.
 _PLACED = frozenset(

@@ -11,25 +11,11 @@ from mission.autopilots.dialect import Dialect, ReadBack
 from mission.link.codec.dialect import mavlink as m
 from mission.model import MAX_ITEMS, MissionType
 
-__all__ = [
-    "CardRoom",
-    "FlightModes",
-    "Meaning",
-    "Motion",
-    "NeededParameter",
-    "Profile",
-    "Questions",
-    "VehicleSettings",
-    "answer_to",
-]
-
 
 @dataclass(frozen=True, slots=True)
 class NeededParameter:
     """Required value of a vehicle parameter: one of several values, certain bits set, or a minimum.
 
-    Examples
-    --------
     >>> options = NeededParameter("FS_OPTIONS", bits=2)
     >>> options.wanted(16), options.wanted(18)
     (18, 18)
@@ -61,8 +47,6 @@ class CardRoom:
     Source: ArduPilot ``StorageManager.cpp`` (attach_file), ``AP_Mission.cpp`` and ``AC_PolyFence_loader.cpp``
     (max_items); item sizes from the documentation of the parameter. Item numbers include home.
 
-    Examples
-    --------
     >>> room = CardRoom("BRD_SD_MISSION", 64, 1312)
     >>> room.items(64), room.items(10), room.kib_for(682), room.kib_for(683), room.kib_for(5000)
     (4368, 682, 10, 11, None)
@@ -181,8 +165,6 @@ def answer_to(
 ) -> tuple[str, float] | None:
     """Return name and value (SI units) of the parameter with a meaning, None if no such parameter was read.
 
-    Examples
-    --------
     >>> height = {Meaning.RETURN_HEIGHT: {"RTL_ALT_M": 1.0, "RTL_ALT": 0.01}}
     >>> answer_to(Meaning.RETURN_HEIGHT, height, {"RTL_ALT": 1500.0})
     ('RTL_ALT', 15.0)
@@ -327,8 +309,6 @@ class Profile:
     def room(self, mission_type: MissionType, card_kib: float = 0.0) -> int:
         """Return the capacity of a plan (items without home), with ``card_kib`` of SD card storage.
 
-        Examples
-        --------
         >>> from mission.autopilots import ARDUPILOT
         >>> ARDUPILOT.room(MissionType.MISSION), ARDUPILOT.room(MissionType.MISSION, 64)
         (649, 4367)

@@ -25,8 +25,6 @@ from mission.autopilots.profile import FlightModes, Meaning, Motion, Profile, Qu
 from mission.link.codec.dialect import mavlink as m
 from mission.model import MAX_ITEMS, Command, MissionType
 
-__all__ = ["PX4"]
-
 _LANDINGS = frozenset({21, 85})
 _TAKEOFFS = frozenset({22, 84})
 # From parse_mavlink_mission_item: commands in a global frame, and commands in frame MISSION.

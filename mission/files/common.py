@@ -40,6 +40,8 @@ _SUFFIX_OF_KIND = {
     FENCE_KIND: ".fen",
     RALLY_KIND: ".ral",
 }
+POINTS_OF_KIND = {kind: _SUFFIX_OF_KIND[kind] for kind in (FENCE_KIND, RALLY_KIND)}
+"""Suffix of the format that reads a kind of file with the suffix of a waypoint list."""
 _TEXT_KINDS = {
     rb"qgc\s+wpl\b.*": WAYPOINTS_KIND,
     rb"rally\s.*": RALLY_KIND,

@@ -212,8 +212,6 @@ def dumps(mission: Mission, firmware: Firmware = Firmware.PX4) -> str:
 
     MissionFileError if the target of a jump does not exist, or the fence or a rally point cannot be written.
 
-    Examples
-    --------
     >>> loads(dumps(Mission((MissionItem.waypoint(28.05, -82.15, 10.0),))).encode()).items[0].param4 is None
     True
     """

@@ -21,10 +21,7 @@ import numpy as np
 
 from geo.texts import parse_number
 from mission.errors import MissionFileError
-from mission.files import points
 from mission.files.common import (
-    FENCE_KIND,
-    RALLY_KIND,
     WAYPOINTS_KIND,
     Firmware,
     Parameters,
@@ -82,7 +79,7 @@ def loads(data: bytes) -> Mission | WithNotes:
 
     The reader also accepts comments (``#``), any white space between columns, CRLF, headers of versions 100
     and 120, a missing home row, gaps in seq, a home row with command 0, commands without a position in frame
-    0 or 3, and files of `mission.files.points`. Jump targets become indices of the mission's items.
+    0 or 3. Jump targets become indices of the mission's items.
 
     The first row is home if its seq is 0 and it is a waypoint in frame 0 or has command 0. Version 120,
     written by old QGroundControl, has no home. Other programs write version 120 with home as the only row in
@@ -91,8 +88,6 @@ def loads(data: bytes) -> Mission | WithNotes:
     MissionFileError names the line and the column that is damaged or invalid.
     """
     kind = kind_of(data)
-    if kind in (FENCE_KIND, RALLY_KIND):
-        return points.loads(data)
     if kind != WAYPOINTS_KIND:
         raise wrong_kind(data, WAYPOINTS_KIND)
     if data.count(b"\n") + data.count(b"\r") > _MOST_LINES:
@@ -220,7 +215,10 @@ def dumps(mission: Mission, firmware: Firmware = Firmware.PX4) -> str:
         return "\n".join(lines) + "\n"
     check_jumps(mission)
     home = home_for_file(mission)
-    lines.append(_line(0, _home_item(home), firmware))
+    home_item = MissionItem(
+        Command.NAV_WAYPOINT, Frame.GLOBAL, x=home.latitude_deg, y=home.longitude_deg, z=home.altitude_m
+    )
+    lines.append(_line(0, home_item, firmware))
     for seq, item in enumerate(mission.items, start=1):
         if item.command in _FENCE | _RALLY:
             msg = f"item {seq}: command {item.command} belongs to a fence or rally plan, not to a mission"
@@ -239,19 +237,12 @@ def one_plan(mission: Mission) -> Mission:
     return replace(mission, rally=()) if mission.fence else mission
 
 
-def _home_item(home: GeoPoint) -> MissionItem:
-    return MissionItem(
-        Command.NAV_WAYPOINT, Frame.GLOBAL, x=home.latitude_deg, y=home.longitude_deg, z=home.altitude_m
-    )
-
-
 def _line(seq: int, item: MissionItem, firmware: Firmware) -> str:
     # NaN in this spelling can be read by Qt, Python, C and .NET. .NET Framework reads no other spelling.
     numbers = (*file_parameters(item, firmware), item.x, item.y, item.z)
-    texts = ("NaN" if number is None else _decimal(number) for number in numbers)
+    texts = (
+        "NaN" if number is None else np.format_float_positional(float(number), unique=True, min_digits=8)
+        for number in numbers
+    )
     head = f"{seq}\t{int(seq == 0)}\t{item.frame}\t{item.command}\t"
     return head + "\t".join(texts) + f"\t{int(item.autocontinue)}"
-
-
-def _decimal(number: float) -> str:
-    return np.format_float_positional(float(number), unique=True, min_digits=8)

@@ -7,21 +7,23 @@ position in guided mode. It resumes the mission only after the whole mission was
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from enum import Enum
 
-from mission.ground.aside_leg import Leg
 from mission.ground.change import ChangeOutcome, ChangeRequest, ChangeSession
+from mission.ground.contact import Answer, Order, result_name
 from mission.ground.items import (
+    apart_m,
     is_return,
     item_to_mark,
     next_flown_to,
     same_position,
     speed_before,
 )
-from mission.ground.orders import Answer, Order, result_name
+from mission.ground.vehicle_state import VehicleMonitor
 from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
-from mission.model import Command
+from mission.model import Command, GeoPoint, Mission, MissionItem
 from mission.transfer import (
     CLIENT_MESSAGES,
     FailureReason,
@@ -31,7 +33,70 @@ from mission.transfer import (
     VerifiedUpload,
 )
 
-__all__ = ["AsideChange"]
+# Defaults of PSC_POSXY_P and WPNAV_ACCEL, from which ArduCopter computes its stopping point.
+_STOP_P_PER_S, _STOP_M_S2 = 1.0, 2.5
+# Margin for delayed positions: a vehicle that leaves at exactly the stopping distance creeps to the target.
+_LEAVE_SPARE_M, _MOST_LEAVE_M = 0.5, 12.0
+
+
+@dataclass(slots=True)
+class Leg:
+    """Leg to an item of a plan in guided mode, or to above home if the item is the return."""
+
+    plan: Mission
+    index: int
+    monitor: VehicleMonitor
+    home: GeoPoint | None
+
+    @property
+    def item(self) -> MissionItem:
+        """Item at the end of the leg."""
+        return self.plan.items[self.index]
+
+    @property
+    def is_waypoint(self) -> bool:
+        """Whether the leg ends at a waypoint, not above home."""
+        return self.item.has_position and not is_return(self.item)
+
+    @property
+    def target(self) -> tuple[float, float, float]:
+        """End of the leg: latitude and longitude (degrees), height above home (m)."""
+        item, state, home = self.item, self.monitor.state, self.home
+        if self.is_waypoint:
+            return item.x, item.y, item.z
+        if home is not None:
+            return home.latitude_deg, home.longitude_deg, state.height_m
+        return state.latitude_deg, state.longitude_deg, state.height_m
+
+    @property
+    def distance_m(self) -> float:
+        """Horizontal distance to the target (m)."""
+        state, (latitude, longitude, _) = self.monitor.state, self.target
+        if not math.isfinite(state.latitude_deg):
+            return math.inf
+        return apart_m((state.latitude_deg, state.longitude_deg), (latitude, longitude))
+
+    @property
+    def nearing_m_s(self) -> float:
+        """Horizontal closing speed to the target (m/s)."""
+        state, (latitude, longitude, _) = self.monitor.state, self.target
+        north = latitude - state.latitude_deg
+        east = (longitude - state.longitude_deg) * math.cos(math.radians(latitude))
+        away = math.hypot(east, north)
+        return (state.velocity_m_s[0] * east + state.velocity_m_s[1] * north) / away if away > 0.0 else 0.0
+
+    @property
+    def leave_m(self) -> float:
+        """Distance to the target at which to resume the mission (m): stopping distance plus a margin.
+
+        The stopping distance is that of the square-root controller of ArduCopter's `AC_PosControl`.
+        """
+        speed_m_s, linear_m_s = self.monitor.state.ground_speed_m_s, _STOP_M_S2 / _STOP_P_PER_S
+        stopping_m = speed_m_s / _STOP_P_PER_S
+        if speed_m_s >= linear_m_s:
+            stopping_m = 0.5 * (linear_m_s / _STOP_P_PER_S + speed_m_s**2 / _STOP_M_S2)
+        return min(stopping_m + _LEAVE_SPARE_M, _MOST_LEAVE_M)
+
 
 _FRESH_S = 1.0
 _PATIENCE_S = 20.0
@@ -117,7 +182,10 @@ class AsideChange(ChangeSession):
         if isinstance(message, m.MAVLink_command_ack_message):
             return self._on_ack(message, now_s)
         if isinstance(message, m.MAVLink_mission_current_message):
-            self._on_item()
+            item = self._monitor.state.item
+            if self._step in (_Step.TURNING, _Step.SENDING) and self._leg.plan is self.request.new:
+                # The item at which the vehicle left the old mission decides the camera's state.
+                self._item = max(self._item, min(item or 0, len(self.request.old.items) - 1))
             return []
         if isinstance(message, m.MAVLink_heartbeat_message):
             return self._on_mode(now_s)
@@ -208,12 +276,6 @@ class AsideChange(ChangeSession):
         self._item = item
         return self._fly_to(now_s)
 
-    def _on_item(self) -> None:
-        """Record the item at which the vehicle left the old mission, which decides the camera's state."""
-        item = self._monitor.state.item
-        if self._step in (_Step.TURNING, _Step.SENDING) and self._leg.plan is self.request.new:
-            self._item = max(self._item, min(item or 0, len(self.request.old.items) - 1))
-
     def _fly_to(self, now_s: float) -> list[Message]:
         """Order the vehicle to the target in guided mode."""
         return self._order(
@@ -264,7 +326,10 @@ class AsideChange(ChangeSession):
                 return out
             case (m.MAV_CMD_DO_REPOSITION, _Step.TURNING, _):
                 self._why, self._refused = text, answer is Answer.REFUSED
-                return self._back_to_old(now_s)
+                # Resume the old mission, which is unchanged.
+                self._leg.plan = self.request.old
+                self._leg.index = self._flown_next = self._item
+                return self._resume(now_s)
             case (m.MAV_CMD_DO_SET_MISSION_CURRENT, _Step.CHOOSING, Answer.ACCEPTED):
                 self._step, self._wake_s = _Step.NEARING, now_s + _LONGEST_S
                 return self._on_position(now_s)
@@ -384,12 +449,6 @@ class AsideChange(ChangeSession):
         return self._fly_to(now_s)
 
     # Return to the mission.
-
-    def _back_to_old(self, now_s: float) -> list[Message]:
-        """Resume the old mission, which is unchanged."""
-        self._leg.plan = self.request.old
-        self._leg.index = self._flown_next = self._item
-        return self._resume(now_s)
 
     def _resume(self, now_s: float) -> list[Message]:
         self._step = _Step.RESUMING

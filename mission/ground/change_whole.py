@@ -21,8 +21,6 @@ from mission.transfer import (
     compare_plans,
 )
 
-__all__ = ["WholeListChange"]
-
 _SHOWN_S = 1.5
 _MARKS = 4
 _AGAIN_S = 2.0
@@ -97,15 +95,12 @@ class WholeListChange(ChangeSession):
         if self._transfer is not None and type(message).id in CLIENT_MESSAGES:
             out = self._take(self._transfer.receive(message, now_s), now_s)
         if isinstance(message, m.MAVLink_mission_current_message):
-            self._note_passed()
+            item = self._monitor.state.item
+            if self.record.acknowledged_s is None and item is not None:
+                # A passed item of the old mission may have switched the camera off.
+                self._passed = max(self._passed, min(item, len(self.request.old.items) - 1))
             self._look(now_s)
         return out
-
-    def _note_passed(self) -> None:
-        """Record the progress along the old mission; a passed item may have switched the camera off."""
-        item = self._monitor.state.item
-        if self.record.acknowledged_s is None and item is not None:
-            self._passed = max(self._passed, min(item, len(self.request.old.items) - 1))
 
     def poll(self, now_s: float) -> list[Message]:
         """Handle the timers that are due."""
@@ -140,7 +135,12 @@ class WholeListChange(ChangeSession):
                 self._finish_transfer(now_s)
                 if not reading:
                     self._why = self._said(event.text)
-                self._after_failure(event, now_s, reading=reading)
+                if reading or event.vehicle_plan is not PlanState.OLD:
+                    self._due_s = now_s + _AGAIN_S
+                elif event.reason is FailureReason.REFUSED:
+                    self._end(ChangeOutcome.REFUSED, self._why, now_s)
+                else:
+                    self._end(ChangeOutcome.GIVEN_UP, self._why, now_s)
         return out
 
     def _finish_transfer(self, now_s: float) -> None:
@@ -149,13 +149,6 @@ class WholeListChange(ChangeSession):
             if self._upload_sent is not None and self._transfer is self._upload_sent:
                 self._id = self._upload_sent.opaque_id
             self._transfer = None
-
-    def _after_failure(self, failed: TransferFailed, now_s: float, *, reading: bool) -> None:
-        if not reading and failed.vehicle_plan is PlanState.OLD:
-            refused = failed.reason is FailureReason.REFUSED
-            self._end(ChangeOutcome.REFUSED if refused else ChangeOutcome.GIVEN_UP, self._why, now_s)
-        else:
-            self._due_s = now_s + _AGAIN_S
 
     def _read(self, now_s: float) -> list[Message]:
         """Download the mission to find out which mission the vehicle holds."""

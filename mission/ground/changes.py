@@ -6,17 +6,14 @@ import math
 from dataclasses import replace
 
 from mission.errors import MissionError
-from mission.ground.change import ChangeRecord, ChangeRequest, ChangeSession
+from mission.ground.change import ChangeRecord, ChangeRequest, ChangeSession, FailsafeGuard
 from mission.ground.change_aside import AsideChange
 from mission.ground.change_whole import WholeListChange
 from mission.ground.contact import Contact
-from mission.ground.guard import FailsafeGuard
 from mission.ground.items import FLOWN_TO, is_return, leads_home
 from mission.link.codec.dialect import Message
 from mission.model import Mission, MissionType
 from mission.transfer import check_plan, refuse_errors, render
-
-__all__ = ["MissionChanges", "check_change"]
 
 _FARTHEST_DEG = 1.0
 _HIGHEST_M = 10_000.0
@@ -57,6 +54,10 @@ class MissionChanges:
         mission, resume_at = rendered.mission, rendered.index_of(resume_at)
         check_change(mission, resume_at, held)
         item = contact.monitor.state.item
+        needed = contact.profile.change_failsafe.get(contact.monitor.vehicle_type, ())
+        if self._guard is None and needed:
+            # One guard for the whole flight.
+            self._guard = FailsafeGuard(needed, contact, self.parameters_set)
         request = ChangeRequest(
             old=held,
             new=replace(mission, home=held.home, fence=held.fence, rally=held.rally),
@@ -64,17 +65,10 @@ class MissionChanges:
             resume_at=resume_at,
             contact=contact,
             seconds_an_item=seconds_an_item,
-            guard=self._guard_of_flight(),
+            guard=self._guard,
         )
         self._session, self.changed_s = _SESSIONS[self.aside](request), now_s
         return self._noted(self._session.start(now_s))
-
-    def _guard_of_flight(self) -> FailsafeGuard | None:
-        """Return the guard that sets the failsafe parameters, one per flight; None if not needed."""
-        needed = self._contact.profile.change_failsafe.get(self._contact.monitor.vehicle_type, ())
-        if self._guard is None and needed:
-            self._guard = FailsafeGuard(needed, self._contact, self.parameters_set)
-        return self._guard
 
     def receive(self, message: Message, now_s: float) -> list[Message]:
         """Handle a message of the vehicle, after its monitor; an ended session still handles messages."""
@@ -110,8 +104,6 @@ def check_change(new: Mission, resume_at: int, old: Mission) -> None:
     Raises MissionError if the item at which to resume has no position, a position is too high or too far from
     home, or the mission does not lead home although the old mission did. Raises the error of `check_plan`.
 
-    Examples
-    --------
     >>> from mission.model import MissionItem
     >>> there = Mission((MissionItem.waypoint(28.05, -82.15, 10.0),))
     >>> check_change(there, 1, there)

@@ -7,17 +7,6 @@ from dataclasses import dataclass
 from geo.errors import WbfMissionError
 from geo.texts import one_line, parse_number, parse_whole
 
-__all__ = [
-    "HIGHEST_TAKEOFF_M",
-    "LOWEST_TAKEOFF_M",
-    "ORDERS",
-    "MotorsStandError",
-    "OperatorCommand",
-    "OrderError",
-    "VehicleRefusedError",
-    "VehicleSilentError",
-]
-
 ORDERS = ("arm", "disarm", "takeoff", "mission", "hold", "resume", "return", "land", "set-item", "mode")
 """Names of the orders. takeoff has a height (m), set-item an item number, mode a mode name as value."""
 LOWEST_TAKEOFF_M, HIGHEST_TAKEOFF_M = 1.0, 1000.0
@@ -50,8 +39,6 @@ class VehicleSilentError(WbfMissionError, RuntimeError):
 class OperatorCommand:
     """Operator's command; raises OrderError if the order is unknown or its value is missing or invalid.
 
-    Examples
-    --------
     >>> OperatorCommand("takeoff", "100000")
     Traceback (most recent call last):
     ...

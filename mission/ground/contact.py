@@ -3,19 +3,184 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Collection
+from dataclasses import dataclass
+from enum import Enum
 from typing import Any
 
 from mission.autopilots.profile import Profile
 from mission.ground.link_state import LinkState
-from mission.ground.orders import Order
 from mission.ground.texts import TextLog
 from mission.ground.vehicle_state import VehicleMonitor
 from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
-from mission.transfer import OWN_TRANSFERS, Transfer, TransferMaker, VerifiedUpload
-from mission.transfer.wire import GROUND_STATION, ground_heartbeat
+from mission.model import DEGREES_E7, Frame
+from mission.transfer import OWN_TRANSFERS, RoundTrip, Transfer, TransferMaker, VerifiedUpload
+from mission.transfer.wire import GROUND_STATION, enum_name, ground_heartbeat
 
-__all__ = ["Contact", "Heartbeat"]
+_RETRY_S = 1.0
+_TRIES = 4
+_MOST_TRIES = 12
+_FAILS = 0.001
+_DOUBLINGS = 3
+
+
+class Answer(Enum):
+    """Meaning of a COMMAND_ACK for an order."""
+
+    NONE = "no answer to this order, or not the last one"
+    ACCEPTED = "accepted"
+    REFUSED = "refused"
+
+
+class Order:
+    """Pending command to a vehicle: COMMAND_LONG, or COMMAND_INT with a position.
+
+    ``position`` is latitude and longitude (degrees) and altitude above home (m). ``message`` replaces the
+    command for vehicles without the command, and gets no COMMAND_ACK. ``tries`` is the largest number of
+    transmissions: by default four, more over a link that loses frames. ``round_trip`` determines the timeout.
+    COMMAND_ACKs to other system ids than ``sender`` are ignored.
+    """
+
+    def __init__(
+        self,
+        target: tuple[int, int],
+        command: int,
+        *params: float,
+        position: tuple[float, float, float] | None = None,
+        message: Message | None = None,
+        tries: int | None = None,
+        round_trip: RoundTrip | None = None,
+        sender: int | None = None,
+    ) -> None:
+        self.due_s = -math.inf
+        self._position, self._message = position, message
+        self._most = tries
+        self._round_trip = round_trip
+        self._target, self._sender = target, sender
+        self._command = command
+        self._params = (*params, *[0.0] * (7 - len(params)))
+        self._tries = 0
+
+    @property
+    def is_given_up(self) -> bool:
+        """Whether all transmissions are used up."""
+        return self._tries >= (tries_over(self._round_trip) if self._most is None else self._most)
+
+    @property
+    def repeats(self) -> int:
+        """Number of repetitions."""
+        return max(0, self._tries - 1)
+
+    def send(self, now_s: float) -> list[Message]:
+        """Return the command, with the number of earlier transmissions as ``confirmation``."""
+        confirmation = self._tries
+        self._tries += 1
+        self.due_s = now_s + retry_s_over(self._round_trip, confirmation)
+        if self._message is not None:
+            return [self._message]
+        if self._position is not None:
+            latitude, longitude, altitude_m = self._position
+            first, second, third, fourth = self._params[:4]
+            return [
+                m.MAVLink_command_int_message(
+                    *self._target,
+                    int(Frame.GLOBAL_RELATIVE_ALT_INT),
+                    self._command,
+                    0,
+                    0,
+                    first,
+                    second,
+                    third,
+                    fourth,
+                    round(latitude * DEGREES_E7),
+                    round(longitude * DEGREES_E7),
+                    altitude_m,
+                )
+            ]
+        return [m.MAVLink_command_long_message(*self._target, self._command, confirmation, *self._params)]
+
+    def answer(self, message: m.MAVLink_command_ack_message, now_s: float) -> Answer:
+        """Return the meaning of a COMMAND_ACK for this order, and extend the timeout if in progress."""
+        # A shared link carries answers to other stations, too. MAVLink 1 has no target (0).
+        is_other = message.target_system and self._sender not in (None, message.target_system)
+        if message.command != self._command or is_other:
+            return Answer.NONE
+        if message.result == m.MAV_RESULT_ACCEPTED:
+            return Answer.ACCEPTED
+        if message.result == m.MAV_RESULT_IN_PROGRESS:
+            self.due_s = now_s + 3.0 * retry_s_over(self._round_trip)
+            return Answer.NONE
+        later = message.result == m.MAV_RESULT_TEMPORARILY_REJECTED and not self.is_given_up
+        return Answer.NONE if later else Answer.REFUSED
+
+
+@dataclass(frozen=True, slots=True)
+class StateBefore:
+    """Flight mode and arming of a vehicle when an order was given."""
+
+    mode: str
+    is_armed: bool
+    given_s: float
+
+    @classmethod
+    def of(cls, monitor: VehicleMonitor, now_s: float) -> StateBefore:
+        """Return the present state of a vehicle."""
+        return cls(monitor.mode, monitor.is_armed, now_s)
+
+    def is_past(self, monitor: VehicleMonitor) -> bool:
+        """Whether a HEARTBEAT has arrived since the order."""
+        return monitor.mode_heard_s > self.given_s
+
+    def is_overruled(self, monitor: VehicleMonitor, expected: Collection[str] = ()) -> bool:
+        """Whether a pilot or a failsafe has acted since the order, so that repeating it would overrule them.
+
+        ``expected`` are further flight modes in which the order still holds.
+        """
+        changed = monitor.mode != self.mode and monitor.mode not in expected
+        disarmed = self.is_armed and not monitor.is_armed
+        return changed or disarmed
+
+
+def tries_over(round_trip: RoundTrip | None) -> int:
+    """Return the number of transmissions after which one request in a thousand is still unanswered.
+
+    >>> trip = RoundTrip()
+    >>> tries_over(trip)
+    4
+    >>> trip.loss = 0.3
+    >>> tries_over(trip)
+    11
+    """
+    arrives = 1.0 if round_trip is None else (1.0 - round_trip.loss) ** 2
+    if arrives >= 1.0:
+        return _TRIES
+    tries = math.log(_FAILS) / math.log(1.0 - arrives) if arrives > 0.0 else math.inf
+    return min(max(_TRIES, math.ceil(min(tries, _MOST_TRIES))), _MOST_TRIES)
+
+
+def retry_s_over(round_trip: RoundTrip | None, repeats: int = 0) -> float:
+    """Return the timeout of an order (s): one second, or 1.1 round trips if longer.
+
+    Until the round trip time is known, each repetition doubles the timeout, up to eight seconds.
+
+    >>> [retry_s_over(RoundTrip(), repeats) for repeats in range(5)]
+    [1.0, 2.0, 4.0, 8.0, 8.0]
+    """
+    if round_trip is None:
+        return _RETRY_S
+    return round_trip.wait(_RETRY_S * 2.0 ** min(repeats, _DOUBLINGS), _RETRY_S, _RETRY_S)
+
+
+def result_name(result: int) -> str:
+    """Return the name of a MAV_RESULT for messages to the user.
+
+    >>> result_name(2)
+    'denied'
+    """
+    name = enum_name("MAV_RESULT", result, f"result {result}")
+    return name.removeprefix("MAV_RESULT_").lower().replace("_", " ")
+
 
 _HEARTBEAT_S = 1.0
 

@@ -10,8 +10,6 @@ from mission.transfer import RoundTrip
 from mission.transfer.wire import command_long
 from sensors.camera.wire import ObservationAssembler
 
-__all__ = ["ImageFetch"]
-
 _EACH_S = 0.5  # interval of the requests
 _ROUNDS = 20  # requests without a new image before giving up
 _AT_ONCE = 50  # images per request

@@ -8,22 +8,6 @@ from dataclasses import dataclass, replace
 
 from mission.model import Command, Mission, MissionItem
 
-__all__ = [
-    "FLOWN_TO",
-    "Shots",
-    "apart_m",
-    "is_return",
-    "item_to_mark",
-    "leads_home",
-    "leads_on",
-    "next_flown_to",
-    "revised_mission",
-    "same_position",
-    "shots_before",
-    "shots_ordered",
-    "speed_before",
-]
-
 _RETURNS = frozenset({int(Command.NAV_RETURN_TO_LAUNCH), int(Command.NAV_LAND)})
 _CAMERA = frozenset({int(Command.DO_SET_CAM_TRIGG_DIST), int(Command.DO_SET_CAM_TRIGG_INTERVAL)})
 _SPEED = frozenset({int(Command.DO_CHANGE_SPEED)})
@@ -120,8 +104,6 @@ def shots_ordered(item: MissionItem) -> Shots | None:
 def shots_before(items: Sequence[MissionItem], index: int) -> Shots | None:
     """Return the camera trigger during the leg to item ``index``, None if none was set.
 
-    Examples
-    --------
     >>> orders = [MissionItem(Command.DO_SET_CAM_TRIGG_DIST, param1=metres) for metres in (5.0, 0.0)]
     >>> leg = MissionItem(Command.NAV_WAYPOINT, x=27.0, y=-82.0, z=10.0)
     >>> items = (leg, orders[0], leg, orders[1], leg)
@@ -169,8 +151,6 @@ def revised_mission(
     change. ``item`` is the current item of the held mission. ``path_deg`` has latitude and longitude of the
     new waypoints; an empty path leads home immediately.
 
-    Examples
-    --------
     >>> items = (MissionItem.waypoint(28.05, -82.15, 10.0), MissionItem(Command.NAV_RETURN_TO_LAUNCH))
     >>> new, resume_at = revised_mission(
     ...     Mission(items), 0, [(28.06, -82.15)], altitude_m=10.0, acceptance_radius_m=1.0

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from mission.autopilots.registry import profile_for
+from mission.autopilots import profile_for
 from mission.ground.texts import TextLog
 from mission.link import MavlinkEndpoint, open_link
 from mission.model import Mission, MissionType

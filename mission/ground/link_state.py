@@ -10,8 +10,6 @@ from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
 from mission.transfer import RoundTrip
 
-__all__ = ["SILENCE_S", "LinkReport", "LinkState", "SilenceWatch", "milliseconds"]
-
 _WINDOW = 200  # frames for the quality
 _SEQUENCES = 256
 _LATE = 128  # a larger step of the sequence number is a late frame
@@ -96,8 +94,6 @@ class LinkState:
     def brief(self) -> str:
         """Return quality and round trip time as a short text for a status line.
 
-        Examples
-        --------
         >>> LinkState().brief()
         'link -'
         """
@@ -109,8 +105,6 @@ class LinkState:
 def milliseconds(seconds: float) -> str:
     """Return a round trip time as text.
 
-    Examples
-    --------
     >>> milliseconds(0.0002), milliseconds(0.0474), milliseconds(4.01)
     ('0.2 ms', '47 ms', '4010 ms')
     """

@@ -8,12 +8,10 @@ from enum import Enum
 from pymavlink import mavutil
 
 from geo.errors import WbfMissionError
+from mission.autopilots import profile_for
 from mission.autopilots.profile import FlightModes
-from mission.autopilots.registry import profile_for
 from mission.link.codec.dialect import mavlink as m
 from mission.model import Command
-
-__all__ = ["Maneuver", "ModeError", "VehicleModes", "is_in_mission", "mode_name"]
 
 
 class ModeError(WbfMissionError, ValueError):
@@ -43,8 +41,6 @@ class VehicleModes:
     def numbers(self, name: str) -> tuple[float, float, float]:
         """Return the parameters of DO_SET_MODE; raise ModeError with a list of the modes for an unknown name.
 
-        Examples
-        --------
         >>> VehicleModes(3, 2).numbers("rtl"), VehicleModes(12, 2).numbers("MISSION")
         ((1.0, 6.0, 0.0), (29.0, 4.0, 4.0))
         """
@@ -60,8 +56,6 @@ class VehicleModes:
     def told_name(self, name: str) -> str:
         """Return the name that a HEARTBEAT shows for a mode name or alias.
 
-        Examples
-        --------
         >>> VehicleModes(12, 2).told_name("hold"), VehicleModes(3, 2).told_name("guided")
         ('LOITER', 'GUIDED')
         """
@@ -76,8 +70,6 @@ class VehicleModes:
     def maneuver(self, kind: Maneuver) -> tuple[int, tuple[float, ...]]:
         """Return the MAV_CMD of a maneuver and its first parameters.
 
-        Examples
-        --------
         >>> VehicleModes(3, 2).maneuver(Maneuver.HOLD), VehicleModes(12, 2).maneuver(Maneuver.RETURN)
         ((176, (1.0, 17.0, 0.0)), (20, ()))
         >>> VehicleModes(12, 2).maneuver(Maneuver.RESUME)
@@ -107,8 +99,6 @@ class VehicleModes:
     def ends(self, last_command: int) -> frozenset[str]:
         """Return the modes after the end of a mission with this last command, besides the mission modes.
 
-        Examples
-        --------
         >>> [sorted(VehicleModes(12, 2).ends(command)) for command in (20, 16)], VehicleModes(3, 2).ends(20)
         ([['RTL'], ['LOITER']], frozenset())
         """
@@ -118,8 +108,6 @@ class VehicleModes:
 def mode_name(beat: m.MAVLink_heartbeat_message) -> str:
     """Return the flight mode name of a HEARTBEAT.
 
-    Examples
-    --------
     >>> mode_name(m.MAVLink_heartbeat_message(2, 3, 81, 6, 4, 3))
     'RTL'
     """
@@ -132,8 +120,6 @@ def mode_name(beat: m.MAVLink_heartbeat_message) -> str:
 def is_in_mission(beat: m.MAVLink_heartbeat_message) -> bool:
     """Whether a HEARTBEAT shows the mission mode.
 
-    Examples
-    --------
     >>> [is_in_mission(m.MAVLink_heartbeat_message(2, 3, 81, mode, 4, 3)) for mode in (3, 5)]
     [True, False]
     """

@@ -6,14 +6,11 @@ import math
 
 from geo.frame import LocalFrame
 from mission.ground.arming_gate import FARTHEST_M, ArmingGate, Stage
-from mission.ground.contact import Contact
-from mission.ground.orders import Answer, Order, StateBefore, result_name
+from mission.ground.contact import Answer, Contact, Order, StateBefore, result_name
 from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
 from mission.model import GeoPoint
 from mission.outcome import Outcome, Phase
-
-__all__ = ["STARTING", "MissionStart"]
 
 STARTING = frozenset({Phase.WAIT, Phase.MODE, Phase.READY, Phase.ARM, Phase.START})
 _READY_S = 180.0
@@ -71,7 +68,13 @@ class MissionStart:
         if self.phase is Phase.WAIT and now_s >= self._arm_s:
             out += self._arm(now_s)
         if gate is not None and refusal is not None and now_s >= refusal[1]:
-            self._after_refusal(gate, refusal[0], now_s)
+            self._refusal = None
+            if gate.told > self._reasons_before and now_s < self._ready_s:
+                # The vehicle gave a new reason, which may pass.
+                self.phase, self._again_s = Phase.READY, now_s + _AGAIN_S
+                gate.check_again(now_s)
+            else:
+                self._fail(self._texts.last_warning(refusal[0], self._texts_before))
         if gate is not None and self.phase is Phase.READY:
             out += self._pass_gate(gate, now_s)
         order = self._order
@@ -237,15 +240,6 @@ class MissionStart:
             self._refusal = why, now_s + _LAST_WORDS_S
         else:
             self._fail(self._texts.last_warning(why))
-
-    def _after_refusal(self, gate: ArmingGate, why: str, now_s: float) -> None:
-        """Retry arming later if the vehicle gave a new reason, within the time limit of the start."""
-        self._refusal = None
-        if gate.told > self._reasons_before and now_s < self._ready_s:
-            self.phase, self._again_s = Phase.READY, now_s + _AGAIN_S
-            gate.check_again(now_s)
-        else:
-            self._fail(self._texts.last_warning(why, self._texts_before))
 
     def _fail(self, why: str) -> None:
         arming = self.phase is Phase.ARM

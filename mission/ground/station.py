@@ -9,13 +9,12 @@ from typing import Any
 from geo.errors import WbfMissionError
 from mission.ground.arming_gate import ArmingGate
 from mission.ground.changes import MissionChanges
-from mission.ground.contact import Contact, Heartbeat
+from mission.ground.contact import Answer, Contact, Heartbeat, Order, StateBefore, result_name
 from mission.ground.images import ImageFetch
 from mission.ground.items import next_flown_to
 from mission.ground.link_state import LinkReport, SilenceWatch
 from mission.ground.mission_end import MissionEnd
 from mission.ground.modes import Maneuver
-from mission.ground.orders import Answer, Order, StateBefore, result_name
 from mission.ground.start import STARTING, MissionStart
 from mission.ground.tracks import TrackRecorder, TrueState
 from mission.ground.uploads import PlanUploads
@@ -279,7 +278,8 @@ class GroundStation:
 
     def receive(self, message: Message, now_s: float) -> list[Message]:
         """Handle one message; return the messages to send."""
-        number, is_autopilot = type(message).id, self._is_autopilot(message)
+        number = type(message).id
+        is_autopilot = (message.get_srcSystem(), message.get_srcComponent()) == self._contact.vehicle
         if self.arming_gate is not None and is_autopilot:
             self.link.receive(message, now_s)
             if given_up := self._look_at_clock(now_s):
@@ -664,9 +664,6 @@ class GroundStation:
         self.outcome, self.reason, self.phase = outcome, reason, Phase.DONE
         if self.ended_s is None:
             self.ended_s = now_s
-
-    def _is_autopilot(self, message: Message) -> bool:
-        return (message.get_srcSystem(), message.get_srcComponent()) == self._contact.vehicle
 
 
 def _ignore(_message: Message, _now_s: float) -> None:

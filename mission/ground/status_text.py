@@ -7,8 +7,6 @@ from mission.ground.link_state import SILENCE_S
 from mission.ground.station import GroundStation
 from mission.outcome import Phase
 
-__all__ = ["NotStartedError", "doing", "not_started"]
-
 _STOPPED = {
     Phase.CONTACT: "nothing was sent",
     Phase.UPLOAD: "nothing was started; the upload was broken off, and what the vehicle holds is not known",

@@ -8,8 +8,6 @@ from itertools import takewhile
 
 from mission.link.codec.dialect import mavlink as m
 
-__all__ = ["WHOLE_S", "TextLog", "begun_until"]
-
 WHOLE_S = 0.5
 """Time after the first chunk at which a chunked text counts as complete (s)."""
 

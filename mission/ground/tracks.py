@@ -15,7 +15,6 @@ from mission.link.codec.typed import is_a
 
 TrueState: TypeAlias = m.MAVLink_hil_state_quaternion_message | m.MAVLink_sim_state_message
 
-__all__ = ["FlownLength", "Track", "TrackRecorder", "joined"]
 
 _GROUND_MM = 50
 _ON_GROUND = 1  # MAV_LANDED_STATE_ON_GROUND

@@ -25,8 +25,6 @@ from mission.transfer import (
     render,
 )
 
-__all__ = ["PlanUploads"]
-
 _AN_ITEM_S = 0.1
 _LAST_WORDS_S = 0.5
 

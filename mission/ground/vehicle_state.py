@@ -8,15 +8,13 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from geo.frame import LocalFrame
+from mission.autopilots import profile_for
 from mission.autopilots.profile import Profile
-from mission.autopilots.registry import profile_for
 from mission.ground.modes import VehicleModes, is_in_mission, mode_name
 from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
 from mission.link.codec.typed import handler
 from mission.model import DEGREES_E7
-
-__all__ = ["UNKNOWN_ITEM", "Battery", "BootClock", "VehicleMonitor", "VehicleState"]
 
 _RESTART_MS = 5000
 """Backward step of the time since boot that means a reboot (ms); smaller: a delayed message."""
@@ -25,8 +23,6 @@ _RESTART_MS = 5000
 class BootClock:
     """Continuous clock from a vehicle's times since boot, across reboots of its autopilot.
 
-    Examples
-    --------
     >>> clock = BootClock()
     >>> [clock.take(time_ms, now_s) for time_ms, now_s in ((90_000, 10.0), (91_000, 11.0), (200, 13.0))]
     [90000, 91000, 93000]
@@ -71,8 +67,6 @@ class Battery:
         Readings on the ground are too high, because a battery recovers or is replaced. PX4's simulator
         recharges the battery when disarmed.
 
-        Examples
-        --------
         >>> Battery(0.9).drained(Battery(0.5), armed=True).drained(Battery(0.98), armed=False)
         Battery(remaining=0.5, consumed_wh=None)
         """
@@ -83,8 +77,6 @@ class Battery:
     def used_since(self, before: Battery, capacity_wh: float) -> float | None:
         """Return the fraction used since an earlier state, from the energy or else the remaining fraction.
 
-        Examples
-        --------
         >>> Battery(0.9, 10.0).used_since(Battery(1.0, 2.0), 80.0)
         0.1
         >>> Battery(0.5).used_since(Battery(0.75), 80.0)

@@ -7,6 +7,7 @@ from geo.imports import attach
 if TYPE_CHECKING:
     from mission.link.address import Link as Link
     from mission.link.address import LinkAddress as LinkAddress
+    from mission.link.address import MavlinkEndpoint as MavlinkEndpoint
     from mission.link.address import MemoryLink as MemoryLink
     from mission.link.address import memory_pair as memory_pair
     from mission.link.address import parse_link_url as parse_link_url
@@ -15,7 +16,6 @@ if TYPE_CHECKING:
     from mission.link.codec.frames import SourceStatistics as SourceStatistics
     from mission.link.codec.signing import Signing as Signing
     from mission.link.codec.signing import key_from_text as key_from_text
-    from mission.link.endpoint import MavlinkEndpoint as MavlinkEndpoint
     from mission.link.opening import open_link as open_link
     from mission.link.tlog import TlogWriter as TlogWriter
     from mission.link.tlog import read_tlog as read_tlog

@@ -299,6 +299,3 @@ def open_link(url: str, *, timeout_s: float = 5.0, reconnect: bool = False) -> L
     if reconnect:
         return TcpClientLink(address, timeout_s=timeout_s)
     return TcpLink.connect(address, timeout_s=timeout_s)
-
-
-__all__ = ["SerialClientLink", "TcpClientLink", "open_link"]

@@ -13,8 +13,8 @@ from typing import Protocol
 
 import numpy as np
 
-from geo.closing import Closing
 from geo.reading import UnreadableError, read_file
+from geo.system import Closing
 from mission.errors import LinkError
 from mission.link.codec.dialect import Message
 from mission.link.codec.frames import FrameReader, valid_frame_end
@@ -76,8 +76,6 @@ class TlogWriter(Closing):
 class FrameLog:
     r"""Frames with times relative to a start that is not known yet.
 
-    Examples
-    --------
     >>> log = FrameLog()
     >>> log.write(b"frame", 1.5)
     >>> log.records(0.000001)
@@ -116,8 +114,6 @@ class FrameLog:
 def tlog_record(frame: bytes, time_s: float) -> bytes:
     r"""Return the .tlog record of one frame; ``time_s`` is the Unix time (s).
 
-    Examples
-    --------
     >>> tlog_record(b"frame", 1.5)
     b'\x00\x00\x00\x00\x00\x16\xe3`frame'
     """

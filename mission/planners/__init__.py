@@ -14,12 +14,12 @@ if TYPE_CHECKING:
     from mission.planners.build import build_mission as build_mission
     from mission.planners.path import PlannedPath as PlannedPath
     from mission.planners.path import path_length as path_length
-    from mission.planners.registry import ConfiguredPlanner as ConfiguredPlanner
-    from mission.planners.registry import make_planner as make_planner
-    from mission.planners.registry import planner_names as planner_names
-    from mission.planners.registry import planner_parameters as planner_parameters
+    from mission.planners.request import ConfiguredPlanner as ConfiguredPlanner
     from mission.planners.request import CropArea as CropArea
     from mission.planners.request import Planner as Planner
     from mission.planners.request import PlanningRequest as PlanningRequest
+    from mission.planners.request import make_planner as make_planner
+    from mission.planners.request import planner_names as planner_names
+    from mission.planners.request import planner_parameters as planner_parameters
 else:
     __getattr__, __dir__, __all__ = attach(__name__)

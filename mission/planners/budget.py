@@ -11,7 +11,7 @@ from typing import ClassVar, Protocol, TypeAlias, runtime_checkable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from geo.units import FOOT_M
+from geo.texts import FOOT_M
 from mission.errors import PlanningError
 from mission.planners.path import path_length
 

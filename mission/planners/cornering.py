@@ -13,8 +13,6 @@ from numpy.typing import NDArray
 from mission.errors import PlanningError
 from mission.planners.path import COINCIDENT_M, Area, Points, distinct
 
-__all__ = ["Cornering", "Waypoints"]
-
 # Leg lengths are in multiples of the acceptance radius.
 _LEAST_LEG = 0.15  # Shorter legs never overshoot
 _SHORT_LEG = 0.75  # Shorter legs do not overshoot within a curve, or between two antiparallel rows

@@ -28,8 +28,6 @@ def hull_angles(area: Area) -> list[float]:
 
     The least width of an area is always measured across an edge of its hull (Freeman and Shapira 1975).
 
-    Examples
-    --------
     >>> [round(angle, 3) for angle in hull_angles(shapely.box(0, 0, 1, 9))]
     [1.571, 0.0]
     """
@@ -95,16 +93,13 @@ def _cuts(part: Polygon, spacing_m: float) -> Iterator[list[Polygon]]:
             near = [line for line in within if shapely.distance(line, shapely.points(corner)) < spacing_m]
             pieces = [part]
             for line in near:
-                wide = shapely.linestrings(_longer(shapely.get_coordinates(line)))
+                # Extended by 1 mm at both ends, the line cuts through the border.
+                ends = shapely.get_coordinates(line)
+                along = (ends[-1] - ends[0]) / max(math.dist(ends[0], ends[-1]), 1e-9)
+                wide = shapely.linestrings(np.array([ends[0] - 1e-3 * along, ends[-1] + 1e-3 * along]))
                 pieces = [new for old in pieces for new in polygons_of(split(old, wide))]
             if len(pieces) > 1 and all(piece.area > least_m2 for piece in pieces):
                 yield pieces
-
-
-def _longer(ends: Points) -> Points:
-    """Return the line extended by 1 mm at both ends, so that a split cuts through the border."""
-    along = (ends[-1] - ends[0]) / max(math.dist(ends[0], ends[-1]), 1e-9)
-    return np.array([ends[0] - 1e-3 * along, ends[-1] + 1e-3 * along])
 
 
 def _inward(polygon: Polygon) -> list[tuple[Points, list[Points]]]:

@@ -35,8 +35,6 @@ _EVEN = (0.7548776662466927, 0.5698402909980532)
 def strips(area: Area, shares: Sequence[float]) -> list[Area]:
     """Return strips across the longer side of an area, in order along this side.
 
-    Examples
-    --------
     >>> [part.bounds for part in strips(shapely.box(0.0, 0.0, 8.0, 2.0), [0.25, 0.75])]
     [(0.0, 0.0, 2.0, 2.0), (2.0, 0.0, 8.0, 2.0)]
     """
@@ -58,8 +56,6 @@ def power_cells(area: Area, shares: Sequence[float]) -> list[Area]:
     the sites to the centroids of their cells, as in Lloyd's algorithm (for equal shares: Balzer, Schloemer
     and Deussen 2009).
 
-    Examples
-    --------
     >>> cells = power_cells(shapely.box(0.0, 0.0, 3.0, 3.0), [0.5, 0.25, 0.25])
     >>> [round(cell.area / 9.0, 2) for cell in cells]
     [0.5, 0.25, 0.25]

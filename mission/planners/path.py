@@ -67,8 +67,6 @@ class PlannedPath:
 def path_length(path_xy_m: ArrayLike) -> float:
     """Return the length of a polyline.
 
-    Examples
-    --------
     >>> path_length([[0.0, 0.0], [3.0, 4.0], [3.0, 5.0]])
     6.0
     """
@@ -80,8 +78,6 @@ def path_length(path_xy_m: ArrayLike) -> float:
 def drop_coincident(path_xy_m: ArrayLike, tolerance_m: float = COINCIDENT_M) -> Points:
     """Return the path without the points closer than `tolerance_m` to the last kept point.
 
-    Examples
-    --------
     >>> drop_coincident([[0.0, 0.0], [0.001, 0.0], [1.0, 0.0]]).tolist()
     [[0.0, 0.0], [1.0, 0.0]]
     """

@@ -195,8 +195,6 @@ def too_small(request: PlanningRequest, points_m: Points, least: float, what: st
 def gaps_of(area: Area, passable: Area) -> list[Polygon]:
     """Return the passable land inside the convex hull of an area but outside the area, largest first.
 
-    Examples
-    --------
     >>> field = shapely.box(0, 0, 9, 9)
     >>> [gap.area for gap in gaps_of(field - shapely.box(3, 3, 5, 5), field)]
     [4.0]

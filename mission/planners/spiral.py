@@ -121,8 +121,6 @@ def rectangle_spiral(
     After each corner the bound behind it moves in by the spacing. The spiral ends when a bound passes the
     centre. `corner` is the first corner: 0 is (x_min, y_min), the others follow anticlockwise.
 
-    Examples
-    --------
     >>> rectangle_spiral((0, 0, 4, 4), 2.0).tolist()
     [[0.0, 0.0], [4.0, 0.0], [4.0, 4.0], [2.0, 4.0], [2.0, 2.0]]
     """
@@ -206,8 +204,6 @@ def ring_from(ring_m: NDArray[np.float64], start_m: ArrayLike, gap_m: float) -> 
 
     The turn stops `gap_m` (at most half a turn) short of its first point, to continue on the next ring.
 
-    Examples
-    --------
     >>> square = np.array([(0.0, 0.0), (4, 0), (4, 4), (0, 4), (0, 0)])
     >>> ring_from(square, (2.0, -1.0), 1.0).tolist()
     [[2.0, 0.0], [4.0, 0.0], [4.0, 4.0], [0.0, 4.0], [0.0, 0.0], [1.0, 0.0]]

@@ -188,8 +188,6 @@ def ring_strips(area: Area, swath: Swath, passes: int) -> tuple[list[NDArray[np.
 def is_narrow(part: Polygon, swath: Swath) -> bool:
     """Return whether a line along the middle of a part sees the part's full width.
 
-    Examples
-    --------
     >>> [is_narrow(shapely.box(0, 0, 100, width_m), Swath(10, 8, 5)) for width_m in (9, 11)]
     [True, False]
     """
@@ -199,8 +197,6 @@ def is_narrow(part: Polygon, swath: Swath) -> bool:
 def without_arms(part: Polygon, swath: Swath) -> list[Polygon]:
     """Split a part into pieces wider than an image, and narrow arms; return [] if there are no arms.
 
-    Examples
-    --------
     >>> field = shapely.union(shapely.box(0, 0, 50, 50), shapely.box(50, 20, 120, 26))
     >>> [piece.bounds for piece in without_arms(field, Swath(10, 8, 5))]
     [(0.0, 0.0, 50.0, 50.0), (50.0, 20.0, 120.0, 26.0)]
@@ -218,8 +214,6 @@ def without_arms(part: Polygon, swath: Swath) -> list[Polygon]:
 def strip_lines(part: Polygon, room: Area, swath: Swath) -> list[Points]:
     """Return the rows of a narrow part, float64[n, 2] each: the main row, and a row for each unseen branch.
 
-    Examples
-    --------
     >>> strip = shapely.box(0, 0, 100, 4)
     >>> [line.tolist() for line in strip_lines(strip, strip, Swath(10, 8, 5))]
     [[[4.0, 2.0], [96.0, 2.0]]]

@@ -28,8 +28,8 @@ from mission.planners.search import (
 from mission.planners.short_legs import without_short_legs
 from mission.planners.spiral import ring_from
 from mission.planners.strips import Swath, is_narrow, ring_strips, rows_that_see, strip_lines, without_arms
+from mission.planners.sweep import fly_cells
 from mission.planners.terrain import Terrain, parts_of, smoothed
-from mission.planners.tour import fly_cells
 
 NAME = "survey"
 BEST = "best"

@@ -60,8 +60,6 @@ def inset(area: Area, distance_m: float, least_leg_m: float = 0.0) -> Area:
     A border of more than 500 vertices is smoothed inward by at most `distance_m`. A border with successive
     edges shorter than `least_leg_m` is smoothed inward by at most half of `least_leg_m`.
 
-    Examples
-    --------
     >>> inset(shapely.box(0, 0, 10, 4), 1.0).bounds
     (1.0, 1.0, 9.0, 3.0)
     """
@@ -231,8 +229,6 @@ class Region:
 def reflex_corners(polygon: Polygon) -> Points:
     """Return the corners with an interior angle above 180 degrees, float64[n, 2].
 
-    Examples
-    --------
     >>> reflex_corners(Polygon([(0, 0), (4, 0), (4, 4), (2, 4), (2, 2), (0, 2)])).tolist()
     [[2.0, 2.0]]
     """

@@ -93,8 +93,6 @@ class TravelCost(Protocol):
 class ContactArea:
     """Circle over ground with reliable radio contact, in which a vehicle can receive a new path.
 
-    Examples
-    --------
     >>> ContactArea((0.0, 0.0), 4.0).away_m((3.0, 4.0))
     1.0
     """

@@ -10,8 +10,7 @@ from typing import Any, ClassVar, Protocol, runtime_checkable
 from geo.named import ParameterError, check_parameters
 from mission.errors import PlanningError
 from mission.planners.partition import STRIPS
-from mission.planners.registry import load_registered, make_planner, registered_names
-from mission.planners.request import Planner
+from mission.planners.request import Planner, load_registered, make_planner, registered_names
 from mission.policies.allocation import WHOLE, Share, check_partition, reallocate, shared
 from mission.policies.decision import NO_CHANGE, Decision
 from mission.policies.observation import Event, PolicyObservation, Status, VehicleReport

@@ -5,21 +5,22 @@ from typing import TYPE_CHECKING
 from geo.imports import attach
 
 if TYPE_CHECKING:
+    from mission.autopilots.dialect import Severity as Severity
     from mission.transfer.client import ClientTimers as ClientTimers
     from mission.transfer.client import ClientTransfer as ClientTransfer
     from mission.transfer.download import MissionDownload as MissionDownload
-    from mission.transfer.errors import LocalTransferError as LocalTransferError
-    from mission.transfer.errors import RemoteTransferError as RemoteTransferError
     from mission.transfer.events import ClearComplete as ClearComplete
     from mission.transfer.events import DownloadComplete as DownloadComplete
     from mission.transfer.events import Event as Event
     from mission.transfer.events import FailureReason as FailureReason
+    from mission.transfer.events import LocalTransferError as LocalTransferError
     from mission.transfer.events import Output as Output
     from mission.transfer.events import PlanCleared as PlanCleared
     from mission.transfer.events import PlanReplaced as PlanReplaced
     from mission.transfer.events import PlanSent as PlanSent
     from mission.transfer.events import PlanState as PlanState
     from mission.transfer.events import Progress as Progress
+    from mission.transfer.events import RemoteTransferError as RemoteTransferError
     from mission.transfer.events import StatusText as StatusText
     from mission.transfer.events import Transfer as Transfer
     from mission.transfer.events import TransferFailed as TransferFailed
@@ -29,7 +30,6 @@ if TYPE_CHECKING:
     from mission.transfer.events import UploadComplete as UploadComplete
     from mission.transfer.events import UploadVerified as UploadVerified
     from mission.transfer.remarks import Remark as Remark
-    from mission.transfer.remarks import Severity as Severity
     from mission.transfer.remarks import count_warning as count_warning
     from mission.transfer.rendering import Rendered as Rendered
     from mission.transfer.rendering import refuse_errors as refuse_errors

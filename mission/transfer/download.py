@@ -11,10 +11,8 @@ from mission.link.codec.dialect import Message, mavlink
 from mission.link.codec.typed import is_a
 from mission.model import MissionItem, MissionType
 from mission.transfer import wire
-from mission.transfer.client import ClientTransfer
-from mission.transfer.client_table import LISTING, ClientInput
-from mission.transfer.errors import LocalTransferError
-from mission.transfer.events import DownloadComplete, FailureReason, Output, Progress
+from mission.transfer.client import LISTING, ClientInput, ClientTransfer
+from mission.transfer.events import DownloadComplete, FailureReason, LocalTransferError, Output, Progress
 from mission.transfer.wire import from_wire_order
 
 _I = ClientInput
@@ -133,16 +131,14 @@ class MissionDownload(ClientTransfer):
         complete = DownloadComplete(self.mission_type, items, self._opaque_id, home)
         return Output((wire.ack(self.target, wire.ACCEPTED, self.mission_type),), (*events, complete))
 
-    def _wait_s(self) -> float:
-        timers = self.timers
-        return self.round_trip.wait(timers.item_s, timers.floor_s, timers.reply_s)
-
     def _again_s(self, asked_s: float, times: int) -> float:
         """Return the time at which to repeat the request for an item after ``times`` requests."""
         copies, apart_s = self.round_trip.copies(self.profile.abort_s)
         if times % copies != 0:
             return asked_s + apart_s
-        return asked_s + max(self._wait_s() - (copies - 1) * apart_s, apart_s)
+        timers = self.timers
+        wait_s = self.round_trip.wait(timers.item_s, timers.floor_s, timers.reply_s)
+        return asked_s + max(wait_s - (copies - 1) * apart_s, apart_s)
 
     def _retry_s(self) -> float:
         if self._state is LISTING:

@@ -8,19 +8,18 @@ import time
 from collections.abc import Callable, Collection, Iterable, Mapping
 from typing import Any
 
-from geo.closing import Closing
-from mission.link.address import Link
+from geo.system import Closing
+from mission.link.address import Link, MavlinkEndpoint
 from mission.link.codec.dialect import Message, mavlink
 from mission.link.codec.typed import is_a
-from mission.link.endpoint import MavlinkEndpoint
 from mission.model import GeoPoint, Mission, MissionType
 from mission.transfer import wire
 from mission.transfer.client import ClientTimers
-from mission.transfer.errors import RemoteTransferError
 from mission.transfer.events import (
     DownloadComplete,
     Event,
     Output,
+    RemoteTransferError,
     Transfer,
     TransferFailed,
     TransferStatistics,
@@ -145,21 +144,22 @@ class TransferDriver(Closing):
             raise
         assert last is not None
         if isinstance(last, TransferFailed):
-            self._wait_for_text()
+            # The vehicle's STATUSTEXT about the failure may follow its ACK.
+            end_s = self._clock() + _TEXT_WAIT_S
+            while self._on_text is not None and (rest_s := end_s - self._clock()) > 0.0:
+                self._wait(self.endpoint.link, rest_s)
+                for message in self.endpoint.receive():
+                    self._note(message)
             raise RemoteTransferError(last.text, last)
         return last, transfer.statistics()
 
-    def _measure_loss(self) -> None:
-        """Update the frame loss of the link from the sequence numbers of the vehicle's frames."""
-        vehicle = self.vehicle
-        sources = self.endpoint.reader.sources
+    def _turn(self, transfer: Transfer) -> Event | None:
+        last: Event | None = None
+        # The frame loss of the link follows from the sequence numbers of the vehicle's frames.
+        vehicle, sources = self.vehicle, self.endpoint.reader.sources
         heard = None if vehicle is None else sources.get((vehicle.system_id, vehicle.component_id))
         if heard is not None and heard.received >= _FEWEST_FRAMES:
             self._round_trip.loss = heard.lost / (heard.lost + heard.received)
-
-    def _turn(self, transfer: Transfer) -> Event | None:
-        last: Event | None = None
-        self._measure_loss()
         for message in self.endpoint.receive():
             self._note(message)
             last = self._emit(transfer.receive(message, self._clock())) or last
@@ -202,14 +202,6 @@ class TransferDriver(Closing):
                 self._beat(self._clock())
                 self._wait(self.endpoint.link, _LONGEST_WAIT_S)
         return True
-
-    def _wait_for_text(self) -> None:
-        """Wait briefly for the vehicle's STATUSTEXT about a failure, which may follow its ACK."""
-        end_s = self._clock() + _TEXT_WAIT_S
-        while self._on_text is not None and (rest_s := end_s - self._clock()) > 0.0:
-            self._wait(self.endpoint.link, rest_s)
-            for message in self.endpoint.receive():
-                self._note(message)
 
     def _emit(self, output: Output) -> Event | None:
         for message in output.messages:
@@ -373,6 +365,3 @@ class TransferDriver(Closing):
         """Clear the plans; raises the errors of `download`."""
         options = self._options()
         return tuple(self.run(MissionClear(kind, **options))[1] for kind in types)
-
-
-__all__ = ["OnEvent", "OnText", "TransferDriver", "wait_readable"]

@@ -1,4 +1,12 @@
-"""Transfer interface, output of one step, and events of transfers."""
+"""Transfer interface, output of one step, events and exceptions of transfers.
+
+::
+
+    TransferError
+    +-- LocalTransferError     wrong use by the caller
+    +-- RemoteTransferError    the vehicle refused, violated the protocol or did not answer
+        +-- NoVehicleError     no vehicle heartbeat was received
+"""
 
 from __future__ import annotations
 
@@ -6,6 +14,7 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import Protocol
 
+from mission.errors import TransferError
 from mission.link.codec.dialect import Message
 from mission.model import GeoPoint, MissionItem, MissionType
 
@@ -220,3 +229,19 @@ class Transfer(Protocol):
 
     def statistics(self, now_s: float | None = None) -> TransferStatistics:
         """Return the statistics up to ``now_s``."""
+
+
+class LocalTransferError(TransferError):
+    """A transfer was started twice, used after its end, or given a plan that cannot be sent."""
+
+
+class RemoteTransferError(TransferError):
+    """The vehicle refused, violated the protocol or did not answer; ``failure`` is the last event."""
+
+    def __init__(self, text: str, failure: TransferFailed | None = None) -> None:
+        super().__init__(text)
+        self.failure = failure
+
+
+class NoVehicleError(RemoteTransferError):
+    """No vehicle heartbeat was received."""

@@ -11,16 +11,6 @@ from mission.autopilots.profile import Profile
 from mission.model import GLOBAL_FRAMES, Mission, MissionItem, MissionType
 from mission.transfer.wire import command_name, enum_name
 
-__all__ = [
-    "Remark",
-    "Severity",
-    "area_remarks",
-    "count_remarks",
-    "count_warning",
-    "frame_name",
-    "longer_plan_fix",
-]
-
 _POLYGON = frozenset({5001, 5002})
 _CIRCLES = frozenset({5003, 5004})
 
@@ -118,16 +108,13 @@ def _problems(items: tuple[MissionItem, ...], profile: Profile) -> list[tuple[in
             continue
         corners = int(item.param1 or 0.0)
         due = k + 1
-        while due < min(k + corners, len(items)) and _same_polygon(items[due], item):
+        kind = item.command, item.param1
+        while due < min(k + corners, len(items)) and (items[due].command, items[due].param1) == kind:
             due += 1
         if corners < 3 or due - k < corners:
             text = f"a polygon of {corners} corners (param1), of which {due - k} are here"
             found.append((k, text, "give three or more, each with their number"))
     return found
-
-
-def _same_polygon(item: MissionItem, other: MissionItem) -> bool:
-    return item.command == other.command and item.param1 == other.param1
 
 
 def count_remarks(
@@ -164,8 +151,6 @@ def _room(profile: Profile, parameters: Mapping[str, float]) -> tuple[int, str, 
 def longer_plan_fix(count: int, mission_type: MissionType, profile: Profile) -> str:
     """Return advice for a plan with more items than the vehicle can store.
 
-    Examples
-    --------
     >>> from mission.autopilots import ARDUPILOT
     >>> longer_plan_fix(700, MissionType.MISSION, ARDUPILOT)
     'set BRD_SD_MISSION to 11 and restart the vehicle, or fly the mission in parts'
@@ -192,8 +177,6 @@ def frame_name(frame: int) -> str:
 def count_warning(profile: Profile, mission_type: MissionType, number: int) -> str | None:
     """Return a warning if common boards of the autopilot store fewer than ``number`` items, else None.
 
-    Examples
-    --------
     >>> from mission.autopilots import PX4
     >>> count_warning(PX4, MissionType.MISSION, 501)
     '501 mission items: many PX4 boards hold only 500'

@@ -10,14 +10,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
-from mission.autopilots.dialect import ArmingCondition
+from mission.autopilots.dialect import ArmingCondition, Severity
 from mission.autopilots.profile import Profile
 from mission.link.codec.dialect import mavlink
 from mission.model import GLOBAL_FRAMES, Command, Frame, Mission, MissionItem, MissionType, has_position
-from mission.transfer.errors import LocalTransferError
-from mission.transfer.remarks import Remark, Severity, area_remarks, count_remarks, frame_name
-
-__all__ = ["Rendered", "refuse_errors", "render"]
+from mission.transfer.events import LocalTransferError
+from mission.transfer.remarks import Remark, area_remarks, count_remarks, frame_name
 
 _PARAMETERS = ("param1", "param2", "param3", "param4")
 _QUADROTOR = int(mavlink.MAV_TYPE_QUADROTOR)
@@ -193,15 +191,12 @@ class _Writer:
                 text = f"{self._profile.name} does not know this command"
                 fix = self._dialect.instead.get(item.command, "leave it out")
                 self._say(number, Severity.ERROR, text, fix)
-            written.append((number, self._plain_roi(item)))
+            roi = item.command == Command.DO_SET_ROI and self._dialect.roi_modes is not None
+            if roi and (item.param1 or 0.0) == _ROI_NONE:
+                # The form of DO_SET_ROI of mode 0 (none) that PX4 accepts.
+                item = MissionItem(Command.DO_SET_ROI_NONE, autocontinue=item.autocontinue)
+            written.append((number, item))
         self.entries = written
-
-    def _plain_roi(self, item: MissionItem) -> MissionItem:
-        """Replace DO_SET_ROI of mode 0 (none) by DO_SET_ROI_NONE, the form that PX4 accepts."""
-        modes = self._dialect.roi_modes
-        if modes is None or item.command != Command.DO_SET_ROI or (item.param1 or 0.0) != _ROI_NONE:
-            return item
-        return MissionItem(Command.DO_SET_ROI_NONE, autocontinue=item.autocontinue)
 
     def _fold_yaw(self) -> None:
         """Convert CONDITION_YAW into the heading (param4) of the next waypoint."""

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import math
 
-__all__ = ["RoundTrip"]
-
 _GAIN = 0.125  # smoothing factor of TCP (RFC 6298)
 _SLOW = 1.1  # shortest timeout, in round trips
 _FAILS = 0.01  # accepted probability that all copies of a message are lost
@@ -80,8 +78,6 @@ class RoundTrip:
         too few repetitions fit into that time, several copies are sent per round trip. Their number limits
         the probability that all are lost to 1 %, with at most four copies.
 
-        Examples
-        --------
         >>> trip = RoundTrip()
         >>> trip.sample(4.0)
         >>> trip.copies(5.0)

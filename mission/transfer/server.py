@@ -26,14 +26,18 @@ from mission.transfer.events import (
     TransferFailed,
     TransferStarted,
 )
-from mission.transfer.server_session import EndedUpload, PlanStore, ServerInputs, StoredPlan, Validator
-from mission.transfer.server_table import (
+from mission.transfer.server_session import (
     IDLE,
     RECEIVING,
     SENDING,
     SERVER_TABLE,
+    EndedUpload,
+    PlanStore,
     ServerInput,
+    ServerInputs,
     ServerState,
+    StoredPlan,
+    Validator,
 )
 from mission.transfer.storage import as_read_back, frame_on_wire
 from mission.transfer.wire import from_wire_order, to_wire_order
@@ -92,7 +96,7 @@ class MissionServer(ServerInputs):
 
     The server has no socket and no clock. The owner passes messages and the time, sends the messages of each
     output, and calls `poll` at `next_deadline`. No received message makes the server raise. The rules are in
-    `mission.transfer.server_table`; an action is a row of ``_REFUSALS`` or the method of that name.
+    `mission.transfer.server_session`; an action is a row of ``_REFUSALS`` or the method of that name.
 
     Parameters
     ----------

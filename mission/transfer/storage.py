@@ -14,8 +14,6 @@ from mission.autopilots.profile import Profile
 from mission.model import Command, Frame, MissionItem, MissionType, has_position, plan_of
 from mission.transfer import wire
 
-__all__ = ["UncheckedItem", "as_read_back", "as_stored", "frame_on_wire", "validate_item", "validate_numbers"]
-
 _PARAMETERS = ("param1", "param2", "param3", "param4")
 _INT_FRAMES = {0: 5, 3: 6, 10: 11}
 
@@ -63,8 +61,6 @@ def validate_item(item: MissionItem, count: int, profile: Profile) -> int:
 
     ``count`` is the number of items of the plan on the wire. Jump targets use the autopilot's numbering.
 
-    Examples
-    --------
     >>> from mission.autopilots import PX4
     >>> validate_item(MissionItem(Command.NAV_RETURN_TO_LAUNCH, Frame.GLOBAL_RELATIVE_ALT), 1, PX4)
     3
@@ -90,8 +86,6 @@ def validate_item(item: MissionItem, count: int, profile: Profile) -> int:
 def as_stored(item: MissionItem, profile: Profile) -> MissionItem:
     """Return the item as the autopilot stores and flies it.
 
-    Examples
-    --------
     >>> from mission.autopilots import ARDUPILOT
     >>> as_stored(MissionItem(Command.NAV_RETURN_TO_LAUNCH), ARDUPILOT).frame
     0
@@ -106,7 +100,9 @@ def as_stored(item: MissionItem, profile: Profile) -> MissionItem:
         if not profile.keeps_frame and item.frame != Frame.GLOBAL:
             changes["frame"] = Frame.GLOBAL
         changes |= {name: 0.0 for name in ("x", "y", "z") if name in lost and getattr(item, name) != 0.0}
-    if not item.autocontinue and _goes_on(item, profile):
+    kind = MissionType.MISSION
+    if not item.autocontinue and kind not in profile.keeps_autocontinue and plan_of(item.command) is kind:
+        # The autopilot always continues after the item.
         changes["autocontinue"] = True
     if profile.whole_seconds and item.command == Command.NAV_WAYPOINT and item.param1:
         whole = float(min(65535, max(0, int(item.param1))))
@@ -115,17 +111,9 @@ def as_stored(item: MissionItem, profile: Profile) -> MissionItem:
     return replace(item, **changes) if changes else item
 
 
-def _goes_on(item: MissionItem, profile: Profile) -> bool:
-    """Whether the autopilot ignores autocontinue and always continues after the item."""
-    kind = MissionType.MISSION
-    return kind not in profile.keeps_autocontinue and plan_of(item.command) is kind
-
-
 def as_read_back(item: MissionItem, profile: Profile) -> MissionItem:
     """Return a stored item as the autopilot sends it in a download.
 
-    Examples
-    --------
     >>> from mission.autopilots import ARDUPILOT
     >>> loiter = MissionItem(Command.NAV_LOITER_TIME, 3, 2.5, x=28.05, y=-82.15, z=10.0)
     >>> back = as_read_back(loiter, ARDUPILOT)

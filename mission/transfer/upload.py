@@ -13,20 +13,21 @@ from mission.link.codec.dialect import Message, mavlink
 from mission.link.codec.typed import is_a
 from mission.model import GeoPoint, Mission, MissionItem, MissionType, plan_of
 from mission.transfer import wire
-from mission.transfer.client import MORE_OPENINGS, ClientTransfer
-from mission.transfer.client_table import (
+from mission.transfer.client import (
     CLEARING,
     COMPLETE,
     CONFIRMING,
     COUNTING,
+    MORE_OPENINGS,
     UPLOADING,
     ClientInput,
+    ClientTransfer,
 )
-from mission.transfer.errors import LocalTransferError
 from mission.transfer.events import (
     NOTHING,
     ClearComplete,
     FailureReason,
+    LocalTransferError,
     Output,
     PlanState,
     Progress,
@@ -57,12 +58,10 @@ def check_plan(items: Sequence[MissionItem], mission_type: MissionType) -> None:
 
     The values need no check: `MissionItem` accepts only finite values in range.
 
-    Examples
-    --------
     >>> check_plan([MissionItem(5100, 3, x=28.0, y=-82.0)], MissionType.MISSION)
     Traceback (most recent call last):
         ...
-    mission.transfer.errors.LocalTransferError: item 1: command 5100 does not belong into a mission plan
+    mission.transfer.events.LocalTransferError: item 1: command 5100 does not belong into a mission plan
     """
     if len(items) >= wire.MAX_ITEMS:
         msg = f"{len(items)} items: MAVLink counts to {wire.MAX_ITEMS}; send a shorter plan"

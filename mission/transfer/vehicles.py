@@ -5,13 +5,11 @@ from __future__ import annotations
 from collections.abc import Collection
 from dataclasses import dataclass, field
 
+from mission.autopilots import profile_for
 from mission.autopilots.profile import Profile
-from mission.autopilots.registry import profile_for
 from mission.link.codec.dialect import Message, mavlink
 from mission.link.codec.typed import is_a
-from mission.transfer.errors import NoVehicleError
-
-__all__ = ["Vehicle", "VehicleSearch", "vehicle_of"]
+from mission.transfer.events import NoVehicleError
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,8 +68,6 @@ class VehicleSearch:
     def failure(self, link: str, wait_s: float) -> NoVehicleError:
         """Return the error for a timeout, with the vehicles that were heard.
 
-        Examples
-        --------
         >>> search = VehicleSearch(9)
         >>> search.others[1] = Vehicle(1, 1, 12, 2)
         >>> print(search.failure("udpin:127.0.0.1:14550", 10.0))

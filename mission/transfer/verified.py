@@ -28,13 +28,13 @@ from mission.link.codec.dialect import Message
 from mission.model import Command, GeoPoint, MissionItem, MissionType, plan_of
 from mission.transfer import wire
 from mission.transfer.download import MissionDownload
-from mission.transfer.errors import LocalTransferError
 from mission.transfer.events import (
     NOTHING,
     ClearComplete,
     DownloadComplete,
     Event,
     FailureReason,
+    LocalTransferError,
     Output,
     PlanState,
     Progress,

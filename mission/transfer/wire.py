@@ -148,8 +148,6 @@ def enum_name(enum: str, value: int, otherwise: str) -> str:
 def result_text(result: int) -> str:
     """Return the meaning of a MAV_MISSION_RESULT as text.
 
-    Examples
-    --------
     >>> result_text(13)
     'an item came out of order (MAV_MISSION_INVALID_SEQUENCE)'
     """
@@ -160,8 +158,6 @@ def result_text(result: int) -> str:
 def command_name(command: int) -> str:
     """Return the name of a MAV_CMD without the prefix.
 
-    Examples
-    --------
     >>> command_name(16), command_name(4)
     ('NAV_WAYPOINT', 'command 4')
     """

@@ -196,10 +196,7 @@ def camera_names() -> tuple[str, ...]:
 def get_camera(name: str) -> CameraModel:
     """Return a built-in camera by name, or read one from a TOML file with the fields of `CameraModel`.
 
-    Raises
-    ------
-    CameraError
-        If no camera has this name, or the file is no camera file.
+    CameraError if no camera has this name, or the file is no camera file.
     """
     if name.lower().endswith(".toml"):
         return read_camera(Path(name))

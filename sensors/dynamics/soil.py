@@ -180,18 +180,6 @@ def rain_factors(
     return along_x * (shower.mean_rain * shape[0] * shape[1] / fallen), along_y
 
 
-def soil_step(
-    humidity: NDArray[np.floating], shower: Shower | None, parameters: SoilParameters
-) -> NDArray[np.float64]:
-    """Return the soil humidity a day later; the argument is not changed."""
-    after = humidity.astype(np.float64) * (1.0 - parameters.evaporation)
-    factors = None if shower is None else rain_factors(shower, (after.shape[0], after.shape[1]), parameters)
-    if factors is None:
-        return after
-    rain: NDArray[np.float64] = product(*factors)
-    return np.minimum(after + rain, 1.0)
-
-
 class SoilCourse:
     """Time course of a farm's soil humidity, computed in blocks of rows.
 

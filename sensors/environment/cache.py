@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING
 import msgspec
 from numpy.random import SeedSequence
 
-from geo.user_cache import user_cache_folder, warn_of_cache
+from geo.system import user_cache_folder, warn_of_cache
 from sensors.environment.environment import Environment
 from sensors.environment.generate import Progress, generate_environment, make_task
 from sensors.environment.storage import save_environment
@@ -52,7 +52,7 @@ class EnvironmentCache:
 
     @classmethod
     def of_user(cls) -> EnvironmentCache:
-        """Return the cache in the user's cache folder (`geo.user_cache`).
+        """Return the cache in the user's cache folder (`geo.system`).
 
         The variable WBF_MISSION_ENVIRONMENT_CACHE_MB sets the limit (default 2000); 0 turns the cache off.
         """
@@ -81,7 +81,7 @@ class EnvironmentCache:
         """Return the environment of days `day` to `last_day` (default: `day`), and whether it was cached.
 
         An environment that is not cached is generated and saved. If the folder cannot be written, a
-        `geo.user_cache.CacheWarning` is given. Errors are those of `generate_environment`.
+        `geo.system.CacheWarning` is given. Errors are those of `generate_environment`.
         """
         last = day if last_day is None else last_day
         kept = range(day, last + 1)

@@ -7,13 +7,12 @@ import operator
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sensors.dynamics.epidemic import IMMUNE, NO_HOST, SUSCEPTIBLE, status_table, value_table
-from sensors.environment.layers import ArrayLayer, Layer, T
 from sensors.errors import EnvironmentDataError
 from sensors.fields import FieldSet
 from sensors.lazy_fields import LARGE_FROM_CELLS, LazyFields
@@ -24,6 +23,53 @@ if TYPE_CHECKING:
     from geo.grid import FarmGrid
 
 _FEW = 8  # Cells up to which a loop is faster than numpy's arrays
+
+T = TypeVar("T", bound=np.generic)
+S_co = TypeVar("S_co", bound=np.generic, covariant=True)
+
+
+class Layer(Protocol[S_co]):
+    """An array over the farm, ``[x, y]``."""
+
+    def whole(self) -> NDArray[S_co]:
+        """Return the array, read-only."""
+
+    def window(self, x: slice, y: slice) -> NDArray[S_co]:
+        """Return a window; both slices have a start and a stop on the farm and no step."""
+
+    def cells(self, x: NDArray[np.integer], y: NDArray[np.integer]) -> NDArray[S_co]:
+        """Return the values of n cells on the farm, [n]."""
+
+    def cell(self, x: int, y: int) -> Any:
+        """Return the value of a cell on the farm as a Python number."""
+
+
+class ArrayLayer(Generic[T]):
+    """A layer in memory, or memory-mapped from a file."""
+
+    __slots__ = ("_array",)
+
+    def __init__(self, array: NDArray[T]) -> None:
+        self._array = np.ascontiguousarray(array).view()
+        self._array.flags.writeable = False
+
+    def whole(self) -> NDArray[T]:
+        """Return the array, read-only."""
+        return self._array
+
+    def window(self, x: slice, y: slice) -> NDArray[T]:
+        """Return a view of the window."""
+        part: NDArray[T] = self._array[x, y]
+        return part
+
+    def cells(self, x: NDArray[np.integer], y: NDArray[np.integer]) -> NDArray[T]:
+        """Return the values of n cells, [n]."""
+        found: NDArray[T] = self._array[x, y]
+        return found
+
+    def cell(self, x: int, y: int) -> Any:
+        """Return the value of a cell as a Python number."""
+        return self._array.item(x, y)
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,8 +14,8 @@ import numpy as np
 from numpy.random import SeedSequence
 from numpy.typing import NDArray
 
-from geo.memory import NotEnoughMemoryError, require_memory
 from geo.seeds import root_seed, stream
+from geo.system import NotEnoughMemoryError, require_memory
 from sensors.dynamics.continuous import Course
 from sensors.dynamics.epidemic import MAX_DAYS, simulate_outbreak
 from sensors.dynamics.infection import FRONT_BYTES_A_CELL
@@ -217,7 +217,7 @@ def generate_environment(
     ------
     EnvironmentDataError
         If days are out of range, or the folder cannot be written.
-    geo.memory.NotEnoughMemoryError
+    geo.system.NotEnoughMemoryError
         If the generation needs more memory than is available.
     geo.seeds.SeedError
         If the seed is no non-negative integer or ``SeedSequence``.

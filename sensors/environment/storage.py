@@ -8,7 +8,7 @@ import shutil
 from collections.abc import Iterator
 from pathlib import Path
 
-from geo.locks import lock_held
+from geo.atomic import lock_held
 from sensors.environment.environment import Environment
 from sensors.environment.store import HEADER, EnvironmentStore, Header, open_store, read_header
 from sensors.errors import EnvironmentDataError
@@ -17,12 +17,8 @@ from sensors.errors import EnvironmentDataError
 def save_environment(environment: Environment, path: str | os.PathLike[str]) -> None:
     """Save an environment atomically to a folder (`docs/environment.md`).
 
-    An older environment in the folder is replaced; other content is not.
-
-    Raises
-    ------
-    EnvironmentDataError
-        If the folder has other content or cannot be written.
+    An older environment in the folder is replaced; other content is not. EnvironmentDataError if the folder
+    has other content or cannot be written.
     """
     header = Header.of(environment.shape, environment.days, environment.fields, environment.provenance)
     with unfinished_store(path, header) as store:
@@ -36,13 +32,8 @@ def save_environment(environment: Environment, path: str | os.PathLike[str]) -> 
 def load_environment(path: str | os.PathLike[str], *, lazy: bool = True) -> Environment:
     """Load an environment from a folder that `save_environment` or `generate_environment` wrote.
 
-    `lazy`: data are decoded on demand, not all at once.
-
-    Raises
-    ------
-    EnvironmentDataError
-        If a file is missing or invalid; the text names the file. Data that are decoded later are checked then
-        and raise the same error.
+    `lazy`: data are decoded on demand, not all at once. EnvironmentDataError if a file is missing or invalid;
+    the text names the file. Data that are decoded later are checked then and raise the same error.
     """
     store = open_store(path)
     store.check()

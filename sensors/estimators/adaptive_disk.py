@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sensors.errors import EstimatorError
-from sensors.estimators.append_buffer import GrowingArray
-from sensors.estimators.base import BaseEstimator, check_default_values
+from sensors.estimators.base import BaseEstimator, check_default_values, published_views
 from sensors.estimators.days import carried
-from sensors.estimators.disks import Disk, DiskMap, Strokes, centred_disk, paint_small
+from sensors.estimators.disks import Disk, DiskMap, centred_disk
 from sensors.fields import PAPER_FIELDS, FieldSet
+from sensors.observations import GrowingArray
 from sensors.scoring.information import InformationModel, tile_shape
 
 if TYPE_CHECKING:
@@ -22,15 +22,6 @@ if TYPE_CHECKING:
 
 
 _NOTHING = np.empty(0, np.float32), np.empty(0, np.float32)
-
-
-def _painter(tiles: tuple[int, ...]) -> Callable[..., None]:
-    """Return the paint function: on a farm of one tile, loading compiled code takes longer than painting."""
-    if tiles == (1, 1):
-        return paint_small
-    from sensors.estimators.painting import paint
-
-    return paint
 
 
 class AdaptiveDiskEstimator(BaseEstimator):
@@ -166,7 +157,8 @@ class AdaptiveDiskEstimator(BaseEstimator):
         maps = list(dict.fromkeys(self.maps_))
         if len(maps) > 1 and len(self._uncertainty) == 1:
             self._uncertainty = np.repeat(self._uncertainty, len(self.fields), axis=0)
-        paint = _painter(changed.shape)
+        from sensors.estimators.painting import Strokes, paint  # Loading compiled code is slow
+
         for disks in maps:
             painting = disks.outstanding()
             fields = [k for k in range(len(self.fields)) if self.maps_[k] is disks]
@@ -188,16 +180,9 @@ class AdaptiveDiskEstimator(BaseEstimator):
             )
             paint(strokes, self._value, self._uncertainty, changed)
         self.revision_ += 1
+        # The arrays are new after a fit, in a copy, and when fields no longer share a map. Fields that share
+        # a map share a plane of uncertainty, too.
+        self._published = published_views(self._published, (self._value, self._uncertainty))
         return InformationModel(
-            *self._views(), None if everything else changed, self.revision_, self.fields.names
+            *self._published, None if everything else changed, self.revision_, self.fields.names
         )
-
-    def _views(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """Return read-only views of value and uncertainty, the same objects at each call."""
-        # New views are needed after a fit, in a copy, and when fields no longer share a map.
-        own = (self._value, self._uncertainty)
-        if any(view.base is not array for view, array in zip(self._published, own, strict=True)):
-            # Fields that share a map also share a plane of uncertainty.
-            shape = self._value.shape
-            self._published = np.broadcast_to(self._value, shape), np.broadcast_to(self._uncertainty, shape)
-        return self._published

@@ -24,6 +24,7 @@ from importlib.metadata import EntryPoint
 from typing import TYPE_CHECKING, Any, ClassVar, Protocol, Self, runtime_checkable
 
 import numpy as np
+from numpy.typing import NDArray
 
 from geo.imports import entry_points, load_entry
 from sensors.errors import EstimatorError
@@ -44,6 +45,8 @@ LEARNING = "training the estimator"
 Progress = Callable[[str, float, float], None]
 Step = Callable[[float], None]
 """Progress callback: takes the finished fraction, 0..1. It is not called if there is nothing to learn."""
+Views = tuple[NDArray[np.float32], NDArray[np.float32]]
+"""Value and uncertainty of an estimate."""
 RandomState = np.random.Generator | np.random.SeedSequence | int | None
 
 
@@ -102,7 +105,7 @@ class BaseEstimator(ABC):
 
     A subclass stores its parameters in ``__init__``. Subclasses implement ``_start`` (validate the
     parameters, start over on a new farm), ``_learn`` (learn from at least one validated observation) and
-    ``_estimate``.
+    ``_estimate``. Before `fit`, the other methods raise EstimatorError.
     """
 
     incremental: ClassVar[bool] = False
@@ -150,13 +153,8 @@ class BaseEstimator(ABC):
     def partial_fit(self, observations: Observations) -> Self:
         """Learn from further observations, made after all earlier ones.
 
-        Raises
-        ------
-        EstimatorError
-            If `fit` was never called.
-        ObservationError
-            If an observation lies outside the farm, or has other fields. The estimator then learns none of
-            the observations.
+        ObservationError if an observation lies outside the farm, or has other fields. The estimator then
+        learns none of the observations.
         """
         self._check_fitted("partial_fit")
         observations.check_fields(self.fields.names)
@@ -171,16 +169,7 @@ class BaseEstimator(ABC):
         """Switch to a later day, before any observation of this day.
 
         An estimator with a model of time carries its estimate forward to the day. Others keep their estimate.
-
-        Parameters
-        ----------
-        day : int
-            The new day, not earlier than any observed day.
-
-        Raises
-        ------
-        EstimatorError
-            If `fit` was never called, or the estimator has already reached a later day.
+        EstimatorError if the estimator has already reached a later day.
         """
         self._check_fitted("advance")
         if self.latest_day_ is not None and day < self.latest_day_:
@@ -195,31 +184,14 @@ class BaseEstimator(ABC):
     def prepare(self, days: Sequence[int], progress: Progress | None = None) -> Self:  # noqa: ARG002
         """Train in advance for estimates of some days. Most estimators need no training.
 
-        Without this call, the first `predict` trains.
-
-        Parameters
-        ----------
-        days : sequence of int
-            Days that will be observed.
-        progress : callable, optional
-            Callback ``progress(what, done, total)``. It is not called if there is nothing to learn.
-
-        Raises
-        ------
-        EstimatorError
-            If `fit` was never called.
+        Without this call, the first `predict` trains. ``progress(what, done, total)`` is not called if there
+        is nothing to learn.
         """
         self._check_fitted("prepare")
         return self
 
     def predict(self) -> InformationModel:
-        """Return the current estimate, in arrays that are valid until the next `fit` or `partial_fit`.
-
-        Raises
-        ------
-        EstimatorError
-            If `fit` was never called.
-        """
+        """Return the current estimate, in arrays that are valid until the next `fit` or `partial_fit`."""
         self._check_fitted("predict")
         return self._estimate()
 
@@ -239,10 +211,7 @@ class BaseEstimator(ABC):
     def set_params(self, **params: Any) -> Self:
         """Change parameters by name. The next `fit` validates and applies them.
 
-        Raises
-        ------
-        EstimatorError
-            If a name is unknown. No parameter is changed then.
+        EstimatorError if a name is unknown. No parameter is changed then.
         """
         known = self._param_names()
         unknown = sorted(set(params) - set(known))
@@ -277,6 +246,17 @@ class BaseEstimator(ABC):
 
     @abstractmethod
     def _estimate(self) -> InformationModel: ...
+
+
+def published_views(published: Views, own: Views) -> Views:
+    """Return read-only views of arrays, the same objects as long as the arrays are the same.
+
+    `published` are the views of the last call. A view has the shape of the first array.
+    """
+    if all(view.base is array for view, array in zip(published, own, strict=True)):
+        return published
+    shape = own[0].shape
+    return np.broadcast_to(own[0], shape), np.broadcast_to(own[1], shape)
 
 
 def prepare_estimator(estimator: Estimator, days: Sequence[int], progress: Progress | None = None) -> None:

@@ -1,16 +1,15 @@
-"""Disks around observations: radius, shape, unpainted disks, and painting on small farms."""
+"""Disks around observations: radius, shape, and unpainted disks."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sensors.estimators.append_buffer import GrowingArray
+from sensors.observations import GrowingArray
 from sensors.scoring.information import tile_shape, tiles_of_boxes
 
 
@@ -131,56 +130,3 @@ class DiskMap:
             self._covered |= tiles
         self._radius, self._painted = radius, n
         return Painting(tiles, reset, start, x, y, disk)
-
-
-class Strokes(NamedTuple):
-    """Input of `paint`: disks of n observations, painted into some tiles, later ones over earlier ones."""
-
-    tiles: NDArray[np.bool_]  # Tiles to paint, bool[tiles along x, tiles along y]
-    reset: bool  # Whether cells outside all disks are reset to the default with uncertainty 1
-    x: NDArray[np.int32]  # Observed cells in order of time, int32[n]
-    y: NDArray[np.int32]
-    first: int  # Disk, see `Disk`: row i has the cells ``x + first + i`` by ``[y + low[i], y + high[i])``
-    low: NDArray[np.int32]
-    high: NDArray[np.int32]
-    table: NDArray[np.float32]  # Value of each field in each disk, float32[fields, n]
-    doubts: NDArray[np.float32]  # Uncertainty in each disk, float32[planes, n]
-    defaults: NDArray[np.float32]  # Default of each field, float32[fields]
-    fields: NDArray[np.int64]  # Index of each field in the value array
-    planes: NDArray[np.int64]  # Indices of the planes in the uncertainty array
-
-
-def paint_small(
-    strokes: Strokes,
-    value: NDArray[np.float32],
-    uncertainty: NDArray[np.float32],
-    changed: NDArray[np.bool_],
-) -> None:
-    """Paint into the only tile of a small farm, like `sensors.estimators.painting.paint`.
-
-    On small farms, loading the compiled function takes longer than painting.
-    """
-    tiles, reset, x, y, first, low, high, table, doubts, defaults, fields, planes = strokes
-    if not tiles[0, 0]:
-        return
-    width, height = value.shape[1:]
-    columns = np.arange(low.min(), high.max())
-    disk = (columns >= low[:, None]) & (columns < high[:, None])
-    # The margin takes the parts of disks outside the farm.
-    rows, side = disk.shape
-    owner = np.full((width + 2 * rows, height + 2 * side), -1, np.intp)
-    for index, (left, bottom) in enumerate(zip((x + first).tolist(), (y + columns[0]).tolist(), strict=True)):
-        part = owner[left + rows : left + 2 * rows, bottom + side : bottom + 2 * side]
-        part[disk] = index
-    owner = owner[rows : rows + width, side : side + height]
-    taken = owner >= 0
-    others = defaults[:, None, None] if reset else value[fields]
-    painted = np.broadcast_to(others, (len(fields), width, height))
-    if len(x):
-        painted = np.where(taken, table[:, owner], others)
-    unsure = np.broadcast_to(np.float32(1.0) if reset else uncertainty[planes], (len(planes), width, height))
-    if len(x):
-        unsure = np.where(taken, doubts[:, owner], unsure)
-    if (value[fields] != painted).any() or (uncertainty[planes] != unsure).any():
-        changed[0, 0] = True
-    value[fields], uncertainty[planes] = painted, unsure

@@ -8,16 +8,34 @@ number of observations plus the number of cells, not to their product.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
 from geo.compiled import compiled
-from sensors.estimators.disks import Strokes
 from sensors.scoring.information import TILE_CELLS
 
 _ALL = np.uint64(0xFFFFFFFFFFFFFFFF)
 _ONE = np.uint64(1)
 _ZERO = np.uint64(0)
+
+
+class Strokes(NamedTuple):
+    """Input of `paint`: disks of n observations, painted into some tiles, later ones over earlier ones."""
+
+    tiles: NDArray[np.bool_]  # Tiles to paint, bool[tiles along x, tiles along y]
+    reset: bool  # Whether cells outside all disks are reset to the default with uncertainty 1
+    x: NDArray[np.int32]  # Observed cells in order of time, int32[n]
+    y: NDArray[np.int32]
+    first: int  # Row i of a disk has the cells ``x + first + i`` by ``[y + low[i], y + high[i])``
+    low: NDArray[np.int32]
+    high: NDArray[np.int32]
+    table: NDArray[np.float32]  # Value of each field in each disk, float32[fields, n]
+    doubts: NDArray[np.float32]  # Uncertainty in each disk, float32[planes, n]
+    defaults: NDArray[np.float32]  # Default of each field, float32[fields]
+    fields: NDArray[np.int64]  # Index of each field in the value array
+    planes: NDArray[np.int64]  # Indices of the planes in the uncertainty array
 
 
 @compiled(nogil=True)

@@ -1,11 +1,32 @@
-"""Expected losses of standard deviations and of class probabilities."""
+"""Expected losses of standard deviations and class probabilities, and their calibration.
+
+The calibration is measured on relevant cells that were not observed.
+
+Diseases are measured by the probability that a plant is sick: from the class probabilities or, if the
+estimate has none, from the normal distribution of value and deviation.
+
+- Brier score: the mean squared error of the probability (Brier 1950).
+- Log loss: the mean negative log likelihood.
+- Expected calibration error: the distance between the share of sick plants and the mean probability, in ten
+  bins of the probability, weighted by the number of plants (Naeini, Cooper and Hauskrecht 2015).
+- Shares of the sick and of the healthy plants that are in the set of plants that may be sick
+  (`sensors.scoring.information.InformationModel.may_be_sick`). The share of the sick plants should be 90 %;
+  the share of the healthy plants is the cost. The coverage is conditional on the class, as in
+  class-conditional conformal predictors (Vovk 2012): a set with 90 % of all plants may contain no sick plant.
+
+Continuous fields are measured by the share of cells within the 90 % interval of a normal distribution, and by
+the mean squared error over the mean variance.
+"""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
 
-from geo.linear_algebra import product
+from geo.linear_algebra import log, product
+from sensors.errors import EstimatorError
+from sensors.fields import FieldSet
+from sensors.scoring.information import InformationModel, column_strips, least_sick
 from sensors.scoring.score import PAPER_WEIGHTS, ScoreWeights
 
 
@@ -100,3 +121,125 @@ def standard_deviation(probabilities: NDArray[np.floating]) -> NDArray[np.float6
     mean = product(p, CLASS_VALUES)
     deviation: NDArray[np.float64] = np.sqrt(np.maximum(product(p, CLASS_VALUES**2) - mean**2, 0.0))
     return deviation
+
+
+SICK_BELOW = 0.75
+"""Threshold below which a value is closer to infected (0.5) than to healthy (1)."""
+_NORMAL_90 = 1.6449
+_BINS = 10
+_LEAST = 1e-6
+Floats = NDArray[np.float64]
+
+
+def calibration(
+    model: InformationModel,
+    truth: NDArray[np.floating],
+    unseen: NDArray[np.bool_],
+    fields: FieldSet,
+    *,
+    states_deviation: bool = True,
+) -> dict[str, float]:
+    """Return calibration figures of a model, field by field.
+
+    Parameters
+    ----------
+    model : InformationModel
+        The estimate.
+    truth : float[n, W, H]
+        The true values.
+    unseen : bool[n, W, H]
+        The measured cells: relevant cells that were not observed.
+    fields : FieldSet
+        The fields, in the order of the arrays.
+    states_deviation : bool
+        Whether the model's uncertainty is a standard deviation; if not, only diseases with class
+        probabilities are measured.
+
+    Returns
+    -------
+    dict of str to float
+        For a disease NAME: ``NAME_brier``, ``NAME_log_loss``, ``NAME_ece``, ``NAME_sick_held`` and
+        ``NAME_healthy_held``. For a continuous field: ``NAME_held`` and ``NAME_error`` (squared error over
+        variance). Undefined figures, such as those of a disease without sick plants, are left out.
+
+    Raises
+    ------
+    EstimatorError
+        If shapes differ.
+    """
+    if not model.value.shape == truth.shape == unseen.shape:
+        shapes = f"model {model.value.shape}, truth {truth.shape}, cells {unseen.shape}"
+        raise EstimatorError(f"calibration: {shapes} differ in shape")
+    found: dict[str, float] = {}
+    for k, field in enumerate(fields):
+        cells = unseen[k]
+        known = model.probabilities is not None and field.name in model.probabilities
+        if not cells.any() or not (known or states_deviation):
+            continue
+        right = truth[k][cells].astype(np.float64)
+        if field.kind == "disease":
+            sick = probability_of_sick(model, k, cells)
+            figures = of_classes(sick, right < SICK_BELOW)
+        else:
+            figures = of_normal(right, model.value[k][cells], model.uncertainty[k][cells])
+        found |= {f"{field.name}_{name}": value for name, value in figures.items() if np.isfinite(value)}
+    return found
+
+
+def probability_of_sick(model: InformationModel, k: int, cells: NDArray[np.bool_]) -> Floats:
+    """Return the probabilities that plants are sick (see the module's docstring), float64[n]."""
+    name = model.fields[k]
+    if model.probabilities is not None and name in model.probabilities:
+        healthy = np.concatenate(
+            [
+                model.probabilities_in(name, columns)[0][cells[columns]]
+                for columns in column_strips(len(cells))
+            ]
+        )
+        return 1.0 - healthy.astype(np.float64)
+    from scipy.special import ndtr
+
+    away = (SICK_BELOW - model.value[k][cells]) / np.maximum(model.uncertainty[k][cells], _LEAST)
+    probability: Floats = ndtr(away.astype(np.float64))
+    return probability
+
+
+def of_classes(probability: NDArray[np.floating], sick: NDArray[np.bool_]) -> dict[str, float]:
+    """Return the calibration figures of probabilities that plants are sick, float[n].
+
+    Examples
+    --------
+    >>> figures = of_classes(np.array([0.9, 0.9, 0.1, 0.1]), np.array([True, True, False, False]))
+    >>> {name: round(value, 3) for name, value in figures.items()}
+    {'brier': 0.01, 'log_loss': 0.105, 'ece': 0.1, 'sick_held': 1.0, 'healthy_held': 0.0}
+    """
+    p, is_sick = probability.astype(np.float64), sick.astype(np.float64)
+    bins = np.minimum((p * _BINS).astype(np.intp), _BINS - 1)
+    gaps = np.bincount(bins, p - is_sick, _BINS)
+    likely = np.where(sick, p, 1.0 - p)
+    held = p >= least_sick(probability)
+    return {
+        "brier": float(np.mean((p - is_sick) ** 2)),
+        "log_loss": float(-np.mean(log(np.maximum(likely, _LEAST)))),
+        "ece": float(np.abs(gaps).sum() / len(p)),
+        "sick_held": float(held[sick].mean()) if sick.any() else float("nan"),
+        "healthy_held": float(held[~sick].mean()) if not sick.all() else float("nan"),
+    }
+
+
+def of_normal(
+    truth: NDArray[np.floating], value: NDArray[np.floating], deviation: NDArray[np.floating]
+) -> dict[str, float]:
+    """Return the calibration figures of normal distributions with these means and deviations, float[n].
+
+    Examples
+    --------
+    >>> of_normal(np.array([0.0, 2.0]), np.zeros(2), np.ones(2))
+    {'held': 0.5, 'error': 2.0}
+    """
+    off, variance = (
+        np.abs(truth - value.astype(np.float64)),
+        float(np.mean(np.square(deviation, dtype=float))),
+    )
+    error = float(np.mean(off**2)) / variance if variance > 0.0 else float("nan")
+    return {"held": float(np.mean(off <= _NORMAL_90 * deviation)), "error": error}

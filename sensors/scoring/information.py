@@ -225,12 +225,8 @@ class InformationModel:
 
         The loss is the squared error times the cost of estimates that are too healthy or too sick, without
         the weights of the fields. Cells that are not scored have an expected loss too. The mean over a
-        field's mask is the expected loss of that field. The loss is valid as long as `value`.
-
-        Raises
-        ------
-        EstimatorError
-            If the array has another shape or type, or the estimator has learned further observations.
+        field's mask is the expected loss of that field. The loss is valid as long as `value`. EstimatorError
+        if the array has another shape or type, or the estimator has learned further observations.
         """
         if callable(self.loss_map):
             loss: NDArray[np.float32] = self.loss_map()
@@ -259,12 +255,8 @@ class InformationModel:
     def probabilities_in(self, disease: str, columns: slice) -> NDArray[np.float32]:
         """Return the class probabilities of a disease in some columns of the farm, float32[3, columns, H].
 
-        Lazy probabilities are computed in these columns alone.
-
-        Raises
-        ------
-        EstimatorError
-            If there are no probabilities of the disease.
+        Lazy probabilities are computed in these columns alone. EstimatorError if there are no probabilities
+        of the disease.
         """
         known = self.probabilities
         if known is None or disease not in known:

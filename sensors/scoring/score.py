@@ -106,41 +106,6 @@ class Score:
         return tuple(np.sqrt(self.field_mse).tolist())
 
 
-def paper_loss(
-    truth: NDArray[np.floating],
-    estimate: NDArray[np.floating],
-    masks: NDArray[np.bool_],
-    weights: ScoreWeights | None = None,
-    fields: FieldSet = PAPER_FIELDS,
-) -> float:
-    """Return the paper's loss L of a single estimate (the module's formula with c = 1).
-
-    Parameters
-    ----------
-    truth, estimate : float[n, W, H]
-        E and I.
-    masks : bool[n, W, H]
-        The relevant cells of each field (`sensors.fields.FieldSet.masks`).
-    weights : ScoreWeights, optional
-        The costs; by default those of the fields.
-    fields : FieldSet
-        The fields; those of the benchmark by default.
-
-    Raises
-    ------
-    EstimatorError
-        If shapes differ, no cell is relevant, or the estimate is not finite in a relevant cell.
-
-    Examples
-    --------
-    >>> truth = np.full((3, 2, 2), 0.5)
-    >>> masks = np.ones((3, 2, 2), bool)
-    >>> round(paper_loss(truth, truth + 0.1, masks), 6), round(paper_loss(truth, truth - 0.1, masks), 6)
-    (0.093077, 0.01)
-    """
-    return RunningScore(truth, masks, weights, fields).evaluate(estimate).loss
-
-
 class RunningScore:
     """Scores of a run's estimates against the truth; masks and counts are prepared once.
 
@@ -287,32 +252,6 @@ class _Errors:
     axis_max: float = 0.0
 
 
-# A farm of one tile is summed in numpy, as loading the compiled code takes longer. The sums equal those of
-# `sensors.scoring.score_sums` to the last bit: cells are added in the same order.
-
-
-def sum_tile(
-    mask: NDArray[np.bool_], truth: NDArray[np.floating], estimate: NDArray[np.floating]
-) -> NDArray[np.float64]:
-    """Return the error sums of a field on a farm of a single tile with relevant cells, float64[SUMS]."""
-    error = estimate[mask].astype(np.float64) - truth[mask]
-    worse = np.where(error > 0.0, error, 0.0)
-    terms = np.stack([error * error, worse * worse, np.abs(error), worse])
-    sums: NDArray[np.float64] = np.cumsum(terms, axis=1)[:, -1]
-    return sums
-
-
-def tile_extremes(
-    mask: NDArray[np.bool_], truth: NDArray[np.floating], estimate: NDArray[np.floating]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the largest errors above and below the truth on each line; see `score_sums.find_extremes`."""
-    error = estimate.astype(np.float64) - truth
-    unknown = np.isnan(error) & ~mask
-    if unknown.any():
-        return np.where(unknown, -np.inf, error).max(axis=0), np.where(unknown, -np.inf, -error).max(axis=0)
-    return error.max(axis=0), -error.min(axis=0)
-
-
 class _ScoredField:
     """The relevant cells of a field, and the error sums of the estimate evaluated last."""
 
@@ -342,13 +281,7 @@ class _ScoredField:
         out = _Errors()
         if not self.cells:
             return out
-        if self._tile_cells.size > 1:
-            self._sum_tiles(tiles, truth, estimate)
-        elif tiles[0, 0]:
-            cells = self._masks[self._k], truth[self._k], estimate
-            self._sums[0, 0] = sum_tile(*cells)
-            if self._low != self._high:
-                self._above[0], self._below[0] = tile_extremes(*cells)
+        self._sum_tiles(tiles, truth, estimate)
         squares, worse_squares, absolute, worse_absolute = (
             self._sums.reshape(-1, SUMS).sum(axis=0) / self.cells
         ).tolist()

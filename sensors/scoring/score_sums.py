@@ -1,8 +1,8 @@
 """Compiled sums of the score, stored for each tile, so that only changed tiles are summed again.
 
 Estimators report changed tiles (`sum_errors`). Batched training also knows the first changed column of each
-tile (`resume_errors`). Both functions, and `sensors.scoring.score.sum_tile`, add the errors of a tile cell by
-cell, along y and then along x, so that their sums are equal to the last bit.
+tile (`resume_errors`). Both functions add the errors of a tile cell by cell, along y and then along x, so
+that their sums are equal to the last bit.
 """
 
 from __future__ import annotations

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass, fields
 from typing import Any
 
-from geo.units import FOOT_M
+from geo.texts import FOOT_M
 from sim_vehicle.airframe.kind import (
     NO_AUTOPILOT,
     Movement,

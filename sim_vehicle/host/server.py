@@ -8,8 +8,8 @@ from collections.abc import Callable, Iterable, Sequence
 
 from numpy.random import SeedSequence
 
-from geo.closing import Closing
 from geo.processes import interrupts_noted
+from geo.system import Closing
 from mission.link.address import Link
 from mission.link.codec.dialect import Message
 from mission.link.codec.frames import FrameReader, FrameWriter, valid_frame_end

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from geo.units import FOOT_M
+from geo.texts import FOOT_M
 
 # Laws of the mean wind over height, values of SHEAR_LAW.
 CONSTANT, LOGARITHMIC, POWER, SQUARE_ROOT = 0.0, 1.0, 2.0, 3.0

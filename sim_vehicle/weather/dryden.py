@@ -27,7 +27,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from geo.units import FOOT_M
+from geo.texts import FOOT_M
 from sim_vehicle.airframe.power_spec import within
 from sim_vehicle.weather.columns import DECAY, LEAK, NOISE_FIRST, NOISE_MIXED, NOISE_SECOND
 

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geo.compiled import compiled
-from geo.units import FOOT_M
+from geo.texts import FOOT_M
 from sim_vehicle.weather.columns import (
     AIR_EAST,
     AIR_NORTH,

@@ -271,19 +271,3 @@ def test_rates_change_and_streams_arrive(autopilot, ready, tools):
     assert quaternion.w**2 + quaternion.z**2 == pytest.approx(1.0, abs=1e-3)
     assert telemetry.unix_epoch_time() > 1_700_000_000_000_000
     assert counts["velocity"] > 0 and counts["time"] > 0
-
-
-def test_fence_plugin(autopilot, connected):
-    from mavsdk.plugins.geofence import Circle, FenceType, Geofence, GeofenceData, Point, Polygon
-
-    flying, system = connected(autopilot, speed=5.0)
-    corners = [Point(*flying.place(x, y)) for x, y in ((-50, -50), (50, -50), (50, 50), (-50, 50))]
-    circle = Circle(Point(*flying.place(30, 30)), 5.0, FenceType.EXCLUSION)
-    geofence = Geofence(system)
-    geofence.upload_geofence(GeofenceData([Polygon(corners, FenceType.INCLUSION)], [circle]))
-    back = geofence.download_geofence()
-    assert [len(polygon.points) for polygon in back.polygons] == [4]
-    assert back.polygons[0].fence_type == FenceType.INCLUSION
-    assert back.polygons[0].points[2].latitude_deg == pytest.approx(corners[2].latitude_deg, abs=1e-7)
-    assert (back.circles[0].radius, back.circles[0].fence_type) == (5.0, FenceType.EXCLUSION)
-    geofence.clear_geofence()

@@ -14,9 +14,9 @@ from stand_in import LONG_S, Nobody, scenario, stand_in
 from geo import get_farm
 from mission.outcome import Outcome
 from sim_vehicle.host.server import Server
+from wbf_mission import LiveLink
 from wbf_mission.addons.companion.pictures import PictureCamera
 from wbf_mission.flight import fly
-from wbf_mission.live.link import LiveLink
 from wbf_mission.run.resolve import make_environment
 
 FILE = Path(__file__).parents[2] / "docs" / "examples" / "companion_camera.py"

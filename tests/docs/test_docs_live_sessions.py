@@ -67,7 +67,7 @@ def test_the_page_shows_what_two_terminals_print(tmp_path):
         wait_until(lambda: ready.exists() or process.poll() is not None, "the simulator does not start")
         (port,) = set(re.findall(r"127\.0\.0\.1:(\d+)", ready.read_text()))
         words = [word.replace(_ADDRESS, f"127.0.0.1:{port}") for word in fly]
-        code, printed = answered(command(*words), tmp_path)
+        code, printed = answered(command(*words, "--no-plots"), tmp_path)
     assert code == 0, printed
     lines = [plain(line) for line in re.split(r"[\r\n]+", printed)]
     at = 0

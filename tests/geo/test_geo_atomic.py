@@ -24,14 +24,6 @@ def test_text_and_bytes(tmp_path):
     assert entries(tmp_path) == ["a.txt", "b.bin"]
 
 
-def test_nothing_before_the_end(tmp_path):
-    with atomic_write(tmp_path / "a.txt") as file:
-        file.write("x" * 100_000)
-        file.flush()
-        assert not (tmp_path / "a.txt").exists()
-    assert (tmp_path / "a.txt").stat().st_size == 100_000
-
-
 @pytest.mark.parametrize("error", [ValueError, KeyboardInterrupt])
 def test_older_file_survives_a_failure(tmp_path, error):
     path = tmp_path / "a.txt"

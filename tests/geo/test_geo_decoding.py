@@ -27,8 +27,6 @@ class Document(msgspec.Struct, forbid_unknown_fields=True):
     [
         ('{"count": 1,}', "line 1, column 13: a comma stands before a closing brace"),
         ('{"count" 1}', "line 1, column 10: a colon is missing"),
-        ("{\n 'count': 1}", "line 2, column 2: a name has to stand in double quotes"),
-        ('{"count": 1} more', "line 1, column 14: something follows the end"),
         ('{"count":\n-Infinity}', "line 2, column 1: -Infinity is no number in JSON; write null"),
         ('// a comment\n{"count": 1}', "line 1, column 1: '/' must not stand there"),
         ('{"count": 1,\n"kind": ', "line 2: it ends in the middle"),
@@ -47,14 +45,11 @@ def test_where_a_document_is_no_json(document, text):
         ({}, "count is missing"),
         ([], "it is a list; give a table of names and values"),
         ({"count": 9}, "count: it is out of range; give a whole number <= 5"),
-        ({"count": 1.5}, "count: it is a number with a fraction; give a whole number"),
         ({"count": 1, "numbers": [1.0, 0]}, "number 2: it is out of range; give a number > 0"),
-        ({"count": 1, "numbers": ["one"]}, "number 1: it is a text; give a number"),
         ({"count": 1, "pair": [1.0]}, "pair: give a list with 2 entries"),
         ({"count": 1, "pair": 3}, "pair: it is a whole number; give a list or null"),
         ({"count": 1, "kind": "z"}, "kind: 'z' is unknown"),
         ({"count": 1, "table": {"k": None}}, "table, an entry: it is null; give a whole number"),
-        ({"count": 1, "yes": 0}, "yes: it is a whole number; give true or false"),
         ({"count": 1, "no": 0}, "no is unknown; leave it out"),
     ],
 )

@@ -103,6 +103,7 @@ TEXTS = st.lists(
 )
 
 
+@settings(max_examples=30)
 @given(TEXTS, st.sampled_from(["\n", "\r\n", "\n\n"]), st.booleans(), st.booleans())
 def test_features_one_after_the_other_are_a_farm(
     named: list[tuple[str, str, str]], end: str, bom: bool, pretty: bool
@@ -192,6 +193,7 @@ def rings(draw: st.DrawFn) -> list[tuple[float, float]]:
 @example(
     [(-6.0, 0.0005), (-5.999566987298108, -0.00025), (-6.000433012701892, -0.00025)], " ", "\n", False, False
 )
+@settings(max_examples=40)
 @given(
     rings(),
     st.sampled_from([" ", "\t", "  "]),
@@ -315,7 +317,7 @@ def damaged(draw: st.DrawFn) -> bytes:
     )
 
 
-@settings(max_examples=150)
+@settings(max_examples=60)
 @given(damaged(), st.sampled_from(NAMES))
 def test_whatever_a_file_holds_the_answer_is_a_farm_or_a_line(data: bytes, name: str) -> None:
     try:

@@ -65,9 +65,9 @@ for file in pathlib.Path(sys.argv[1]).parent.glob("[!_]*.py"):
     __import__(f"geo.{file.stem}")
 
 from geo.atomic import AtomicFolder, FolderError, atomic_write
-from geo.memory import available_memory
+from geo.system import available_memory
 from geo.processes import INTERRUPTS, interrupts_held
-from geo.locks import made_by_one
+from geo.atomic import made_by_one
 
 folder = pathlib.Path(tempfile.mkdtemp())
 with made_by_one(folder / "made"):

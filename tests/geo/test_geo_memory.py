@@ -10,7 +10,7 @@ import psutil
 import pytest
 
 from geo.errors import WbfMissionError
-from geo.memory import (
+from geo.system import (
     AvailableMemory,
     NotEnoughMemoryError,
     available_memory,
@@ -76,7 +76,7 @@ def test_a_system_that_tells_nothing_forbids_nothing(tmp_path, monkeypatch):
     monkeypatch.setattr(psutil, "virtual_memory", unreadable)
     monkeypatch.setattr(psutil, "Process", lambda: unreadable())
     assert available_memory(tmp_path) is None
-    monkeypatch.setattr("geo.memory.available_memory", lambda: None)
+    monkeypatch.setattr("geo.system.available_memory", lambda: None)
     require_memory("a run", {"b": 10**30})
     with memory_bounded(1):
         assert len(bytes(2**28)) == 2**28
@@ -98,7 +98,7 @@ def test_the_error_is_one_line_with_sum_parts_and_limit():
 def test_the_limit_of_the_address_space_counts():
     code = (
         "import resource; resource.setrlimit(resource.RLIMIT_AS, (10**9, 10**9)); "
-        "from geo.memory import available_memory as a; print(a().limited_by, a().bytes < 10**9)"
+        "from geo.system import available_memory as a; print(a().limited_by, a().bytes < 10**9)"
     )
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert run.stdout == "address space limit 1.0 GB True\n"

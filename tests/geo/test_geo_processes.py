@@ -211,15 +211,6 @@ def test_another_thread_has_no_signals():
     assert ended == [True]
 
 
-def square(number):
-    return number * number
-
-
-def slow(number, seconds):
-    time.sleep(seconds)
-    return number
-
-
 def refuse(number):
     if number == 1:
         msg = f"not {number}"
@@ -233,41 +224,25 @@ def die(number):
     return number
 
 
-def test_results_come_in_their_order_and_may_be_left_out():
-    calls = CallsAhead(square, [(k,) for k in range(40)])
-    try:
-        assert [calls.result(k) for k in range(10)] == [k * k for k in range(10)]
-        assert [calls.result(k) for k in (20, 21, 39)] == [400, 441, 1521]
-    finally:
-        calls.close()
-
-
-def test_what_a_call_raises_is_raised_where_its_result_is_asked_for():
-    calls = CallsAhead(refuse, [(0,), (1,), (2,)])
+def test_results_come_in_their_order_may_be_left_out_and_raise_what_the_call_raised():
+    calls = CallsAhead(refuse, [(k,) for k in range(40)], 1)
     try:
         assert calls.result(0) == 0
         with pytest.raises(ValueError, match="not 1"):
             calls.result(1)
-        assert calls.result(2) == 2
+        assert [calls.result(k) for k in (2, 3, 20, 21, 39)] == [2, 3, 20, 21, 39]
     finally:
         calls.close()
 
 
 def test_after_a_process_was_killed_nothing_more_comes():
-    calls = CallsAhead(die, [(k,) for k in range(30)])
+    calls = CallsAhead(die, [(k,) for k in range(30)], 1)
     try:
         for number in (1, 2, 29):
             with pytest.raises(BrokenProcessPool):
                 calls.result(number)
     finally:
         calls.close()
-
-
-@pytest.mark.filterwarnings("error::pytest.PytestUnhandledThreadExceptionWarning")
-def test_it_is_given_up_while_calls_run_and_others_wait():
-    calls = CallsAhead(slow, [(k, 0.0 if k == 0 else 600.0) for k in range(50)])
-    assert calls.result(0) == 0
-    calls.close()
 
 
 def started(folder, script):

@@ -157,6 +157,7 @@ def test_what_an_open_ring_lacks_is_added(ring: Any, gap: str, repair: bool, tmp
     assert load_farm(tmp_path / "saved.geojson").notes == ()
 
 
+@settings(max_examples=40)
 @given(st.integers(3, 40), st.floats(10.0, 500.0), st.integers(1, 39), st.booleans())
 def test_a_ring_is_closed_or_refused_by_what_it_lacks(
     corners: int, radius_m: float, missing: int, closed_end: bool

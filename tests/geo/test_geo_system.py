@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from geo.locks import lock_file, made_by_one
+from geo.atomic import lock_file, made_by_one
 from geo.system import allow_open_files, process_age_s, steady_s
 
 
@@ -57,6 +57,38 @@ def test_the_limit_of_open_files_is_raised_and_never_lowered(monkeypatch: pytest
         assert resource.getrlimit(resource.RLIMIT_NOFILE)[0] == 300
     finally:
         resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
+
+
+_ARRAYS_IN_THREADS = """
+import gc, resource, sys, threading
+from geo.system import free_unused_memory, use_memory_again
+
+if sys.argv[1] == "again":
+    use_memory_again()
+
+def work():
+    for _ in range(20):
+        bytearray(16_000_000)
+
+for _ in range(4):
+    thread = threading.Thread(target=work)
+    thread.start()
+    thread.join()
+free_unused_memory()
+kib = next(line.split()[1] for line in open("/proc/self/status") if line.startswith("RssAnon"))
+print(resource.getrusage(resource.RUSAGE_SELF).ru_minflt, kib, gc.get_threshold()[0])
+"""
+
+
+def test_memory_is_used_again_and_can_still_be_freed() -> None:
+    found = {}
+    for way in ("anew", "again"):
+        call = [sys.executable, "-c", _ARRAYS_IN_THREADS, way]
+        found[way] = list(map(int, subprocess.run(call, capture_output=True, check=True).stdout.split()))
+    array_pages = 16_000_000 // os.sysconf("SC_PAGE_SIZE")
+    assert found["again"][0] < found["anew"][0] - array_pages / 2  # Page faults
+    assert found["again"][1] < found["anew"][1] + 4_000  # KiB left
+    assert found["again"][2] > found["anew"][2]
 
 
 def test_a_forked_process_does_not_keep_the_lock(tmp_path: Path) -> None:

@@ -3,11 +3,10 @@
 import pytest
 
 from geo.frame import LocalFrame
-from mission.course import Course
+from mission.course import Course, MissionProgress
 from mission.errors import MissionError
 from mission.link.codec.dialect import mavlink as m
 from mission.model import GeoPoint, Mission, MissionItem
-from mission.progress import MissionProgress
 
 FRAME = LocalFrame(28.05, -82.15)
 PX4, ARDUPILOT = 12, 3

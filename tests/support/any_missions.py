@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 
 from mission.errors import MissionFileError
 from mission.files import fitted, losses, read_mission, write_mission
-from mission.files.comparison import differences
-from mission.files.drawn import Drawing
+from mission.files.formats import differences
 from mission.model import Command, Frame, GeoPoint, Mission, MissionItem, has_position
+from wbf_mission.addons.formats.drawn import Drawing
 
 patient = partial(settings, deadline=None)
 FLYING = [16, 17, 18, 19, 21, 22, 31, 82, 189, 195, 4501]

@@ -19,7 +19,7 @@ from sim_vehicle.autopilot.modes import Mode
 from sim_vehicle.camera.component import LeafCameraComponent
 from sim_vehicle.host.simulation import Simulation
 from sim_vehicle.mavlink import SimVehicle
-from wbf_mission.live.riding_camera import RidingCamera
+from wbf_mission.addons.operate.riding_camera import RidingCamera
 
 HOME = GeoPoint(28.05, -82.15)
 FRAME = LocalFrame(28.05, -82.15)

@@ -14,9 +14,8 @@ from collections import deque
 from typing import ClassVar, NamedTuple
 
 from mission.link import open_link
-from mission.link.address import memory_pair
+from mission.link.address import MavlinkEndpoint, memory_pair
 from mission.link.codec.dialect import mavlink as m
-from mission.link.endpoint import MavlinkEndpoint
 
 STEP_S = 0.02
 HOME = (-353_632_622, 1_491_652_376, 584_000)  # SITL's: 1e-7 degrees, mm above the sea

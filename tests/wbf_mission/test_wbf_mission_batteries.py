@@ -80,7 +80,17 @@ def test_numbers_out_of_range_are_refused(text):
         batteries_in(text)
 
 
-COMMAND = ("plan", "--farm", FARM, "--planner", "spiral", "--budget", "2 batteries")
+COMMAND = (
+    "plan",
+    "--farm",
+    FARM,
+    "--planner",
+    "spiral",
+    "--budget",
+    "2 batteries",
+    "--autopilot",
+    "ardupilot",
+)
 
 
 def test_the_command_writes_so_many_sorties(small, tmp_path, capsys):

@@ -14,25 +14,14 @@ import numpy as np
 import pytest
 from processes import environment
 
-from geo.memory import AvailableMemory
+from geo.system import AvailableMemory
 from sensors.environment import cache, load_environment
 from wbf_mission.addons.ensembles.ensemble import Ensemble
 from wbf_mission.cli.app import main
 
 GENERATE = ["farm", "generate", "--farm", "miniberry-10", "--days", "3"]
-FLY = [
-    "fly",
-    "--farm",
-    "miniberry-30",
-    "--vehicle",
-    "ideal",
-    "--planner",
-    "lawnmower",
-    "--estimator",
-    "adaptive-disk",
-    "--no-files",
-    "--json",
-]
+FLY = ["fly", "--farm", "miniberry-10", "--vehicle", "ideal", "--planner", "lawnmower"]
+FLY += ["--estimator", "adaptive-disk", "--no-files", "--json"]
 
 
 def run(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str, str]:
@@ -98,7 +87,7 @@ def test_bad_input_is_one_line_and_exit_code_2(
 def test_too_little_memory_is_one_line_and_exit_code_2(
     capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("geo.memory.available_memory", lambda: AvailableMemory(300_000_000, "the test"))
+    monkeypatch.setattr("geo.system.available_memory", lambda: AvailableMemory(300_000_000, "the test"))
     out = str(tmp_path / "e")
     code, _, err = run(
         capsys, "farm", "generate", "--farm", "waterberry", "--jobs", "2", "--count", "2", "--out", out

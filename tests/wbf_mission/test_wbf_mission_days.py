@@ -25,7 +25,7 @@ from wbf_mission.run.resolve import make_environment
 from wbf_mission.scenario import Scenario, scenario_with
 
 DAYS = Scenario(
-    farm="miniberry-30",
+    farm="miniberry-10",
     vehicle="ideal",
     budget="30steps",
     estimator="adaptive-disk",

@@ -20,15 +20,13 @@ def names(requirements):
 
 
 def executed(tree):
-    """The nodes that are executed: not those for type checkers only."""
-    for node in ast.iter_child_nodes(tree):
-        if isinstance(node, ast.If) and isinstance(node.test, ast.Name) and node.test.id == "TYPE_CHECKING":
-            for one in node.orelse:
-                yield one
-                yield from executed(one)
-            continue
-        yield node
-        yield from executed(node)
+    """The statements that are executed: not those for type checkers only."""
+    rest = [tree]
+    while rest:
+        yield (node := rest.pop())
+        checks = isinstance(node, ast.If) and isinstance(node.test, ast.Name)
+        below = node.orelse if checks and node.test.id == "TYPE_CHECKING" else ast.iter_child_nodes(node)
+        rest += [child for child in below if not isinstance(child, ast.expr)]
 
 
 @functools.cache

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from stand_in import LONG_S
 
-import geo.memory
+import geo.system
 from geo.farms import get_farm
-from geo.memory import AvailableMemory, NotEnoughMemoryError
+from geo.system import AvailableMemory, NotEnoughMemoryError
 from sensors.errors import EstimatorError
 from sensors.estimation import Evidence, RunEstimate
 from sensors.estimators import make_estimator
@@ -115,7 +115,7 @@ def test_an_error_of_the_estimator_is_the_snapshots_too(monkeypatch):
 
 def little(monkeypatch, size):
     found = AvailableMemory(size, "control group limit 1.0 GB")
-    monkeypatch.setattr(geo.memory, "available_memory", lambda: found)
+    monkeypatch.setattr(geo.system, "available_memory", lambda: found)
 
 
 def test_a_run_that_would_not_fit_is_refused_before_it_starts(monkeypatch, capsys, tmp_path):

@@ -14,7 +14,7 @@ from mission.files.fence import polygon_at
 from mission.model import Command
 from mission.outcome import Outcome
 from wbf_mission.flight import fly
-from wbf_mission.planning.fence import MOST_VERTICES, border_fence, rally_items
+from wbf_mission.planning.keep_out import MOST_VERTICES, border_fence, rally_items
 from wbf_mission.preflight.run import check_mission
 from wbf_mission.preflight.subject import Circumstances
 from wbf_mission.run.plan import plan
@@ -49,7 +49,7 @@ def lands(draw):
 
 
 @given(lands(), st.floats(1.0, 40.0), st.lists(st.tuples(st.floats(0, 400), st.floats(0, 400)), max_size=6))
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=15, deadline=None)
 def test_a_fence_holds_land_and_path_with_few_vertices(land, distance_m, path):
     farm = farm_of(land)
     pole = Obstacle(shapely.Point(200, 200).buffer(3.0, quad_segs=30))

@@ -93,7 +93,7 @@ def test_vehicles_stand_in_a_row_behind_home():
 
 @pytest.mark.parametrize(
     ("autopilot", "seed", "errs"),
-    [("px4", 1, False), ("ardupilot", 2, True), ("px4", 3, False), ("px4", 3, True), ("px4", 5, True)],
+    [("ardupilot", 2, True), ("px4", 3, False), ("px4", 3, True)],
 )
 def test_layers_keep_vehicles_apart_from_take_off_to_landing(autopilot, seed, errs):
     scenario = Scenario(
@@ -139,7 +139,7 @@ def test_a_vehicle_that_fails_gives_its_part_to_the_others():
     assert images[1] < 0.5 * min(images[0], images[2])
 
 
-@pytest.mark.parametrize("count", [1, 2, 5, 10])
+@pytest.mark.parametrize("count", [2, 10])
 def test_the_papers_robots_fly_in_any_number(count):
     scenario = Scenario(**ROBOTS, vehicles=count, budget="40steps")
     result = fly(scenario)
@@ -156,7 +156,7 @@ def test_more_robots_score_better():
     assert scores[1] > scores[0]
 
 
-@pytest.mark.parametrize("vehicles", [1, 2, 3])
+@pytest.mark.parametrize("vehicles", [1, 3])
 def test_what_a_fleet_flew_stands_beside_what_was_predicted_of_the_same(vehicles):
     result = fly(Scenario(**QUADS, vehicles=vehicles, budget="100m", separation="layers:2m"))
     told, flights = result.summary(), result.flights

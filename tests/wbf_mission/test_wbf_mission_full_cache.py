@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from geo import get_farm
-from geo.user_cache import CacheWarning, user_cache_folder
+from geo.system import CacheWarning, user_cache_folder
 from sensors.estimators.epidemic import training
 from sensors.estimators.gp import prior
 from sensors.fields import PAPER_FIELDS
@@ -65,8 +65,12 @@ def test_a_flight_without_a_cache_says_so_in_one_line(tmp_path: Path) -> None:
         "NUMBA_CACHE_DIR": numba.config.CACHE_DIR or str(user_cache_folder("compiled")),
     }
     fly = "fly --farm miniberry-10 --vehicle ideal --planner lawnmower --estimator gp:learn_from=model"
+    code = (
+        "import sys; from sensors.estimators.gp import prior; from wbf_mission.cli.app import main;"
+        "prior._MOST_SIMULATIONS, prior._SOIL_SIMULATIONS = 20, 16; sys.exit(main(sys.argv[1:]))"
+    )
     done = subprocess.run(
-        [sys.executable, "-m", "wbf_mission", *fly.split(), "--no-files", "-q"],
+        [sys.executable, "-c", code, *fly.split(), "--no-files", "-q"],
         capture_output=True,
         text=True,
         check=True,

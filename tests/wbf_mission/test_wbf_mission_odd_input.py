@@ -131,22 +131,29 @@ def run(*arguments, script='"$@"', **options):
     return subprocess.run(command, capture_output=True, text=True, check=False, **options)
 
 
+CLOSED, FULL, GONE = '"$@" >&-', '"$@" >/dev/full', '{ "$@"; echo $? >&2; } | true'
+SAYS = {
+    CLOSED: (0, ""),
+    '"$@" <&- >&- 2>&-': (0, ""),
+    FULL: (2, "error: stdout cannot be written to: No space left on device\n"),
+    GONE: (0, "141\n"),
+}
+
+
 @pytest.mark.parametrize(
-    ("script", "code", "says"),
+    ("arguments", "script"),
     [
-        ('"$@" >&-', 0, ""),
-        ('"$@" <&- >&- 2>&-', 0, ""),
-        ('"$@" >/dev/full', 2, "error: stdout cannot be written to: No space left on device\n"),
-        ('{ "$@"; echo $? >&2; } | true', 0, "141\n"),
+        *(("vehicle list", script) for script in SAYS),
+        ("vehicle list --json", GONE),
+        ("fly --help", FULL),
+        ("fly --help", GONE),
+        ("fly --help-all", CLOSED),
+        ("fly --help-all", GONE),
     ],
 )
-@pytest.mark.parametrize(
-    "arguments",
-    [["vehicle", "list"], ["vehicle", "list", "--json"], ["fly", "--help"], ["fly", "--help-all"]],
-)
-def test_an_output_that_takes_nothing(arguments, script, code, says):
-    done = run(*arguments, script=script)
-    assert (done.returncode, done.stderr) == (code, says)
+def test_an_output_that_takes_nothing(arguments, script):
+    done = run(*arguments.split(), script=script)
+    assert (done.returncode, done.stderr) == SAYS[script]
 
 
 def test_plan_with_a_closed_output_still_writes_its_file(tmp_path):
@@ -198,31 +205,24 @@ def test_an_output_is_never_what_is_read(capsys, tmp_path, monkeypatch):
     (tmp_path / "link.geojson").symlink_to("my.geojson")
     before = (tmp_path / "my.geojson").read_bytes()
     (tmp_path / "old.plan").write_text("a plan")
+    plan = ["plan", "--farm", "my.geojson", "--budget", "40m", "--out"]
+    sim = ["sim", "--no-camera", "--duration", "1"]
     for arguments in (
-        ["plan", "--farm", "my.geojson", "--budget", "40m", "--out", "my.geojson"],
-        ["plan", "--farm", "my.geojson", "--budget", "40m", "--out", "link.geojson"],
+        *([*plan, out] for out in ("my.geojson", "./my.geojson", "link.geojson")),
         ["farm", "save", "my.geojson", "--out", "my.geojson"],
-        ["sim", "--no-camera", "--duration", "1", "--tlog", "old.plan"],
-        ["sim", "--no-camera", "--duration", "1", "--ready-file", "old.plan"],
-        [
-            "sim",
-            "--no-camera",
-            "--duration",
-            "1",
-            "--farm",
-            "my.geojson",
-            "--overwrite",
-            "--tlog",
-            "my.geojson",
-        ],
+        [*sim, "--farm", "my.geojson", "--overwrite", "--tlog", "my.geojson"],
     ):
-        refused(capsys, tmp_path, *arguments)
+        assert "the file that is read" in refused(capsys, tmp_path, *arguments)
+    for option in ("--tlog", "--ready-file"):
+        refused(capsys, tmp_path, *sim, option, "old.plan")
     assert (tmp_path / "my.geojson").read_bytes() == before
     assert (tmp_path / "old.plan").read_text() == "a plan"
 
 
 def test_a_mistake_of_the_program_is_one_line_too(capsys, monkeypatch):
-    monkeypatch.setattr("wbf_mission.cli.vehicle._summary", itemgetter("none"))  # no code of a user's
+    monkeypatch.setattr(
+        "wbf_mission.addons.browse.vehicles._summary", itemgetter("none")
+    )  # no code of a user's
     assert main(["vehicle", "list"]) == 70
     _, err = capsys.readouterr()
     assert err.startswith("error: TypeError: 'VehicleSpec' object is not subscriptable; this is a mistake in")

@@ -13,8 +13,7 @@ from wbf_mission import BenchSpec, ScenarioError, benchmark, load_scenario
 from wbf_mission.addons.boards.submission import code_files
 from wbf_mission.bench.engine import fly_all
 from wbf_mission.cli.app import main
-from wbf_mission.own_code import own_choice
-from wbf_mission.scenario.beside import files_beside
+from wbf_mission.own_code import files_beside, own_choice
 
 EXAMPLES = Path(__file__).parents[2] / "docs" / "examples"
 POLICY = f"{EXAMPLES / 'my_policy.py'}:RowsThenGreedy"
@@ -116,6 +115,21 @@ class Loads:
 """
 
 
+# A new process for each change, as one that has loaded the modules does not see it.
+KEYS = """
+import json, os, pathlib, sys
+from wbf_mission.bench.digests import own_digest
+from wbf_mission.own_code import own_choice
+for name, text in [(None, ""), *json.loads(sys.argv[1])]:
+    if name is not None:
+        pathlib.Path(name).write_text(text)
+    if os.fork() == 0:
+        print(own_digest(own_choice(str(pathlib.Path("loads.py").resolve()) + ":Loads", "policy").made))
+        sys.exit()
+    assert os.wait()[1] == 0
+"""
+
+
 def test_files_that_code_names_and_modules_beside_it_count_with_it(tmp_path, capsys):
     (tmp_path / "data").mkdir()
     files = {
@@ -130,27 +144,19 @@ def test_files_that_code_names_and_modules_beside_it_count_with_it(tmp_path, cap
     for name, text in files.items():
         (tmp_path / name).write_text(text)
 
-    def key(name=None, text=""):
-        """Ask a new process: this one has loaded the modules."""
-        if name is not None:
-            (tmp_path / name).write_text(text)
-        program = (
-            "from wbf_mission.own_code import own_choice; from wbf_mission.bench.digests import own_digest;"
-            f"print(own_digest(own_choice({str(tmp_path / 'loads.py')!r} + ':Loads', 'policy').made))"
-        )
-        done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
-        return done.stdout
-
-    keys = [
-        key(),
-        key("data/spacing.txt", "0.6"),
-        key("deeper.py", "MORE = 1.1\n"),
-        key("later.py", "MORE = 0.6\n"),
-        key("more-2.txt", "0.2"),
-        key("more-1.txt", "0.1"),
+    changes = [
+        ("data/spacing.txt", "0.6"),
+        ("deeper.py", "MORE = 1.1\n"),
+        ("later.py", "MORE = 0.6\n"),
+        ("more-2.txt", "0.2"),
+        ("more-1.txt", "0.1"),
+        ("other.txt", "1"),
     ]
-    assert len(set(keys)) == len(keys)
-    assert key("other.txt", "1") == key() == keys[-1]
+    words = [sys.executable, "-c", KEYS, json.dumps(changes)]
+    done = subprocess.run(words, capture_output=True, text=True, check=True, cwd=tmp_path)
+    *keys, after = done.stdout.split()
+    assert len(set(keys)) == len(keys) == len(changes)
+    assert after == keys[-1], "nothing reads other.txt"
     assert set(code_files([tmp_path / "loads.py"])) == {
         f"code/{name}" for name in [*files, "more-2.txt"] if name != "other.txt"
     }

@@ -16,7 +16,7 @@ def registered(monkeypatch, **loads):
     entries = [SimpleNamespace(name=name, value="mine:it", load=load) for name, load in loads.items()]
     monkeypatch.setattr(command, "entry_points", lambda group: entries if group == command.GROUP else [])
     app = typer.Typer()
-    add_commands({"": app})
+    add_commands(app, {}, {})
     return app
 
 
@@ -45,3 +45,10 @@ def test_a_command_that_cannot_be_loaded_says_why(monkeypatch, load, words):
     with pytest.raises(TargetError) as caught:
         app(args=["bad"], standalone_mode=False)
     assert words in str(caught.value)
+
+
+def test_a_group_without_commands_is_left_out(monkeypatch):
+    monkeypatch.setattr(command, "entry_points", lambda group: [])
+    app = typer.Typer()
+    add_commands(app, {"full": "", "empty": ""}, {"full.it": Command(lambda: None, "")})
+    assert [group.name for group in app.registered_groups] == ["full"]

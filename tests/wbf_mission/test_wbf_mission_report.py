@@ -17,7 +17,7 @@ from wbf_mission.addons.pictures import sheets
 from wbf_mission.maps import block_sums, blocks
 from wbf_mission.maps.blocks import MapGrid
 from wbf_mission.maps.field_maps import FieldMap, field_maps, pixel_sums, true_map
-from wbf_mission.maps.report import brief, farm_report, gamma_interval, report_of_maps
+from wbf_mission.maps.report import brief, gamma_interval, report_of_maps
 
 FARM = get_farm("miniberry-30")
 
@@ -32,6 +32,10 @@ def look(cells, values):
 def model_of(value, uncertainty=0.1):
     value = np.asarray(value, np.float32)
     return InformationModel(value, np.full_like(value, uncertainty))
+
+
+def farm_report(model, observations, **given):
+    return report_of_maps(FARM, field_maps(FARM, model, observations, **given))
 
 
 def healthy():
@@ -121,7 +125,7 @@ def test_sick_plants_that_were_seen_are_counted_and_the_others_expected():
     value = healthy()
     x, y = tomato[10:20].T
     value[0, x, y] = 0.4  # ten plants that are sick without doubt, by 0.6 each
-    report = farm_report(FARM, model_of(value), seen)
+    report = farm_report(model_of(value), seen)
     tylcv = report.fields[0]
     assert (tylcv.name, tylcv.cells, tylcv.seen, tylcv.seen_sick) == ("tylcv", len(tomato), 4, 2)
     # How far a sick plant lies below 1 is that of simulated outbreaks before, and 0.5 and 1 were seen.
@@ -135,7 +139,7 @@ def test_probabilities_are_taken_as_they_are():
     probabilities = np.zeros((3, *FARM.grid().shape), np.float32)
     probabilities[0], probabilities[1] = 0.75, 0.25
     model = replace(model_of(healthy()), probabilities={"tylcv": probabilities, "ccr": probabilities})
-    report = farm_report(FARM, model, look([], []))
+    report = farm_report(model, look([], []))
     assert [field.expected for field in report.fields[:2]] == pytest.approx([0.25, 0.25])
 
 
@@ -150,7 +154,7 @@ def test_the_worst_block_is_told_with_its_name_and_place():
         if tomato[i * grid.block : (i + 1) * grid.block, j * grid.block : (j + 1) * grid.block].all()
     )
     value[0, i * grid.block : (i + 1) * grid.block, j * grid.block : (j + 1) * grid.block] = 0.0
-    report = farm_report(FARM, model_of(value), look([], []))
+    report = farm_report(model_of(value), look([], []))
     worst = report.fields[0].blocks[0]
     assert worst.name == grid.name(i, j)
     assert worst.expected == 1.0
@@ -162,7 +166,7 @@ def test_the_worst_block_is_told_with_its_name_and_place():
 
 
 def test_a_report_is_plain_values():
-    report = farm_report(FARM, model_of(healthy()), look([[3, 20]], [[0.5, 1, 0.3]]))
+    report = farm_report(model_of(healthy()), look([[3, 20]], [[0.5, 1, 0.3]]))
     told = json.loads(json.dumps(report.to_dict()))
     assert set(told["fields"]) == {"tylcv", "ccr", "soil"}
     assert told["fields"]["soil"]["expected"] == pytest.approx(0.5)
@@ -172,8 +176,8 @@ def test_a_report_is_plain_values():
 def test_the_last_reading_of_a_cell_counts():
     cell = np.argwhere(PAPER_FIELDS["tylcv"].mask(FARM.grid()))[0]
     seen = look([cell, cell], [[1.0, 1, 0.3], [0.5, 1, 0.3]])
-    assert farm_report(FARM, model_of(healthy()), seen).fields[0].seen_sick == 1
-    assert farm_report(FARM, model_of(healthy()), seen[:1]).fields[0].seen_sick == 0
+    assert farm_report(model_of(healthy()), seen).fields[0].seen_sick == 1
+    assert farm_report(model_of(healthy()), seen[:1]).fields[0].seen_sick == 0
 
 
 @given(st.floats(0, 1e6), st.floats(0, 1e6))
@@ -231,7 +235,7 @@ def test_who_does_not_say_how_sure_it_is_has_no_figure_of_what_nobody_saw(estima
     tomatoes = np.argwhere(PAPER_FIELDS["tylcv"].mask(FARM.grid()))
     seen = look(tomatoes[:4], [[1.0, 1, 0.1], [0.5, 1, 0.2], [1.0, 1, 0.3], [1.0, 1, 0.8]])
     made = make_estimator(estimator).fit(FARM.grid(), seen)
-    report = farm_report(FARM, made.predict(), seen, states_deviation=made.states_deviation)
+    report = farm_report(made.predict(), seen, states_deviation=made.states_deviation)
     told = {field.name: field for field in report.fields}
     assert {name: field.cells for name, field in told.items()} == {"tylcv": 4, "soil": 4}
     assert told["tylcv"].expected == 0.25 and told["soil"].expected == pytest.approx(0.35)
@@ -241,17 +245,17 @@ def test_who_does_not_say_how_sure_it_is_has_no_figure_of_what_nobody_saw(estima
         assert "looked at" in report.rows()[field.title] and "90 %" not in report.rows()[field.title]
         assert "of what was seen" in brief(field)
     nothing = look([], [])
-    assert not farm_report(FARM, made.predict(), nothing, states_deviation=False).fields
+    assert not farm_report(made.predict(), nothing, states_deviation=False).fields
 
 
 def test_readings_beyond_their_range_count_as_its_ends():
     tomatoes = np.argwhere(PAPER_FIELDS["tylcv"].mask(FARM.grid()))
     seen = look(tomatoes[:2], [[1.0, 1, 1.4], [1.0, 1, -0.4]])
-    report = farm_report(FARM, model_of(healthy()), seen, states_deviation=False)
+    report = farm_report(model_of(healthy()), seen, states_deviation=False)
     assert report.fields[-1].expected == 0.5
 
 
 def test_all_that_was_looked_at_is_no_more_than_was_seen_where_doubt_is_stated():
     tomatoes = np.argwhere(PAPER_FIELDS["tylcv"].mask(FARM.grid()))
-    report = farm_report(FARM, model_of(healthy()), look(tomatoes[:2], [[0.5, 1, 0.3]] * 2))
+    report = farm_report(model_of(healthy()), look(tomatoes[:2], [[0.5, 1, 0.3]] * 2))
     assert report.fields[0].cells == len(tomatoes) and report.fields[0].low is not None

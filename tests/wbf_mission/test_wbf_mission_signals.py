@@ -26,6 +26,7 @@ from wbf_mission.results.writing import ResultFolder
 from wbf_mission.run.joint_flight import JointFlight
 
 LONG_S = 120.0  # a limit against hanging, not a measure
+SMALL_RUN = ["fly", "--farm", "miniberry-10", "--planner", "lawnmower", "--estimator", "point", "-q"]
 
 
 def start(*arguments, cwd, before=(), **options):
@@ -142,8 +143,7 @@ def test_a_simulator_that_cannot_start_leaves_the_ready_file_of_another(tmp_path
 
 
 def test_a_flight_says_what_it_still_does_and_ends_at_the_second_ctrl_c(tmp_path):
-    arguments = "--farm miniberry-30 --budget 5min --speed 8 --out run --json --estimator point"
-    process = start("fly", *arguments.split(), cwd=tmp_path)
+    process = start(*SMALL_RUN[:-1], "--speed", "8", "--out", "run", "--json", cwd=tmp_path)
     wait_for(lambda: any(path.stat().st_size > 60_000 for path in tmp_path.rglob("*.tlog")), process)
     process.send_signal(signal.SIGINT)
     # On a busy machine it may have said before that it compiles.
@@ -157,9 +157,7 @@ def test_a_flight_says_what_it_still_does_and_ends_at_the_second_ctrl_c(tmp_path
 
 
 def test_sigterm_in_a_flight_saves_it(tmp_path):
-    arguments = ["--farm", "miniberry-30", "--estimator", "adaptive-disk", "--speed", "2", "--out", "run"]
-    arguments += ["--json", "--no-plots"]
-    process = start("fly", *arguments, cwd=tmp_path)
+    process = start(*SMALL_RUN, "--speed", "2", "--out", "run", "--json", "--no-plots", cwd=tmp_path)
     wait_for(lambda: any(path.stat().st_size > 5_000 for path in tmp_path.rglob("*.tlog")), process)
     process.send_signal(signal.SIGTERM)
     out, _ = end(process)
@@ -285,9 +283,6 @@ def test_a_signal_that_is_sent_twice_at_once_saves_the_flight_as_promised(
     assert "saved in" in capfd.readouterr().err
     assert code == 143
     assert (tmp_path / "run" / "summary.json").is_file() is saved
-
-
-SMALL_RUN = ["fly", "--farm", "miniberry-10", "--planner", "lawnmower", "--estimator", "point", "-q"]
 
 
 def last_bytes(folder):

@@ -15,9 +15,9 @@ from mission.model import GeoPoint, MissionItem
 from mission.outcome import Outcome
 from sim_vehicle.prediction.predict import predict_flight
 from wbf_mission import Scenario, Simulated, fly, load_result
+from wbf_mission.addons.operate.resume import resume_place
 from wbf_mission.cli.app import main
 from wbf_mission.events import EventStream
-from wbf_mission.live.resume import resume_place
 from wbf_mission.planning import MissionBuilder
 from wbf_mission.planning.coverage import image_places
 from wbf_mission.planning.sortie_costs import SortieCosts
@@ -328,7 +328,7 @@ def test_a_mission_in_sorties_is_flown_as_one_run(small, calm, tmp_path):
     # The change of batteries is time that passes.
     without = fly(one, by=Simulated(change_s=0.0))
     assert result.simulated_s - without.simulated_s == pytest.approx(100.0 * (sorties - 1))
-    result.save(tmp_path / "run")
+    result.save(tmp_path / "run", plots=False)
     loaded = load_result(tmp_path / "run")
     assert [flight.plan.mission for flight in loaded.flights] == missions
 

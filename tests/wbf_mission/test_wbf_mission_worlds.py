@@ -47,7 +47,7 @@ def test_a_saved_result_tells_its_world(tmp_path):
     file.write_text("[tylcv]\nseeds = 0\n")
     result = fly(scenario_with(SMALL, {"world": str(file)}))
     assert result.truth[0].min() == 1.0
-    result.save(tmp_path / "result")
+    result.save(tmp_path / "result", plots=False)
     file.unlink()
     loaded = load_result(tmp_path / "result")
     assert loaded.scenario.farm.load_world().laws == {"tylcv": {"seeds": 0}}
@@ -55,7 +55,7 @@ def test_a_saved_result_tells_its_world(tmp_path):
 
 
 def result_of_name(folder):
-    fly(WRONG).save(folder / "named")
+    fly(WRONG).save(folder / "named", plots=False)
     return folder / "named"
 
 

@@ -25,9 +25,8 @@ from geo.errors import PACKAGES, is_users_file
 from sensors.field_files import field_to_table, load_field_set
 from sensors.fields import Field
 from sim_vehicle.airframe.catalog import get_vehicle
-from wbf_mission.own_code import below_own_code
+from wbf_mission.own_code import below_own_code, digest_beside
 from wbf_mission.scenario import Scenario
-from wbf_mission.scenario.beside import digest_beside
 
 _ROWS = ("planner", "policy", "estimator", "seed")
 # The digest covers the contents of these files and objects, not their names.

@@ -8,21 +8,20 @@ import sys
 import time
 from array import array
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, wait
+from concurrent.futures import FIRST_COMPLETED, Future, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import closing
-from typing import Any, Protocol, TypeAlias, TypeVar, cast
+from typing import Any, Protocol, TypeAlias, cast
 
 import numpy as np
 
 from geo.errors import WbfMissionError, told_error
-from geo.imports import load_extra
+from geo.imports import load_named
 from geo.processes import CallsAhead, Processes
-from geo.texts import one_line
 from mission.errors import PlanningError
 from mission.outcome import Outcome
 from mission.planners.budget import parse_budget
-from sensors.scoring.calibration import calibration
+from sensors.scoring.expected import calibration
 from wbf_mission.bench.digests import is_own
 from wbf_mission.bench.provenance import hardware, program, unlike, versions
 from wbf_mission.bench.rows import BenchRow
@@ -167,91 +166,18 @@ def _finite(value: float | None) -> float | None:
     return float(value) if value is not None and np.isfinite(value) else None
 
 
-LOCAL = "local"
-_T = TypeVar("_T")
-_WAIT_S = 60.0
-
-
 class ClusterError(WbfMissionError):
-    """A Dask cluster that cannot be reached, is unsuitable or was lost."""
-
-
-class Cluster:
-    """Workers of the Dask scheduler at `address`, with up to `most` runs submitted at a time.
-
-    The address ``local`` starts a cluster with `workers` workers on the loopback interface until `close`.
-
-    ClusterError if the package is not installed, the scheduler does not answer or has no workers, or a worker
-    has several threads: a run needs a process to itself.
-    """
-
-    def __init__(self, address: str, workers: int) -> None:
-        dask = load_extra("distributed", "dask", "--dask needs", ClusterError)
-        self._local: Any = None
-        self._address = address
-        if address == LOCAL:
-            self._local = dask.LocalCluster(
-                n_workers=workers, threads_per_worker=1, host="127.0.0.1", dashboard_address=None
-            )
-        try:
-            self._client = dask.Client(self._local or address, set_as_default=False)
-        except (OSError, ValueError) as error:  # TimeoutError is an OSError
-            why = one_line(str(error)) or "no answer"
-            raise ClusterError(f"--dask {address}: no scheduler answers there ({why})") from None
-        try:
-            self.most = 2 * self._require_workers()
-            self._executor = self._client.get_executor(pure=False)
-        except BaseException:
-            self.close()
-            raise
-
-    def submit(self, function: Callable[..., _T], /, *arguments: Any) -> Future[_T]:
-        """Submit a call to the workers; the function is sent by its name."""
-        future: Future[_T] = self._executor.submit(function, *arguments)
-        return future
-
-    def result(self, future: Future[_T]) -> _T | None:
-        """Return the result of a finished future; None if the call killed several workers.
-
-        ClusterError if the scheduler is lost, or a worker has other code.
-        """
-        from distributed import KilledWorker
-
-        try:
-            return future.result()
-        except KilledWorker:
-            return None
-        except CancelledError:
-            msg = f"--dask {self._address}: the scheduler is lost; the same command flies the missing runs"
-            raise ClusterError(msg) from None
-        except Exception as error:  # such as an error raised by a worker with an older wbf-mission
-            why = one_line(str(error)) if isinstance(error, WbfMissionError) else one_line(repr(error))
-            raise ClusterError(f"--dask {self._address}: a worker cannot fly: {why}") from None
-
-    def close(self) -> None:
-        """Cancel the pending runs and disconnect; a local cluster is stopped."""
-        self._client.close()
-        if self._local is not None:
-            self._local.close()
-
-    def _require_workers(self) -> int:
-        try:
-            self._client.wait_for_workers(1, timeout=_WAIT_S)
-        except TimeoutError:
-            msg = f"--dask {self._address}: no worker came in {_WAIT_S:.0f} s; start some with 'dask worker'"
-            raise ClusterError(msg) from None
-        threads = self._client.nthreads()
-        for name, count in threads.items():
-            if count > 1:
-                msg = f"--dask {self._address}: worker {name} has {count} threads; start it with --nthreads 1"
-                raise ClusterError(msg)
-        return len(threads)
+    """A cluster that cannot be reached, is unsuitable or was lost."""
 
 
 _Flown: TypeAlias = BenchRow | str
 
 
-class _Workers(Protocol):
+CLUSTERS = "wbf_mission.clusters"
+"""Group of entry points; ``dask`` makes a `Cluster` of an address and a number of workers."""
+
+
+class Workers(Protocol):
     """Workers that fly runs: processes of this machine or a cluster."""
 
     @property
@@ -259,7 +185,20 @@ class _Workers(Protocol):
         """Greatest number of runs submitted at a time."""
 
     def submit(self, function: Callable[..., _Flown], /, *arguments: Any) -> Future[_Flown]:
-        """Submit a run."""
+        """Submit a run; the function is sent by its name."""
+
+
+class Cluster(Workers, Protocol):
+    """Workers on other machines."""
+
+    def result(self, future: Future[_Flown]) -> _Flown | None:
+        """Return the result of a finished future; None if the call killed several workers.
+
+        ClusterError if the cluster is lost, or a worker has other code.
+        """
+
+    def close(self) -> None:
+        """Cancel the pending runs and disconnect."""
 
 
 def fly_all(runs: Sequence[BenchRun], *, jobs: int = 1, dask: str | None = None) -> Iterator[BenchRow]:
@@ -279,7 +218,8 @@ def fly_all(runs: Sequence[BenchRun], *, jobs: int = 1, dask: str | None = None)
 
     jobs = effective_n_jobs(jobs)
     if dask is not None:
-        with closing(Cluster(dask, jobs)) as cluster:
+        made: Cluster = load_named(CLUSTERS, "dask", "flies on", "the cluster", ClusterError)(dask, jobs)
+        with closing(made) as cluster:
             for run, future in _ended(cluster, runs):
                 yield _row(run, cluster.result(future) or _KILLED)
     elif jobs == 1:
@@ -291,7 +231,7 @@ def fly_all(runs: Sequence[BenchRun], *, jobs: int = 1, dask: str | None = None)
 _KILLED = "the process that flew it was killed; is there enough memory for it?"
 
 
-def _ended(workers: _Workers, runs: Sequence[BenchRun]) -> Iterator[tuple[BenchRun, Future[_Flown]]]:
+def _ended(workers: Workers, runs: Sequence[BenchRun]) -> Iterator[tuple[BenchRun, Future[_Flown]]]:
     """Submit all runs, and yield each when it ends."""
     waiting = iter(runs)
     flying: dict[Future[_Flown], BenchRun] = {}
@@ -306,7 +246,7 @@ def _ended(workers: _Workers, runs: Sequence[BenchRun]) -> Iterator[tuple[BenchR
             yield flying.pop(future), future
 
 
-def _submitted(workers: _Workers, run: BenchRun) -> Future[_Flown]:
+def _submitted(workers: Workers, run: BenchRun) -> Future[_Flown]:
     """Submit a run to a worker; the future's result is a row, or the cause of the failure."""
     try:
         sent = _packed(run)

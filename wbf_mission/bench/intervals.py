@@ -29,11 +29,10 @@ Pair = tuple[NDArray[np.float64], NDArray[np.float64]]
 
 _DRAWS = 1999  # one less than a multiple of 40, so that the 2.5 % and 97.5 % limits are draws
 _SEED = 0
-_MISSED = 0.05
+MISSED = 0.05
+"""Fraction of cases in which an interval misses."""
 _FEWEST_TO_RESAMPLE = 5
 FEWEST_FOR_A_RATIO = 8
-# Least number of environments, and coverage (%) of the 95 % interval for a mean with 10 % rare outbreaks.
-_HELD_WITH_RARE = ((40, None), (20, 75), (0, 50))
 _NONE = 1e-12  # relative spread below which values are equal but for rounding
 _SMALL = 1e-3
 _ROUNDING = 1e-9
@@ -48,26 +47,10 @@ class Interval:
     high: float
 
 
-def mean_interval(values: NDArray[np.float64]) -> Interval:
-    """Return the mean over environments and its 95 % interval.
-
-    `values` has one value per environment, nan if missing. Below five values the interval is Student's.
-    """
-    return mean_intervals([values])[0]
-
-
-def ratio_interval(values: NDArray[np.float64], others: NDArray[np.float64]) -> Interval:
-    """Return the ratio of the means of `values` and `others` with its 95 % interval.
-
-    `values` and `others` have one value per environment, in the same order. Below eight environments there is
-    no interval. Without a positive mean of `others` there is no ratio. `high` is infinite if a mean of
-    `others` near 0 cannot be excluded.
-    """
-    return ratio_intervals([(values, others)])[0]
-
-
 def mean_intervals(several: Iterable[NDArray[np.float64]], *, together: bool = False) -> list[Interval]:
     """Return means over environments with their 95 % intervals.
+
+    Each array has one value per environment, nan if missing. Below five values the interval is Student's.
 
     With `together` the intervals are simultaneous: all hold at once in 95 of 100 cases. All intervals are
     widened to the same quantile, at which 5 % of the resamples leave at least one interval (R. Beran,
@@ -79,7 +62,12 @@ def mean_intervals(several: Iterable[NDArray[np.float64]], *, together: bool = F
 
 
 def ratio_intervals(pairs: Sequence[Pair], *, together: bool = False) -> list[Interval]:
-    """Return ratios of means with 95 % intervals (see `ratio_interval`; `together`: `mean_intervals`)."""
+    """Return the ratios of the means of two arrays each, with 95 % intervals.
+
+    Two arrays have one value per environment, in the same order. Below eight environments there is no
+    interval. Without a positive mean of the second array there is no ratio. `high` is infinite if a mean near
+    0 cannot be excluded. `together` as for `mean_intervals`.
+    """
     return _intervals(pairs, fewest=FEWEST_FOR_A_RATIO, together=together)
 
 
@@ -107,16 +95,16 @@ def _limits(residuals: Sequence[NDArray[np.float64]], together: bool) -> NDArray
     """Return the lower and upper limit of each t-statistic, float64[residuals, 2]."""
     counts = np.array([len(values) for values in residuals], dtype=np.int64)
     many = np.flatnonzero(counts >= _FEWEST_TO_RESAMPLE)
-    missed = np.full(len(counts), _MISSED / (max(len(counts), 1) if together else 1))
+    missed = np.full(len(counts), MISSED / (max(len(counts), 1) if together else 1))
     limits = np.zeros((len(counts), 2))
     if len(many):
         drawn = _drawn(residuals, many, counts)
-        outside = round(_MISSED / 2.0 * (_DRAWS + 1))
+        outside = round(MISSED / 2.0 * (_DRAWS + 1))
         ordered = np.sort(drawn, axis=1)
         if together:
             ranks = drawn.argsort(axis=1, kind="stable").argsort(axis=1, kind="stable")
             farthest = np.minimum(ranks, _DRAWS - 1 - ranks).min(axis=0)
-            outside = 1 + int(np.sort(farthest)[int(_MISSED * _DRAWS)])
+            outside = 1 + int(np.sort(farthest)[int(MISSED * _DRAWS)])
         limits[many] = ordered[:, [outside - 1, _DRAWS - outside]]
         missed[many] = 2.0 * outside / (_DRAWS + 1)
     student = stats.t.ppf(1.0 - missed / 2.0, counts - 1) * np.sqrt(counts / (counts - 1.0))
@@ -171,25 +159,6 @@ def _fieller(
     return (max(low, 0.0) if positive else low), high
 
 
-def doubt_in_words(count: int) -> str:
-    """Return the limits of intervals over `count` environments, in words.
-
-    >>> doubt_in_words(40)
-    'What befalls fewer than 7 % of environments may be missing among 40, and no interval covers it.'
-    """
-    if count < 2:
-        return "One environment has no interval." if count else ""
-    rare = 100.0 * (1.0 - _MISSED ** (1.0 / count))
-    unseen = f"What befalls fewer than {rare:.0f} % of environments may be missing among {count}"
-    texts = [f"{unseen}, and no interval covers it."]
-    held = next((held for fewest, held in _HELD_WITH_RARE if count >= fewest), None)
-    if held is not None:
-        texts.append(f"Where few decide a mean, 95 % intervals may hold in {held} of 100 cases only.")
-    if count < FEWEST_FOR_A_RATIO:
-        texts.append(f"Ratios over fewer than {FEWEST_FOR_A_RATIO} have no interval.")
-    return " ".join(texts)
-
-
 def score_text(value: float) -> str:
     """Return a score or loss with four decimals, a small one with two significant digits, nan as "-".
 
@@ -202,16 +171,3 @@ def score_text(value: float) -> str:
     if size < _ROUNDING:
         return f"{0.0:.4f}"
     return f"{value:.4f}" if size >= _SMALL else f"{value:#.2g}".replace("e-0", "e-")
-
-
-def verdict(difference: Interval) -> str:
-    """Return the verdict of an interval of differences, in words.
-
-    >>> verdict(Interval(0.2, 0.1, 0.3)), verdict(Interval(0.2, -0.1, 0.5))
-    ('better', 'cannot be told')
-    """
-    if difference.low > 0.0:
-        return "better"
-    if difference.high < 0.0:
-        return "worse"
-    return "equal" if difference.low == difference.high == 0.0 else "cannot be told"

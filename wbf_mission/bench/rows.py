@@ -17,10 +17,9 @@ from typing import IO, TYPE_CHECKING, Any, TypeAlias
 import msgspec
 import numpy as np
 
-from geo.atomic import disk_errors_named
-from geo.closing import Closing
-from geo.locks import lock_file
+from geo.atomic import disk_errors_named, lock_file
 from geo.reading import misfit
+from geo.system import Closing
 from wbf_mission.results.storage import ResultError, read_batches, write_table
 
 if TYPE_CHECKING:
@@ -57,7 +56,7 @@ class BenchRow(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
     losses : dict
         Losses at the end of the run.
     calibration : dict
-        Calibration of the last estimate on cells not observed (`sensors.scoring.calibration`).
+        Calibration of the last estimate on cells not observed (`sensors.scoring.expected`).
     predicted_time_s : float or None
         Predicted time of the flights; for a policy, of its last accepted paths, or None if its budget is no
         time.

@@ -8,25 +8,14 @@ import logging
 import os
 import sys
 import warnings
+from functools import cache
 from typing import Annotated, Any
 
 import typer
 
 from geo.errors import WbfMissionError, told_error, users_line
 from geo.texts import printable
-from wbf_mission.cli import (
-    bench,
-    convert,
-    farm,
-    fly,
-    plan,
-    preflight,
-    signals,
-    sim,
-    transfer,
-    vehicle,
-    warm_up,
-)
+from wbf_mission.cli import bench, fly, plan, signals, sim, upload, warm_up
 from wbf_mission.cli.command import Command, add_commands
 from wbf_mission.cli.help import HelpGroup
 from wbf_mission.cli.output import StdoutError, to_stdout
@@ -48,21 +37,23 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110},
 )
+_GROUPS = {
+    "bench": "Fly many runs that can be compared.",
+    "farm": (
+        "Look at farms: list them, show one, draw one, save one as GeoJSON, generate environments of one."
+    ),
+    "vehicle": "Look at vehicles: list them, show one with its endurance.",
+}
 _COMMANDS = {
     "plan": Command(plan.plan_command, plan.EXAMPLES, plan.BEGINNERS),
     "fly": Command(fly.fly_command, fly.EXAMPLES, fly.BEGINNERS),
     "sim": Command(sim.sim_command, sim.EXAMPLES, sim.BEGINNERS),
-    "convert": Command(convert.convert_command, convert.EXAMPLES),
-    "preflight": Command(preflight.preflight_command, preflight.EXAMPLES, preflight.BEGINNERS),
-    "upload": Command(transfer.upload_command, transfer.UPLOAD_EXAMPLES, transfer.UPLOAD_BEGINNERS),
-    "download": Command(transfer.download_command, transfer.DOWNLOAD_EXAMPLES),
+    "upload": Command(upload.upload_command, upload.EXAMPLES, upload.BEGINNERS),
     "warm-up": Command(warm_up.warm_up_command, warm_up.EXAMPLES),
+    "bench.run": Command(bench.run_command, bench.RUN_EXAMPLES),
 }
-for _name, _command in _COMMANDS.items():
-    _command.add_to(app, _name)
-for _group in (farm, vehicle, bench):
-    app.add_typer(_group.app, name=_group.__name__.rpartition(".")[2])
-add_commands({"": app, "bench": bench.app, "farm": farm.app})
+add_commands(app, _GROUPS, _COMMANDS)
+_built = cache(typer.main.get_command)  # typer would build all commands for every call
 
 
 def _print_version(wanted: bool) -> None:
@@ -112,7 +103,7 @@ def _run(arguments: list[str]) -> int:
     except FileNotFoundError:
         return _complain("the working folder was removed: change to one that is there", ExitCode.BAD_INPUT)
     try:
-        code = app(args=arguments, standalone_mode=False, prog_name="wbf-mission", obj=arguments)
+        code = _built(app)(args=arguments, standalone_mode=False, prog_name="wbf-mission", obj=arguments)
     except typer.TyperException as error:
         return _complain(_usage(error), error.exit_code)
     except WbfMissionError as error:
@@ -130,9 +121,8 @@ def _run(arguments: list[str]) -> int:
     except MemoryError:
         return _complain("out of memory: choose a smaller farm or fewer days", ExitCode.BAD_INPUT)
     except OSError as error:
-        if (
-            error.filename is None and error.errno == errno.ENOSPC
-        ):  # an error without a file name is of stdout
+        # An error without a file name is of stdout
+        if error.filename is None and error.errno == errno.ENOSPC:
             raise StdoutError(error) from error
         where = f"{error.filename}: " if error.filename else ""
         return _complain(f"{where}{error.strerror or error}", ExitCode.BAD_INPUT)
@@ -154,9 +144,8 @@ def _run(arguments: list[str]) -> int:
 def _usage(error: typer.TyperException) -> str:
     """Return the message of a usage error, without the prefixes that libraries add."""
     at: Any = getattr(error, "ctx", None)
-    command = "wbf-mission" if at is None else at.command_path
     text = error.format_message().replace("Value error, ", "", 1).replace("\n\t", " ")
-    return f"{text} (see '{command} --help')"
+    return f"{text} (see '{'wbf-mission' if at is None else at.command_path} --help')"
 
 
 def _one_line_warning(message: Warning | str, *_where: object, **_also: object) -> str:

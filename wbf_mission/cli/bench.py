@@ -1,4 +1,4 @@
-"""``wbf-mission bench``: many comparable runs."""
+"""``wbf-mission bench run``, and the output of the commands of ``bench``."""
 
 from __future__ import annotations
 
@@ -10,28 +10,80 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from geo.imports import load_named
-from wbf_mission.cli import bench_output, options
-from wbf_mission.cli.help import HelpCommand, HelpGroup
+from wbf_mission.cli import options
 from wbf_mission.cli.options import option
 from wbf_mission.cli.output import Output
-from wbf_mission.cli.pages import bench_page, bench_report
 from wbf_mission.exit_codes import ExitCode
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from wbf_mission.bench.rows import BenchRow
     from wbf_mission.bench.spec import BenchSpec
-    from wbf_mission.scenario import Choice, Scenario
+    from wbf_mission.scenario import Choice
 
-LIST_EXAMPLES = """
-Examples
-wbf-mission bench list
-wbf-mission bench list --families
-wbf-mission fly --scenario WBF/Miniberry-30-v1 --planner lawnmower
-"""
-SHOW_EXAMPLES = """
-Examples
-wbf-mission bench show WBF/Miniberry-30-Sweep-v1
-"""
+_FAILURES_SHOWN = 5
+_ROW = ("key", "scenario", "planner", "estimator", "seed", "error")
+
+
+def print_standings(output: Output, rows: Sequence[BenchRow], title: str) -> None:
+    """Print a table of standings for each scenario, and the causes of failed runs."""
+    from dataclasses import asdict
+
+    from wbf_mission.bench.page import standing_table
+    from wbf_mission.bench.standings import standings
+
+    tell_what_counts(output, rows)
+    found = standings(rows)
+    failures = [row for row in rows if row.error is not None]
+    if output.as_json:
+        output.raw_json(
+            {
+                "standings": [asdict(standing) for standing in found],
+                "failures": [{name: getattr(row, name) for name in _ROW} for row in failures],
+            }
+        )
+        return
+    for scenario in dict.fromkeys(standing.scenario for standing in found):
+        heading = f"{title}: {scenario}, scores over the run and at its end (0 is perfect)"
+        table = standing_table(heading, [standing for standing in found if standing.scenario == scenario])
+        output.table(None, list(table.header), [list(row) for row in table.rows], title=heading)
+    tell_failures(output, rows)
+
+
+def tell_what_counts(output: Output, rows: Sequence[BenchRow]) -> None:
+    """Warn if rows are of several versions, or some environments do not count."""
+    from wbf_mission.bench.standings import apart, builds_in_words, scored
+
+    builds = builds_in_words(rows)
+    if builds:
+        output.warn(f"{builds}; tables separate them where they differ, and 'bench report --out' lists them")
+    for group in scored(apart(rows)):
+        if group.left_out:
+            output.warn(f"{group.scenario}: {group.environments_in_words()}")
+
+
+def tell_failures(output: Output, rows: Sequence[BenchRow]) -> None:
+    """Warn of failed runs, with the causes of the first `_FAILURES_SHOWN`."""
+    failures = [row for row in rows if row.error is not None]
+    for row in failures[:_FAILURES_SHOWN]:
+        output.warn(f"{row.named}: {row.error}")
+    bad = [row for row in rows if row.bad_answers and row.error is None]
+    if bad:
+        names = ", ".join(sorted({row.planner for row in bad}))
+        fault = "answers were not flown or came too late"
+        output.warn(f"{names}: in {len(bad)} runs {fault}; 'bench report --out' counts them")
+    if len(failures) > _FAILURES_SHOWN:
+        output.warn(f"{len(failures) - _FAILURES_SHOWN} more runs failed; 'bench report --json' names them")
+
+
+def exit_code(rows: Sequence[BenchRow], *, interrupted: bool) -> int:
+    """Return the exit code of a command that flew `rows`."""
+    if interrupted:
+        return ExitCode.INTERRUPTED
+    return ExitCode.NOT_GOOD if any(row.error for row in rows) else ExitCode.GOOD
+
+
 RUN_EXAMPLES = """
 Examples
 wbf-mission bench run --out results --jobs 2
@@ -39,84 +91,10 @@ wbf-mission bench run missions/bench/three-farms.toml --seeds 2 --out results
 wbf-mission bench run --scenarios WBF/Miniberry-10-v1 --planners spiral,greedy --estimators gp --out results
 wbf-mission bench run --family smooth --seeds 10 --out results/smooth
 """
-REPORT_EXAMPLES = """
-Examples
-wbf-mission bench report results
-wbf-mission bench report results --out report
-"""
-
-app = typer.Typer(cls=HelpGroup, help="Fly many runs that can be compared.")
 RUN_PANEL = "What to run"
 ROUNDS = "wbf_mission.rounds"
 """Group of entry points; ``sealed`` adds the seeds in a round's file to arguments of `BenchSpec.of`."""
 _TOLD_EVERY_S = 60.0
-
-
-@app.command("list", cls=HelpCommand, epilog=LIST_EXAMPLES)
-@options.speaks(quiet=False)
-def list_command(
-    output: Output,
-    families: Annotated[
-        bool,
-        option(
-            "List the families of scenarios, with their differences from the benchmark's own world.",
-            "--families",
-        ),
-    ] = False,
-) -> int:
-    """List the scenarios of the catalogue, by which results can be compared.
-
-    The meaning of an id never changes; a changed scenario gets a new version.
-    """
-    from msgspec import to_builtins
-
-    from wbf_mission import scenario as known
-
-    if families:
-        found = known.families()
-        rows = [[family.name, family.about, family.at_home, "\n".join(family.scenarios)] for family in found]
-        header = ["family", "what differs", "at home", "scenarios"]
-        output.table(to_builtins(found), header, rows, left=True)
-        return ExitCode.GOOD
-    values = [
-        {
-            "scenario": name,
-            "about": known.about_scenario(name),
-            "family": None if (family := known.family_of(name)) is None else family.name,
-            "meaning": _meaning(known.load_scenario(name)),
-        }
-        for name in known.scenario_ids()
-    ]
-    rows = [[str(listed["scenario"]), str(listed["family"] or ""), str(listed["about"])] for listed in values]
-    output.table(values, ["scenario", "family", "what it is"], rows, left=True)
-    return ExitCode.GOOD
-
-
-def _meaning(scenario: Scenario) -> str | None:
-    """Return the digest of a scenario's meaning; None if its kind of vehicle is not installed."""
-    from sim_vehicle.errors import VehicleError
-    from wbf_mission.bench.digests import meaning_of
-
-    try:
-        return meaning_of(scenario)
-    except VehicleError:
-        return None
-
-
-@app.command("show", cls=HelpCommand, epilog=SHOW_EXAMPLES)
-@options.speaks(quiet=False)
-def show_command(
-    output: Output, scenario: Annotated[str, typer.Argument(help="An id (see 'bench list') or a file.")]
-) -> int:
-    """Show a scenario: its farm, its scored fields and times, and its options that are not at defaults."""
-    from msgspec import to_builtins
-
-    from wbf_mission.bench.cards import card_of
-    from wbf_mission.scenario import load_scenario
-
-    card = card_of(scenario, load_scenario(scenario))
-    output.result(to_builtins(card), card.entries())
-    return ExitCode.GOOD
 
 
 def choices(text: str, what: str) -> list[Choice]:
@@ -191,7 +169,6 @@ class Flying:
             return stop.rows, True
 
 
-@app.command("run", cls=HelpCommand, epilog=RUN_EXAMPLES)
 @options.speaks()
 @options.gives("selected", selection)
 @options.gives("flying", Flying)
@@ -240,36 +217,5 @@ def run_command(
         selected = of_round(selected, sealed)
     wanted = BenchSpec.of(**selected) if spec is None else BenchSpec.read(spec, selected)
     rows, interrupted = flying.rows(output, wanted, out, context)
-    bench_output.print_standings(output, rows, title=f"{out}: {len(rows)} of {len(wanted)} runs")
-    return bench_output.exit_code(rows, interrupted=interrupted)
-
-
-@app.command("report", cls=HelpCommand, epilog=REPORT_EXAMPLES)
-@options.speaks(quiet=False)
-def report_command(
-    output: Output,
-    folder: Annotated[Path, typer.Argument(help="Folder of the results.")],
-    out: Annotated[
-        Path | None,
-        option("Write a report into this folder: report.md, report.html and a picture for each scenario."),
-    ] = None,
-) -> int:
-    """Print the standings of the results in a folder, also during a benchmark, or write a report."""
-    from wbf_mission.bench.requests import read_asked
-    from wbf_mission.bench.rows import read_rows
-    from wbf_mission.results.storage import ResultError
-
-    rows = read_rows(folder)
-    if not rows:
-        msg = f"{folder}: holds no results of a benchmark; give the folder of 'bench run --out'"
-        raise ResultError(msg)
-    if out is not None:
-        write_page, report_page = bench_page(), bench_report()
-        page = report_page(rows, out, title=f"Benchmark of {len(rows)} runs", asked=read_asked(folder))
-        page.write(out / "report.md")
-        write_page(out / "report.html", page, out, rows)
-        pictures = [picture.file for section in page.sections for picture in section.pictures]
-        files = ["report.md", "report.html", *pictures]
-        output.note(f"written: {', '.join(str(out / file) for file in files)}")
-    bench_output.print_standings(output, rows, title=f"{folder}: {len(rows)} runs")
-    return ExitCode.GOOD
+    print_standings(output, rows, title=f"{out}: {len(rows)} of {len(wanted)} runs")
+    return exit_code(rows, interrupted=interrupted)

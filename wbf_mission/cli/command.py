@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
 import typer
 
 from geo.imports import entry_points, load_entry
-from wbf_mission.cli.help import HelpCommand
+from wbf_mission.cli.help import HelpCommand, HelpGroup
 from wbf_mission.cli.options import TargetError
 
 GROUP = "wbf_mission.commands"
@@ -42,22 +42,29 @@ class Command(NamedTuple):
         app.command(name, cls=kind, epilog=self.examples, context_settings=settings)(self.call)
 
 
-def add_commands(apps: dict[str, typer.Typer]) -> None:
-    """Add the commands of packages to the groups in `apps`, by group name; the root's name is empty.
+def add_commands(app: typer.Typer, groups: Mapping[str, str], commands: Mapping[str, Command]) -> None:
+    """Add `commands`, and those of packages, to an application and its groups (names with their help).
 
-    A command that cannot be loaded is added too, and raises the error when it is called.
+    A command that cannot be loaded is added too, and raises the error when it is called. A group without
+    commands is left out.
     """
+    apps = {"": app, **{name: typer.Typer(cls=HelpGroup, help=text) for name, text in groups.items()}}
+    found = dict(commands)
     for entry in sorted(entry_points(GROUP), key=lambda entry: entry.name):
-        group, _, name = entry.name.rpartition(".")
-        if group not in apps:
-            continue
         try:
             command = load_entry(entry, f"the command {entry.name}", TargetError)
             if not isinstance(command, Command):
                 raise TargetError(f"the command {entry.name} ({entry.value}) is no {Command.__qualname__}")
         except TargetError as error:
             command = _broken(error)
-        command.add_to(apps[group], name)
+        found[entry.name] = command
+    for name, command in found.items():
+        group, _, last = name.rpartition(".")
+        if group in apps:
+            command.add_to(apps[group], last)
+    for name in groups:
+        if apps[name].registered_commands:
+            app.add_typer(apps[name], name=name)
 
 
 def _broken(error: TargetError) -> Command:

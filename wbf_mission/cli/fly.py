@@ -34,7 +34,6 @@ from wbf_mission.scenario import (
 from wbf_mission.scenario.parts import CAMERA_OF_PLANS
 
 if TYPE_CHECKING:
-    from wbf_mission.live.link import LiveLink
     from wbf_mission.results.result import Result
     from wbf_mission.results.writing import ResultFolder
     from wbf_mission.run.orders import Orders
@@ -90,7 +89,7 @@ class _Links:
 
     def live(
         self, output: Output, orders: Orders | None, *, force: bool, simulates: bool, change_s: float
-    ) -> LiveLink | None:
+    ) -> Any:
         """Return the links, with the operator at this terminal; None for a simulated flight."""
         if not self.connect:
             if self.yes or self.system_id or self.via != "own":
@@ -98,8 +97,7 @@ class _Links:
                 msg = f"{with_link}: give the vehicle's link, or leave them out"
                 raise ScenarioError(msg)
             return None
-        from wbf_mission.cli.operator_console import TerminalConsole
-        from wbf_mission.live.link import LiveLink, via_named
+        from wbf_mission.live import connection, via_named
 
         if not self.yes and orders is None and not sys.stdin.isatty():
             msg = "--connect asks before the motors start, but there is no terminal: give --yes"
@@ -108,9 +106,9 @@ class _Links:
         if simulates:
             msg = "--speed and --fault are of simulated flights: leave them out with --connect"
             raise ScenarioError(msg)
-        return LiveLink(
+        return connection("fly")(
+            output,
             self.connect,
-            TerminalConsole(output, orders),
             agreed=self.yes,
             wait_s=self.wait,
             system_ids=self.system_id or (),

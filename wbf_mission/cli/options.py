@@ -123,6 +123,9 @@ def link(what: str) -> Any:
     return option(f"{what}: {LINKS}", panel=LINK_PANEL, metavar="LINK")
 
 
+Connect = Annotated[str, link("Link to the vehicle")]
+
+
 MISSION_SUFFIXES = (".plan", ".waypoints", ".wpl")
 """Suffixes of files that contain only missions; a .json, .txt, .kml or .gpx may contain other data."""
 

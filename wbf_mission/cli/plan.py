@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from geo.texts import distance, duration
 from wbf_mission.cli import options
-from wbf_mission.cli.convert import write_and_tell
+from wbf_mission.cli.missions import write_and_tell
 from wbf_mission.cli.options import MISSION_SUFFIXES, Force, Overwrite, option, refuse_overwrite
 from wbf_mission.cli.output import Output
 from wbf_mission.cli.sorties import (
@@ -52,18 +52,9 @@ BEGINNERS = (
     WeatherOptions,
     CameraOptions,
     without=(
-        "day",
-        "days",
-        "world",
-        "flights_per_day",
-        "turbulence",
-        "gps_noise_m",
-        "baro_noise_m",
-        "radio_range_m",
-        "camera_noise",
-        "false_positive_rate",
-        "false_negative_rate",
-        "camera_fields",
+        *options.OF_DAYS,
+        *("turbulence", "gps_noise_m", "baro_noise_m", "radio_range_m"),
+        *("camera_noise", "false_positive_rate", "false_negative_rate", "camera_fields"),
     ),
 )
 @options.speaks()

@@ -128,9 +128,9 @@ class SortieOptions:
         begin = None
         if self.resume is not None:
             from mission.course import Course
-            from wbf_mission.live.resume import resume_place
+            from wbf_mission.live import connection
 
-            begin = resume_place(self.resume, Course(whole.mission))
+            begin = connection("resume")(self.resume, Course(whole.mission))
         return sorties_of(
             whole,
             vehicle,

@@ -18,11 +18,8 @@ from typing import Any
 import numpy as np
 
 from geo import Farm
-from sensors.fields import PAPER_FIELDS, FieldSet
-from sensors.observations import Observations
-from sensors.scoring.information import InformationModel
 from wbf_mission.maps.blocks import MapGrid
-from wbf_mission.maps.field_maps import FieldMap, field_maps
+from wbf_mission.maps.field_maps import FieldMap
 
 _INTERVAL = (0.05, 0.95)
 _NORMAL_90 = 1.6449
@@ -94,19 +91,6 @@ class FarmReport:
                 for field in self.fields
             },
         }
-
-
-def farm_report(
-    farm: Farm,
-    model: InformationModel,
-    observations: Observations,
-    *,
-    fields: FieldSet = PAPER_FIELDS,
-    states_deviation: bool = True,
-) -> FarmReport:
-    """Return the report of an estimate; the parameters are those of `field_maps`."""
-    maps = field_maps(farm, model, observations, fields=fields, states_deviation=states_deviation)
-    return report_of_maps(farm, maps)
 
 
 def report_of_maps(farm: Farm, maps: tuple[FieldMap, ...]) -> FarmReport:

@@ -42,7 +42,6 @@ from wbf_mission.planning.conditions import (
     wind_of,
 )
 from wbf_mission.planning.coverage import asks_whole, coverage_from, image_places, predicted_coverage
-from wbf_mission.planning.fence import border_fence, rally_items
 from wbf_mission.planning.imaging import (
     imaging_of,
     imaging_summary,
@@ -50,7 +49,7 @@ from wbf_mission.planning.imaging import (
     require_flight,
     require_height,
 )
-from wbf_mission.planning.keep_out import KeepOut, probe_path, stray_m
+from wbf_mission.planning.keep_out import KeepOut, border_fence, probe_path, rally_items, stray_m
 from wbf_mission.planning.station_range import StationRange
 from wbf_mission.planning.terrain import FarmGround, above_terrain
 from wbf_mission.scenario import MissionOptions, ScenarioError, VehicleOptions, WeatherOptions

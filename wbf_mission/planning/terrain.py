@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from geo import Farm, Obstacle
 from geo.ground import Ground
 from mission.model import Command, Frame, Mission
-from mission.planners.heights import TOLERANCE_M, HeightProfile, slope
+from mission.planners.build import TOLERANCE_M, HeightProfile, slope
 from mission.planners.path import Points
 from sim_vehicle.airframe.spec import VehicleSpec
 from wbf_mission.planning.conditions import FlightLevel

@@ -9,7 +9,7 @@ from enum import Enum, StrEnum
 from typing import Any
 
 from geo.errors import WbfMissionError
-from mission.transfer.remarks import Severity as Severity
+from mission.autopilots.dialect import Severity as Severity
 from wbf_mission.events import EventStream, Found
 
 

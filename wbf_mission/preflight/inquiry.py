@@ -9,8 +9,8 @@ from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import Any
 
+from mission.autopilots import profile_for
 from mission.autopilots.profile import Meaning, Motion, Profile, Questions, answer_to
-from mission.autopilots.registry import profile_for
 from mission.errors import MissionError
 from mission.ground.arming_gate import ArmingGate
 from mission.ground.contact import Heartbeat

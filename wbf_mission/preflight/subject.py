@@ -12,9 +12,8 @@ from numpy.typing import NDArray
 
 from geo import Farm, Obstacle
 from geo.frame import LocalFrame
-from mission.autopilots import GENERIC
+from mission.autopilots import GENERIC, profile_for
 from mission.autopilots.profile import Profile
-from mission.autopilots.registry import profile_for
 from mission.link.codec.dialect import mavlink as m
 from mission.model import Command, Frame, Mission, MissionItem
 from sensors.camera.optics import Imaging

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from zarr.core.buffer import NDBuffer
 
 NAME = "wbf_mission.differences"
+_COLUMNS = 32
 
 
 def differences(cells: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -31,13 +32,17 @@ def differences(cells: NDArray[np.float32]) -> NDArray[np.float32]:
     """
     bits = np.ascontiguousarray(cells).view(np.uint32)
     found = np.empty_like(bits)
-    before = np.zeros_like(bits[..., 0, :])
-    # Column by column, the numbers stay in the processor's cache.
-    for x in range(bits.shape[-2]):
-        along = bits[..., x, :] - before
-        before = bits[..., x, :]
-        found[..., x, 0] = along[..., 0]
-        np.subtract(along[..., 1:], along[..., :-1], out=found[..., x, 1:])
+    # Few columns stay in the processor's cache. With one at a time, a thread waits for the interpreter's lock
+    # thousands of times while another thread draws.
+    for first in range(0, bits.shape[-2], _COLUMNS):
+        part = bits[..., first : first + _COLUMNS, :]
+        along = part.copy()
+        if first:
+            along[..., 0, :] -= bits[..., first - 1, :]
+        np.subtract(part[..., 1:, :], part[..., :-1, :], out=along[..., 1:, :])
+        out = found[..., first : first + _COLUMNS, :]
+        out[..., 0] = along[..., 0]
+        np.subtract(along[..., 1:], along[..., :-1], out=out[..., 1:])
     return found.view(np.float32)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import shutil
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import Executor, Future
 from dataclasses import replace
 from functools import partial
@@ -233,37 +233,36 @@ def write_arrays(result: RunRecord, folder: Path, pool: Executor) -> dict[Path, 
     Compression releases the GIL, so other files can be written meanwhile.
     """
     model = result.model
-    arrays = {
+    arrays: dict[str, Any] = {
         "truth": result.truth,
         "value": None if model is None else model.value,
         "uncertainty": None if model is None else model.uncertainty,
     }
     fields = result.observations.fields
-    begun = {}
     if len(result.days) > 1:
+        models = [day.model for day in result.days]
         days: dict[str, list[Any]] = {
             "truth": [day.truth for day in result.days],
-            "value": [None if day.model is None else day.model.value for day in result.days],
-            "uncertainty": [None if day.model is None else day.model.uncertainty for day in result.days],
+            "value": [None if model is None else model.value for model in models],
+            "uncertainty": [None if model is None else model.uncertainty for model in models],
         }
         arrays |= {
-            f"{name}{_DAYS}": np.stack(each)
-            for name, each in days.items()
-            if all(one is not None for one in each)
+            f"{name}{_DAYS}": each for name, each in days.items() if all(one is not None for one in each)
         }
+    jobs: dict[Path, Callable[[], None]] = {}
     for name, array in arrays.items():
         if array is not None:
             path = folder / f"{name}{SUFFIX}"
-            begun[path] = pool.submit(write_array, path, array, fields)
-    probabilities = (model.probabilities if model is not None else None) or {}
-    for disease in probabilities:
+            jobs[path] = partial(write_array, path, array, fields)
+    for disease in (model.probabilities if model is not None else None) or {}:
         path = _probabilities_path(folder, disease)
         assert model is not None
         # In strips: probabilities may be computed on access, and are large on large farms.
         strip = partial(model.probabilities_in, disease)
-        shape = (len(CLASSES), *model.shape)
-        begun[path] = pool.submit(write_strips, path, strip, shape, CLASSES)
-    return begun
+        jobs[path] = partial(write_strips, path, strip, (len(CLASSES), *model.shape), CLASSES)
+    # Probabilities take most memory, so they are first, before pictures are drawn beside them.
+    begun = {path: pool.submit(job) for path, job in reversed(jobs.items())}
+    return {path: begun[path] for path in jobs}
 
 
 def _probabilities_path(folder: Path, disease: str) -> Path:

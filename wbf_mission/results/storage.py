@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import io
 import zipfile
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any, cast
@@ -117,18 +117,26 @@ class ArrayFileError(WbfMissionError, ValueError):
     """A file that is no array of a run."""
 
 
-def write_array(path: Path, array: NDArray[np.floating], fields: Sequence[str]) -> None:
-    """Write float[n, W, H] or float[days, n, W, H] over a farm as float32, atomically."""
-    write_strips(path, lambda columns: array[..., columns, :], array.shape, fields)
+def write_array(
+    path: Path, array: NDArray[np.floating] | list[NDArray[np.floating]], fields: Sequence[str]
+) -> None:
+    """Write float[n, W, H] over a farm, or a list of such arrays of days, as float32, atomically."""
+    days = array if isinstance(array, list) else [array]
+    shape = (len(days), *days[0].shape) if isinstance(array, list) else array.shape
+
+    def strip(columns: slice) -> Iterator[NDArray[np.floating]]:
+        return (day[k, columns] for day in days for k in range(len(day)))
+
+    write_strips(path, strip, shape, fields)
 
 
 def write_strips(
     path: Path,
-    strip: Callable[[slice], NDArray[np.floating]],
+    strip: Callable[[slice], Iterable[NDArray[np.floating]]],
     shape: tuple[int, ...],
     fields: Sequence[str],
 ) -> None:
-    """Write an array as `write_array` does; `strip` returns the cells of a slice of columns."""
+    """Write an array as `write_array` does; `strip` gives a slice of columns of each plane [W, H] in turn."""
     import zarr
     from zarr.codecs import BloscCodec
     from zarr.storage import ZipStore
@@ -153,10 +161,10 @@ def write_strips(
         )
         for first in range(0, width, columns):
             part = slice(first, min(first + columns, width))
-            values = np.asarray(strip(part), np.float32)
             # Chunk by chunk, since zarr would make copies of ten at once.
-            for where in np.ndindex(*several):
-                stored[(*where, part)] = values[where]
+            for where, values in zip(np.ndindex(*several), strip(part), strict=True):
+                stored[(*where, part)] = np.asarray(values, np.float32)
+                del values  # The next one would be made beside it
 
 
 def read_array(

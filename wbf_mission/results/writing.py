@@ -18,6 +18,7 @@ import msgspec
 
 from geo.atomic import DISK_ERRORS, AtomicFolder, FolderError, settle
 from geo.processes import interrupts_noted
+from geo.system import free_unused_memory
 from mission.errors import LinkError
 from mission.link.codec.dialect import mavlink as m
 from mission.link.tlog import read_tlog
@@ -127,6 +128,7 @@ class ResultFolder:
             made = sorted(map(product, products), key=lambda maker: not maker.needs_estimate)
             jobs = [(name, maker) for maker in made for name in maker.files(result)]
             progress("writing results", 0, len(jobs) + 1)
+            free_unused_memory()
             with ThreadPoolExecutor(1) as pool:
                 arrays = write_arrays(result, filled, pool)
                 written = write_result(result, filled, arrays)

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from geo import Farm
-from geo.memory import require_memory
 from geo.seeds import sealed_seed
+from geo.system import require_memory
 from sensors.estimators import Estimator, default_estimator, make_estimator
 from sensors.estimators.base import estimator_memory
 from sensors.field_files import load_field_set

@@ -11,8 +11,8 @@ from numpy.random import SeedSequence
 
 from geo.frame import LocalFrame
 from geo.seeds import child_seed, stream
+from mission.course import MissionProgress
 from mission.link.tlog import FrameSink
-from mission.progress import MissionProgress
 from sensors.camera.leaf_camera import Camera, LeafCamera
 from sensors.environment import Environment
 from sensors.estimation import Evidence

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 
 from geo.system import steady_s
 from geo.texts import one_line
+from mission.ground.arming_gate import LIFE_S
 from mission.ground.command import OperatorCommand, OrderError
-from mission.ground.standstill import LIFE_S
 from wbf_mission.events import Asked, EventStream, Orderable
 
 __all__ = ["IN_FLIGHT", "LIFE_S", "START", "Orders", "WatchersOrder", "too_late"]

@@ -6,11 +6,10 @@ import time
 from dataclasses import replace
 from typing import Protocol
 
-from mission.course import Course, Place
+from mission.course import Course, MissionProgress, Place
 from mission.errors import MissionError
 from mission.model import Mission
 from mission.outcome import in_words
-from mission.progress import MissionProgress
 from wbf_mission.planning import PlanResult
 from wbf_mission.planning.fleet import Vehicle
 from wbf_mission.planning.sorties import SortiePlan, cut_plan, rest_of

@@ -17,8 +17,6 @@ from typing import Any, Final
 
 from fastcrc import crc16
 
-__all__ = ["EXTENSIONS", "MESSAGES", "Definition", "Field", "crc_extra", "extend"]
-
 _CODES: Final = {
     "char": "c",
     "uint8_t": "B",
@@ -39,8 +37,6 @@ _FIELD = re.compile(r"(\w+)(?:\[(\d+)\])? (\w+)")
 class Field:
     """One field of a message: name, C type, and array length (0 for a scalar).
 
-    Examples
-    --------
     >>> Field.of("char[100] uri")
     Field(name='uri', kind='char', length=100)
     """
@@ -146,8 +142,6 @@ def _wire_order(fields: tuple[Field, ...]) -> tuple[Field, ...]:
 def crc_extra(definition: Definition) -> int:
     """Return CRC_EXTRA, the checksum byte that differs between incompatible definitions of a message.
 
-    Examples
-    --------
     >>> crc_extra(Definition.of(0, "HEARTBEAT", "uint8_t type", "uint8_t autopilot", "uint8_t base_mode",
     ...     "uint32_t custom_mode", "uint8_t system_status", "uint8_t mavlink_version"))
     50

@@ -67,5 +67,3 @@ if IS_KNOWN_INSIDE:
     lighten(generated)
 mavlink: Any = generated
 Message = generated.MAVLink_message
-
-__all__ = ["IS_KNOWN_INSIDE", "Message", "lighten", "mavlink"]

@@ -332,8 +332,6 @@ def decode_frame(frame: bytes) -> Message | None:
     For frames from a `FrameWriter`, from the tap of a `FrameReader`, or checked by `valid_frame_end`. Returns
     None if the dialect lacks the message or the codec refuses the payload.
 
-    Examples
-    --------
     >>> frame = FrameWriter(1, 1).encode(mavlink.MAVLink_mission_ack_message(255, 190, 0))
     >>> decode_frame(frame).get_type()
     'MISSION_ACK'

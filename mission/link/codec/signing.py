@@ -17,8 +17,6 @@ from typing import Final
 
 from mission.errors import LinkError
 
-__all__ = ["SETUP_SIGNING", "UNSIGNED", "Signing", "SigningStatistics", "key_from_text"]
-
 KEY_BYTES: Final = 32
 SIGNATURE_BYTES: Final = 13
 SIGNED: Final = 0x01
@@ -40,8 +38,6 @@ def key_from_text(text: str) -> bytes:
 
     Raises LinkError if ``text`` is empty.
 
-    Examples
-    --------
     >>> key_from_text("00" * 32) == bytes(32)
     True
     >>> len(key_from_text("correct horse"))

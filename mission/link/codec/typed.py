@@ -13,7 +13,6 @@ from mission.link.codec.dialect import Message, mavlink
 if TYPE_CHECKING:
     from typing_extensions import TypeIs
 
-__all__ = ["CommandMessage", "handler", "is_a", "is_command"]
 
 CommandMessage: TypeAlias = mavlink.MAVLink_command_long_message | mavlink.MAVLink_command_int_message
 
@@ -25,8 +24,6 @@ R = TypeVar("R")
 def is_a(message: Message, kind: type[M]) -> TypeIs[M]:
     """Whether the id of a message is that of message class ``kind``.
 
-    Examples
-    --------
     >>> ack = mavlink.MAVLink_mission_ack_message(255, 190, 0)
     >>> is_a(ack, mavlink.MAVLink_mission_ack_message), is_a(ack, mavlink.MAVLink_heartbeat_message)
     (True, False)
@@ -44,8 +41,6 @@ def handler(
 ) -> tuple[int, Callable[Concatenate[Any, P], R]]:
     """Return an entry (message id, handler) of a handler table; type checkers verify that both match.
 
-    Examples
-    --------
     >>> handlers = dict([handler(mavlink.MAVLink_mission_ack_message, lambda message: message.type)])
     >>> handlers[47](mavlink.MAVLink_mission_ack_message(255, 190, 13))
     13

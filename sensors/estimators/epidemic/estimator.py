@@ -13,11 +13,10 @@ from typing import TYPE_CHECKING, Self, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from geo.locks import made_by_one
+from geo.atomic import made_by_one
 from geo.processes import CallsAhead
 from sensors.dynamics.soil import SoilParameters
 from sensors.errors import EstimatorError
-from sensors.estimators.append_buffer import GrowingArray
 from sensors.estimators.base import LEARNING, BaseEstimator, Progress, require_paper_fields
 from sensors.estimators.epidemic.belief import DiseaseBelief
 from sensors.estimators.epidemic.network import Network
@@ -31,6 +30,7 @@ from sensors.estimators.epidemic.training import (
     shared_task,
 )
 from sensors.fields import PAPER_FIELDS, FieldSet
+from sensors.observations import GrowingArray, read_only
 from sensors.scoring.expected import loss_of_deviation
 from sensors.scoring.information import InformationModel, LazyProbabilities
 from sensors.scoring.score import PAPER_WEIGHTS, ScoreWeights
@@ -267,8 +267,8 @@ class EpidemicEstimator(BaseEstimator):
         loss_map: _Values | Callable[[], _Values]
         if all(belief.whole for belief in self._beliefs):
             # Probabilities and loss exist already, in arrays that never change.
-            probabilities = {name: _read_only(self._class_probabilities(name, basis)) for name in names}
-            loss_map = _read_only(self._expected_loss(uncertainty, basis))
+            probabilities = {name: read_only(self._class_probabilities(name, basis)) for name in names}
+            loss_map = read_only(self._expected_loss(uncertainty, basis))
         else:
             probabilities = LazyProbabilities(
                 names, lambda disease, columns: self._class_probabilities(disease, basis)[:, columns]
@@ -326,9 +326,3 @@ class EpidemicEstimator(BaseEstimator):
             epochs=self.epochs >= 1,
             training_seed=isinstance(self.training_seed, int) and self.training_seed >= 0,
         )
-
-
-def _read_only(array: NDArray[np.float32]) -> NDArray[np.float32]:
-    view = array.view()
-    view.flags.writeable = False
-    return view

@@ -21,10 +21,9 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 
-from geo.atomic import atomic_write
-from geo.locks import made_by_one
+from geo.atomic import atomic_write, made_by_one
 from geo.seeds import stream
-from geo.user_cache import user_cache_folder, warn_of_cache
+from geo.system import user_cache_folder, warn_of_cache
 from sensors.dynamics.epidemic import MAX_DAYS, NEVER, EpidemicParameters, simulate_outbreak, value_table
 from sensors.errors import EstimatorError
 from sensors.estimators.base import Step, no_step

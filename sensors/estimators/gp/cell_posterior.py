@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 
 from geo.compiled import compiled
 from geo.linear_algebra import cholesky, product, solve_lower
-from sensors.estimators.append_buffer import GrowingArray
 from sensors.estimators.gp.rbf import Cells, Floats, RbfKernel
+from sensors.observations import GrowingArray
 
 
 class CellPosterior(ABC):

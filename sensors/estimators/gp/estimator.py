@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from geo.user_cache import user_cache_folder
+from geo.system import user_cache_folder
 from sensors.errors import EstimatorError
-from sensors.estimators.base import LEARNING, BaseEstimator, Progress, Step, no_step
+from sensors.estimators.base import LEARNING, BaseEstimator, Progress, Step, Views, no_step, published_views
 from sensors.estimators.days import transition
 from sensors.estimators.gp.cell_posterior import GROWING, ExactPosterior
 from sensors.estimators.gp.cell_posterior import MOST_CELLS as WINDOWED_CELLS
@@ -196,7 +196,7 @@ class GaussianProcessEstimator(BaseEstimator):
         ]
         self.kernels_ = [self.kernel] * len(self.fields)
         self._learned_day: int | None = None
-        self._own: tuple[NDArray[np.float32], NDArray[np.float32]] | None = None
+        self._own: Views | None = None
         self._losses: NDArray[np.float32] | None = None
         self._stale = np.zeros((len(self.fields), *tile_shape(grid.shape)), np.bool_)
         self._revision = -1
@@ -260,7 +260,9 @@ class GaussianProcessEstimator(BaseEstimator):
         for k, process in enumerate(self._fields):
             changed[k] = process.write_changes(self._own[0][k], self._own[1][k], clip=self.clip)
         self._stale |= changed
-        return self._model(*self._views(self._own), None if first else changed, in_place=True)
+        # New views are needed at the first call, and in a copy of the estimator.
+        self._published = published_views(self._published, self._own)
+        return self._model(*self._published, None if first else changed, in_place=True)
 
     def _model(
         self,
@@ -302,7 +304,9 @@ class GaussianProcessEstimator(BaseEstimator):
         else:
             losses, stale = np.empty_like(value), np.ones_like(self._stale)
         for k, strip in zip(*np.nonzero(stale.any(axis=2)), strict=True):
-            part = slice(k, k + 1), slice(strip * TILE_CELLS, (strip + 1) * TILE_CELLS)
+            tiles = np.flatnonzero(stale[k, strip])
+            columns = slice(strip * TILE_CELLS, (strip + 1) * TILE_CELLS)
+            part = slice(k, k + 1), columns, slice(tiles[0] * TILE_CELLS, (tiles[-1] + 1) * TILE_CELLS)
             class_map = classes[k]
             if class_map is None:
                 loss_of_deviation(uncertainty[part], ScoreWeights.of(self.fields), losses[part], first=int(k))
@@ -312,15 +316,6 @@ class GaussianProcessEstimator(BaseEstimator):
             self._losses = losses
             self._stale[:] = False
         return losses
-
-    def _views(self, own: tuple[_Values, _Values]) -> tuple[_Values, _Values]:
-        """Return read-only views of value and uncertainty, the same objects at each call."""
-        # New views are needed at the first call, and in a copy of the estimator.
-        if any(view.base is not array for view, array in zip(self._published, own, strict=True)):
-            value, uncertainty = (array.view() for array in own)
-            value.flags.writeable = uncertainty.flags.writeable = False
-            self._published = value, uncertainty
-        return self._published
 
     def _take_priors(self, day: int, step: Step = no_step) -> None:
         if day == self._learned_day:

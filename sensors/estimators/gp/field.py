@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from sensors.estimators.append_buffer import GrowingArray
 from sensors.estimators.days import Crowding
 from sensors.estimators.gp.cell_posterior import CellPosterior, ExactPosterior, WindowedPosterior
 from sensors.estimators.gp.rbf import Cells, Floats, RbfKernel
+from sensors.observations import GrowingArray
 from sensors.scoring.information import TILE_CELLS, tile_shape
 
 if TYPE_CHECKING:

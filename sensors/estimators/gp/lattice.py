@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geo.compiled import compiled
-from sensors.estimators.append_buffer import GrowingArray
 from sensors.estimators.gp.rbf import RbfKernel
+from sensors.observations import GrowingArray
 from sensors.scoring.information import tile_shape, tiles_of_boxes
 
 POINTS = 6

@@ -23,7 +23,7 @@ from geo.atomic import atomic_write
 from geo.grid import FarmGrid
 from geo.linear_algebra import exp, inverse_of_factor, log, product
 from geo.seeds import stream
-from geo.user_cache import warn_of_cache
+from geo.system import warn_of_cache
 from sensors.dynamics.continuous import ContinuousDynamics, Measured
 from sensors.dynamics.epidemic import MAX_DAYS, EpidemicParameters, simulate_outbreak, value_table
 from sensors.errors import EstimatorError

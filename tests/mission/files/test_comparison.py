@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 
 from mission.files import losses
-from mission.files.comparison import differences
+from mission.files.formats import differences
 from mission.model import GeoPoint, Mission, MissionItem
 
 POINT = MissionItem.waypoint(28.05, -82.15, 10.0)

@@ -3,8 +3,7 @@
 import pytest
 from mission_items import SHORT as MISSION
 
-from mission.ground.arming_gate import ArmingGate, Stage
-from mission.ground.standstill import LIFE_S
+from mission.ground.arming_gate import LIFE_S, ArmingGate, Stage
 from mission.ground.station import GroundStation
 from mission.link.codec.dialect import mavlink as m
 from mission.outcome import Outcome, Phase

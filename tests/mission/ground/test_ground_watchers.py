@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from mission.autopilots import ARDUPILOT
 from mission.autopilots.profile import NeededParameter
 from mission.ground.arming_gate import ArmingGate, Stage
+from mission.ground.change import FailsafeGuard
 from mission.ground.contact import Contact
-from mission.ground.guard import FailsafeGuard
 from mission.ground.link_state import SILENCE_S, LinkState, SilenceWatch
 from mission.link.codec.dialect import mavlink as m
 

@@ -271,7 +271,7 @@ def test_a_loop_that_stands_still_loses_no_datagram(scheme, monkeypatch):
 
 
 def test_what_a_link_keeps_is_bounded_and_what_it_drops_is_counted(monkeypatch):
-    monkeypatch.setattr("mission.link.waiting._MOST_BYTES", 10_000)
+    monkeypatch.setattr("mission.link.sockets._MOST_BYTES", 10_000)
     with contextlib.closing(open_link("udpin:127.0.0.1:0")) as link:
         sender = open_link(link.name.replace("udpin", "udpout"))
         for number in range(100):

@@ -4,8 +4,8 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from mission.link import waiting
-from mission.link.waiting import WaitingDatagrams
+from mission.link import sockets
+from mission.link.sockets import WaitingDatagrams
 
 SHARES, SHARE = 4, 1000  # The last share is that of all other senders
 BYTES = SHARES * SHARE
@@ -15,9 +15,9 @@ VEHICLE = ("10.0.0.1", 14550)
 @pytest.fixture(scope="module", autouse=True)
 def _small():
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(waiting, "_SHARES", SHARES)
-        patch.setattr(waiting, "_MOST_BYTES", BYTES)
-        patch.setattr(waiting, "_OVERHEAD_BYTES", 10)
+        patch.setattr(sockets, "_SHARES", SHARES)
+        patch.setattr(sockets, "_MOST_BYTES", BYTES)
+        patch.setattr(sockets, "_OVERHEAD_BYTES", 10)
         yield
 
 

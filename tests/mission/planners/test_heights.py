@@ -13,7 +13,7 @@ from geo.frame import LocalFrame
 from mission.errors import PlanningError
 from mission.model import Command
 from mission.planners import PlannedPath, build_mission
-from mission.planners.heights import TOLERANCE_M, HeightProfile, slope
+from mission.planners.build import TOLERANCE_M, HeightProfile, slope
 
 HOME = (0.0, 0.0)
 

@@ -308,20 +308,6 @@ def test_few_costs_are_asked_for(name, limit):
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_waterberry_is_planned_in_a_second(name):
-    farm = get_farm("waterberry")
-    crops = tuple(
-        CropArea(crop, shapely.union_all([p.polygon for p in farm.patches if p.crop == crop]))
-        for crop in (Crop.TOMATO, Crop.STRAWBERRY)
-    )
-    for limit in (12_000.0, 300_000.0, 4e6):
-        budget = LengthBudget(limit, farm.home_m)
-        path = make_planner(name)(PlanningRequest(farm.owner_area, farm.home_m, budget, crop_areas=crops))
-        assert budget.cost(np.vstack((farm.home_m, path.points_m))) <= limit
-        assert farm.owner_area.buffer(1e-6).covers(line_of(path))
-
-
-@pytest.mark.parametrize("name", NAMES)
 def test_hostile_areas(name):
     teeth = [(x + dx, y) for x in range(0, 100, 10) for dx, y in ((0, 1), (0, 50), (4, 50), (4, 1))]
     areas = {

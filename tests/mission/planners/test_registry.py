@@ -10,7 +10,8 @@ import shapely
 
 from geo.named import ParameterError
 from mission.errors import PlanningError
-from mission.planners import LengthBudget, PlanningRequest, make_planner, planner_names, registry
+from mission.planners import LengthBudget, PlanningRequest, make_planner, planner_names
+from mission.planners import request as registry
 from mission.planners.lawnmower import lawnmower
 from mission.planners.spiral import spiral
 

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 from page_tables import with_tables
 
-from mission.transfer.client_table import CLIENT_TABLE
-from mission.transfer.server_table import SERVER_TABLE
+from mission.transfer.client import CLIENT_TABLE
+from mission.transfer.server_session import SERVER_TABLE
 
 PAGE = Path(__file__).parents[3] / "docs" / "transfer.md"
 

@@ -7,8 +7,8 @@ from mission.ground.arming_gate import ArmingGate
 from mission.ground.contact import Contact
 from mission.ground.station import GroundStation
 from mission.ground.uploads import PlanUploads
+from mission.link.address import MavlinkEndpoint
 from mission.link.codec.dialect import mavlink as m
-from mission.link.endpoint import MavlinkEndpoint
 from mission.model import GeoPoint, Mission, MissionItem, MissionType
 from mission.outcome import Outcome
 from mission.transfer import OWN_TRANSFERS, MissionDownload, TransferMaker, VerifiedUpload

@@ -52,7 +52,7 @@ faults = st.builds(
 )
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=150, deadline=None)
 @given(
     number=st.integers(0, 25),
     kind=st.sampled_from(list(MissionType)),
@@ -77,7 +77,7 @@ def test_what_arrives_is_what_was_sent(number, kind, up, down, seed):
 @pytest.mark.parametrize("profile", [PX4, ARDUPILOT], ids=["px4", "ardupilot"])
 def test_seeded_runs_at_thirty_percent_loss_each_way(profile):
     outcomes = {"new": 0, "old": 0, "unknown": 0}
-    for seed in range(150):
+    for seed in range(60):
         server = MissionServer(1, profile=profile)
         old, new = make_items(5, 1), make_items(20, seed + 2)
         server.set_plan(MissionType.MISSION, old)
@@ -93,7 +93,7 @@ def test_seeded_runs_at_thirty_percent_loss_each_way(profile):
             assert not done or held == tuple(as_stored(item, profile) for item in new)
             assert done or end.vehicle_plan is PlanState.UNKNOWN or held == old
             outcomes["new" if done else "unknown"] += 1
-    assert outcomes["new"] >= 135
+    assert outcomes["new"] >= 54
 
 
 class Counting(Network):
@@ -219,33 +219,3 @@ def test_a_thousand_items(loss):
     assert statistics.verified
     assert statistics.items == 1000
     assert (statistics.retries == 0) == (loss == 0.0)
-
-
-def test_a_silent_vehicle_ends_in_failure():
-    class Deaf:
-        busy = False
-
-        def receive(self, message, now_s):
-            from mission.transfer.events import NOTHING
-
-            return NOTHING
-
-        def poll(self, now_s):
-            from mission.transfer.events import NOTHING
-
-            return NOTHING
-
-        def next_deadline(self):
-            return None
-
-    for client in (
-        MissionUpload(make_items(3, 1)),
-        MissionUpload(()),
-        MissionDownload(),
-        VerifiedUpload(make_items(2, 1)),
-    ):
-        network = Network(Deaf(), Faults(), Faults())
-        end = network.run(client)
-        assert isinstance(end, TransferFailed)
-        assert end.reason is FailureReason.TIMEOUT
-        assert network.now_s - 100.0 <= 20.0

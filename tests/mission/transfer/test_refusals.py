@@ -5,10 +5,11 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
+from transfer_network import Network
 
 from mission.autopilots import ARDUPILOT, GENERIC, PX4
 from mission.link.codec.dialect import mavlink
-from mission.link.codec.frames import FrameReader, FrameWriter
+from mission.link.faults import Faults
 from mission.model import GeoPoint, MissionItem, MissionType
 from mission.transfer import (
     FailureReason,
@@ -28,30 +29,11 @@ PLAN = tuple(MissionItem.waypoint(28.0 + k / 1000, -82.0, 10.0) for k in range(8
 OLD = tuple(MissionItem.waypoint(27.0 + k / 1000, -82.0, 20.0) for k in range(12))
 
 
-def over_the_air(message, source):
-    (got,) = FrameReader().feed(FrameWriter(*source).encode(message))
-    return got
-
-
-def carry(upload, server, limit=2000):
-    """Let both sides talk until the upload is over; its last event and the vehicle's texts."""
-    texts, last, now_s = [], None, 0.0
-    output = upload.start(now_s)
-    for _ in range(limit):
-        last = output.events[-1] if output.events else last
-        if upload.done:
-            return last, texts
-        now_s += 0.01
-        answers = []
-        for message in output.messages:
-            answer = server.receive(over_the_air(message, (255, 190)), now_s)
-            texts += [event for event in answer.events if isinstance(event, StatusText)]
-            answers += answer.messages
-        answers += server.poll(now_s).messages
-        output = upload.poll(now_s)
-        for message in answers:
-            output += upload.receive(over_the_air(message, (1, 1)), now_s)
-    raise AssertionError("it never ends")
+def carry(upload, server):
+    """Return the last event of an upload over a good link, and the vehicle's texts."""
+    network = Network(server, Faults(), Faults())
+    end = network.run(upload)
+    return end, [event for event in network.server_events if isinstance(event, StatusText)]
 
 
 def refusing(profile, refused, result, *, capacity=None):

@@ -24,7 +24,7 @@ from mission.transfer import (
     wire,
 )
 from mission.transfer.server import _REFUSALS
-from mission.transfer.server_table import SERVER_TABLE, ServerInput, ServerState
+from mission.transfer.server_session import SERVER_TABLE, ServerInput, ServerState
 from mission.transfer.storage import UncheckedItem, as_stored
 
 GROUND, OTHER = (255, 190), (245, 190)

@@ -10,8 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mission.autopilots import ARDUPILOT, GENERIC, PX4
-from mission.autopilots.registry import profile_for
+from mission.autopilots import ARDUPILOT, GENERIC, PX4, profile_for
 from mission.link import FrameReader, FrameWriter
 from mission.link.codec.dialect import mavlink
 from mission.model import Command, Frame, GeoPoint, MissionItem, MissionType

@@ -99,13 +99,6 @@ def test_false_readings(value: float, wrong: float, rate: float) -> None:
     assert both == pytest.approx(rate * rate, abs=0.012)
 
 
-def test_certain_errors() -> None:
-    always = LeafCameraOptions(false_positive_rate=1.0, false_negative_rate=1.0)
-    for value, read in ((1.0, 0.5), (0.5, 1.0), (0.0, 1.0)):
-        seen = LeafCamera(flat_world(value), SHAPE, 6, always, np.random.default_rng(4))
-        assert (seen.capture([1] * 50, [2] * 50)[:, 0, :2] == read).all()
-
-
 @given(cuts=st.lists(st.integers(0, 30), max_size=6), side=st.integers(1, 3))
 @settings(max_examples=60, deadline=None)
 def test_readings_do_not_depend_on_how_pictures_are_grouped(cuts: list[int], side: int) -> None:
@@ -116,13 +109,6 @@ def test_readings_do_not_depend_on_how_pictures_are_grouped(cuts: list[int], sid
     edges = [0, *sorted(cuts), 30]
     parts = [parted.capture(x[a:b], y[a:b]) for a, b in itertools.pairwise(edges) if b > a]
     np.testing.assert_array_equal(np.concatenate(parts), whole)
-
-
-def test_the_same_seed_sees_the_same() -> None:
-    options = LeafCameraOptions(2, 0.1)
-    a, b, c = (camera(options, seed).capture([3, 4], [5, 6]) for seed in (1, 1, 2))
-    np.testing.assert_array_equal(a, b)
-    assert (a != c).any()
 
 
 @pytest.mark.parametrize(

@@ -81,18 +81,6 @@ def test_bad_kernels_are_refused(arguments: tuple[str, int, float]) -> None:
         make_kernel(*arguments)
 
 
-@given(SHAPES, SIZES, st.integers(0, 2**32))
-def test_the_front_counts_like_a_full_convolution(shape: tuple[int, int], size: int, seed: int) -> None:
-    status = random_status(shape, seed)
-    kernel = make_kernel("inverse-square", size)
-    front = InfectionFront(status == 0, kernel)
-    front.infect(np.flatnonzero(status > 0))
-    cells, total = front.exposed()
-    wanted = np.where(status == 0, exact_count(status > 0, kernel), 0).reshape(-1)
-    np.testing.assert_array_equal(cells, np.flatnonzero(wanted))
-    np.testing.assert_array_equal(total, wanted[cells])
-
-
 @settings(max_examples=50)
 @given(SHAPES, SIZES, st.integers(0, 2**32))
 def test_the_front_stays_right_while_cells_come_and_go(shape: tuple[int, int], size: int, seed: int) -> None:
@@ -159,16 +147,6 @@ def test_the_kernel_rule_is_a_convolution_without_rounding(shape: tuple[int, int
     np.testing.assert_array_equal(step(status, uniform, rule), wanted)
 
 
-def test_the_kernel_rule_infects_beyond_the_reach_of_the_count_rule() -> None:
-    status = np.zeros((7, 7), np.int8)
-    status[3, 3] = 5
-    always = np.full((7, 7), 1e-9)
-    count = EpidemicParameters(0.3, 5, kernel_size=7).infection_rule((7, 7))
-    kernel = EpidemicParameters(0.3, 5, kernel_size=7, rule="kernel").infection_rule((7, 7))
-    assert np.count_nonzero(step(status, always, count) > 0) == 5
-    assert np.count_nonzero(step(status, always, kernel) > 0) == 49
-
-
 @settings(max_examples=30)
 @given(
     st.integers(0, 2**32),
@@ -213,16 +191,6 @@ def test_every_host_is_equally_likely_to_be_a_seed() -> None:
 def test_a_farm_without_the_crop_has_no_disease() -> None:
     onset = simulate_outbreak(np.zeros((9, 7), np.bool_), TYLCV, 5, np.random.default_rng(1))
     assert (onset == -2).all()
-
-
-def test_an_infection_of_likelihood_one_spreads_as_a_diamond_and_ends() -> None:
-    parameters = EpidemicParameters(1.0, 2, seed_duration_days=2, seeds=1, kernel_size=3)
-    hosts = np.ones((21, 21), np.bool_)
-    onset = simulate_outbreak(hosts, parameters, 40, np.random.default_rng(5))
-    seed = np.argwhere(onset == 0)[0]
-    distance = np.abs(np.indices((21, 21)) - seed[:, None, None]).sum(axis=0)
-    np.testing.assert_array_equal(onset, distance)
-    assert (status_table(parameters, 60)[onset.view(np.uint8)] == -1).all()
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,7 @@ import pytest
 
 from geo.farms import get_farm
 from geo.grid import FarmGrid
-from geo.user_cache import CacheWarning
+from geo.system import CacheWarning
 from sensors.environment import SoilParameters, cache, generate_environment
 from sensors.environment.cache import LIMIT_VARIABLE, EnvironmentCache
 from sensors.environment.store import EnvironmentStore

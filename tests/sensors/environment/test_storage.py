@@ -27,9 +27,8 @@ from sensors.environment import (
     save_environment,
 )
 from sensors.environment import store as store_module
-from sensors.environment.layers import ChunkCache, ChunkedLayer
 from sensors.environment.storage import unfinished_store
-from sensors.environment.store import EnvironmentStore, Header
+from sensors.environment.store import ChunkCache, ChunkedLayer, EnvironmentStore, Header
 from sensors.errors import EnvironmentDataError
 from sensors.fields import PAPER_FIELDS
 
@@ -93,12 +92,6 @@ def test_any_zarr_reader_can_read_it(environment: Environment, folder: Path) -> 
     assert group["soil"].metadata.dimension_names == ("day", "x", "y")
     np.testing.assert_array_equal(group["soil"][1], environment.level("soil", 6))
     np.testing.assert_array_equal(group["tylcv"][:], environment.onset("tylcv"))
-
-
-def test_xarray_can_read_it(environment: Environment, folder: Path) -> None:
-    xarray = pytest.importorskip("xarray")
-    dataset = xarray.open_zarr(folder, consolidated=False)
-    np.testing.assert_array_equal(dataset.soil.sel(day=6), environment.level("soil", 6))
 
 
 def test_a_day_is_one_file(folder: Path) -> None:

@@ -11,10 +11,9 @@ from geo.grid import FarmGrid
 from sensors.errors import EstimatorError, ObservationError
 from sensors.estimators import Estimator, estimator_names, make_estimator
 from sensors.estimators import base as registry
-from sensors.estimators.append_buffer import GrowingArray
 from sensors.estimators.point import PointEstimator
 from sensors.fields import PAPER_FIELDS, FieldSet
-from sensors.observations import Observations
+from sensors.observations import GrowingArray, Observations
 
 OURS = ("adaptive-disk", "authors-ad", "gp", "gp-sklearn", "point")
 GRID = FarmGrid((6, 5), 0.3048, np.ones((6, 5), np.int8), np.ones((6, 5), bool))

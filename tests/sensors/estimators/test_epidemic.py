@@ -25,7 +25,6 @@ from sensors.estimators.epidemic.features import (
     REACH,
     SEEN_SUSCEPTIBLE,
     UNKNOWN,
-    Rings,
     cells_in_reach,
     context_features,
     inner,
@@ -34,9 +33,9 @@ from sensors.estimators.epidemic.features import (
     padded_codes,
 )
 from sensors.estimators.epidemic.network import FieldClassifier, Network, train
-from sensors.estimators.epidemic.paths import chasing_path, random_path
+from sensors.estimators.epidemic.paths import random_path
 from sensors.estimators.epidemic.soil import SoilField
-from sensors.estimators.epidemic.training import TrainingTask, classes_of, load_network, network_for
+from sensors.estimators.epidemic.training import TrainingTask, load_network, network_for
 from sensors.fields import PAPER_FIELDS
 from sensors.observations import Observations
 from sensors.scoring.expected import (
@@ -45,7 +44,7 @@ from sensors.scoring.expected import (
     least_loss_value,
     standard_deviation,
 )
-from sensors.scoring.score import paper_loss
+from sensors.scoring.score import RunningScore
 from wbf_mission import check_estimator
 
 SMALL = {"outbreaks": 60, "epochs": 2}
@@ -130,48 +129,6 @@ def test_features_count_codes_by_distance_and_leave_out_the_cell_itself():
     assert np.array_equal(before, out)
 
 
-def test_features_do_not_change_when_the_field_is_turned_or_mirrored():
-    _, codes = some_codes()
-    width = codes.shape[0] - 2 * REACH
-    height = codes.shape[1] - 2 * REACH
-    seen = np.zeros((3, N_FEATURES), np.float32)
-    x, y = 4, 11
-    places = (
-        (codes, x, y),
-        (np.ascontiguousarray(codes.T), y, x),
-        (np.ascontiguousarray(codes[::-1, ::-1]), width - 1 - x, height - 1 - y),
-    )
-    for row, (turned, i, j) in enumerate(places):
-        local_features(turned, np.array([i]), np.array([j]), seen[row : row + 1])
-    assert np.allclose(seen, seen[0], atol=1e-6)
-
-
-@given(st.integers(0, 2**32), st.integers(1, 12), st.integers(1, 12))
-@settings(deadline=None, max_examples=25)
-def test_rings_sum_what_lies_at_their_distances(seed, width, height):
-    rng = np.random.default_rng(seed)
-    ends = (1, 2, 8, 20, 2 * REACH**2)
-    rings = Rings.that_end_at(ends)
-    planes = rng.integers(0, 5, (2, width + 2 * REACH, height + 2 * REACH)).astype(np.float32)
-    x, y = np.nonzero(rng.random((width, height)) < 0.6)
-    sums = rings.sums(planes, x, y)
-    counts = rings.counts(planes[0].astype(np.uint8), 3, x, y)
-    axis = np.arange(-REACH, REACH + 1)
-    squares = axis[:, None] ** 2 + axis**2
-    for n, (i, j) in enumerate(zip(x, y, strict=True)):
-        around = planes[:, i : i + 2 * REACH + 1, j : j + 2 * REACH + 1]
-        for ring, end in enumerate(ends):
-            within = (squares <= end) & (squares > (0, *ends)[ring])
-            root = np.sqrt(within.sum())
-            for plane in range(2):
-                assert sums[plane * 5 + ring, n] == pytest.approx(
-                    around[plane, within].sum() / root, abs=1e-3
-                )
-            for code in (1, 2, 3):
-                found = counts[(code - 1) * 5 + ring, n]
-                assert found == pytest.approx((around[0, within] == code).sum() / root, abs=1e-3)
-
-
 def test_only_what_was_touched_is_looked_at_anew():
     hosts = np.random.default_rng(4).random((26, 30)) < 0.8
     rng = np.random.default_rng(5)
@@ -188,19 +145,6 @@ def test_only_what_was_touched_is_looked_at_anew():
         classifier.touch(row[near][row[near] >= 0])
     afresh = FieldClassifier(network, codes, x, y, 3, 6).probabilities()
     np.testing.assert_allclose(classifier.probabilities(), afresh, atol=1e-6)
-
-
-def test_only_cells_in_reach_change_their_features():
-    hosts, codes = some_codes((30, 26))
-    x, y = (part.ravel() for part in np.indices(hosts.shape))
-    before, after = np.zeros((2, hosts.size, N_FEATURES), np.float32)
-    local_features(codes, x, y, before)
-    inner(codes)[9, 20] = (inner(codes)[9, 20] + 1) % 4
-    local_features(codes, x, y, after)
-    changed = np.flatnonzero((before != after).any(axis=1))
-    touched = np.ravel_multi_index(cells_in_reach(np.array([9]), np.array([20]), hosts.shape), hosts.shape)
-    assert len(changed) > 0
-    assert set(changed) <= set(touched.tolist())
 
 
 @pytest.mark.parametrize(
@@ -387,18 +331,6 @@ def test_without_a_folder_to_write_to_it_still_learns(tmp_path, monkeypatch):
     assert network_for(TrainingTask(TYLCV, 6, outbreaks=15, epochs=1, seed=6), hosts, blocked / "deeper")
 
 
-def test_the_folder_follows_the_standard(tmp_path, monkeypatch):
-    def folder(given):
-        return training.network_file(TrainingTask(TYLCV, 6), np.ones((3, 3), bool), given).parent
-
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    assert folder(None) == tmp_path / "wbf-mission" / "epidemic"
-    monkeypatch.setenv("XDG_CACHE_HOME", "relative")
-    monkeypatch.setenv("HOME", str(tmp_path / "home"))
-    assert folder(None) == tmp_path / "home" / ".cache" / "wbf-mission" / "epidemic"
-    assert folder("given").name == "given"
-
-
 def test_lessons_differ_in_their_names():
     hosts = np.ones((12, 12), bool)
     fewer = hosts.copy()
@@ -425,10 +357,6 @@ def test_on_farms_too_large_for_the_whole_it_keeps_them_too(cache, monkeypatch):
     monkeypatch.setattr(training, "_in_memory", {})
     check_estimator(EpidemicEstimator(**SMALL, cache=cache / "large"))
     check_estimator(EpidemicEstimator(**SMALL, cache=cache / "large", misreading_rate=0.05))
-
-
-def test_it_is_registered():
-    assert isinstance(make_estimator("epidemic", random_state=3), EpidemicEstimator)
 
 
 @pytest.mark.parametrize(
@@ -467,6 +395,12 @@ def test_what_was_read_is_known_and_what_was_not_is_doubted(cache):
         assert (model.uncertainty[k][~read & crop] > 0).all()
         assert (model.value[k][~crop] == 1).all()
         assert (model.uncertainty[k][~crop] == 0).all()
+        assert (model.expected_loss[k][seen.x, seen.y] < 1e-6).all()
+        assert (model.expected_loss[k][~crop] == 0).all()
+        p = np.moveaxis(model.probabilities[("tylcv", "ccr")[k]], 0, -1)
+        again = expected_loss(p, model.value[k].astype(float), 10.0, 1.0)
+        np.testing.assert_allclose(model.expected_loss[k], again, atol=1e-5)
+    np.testing.assert_allclose(model.expected_loss[2], model.uncertainty[2] ** 2, rtol=1e-6)
     found = model.probabilities["tylcv"]
     assert np.allclose(found.sum(axis=0), 1.0, atol=1e-5)
     tomato = grid.tomato
@@ -517,21 +451,6 @@ def test_on_large_farms_probabilities_and_loss_are_made_when_asked_for(cache, mo
         old.expected_loss  # noqa: B018
 
 
-def test_the_expected_loss_is_none_where_the_class_is_known(cache):
-    grid = get_farm("miniberry-10").grid()
-    seen = rows_over(truth_of(grid, 3))
-    model = EpidemicEstimator(**SMALL, cache=cache).fit(grid, seen).predict()
-    found = model.expected_loss
-    assert found.shape == model.value.shape
-    for k, crop in enumerate((grid.tomato, grid.strawberry)):
-        assert (found[k][seen.x, seen.y] < 1e-6).all()
-        assert (found[k][~crop] == 0).all()
-        p = np.moveaxis(model.probabilities[("tylcv", "ccr")[k]], 0, -1)
-        again = expected_loss(p, model.value[k].astype(float), 10.0, 1.0)
-        np.testing.assert_allclose(found[k], again, atol=1e-5)
-    np.testing.assert_allclose(found[2], model.uncertainty[2] ** 2, rtol=1e-6)
-
-
 def test_a_sick_plant_makes_its_neighbours_doubtful(cache):
     grid = get_farm("miniberry-10").grid()
     x, y = np.argwhere(grid.tomato)[22]
@@ -555,7 +474,7 @@ def test_noise_on_the_readings_is_noticed(cache):
             seen = rows_over(truth)
             noisy = seen.values + noise * rng.standard_normal(seen.values.shape)
             model = EpidemicEstimator(**FAIR, cache=cache).fit(grid, observe(seen.x, seen.y, noisy)).predict()
-            loss += paper_loss(truth, model.value, PAPER_FIELDS.masks(grid))
+            loss += RunningScore(truth, PAPER_FIELDS.masks(grid)).evaluate(model).loss
         losses.append(loss)
     assert losses[0] <= losses[1] <= losses[2] < 1.4 * losses[0]
 
@@ -630,10 +549,6 @@ def test_windows_of_a_large_farm_stand_for_it(monkeypatch):
     expected = np.mean([(simulate_outbreak(hosts, TYLCV, 6, rng)[hosts] >= 0).mean() for _ in range(20)])
     assert float(weights @ (classes > 0) / weights.sum()) == pytest.approx(expected, rel=0.4)
     assert weights.mean() == pytest.approx(1.0, rel=1e-4)
-
-
-def test_classes_are_the_nearest_values():
-    assert classes_of(np.array([0.76, 0.74, 0.26, 0.24])).tolist() == [0, 1, 1, 2]
 
 
 def soil_of(seed, shape=(30, 30), day=6):
@@ -733,9 +648,8 @@ def test_it_beats_disks_and_the_gaussian_process(cache):
             given = {"cache": cache} if name == "epidemic" else {}
             if name == "gp":  # as the paper fits it
                 given = {"learn_from": "observations"}
-            totals[name] += paper_loss(
-                truth, make_estimator(name, **given).fit(grid, seen).predict().value, masks
-            )
+            model = make_estimator(name, **given).fit(grid, seen).predict()
+            totals[name] += RunningScore(truth, masks).evaluate(model).loss
     assert totals["epidemic"] < 0.25 * totals["adaptive-disk"]
     assert totals["epidemic"] < 0.5 * totals["gp"]
 
@@ -796,33 +710,6 @@ def test_the_soil_is_the_same_in_whatever_parts_it_is_learned():
         np.testing.assert_allclose(value, results[2][0], atol=1e-4)
         np.testing.assert_allclose(uncertainty, results[2][1], atol=1e-4)
         assert noise == pytest.approx(results[2][2], rel=1e-6)
-
-
-@given(st.integers(0, 2**32), st.integers(1, 60), st.integers(1, 60), st.integers(1, 200))
-@settings(deadline=None, max_examples=30)
-def test_a_path_that_chases_the_disease_goes_on_from_where_it_began(seed, width, height, longest):
-    rng = np.random.default_rng(seed)
-    begun = random_path((width, height), longest, rng)
-    cells = chasing_path(begun, rng.random((width, height)) < 0.1, longest, rng)
-    assert cells.shape == (longest, 2)
-    assert np.array_equal(cells[: len(begun)], begun)
-    assert (cells >= 0).all()
-    assert (cells < [width, height]).all()
-    steps = np.abs(np.diff(cells[len(begun) - 1 :], axis=0)).max(axis=1, initial=0)
-    assert steps.max(initial=0) <= 1
-
-
-def test_it_finds_more_sick_plants_than_a_path_that_does_not_look():
-    hosts = np.ones((40, 40), bool)
-    seen = np.zeros(2)
-    for seed in range(25):
-        rng = np.random.default_rng(seed)
-        sick = simulate_outbreak(hosts, TYLCV, 6, rng) >= 0
-        blind = random_path(hosts.shape, 300, rng)
-        chasing = chasing_path(blind[:100], sick, len(blind), rng)
-        for k, cells in enumerate((blind, chasing)):
-            seen[k] += np.count_nonzero(sick[tuple(np.unique(cells, axis=0).T)])
-    assert seen[1] > 1.5 * seen[0]
 
 
 def test_what_was_healthy_lately_tells_of_its_neighbours_and_of_itself(cache):

@@ -153,33 +153,6 @@ def test_values_stay_between_0_and_1_when_clipped():
     np.testing.assert_array_equal(clipped, np.clip(free, 0, 1))
 
 
-def path_observations(shape, n):
-    """Rows of a lawnmower, every third one."""
-    cells = [(x if y % 2 else shape[0] - 1 - x, y) for y in range(0, shape[1], 3) for x in range(shape[0])][
-        :n
-    ]
-    x, y = np.array(cells).T
-    rng = np.random.default_rng(8)
-    humidity = 0.5 + 0.3 * np.sin(x / 30) + 0.02 * rng.standard_normal(len(x))
-    return observations(
-        x, y, np.stack([rng.choice([0.5, 1], len(x)), np.sin(x / 4) * np.cos(y / 5) > 0, humidity], axis=1)
-    )
-
-
-@pytest.mark.parametrize("pieces", [1, 3])
-def test_the_local_posterior_is_close_to_the_exact_one(pieces):
-    shape = (110, 50)
-    seen = path_observations(shape, 600)
-    models = {}
-    for method in ("exact", "local"):
-        estimator = GaussianProcessEstimator(method=method, clip=False, states="mean").fit(grid_of(*shape))
-        for part in np.array_split(np.arange(len(seen)), pieces):
-            estimator.partial_fit(seen[part]).predict()
-        models[method] = estimator.predict()
-    np.testing.assert_allclose(models["local"].value, models["exact"].value, atol=1e-2)
-    np.testing.assert_allclose(models["local"].uncertainty, models["exact"].uncertainty, atol=2e-3)
-
-
 def test_a_large_farm_is_no_reason_to_give_up():
     shape = (3000, 2500)
     seen = random_observations(300, (200, 200))

@@ -8,7 +8,7 @@ from hypothesis.extra import numpy as hnp
 
 from sensors.errors import EstimatorError
 from sensors.fields import PAPER_FIELDS
-from sensors.scoring.calibration import calibration, of_classes, of_normal
+from sensors.scoring.expected import calibration, of_classes, of_normal
 from sensors.scoring.information import HELD, InformationModel, least_sick
 
 PROBABILITIES = hnp.arrays(np.float32, st.integers(1, 60), elements=st.floats(0.0, 1.0, width=32))

@@ -10,9 +10,9 @@ import pytest
 from packages import command_lines, importable, install
 
 from geo.frame import LocalFrame
-from mission.autopilots import registry
+from mission import autopilots
+from mission.autopilots import profile_for
 from mission.autopilots.profile import Meaning, answer_to
-from mission.autopilots.registry import profile_for
 from mission.ground.modes import Maneuver, ModeError, VehicleModes, is_in_mission, mode_name
 from mission.ground.station import GroundStation
 from mission.link.codec.dialect import mavlink as m
@@ -38,7 +38,7 @@ nimbus = nimbus:PROFILE
 
 def forget():
     forget_autopilots()
-    registry._profiles.cache_clear()
+    autopilots._profiles.cache_clear()
 
 
 @pytest.fixture(scope="module")

@@ -280,7 +280,7 @@ def test_a_port_takes_one_descriptor_and_no_thread():
 
 
 def test_datagrams_that_it_could_not_keep_are_counted(monkeypatch):
-    monkeypatch.setattr("mission.link.waiting._MOST_BYTES", 1000)
+    monkeypatch.setattr("mission.link.sockets._MOST_BYTES", 1000)
     with Server([], ["udpin:127.0.0.1:0"], at_once=True) as server:
         host, port = server.urls[0].split(":")[1:]
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:

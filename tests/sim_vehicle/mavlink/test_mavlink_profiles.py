@@ -9,9 +9,9 @@ from processes import wait_until
 
 from mission.ground.station import GroundStation
 from mission.link import FrameReader, FrameWriter
+from mission.link.address import MavlinkEndpoint
 from mission.link.codec.dialect import mavlink as m
 from mission.link.codec.signing import Signing
-from mission.link.endpoint import MavlinkEndpoint
 from mission.link.opening import open_link
 from mission.model import Command, Frame, Mission, MissionItem, MissionType
 from mission.outcome import Outcome

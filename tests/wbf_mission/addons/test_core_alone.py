@@ -40,29 +40,27 @@ WORKS = (
     "fly --farm miniberry-10 --policy greedy --estimator gp --budget 60s --out flown --quiet",
     "fly --farm miniberry-10 --policy greedy --estimator gp --budget 60s --autopilot ardupilot --no-files",
     "bench run --scenarios WBF/Miniberry-10-v1 --planners spiral --estimators point --seeds 1 --out new",
-    "vehicle list",
-    "bench list",
 )
 BROUGHT = (
-    *("check", "check-policy", "command", "export", "map", "monitor", "report", "studio"),
-    *("bench compare", "bench replay", "farm generate"),
+    *("check", "check-policy", "command", "convert", "download", "export", "map", "monitor", "preflight"),
+    *("report", "studio", "bench compare", "bench list", "bench replay", "farm", "vehicle"),
 )
-CONVERT = "convert a.kml a.plan"
+OTHER_FORMAT = "plan --farm miniberry-10 --mission a.kml"
 OTHER_VEHICLES = (
-    "vehicle show wing",
     "plan --farm miniberry-10 --vehicle rover",
     "sim --vehicle fixed-wing",
-    "vehicle show mine.toml",
+    "plan --farm miniberry-10 --vehicle mine.toml",
     "bench run --scenarios WBF/Miniberry-100-Mixed-v1 --planners spiral --seeds 1 --out new",
 )
 FLY = "fly --farm miniberry-10 --planner spiral"
 MISSING = {
-    f"{FLY} --connect udpin:127.0.0.1:0 --yes --live 0": "brings the page 'live' (wbf_mission.pages)",
+    f"{FLY} --live 0": "brings the page 'live' (wbf_mission.pages)",
+    f"{FLY} --connect udpin:127.0.0.1:0 --yes": (
+        "connects to real vehicles with 'fly' (wbf_mission.connections)"
+    ),
     "sim --live 0 --farm miniberry-10": "brings the page 'live.simulation' (wbf_mission.pages)",
-    "bench report rows --out written": "brings the page 'bench' (wbf_mission.pages)",
     f"{FLY} --animate --out flown": "makes 'run.gif' (wbf_mission.products)",
     f"{FLY} --treatment-map --out flown": "makes 'treatment' (wbf_mission.products)",
-    "farm draw miniberry-10 --out farm.png": "makes 'path.png' (wbf_mission.products)",
     "bench run --sealed a.secret --out b": "opens rounds that are 'sealed' (wbf_mission.rounds)",
     **{
         f"plan --farm a.{suffix}|fields": f"reads farms in '{suffix}' (wbf_mission.farm_formats)"
@@ -82,7 +80,7 @@ def add_row(folder):
 def alone(tmp_path_factory):
     """What each command says, and whether it left its folder as it was."""
     folders = {}
-    for words in (*WORKS, *BROUGHT, CONVERT, *OTHER_VEHICLES, *MISSING, NO_PICTURES):
+    for words in (*WORKS, *BROUGHT, OTHER_FORMAT, *OTHER_VEHICLES, *MISSING, NO_PICTURES):
         folders[words] = tmp_path_factory.mktemp("alone")
         (folders[words] / "mine.toml").write_text('kind = "rover"\n')
         for name in ("a.secret", "a.gpkg", "a.kml", "a.poly"):
@@ -111,9 +109,9 @@ def test_what_add_ons_bring_is_not_there(alone, words):
 
 
 def test_files_of_add_ons_are_of_no_known_format(alone):
-    assert alone[CONVERT].code == 2
-    said = " ".join(alone[CONVERT].err.split())
-    assert "missions are read from .plan, .waypoints, .wpl, .txt, .fen, .ral or .json" in said
+    assert alone[OTHER_FORMAT].code == 2
+    said = " ".join(alone[OTHER_FORMAT].err.split())
+    assert "missions are read from .plan, .waypoints, .wpl, .txt or .json" in said
 
 
 @pytest.mark.parametrize("words", OTHER_VEHICLES)
@@ -152,7 +150,7 @@ from sim_vehicle.autopilot import with_autopilot
 from sim_vehicle.autopilot.modes import Mode
 from sim_vehicle.errors import VehicleError
 from sim_vehicle.mavlink import SimVehicle
-from wbf_mission.live.discovery import typical_vehicle
+from wbf_mission.live import typical_vehicle
 
 vehicle = SimVehicle(get_vehicle("quad"), GeoPoint(28.05, -82.15, 10.0))
 (version,) = vehicle.built(m.MAVLINK_MSG_ID_AUTOPILOT_VERSION)

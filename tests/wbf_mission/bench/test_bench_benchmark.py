@@ -20,8 +20,7 @@ from wbf_mission.bench.benchmark import BenchmarkInterrupted
 from wbf_mission.bench.engine import fly_all, fly_run
 from wbf_mission.bench.rows import BenchStore, read_rows
 from wbf_mission.bench.spec import BenchSpec
-from wbf_mission.bench.standings import standings
-from wbf_mission.bench.versions import build_of
+from wbf_mission.bench.standings import build_of, standings
 from wbf_mission.cli.app import main
 
 TEN = ["WBF/Miniberry-10-v1"]

@@ -6,9 +6,8 @@ import pytest
 
 from sensors.estimators.point import PointEstimator
 from wbf_mission import BenchSpec
-from wbf_mission.bench.cards import card_of
 from wbf_mission.bench.digests import meaning_of
-from wbf_mission.bench.requests import ASKED, keep_asked, read_asked, specification_text
+from wbf_mission.bench.requests import ASKED, card_of, keep_asked, read_asked, specification_text
 from wbf_mission.cli.app import main
 from wbf_mission.results.storage import ResultError
 from wbf_mission.scenario import load_scenario

@@ -9,18 +9,22 @@ from bench_rows import made_row, rows
 from msgspec import structs
 from scipy import stats
 
-from wbf_mission.bench.environments import scored
 from wbf_mission.bench.intervals import (
     _drawn,
     _weights,
-    doubt_in_words,
-    mean_interval,
     mean_intervals,
-    ratio_interval,
     ratio_intervals,
 )
-from wbf_mission.bench.standings import standings
-from wbf_mission.bench.tables import score_over_time
+from wbf_mission.bench.page import score_over_time
+from wbf_mission.bench.standings import scored, standings
+
+
+def mean_interval(values):
+    return mean_intervals([values])[0]
+
+
+def ratio_interval(values, others):
+    return ratio_intervals([(values, others)])[0]
 
 
 def coverage(found, true):
@@ -100,16 +104,6 @@ def test_a_ratio_by_what_may_be_nothing_has_no_upper_limit():
     found = ratio_interval(np.full(8, 1.0), np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 3.0]))
     assert math.isinf(found.high)
     assert found.low >= 0.0
-
-
-def test_few_environments_are_said_to_be_few():
-    assert "31 %" in doubt_in_words(8)
-    assert "may hold in 50 of 100" in doubt_in_words(8)
-    assert "may hold in 75 of 100" in doubt_in_words(20)
-    assert "may hold" not in doubt_in_words(40)
-    assert "Ratios" in doubt_in_words(7)
-    assert "Ratios" not in doubt_in_words(8)
-    assert doubt_in_words(1) == "One environment has no interval."
 
 
 def test_one_of_five_that_is_far_off_makes_the_interval_long_on_its_side():

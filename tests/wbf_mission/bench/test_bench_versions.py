@@ -3,8 +3,7 @@
 import pytest
 from bench_rows import made_row
 
-from wbf_mission.bench.standings import standings
-from wbf_mission.bench.versions import apart, build_of, builds_in_words
+from wbf_mission.bench.standings import apart, build_of, builds_in_words, standings
 
 OLD, NEW = "4622a3d6f0aa", "5d01c2b3e4bb"
 

@@ -7,9 +7,9 @@ import pytest
 from preflight_plans import HOME
 from stand_in import stand_in
 
-from mission.autopilots.registry import profile_for
+from mission.autopilots import profile_for
 from mission.link.codec.dialect import mavlink as m
-from mission.transfer.errors import NoVehicleError
+from mission.transfer.events import NoVehicleError
 from wbf_mission.preflight.inquiry import Inquiry, ask_vehicle, decoded
 
 PX4, ARDUPILOT = 12, 3

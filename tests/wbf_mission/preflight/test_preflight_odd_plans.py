@@ -43,7 +43,7 @@ MISSIONS = st.builds(
 )
 
 
-@settings(max_examples=60, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=20, suppress_health_check=[HealthCheck.too_slow])
 @given(
     MISSIONS,
     st.sampled_from((("quad", "px4"), ("quad", "ardupilot"), ("fixed-wing", "px4"), ("rover", "ardupilot"))),

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sensors.errors import EstimatorError
-from sensors.estimators.append_buffer import GrowingArray
 from sensors.estimators.base import BaseEstimator, RandomState
 from sensors.fields import PAPER_FIELDS, FieldSet
+from sensors.observations import GrowingArray
 from sensors.scoring.information import InformationModel
 
 if TYPE_CHECKING:

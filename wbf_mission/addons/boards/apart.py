@@ -24,9 +24,9 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from geo.closing import Closing
 from geo.compiled import compiled_folder
 from geo.errors import WbfMissionError, told_error
+from geo.system import Closing
 from geo.texts import one_line
 from mission.errors import PlanningError
 from mission.planners import PlannedPath, PlanningRequest

@@ -8,8 +8,16 @@ from typing import Annotated, Any
 
 import typer
 
-from wbf_mission.cli import bench_output, options
-from wbf_mission.cli.bench import RUN_PANEL, Flying, choices, selection
+from wbf_mission.cli import options
+from wbf_mission.cli.bench import (
+    RUN_PANEL,
+    Flying,
+    choices,
+    exit_code,
+    selection,
+    tell_failures,
+    tell_what_counts,
+)
 from wbf_mission.cli.command import Command
 from wbf_mission.cli.options import option
 from wbf_mission.cli.output import Output
@@ -45,8 +53,7 @@ def compare_command(
     """
     from dataclasses import asdict
 
-    from wbf_mission.addons.boards.comparison import compare, difference
-    from wbf_mission.bench.intervals import verdict
+    from wbf_mission.addons.boards.comparison import compare, difference, verdict
     from wbf_mission.bench.spec import BenchSpec
 
     wanted = BenchSpec.of(**selected | {"planners": choices(f"{mine},{against}", "planner")})
@@ -72,9 +79,9 @@ def compare_command(
     of_score = ("95 %", "verdict")
     header = ["scenario, estimator", "against", "run", *of_score, "end", *of_score, "better on"]
     output.table(values, header, table, title=f"{first}: difference of scores (positive: it is better)")
-    bench_output.tell_what_counts(output, rows)
-    bench_output.tell_failures(output, rows)
-    return bench_output.exit_code(rows, interrupted=interrupted)
+    tell_what_counts(output, rows)
+    tell_failures(output, rows)
+    return exit_code(rows, interrupted=interrupted)
 
 
 COMPARE = Command(compare_command, EXAMPLES)

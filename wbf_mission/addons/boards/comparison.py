@@ -1,4 +1,4 @@
-"""Differences between the scores of planners, in pairs of runs on the same environment."""
+"""Differences between the scores of planners, in pairs of runs on the same environment, and their doubt."""
 
 from __future__ import annotations
 
@@ -9,10 +9,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from wbf_mission.bench.environments import scored
-from wbf_mission.bench.intervals import Interval, mean_intervals
+from wbf_mission.bench.intervals import FEWEST_FOR_A_RATIO, MISSED, Interval, mean_intervals
 from wbf_mission.bench.rows import BenchRow
-from wbf_mission.bench.versions import apart
+from wbf_mission.bench.standings import apart, scored
+
+# Least number of environments, and coverage (%) of the 95 % interval for a mean with 10 % rare outbreaks.
+_HELD_WITH_RARE = ((40, None), (20, 75), (0, 50))
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,3 +80,35 @@ def difference(scores: Interval) -> list[str]:
         "-" if math.isnan(scores.mean) else f"{scores.mean:+.4f}",
         "-" if math.isnan(scores.low) else f"{scores.low:+.3f} to {scores.high:+.3f}",
     ]
+
+
+def doubt_in_words(count: int) -> str:
+    """Return the limits of intervals over `count` environments, in words.
+
+    >>> doubt_in_words(40)
+    'What befalls fewer than 7 % of environments may be missing among 40, and no interval covers it.'
+    """
+    if count < 2:
+        return "One environment has no interval." if count else ""
+    rare = 100.0 * (1.0 - MISSED ** (1.0 / count))
+    unseen = f"What befalls fewer than {rare:.0f} % of environments may be missing among {count}"
+    texts = [f"{unseen}, and no interval covers it."]
+    held = next((held for fewest, held in _HELD_WITH_RARE if count >= fewest), None)
+    if held is not None:
+        texts.append(f"Where few decide a mean, 95 % intervals may hold in {held} of 100 cases only.")
+    if count < FEWEST_FOR_A_RATIO:
+        texts.append(f"Ratios over fewer than {FEWEST_FOR_A_RATIO} have no interval.")
+    return " ".join(texts)
+
+
+def verdict(difference: Interval) -> str:
+    """Return the verdict of an interval of differences, in words.
+
+    >>> verdict(Interval(0.2, 0.1, 0.3)), verdict(Interval(0.2, -0.1, 0.5))
+    ('better', 'cannot be told')
+    """
+    if difference.low > 0.0:
+        return "better"
+    if difference.high < 0.0:
+        return "worse"
+    return "equal" if difference.low == difference.high == 0.0 else "cannot be told"

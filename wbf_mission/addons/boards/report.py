@@ -11,16 +11,24 @@ import numpy as np
 
 from geo.texts import file_stem
 from wbf_mission.addons.base.plots import LINE_COLOURS, new_figure, save_figure
+from wbf_mission.addons.boards.comparison import doubt_in_words
 from wbf_mission.addons.boards.ratios import by_fixed, ratio_table, worse_in_words
-from wbf_mission.bench.cards import card_of
-from wbf_mission.bench.environments import Scored, scored
-from wbf_mission.bench.intervals import doubt_in_words, mean_intervals
-from wbf_mission.bench.page import Listing, Page, Picture, Section, Table
-from wbf_mission.bench.requests import AskedFor
+from wbf_mission.bench.intervals import mean_intervals
+from wbf_mission.bench.page import (
+    SCORES,
+    Listing,
+    Page,
+    Picture,
+    Section,
+    Table,
+    draw_mean_score,
+    field_table,
+    interval_cells,
+    standing_table,
+)
+from wbf_mission.bench.requests import AskedFor, card_of
 from wbf_mission.bench.rows import BenchRow, by_pair
-from wbf_mission.bench.standings import Standing, standings_of
-from wbf_mission.bench.tables import SCORES, draw_mean_score, field_table, interval_cells, standing_table
-from wbf_mission.bench.versions import apart, commit_of, digest_of
+from wbf_mission.bench.standings import Scored, Standing, apart, commit_of, digest_of, scored, standings_of
 from wbf_mission.scenario import load_scenario, scenario_ids
 
 READING = (

@@ -12,11 +12,10 @@ from typing import TypeAlias, TypeVar
 from geo.errors import WbfMissionError
 from mission.autopilots.profile import Profile
 from mission.errors import TransferError
-from mission.link.address import Link
+from mission.link.address import Link, MavlinkEndpoint
 from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
 from mission.link.codec.typed import is_a
-from mission.link.endpoint import MavlinkEndpoint
 from mission.model import Command, GeoPoint, Mission, MissionItem, MissionType
 from mission.transfer import RoundTrip, VerifiedUpload, compare_plans, wire
 from mission.transfer.driver import TransferDriver, wait_readable

@@ -15,8 +15,7 @@ from geo.grid import Crop
 from mission.errors import AnswerError, PlanningError
 from mission.planners.budget import Budget, LengthBudget, StepBudget
 from mission.planners.path import Area, PlannedPath
-from mission.planners.registry import make_planner, planner_parameters
-from mission.planners.request import CropArea, Planner, PlanningRequest
+from mission.planners.request import CropArea, Planner, PlanningRequest, make_planner, planner_parameters
 
 _INSIDE_M = 1e-6
 
@@ -55,7 +54,7 @@ def check_planner(planner: str | Planner, lands: Collection[str] = LANDS, /, **p
     Parameters
     ----------
     planner : str or Planner
-        A name or a planner, as for `mission.planners.registry.make_planner`.
+        A name or a planner, as for `mission.planners.request.make_planner`.
     lands : collection of str
         Kinds of land (from `LANDS`) that the planner supports.
     **parameters

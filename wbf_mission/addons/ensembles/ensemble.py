@@ -20,9 +20,9 @@ import msgspec
 from numpy.random import SeedSequence
 
 from geo.atomic import atomic_write
-from geo.memory import NotEnoughMemoryError, human_bytes, require_memory
 from geo.processes import CallsAhead
 from geo.seeds import child_seed, root_seed
+from geo.system import NotEnoughMemoryError, human_bytes, require_memory
 from sensors.environment.environment import Environment, Provenance
 from sensors.environment.generate import generate_environment, kept_days, memory_needed
 from sensors.environment.storage import load_environment
@@ -180,7 +180,7 @@ def generate_ensemble(
     EnvironmentDataError
         If a number is out of range, the folder has other content or cannot be written, the disk has too
         little space, or a process was killed.
-    geo.memory.NotEnoughMemoryError
+    geo.system.NotEnoughMemoryError
         If the processes need more memory than is available.
     """
     if not 1 <= members <= MAX_MEMBERS:

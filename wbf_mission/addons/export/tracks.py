@@ -20,9 +20,9 @@ from geo import Farm
 from geo.atomic import atomic_write
 from geo.geojson import farm_document
 from geo.texts import printable
-from mission.files.xml import add, decimal, document
 from mission.model import Command, Frame, Mission
 from mission.outcome import in_words
+from wbf_mission.addons.base.xml_output import add, decimal, document
 from wbf_mission.addons.export.style import OBSTACLE, crop_colour, places_of, vehicle_colour
 from wbf_mission.events import Event, FlightEnded, Planned, RunBegun, Seen, VehicleMoved
 

@@ -1,9 +1,10 @@
-"""Formats outside the core: missions in KML, KMZ, GeoJSON, GPX, CSV and DJI's WPML; farms (`farm_files`)."""
+"""Formats outside the core: fence and rally text, KML, GeoJSON, GPX, CSV, WPML; farms (`farm_files`)."""
 
 from mission.files.formats import MissionFormat
-from wbf_mission.addons.formats import dji, geojson, gpx, kml, table
+from wbf_mission.addons.formats import dji, geojson, gpx, kml, points, table
 
 FORMATS = (
+    MissionFormat("fence or rally text", (".fen", ".ral"), points.loads),
     MissionFormat("KML", (".kml",), kml.loads, kml.dumps),
     MissionFormat("KMZ", (".kmz",), kml.kmz_loads, kml.kmz_dumps),
     MissionFormat("GeoJSON", (".geojson", ".geojsonl", ".geojsons"), geojson.loads, geojson.dumps),

@@ -18,9 +18,9 @@ from xml.etree import ElementTree
 from geo.reading import archive_of
 from mission.errors import MissionFileError
 from mission.files.common import Firmware
-from mission.files.comparison import Loss, dropped, numbered
-from mission.files.xml import add, decimal, document
+from mission.files.formats import Loss, dropped, numbered
 from mission.model import Command, Frame, Mission, MissionItem
+from wbf_mission.addons.base.xml_output import add, decimal, document
 from wbf_mission.addons.formats.records import command_name, is_placed
 
 _DRONE_NAME = "Mavic 3M"

@@ -23,9 +23,8 @@ import msgspec
 import numpy as np
 import shapely
 
-from geo.attributes import KNOWN, farm_properties, kind_of
 from geo.errors import FarmError
-from geo.features import MAX_FEATURES, MAX_VERTICES, Document, Entry
+from geo.features import KNOWN, MAX_FEATURES, MAX_VERTICES, Document, Entry, farm_properties, kind_of
 from geo.frame import EXAMPLE_CRS, Coordinates, LocalFrame, coordinates_of
 from geo.imports import load_extra
 from geo.reading import Archive, ArchiveError, UnreadableError, read_file, read_text

@@ -11,8 +11,8 @@ from geo.reading import json_texts
 from geo.texts import one_line
 from mission.errors import MissionFileError
 from mission.files.common import BOM, GEOJSON_KIND, Firmware, check_json, decode_json
-from mission.files.drawn import Drawing, DrawnPath, Point
 from mission.model import Mission
+from wbf_mission.addons.formats.drawn import Drawing, DrawnPath, Point
 from wbf_mission.addons.formats.records import (
     PATH,
     LatLon,

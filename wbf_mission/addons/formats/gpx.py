@@ -14,9 +14,9 @@ from xml.etree import ElementTree
 from geo.texts import parse_number
 from mission.errors import MissionFileError
 from mission.files.common import GPX_KIND, Firmware
-from mission.files.drawn import Drawing, DrawnPath, Point
-from mission.files.xml import add, decimal, document
 from mission.model import Frame, Mission
+from wbf_mission.addons.base.xml_output import add, decimal, document
+from wbf_mission.addons.formats.drawn import Drawing, DrawnPath, Point
 from wbf_mission.addons.formats.records import (
     LatLon,
     Record,

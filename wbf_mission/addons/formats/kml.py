@@ -14,9 +14,9 @@ from geo.reading import Archive, ArchiveError, archive_of
 from geo.texts import parse_number
 from mission.errors import MissionFileError
 from mission.files.common import KML_KIND, KMZ_KIND, MAX_BYTES, Firmware, kind_of, wrong_kind
-from mission.files.drawn import Drawing, DrawnPath, Point
-from mission.files.xml import add, decimal, document
 from mission.model import Frame, Mission
+from wbf_mission.addons.base.xml_output import add, decimal, document
+from wbf_mission.addons.formats.drawn import Drawing, DrawnPath, Point
 from wbf_mission.addons.formats.records import (
     PATH,
     LatLon,

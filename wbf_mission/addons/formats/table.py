@@ -6,12 +6,12 @@ import csv
 import io
 from typing import Any
 
-from geo.attributes import DEGREES, LATITUDES, LONGITUDES, column_name
+from geo.features import DEGREES, LATITUDES, LONGITUDES, column_name
 from geo.texts import decimal_point
 from mission.errors import MissionFileError
 from mission.files.common import TEXT_KIND, UTF_16_KIND, Firmware, decode_text, kind_of, wrong_kind
-from mission.files.drawn import Drawing, DrawnPath, Point
 from mission.model import Frame, Mission
+from wbf_mission.addons.formats.drawn import Drawing, DrawnPath, Point
 from wbf_mission.addons.formats.records import Record, mission_of, records_of, text_of
 
 _COLUMNS = (

@@ -28,8 +28,7 @@ from sim_vehicle.component import Component
 from sim_vehicle.host.server import Server
 from wbf_mission.addons.mavsdk.link import Call, MavsdkLink
 from wbf_mission.addons.mavsdk.transfers import mavsdk_transfers
-from wbf_mission.live.discovery import LiveFlightError
-from wbf_mission.live.hosting import Heard, LinkHost, Note, Tap, Via
+from wbf_mission.live import Heard, LinkHost, LiveFlightError, Note, Tap, Via
 from wbf_mission.scenario import Scenario
 
 __all__ = ["MavsdkOrders", "MavsdkVia"]

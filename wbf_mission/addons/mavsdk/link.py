@@ -15,7 +15,7 @@ from mavsdk.logging import LogLevel, log_subscribe, log_unsubscribe
 
 from mission.errors import LinkError
 from mission.link.address import SERIAL, LinkAddress, parse_link_url
-from mission.transfer.errors import NoVehicleError
+from mission.transfer.events import NoVehicleError
 from mission.transfer.wire import GROUND_STATION
 
 __all__ = ["Call", "MavsdkLink", "mavsdk_url"]

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from mission.ground.command import OperatorCommand
     from mission.ground.contact import Contact
     from sim_vehicle.component import Component
-    from wbf_mission.live.watching import FleetWatch
+    from wbf_mission.addons.operate.watching import FleetWatch
 
 MONITOR_EXAMPLES = """
 Examples
@@ -94,7 +94,7 @@ def monitor_command(
     from sim_vehicle.host.simulation import StopReason
     from wbf_mission.addons.operate.control_station import ControlStation
     from wbf_mission.addons.operate.telemetry_events import TelemetryEvents
-    from wbf_mission.live.watching import FleetWatch
+    from wbf_mission.addons.operate.watching import FleetWatch
     from wbf_mission.scenario import ScenarioError
 
     if not 0.05 <= interval <= 3600.0 or not (duration is None or 0.0 < duration <= 1e7):

@@ -13,9 +13,8 @@ from mission.ground.command import (
     VehicleRefusedError,
     VehicleSilentError,
 )
-from mission.ground.contact import Contact, Heartbeat
+from mission.ground.contact import Answer, Contact, Heartbeat, Order, StateBefore, result_name
 from mission.ground.modes import Maneuver
-from mission.ground.orders import Answer, Order, StateBefore, result_name
 from mission.ground.vehicle_state import VehicleMonitor
 from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
@@ -56,7 +55,9 @@ def step_of(wanted: OperatorCommand, vehicle: tuple[int, int], heard: VehicleMon
     """
     if wanted.order in ("arm", "disarm"):
         arms = wanted.order == "arm"
-        return Step(lambda one: one.state.armed == arms, int(m.MAV_CMD_COMPONENT_ARM_DISARM), (float(arms),))
+        return Step(
+            lambda seen: seen.state.armed == arms, int(m.MAV_CMD_COMPONENT_ARM_DISARM), (float(arms),)
+        )
     if wanted.order == "takeoff":
         return _takeoff(wanted, vehicle[0], heard)
     if wanted.order == "mission":
@@ -67,15 +68,15 @@ def step_of(wanted: OperatorCommand, vehicle: tuple[int, int], heard: VehicleMon
                 " off at this order: give --arm, too, if it may"
             )
             raise MotorsStandError(msg)
-        return Step(lambda one: one.in_mission, int(m.MAV_CMD_MISSION_START))
+        return Step(lambda seen: seen.in_mission, int(m.MAV_CMD_MISSION_START))
     if wanted.order == "set-item":
         return _set_item(wanted, vehicle, heard)
     if wanted.order == "mode":
         numbers, name = heard.modes.numbers(wanted.value), heard.modes.told_name(wanted.value)
-        return Step(lambda one: one.mode == name, int(m.MAV_CMD_DO_SET_MODE), numbers)
+        return Step(lambda seen: seen.mode == name, int(m.MAV_CMD_DO_SET_MODE), numbers)
     maneuver = Maneuver(wanted.order)
     shows = heard.modes.shows(maneuver)
-    shown = (lambda one: one.mode in shows) if shows else (lambda one: not one.in_mission)
+    shown = (lambda seen: seen.mode in shows) if shows else (lambda seen: not seen.in_mission)
     return Step(shown, *heard.modes.maneuver(maneuver))
 
 
@@ -95,7 +96,7 @@ def _takeoff(wanted: OperatorCommand, system_id: int, heard: VehicleMonitor) -> 
     default = math.nan if profile.nan_parameters is None else 0.0
     params = (0.0, 0.0, 0.0, default, default, default, altitude_m)
     start_m = state.height_m
-    return Step(lambda one: one.state.height_m > start_m + OFF_GROUND_M, int(m.MAV_CMD_NAV_TAKEOFF), params)
+    return Step(lambda seen: seen.state.height_m > start_m + OFF_GROUND_M, int(m.MAV_CMD_NAV_TAKEOFF), params)
 
 
 def _set_item(wanted: OperatorCommand, vehicle: tuple[int, int], heard: VehicleMonitor) -> Step:
@@ -108,7 +109,7 @@ def _set_item(wanted: OperatorCommand, vehicle: tuple[int, int], heard: VehicleM
     seq = item + (1 if profile.home_at_zero else 0)
     by_message = m.MAVLink_mission_set_current_message(*vehicle, seq)
     command = int(m.MAV_CMD_DO_SET_MISSION_CURRENT) if profile.item_command else None
-    return Step(lambda one: one.state.item == item, command, (float(seq),), by_message)
+    return Step(lambda seen: seen.state.item == item, command, (float(seq),), by_message)
 
 
 _PATIENCE_S = 15.0

@@ -8,9 +8,9 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from geo.system import steady_s
+from mission.ground.arming_gate import Standstill
 from mission.ground.command import OperatorCommand
 from mission.ground.contact import Contact, Heartbeat
-from mission.ground.standstill import Standstill
 from mission.ground.vehicle_state import VehicleMonitor
 from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m

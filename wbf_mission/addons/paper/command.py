@@ -8,8 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from wbf_mission.cli import options
-from wbf_mission.cli.bench import RUN_PANEL, selection
-from wbf_mission.cli.bench_output import exit_code, tell_failures
+from wbf_mission.cli.bench import RUN_PANEL, exit_code, selection, tell_failures
 from wbf_mission.cli.command import Command
 from wbf_mission.cli.options import option
 from wbf_mission.cli.output import Output

@@ -17,9 +17,8 @@ from sensors.fields import FieldSet
 from wbf_mission.addons.base.plots import FLOWN, LAND, WORST_COLOURS, draw_farm, new_sheet, save_sheet
 from wbf_mission.addons.paper.shown import ShownRun
 from wbf_mission.bench.intervals import Interval, mean_intervals
-from wbf_mission.bench.page import Table
+from wbf_mission.bench.page import Table, draw_mean_score, scores_at
 from wbf_mission.bench.rows import BenchRow, by_pair
-from wbf_mission.bench.tables import draw_mean_score, scores_at
 from wbf_mission.scenario import Scenario
 
 if TYPE_CHECKING:

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geo import Farm
-from geo.attributes import DEGREES, LATITUDES, LONGITUDES, column_name
+from geo.features import DEGREES, LATITUDES, LONGITUDES, column_name
 from geo.reading import UnreadableError, read_text
 from geo.texts import parse_number, parse_whole
 from sensors.camera.leaf_camera import footprint_offsets

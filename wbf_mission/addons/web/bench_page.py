@@ -14,12 +14,9 @@ from pathlib import Path
 from geo.atomic import atomic_write
 from wbf_mission.addons.base.html_page import data_element, data_uri
 from wbf_mission.addons.web.document import document
-from wbf_mission.bench.environments import Scored, scored
-from wbf_mission.bench.page import Page, Picture, Table
+from wbf_mission.bench.page import SCORES, Page, Picture, Table, standing_table
 from wbf_mission.bench.rows import KEY_DIGITS, BenchRow
-from wbf_mission.bench.standings import standings_of
-from wbf_mission.bench.tables import SCORES, standing_table
-from wbf_mission.bench.versions import apart
+from wbf_mission.bench.standings import Scored, apart, scored, standings_of
 
 _NAMES = 3
 _OF_TEXTS = 2

@@ -21,7 +21,7 @@ from geo.errors import FarmError, WbfMissionError
 from geo.grid import Crop
 from geo.texts import parse_number
 from mission.planners import make_planner
-from mission.planners.registry import planner_parameters
+from mission.planners.request import planner_parameters
 from mission.policies.policy import policy_parameters
 from mission.transfer.vehicles import Vehicle
 from wbf_mission.addons.web import drafts
@@ -32,8 +32,7 @@ from wbf_mission.addons.web.shapes import farm_shape, plan_shape
 from wbf_mission.addons.web.studio_flight import StudioFlight
 from wbf_mission.addons.web.words import worded
 from wbf_mission.events import EventStream, Planned
-from wbf_mission.live.discovery import fitted_to
-from wbf_mission.live.uploading import upload_checked
+from wbf_mission.live import fitted_to, upload_checked
 from wbf_mission.preflight.inquiry import VehicleSnapshot
 from wbf_mission.preflight.subject import Circumstances
 from wbf_mission.scenario import Scenario, scenario_with

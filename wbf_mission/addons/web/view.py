@@ -21,9 +21,8 @@ from geo.grid import FarmGrid
 from geo.system import steady_s
 from mission.outcome import in_words
 from mission.policies.decision import AcquisitionMap
-from sensors.estimators.append_buffer import GrowingArray
 from sensors.fields import HEALTH_COLOURS, WATER_COLOURS, Field
-from sensors.observations import Observations
+from sensors.observations import GrowingArray, Observations
 from sensors.scoring.information import InformationModel
 from sensors.scoring.score import Score
 from wbf_mission import events

@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 from bench_rows import made_row, rows
 
-from wbf_mission.addons.boards.comparison import compare
-from wbf_mission.bench.intervals import verdict
+from wbf_mission.addons.boards.comparison import compare, doubt_in_words, verdict
 from wbf_mission.bench.rows import read_rows
 from wbf_mission.cli.app import main
 
@@ -67,3 +66,13 @@ def test_compare_gives_a_verdict_and_keeps_what_it_flew(tmp_path, capsys):
     assert main([*arguments, "--seeds", "2"]) == 0
     assert "difference of scores" in capsys.readouterr().out
     assert main(["bench", "compare", "spiral", "--against", "spiral"]) == 2
+
+
+def test_few_environments_are_said_to_be_few():
+    assert "31 %" in doubt_in_words(8)
+    assert "may hold in 50 of 100" in doubt_in_words(8)
+    assert "may hold in 75 of 100" in doubt_in_words(20)
+    assert "may hold" not in doubt_in_words(40)
+    assert "Ratios" in doubt_in_words(7)
+    assert "Ratios" not in doubt_in_words(8)
+    assert doubt_in_words(1) == "One environment has no interval."

@@ -10,12 +10,10 @@ from PIL import Image
 
 from wbf_mission.addons.boards.ratios import WHOLE, by_fixed
 from wbf_mission.addons.boards.report import report_page
-from wbf_mission.bench.cards import Card
-from wbf_mission.bench.environments import scored
 from wbf_mission.bench.intervals import Interval
-from wbf_mission.bench.requests import Asked, AskedFor
-from wbf_mission.bench.standings import standings
-from wbf_mission.bench.tables import standing_table
+from wbf_mission.bench.page import standing_table
+from wbf_mission.bench.requests import Asked, AskedFor, Card
+from wbf_mission.bench.standings import scored, standings
 
 
 def markdown_of(rows, folder, title="x"):

@@ -12,8 +12,8 @@ import pytest
 
 from geo.farms import get_farm
 from geo.grid import FarmGrid
-from geo.memory import AvailableMemory, NotEnoughMemoryError
 from geo.seeds import child_seed
+from geo.system import AvailableMemory, NotEnoughMemoryError
 from sensors.environment import Environment, generate_environment
 from sensors.errors import EnvironmentDataError
 from wbf_mission.addons.ensembles import ensemble as ensemble_module
@@ -175,10 +175,10 @@ def test_bad_numbers_are_refused(grid: FarmGrid, tmp_path: Path, numbers: dict[s
 def test_too_little_memory_is_foreseen(
     grid: FarmGrid, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("geo.memory.available_memory", lambda: AvailableMemory(10**8, "the test"))
+    monkeypatch.setattr("geo.system.available_memory", lambda: AvailableMemory(10**8, "the test"))
     with pytest.raises(NotEnoughMemoryError, match=r"2 environments .* at once needs .*; take fewer jobs$"):
         generate_ensemble(grid, tmp_path / "e", members=2, seed=7, jobs=2)
-    monkeypatch.setattr("geo.memory.available_memory", lambda: AvailableMemory(10, "the test"))
+    monkeypatch.setattr("geo.system.available_memory", lambda: AvailableMemory(10, "the test"))
     with pytest.raises(NotEnoughMemoryError, match=r"; take a smaller farm$"):
         generate_ensemble(grid, tmp_path / "e", members=2, seed=7)
     assert not (tmp_path / "e").exists()

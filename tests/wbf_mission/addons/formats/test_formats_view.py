@@ -13,7 +13,7 @@ from mission.files import mission_formats, read_mission, reader_for, write_missi
 
 def test_they_come_after_those_of_the_core(tmp_path):
     assert [suffix for mission_format in mission_formats() for suffix in mission_format.suffixes] == [
-        *(".plan", ".waypoints", ".wpl", ".txt", ".fen", ".ral", ".json"),
+        *(".plan", ".waypoints", ".wpl", ".txt", ".json", ".fen", ".ral"),
         *(".kml", ".kmz", ".geojson", ".geojsonl", ".geojsons", ".gpx", ".csv", ".wpml.kmz"),
     ]
     with pytest.raises(MissionFileError, match=r"unknown suffix .*\.plan, \.waypoints, .*\.gpx or \.csv$"):

@@ -19,6 +19,7 @@ from sim_vehicle.host.server import Server
 from wbf_mission.addons.operate.control_station import ControlStation
 from wbf_mission.addons.operate.simulation import SimulatedWatch
 from wbf_mission.addons.operate.telemetry_events import TelemetryEvents
+from wbf_mission.addons.operate.watching import FleetWatch
 from wbf_mission.events import (
     EventStream,
     Noted,
@@ -29,7 +30,6 @@ from wbf_mission.events import (
     VehicleMoved,
     VehicleSaid,
 )
-from wbf_mission.live.watching import FleetWatch
 from wbf_mission.run.orders import Orders
 from wbf_mission.run.plan import plan
 from wbf_mission.simulator import make_components

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from axe_playwright_python.sync_playwright import Axe
 from bench_rows import made_row
-from live_page import chromium, page_at
+from live_page import page_at
 from playwright.sync_api import Browser, Locator, Page, expect
 from single_page import SinglePage
 
@@ -61,12 +61,6 @@ def folder(rows: list[BenchRow], tmp_path_factory: pytest.TempPathFactory) -> Pa
 def file(folder: Path) -> Path:
     assert main(["report", str(folder), "--quiet"]) == 0
     return folder.with_name("results.html")
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Browser]:
-    with chromium() as started:
-        yield started
 
 
 @pytest.fixture

@@ -7,7 +7,6 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from bench_rows import made_row
-from live_page import chromium
 from PIL import Image
 
 from wbf_mission.addons.web.bench_page import write_bench_page
@@ -42,12 +41,6 @@ BROKEN = r"""() => {
     return found;
 }"""
 LOOKS = [(1200, False), (1200, True), (400, False), (400, True)]
-
-
-@pytest.fixture(scope="module")
-def browser():
-    with chromium() as started:
-        yield started
 
 
 def look(browser, file, *, width, dark):

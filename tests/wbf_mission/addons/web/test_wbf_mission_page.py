@@ -10,7 +10,7 @@ import re
 import sqlite3
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 import pytest
 from axe_playwright_python.sync_playwright import Axe
-from live_page import chromium, page_at, standing, standing_page
+from live_page import page_at, standing, standing_page
 from PIL import Image, ImageChops
 from playwright.sync_api import Browser, Page, expect
 from starlette.requests import Request
@@ -66,12 +66,6 @@ HEAR = """() => {
     new MutationObserver(() => heard.push(lost.textContent)).observe(lost, { childList: true });
 }"""
 STILL = "() => new Promise(done => requestAnimationFrame(() => setTimeout(done, 300)))"
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Browser]:
-    with chromium() as started:
-        yield started
 
 
 @pytest.fixture

@@ -5,13 +5,12 @@ from __future__ import annotations
 import base64
 import json
 import zlib
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from live_page import chromium, page_at
+from live_page import page_at
 from playwright.sync_api import Browser, expect
 from single_page import SinglePage
 
@@ -47,12 +46,6 @@ def files(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, P
     for row in read_rows(folder):
         assert main(["bench", "replay", str(folder), row.key, "--out", str(out), "--format", "html"]) == 0
     return {row.planner: out / f"{row.key[:8]}.html" for row in read_rows(folder)}
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Browser]:
-    with chromium() as started:
-        yield started
 
 
 def acquisitions_in(held: dict[str, Any]) -> list[tuple[float, np.ndarray]]:

@@ -7,7 +7,6 @@ import json
 import re
 import webbrowser
 import zlib
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -15,7 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 from axe_playwright_python.sync_playwright import Axe
-from live_page import chromium, page_at
+from live_page import page_at
 from numpy.typing import NDArray
 from playwright.sync_api import Browser, Page, expect
 from single_page import SinglePage
@@ -72,12 +71,6 @@ def file(folder: Path, result: Result, tmp_path_factory: pytest.TempPathFactory)
 def recording(file: Path) -> dict[str, Any]:
     (held,) = SinglePage(file).held("recording")
     return dict(held)
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Browser]:
-    with chromium() as started:
-        yield started
 
 
 def layers_at_the_end(held: dict[str, Any]) -> dict[str, NDArray[np.float64]]:

@@ -11,7 +11,8 @@ import socket
 import sqlite3
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Coroutine, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -52,6 +53,12 @@ from wbf_mission.run.orders import LIFE_S, Orders
 
 LONG_S = 120.0  # a limit against hanging, not a measure
 PNG = b"\x89PNG\r\n\x1a\n" + b"0" * 20
+
+
+def run(what: Coroutine[Any, Any, Any]) -> Any:
+    """Run a coroutine in a thread: the tests' thread may have a loop, that of the browser of other tests."""
+    with ThreadPoolExecutor(1) as threads:
+        return threads.submit(asyncio.run, what).result()
 
 
 @contextmanager
@@ -260,7 +267,7 @@ def test_viewers_share_an_update_although_the_run_goes_on(monkeypatch: pytest.Mo
         first, cursor = await ten(None)
         return first, (await ten(cursor))[0]
 
-    first, second = asyncio.run(twice())
+    first, second = run(twice())
     viewer = Viewer()
     assert viewer.take(first)["states"]["1"]["x"] == [0.0]
     assert viewer.take(second)["states"]["1"]["x"] == [1.0]
@@ -612,7 +619,7 @@ class Closed:
 @pytest.mark.parametrize("telling", ["_tell", "_tell_beats"])
 def test_a_connection_that_is_closed_while_it_is_told_ends_quietly(telling: str) -> None:
     server = LiveServer(View(), orders=Taking())
-    asyncio.run(asyncio.wait_for(server._serve_page(getattr(server, telling), Closed()), 10.0))
+    run(asyncio.wait_for(server._serve_page(getattr(server, telling), Closed()), 10.0))
 
 
 UNFINISHED = {

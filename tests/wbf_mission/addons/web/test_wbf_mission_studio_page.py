@@ -15,7 +15,7 @@ import pytest
 from axe_playwright_python.sync_playwright import Axe
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from live_page import chromium, page_at
+from live_page import page_at
 from playwright.sync_api import Browser, Locator, Page, expect
 
 from geo import load_farm
@@ -29,12 +29,6 @@ pytestmark = pytest.mark.slow
 DATA = Path(__file__).parents[3] / "data" / "studio"
 PLANNED = re.compile(r"planned in")
 SLOW_MS = 90_000
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Browser]:
-    with chromium() as started:
-        yield started
 
 
 @pytest.fixture(scope="module")

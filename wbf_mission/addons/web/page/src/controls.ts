@@ -215,6 +215,7 @@ export class Controls {
 
   /** Send a request once, or show that it was not sent. */
   private tell(what: string, wish: Wish): void {
+    this.show(); // A loss of the program is noticed first, as it clears messages
     const number = this.send(wish);
     if (number === null) return this.say(`${what}: not sent: the program does not answer`, true);
     this.open.set(number, what);
@@ -246,8 +247,7 @@ export class Controls {
     act: (value: string | null) => void,
     may: () => boolean,
   ): void {
-    const heading = element("h2", { id: "confirm-title" });
-    setText(heading, title);
+    const heading = element("h2", { id: "confirm-title" }, title);
     const input = element("input", { type: "number", min: "1", step: "any", required: "" });
     const form = element("form", { method: "dialog" }, heading);
     if (text) form.append(element("p", {}, text));

@@ -1,0 +1,223 @@
+"""The operator's console in the process of the test: what it says and asks while a vehicle flies."""
+
+import io
+import os
+import threading
+
+import numpy as np
+import pytest
+from stand_in import scenario, stand_in
+
+from mission.outcome import Outcome
+from mission.policies.decision import Decision
+from mission.policies.observation import Event
+from mission.policies.policy import Triggers
+from wbf_mission.addons.operate import console as operator_console
+from wbf_mission.addons.operate.console import TerminalConsole
+from wbf_mission.addons.operate.link import LiveLink
+from wbf_mission.cli import signals
+from wbf_mission.cli.output import Output
+from wbf_mission.events import Asked, Orderable, VehicleMoved
+from wbf_mission.flight import fly
+from wbf_mission.run.orders import Orders
+from wbf_mission.scenario import scenario_with
+
+
+@pytest.fixture
+def typed(monkeypatch):
+    """Type at a terminal."""
+    ours, theirs = os.openpty()
+    with os.fdopen(theirs, "r") as stdin:
+        monkeypatch.setattr(operator_console.sys, "stdin", stdin)
+        yield lambda text: os.write(ours, text.encode())
+    os.close(ours)
+    signals.defer(False)
+
+
+def test_a_flight_is_told_from_the_question_to_the_ground(typed, capsys):
+    typed("y\n")
+    with stand_in() as (url, _):
+        result = fly(scenario(), by=LiveLink(url, TerminalConsole(Output())))
+    assert result.outcome is Outcome.COMPLETED
+    told = capsys.readouterr().err
+    for text in ("waiting until", "start the motors? [y/N]", "flying", "images, link", "vehicle: Disarmed"):
+        assert text in told, told
+    assert told.index("start the motors") < told.index("images, link")
+
+
+def test_no_starts_nothing(typed, capsys):
+    typed("no\n")
+    with stand_in() as (url, made):
+        result = fly(scenario(), by=LiveLink(url, TerminalConsole(Output())))
+        assert not made.vehicle.pilot.armed
+    assert result.outcome is not Outcome.COMPLETED and not len(result.observations)
+    assert "start the motors? [y/N]" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("text", "goes_on"), [("\n", True), ("y\n", True), ("q\n", False), ("Quit\n", False)]
+)
+def test_between_sorties_one_question_and_its_answer(typed, capsys, text, goes_on):
+    console = TerminalConsole(Output())
+    assert console.goes_on("sortie 2 of 3?") is None
+    typed(text)
+    assert console.goes_on("sortie 2 of 3?") is goes_on
+    assert capsys.readouterr().err.count("sortie 2 of 3?") == 1
+
+
+class Page:
+    """Who watches a flight: orders one thing after the other, each when what it waits for has happened."""
+
+    def __init__(self, *steps):
+        self.output = Output()
+        self.orders = Orders(self.output.events)
+        self.asked, self._steps, self._may = [], list(steps), ()
+        for kind in (Orderable, VehicleMoved, Asked):
+            self.output.events.listen(self._look, kind)
+
+    def _look(self, event):
+        if isinstance(event, Asked):
+            self.asked.append(event)
+        if isinstance(event, Orderable):
+            self._may = event.orders
+        # A page's buttons are off until an order can be given.
+        if self._steps and self._steps[0][0](event) and self._steps[0][1] in self._may:
+            _, *given = self._steps.pop(0)
+            assert self.orders.take([1], *given) == ""
+
+    def fly(self, url, policy=None, **options):
+        link = LiveLink(url, TerminalConsole(self.output, self.orders), orders=self.orders)
+        chosen = scenario_with(scenario(**options), {"policy": policy})
+        return fly(chosen, by=link, events=self.output.events)
+
+
+def may(order):
+    return lambda event: isinstance(event, Orderable) and order in event.orders
+
+
+def shows(*modes):
+    """It has shown one of these modes for some seconds."""
+    times = []
+
+    def shown(event):
+        if isinstance(event, VehicleMoved) and event.mode in modes:
+            times.append(event.time_s)
+        return bool(times) and times[-1] > times[0] + 4.0
+
+    return shown
+
+
+def flies(event):
+    return isinstance(event, VehicleMoved) and event.armed and event.height_m > 5.0 and bool(event.item)
+
+
+@pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
+def test_a_page_starts_holds_and_lets_go_on(autopilot, monkeypatch, capsys):
+    """Nobody is at the terminal: its input is at its end."""
+    monkeypatch.setattr(operator_console.sys, "stdin", io.StringIO())
+    page = Page(
+        (may("start"), "start", "", True),
+        (flies, "hold"),
+        (shows("LOITER", "BRAKE"), "resume"),
+    )
+    with stand_in(autopilot) as (url, _):
+        result = page.fly(url, autopilot=autopilot)
+    told = capsys.readouterr().err
+    assert result.outcome is Outcome.COMPLETED, told
+    assert page.asked[0].question.startswith("ready: ") and page.asked[0].answers == ("do not start",)
+    assert page.asked[-1].question == ""
+    hold = {"px4": "LOITER", "ardupilot": "BRAKE"}[autopilot]
+    order = [
+        "start the motors? [y/N]",
+        "ordered by the page: start",
+        "ordered by the page: hold",
+        f"the vehicle holds (mode {hold})",
+        "ordered by the page: resume",
+        "the vehicle continues its mission",
+    ]
+    places = [told.find(text) for text in order]
+    assert -1 not in places and places == sorted(places), told
+    assert not [one for one in result.warnings if "by hand" in one], "no seed gives a real flight again"
+
+
+def test_a_page_does_not_start_what_it_was_asked_about(typed, capsys):
+    page = Page()
+    refused = []
+
+    def look(event):
+        if event.answers:
+            refused.append(page.orders.take([1], "start"))
+            refused.append(page.orders.answer("y", event.number))
+            assert page.orders.answer("do not start", event.number) == ""
+
+    page.output.events.listen(look, Asked)
+    with stand_in() as (url, made):
+        result = page.fly(url)
+        assert not made.vehicle.pilot.armed
+    assert result.outcome is Outcome.NOT_STARTED
+    assert refused[1] == "'y' answers nothing: give do not start"
+    assert "answered by the page: do not start" in capsys.readouterr().err
+
+
+def test_a_page_says_that_the_battery_is_changed(typed):
+    page = Page()
+    console = TerminalConsole(page.output, page.orders)
+    assert console.goes_on("sortie 2 of 3?") is None
+    assert page.asked == [Asked("sortie 2 of 3?", ("battery changed", "no more"))]
+    assert page.orders.answer("battery changed", page.asked[-1].number) == ""
+    assert console.goes_on("sortie 2 of 3?") is True
+    assert console.goes_on("sortie 3 of 3?") is None
+    page.orders.answer("no more", page.asked[-1].number)
+    assert console.goes_on("sortie 3 of 3?") is False
+
+
+class Thoughtful:
+    """A policy that turns over its first answer in flight until `go_on`, and never changes its mind after."""
+
+    def __init__(self):
+        self.triggers = Triggers(period_s=1.0)
+        self.go_on = threading.Event()
+
+    def start(self):
+        self.asked, self.came, self.kept = 0, False, False
+
+    def decide(self, observation):
+        left, low, right, high = observation.vehicles[0].request.area.bounds
+        x, y = np.linspace(left, right, 7)[1:-1], np.linspace(low, high, 7)[1:-1]
+        path = [(x[0], y[0]), (x[0], y[-1]), (x[2], y[-1]), (x[2], y[0]), (x[-1], y[0]), (x[-1], y[-1])]
+        if observation.event is Event.START:
+            return Decision({1: path})
+        self.asked += 1
+        if self.asked > 1:
+            return Decision({})
+        before = observation.model.value.copy()
+        self.came = self.go_on.wait(30.0)  # A limit against hanging, not a measure
+        self.kept = np.array_equal(before, observation.model.value)
+        return Decision({1: path[::-1]})
+
+
+def test_orders_are_obeyed_while_a_policy_decides_and_its_answer_is_dropped(monkeypatch, capsys):
+    monkeypatch.setattr(operator_console.sys, "stdin", io.StringIO())
+    policy = Thoughtful()
+    held = shows("LOITER")
+
+    def let_go_on(event):
+        if held(event):
+            policy.go_on.set()
+        return policy.go_on.is_set() and may("resume")(Orderable(("resume",)))
+
+    page = Page(
+        (may("start"), "start", "", True),
+        (lambda event: policy.asked > 0 and flies(event), "hold"),
+        (let_go_on, "resume"),
+    )
+    with stand_in("px4") as (url, _):
+        result = page.fly(url, policy=policy, autopilot="px4")
+    told = capsys.readouterr().err
+    assert policy.came, "the vehicle was heard, and held, before the policy had decided"
+    assert policy.kept, "what it was told stays as it was"
+    assert result.outcome is Outcome.COMPLETED, told
+    assert "the vehicle holds (mode LOITER)" in told and "too late" not in told
+    (first, *_) = [one for one in result.decisions if one.event != "start"]
+    outcomes = [change.outcome for change in first.changes]
+    assert outcomes == ["not sent: the vehicle was given an order while the policy decided"]

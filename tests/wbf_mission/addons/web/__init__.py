@@ -1,0 +1,1 @@
+"""The tests of the pages: a package, so that they share a browser."""

@@ -1,0 +1,1 @@
+"""Benchmarks on the workers of a Dask cluster."""

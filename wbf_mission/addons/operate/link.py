@@ -1,0 +1,329 @@
+"""Runs with vehicles behind links: discovery, preflight, battery change."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
+from pathlib import Path
+from typing import Any, ClassVar
+
+from geo.errors import WbfMissionError
+from mission.ground.arming_gate import FARTHEST_M
+from mission.ground.link import find_vehicles
+from mission.model import GeoPoint
+from mission.transfer.vehicles import Vehicle as HeardVehicle
+from sim_vehicle.airframe.catalog import get_vehicle
+from sim_vehicle.faults.fault import Fault
+from wbf_mission.addons.operate.battery_change import REAL_FULL, BatteryWait, needed_fraction, risen_fraction
+from wbf_mission.addons.operate.console import TerminalConsole
+from wbf_mission.addons.operate.hosting import LinkHosting
+from wbf_mission.cli.output import Output
+from wbf_mission.events import EventStream
+from wbf_mission.live import LiveFlightError, Via, fitted_to
+from wbf_mission.planning import PlanResult
+from wbf_mission.planning.builder import budget_left
+from wbf_mission.planning.fleet import Vehicle
+from wbf_mission.planning.sorties import CHANGE_S
+from wbf_mission.preflight.finding import (
+    Concern,
+    Finding,
+    PreflightError,
+    Report,
+    Severity,
+)
+from wbf_mission.preflight.inquiry import VehicleSnapshot, ask_vehicle
+from wbf_mission.preflight.run import check_mission, check_plans
+from wbf_mission.preflight.subject import Circumstances
+from wbf_mission.run.campaign import Campaign
+from wbf_mission.run.hosting import Hosting
+from wbf_mission.run.joint_flight import OperatorConsole
+from wbf_mission.run.orders import Orders
+from wbf_mission.run.real_sorties import BatteryChanger
+from wbf_mission.run.record import FlightRecord
+from wbf_mission.scenario import Scenario, VehicleOptions
+from wbf_mission.scenario.parts import MOST_VEHICLES
+from wbf_mission.scenario.values import LAYERS
+
+__all__ = ["LiveLink", "connect", "require_single_flight", "wanted_vehicles"]
+
+_NEAR_M = 5.0
+
+
+def _in_a_layer(finding: Finding) -> Finding:
+    """Return a finding about the return altitude as a warning about other layers; others unchanged."""
+    if finding.code != "other-return":
+        return finding
+    text = "it returns at another height than its layer's, where others may fly"
+    return replace(
+        finding, severity=Severity.WARNING, text=text, fix="set the parameter to the planned height"
+    )
+
+
+def require_single_flight(scenario: Scenario) -> None:
+    """Raise LiveFlightError for a run of several flights, and for the paper's ideal robots."""
+    if scenario.farm.days * scenario.farm.flights_per_day > 1:
+        msg = "--connect does one flight: batteries are not changed by a program; leave out days and flights"
+        raise LiveFlightError(msg)
+    for name in scenario.vehicle.fleet:
+        if get_vehicle(name).is_ideal:
+            msg = f"vehicle {name} is no real one: name what flies, such as quad"
+            raise LiveFlightError(msg)
+
+
+def wanted_vehicles(
+    urls: Sequence[str], system_ids: Sequence[int], named: int
+) -> tuple[tuple[str, int | None], ...]:
+    """Return link and system id of each vehicle; an id of None accepts any vehicle.
+
+    A single link serves all vehicles, and so does a single name in the scenario. Raises LiveFlightError if
+    the counts do not match, or a vehicle is named twice.
+
+    Examples
+    --------
+    >>> wanted_vehicles(["tcp:a:1"], [3, 5], 1), wanted_vehicles(["tcp:a:1", "tcp:b:1"], [], 2)
+    ((('tcp:a:1', 3), ('tcp:a:1', 5)), (('tcp:a:1', None), ('tcp:b:1', None)))
+    """
+    count = max(len(urls), len(system_ids), named)
+    if len(urls) not in (1, count) or len(system_ids) not in (0, count) or named not in (1, count):
+        msg = (
+            f"{named} vehicles, {len(urls)} links and {len(system_ids)} system ids do not fit: give --connect"
+            " once or for each vehicle, --system-id for each or not at all"
+        )
+        raise LiveFlightError(msg)
+    if count > MOST_VEHICLES:
+        msg = f"{count} vehicles: at most {MOST_VEHICLES} fly together"
+        raise LiveFlightError(msg)
+    links = list(urls) if len(urls) > 1 else [*urls] * count
+    ids: Sequence[int | None] = system_ids or [None] * count
+    found = tuple(zip(links, ids, strict=True))
+    for url, system_id in found:
+        if system_id is not None and found.count((url, system_id)) > 1:
+            msg = f"{url}: system {system_id} is named twice; name each vehicle once"
+            raise LiveFlightError(msg)
+    return found
+
+
+@dataclass(slots=True)
+class LiveLink:
+    """Vehicles behind one or several links, and the operator of their flight.
+
+    Parameters
+    ----------
+    urls : str or sequence of str
+        ``udpin:``, ``udpout:``, ``tcp:`` or ``tcpin:HOST:PORT``, or ``serial:DEVICE:BAUD``: one per vehicle,
+        or one for all.
+    system_ids : sequence of int
+        System id of each vehicle; by default the first vehicles that are heard.
+    force : bool
+        Fly a plan despite errors of the preflight check, also if the autopilot would refuse it.
+    change_s : float
+        With `agreed`: timeout of a battery change between two sorties (s).
+    tlog : Path, optional
+        File for every MAVLink frame of the run.
+    orders : Orders, optional
+        Orders of a watcher.
+    """
+
+    urls: str | Sequence[str]
+    console: OperatorConsole
+    agreed: bool = False
+    wait_s: float = 10.0
+    system_ids: Sequence[int] = ()
+    force: bool = False
+    via: Via = field(default_factory=Via)
+    change_s: float = CHANGE_S
+    tlog: Path | None = None
+    orders: Orders | None = None
+    _events: EventStream = field(default_factory=EventStream, init=False)
+    _heard: dict[int, tuple[str, HeardVehicle]] = field(default_factory=dict, init=False)
+    # Options that plans assume, before the vehicle's answers
+    _assumed: dict[int, VehicleOptions] = field(default_factory=dict, init=False)
+
+    full: ClassVar[float] = REAL_FULL
+    faults: ClassVar[tuple[()]] = ()
+
+    @property
+    def changer(self) -> BatteryChanger:
+        """The link waits for battery changes by itself."""
+        return self
+
+    def note(self, text: str) -> None:
+        """Send a line to the operator."""
+        self._events.note(text)
+
+    def fitted(self, scenario: Scenario, events: EventStream) -> Scenario:
+        """Wait for the vehicles, and return the scenario with the rules of their autopilots.
+
+        Raises LiveFlightError if the run is not possible with these vehicles, LinkError without a link, and
+        NoVehicleError without a vehicle.
+        """
+        self._events = events
+        require_single_flight(scenario)
+        urls = (self.urls,) if isinstance(self.urls, str) else tuple(self.urls)
+        wanted = wanted_vehicles(urls, tuple(self.system_ids), len(scenario.vehicle.fleet))
+        self.via.check_count(len(wanted))
+        found: dict[str, list[HeardVehicle]] = {}
+        for url in dict.fromkeys(url for url, _ in wanted):
+            ids = [system_id for other, system_id in wanted if other == url]
+            found[url] = list(
+                find_vehicles(url, ids, wait_s=self.wait_s, note=self.note, open_driver=self.via.driver)
+            )
+        heard = [(url, found[url].pop(0)) for url, _ in wanted]
+        by_id: dict[int, tuple[str, HeardVehicle]] = {}
+        for url, vehicle in heard:
+            self.note(f"heard: system {vehicle.system_id}, {vehicle.profile.name}")
+            if vehicle.system_id in by_id:
+                msg = (
+                    f"system {vehicle.system_id} is heard on {by_id[vehicle.system_id][0]} and on {url}: give"
+                    " each vehicle a system id of its own (PX4: MAV_SYS_ID, ArduPilot: MAV_SYSID or"
+                    " SYSID_THISMAV)"
+                )
+                raise LiveFlightError(msg)
+            by_id[vehicle.system_id] = url, vehicle
+            self.via.check(scenario, vehicle)
+        self._heard = dict(sorted(by_id.items()))
+        return fitted_to(scenario, *(vehicle for _, vehicle in heard))
+
+    def numbered(self, vehicles: Sequence[Vehicle]) -> tuple[Vehicle, ...]:
+        """Return the run's vehicles with the system ids and positions of the vehicles that were heard.
+
+        A vehicle starts and lands at its position, so its budget includes the flight to the first waypoint
+        and back. A vehicle within a few metres of the planned start, or too far away to fly, keeps the
+        planned start.
+
+        Raises WbfMissionError if the budget does not suit a vehicle at its position, or the vehicle is no
+        longer heard.
+        """
+        return tuple(
+            self._standing(replace(vehicle, task=replace(vehicle.task, system_id=number)))
+            for vehicle, number in zip(vehicles, self._heard, strict=True)
+        )
+
+    def _standing(self, vehicle: Vehicle) -> Vehicle:
+        """Return the vehicle with its reported position and parameters."""
+        task = vehicle.task
+        snapshot, who = self._asked(task.system_id, placed=True), self._who(task.system_id)
+        self._assumed[task.system_id], own = vehicle.vehicle, snapshot.as_set(vehicle.vehicle)
+        if changed := {
+            key: own.parameters[key]
+            for key in own.parameters
+            if own.parameters[key] != vehicle.vehicle.parameters.get(key)
+        }:
+            values = ", ".join(f"{name} {value:g}" for name, value in changed.items())
+            self.note(f"{who}planned with its own parameters: {values}")
+        home_m = self._start_of(vehicle, snapshot.position, who)
+        if own is vehicle.vehicle and home_m == task.builder.home_m:
+            return vehicle
+        return replace(vehicle, vehicle=own).starting_at(home_m)
+
+    def _start_of(self, vehicle: Vehicle, stands: GeoPoint | None, who: str) -> tuple[float, float]:
+        """Return a vehicle's start position, in metres of the farm frame."""
+        planned_m, frame = vehicle.task.builder.home_m, vehicle.task.builder.farm.frame
+        if stands is None:
+            self.note(f"{who}it does not say where it stands: planned from the start of the farm")
+        if stands is None or vehicle.mission.file is not None:
+            return planned_m
+        x_m, y_m = map(float, frame.from_wgs84(stands.latitude_deg, stands.longitude_deg))
+        away_m = math.dist((x_m, y_m), planned_m)
+        if not _NEAR_M < away_m <= FARTHEST_M:
+            return planned_m
+        self.note(f"{who}it stands {away_m:.0f} m from the start of the farm: planned from where it stands")
+        return x_m, y_m
+
+    def _who(self, number: int) -> str:
+        """Return the prefix of lines about a vehicle."""
+        return f"vehicle {number}: " if len(self._heard) > 1 else ""
+
+    def _asked(self, number: int, *, placed: bool = False) -> VehicleSnapshot:
+        """Query a vehicle's state and settings; `placed` as in `Inquiry`."""
+        (url, _), who = self._heard[number], self._who(number)
+
+        def note(text: str) -> None:
+            self.note(who + text)
+
+        return ask_vehicle(url, wait_s=self.wait_s, system_id=number, note=note, placed=placed)
+
+    def check(self, campaign: Campaign, events: EventStream) -> None:
+        """Refuse plans with errors before take-off, including those of later sorties (`check_sent`)."""
+        planned, cut = campaign.planned, campaign.cut
+        if cut is not None:
+            self.note(cut.told())
+            later = [(plan, planned[0][0]) for plan in campaign.sorties[1:]]
+            check_plans(later, "nothing was sent", events, force=self.force)
+        if not campaign.run.decider.steers:
+            missions = [[plan] for _, plan in planned] if cut is None else [campaign.sorties]
+            for left in filter(None, dict.fromkeys(map(budget_left, missions))):
+                self.note(left)
+        self.check_sent(planned)
+
+    def check_sent(self, planned: Iterable[tuple[Vehicle, PlanResult]]) -> None:
+        """Check plans before their upload, against the answers of each vehicle.
+
+        A vehicle that cannot arm yet is no error: the start waits until it can.
+
+        All vehicles are queried first. Raises PreflightError if there are errors, unless `force` overrides
+        them.
+        """
+        refusals = []
+        for vehicle, plan in planned:
+            number = vehicle.task.system_id
+            who, snapshot = self._who(number), self._asked(number)
+            given = Circumstances.of(vehicle, plan.farm, snapshot)
+            layered = bool(who) and vehicle.vehicle.keeps.kind == LAYERS
+            if layered:  # The return altitude must be that of the layer, not the vehicle's own setting
+                given = replace(given, vehicle=self._assumed.get(number, vehicle.vehicle))
+            report = check_mission(plan.mission, given).report
+            if layered:
+                report = Report(tuple(map(_in_a_layer, report.findings)))
+            counted = report.about(Concern.PLAN, Concern.PARAMETERS, Concern.STATE)
+            refused = None if self.force else counted.refusal("nothing was sent")
+            report.tell(self._events, refused, who)
+            if refused is not None:
+                refusals.append(PreflightError(f"{who}{refused}", refused.finding))
+        if refusals:
+            raise refusals[0]
+
+    def change_battery(self, vehicle: Vehicle, plan: PlanResult, *, last: FlightRecord, which: str) -> str:
+        """Wait for the battery change, and check the next sortie.
+
+        Return why the sortie cannot be flown, empty if it can. With `agreed` no operator confirms the
+        change: the reading has to rise within `change_s`.
+        """
+        number = vehicle.task.system_id
+        url, _ = self._heard[number]
+        question = f"{which}: change the battery of the vehicle, then press Enter (q ends)"
+        if self.agreed:
+            self.note(f"{which}: waiting for another battery")
+        why = BatteryWait(
+            needed_fraction(plan),
+            None if self.agreed else partial(self.console.goes_on, question),
+            risen_fraction(*last.battery_readings),
+            self.change_s,
+            self.note,
+        ).wait(url, number)
+        if why:
+            return why
+        try:
+            self.check_sent([(vehicle, plan)])
+        except WbfMissionError as error:
+            return str(error)
+        return ""
+
+    def hosting(self, faults: Sequence[Fault]) -> Hosting:  # noqa: ARG002
+        """Return the hosting of the flight."""
+        return LinkHosting(
+            heard=tuple(self._heard.values()),
+            tlog=self.tlog,
+            agreed=self.agreed,
+            force=self.force,
+            note=self.note,
+            via=self.via,
+            orders=self.orders,
+        )
+
+
+def connect(output: Output, urls: Sequence[str], **options: Any) -> LiveLink:
+    """Return the vehicles behind links, with the operator at the terminal of a command."""
+    return LiveLink(urls, TerminalConsole(output, options["orders"]), **options)

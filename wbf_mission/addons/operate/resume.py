@@ -1,0 +1,147 @@
+"""Resume place of a mission: at an item, or from a log or the vehicle."""
+
+from __future__ import annotations
+
+import math
+import re
+from pathlib import Path
+
+from mission.course import Course, MissionProgress, Place
+from mission.errors import MissionError
+from mission.link.codec.dialect import Message
+from mission.link.codec.dialect import mavlink as m
+from mission.link.tlog import read_tlog
+from mission.transfer.vehicles import VehicleSearch
+from sim_vehicle.host.server import Server
+from sim_vehicle.host.simulation import StopReason
+from wbf_mission.addons.operate.watching import FleetWatch
+from wbf_mission.scenario import ScenarioError
+
+__all__ = ["resume_place"]
+
+_ITEM = re.compile(r"(\d{1,5})(?:\+(\d+(?:\.\d*)?|\.\d+)\s*m)?")
+_LINK = re.compile(r"(udpin|udpout|udp|tcp|tcpin|serial):.+")
+_TLOG = "flight.tlog"
+_ENOUGH_S = 2.5
+"""Listening time for a flying vehicle (s): a later heartbeat must confirm its positions."""
+
+
+def resume_place(text: str, course: Course, *, wait_s: float = 10.0) -> Place:
+    """Return the place where a mission is resumed.
+
+    Parameters
+    ----------
+    text : str
+        An item, counted from 1, with metres flown towards it (``12``, ``12+35m``), a telemetry log, a folder
+        with the results of a flight, or the address of a vehicle's link.
+    course : Course
+        Course of the mission.
+    wait_s : float
+        Timeout for the vehicle behind a link (s).
+
+    Raises
+    ------
+    ScenarioError
+        If the text is none of these, or the mission has no such item.
+    MissionError
+        If a log or the vehicle does not show the progress of the mission, or the mission is complete.
+    LinkError
+        If a log cannot be read or a link cannot be opened; NoVehicleError without a vehicle.
+    """
+    if (item := _ITEM.fullmatch(text)) is not None:
+        return _at_item(text, int(item.group(1)), float(item.group(2) or 0.0), course)
+    if _LINK.fullmatch(text) is not None:
+        return _of_link(text, course, wait_s)
+    path = Path(text)
+    log = path / _TLOG if path.is_dir() else path
+    if not log.exists():
+        what = f"the folder has no {_TLOG}" if path.is_dir() else "there is no such file"
+        msg = f"--resume {text}: {what}; give an item (12, 12+35m), a .tlog, a results folder or a link"
+        raise ScenarioError(msg)
+    return _reached(f"--resume {text}", _of_log(log, course))
+
+
+def _at_item(text: str, number: int, metres: float, course: Course) -> Place:
+    leg = course.leg_of(Place(number - 1))
+    if not 1 <= number <= len(course.mission.items) or leg == len(course.legs):
+        last = course.legs[-1].item + 1
+        msg = (
+            f"--resume {text}: the last item of the mission that can be flown to is {last}; give 1 to {last}"
+        )
+        raise ScenarioError(msg)
+    length_m = float(course.lengths_m[leg])
+    if metres >= length_m and metres > 0.0:
+        msg = f"--resume {text}: the way to item {number} is {length_m:.1f} m long; give less"
+        raise ScenarioError(msg)
+    return Place(course.legs[leg].item, metres / length_m if metres else 0.0)
+
+
+def _of_log(path: Path, course: Course) -> MissionProgress:
+    """Return the mission progress of the first vehicle in a log."""
+    progress, vehicle = MissionProgress(course), 0
+    for time_s, message in read_tlog(path):
+        if message.get_srcComponent() != m.MAV_COMP_ID_AUTOPILOT1:
+            continue
+        if not vehicle and isinstance(message, m.MAVLink_heartbeat_message):
+            vehicle = message.get_srcSystem()
+        if message.get_srcSystem() == vehicle:
+            progress.receive(message, time_s)
+    return progress
+
+
+def _reached(what: str, progress: MissionProgress) -> Place:
+    """Return the reached place; errors name the source `what`."""
+    try:
+        place = progress.place()
+    except MissionError as error:
+        msg = f"{what}: {error}"
+        raise MissionError(msg) from None
+    if place is None:
+        msg = f"{what}: the mission is flown to its end; there is nothing to resume"
+        raise MissionError(msg)
+    return place
+
+
+class _Listener(FleetWatch):
+    """Tracks the mission progress of the first vehicle that is heard."""
+
+    def __init__(self, course: Course) -> None:
+        super().__init__()
+        self.progress = MissionProgress(course)
+        self.begun_s = math.inf
+
+    def receive(self, message: Message, now_s: float) -> list[Message]:
+        """Receive a message."""
+        out = super().receive(message, now_s)
+        first = (next(iter(self.vehicles), 0), int(m.MAV_COMP_ID_AUTOPILOT1))
+        if (message.get_srcSystem(), message.get_srcComponent()) == first:
+            self.progress.receive(message, now_s)
+            self.begun_s = min(self.begun_s, now_s)
+        return out
+
+    def is_enough(self, now_s: float) -> bool:
+        """Return whether the received messages are enough."""
+        return self.progress.monitor.state.item is not None and now_s > self.begun_s + _ENOUGH_S
+
+
+def _of_link(url: str, course: Course, wait_s: float) -> Place:
+    """Return the resume place of a vehicle: its position in flight, else the start of its current item."""
+    listener = _Listener(course)
+    with Server([listener], [url]) as server:
+        name = server.urls[0]
+        reason = server.run(until=listener.is_enough, limit_s=wait_s)
+    if reason is StopReason.STOPPED:
+        raise KeyboardInterrupt
+    if not listener.vehicles:
+        raise VehicleSearch().failure(name, wait_s)
+    state = listener.progress.monitor.state
+    what = f"the vehicle on {name}"
+    if state.item is None:
+        msg = f"{what} does not tell which item it flies; give the item: --resume 12+35m"
+        raise MissionError(msg)
+    if state.armed and listener.progress.monitor.in_mission:
+        return _reached(what, listener.progress)
+    if state.item >= course.end or state.total not in (None, len(course.mission.items)):
+        msg = f"{what} holds another mission, or has flown it to its end; give the item: --resume 12+35m"
+        raise MissionError(msg)
+    return Place(course.legs[course.leg_of(Place(state.item))].item)

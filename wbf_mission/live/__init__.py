@@ -1,1 +1,0 @@
-"""Flights of vehicles behind links."""

@@ -369,18 +369,18 @@ def test_a_lost_picture_comes_again_with_its_readings() -> None:
 
 
 def test_old_pictures_are_forgotten_and_formatting_forgets_all(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("sim_vehicle.camera.image_memory.RING_IMAGES", 4096)
+    monkeypatch.setattr("sim_vehicle.camera.image_memory.RING_IMAGES", 512)
     camera = ready()
     ask(camera, 206, 0.02)
-    fly(camera, 0.0, 30.0)
-    assert camera.image_count > 5000
+    fly(camera, 0.0, 4.0)
+    assert camera.image_count > 600
     assert ask(camera, 512, 263, 10)[0] == mavlink.MAV_RESULT_DENIED
-    assert ask(camera, 512, 263, camera.image_count - 4096)[0] == mavlink.MAV_RESULT_ACCEPTED
+    assert ask(camera, 512, 263, camera.image_count - 512)[0] == mavlink.MAV_RESULT_ACCEPTED
     assert ask(camera, 512, 263, camera.image_count)[0] == mavlink.MAV_RESULT_DENIED
     ask(camera, 206, 0)
     assert ask(camera, 526, 1, 1, 1)[0] == mavlink.MAV_RESULT_ACCEPTED
     assert camera.image_count == 0
-    assert ask(camera, 512, 263, 5000)[0] == mavlink.MAV_RESULT_DENIED
+    assert ask(camera, 512, 263, 600)[0] == mavlink.MAV_RESULT_DENIED
 
 
 def heartbeat(armed: bool) -> Any:
@@ -436,13 +436,6 @@ def test_pictures_off_the_farm_hold_no_values() -> None:
     camera.receive(position(0.0, -5.0, -5.0), 0.0)
     _, (_, values) = ask(camera, 206, 1.0, 0, 1)
     assert all(map(math.isnan, values.data[3:6]))
-
-
-def test_the_same_telemetry_gives_the_same_bytes() -> None:
-    a, b = ready(), ready()
-    ask(a, 206, 0.4)
-    ask(b, 206, 0.4)
-    assert [m.get_msgbuf() for m in fly(a)] == [m.get_msgbuf() for m in fly(b)]
 
 
 FLOATS = st.floats(width=32) | st.integers(0, 2100).map(float)

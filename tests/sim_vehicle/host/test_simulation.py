@@ -67,7 +67,9 @@ def test_nothing_to_do_is_idle_at_once():
     assert Simulation([Beacon(1, 1, 0)]).run() is StopReason.IDLE
 
 
-def test_endless_answers_are_stopped():
+def test_endless_answers_are_stopped(monkeypatch):
+    monkeypatch.setattr("sim_vehicle.host.simulation._STEPS_AT_ONE_INSTANT", 1000)
+
     def again(message, now_s):
         return [mavlink.MAVLink_heartbeat_message(2, 12, 0, 0, 3, 3)]
 
@@ -75,7 +77,9 @@ def test_endless_answers_are_stopped():
     assert Simulation([a, b]).run(limit_s=5.0) is StopReason.STALLED
 
 
-def test_a_deadline_that_never_moves_is_stopped():
+def test_a_deadline_that_never_moves_is_stopped(monkeypatch):
+    monkeypatch.setattr("sim_vehicle.host.simulation._STEPS_AT_ONE_INSTANT", 1000)
+
     class Stuck(Beacon):
         def poll(self, now_s):
             return []

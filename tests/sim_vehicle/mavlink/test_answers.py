@@ -5,7 +5,6 @@ import math
 import pytest
 
 from mission.link.codec.dialect import mavlink as m
-from mission.link.codec.frames import FrameWriter
 from mission.model import GeoPoint
 from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.autopilot import get_autopilot, with_autopilot
@@ -16,7 +15,6 @@ from tests.support.mission_items import RTL, takeoff, wp
 from tests.support.peer import Peer as GroundPeer
 
 HOME = GeoPoint(28.05, -82.15, 10.0)
-GROUND = FrameWriter(255, 190)
 NAN = math.nan
 
 
@@ -44,13 +42,18 @@ def push(peer, seconds, message):
         peer.wait(0.1)
 
 
-def test_words_at_arming_and_disarming():
-    peer = Peer("ardupilot")
+@pytest.mark.parametrize(
+    ("autopilot", "kind", "texts"),
+    [
+        ("px4", "quad", ["Armed by external command", "Disarmed by external command"]),
+        ("ardupilot", "quad", ["Arming motors", "Disarming motors"]),
+        ("ardupilot", "rover", ["Throttle armed", "Throttle disarmed"]),
+    ],
+)
+def test_words_at_arming_and_disarming(autopilot, kind, texts):
+    peer = Peer(autopilot, kind)
     assert (peer.result(400, 1.0), peer.result(400, 0.0)) == (0, 0)
-    assert peer.texts()[-2:] == ["Arming motors", "Disarming motors"]
-    peer = Peer("px4")
-    assert (peer.result(400, 1.0), peer.result(400, 0.0)) == (0, 0)
-    assert peer.texts()[-2:] == ["Armed by external command", "Disarmed by external command"]
+    assert peer.texts()[-2:] == texts
 
 
 def test_ardupilot_takes_auto_without_a_mission_and_does_not_arm():
@@ -152,21 +155,6 @@ def test_px4_takes_any_mode_on_the_ground_and_does_not_arm_in_it():
         assert not peer.vehicle.pilot.armed
 
 
-@pytest.mark.parametrize(("kind", "texts"), [("rover", ["Throttle armed", "Throttle disarmed"])])
-def test_words_of_ardupilots_other_vehicles(kind, texts):
-    peer = Peer("ardupilot", kind)
-    assert (peer.result(400, 1.0), peer.result(400, 0.0)) == (0, 0)
-    assert peer.texts()[-2:] == texts
-
-
-def test_a_refused_arming_has_the_words_of_the_autopilot():
-    peer = Peer("ardupilot")
-    peer.vehicle.pilot.arming.block = "Compass not calibrated"
-    assert peer.result(400, 1.0) == 4
-    assert peer.texts() == ["Arm: Compass not calibrated"]
-    assert peer.of("STATUSTEXT")[-1].severity == 2
-
-
 @pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
 def test_a_command_that_there_is_not_is_refused_without_a_word(autopilot):
     peer = Peer(autopilot)
@@ -174,22 +162,19 @@ def test_a_command_that_there_is_not_is_refused_without_a_word(autopilot):
     assert peer.texts() == []
 
 
-def test_a_vehicle_that_never_takes_off_is_disarmed():
-    peer = Peer("ardupilot")
+@pytest.mark.parametrize(
+    ("autopilot", "text"),
+    [("ardupilot", "Disarming motors"), ("px4", "Disarmed by auto preflight disarming")],
+)
+def test_a_vehicle_that_never_takes_off_is_disarmed(autopilot, text):
+    peer = Peer(autopilot)
     assert peer.result(400, 1.0) == 0
     peer.wait(9.5)
     assert peer.vehicle.pilot.armed
     peer.wait(1.0)
     assert not peer.vehicle.pilot.armed
     assert not peer.of("HEARTBEAT")[-1].base_mode & 128
-    assert peer.texts()[-1] == "Disarming motors"
-    peer = Peer("px4")
-    assert peer.result(400, 1.0) == 0
-    peer.wait(9.5)
-    assert peer.vehicle.pilot.armed
-    peer.wait(1.0)
-    assert not peer.vehicle.pilot.armed
-    assert peer.texts()[-1] == "Disarmed by auto preflight disarming"
+    assert peer.texts()[-1] == text
 
 
 @pytest.mark.parametrize(("autopilot", "name"), [("ardupilot", "DISARM_DELAY"), ("px4", "COM_DISARM_PRFLT")])
@@ -210,15 +195,6 @@ def test_rovers_and_arduplane_stay_armed(autopilot, kind):
     assert peer.result(400, 1.0) == 0
     peer.wait(40.0)
     assert peer.vehicle.pilot.armed
-
-
-def test_ardupilots_flip_and_modes_that_there_are_not():
-    peer = Peer("ardupilot")
-    assert peer.result(176, 1.0, 14.0) == 4
-    assert peer.texts()[-1] == "Mode change to FLIP failed: init failed"
-    assert peer.result(176, 1.0, 99.0) == 4
-    assert peer.texts()[-1] == "No such mode 99"
-    assert peer.vehicle.pilot.mode is Mode.MANUAL
 
 
 def test_brake_is_told_as_brake():
@@ -480,15 +456,6 @@ def test_what_is_said_of_an_item_that_does_not_exist(autopilot, words):
     assert peer.texts()[before:] == words
 
 
-def test_px4_says_nothing_of_a_fence_corner_in_a_mission():
-    peer = Peer("px4")
-    before = len(peer.texts())
-    peer.tell(count(2))
-    peer.tell(m.MAVLink_mission_item_int_message(1, 1, 0, 3, 5001, 0, 1, 4, 0, 0, 0, 0, 0, 0.0))
-    assert [ack.type for ack in peer.of("MISSION_ACK")] == [m.MAV_MISSION_ERROR]
-    assert peer.texts()[before:] == []
-
-
 @pytest.mark.parametrize(("autopilot", "result"), [("px4", 2), ("ardupilot", 4)])
 @pytest.mark.parametrize("what", [1.0, 2.0, 3.0])
 def test_an_armed_vehicle_does_not_start_again(what, autopilot, result):
@@ -608,19 +575,3 @@ def test_an_item_that_there_is_not_is_not_chosen_and_only_px4_says_so(autopilot)
     peer = Peer(autopilot)
     peer.tell(m.MAVLink_mission_set_current_message(1, 1, 7))
     assert peer.texts() == (["WPM: WP CURR CMD: Not in list"] if autopilot == "px4" else [])
-
-
-def test_arducopters_take_off_before_arming_fails_without_a_word():
-    peer = Peer("ardupilot")
-    assert peer.result(176, 1.0, 4.0) == 0
-    assert peer.result(22, 0, 0, 0, 0, 0, 0, 10.0) == m.MAV_RESULT_FAILED
-    assert not peer.texts()
-
-
-def test_ardupilot_refuses_to_clear_the_mission_that_it_flies_without_a_word():
-    peer = Peer("ardupilot")
-    peer.vehicle._plans.server.locked = True
-    peer.vehicle._show_changes = lambda: None  # it would unlock the mission, which is not flown
-    answers = peer.tell(m.MAVLink_mission_clear_all_message(1, 1, 0))
-    assert [one.get_type() for one in answers] == ["MISSION_ACK"]
-    assert answers[0].type == m.MAV_MISSION_ERROR

@@ -12,6 +12,7 @@ from changed_flights import ChangedFlight, fly_changed
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from recordings import compare, fly_recording, load_recording
+from short_flights import started
 
 from geo.frame import LocalFrame
 from mission.model import Command, MissionItem
@@ -68,10 +69,7 @@ def fly(
     cuts: list[float] | None = None,
     limit_s: float = 4000.0,
 ) -> tuple[MissionExecutor, list[FlightEvent]]:
-    executor = MissionExecutor(spec, FRAME, wind=wind)
-    executor.mission.load(items)
-    executor.arm()
-    executor.start()
+    executor = started(items, spec, FRAME, wind=wind)
     if cuts is None:
         return executor, executor.fly_through(limit_s)
     events: list[FlightEvent] = []
@@ -92,10 +90,7 @@ def reached(events: list[FlightEvent]) -> dict[int, float]:
 
 
 def speeds(items: list[MissionItem], spec: VehicleSpec = QUAD, step_s: float = 0.1) -> np.ndarray:
-    executor = MissionExecutor(spec, FRAME)
-    executor.mission.load(items)
-    executor.arm()
-    executor.start()
+    executor = started(items, spec, FRAME)
     rows = []
     while executor.flight.armed and executor.time_s < 2000.0:
         executor.advance(executor.time_s + step_s)
@@ -231,10 +226,7 @@ def test_speed_changes_on_the_way() -> None:
 
 
 def test_an_order_changes_the_speed_without_a_stop() -> None:
-    executor = MissionExecutor(QUAD, FRAME)
-    executor.mission.load([takeoff(), speed(5.0), way(0.0, 400.0), HOME])
-    executor.arm()
-    executor.start()
+    executor = started([takeoff(), speed(5.0), way(0.0, 400.0), HOME], QUAD, FRAME)
     executor.advance(25.0)
     executor.set_speed(9.0)
     slowest = 9.0
@@ -348,10 +340,7 @@ def test_a_curve_is_flown_at_one_speed() -> None:
 def test_the_nose_leads_unless_it_is_kept() -> None:
     items = [takeoff(), way(40.0, 0.0), way(40.0, -40.0), HOME]
     for behaviour, wanted in ((2.0, math.pi), (0.0, 0.0)):
-        executor = MissionExecutor(quad(WP_YAW_BEHAVIOR=behaviour), FRAME)
-        executor.mission.load(items)
-        executor.arm()
-        executor.start()
+        executor = started(items, quad(WP_YAW_BEHAVIOR=behaviour), FRAME)
         while executor.mission.current_seq < 3:
             executor.advance(executor.time_s + 1.0)
         assert math.remainder(
@@ -452,10 +441,7 @@ def test_whatever_is_ordered_it_comes_home(
     orders: list[tuple[str, float, float, float]], windy: bool
 ) -> None:
     items = [takeoff(), way(0.0, 40.0), way(40.0, 40.0, 15.0), way(40.0, 0.0, 10.0, 2.0), HOME]
-    executor = MissionExecutor(QUAD, FRAME, wind=Wind(3.0, 1.0, gust_m_s=0.7, seed=1) if windy else None)
-    executor.mission.load(items)
-    executor.arm()
-    executor.start()
+    executor = started(items, QUAD, FRAME, wind=Wind(3.0, 1.0, gust_m_s=0.7, seed=1) if windy else None)
     for order, wait_s, a, b in orders:
         executor.advance(executor.time_s + wait_s)
         calls = {

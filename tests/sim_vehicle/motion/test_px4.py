@@ -7,6 +7,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from recordings import compare, fly_recording, load_recording
+from short_flights import started
 
 from geo.frame import LocalFrame
 from mission.model import GeoPoint, Mission, MissionItem
@@ -60,12 +61,8 @@ def predict(*items, spec=QUAD, wind=None):
     return predict_flight(Mission(tuple(items), HOME), spec, wind=wind, frame=FRAME)
 
 
-def start(*items, spec=QUAD, wind=None):
-    executor = MissionExecutor(spec, FRAME, wind=wind)
-    executor.mission.load(items)
-    executor.arm()
-    executor.start()
-    return executor
+def start(*items, spec=QUAD, errors=None):
+    return started(items, spec, FRAME, estimate_errors=errors)
 
 
 @pytest.fixture(scope="module")
@@ -156,10 +153,7 @@ class Push(EstimateErrors):
 
 
 def path(errors, *items):
-    executor = MissionExecutor(QUAD, FRAME, estimate_errors=errors)
-    executor.mission.load([TAKEOFF, speed(8.0), *items])
-    executor.arm()
-    executor.start()
+    executor = start(TAKEOFF, speed(8.0), *items, errors=errors)
     places, done = [], False
     while not done:
         done = any(isinstance(event, MissionComplete) for event in executor.advance(executor.time_s + 0.1))
@@ -204,17 +198,20 @@ class ToldClimb(EstimateErrors):
         return errors
 
 
-def landed_s(errors, spec=QUAD):
-    """Return when the vehicle touches the ground and when it disarms."""
-    executor = MissionExecutor(spec, FRAME, estimate_errors=errors)
-    executor.mission.load([TAKEOFF, waypoint(20, 0), RETURN])
-    executor.arm()
-    executor.start()
+def heights_of(errors, spec=QUAD):
+    """Return the heights of a short flight every 0.1 s, and the time of disarming."""
+    executor = start(TAKEOFF, waypoint(20, 0), RETURN, spec=spec, errors=errors)
     up = []
     while executor.flight.armed:
         executor.advance(executor.time_s + 0.1)
         up.append(executor.state().position_m[2])
-    return 0.1 * (np.flatnonzero(np.array(up) > 0.0)[-1] + 2), executor.time_s
+    return np.array(up), executor.time_s
+
+
+def landed_s(errors, spec=QUAD):
+    """Return when the vehicle touches the ground and when it disarms."""
+    up, end_s = heights_of(errors, spec)
+    return 0.1 * (np.flatnonzero(up > 0.0)[-1] + 2), end_s
 
 
 @pytest.mark.parametrize(("wrong_m_s", "later_s"), [(0.2, 0.0), (-0.3, 2.0), (0.3, 2.0)])
@@ -238,15 +235,8 @@ class Offset(EstimateErrors):
 
 def test_a_landing_slows_down_by_the_height_over_the_ground():
     def sinks_s(errors):
-        executor = MissionExecutor(QUAD, FRAME, estimate_errors=errors)
-        executor.mission.load([TAKEOFF, waypoint(20, 0), RETURN])
-        executor.arm()
-        executor.start()
-        up = []
-        while executor.flight.armed:
-            executor.advance(executor.time_s + 0.1)
-            up.append(executor.state().position_m[2])
-        heights = np.array(up)[np.argmax(up) :]
+        up, _ = heights_of(errors)
+        heights = up[np.argmax(up) :]
         return 0.1 * (np.argmax(heights < 4.0) - np.argmax(heights < 11.0))
 
     assert sinks_s(Offset()) == pytest.approx(sinks_s(NoErrors()), abs=0.15)
@@ -254,10 +244,8 @@ def test_a_landing_slows_down_by_the_height_over_the_ground():
 
 def test_the_same_errors_make_the_same_flight_however_it_is_cut():
     def course(cuts, seed):
-        executor = MissionExecutor(QUAD, FRAME, estimate_errors=EstimateErrors(seed))
-        executor.mission.load([TAKEOFF, speed(8.0), waypoint(60, 0), waypoint(60, 40), waypoint(0, 40)])
-        executor.arm()
-        executor.start()
+        items = TAKEOFF, speed(8.0), waypoint(60, 0), waypoint(60, 40), waypoint(0, 40)
+        executor = start(*items, errors=EstimateErrors(seed))
         for until_s in cuts:
             executor.advance(until_s)
         return executor.motion.snapshot(), executor.motion.estimate_error
@@ -370,18 +358,6 @@ def test_cutting_the_flight_changes_nothing(places, cuts, wind):
     assert np.array_equal(whole.state, cut.state, equal_nan=True)
     assert np.array_equal(whole.guide, cut.guide, equal_nan=True)
     assert np.array_equal(whole.arrivals, cut.arrivals)
-
-
-def test_prediction_and_flight_are_one():
-    items = (TAKEOFF, speed(7.0), waypoint(40, 10, 14.0), waypoint(-10, 30, 9.0, 2.0), waypoint(5, 5), RETURN)
-    flight = predict(*items)
-    executor = start(*items)
-    end_s = None
-    while executor.flight.armed:
-        for event in executor.advance(executor.time_s + 0.37):
-            if isinstance(event, MissionComplete):
-                end_s = event.time_s
-    assert end_s == pytest.approx(flight.duration_s, abs=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -561,28 +537,6 @@ def test_a_second_flight_is_like_the_first():
         ends.append(executor.time_s - begin_s)
         executor.advance(executor.time_s + 5.0)
     assert ends[0] == pytest.approx(ends[1], abs=1.1)
-
-
-def test_a_fall_and_an_empty_battery_come_down():
-    executor = start(TAKEOFF, waypoint(60, 0), RETURN)
-    executor.advance(16.0)
-    executor.flight.fall()
-    executor.advance(40.0)
-    assert executor.flight.landed is LandedState.ON_GROUND
-    executor = start(TAKEOFF, waypoint(600, 0), RETURN, spec=with_autopilot(get_vehicle("quad"), "px4"))
-    executor.advance(30.0)
-    executor.flight.drain_battery(0.0)
-    executor.advance(90.0)
-    assert executor.flight.phase is FlightPhase.DEPLETED or executor.flight.landed is LandedState.ON_GROUND
-
-
-@pytest.mark.parametrize("radius", [3.0, 10.0, -30.0])
-def test_circles_and_curves_are_flown(radius):
-    latitude, longitude = FRAME.to_wgs84(30.0, 10.0)
-    circle = MissionItem(18, 3, 1.0, 0.0, radius, None, float(latitude), float(longitude), 12.0)
-    assert predict(TAKEOFF, circle, RETURN).feasible
-    curves = (waypoint(30, 0, command=82), waypoint(40, 30, command=82), waypoint(radius, 40, command=82))
-    assert predict(TAKEOFF, *curves, waypoint(0, 5), RETURN).feasible
 
 
 def test_attitude_leans_into_the_drag():

@@ -2,6 +2,7 @@ import math
 
 import numpy as np
 import pytest
+from short_flights import started
 
 from geo.frame import LocalFrame
 from mission.model import MissionItem
@@ -42,10 +43,7 @@ def flown(spec, points, ending, wind, speed=SPEED_M_S, radius=RADIUS_M, takeoff=
         ),
         *ending,
     ]
-    executor = MissionExecutor(spec, HOME, wind=wind, takes_off=climbs_by_itself(spec))
-    executor.mission.load(items)
-    executor.arm()
-    executor.start()
+    executor = started(items, spec, HOME, wind=wind, takes_off=climbs_by_itself(spec))
     states = []
     while True:
         for event in executor.advance(executor.time_s + 1.0):

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
+from short_flights import started
 
 from geo.frame import LocalFrame
 from mission.model import GeoPoint, Mission, MissionItem
@@ -13,7 +14,6 @@ from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.airframe.estimate_errors import EstimateErrors
 from sim_vehicle.autopilot import with_autopilot
 from sim_vehicle.errors import VehicleError
-from sim_vehicle.execution.executor import MissionExecutor
 from sim_vehicle.execution.state import Disarmed, MissionComplete
 from sim_vehicle.prediction.battery_swaps import batteries_needed
 from sim_vehicle.prediction.predict import (
@@ -49,10 +49,7 @@ def lawnmower(width, rows, spacing):
 
 
 def flown(mission, spec, wind=None):
-    vehicle = MissionExecutor(spec, HOME, wind=wind)
-    vehicle.mission.load(mission.items)
-    vehicle.arm()
-    vehicle.start()
+    vehicle = started(mission.items, spec, HOME, wind=wind)
     complete = None
     step = 1.0 if spec.is_ideal else 0.1
     while vehicle.flight.armed:
@@ -75,24 +72,6 @@ AIR = [
     Wind(2.0, 2.0, shear=WindShear("log")),
     Wind(3.0, 0.0, seed=3, turbulence=Turbulence(4.0, 10.0, 6.0)),
 ]
-FLIGHTS = [
-    (plan(lawnmower(100.0, 6, 10.0)), QUAD, None),
-    (plan(lawnmower(9.0, 15, 0.6), radius=0.1, speed=3.0), QUAD, None),
-    (plan(lawnmower(300.0, 4, 20.0), speed=12.0), QUAD, Wind(6.0, -3.0)),
-    (plan(lawnmower(100.0, 3, 10.0)), QUAD, Wind(4.0, 4.0, gust_m_s=2.0, seed=11)),
-    (plan(lawnmower(9.144, 11, 0.9144)), IDEAL, None),
-]
-
-
-@pytest.mark.parametrize(("mission", "spec", "wind"), FLIGHTS)
-def test_the_prediction_is_the_flight(mission, spec, wind):
-    predicted = predict_flight(mission, spec, wind=wind)
-    duration, energy, length = flown(mission, spec, wind)
-    assert predicted.feasible and predicted.reason == ""
-    assert predicted.duration_s == duration
-    # The flown energy is read up to one look after the end.
-    assert predicted.energy_wh == pytest.approx(energy / 3600.0, abs=0.01)
-    assert predicted.path_length_m == pytest.approx(length, abs=1e-9)
 
 
 @settings(max_examples=15, deadline=None)
@@ -289,10 +268,7 @@ def test_jumps_of_px4s_height_give_an_expected_time_and_an_interval():
     frame = LocalFrame(28.05, -82.15)
     inside = 0
     for seed in range(20):
-        executor = MissionExecutor(spec, frame, estimate_errors=EstimateErrors(seed))
-        executor.mission.load(mission.items)
-        executor.arm()
-        executor.start()
+        executor = started(mission.items, spec, frame, estimate_errors=EstimateErrors(seed))
         done = [one for one in executor.fly_through(3600.0) if isinstance(one, MissionComplete)]
         inside += low_s <= done[0].time_s <= high_s
     assert inside >= 14

@@ -2,13 +2,13 @@ import math
 
 import numpy as np
 import pytest
+from short_flights import started
 
 from geo.frame import LocalFrame
 from mission.model import GeoPoint, Mission, MissionItem
 from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.autopilot import with_autopilot
 from sim_vehicle.energy.battery import WH_J
-from sim_vehicle.execution.executor import MissionExecutor
 from sim_vehicle.execution.state import BatteryDepleted, CannotFly, MissionComplete
 from sim_vehicle.prediction.battery_swaps import batteries_needed, battery_changes, time_home_s
 from sim_vehicle.prediction.predict import predict_flight
@@ -26,11 +26,7 @@ def rows(width, count, spacing, speed, aside=0.0):
 
 
 def begun(spec, wind, items):
-    vehicle = MissionExecutor(spec, HOME, wind=wind)
-    vehicle.mission.load(items)
-    vehicle.arm()
-    vehicle.start()
-    return vehicle
+    return started(items, spec, HOME, wind=wind)
 
 
 def landed(vehicle):

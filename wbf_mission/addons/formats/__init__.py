@@ -1,14 +1,10 @@
-"""Formats outside the core: fence and rally text, KML, GeoJSON, GPX, CSV, WPML; farms (`farm_files`)."""
+"""Formats outside the core: missions (`missions`), farms (`farm_files`), and the command ``convert``."""
 
-from mission.files.formats import MissionFormat
-from wbf_mission.addons.formats import dji, geojson, gpx, kml, points, table
+from typing import TYPE_CHECKING
 
-FORMATS = (
-    MissionFormat("fence or rally text", (".fen", ".ral"), points.loads),
-    MissionFormat("KML", (".kml",), kml.loads, kml.dumps),
-    MissionFormat("KMZ", (".kmz",), kml.kmz_loads, kml.kmz_dumps),
-    MissionFormat("GeoJSON", (".geojson", ".geojsonl", ".geojsons"), geojson.loads, geojson.dumps),
-    MissionFormat("GPX", (".gpx",), gpx.loads, gpx.dumps),
-    MissionFormat("CSV", (".csv",), table.loads, table.dumps),
-    MissionFormat("DJI WPML", (".wpml.kmz",), None, dji.dumps, losses=dji.losses),
-)
+if TYPE_CHECKING:
+    from wbf_mission.addons.formats.missions import FORMATS as FORMATS
+else:
+    from geo.imports import attach
+
+    __getattr__, __dir__, __all__ = attach(__name__)

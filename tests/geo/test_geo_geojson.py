@@ -385,6 +385,12 @@ def test_parts_places_and_names_of_other_programs(tmp_path: Path) -> None:
     assert "feature 2 ('Home'): is a second home" in text
 
 
+@pytest.mark.parametrize(("told", "crop"), [("Maize (silage)", "maize silage"), ("115", "crop 115")])
+def test_crops_are_named_as_in_files_of_other_formats(told: str, crop: str, tmp_path: Path) -> None:
+    farm = load_farm(write(tmp_path, document(feature(crop=told))))
+    assert [one.crop for one in farm.patches] == [crop]
+
+
 def test_a_patch_without_a_name_has_the_number_of_its_feature(tmp_path: Path) -> None:
     farm = load_farm(write(tmp_path, document(*(feature([ring(0.002 * k)], name=None) for k in range(2)))))
     assert [one.name for one in farm.patches] == ["patch 1", "patch 2"]

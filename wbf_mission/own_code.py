@@ -33,10 +33,13 @@ def own_choice(text: str, what: str) -> Choice | None:
     `text` is ``FILE.py:NAME`` or ``FILE.py:NAME:key=value,...``. NAME is a planner (a function) or a class,
     which is called with the parameters. `what` is ``planner``, ``policy`` or ``estimator``.
 
-    ScenarioError if the file cannot be run or has no such name, or the class does not take the parameters.
+    ScenarioError if NAME is missing, the file cannot be run or has no such name, or the class does not take
+    the parameters.
     """
     found = _OWN.fullmatch(text.strip())
     if found is None:
+        if text.strip().endswith(".py"):
+            raise ScenarioError(f"{what}: {text} names a file alone; give FILE.py:NAME")
         return None
     path, name, given = Path(found["file"]), found["name"], found["parameters"]
     try:

@@ -73,7 +73,7 @@ class Policy(Protocol):
 
         At `Event.START` every vehicle needs a path. A path without points keeps the vehicle on the ground for
         this flight; in the first flight of a run at least one vehicle must fly. At other events, `NO_CHANGE`
-        keeps all paths. Every path must lie in the area of its vehicle's request, and its cost
+        keeps all paths. Every path must lie in `request.room` of its vehicle's report, and its cost
         (`VehicleReport.travel_cost`) must be within the remaining budget.
 
         Raises

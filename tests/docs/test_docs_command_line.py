@@ -59,4 +59,6 @@ def test_a_page_without_a_row_and_one_with_another_are_seen():
 def test_every_key_of_a_scenario_file_stands_beside_its_option(key):
     option = all_options()[key][2]
     keys = {flag: between[1] for flags, between, _ in rows(PAGE) if len(between) == 2 for flag in flags}
-    assert any(f"`{key}`" in cell for flag, cell in keys.items() if option.flag in (flag, None))
+    assert any(f"`{key}`" in cell for flag, cell in keys.items() if option.flag in (flag, None)), (
+        f"docs/command-line.md has no row of {option.flag} with the key `{key}`"
+    )

@@ -1,7 +1,5 @@
 """Whole flights, from the plan to the score."""
 
-import subprocess
-import sys
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -194,25 +192,3 @@ def test_what_is_no_scenario_is_refused(job: Callable[[object], object]) -> None
         job({"farm": "miniberry-10"})
     with pytest.raises(ScenarioError, match=r"the scenario is a str: give a Scenario$"):
         job("miniberry-10")
-
-
-def test_a_small_farm_is_flown_without_compiled_code(tmp_path: Path) -> None:
-    code = (
-        "import sys; from wbf_mission.cli.app import main;"
-        "code = main(sys.argv[1:]); assert 'numba' not in sys.modules; sys.exit(code)"
-    )
-    job = (
-        "fly --farm miniberry-30 --vehicle ideal --planner lawnmower --estimator adaptive-disk --no-plots -q"
-    )
-    command = [
-        sys.executable,
-        "-c",
-        code,
-        *job.split(),
-        "--budget",
-        "120steps",
-        "--out",
-        str(tmp_path / "run"),
-    ]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr

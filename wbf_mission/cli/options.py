@@ -182,7 +182,7 @@ def refuse_overwrite(
 
 def _own(key: str, given: Any) -> Any:
     """Return the object if a planner, policy or estimator is given as FILE.py:NAME, else the given value."""
-    if key not in ("planner", "policy", "estimator") or not isinstance(given, str) or ".py:" not in given:
+    if key not in ("planner", "policy", "estimator") or not isinstance(given, str) or ".py" not in given:
         return given
     from wbf_mission.own_code import own_choice
 
@@ -218,7 +218,7 @@ class Given:
         name = self.changes.get("farm", name)
         how = [key for key in READS_FARM if key in self.changes]
         if name is None and how:
-            flag = _flag_of(how[0]).flag
+            flag = flag_of(how[0])
             raise ScenarioError(f"{flag} has an effect only with --farm: give that, too, or leave it out")
         return None if name is None else replace(self.scenario().farm, name=name)
 
@@ -230,9 +230,9 @@ class Given:
 
     def _check_effects(self, values: Mapping[str, Any], *, is_fleet: bool) -> None:
         """Raise ScenarioError for given options without effect: the user meant another flight."""
-        for given in (_flag_of(key) for key in self.changes):
+        for given in (_defined(key) for key in self.changes):
             if given.needs and values[given.needs] == all_options()[given.needs][2].initial:
-                msg = f"{given.flag} has an effect only with {_flag_of(given.needs).flag}: give that, too"
+                msg = f"{given.flag} has an effect only with {flag_of(given.needs)}: give that, too"
                 raise ScenarioError(msg)
             if given.needs_fleet and not is_fleet:
                 msg = (
@@ -241,7 +241,7 @@ class Given:
                 raise ScenarioError(msg)
             for other in given.not_with:
                 if values[other] is not None:
-                    with_what = f"{_flag_of(other).flag} {values[other]}"
+                    with_what = f"{flag_of(other)} {values[other]}"
                     msg = f"{given.flag} has no effect with {with_what}: leave one of the two out"
                     raise ScenarioError(msg)
 
@@ -364,7 +364,12 @@ def _keys(defined: Option) -> tuple[str, ...]:
     return defined.sets or (defined.key,)
 
 
-def _flag_of(key: str) -> Option:
+def flag_of(key: str) -> str:
+    """Return the flag of the command-line option that sets the option `key` of a run."""
+    return str(_defined(key).flag)
+
+
+def _defined(key: str) -> Option:
     """Return the last command-line option that sets the option `key` of a run."""
     part = all_options()[key][0]
     return next(defined for defined in reversed(_on_command_line(part)) if key in _keys(defined))
@@ -404,7 +409,7 @@ def _help(defined: Option, default: Any, flags: set[str]) -> str:
     choices = f": {defined.allowed}" if defined.choices else ""
     depends, needs = "", (defined.needs,) if defined.needs and not defined.sets else ()
     for word, keys in (("only", needs), ("not", defined.not_with)):
-        there = [flag for flag in (str(_flag_of(key).flag) for key in keys) if flag in flags]
+        there = [flag for flag in (flag_of(key) for key in keys) if flag in flags]
         if there:
             depends = f" ({word} with {' or '.join(there)})"
     if isinstance(default, bool):

@@ -260,7 +260,7 @@ def _key(run: Run, planned: PlannedFlight, *, logged: bool) -> bytes:
 
 
 def _sortie_values(number: SortieNumber, vehicle: Vehicle, plan: PlanResult) -> list[object]:
-    """Return all values that decide a flight; an option that changes flights belongs here."""
+    """Return all values that decide a flight; options that change the plan or vehicle are in these."""
     level = (vehicle.mission.altitude_m, vehicle.mission.cruise_speed_m_s)
     options = (vehicle.vehicle.values(), vehicle.weather.values(), level)
     return [number.system_id, vehicle.task.builder.home_m, plan.mission, plan.vehicle, options]

@@ -55,7 +55,7 @@ MEANINGS = {
 }
 
 
-# What a scenario does not say. A change of these needs new versions of the scenarios, too.
+# Options that no scenario names. A changed value needs new versions of the scenarios, a new option none.
 DEFAULTS = {
     "farm": "miniberry-30",
     "day": 6,

@@ -272,7 +272,7 @@ def _answer(policy: Policy, observation: PolicyObservation, what: str, times: li
         raise AssertionError(str(error)) from error
     for system_id, points in answer.paths.items():
         inside = _lies_inside(observation.vehicle(system_id), points)
-        _require(inside, what, f"the path of vehicle {system_id} leaves its area")
+        _require(inside, what, f"the path of vehicle {system_id} leaves its area (request.room)")
     return answer
 
 

@@ -226,7 +226,7 @@ def _treatment(
 
     fixed = sorted(set(given.changes) - {*_OF_NEXT, "camera_footprint", "seed"})
     if observations is not None or given.file is not None or fixed:
-        what = "--observations" if observations else "--scenario" if given.file else f"--{fixed[0]}"
+        what = "--observations" if observations else "--scenario" if given.file else options.flag_of(fixed[0])
         raise ScenarioError(
             f"{what} has no effect on the results of a run, which have their own: leave it out"
         )
@@ -247,8 +247,8 @@ def _check_next(
     if plan is None:
         idle = [key for key in _OF_NEXT if key in given.changes]
         if idle:
-            flag = idle[0].removesuffix("_m_s").removesuffix("_m").replace("_", "-")
-            raise ScenarioError(f"--{flag} has an effect only with --next: give that, too, or leave it out")
+            flag = options.flag_of(idle[0])
+            raise ScenarioError(f"{flag} has an effect only with --next: give that, too, or leave it out")
         return
     from mission.files import writer_for
 

@@ -234,6 +234,8 @@ def test_nothing_in_doubt_is_not_worth_a_flight(run, mapped, tmp_path):
         ("--log RUN --observations HERE/late.csv", "--observations has no effect on the results of a run"),
         ("--log RUN --budget 1min", "--budget has an effect only with --next"),
         ("--log RUN --altitude 9", "--altitude has an effect only with --next"),
+        ("--log RUN --param WPNAV_SPEED=300", "--param has an effect only with --next"),
+        ("--log RUN --farm-crs EPSG:32617", "--farm-crs has no effect on the results of a run"),
         ("--log RUN --block 0", "--block 0 is out of range: give 0.01 to 1000 metres"),
         ("--log RUN --loss x", "--loss x: 'x' is not a number; give [FIELD=]NUMBER"),
         ("--log RUN --next RUN/summary.json", "a file that is already there and is no .plan"),

@@ -4,8 +4,10 @@ import math
 
 import pytest
 
+from mission.model import Command, Frame, MissionItem
 from sim_vehicle.airframe.catalog import get_vehicle
-from sim_vehicle.execution.item_legs import circle_legs, spline_legs
+from sim_vehicle.execution.item_legs import circle_legs, plan_item_legs, spline_legs
+from sim_vehicle.execution.items import Settings
 from sim_vehicle.motion.legs import ALONG, LegKind
 
 QUAD = get_vehicle("quad")
@@ -34,3 +36,13 @@ def test_a_spline_is_slow_in_its_curve_only():
     assert min(speeds) < 12.0
     straight, _ = spline_legs((path[0], path[1], None), (40.0, 0.0, 0.0), 12.0, ALONG, QUAD)
     assert {leg.speed_m_s for leg in straight} == {12.0}
+
+
+@pytest.mark.parametrize(
+    ("hold_s", "given_m", "radius_m"), [(0.0, 0.0, None), (2.0, 0.0, 0.0), (2.0, 3.0, 3.0)]
+)
+def test_a_waypoint_with_a_hold_is_reached_exactly_unless_it_has_a_radius(hold_s, given_m, radius_m):
+    quad = get_vehicle("quad")
+    item = MissionItem(Command.NAV_WAYPOINT, Frame.GLOBAL_RELATIVE_ALT, param1=hold_s, param2=given_m)
+    plan = plan_item_legs([item], [(50.0, 0.0, 10.0)], 0, Settings(5.0), quad, (0.0, 0.0, 10.0))
+    assert [leg.radius_m for leg in plan.legs] == [quad.acceptance_radius_m if radius_m is None else radius_m]

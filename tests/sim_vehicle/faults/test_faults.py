@@ -210,8 +210,9 @@ def test_loss_delay_jitter_duplication_and_corruption_together_leave_a_plan_whol
         assert link.clock() > 1.0
 
 
-def test_half_duplex_rate_is_that_of_57600_baud():
-    _, link, _ = simulate("bandwidth=9600")
+@pytest.mark.parametrize("faults", [["bandwidth=9600"], ["bandwidth=9600", "bandwidth=57600"]])
+def test_the_narrowest_bandwidth_counts(faults):
+    _, link, _ = simulate(*faults)
     link.sleep(20.0)
     link.receive()
     link.sleep(20.0)

@@ -228,7 +228,9 @@ def test_a_camera_that_loses_commands_gets_them_again():
 
 
 def test_a_camera_that_never_answers_is_reported():
-    vehicle, ground, _, _ = fly(SURVEY, [(2.0, ARM), (2.2, START)])
+    camera = Camera(answers_try=99)
+    vehicle, ground, _, _ = fly(SURVEY, [(2.0, ARM), (2.2, START)], camera=camera)
+    assert [c[3] for c in camera.commands if c[2] == 1.0] == [0, 1, 2]
     assert "Camera does not answer command 206" in ground.texts()
     assert vehicle.outcome is Outcome.COMPLETED
 

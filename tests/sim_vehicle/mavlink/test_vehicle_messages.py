@@ -475,6 +475,12 @@ def test_schedule_sends_each_message_at_its_rate(rates, steps):
         assert counts[message_id] == now_us // round(1e6 / rate) + 1
 
 
+def test_after_a_late_message_the_next_is_on_time():
+    schedule = Schedule({30: 10.0})
+    schedule.due(0)
+    assert (schedule.due(130_000), schedule.next_us) == ([30], 200_000)
+
+
 def test_autopilots_by_name():
     assert [get_autopilot(name).name for name in autopilot_names()] == list(autopilot_names())
     assert get_autopilot("PX4") is PX4

@@ -220,7 +220,7 @@ def _completed(features: list[Feature], crop: str | None, notes: list[str]) -> l
         if given[key] is None and without:
             given[key] = default
             if key == "crop":
-                notes.append(f"no patch tells its crop: it is called {default!r}; --crop names it")
+                notes.append(f"no patch names its crop: it is called {default!r}; --crop names it")
     return [
         replace(
             feature,

@@ -26,7 +26,7 @@ def doing(ground: GroundStation, now_s: float) -> str:
     """Return mode, item and height of a vehicle in flight as text, with the age of old values."""
     state, items = ground.vehicle_state, len(ground.mission.items)
     parts = [
-        ground.pilot.mode or "mode not told",
+        ground.pilot.mode or "mode unknown",
         "item -" if state.item is None else f"item {state.item + 1} of {items}",
         f"{state.height_m:.1f} m up",
     ]

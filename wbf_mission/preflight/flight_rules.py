@@ -69,7 +69,7 @@ _GROUND_OR_AIR = (0.0, 1.0)
     Rule(
         "too-fast",
         WARNING,
-        "faster than {vehicle} flies: it will take longer than the speed tells",
+        "faster than {vehicle} flies: the flight takes longer than that speed suggests",
         "give a speed that it reaches",
         at_most("speed", "m/s"),
     ),

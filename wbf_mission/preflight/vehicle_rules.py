@@ -43,7 +43,7 @@ _readiness = partial(Rule, concern=Concern.READINESS)
 
 @CHECKS.finds(
     _state("firmware", NOTE, "{firmware}"),
-    _state("firmware-unknown", NOTE, "the vehicle does not tell its firmware's version"),
+    _state("firmware-unknown", NOTE, "the vehicle sends no firmware version"),
     _state("no-release", WARNING, "{firmware} is no release", "fly a release where it matters"),
 )
 def check_firmware(subject: Subject, snapshot: VehicleSnapshot) -> Iterator[Finding]:
@@ -84,7 +84,7 @@ def check_readiness(subject: Subject, snapshot: VehicleSnapshot) -> Iterator[Fin
         return
     present, enabled = snapshot.sensors_present or 0, snapshot.sensors_enabled or 0
     if present & _PREARM and not health & _PREARM and not snapshot.armed:
-        reasons = ", ".join(snapshot.reasons) or "it does not tell why"
+        reasons = ", ".join(snapshot.reasons) or "it gives no reason"
         yield found(subject, "not-ready", reasons=reasons)
     ill = [name for bit, name in _SENSORS.items() if present & enabled & bit and not health & bit]
     if ill:
@@ -149,7 +149,7 @@ def check_estimator(subject: Subject, snapshot: VehicleSnapshot) -> Iterator[Fin
         LEFT,
         by_vehicle=True,
     ),
-    _state("battery-unknown", NOTE, "the vehicle does not tell what its battery holds"),
+    _state("battery-unknown", NOTE, "the vehicle does not report its battery's charge"),
 )
 def check_battery_now(subject: Subject, snapshot: VehicleSnapshot) -> Iterator[Finding]:
     """Compare the present battery with the plan's need and the reserve."""
@@ -360,7 +360,7 @@ _CEILING_BIT, _RADIUS_BIT = 1, 2  # FENCE_TYPE of ArduPilot
     _setting(
         "fence-tells-only",
         WARNING,
-        "{name} is {value:g}: a broken fence is only told",
+        "{name} is {value:g}: a broken fence is only reported",
         "set {name} to return or land",
     ),
     _setting(
@@ -422,7 +422,7 @@ _CONTINUES_BIT = 2  # FS_OPTIONS of ArduCopter: continue the mission without a g
     _setting(
         "no-battery-failsafe",
         WARNING,
-        "{name} is 0: a low battery is only told",
+        "{name} is 0: a low battery is only reported",
         "set {name} to return or land",
     ),
     _setting("link-lost-flies-on", NOTE, "{name} is {value:g}: without a link the mission is flown on"),

@@ -76,7 +76,7 @@ def require_whole(rows: Sequence[BenchRow], *, sealed: bool = False) -> None:
 
 def _require_one_behaviour(rows: Sequence[BenchRow]) -> None:
     if not all({"code", "scenario"} <= row.codes.keys() for row in rows):
-        raise ResultError("some rows do not tell which code flew them; fly them again into a new folder")
+        raise ResultError("some rows do not name the code that flew them; fly them again into a new folder")
     behaviours = {row.codes["code"] for row in rows}
     if len(behaviours) > 1:
         several = ", ".join(sorted(behaviours)[:3])

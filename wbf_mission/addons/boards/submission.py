@@ -236,7 +236,7 @@ def read_pack(path: Path) -> Pack:
     digests = {name: hashlib.sha256(content).hexdigest() for name, content in members.items()}
     if told.files != digests:
         wrong = min(name for name, _ in told.files.items() ^ digests.items())
-        raise ResultError(f"{path}: {wrong} is not what {ABOUT} tells; get the file again")
+        raise ResultError(f"{path}: {wrong} is not what {ABOUT} says; get the file again")
     try:
         # The size stated in a table may be less than its real size.
         with memory_bounded(_MAX_MEMORY_BYTES):
@@ -251,7 +251,7 @@ def read_pack(path: Path) -> Pack:
     )
     for field in Submission.__struct_fields__:
         if getattr(told, field) != getattr(again, field):
-            raise ResultError(f"{path}: {ABOUT} tells other {field} than the rows; pack it again")
+            raise ResultError(f"{path}: {ABOUT} has other {field} than the rows; pack it again")
     code = {name: content for name, content in members.items() if name != TABLE}
     return Pack(told, rows, code, hashlib.sha256(data).hexdigest())
 

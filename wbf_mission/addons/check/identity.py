@@ -42,7 +42,7 @@ def heartbeat_fields(peer: Peer) -> str:
     if not message.base_mode & m.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED:
         raise FailedError("base_mode lacks the custom mode bit: the mode is not read")
     if message.system_status not in range(1, 9):
-        raise FailedError(f"system_status {message.system_status} tells nothing")
+        raise FailedError(f"system_status {message.system_status} has no meaning")
     return f"type {message.type}, autopilot {message.autopilot}, custom mode {message.custom_mode:#x}"
 
 

@@ -101,7 +101,7 @@ class BatteryWait:
         reads = None if vehicle is None else vehicle.monitor.battery.remaining
         self._heard_s = 0.0 if vehicle is None else self._heard_s or waited_s or _LOOK_S
         if self.asks is None and waited_s > self.limit_s:
-            reading = "tells nothing of it" if reads is None else f"reads {reads:.0%}"
+            reading = "reports no charge" if reads is None else f"reads {reads:.0%}"
             return f"the battery was not changed within {self.limit_s:g} s (the vehicle {reading})"
         if vehicle is None or vehicle.monitor.state.armed:
             if self._said:
@@ -125,9 +125,9 @@ class BatteryWait:
         if waited_s - self._heard_s < _TELLS_S:
             return None
         if self.asks is None:
-            return "the vehicle does not tell what its battery holds: say when it is changed (without --yes)"
+            return "the vehicle does not report its battery's charge: say when it is changed (without --yes)"
         if self._said:
-            self.note("the vehicle does not tell what its battery holds; taken as full")
+            self.note("the vehicle does not report its battery's charge; taken as full")
             return ""
         return None
 

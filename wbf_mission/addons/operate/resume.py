@@ -137,7 +137,7 @@ def _of_link(url: str, course: Course, wait_s: float) -> Place:
     state = listener.progress.monitor.state
     what = f"the vehicle on {name}"
     if state.item is None:
-        msg = f"{what} does not tell which item it flies; give the item: --resume 12+35m"
+        msg = f"{what} does not name the item that it flies; give the item: --resume 12+35m"
         raise MissionError(msg)
     if state.armed and listener.progress.monitor.in_mission:
         return _reached(what, listener.progress)

@@ -79,7 +79,7 @@ def write_page(path: Path, page: Page) -> None:
     sections = "".join(_section(page, zone_map) for zone_map in page.maps)
     source = f" Made from {escape(page.source)}." if page.source else ""
     notes = "".join(f" {escape(note)}." for note in page.notes)
-    doubt = " It does not tell how sure it is, so nothing is marked to be looked at again."
+    doubt = " It gives no uncertainty, so nothing is marked to be looked at again."
     about = f"{escape(page.about)}.{source}{notes}{'' if page.states_deviation else doubt}"
     map_mm = _WIDE_MM if len(page.maps) < _NARROW_FROM else _NARROW_MM
     zones = "".join(f".zone{zone} {{ fill: {colour}; }}\n" for zone, colour in _COLOURS.items())

@@ -75,7 +75,7 @@ def read_readings(path: Path, fields: FieldSet) -> Readings:
     if key is None:
         wanted = "latitude and longitude, name, image, or time"
         raise ObservationError(
-            f"{path}: no column tells where a reading belongs; give {wanted}{_comma(header)}"
+            f"{path}: no column gives the place of a reading; give {wanted}{_comma(header)}"
         )
     columns = [header.index(name) if name in header else None for name in fields.names]
     if not any(column is not None for column in columns):

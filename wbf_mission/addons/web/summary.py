@@ -143,7 +143,7 @@ def _told(record: RunRecord, *, short: bool = False) -> dict[str, str]:
 def _battery(record: RunRecord) -> str:
     used = [flight.battery_used for flight in record.flights if flight.battery_used is not None]
     if not used:
-        return "not told"
+        return "not reported"
     if len(used) == 1:
         return f"{percent(used[0])} of one"
     return f"{len(used)} charges, at most {percent(max(used))} of one; {sum(used):.1f} in all"
@@ -183,7 +183,7 @@ def _about(report: FieldReport) -> str:
     """Describe the sickness of a field, its uncertainty, and the worst places."""
     disease = report.kind == "disease"
     write = _writer(report)
-    sure = "how sure that is, the estimator does not tell"
+    sure = "the estimator gives no uncertainty"
     if report.low is not None and report.high is not None:
         sure = f"90 % sure: {write(report.low)} to {write(report.high)}"
     what = "of the plants are expected sick" if disease else "on average"

@@ -281,7 +281,7 @@ def test_a_vehicle_that_tells_no_reading_is_believed_with_a_note():
     wait = BatteryWait(0.8, iter([True, *[None] * 9]).__next__, 0.7, 60.0, notes.append)
     assert wait._settled(watched(None), 1.0) is None, "it may tell yet"
     assert wait._settled(watched(None), 8.0) == ""
-    assert notes == ["the vehicle does not tell what its battery holds; taken as full"]
+    assert notes == ["the vehicle does not report its battery's charge; taken as full"]
     alone = BatteryWait(0.8, None, 0.7, 60.0, notes.append)
     alone._settled(watched(None), 1.0)
     assert "say when it is changed" in alone._settled(watched(None), 8.0)

@@ -99,7 +99,7 @@ def test_positions_are_found_however_their_columns_are_spelt(header, swapped, ta
 
 @pytest.mark.parametrize("header", ["lat,soil", "lat (rad),lon (rad),soil", "x,y,soil", "flat,lone,soil"])
 def test_other_columns_are_no_positions(header, table):
-    with pytest.raises(ObservationError, match="no column tells where a reading belongs"):
+    with pytest.raises(ObservationError, match="no column gives the place of a reading"):
         read_readings(table(f"{header}\n1,2,0.5\n"), PAPER_FIELDS)
 
 
@@ -143,7 +143,7 @@ def test_what_is_left_out_is_counted(table, track):
 @pytest.mark.parametrize(
     ("text", "told"),
     [
-        ("tylcv\n1\n", "no column tells where a reading belongs; give latitude and longitude, name"),
+        ("tylcv\n1\n", "no column gives the place of a reading; give latitude and longitude, name"),
         ("latitude,tylcv\n1,1\n", "no column tells where"),
         ("time,nitrogen\n1,1\n", "no column is a field; give one or more of tylcv, ccr, soil"),
         ("time,tylcv\n", "holds no readings below its header"),

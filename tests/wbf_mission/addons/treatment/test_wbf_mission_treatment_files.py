@@ -306,7 +306,7 @@ def test_an_estimator_without_a_deviation_is_told(tmp_path):
     with rasterio.open(tmp_path / "map" / "map_tylcv.tif") as file:
         assert file.descriptions[1] == "TYLCV (tomato): uncertainty (doubt on the estimator's own scale)"
         assert file.units[1] in ("", None)
-    assert "does not tell how sure it is" in (tmp_path / "map" / "report.html").read_text()
+    assert "gives no uncertainty" in (tmp_path / "map" / "report.html").read_text()
     assert all(one.zone != LOOK for one in of.zones)
 
 

@@ -399,7 +399,9 @@ def test_decisions_tell_why_and_their_candidates_are_on_the_map(browser: Browser
         told(view, Decided(4.0, record))
         page.locator(".decisions summary").click()
         expect(page.locator(".decisions details")).to_contain_text("Two plants are sick")
-        expect(page.locator(".decided > .small")).to_have_text("This policy has told no acquisition map yet.")
+        expect(page.locator(".decided > .small")).to_have_text(
+            "This policy has shown no acquisition map yet."
+        )
         rows = page.locator(".decisions tbody tr").all()
         assert [row.inner_text().split("\t")[:3] for row in rows] == [
             ["one \N{CHECK MARK}", "3.00", "5.00"],

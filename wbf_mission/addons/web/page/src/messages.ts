@@ -100,7 +100,7 @@ export class Decisions {
 
   show(time_s: number): void {
     const maps = this.models.some((model) => model.tiles.has("acquisition"));
-    const missing = this.time ? "No acquisition map is kept: see the summary." : "This policy has told no acquisition map yet.";
+    const missing = this.time ? "No acquisition map is kept: see the summary." : "This policy has shown no acquisition map yet.";
     setText(this.note, maps || !this.any ? "" : missing);
     const told = this.models.flatMap((model) =>
       model.decisions.filter((one) => one.time_s <= time_s).map((decision) => ({ model, decision })),

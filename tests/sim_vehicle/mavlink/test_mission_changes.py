@@ -292,6 +292,14 @@ def test_px4_goes_back_in_a_survey_after_a_plain_hold():
     assert orders[-1] == 5.0, "shots go on from the next position"
 
 
+def test_ardupilot_goes_on_in_a_survey_where_it_was():
+    flight = Flight(ARDUPILOT).fly().to_the_change()
+    flight.result(176, 1.0, 17.0)
+    flight.wait(4.0)
+    flight.result(176, 1.0, 3.0)
+    assert flight.seq == TURN
+
+
 @pytest.mark.parametrize("mode", [4.0, 17.0], ids=["guided", "brake"])
 def test_ardupilot_pauses_takes_a_list_and_goes_on_at_its_own_speed(mode):
     flight = Flight(ARDUPILOT).fly().to_the_change()

@@ -324,9 +324,10 @@ def test_soil_in_blocks_is_the_formula_day_by_day(width: int, height: int, seed:
     along_x, along_y = hump_factors(weather.start_corners, shape, parameters)
     humidity = along_x @ along_y
     for index, shower in enumerate(weather.showers):
+        humidity = humidity * (1.0 - parameters.evaporation)
         factors = None if shower is None else rain_factors(shower, shape, parameters)
-        rain = 0.0 if factors is None else factors[0] @ factors[1]
-        humidity = np.minimum(humidity * (1.0 - parameters.evaporation) + rain, 1.0)
+        if factors is not None:  # The first days may be above 1 until it rains
+            humidity = np.minimum(humidity + factors[0] @ factors[1], 1.0)
         day = index + 1 - parameters.warm_up_days
         if day in got:
             np.testing.assert_allclose(got[day], humidity, rtol=0, atol=5e-6)

@@ -112,7 +112,7 @@ def _shown(home: GeoPoint | None) -> Any:
 
 
 class Drawn(Protocol):
-    """Drawn or recorded paths, each of which can be made a mission."""
+    """Drawn or recorded paths; each can be made a mission."""
 
     @property
     def paths(self) -> Sequence[Any]:

@@ -33,7 +33,7 @@ def print_standings(output: Output, rows: Sequence[BenchRow], title: str) -> Non
     from wbf_mission.bench.page import standing_table
     from wbf_mission.bench.standings import standings
 
-    tell_what_counts(output, rows)
+    warn_of_uncounted(output, rows)
     found = standings(rows)
     failures = [row for row in rows if row.error is not None]
     if output.as_json:
@@ -48,10 +48,10 @@ def print_standings(output: Output, rows: Sequence[BenchRow], title: str) -> Non
         heading = f"{title}: {scenario}, scores over the run and at its end (0 is perfect)"
         table = standing_table(heading, [standing for standing in found if standing.scenario == scenario])
         output.table(None, list(table.header), [list(row) for row in table.rows], title=heading)
-    tell_failures(output, rows)
+    warn_of_failures(output, rows)
 
 
-def tell_what_counts(output: Output, rows: Sequence[BenchRow]) -> None:
+def warn_of_uncounted(output: Output, rows: Sequence[BenchRow]) -> None:
     """Warn if rows are of several versions, or some environments do not count."""
     from wbf_mission.bench.standings import apart, builds_in_words, scored
 
@@ -63,7 +63,7 @@ def tell_what_counts(output: Output, rows: Sequence[BenchRow]) -> None:
             output.warn(f"{group.scenario}: {group.environments_in_words()}")
 
 
-def tell_failures(output: Output, rows: Sequence[BenchRow]) -> None:
+def warn_of_failures(output: Output, rows: Sequence[BenchRow]) -> None:
     """Warn of failed runs, with the causes of the first `_FAILURES_SHOWN`."""
     failures = [row for row in rows if row.error is not None]
     for row in failures[:_FAILURES_SHOWN]:

@@ -99,8 +99,7 @@ class AlongCurves(CompiledMotion):
         at_s = _time_of(head, curve, _POSITION, _FAR_M, scurve.end_time(head, curve))
         behind = _FAR_M
         if scurve.state_at(head, curve, at_s)[1] > along + _SAME_M_S:
-            # The vehicle is still accelerating: the leg began behind it, by the distance of the acceleration
-            # so far.
+            # The vehicle is still accelerating: the leg began behind it, by its distance of acceleration.
             at_s = _time_of(head, curve, _SPEED, along, 0.5 * scurve.end_time(head, curve))
             behind = scurve.state_at(head, curve, at_s)[0]
             _make_leg(guide, law, head, curve, ahead * (behind + left))

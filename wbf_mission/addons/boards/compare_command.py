@@ -15,8 +15,8 @@ from wbf_mission.cli.bench import (
     choices,
     exit_code,
     selection,
-    tell_failures,
-    tell_what_counts,
+    warn_of_failures,
+    warn_of_uncounted,
 )
 from wbf_mission.cli.command import Command
 from wbf_mission.cli.options import option
@@ -79,8 +79,8 @@ def compare_command(
     of_score = ("95 %", "verdict")
     header = ["scenario, estimator", "against", "run", *of_score, "end", *of_score, "better on"]
     output.table(values, header, table, title=f"{first}: difference of scores (positive: it is better)")
-    tell_what_counts(output, rows)
-    tell_failures(output, rows)
+    warn_of_uncounted(output, rows)
+    warn_of_failures(output, rows)
     return exit_code(rows, interrupted=interrupted)
 
 

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from wbf_mission.cli import options
-from wbf_mission.cli.bench import RUN_PANEL, exit_code, selection, tell_failures
+from wbf_mission.cli.bench import RUN_PANEL, exit_code, selection, warn_of_failures
 from wbf_mission.cli.command import Command
 from wbf_mission.cli.options import option
 from wbf_mission.cli.output import Output
@@ -84,7 +84,7 @@ def paper_command(
     except BenchmarkInterrupted as stop:
         output.warn(f"{stop}; the same command flies the others")
         return ExitCode.INTERRUPTED
-    tell_failures(output, made.rows)
+    warn_of_failures(output, made.rows)
     write_page(made.files[0].with_suffix(".html"), made.page, out)
     pages = [str(made.files[0].with_suffix(end)) for end in (".md", ".html")]
     pictures = [str(file) for file in made.files[1:]]

@@ -144,10 +144,10 @@ def test_what_is_left_out_is_counted(table, track):
     ("text", "told"),
     [
         ("tylcv\n1\n", "no column gives the place of a reading; give latitude and longitude, name"),
-        ("latitude,tylcv\n1,1\n", "no column tells where"),
+        ("latitude,tylcv\n1,1\n", "no column gives the place of a reading"),
         ("time,nitrogen\n1,1\n", "no column is a field; give one or more of tylcv, ccr, soil"),
         ("time,tylcv\n", "holds no readings below its header"),
-        ("", "no column tells where"),
+        ("", "no column gives the place of a reading"),
         (
             "latitude;longitude;tylcv\n1,5;2,5;1\n",
             "; separate the columns by commas, and write decimals with a",

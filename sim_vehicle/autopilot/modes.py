@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import Enum
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 from mission.link.codec.dialect import mavlink as m
@@ -69,7 +70,7 @@ class BaseModes:
         return known.get(mode, self.other)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class ModeTable:
     """Custom modes of a firmware."""
 
@@ -111,7 +112,7 @@ class ModeTable:
     def __getitem__(self, mode: Mode) -> int:
         return self.numbers[mode]
 
-    @property
+    @cached_property
     def numbers(self) -> dict[Mode, int]:
         """Custom mode number of each available mode."""
         numbers: dict[Mode, int] = {}

@@ -6,6 +6,8 @@ import sys
 import warnings
 from typing import TextIO
 
+_SWITCH_S = 20e-6  # Over Waterberry 0.7 of the wall time and 0.85 of the CPU time; 5e-6 is not better
+
 
 def main() -> None:
     """Run the command line and end the process with its exit code."""
@@ -23,6 +25,8 @@ def main() -> None:
         from wbf_mission.cli.app import main as run
 
         use_memory_again()
+        # Estimates run beside the flight: with CPython's 5 ms each waits for the other most of the time.
+        sys.setswitchinterval(_SWITCH_S)
         with compile_notices(_CompileNotice()):
             code = run()
     except KeyboardInterrupt:

@@ -20,7 +20,6 @@ from mission.transfer.client import CLIENT_TABLE
 from mission.transfer.server_session import SERVER_TABLE
 from sim_vehicle.autopilot.px4 import PX4
 from sim_vehicle.autopilot.px4.firmware import SITL_LINKS
-from sim_vehicle.faults.fault import KINDS
 
 _DOCS = Path(__file__).parent
 _CONTENTS = "<!-- contents -->"
@@ -78,6 +77,8 @@ def _training() -> Iterator[str]:
 
 
 def _faults() -> Iterator[str]:
+    from wbf_mission.addons.faults.fault import KINDS
+
     rows = []
     for name, kind in KINDS.items():
         value = "" if kind.value == "none" else kind.value

@@ -52,7 +52,7 @@ if TYPE_CHECKING:
     from sensors.scoring.score import ScoreWeights as ScoreWeights
     from sim_vehicle.airframe.catalog import get_vehicle as get_vehicle
     from sim_vehicle.errors import VehicleError as VehicleError
-    from sim_vehicle.faults.fault import Fault as Fault
+    from sim_vehicle.host.injection import Fault as Fault
     from sim_vehicle.host.simulation import Simulation as Simulation
     from sim_vehicle.mavlink import SimVehicle as SimVehicle
     from wbf_mission.bench.benchmark import benchmark as benchmark

@@ -13,7 +13,7 @@ from threadpoolctl import threadpool_limits
 from mission.transfer import refuse_errors
 from sensors.field_files import load_field_set
 from sensors.scoring.score import ScoreWeights
-from sim_vehicle.faults.fault import Fault
+from sim_vehicle.host.injection import AnyFault
 from sim_vehicle.host.simulation import Impairment
 from wbf_mission.events import EventStream, RunBegun, RunEnded, VehicleInfo
 from wbf_mission.maps.field_maps import FieldMap, true_map
@@ -51,7 +51,7 @@ class Way(Protocol):
     """Way to fly a run: `Simulated`, or with real vehicles (`wbf_mission.LiveLink`)."""
 
     @property
-    def faults(self) -> Sequence[Fault | str]:
+    def faults(self) -> Sequence[AnyFault | str]:
         """Faults of each flight of simulated vehicles."""
 
     @property
@@ -83,7 +83,7 @@ class Way(Protocol):
     def check(self, campaign: Campaign, events: EventStream) -> None:
         """Raise PreflightError before take-off if a plan has errors."""
 
-    def hosting(self, faults: Sequence[Fault]) -> Hosting:
+    def hosting(self, faults: Sequence[AnyFault]) -> Hosting:
         """Return the hosting of the flights: a simulation, or the links to real vehicles."""
 
 
@@ -94,7 +94,7 @@ class Simulated:
     Parameters
     ----------
     faults : sequence of Fault or str
-        Faults of each flight (`sim_vehicle.faults`).
+        Faults of each flight (needs the add-on).
     impairment : Impairment, optional
         Disturbances of the radio between the ground station and the vehicles.
     pace : float, optional
@@ -110,7 +110,7 @@ class Simulated:
         Fly plans with preflight errors, and do not cut a mission longer than a battery into sorties.
     """
 
-    faults: Sequence[Fault | str] = ()
+    faults: Sequence[AnyFault | str] = ()
     impairment: Impairment | None = None
     pace: float | None = None
     tlog: Path | None = None
@@ -139,7 +139,7 @@ class Simulated:
             plans = [(plan, plans[0][1]) for plan in campaign.sorties]
         check_plans(plans, "nothing was flown", events, force=self.force)
 
-    def hosting(self, faults: Sequence[Fault]) -> Hosting:
+    def hosting(self, faults: Sequence[AnyFault]) -> Hosting:
         """Return a simulation."""
         return VirtualHosting(
             pace=self.pace,

@@ -18,7 +18,7 @@ from mission.link.codec.frames import FrameReader
 from mission.link.opening import open_link
 from mission.link.sockets import TcpLink, TcpListener, UdpSocket
 from sim_vehicle.errors import VehicleError
-from sim_vehicle.faults.session import FaultSession, FaultyLink
+from sim_vehicle.host.injection import Injection, Radio
 
 __all__ = ["Client", "PortSelector", "ServerUrl", "open_port"]
 
@@ -57,7 +57,7 @@ class Client:
         self.name = name
         self.systems: frozenset[int] = frozenset()
         self.link = ""
-        self.radio: FaultyLink | None = None
+        self.radio: Radio | None = None
         self.alive = True
         self.last_received_s = time.monotonic()
         self._write = write
@@ -287,8 +287,8 @@ def _address_of(address: LinkAddress) -> str:
 class PortSelector:
     """Selector over all ports of a server and their clients.
 
-    `links` are links that are open already; their port numbers follow those of the URLs. `session` injects
-    the faults.
+    `links` are links that are open already; their port numbers follow those of the URLs. `injection`
+    makes the radios of the clients.
 
     ``clients`` is replaced by a new list at each change of clients. ``urls`` are the addresses with the
     actual port numbers. LinkError if an address is invalid or in use; all sockets are closed then.
@@ -297,13 +297,13 @@ class PortSelector:
     def __init__(
         self,
         urls: Sequence[ServerUrl],
-        session: FaultSession,
+        injection: Injection,
         links: Sequence[Link] = (),
         *,
         at_once: bool = False,
     ) -> None:
         self.clients: list[Client] = []
-        self._session = session
+        self._injection = injection
         self._ports: list[tuple[ServerPort, ServerUrl]] = []
         self._seen: dict[int, int] = {}
         self._selector = selectors.DefaultSelector()
@@ -366,7 +366,7 @@ class PortSelector:
                 if client not in self.clients:
                     count = self._seen[number] = self._seen.get(number, -1) + 1
                     client.systems, client.link = url.systems, url.link
-                    client.radio = self._session.link(port.name, number, count)
+                    client.radio = self._injection.radio(port.name, number, count)
         if found != self.clients:
             self.clients = found
         handles = {fd: handle for port, _ in self._ports for fd, handle in port.ready_callbacks().items()}

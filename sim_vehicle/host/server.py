@@ -16,8 +16,7 @@ from mission.link.codec.frames import FrameReader, FrameWriter, valid_frame_end
 from mission.link.codec.signing import SETUP_SIGNING, Signing
 from sim_vehicle.component import NEVER, Component, KeepsLog, SaysGoodbye, Serves, Streams
 from sim_vehicle.errors import VehicleError
-from sim_vehicle.faults.fault import Fault
-from sim_vehicle.faults.session import FaultSession
+from sim_vehicle.host.injection import AnyFault, injection
 from sim_vehicle.host.ports import Client, PortSelector, ServerUrl
 from sim_vehicle.host.router import RoutingTable, frame_id, frame_source, frame_target
 from sim_vehicle.host.simulation import StopReason
@@ -79,7 +78,7 @@ class Server(Closing):
     tap : callable, optional
         ``tap(frame, now_s)`` is called with every frame sent or received.
     faults : sequence of Fault or str
-        Faults, see `sim_vehicle.faults.fault`; links are numbered from 1 in the order of ``urls``.
+        Faults (needs the add-on); links are numbered from 1 in the order of ``urls``.
     seed : int or numpy.random.SeedSequence
         Seed of the faults.
     signing : Signing, optional
@@ -119,7 +118,7 @@ class Server(Closing):
         *,
         speed: float = 1.0,
         tap: Callable[[bytes, float], None] | None = None,
-        faults: Sequence[Fault | str] = (),
+        faults: Sequence[AnyFault | str] = (),
         seed: int | SeedSequence = 0,
         signing: Signing | None = None,
         links: Sequence[Link] = (),
@@ -136,11 +135,11 @@ class Server(Closing):
         self.speed = speed
         self._tap = tap
         self._signing = signing
-        session = FaultSession(faults, seed)
+        injected = injection(faults, seed)
         ports = [url if isinstance(url, ServerUrl) else ServerUrl(url) for url in urls]
         self._locals = [
             _Local(wrapped, signing, component, ports)
-            for component, wrapped in zip(components, session.wrap(components), strict=True)
+            for component, wrapped in zip(components, injected.wrap(components), strict=True)
         ]
         self._table: RoutingTable[_Port] = RoutingTable()
         for local, address in zip(self._locals, addresses, strict=True):
@@ -154,7 +153,7 @@ class Server(Closing):
         self._stopping = False
         self._closed = False
         self._origin_s = 0.0
-        self._selector = PortSelector(ports, session, links, at_once=at_once)
+        self._selector = PortSelector(ports, injected, links, at_once=at_once)
         self.urls = self._selector.urls
         self._meet_clients()
 

@@ -18,10 +18,10 @@ from mission.errors import LinkError
 from mission.link.codec.dialect import mavlink
 from mission.link.codec.frames import FrameReader, FrameWriter, decode_frame, valid_frame_end
 from mission.link.codec.signing import SETUP_SIGNING, Signing
+from mission.link.faults import Faults
 from sim_vehicle.component import NEVER, UNHEARD, Component, SaysMuch
 from sim_vehicle.errors import VehicleError
-from sim_vehicle.faults.fault import Fault
-from sim_vehicle.faults.session import FaultSession, FaultyLink
+from sim_vehicle.host.injection import AnyFault, Radio, injection
 from sim_vehicle.host.router import RadioRange, RoutingTable, frame_id, frame_source, frame_target
 
 if TYPE_CHECKING:
@@ -149,11 +149,9 @@ class Impairment:
                 raise VehicleError(msg)
 
     @property
-    def faults(self) -> tuple[Fault, ...]:
-        """Return the impairment as faults of a link."""
-        kinds = ("loss", "duplicate", "delay", "jitter")
-        values = (self.loss, self.duplication, self.delay_s, self.jitter_s)
-        return tuple(Fault(kind, value) for kind, value in zip(kinds, values, strict=True) if value)
+    def faults(self) -> Faults:
+        """Return the impairment as disturbances of a radio."""
+        return Faults(self.loss, self.duplication, delay_s=self.delay_s, jitter_s=self.jitter_s)
 
 
 class Simulation:
@@ -170,8 +168,7 @@ class Simulation:
     remote : sequence of Component
         Components behind a radio, each with its own radio. Links of `open_link` have radios, too.
     faults : sequence of Fault or str
-        Faults, see `sim_vehicle.faults.fault`; links are numbered in the order of `remote`, then of
-        `open_link`.
+        Faults (needs the add-on); links are numbered in the order of `remote`, then of `open_link`.
     seed : int or numpy.random.SeedSequence
         Seed of the faults; the impairment has its own seed.
     signing : Signing, optional
@@ -204,7 +201,7 @@ class Simulation:
         tap: Callable[[bytes, float], None] | None = None,
         impairment: Impairment | None = None,
         remote: Sequence[Component] = (),
-        faults: Sequence[Fault | str] = (),
+        faults: Sequence[AnyFault | str] = (),
         seed: int | np.random.SeedSequence = 0,
         signing: Signing | None = None,
         radio_range: RadioRange | None = None,
@@ -214,11 +211,14 @@ class Simulation:
         self.now_s = 0.0
         self.frames = 0
         self.bytes_sent = 0
-        if impairment is not None:
-            faults, seed = (*faults, *impairment.faults), impairment.seed
-        self._session = FaultSession(faults, seed)
+        impaired = Faults() if impairment is None else impairment.faults
+        self._injection = injection(faults, seed if impairment is None else impairment.seed)
+        self._unbroken = not faults and impaired == Faults()
+        self._always = None if radio_range is None and impaired == Faults() else impaired
         far = [any(c is r for r in remote) for c in components]
-        near = iter(self._session.wrap([c for c, is_far in zip(components, far, strict=True) if not is_far]))
+        near = iter(
+            self._injection.wrap([c for c, is_far in zip(components, far, strict=True) if not is_far])
+        )
         self._components = tuple(
             c if is_far else next(near) for c, is_far in zip(components, far, strict=True)
         )
@@ -236,12 +236,11 @@ class Simulation:
         self._routes: dict[tuple[int, int, int], tuple[int, ...]] = {}
         self._inbox: deque[tuple[tuple[int, ...], bytes]] = deque()
         self._links: list[VirtualLink] = []
-        self._radios: dict[int, FaultyLink] = {}
+        self._radios: dict[int, Radio] = {}
         self._radio_count = 0
         for port, component in enumerate(components):
             if far[port]:
                 self._add_radio(port, f"{component.system_id}.{component.component_id}")
-        self._unbroken = not faults
         self._share_listeners()
 
     def _share_listeners(self) -> None:
@@ -280,7 +279,7 @@ class Simulation:
 
     def _add_radio(self, port: int, name: str) -> None:
         self._radio_count += 1
-        radio = self._session.link(name, self._radio_count, always=self._range is not None)
+        radio = self._injection.radio(name, self._radio_count, always=self._always)
         if radio is not None:
             self._radios[port] = radio
 
@@ -333,7 +332,7 @@ class Simulation:
                 if messages:
                     self._send(port, messages)
 
-    def _arrive(self, port: int, radio: FaultyLink) -> None:
+    def _arrive(self, port: int, radio: Radio) -> None:
         """Forward the frames that arrive over a radio; damaged frames reach only links."""
         for frame in radio.receive("up", self.now_s):
             if valid_frame_end(frame) == len(frame):

@@ -10,7 +10,7 @@ from geo.errors import WbfMissionError
 from geo.texts import duration
 from mission.files import read_mission
 from mission.outcome import Outcome
-from sim_vehicle.faults.fault import FaultError
+from sim_vehicle.errors import VehicleError
 from wbf_mission import Scenario, Simulated, fly, load_result
 from wbf_mission.addons.rl.task import SurveyTask
 from wbf_mission.cli.app import main
@@ -189,7 +189,7 @@ def test_a_fleet_is_loaded_as_it_was_saved(tmp_path):
 
 
 def test_faults_of_vehicles_that_do_not_fly_are_refused():
-    with pytest.raises(FaultError, match="there is no vehicle 3; the systems are 1, 2"):
+    with pytest.raises(VehicleError, match="there is no vehicle 3; the systems are 1, 2"):
         fly(Scenario(**ROBOTS, vehicles=2), by=Simulated(faults=["gps-loss,vehicle=3"]))
 
 

@@ -108,17 +108,16 @@ def sim_command(
     """
     from mission.link.tlog import TlogWriter
     from sim_vehicle.execution.state import EPOCH_UNIX_S
-    from sim_vehicle.faults.fault import parse_fault
-    from sim_vehicle.faults.session import check_vehicles
+    from sim_vehicle.host.injection import fault_part, injection
     from sim_vehicle.host.server import Server
     from wbf_mission.scenario import Scenario
     from wbf_mission.simulator import make_components, parse_home
 
     if list_faults:
-        _list_faults(output)
+        fault_part("kinds")(output)
         return ExitCode.GOOD
     base, in_file, planned = (Scenario(), SimOptions(), ()) if given.file is None else load_sim(given.file)
-    faults = [*planned, *(parse_fault(text) for text in fault or ())]
+    injected = injection([*planned, *(fault or ())])
     chosen = replace(in_file, **given.others)
     with_camera = _with_camera(given, chosen.camera)
     scenario = given.change(base)
@@ -126,7 +125,8 @@ def sim_command(
     refuse_overwrite(tlog, inputs, suffixes=(".tlog",), overwrite=overwrite)
     refuse_overwrite(ready_file, [*inputs, tlog], suffixes=("", ".ready", ".txt"), overwrite=overwrite)
     homes = [parse_home(text) for text in chosen.home]
-    check_vehicles(faults, range(chosen.system_id, chosen.system_id + (chosen.count or len(homes) or 1)))
+    count = chosen.count or len(homes) or 1
+    injected.require_vehicles(range(chosen.system_id, chosen.system_id + count))
     with output.progress() as progress:
         simulated = make_components(
             scenario,
@@ -159,7 +159,7 @@ def sim_command(
                 [*chosen.listen, *chosen.connect] or simulated.fleet.urls,
                 speed=parse_speed(chosen.speed),
                 tap=None if tlog is None else tap,
-                faults=faults,
+                faults=injected.faults,
                 seed=scenario.seed,
                 signing=_signing(signing_key),
             ) as server,
@@ -169,7 +169,7 @@ def sim_command(
                 log = TlogWriter(tlog)
                 cleanup.callback(log.close)
             output.note(_greeting(simulated, scenario.vehicle.name, server.urls))
-            for wrong in faults:
+            for wrong in injected.faults:
                 output.note(f"fault: {wrong}")
             if ready_file is not None:
                 _write_ready(ready_file, server.urls)
@@ -260,16 +260,3 @@ def _greeting(simulated: Simulated, vehicle: str, urls: tuple[str, ...]) -> str:
     where = f"{point.latitude_deg:.6f}, {point.longitude_deg:.6f}"
     who = f"{several}{vehicle} as {simulated.autopilot} at {where}"
     return f"{who} on {', '.join(_some(urls))}; Ctrl-C ends it"
-
-
-def _list_faults(output: Output) -> None:
-    from sim_vehicle.faults.fault import KINDS, TRIGGERS
-
-    rows = [
-        [name, kind.group, "" if kind.value == "none" else kind.value, kind.text]
-        for name, kind in KINDS.items()
-    ]
-    values = [dict(zip(("kind", "group", "value", "text"), row, strict=True)) for row in rows]
-    output.table(values, ["fault", "of", "value", "what it does"], rows, title="Faults", left=True)
-    output.note(f"when: from=SECONDS, for=SECONDS, at={'|'.join(TRIGGERS)}")
-    output.note("where: vehicle=SYSTEM, direction=up|down|both, link=NAME|NUMBER; how often: times=N")

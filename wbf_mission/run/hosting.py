@@ -20,7 +20,7 @@ from sim_vehicle.autopilot import get_autopilot
 from sim_vehicle.camera.component import LeafCameraComponent
 from sim_vehicle.component import NEVER, Component
 from sim_vehicle.execution.state import EPOCH_UNIX_S
-from sim_vehicle.faults.fault import Fault
+from sim_vehicle.host.injection import AnyFault
 from sim_vehicle.host.router import RadioRange
 from sim_vehicle.host.simulation import Impairment, Simulation, StopReason
 from sim_vehicle.mavlink import SimVehicle
@@ -97,7 +97,7 @@ class VirtualHosting(Hosting):
     """Simulated vehicles on a virtual clock; without a pace as fast as possible."""
 
     impairment: Impairment | None = None  # Disturbances of the radio between ground stations and vehicles
-    faults: tuple[Fault, ...] = ()  # Faults in each flight of the remaining vehicles
+    faults: tuple[AnyFault, ...] = ()  # Faults in each flight of the remaining vehicles
 
     def open(
         self,

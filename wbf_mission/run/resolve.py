@@ -19,8 +19,7 @@ from sensors.estimators import Estimator
 from sensors.field_files import load_field_set
 from sensors.fields import FieldSet
 from sensors.scoring.score import ScoreWeights
-from sim_vehicle.faults.fault import Fault, parse_fault
-from sim_vehicle.faults.session import check_vehicles
+from sim_vehicle.host.injection import AnyFault, injection
 from wbf_mission.events import EventStream
 from wbf_mission.planning import PlanResult
 from wbf_mission.planning.builder import MissionBuilder
@@ -74,7 +73,7 @@ class Run:
     points: int | None  # Scores per flight; None: chosen by the farm's size
     keeps: Separation  # Separation of the vehicles
     world: World | None = None  # True dynamics of the fields, for the environment only
-    faults: tuple[Fault, ...] = ()  # Faults injected in each flight of simulated vehicles
+    faults: tuple[AnyFault, ...] = ()  # Faults injected in each flight of simulated vehicles
 
     def __getstate__(self) -> dict[str, object]:
         """Return the state without the estimator, which may be large: other processes only fly."""
@@ -136,7 +135,7 @@ def resolve(
     to_fly: bool = True,
     farm: Farm | None = None,
     fields: FieldSet | None = None,
-    faults: Sequence[Fault | str] = (),
+    faults: Sequence[AnyFault | str] = (),
     fitted: Callable[[Scenario, EventStream], Scenario] | None = None,
     weights: ScoreWeights | None = None,
     events: EventStream | None = None,
@@ -169,8 +168,8 @@ def resolve(
         )
         raise ScenarioError(msg)
     stream = EventStream() if events is None else events
-    breaking = tuple(parse_fault(fault) if isinstance(fault, str) else fault for fault in faults)
-    check_vehicles(breaking, range(1, len(scenario.vehicle.fleet) + 1))
+    injected = injection(faults)
+    injected.require_vehicles(range(1, len(scenario.vehicle.fleet) + 1))
     farm, fields = farm_of(scenario.farm, farm, fields)
     if to_fly:
         _require_hosts(farm, fields)
@@ -213,7 +212,7 @@ def resolve(
         points=scenario.score.points,
         keeps=scenario.vehicle.keeps,
         world=world_of(scenario, fields) if to_fly else None,
-        faults=breaking,
+        faults=injected.faults,
     )
 
 

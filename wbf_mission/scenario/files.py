@@ -19,7 +19,7 @@ from wbf_mission.scenario.option import ScenarioError
 from wbf_mission.scenario.scenario import Scenario
 
 if TYPE_CHECKING:
-    from sim_vehicle.faults.fault import Fault
+    from sim_vehicle.host.injection import AnyFault
 
 _FOLDER = Path(__file__).parent / "catalogue"
 _ID = re.compile(r"WBF/[\w-]+-v\d+")
@@ -127,10 +127,10 @@ def load_scenario(path: str | Path) -> Scenario:
     return scenario_from_table(read_table(path), Path(path))
 
 
-def load_broken_scenario(path: str | Path) -> tuple[Scenario, tuple[Fault, ...]]:
+def load_broken_scenario(path: str | Path) -> tuple[Scenario, tuple[AnyFault, ...]]:
     """Read a scenario file, and the faults in its tables ``[[fault]]``.
 
-    ScenarioError as for `load_scenario`; FaultError if a fault is invalid.
+    ScenarioError as for `load_scenario`; VehicleError if a fault is invalid.
     """
     path = Path(path)
     table = read_table(path)
@@ -138,12 +138,14 @@ def load_broken_scenario(path: str | Path) -> tuple[Scenario, tuple[Fault, ...]]
     return scenario_from_table(table, path), faults
 
 
-def take_faults(table: dict[str, Any], path: Path) -> tuple[Fault, ...]:
-    """Remove the faults from a file's table and return them; FaultError if one is invalid."""
-    from sim_vehicle.faults.fault import faults_of
+def take_faults(table: dict[str, Any], path: Path) -> tuple[AnyFault, ...]:
+    """Remove the faults from a file's table and return them; VehicleError if one is invalid."""
+    if "fault" not in table:
+        return ()
+    from sim_vehicle.host.injection import fault_part
 
-    faults = faults_of(table, str(path))
-    table.pop("fault", None)
+    faults: tuple[AnyFault, ...] = fault_part("tables")(table, str(path))
+    del table["fault"]
     return faults
 
 

@@ -14,7 +14,7 @@ from wbf_mission.scenario.parts import CAMERA, VEHICLE
 from wbf_mission.scenario.scenario import unknown_key
 
 if TYPE_CHECKING:
-    from sim_vehicle.faults.fault import Fault
+    from sim_vehicle.host.injection import AnyFault
 
 LINKS = "Links and time"
 _BOOTS = ("warm", "cold")
@@ -125,7 +125,7 @@ def parse_speed(speed: float | str) -> float:
     return number
 
 
-def load_sim(path: str | Path) -> tuple[Scenario, SimOptions, tuple[Fault, ...]]:
+def load_sim(path: str | Path) -> tuple[Scenario, SimOptions, tuple[AnyFault, ...]]:
     """Read a simulator's scenario file: keys of a scenario, a table ``[sim]`` and tables ``[[fault]]``."""
     path = Path(path)
     table = read_table(path)

@@ -271,6 +271,10 @@ def change_speed(head: Floats, curve: Floats, level: float, up: float, down: flo
         _put_nothing(curve, _START + 1, _START + 1, _START)
         curve[_START + 1, SEGMENT_TIME], curve[_START + 1, SEGMENT_POSITION] = time, here
         _put_nothing(curve, _START + 2, _ACCEL_END, _START + 1)
+    if curve[_CHANGE_END, SEGMENT_SPEED] < curve[_ACCEL_END, SEGMENT_SPEED]:
+        # Slowing has not begun and is given up: the higher speed needs more room to brake.
+        _put_nothing(curve, _ACCEL_END + 1, _CRUISE, _ACCEL_END)
+        _put_end(head, curve, head[LENGTH] - curve[_CRUISE, SEGMENT_POSITION])
     brakes = curve[_CRUISE, SEGMENT_POSITION]
     top, before = curve[_ACCEL_TOP, SEGMENT_TIME], curve[_ACCEL_TOP - 1, SEGMENT_TIME]
     accel = curve[_ACCEL_TOP, SEGMENT_ACCELERATION]

@@ -12,7 +12,6 @@ from mission.errors import LinkError
 from mission.link.codec.dialect import mavlink
 from mission.model import GeoPoint
 from sim_vehicle.airframe.catalog import get_vehicle
-from sim_vehicle.faults.fault import FaultError
 from sim_vehicle.host.ports import open_port
 from sim_vehicle.host.server import Server
 from sim_vehicle.mavlink import SimVehicle
@@ -116,8 +115,3 @@ def test_a_host_name_is_one_client_and_not_two():
     assert len(port.clients()) == 1
     assert "127.0.0.1" in port.name
     port.close()
-
-
-def test_bad_faults_are_refused_before_a_port_is_taken():
-    with pytest.raises(FaultError):
-        Server([], ["tcpin:127.0.0.1:0"], faults=["nonsense"])

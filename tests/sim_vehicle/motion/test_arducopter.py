@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from changed_flights import ChangedFlight, fly_changed
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from recordings import compare, fly_recording, load_recording
 from short_flights import started
@@ -164,6 +164,7 @@ def test_corners_are_as_fast_as_recorded(name: str) -> None:
     lag=st.floats(0.1, 1.0),
     changes=st.lists(st.tuples(st.floats(0.0, 1.0), st.floats(0.2, 20.0)), max_size=4),
 )
+@example(42.0, 3.0, 0.5, 4.0, 0.5, [(0.25, 1.0), (0.0, 5.0)])
 @settings(deadline=None, max_examples=150)
 def test_a_profile_ends_at_the_end_whatever_its_speed_becomes(
     length: float, top: float, accel: float, jerk: float, lag: float, changes: list[tuple[float, float]]

@@ -58,6 +58,9 @@ MISSING = {
     f"{FLY} --connect udpin:127.0.0.1:0 --yes": (
         "connects to real vehicles with 'fly' (wbf_mission.connections)"
     ),
+    f"{FLY} --fault loss=0.1": "injects faults with 'session' (wbf_mission.faults)",
+    "sim --list-faults": "injects faults with 'kinds' (wbf_mission.faults)",
+    "fly --scenario broken.toml": "injects faults with 'tables' (wbf_mission.faults)",
     "sim --live 0 --farm miniberry-10": "brings the page 'live.simulation' (wbf_mission.pages)",
     f"{FLY} --animate --out flown": "makes 'run.gif' (wbf_mission.products)",
     f"{FLY} --treatment-map --out flown": "makes 'treatment' (wbf_mission.products)",
@@ -83,6 +86,7 @@ def alone(tmp_path_factory):
     for words in (*WORKS, *BROUGHT, OTHER_FORMAT, *OTHER_VEHICLES, *MISSING, NO_PICTURES):
         folders[words] = tmp_path_factory.mktemp("alone")
         (folders[words] / "mine.toml").write_text('kind = "rover"\n')
+        (folders[words] / "broken.toml").write_text("[[fault]]\nkind = 'link-loss'\n")
         for name in ("a.secret", "a.gpkg", "a.kml", "a.poly"):
             (folders[words] / name).write_bytes(b"")
         add_row(folders[words])

@@ -15,7 +15,7 @@ from mission.ground.link import find_vehicles
 from mission.model import GeoPoint
 from mission.transfer.vehicles import Vehicle as HeardVehicle
 from sim_vehicle.airframe.catalog import get_vehicle
-from sim_vehicle.faults.fault import Fault
+from sim_vehicle.host.injection import AnyFault
 from wbf_mission.addons.operate.battery_change import REAL_FULL, BatteryWait, needed_fraction, risen_fraction
 from wbf_mission.addons.operate.console import TerminalConsole
 from wbf_mission.addons.operate.hosting import LinkHosting
@@ -311,7 +311,7 @@ class LiveLink:
             return str(error)
         return ""
 
-    def hosting(self, faults: Sequence[Fault]) -> Hosting:  # noqa: ARG002
+    def hosting(self, faults: Sequence[AnyFault]) -> Hosting:  # noqa: ARG002
         """Return the hosting of the flight."""
         return LinkHosting(
             heard=tuple(self._heard.values()),

@@ -2,8 +2,7 @@
 
 A fault is written ``KIND[=VALUE][,OPTION=VALUE...]``, for example ``loss=0.2,from=10,for=60`` or
 ``no-final-ack,times=1`` or ``gps-loss,at=airborne,from=5,for=20``. `KINDS` lists the kinds. The kinds for the
-mission protocol are the usual failure modes in tests of ground stations. `sim_vehicle.faults.session` applies
-the faults.
+mission protocol are the usual failure modes in tests of ground stations. `FaultSession` applies the faults.
 """
 
 from __future__ import annotations
@@ -13,16 +12,18 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from geo.reading import UnreadableError, read_toml
 from geo.texts import parse_number, parse_whole
 from mission.link.codec.dialect import mavlink
 from sim_vehicle.errors import VehicleError
 
-__all__ = ["KINDS", "TRIGGERS", "Direction", "Fault", "FaultError", "Kind", "load_faults", "parse_fault"]
+if TYPE_CHECKING:
+    from wbf_mission.cli.output import Output
 
-Direction = Literal["up", "down", "both"]
+__all__ = ["KINDS", "Fault", "FaultError", "faults_of", "load_faults", "parse_fault", "show_kinds"]
+
 Group = Literal["link", "message", "vehicle"]
 ValueKind = Literal[
     "chance", "part", "seconds", "baud", "item", "message", "result", "command", "component", "none"
@@ -148,7 +149,7 @@ class Fault:
     >>> Fault("loss", 2.0)
     Traceback (most recent call last):
     ...
-    sim_vehicle.faults.fault.FaultError: fault loss: 2 is not a chance from 0 to 1
+    wbf_mission.addons.faults.fault.FaultError: fault loss: 2 is not a chance from 0 to 1
     """
 
     kind: str
@@ -157,7 +158,7 @@ class Fault:
     duration_s: float = math.inf
     trigger: str = "start"
     vehicle: int | None = None
-    direction: Direction = "both"
+    direction: Literal["up", "down", "both"] = "both"
     link: str | None = None
     times: int | None = None
 
@@ -321,3 +322,15 @@ def faults_of(table: Mapping[str, Any], where: str) -> tuple[Fault, ...]:
         except FaultError as error:
             raise FaultError(f"{where}: fault {number}: {error}") from error
     return tuple(faults)
+
+
+def show_kinds(output: Output) -> None:
+    """Print the kinds of faults and their options."""
+    rows = [
+        [name, kind.group, "" if kind.value == "none" else kind.value, kind.text]
+        for name, kind in KINDS.items()
+    ]
+    values = [dict(zip(("kind", "group", "value", "text"), row, strict=True)) for row in rows]
+    output.table(values, ["fault", "of", "value", "what it does"], rows, title="Faults", left=True)
+    output.note(f"when: from=SECONDS, for=SECONDS, at={'|'.join(TRIGGERS)}")
+    output.note("where: vehicle=SYSTEM, direction=up|down|both, link=NAME|NUMBER; how often: times=N")

@@ -13,19 +13,19 @@ from typing import Any, TypeAlias
 
 from numpy.random import SeedSequence
 
-from geo.seeds import stream
 from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
 from mission.link.codec.typed import is_a
-from mission.link.faults import Faults, FaultyChannel
+from mission.link.faults import Faults
 from mission.transfer import wire
 from sim_vehicle.component import NEVER, Component, SaysGoodbye, Streams
-from sim_vehicle.faults.fault import Direction, Fault, FaultError, parse_fault
+from sim_vehicle.host.injection import Direction, Injection, Radio
+from wbf_mission.addons.faults.fault import Fault, FaultError, parse_fault
 
-__all__ = ["FaultSession", "FaultyComponent", "FaultyLink", "break_vehicle", "check_vehicles"]
+__all__ = ["FaultSession", "FaultyComponent", "FaultyRadio"]
 
 
-def break_vehicle(component: Component, kind: str, broken: bool, value: float = 0.0) -> None:
+def _break_vehicle(component: Component, kind: str, broken: bool, value: float = 0.0) -> None:
     """Apply (or with `broken` False, end) a vehicle fault on a `SimVehicle`; other components are ignored."""
     switch = _SWITCHES.get(kind)
     if getattr(component, "pilot", None) is not None and switch is not None:
@@ -61,7 +61,7 @@ _MOST_FAILED_IMAGES = 100_000
 _FEWEST_PORT = 1000
 
 
-class FaultSession:
+class FaultSession(Injection):
     """Faults of a run (as values or text), with their triggers and random streams.
 
     Examples
@@ -75,8 +75,10 @@ class FaultSession:
     """
 
     def __init__(self, faults: Iterable[Fault | str] = (), seed: int | SeedSequence = 0) -> None:
-        self.faults = tuple(parse_fault(fault) if isinstance(fault, str) else fault for fault in faults)
-        self._seed = seed
+        super().__init__(seed)
+        self.faults: tuple[Fault, ...] = tuple(
+            parse_fault(fault) if isinstance(fault, str) else fault for fault in faults
+        )
         self._fired: dict[tuple[int | None, str], float] = {}
 
     def fire(self, system: int, trigger: str, now_s: float) -> None:
@@ -101,13 +103,19 @@ class FaultSession:
         begin_s, end_s = self.window(fault, system)
         return begin_s <= now_s < end_s
 
-    def wrap(self, components: Sequence[Component]) -> list[Component]:
-        """Wrap each component that a fault affects in a `FaultyComponent`.
+    def require_vehicles(self, systems: Collection[int]) -> None:
+        """Raise FaultError if a fault names a vehicle that is not among these MAVLink systems."""
+        for fault in self.faults:
+            if fault.vehicle is not None and fault.vehicle not in systems:
+                there = ", ".join(map(str, sorted(systems))) or "none"
+                raise FaultError(
+                    f"fault {fault}: there is no vehicle {fault.vehicle}; the systems are {there}"
+                )
 
-        FaultError if a fault names a vehicle that is not among the components.
-        """
+    def wrap(self, components: Sequence[Component]) -> list[Component]:
+        """Wrap each component that a fault affects in a `FaultyComponent`; errors as `require_vehicles`."""
         systems = {c.system_id for c in components if c.component_id == _AUTOPILOT}
-        check_vehicles(self.faults, systems)
+        self.require_vehicles(systems)
         wrapped: list[Component] = []
         triggered = any(fault.trigger != "start" for fault in self.faults)
         for component in components:
@@ -116,22 +124,12 @@ class FaultSession:
             wrapped.append(FaultyComponent(component, faults, self) if faults or watched else component)
         return wrapped
 
-    def link(self, name: str, number: int, client: int = 0, *, always: bool = False) -> FaultyLink | None:
-        """Return a faulty link; None if no fault affects the link and `always` is not set.
-
-        `number` is the number of the host's link, from 1. `client` is the number of a client of the link.
-        Each client has its own random streams.
-        """
+    def radio(self, name: str, number: int, client: int = 0, always: Faults | None = None) -> Radio | None:
+        """Return a faulty radio if a fault affects the link."""
         faults = [f for f in self.faults if f.group == "link" and _matches(f.link, name, number)]
-        return FaultyLink(faults, self, self._seed, f"{number}.{client}") if faults or always else None
-
-
-def check_vehicles(faults: Iterable[Fault], systems: Collection[int]) -> None:
-    """Raise FaultError if a fault names a vehicle that is not among these MAVLink systems."""
-    for fault in faults:
-        if fault.vehicle is not None and fault.vehicle not in systems:
-            there = ", ".join(map(str, sorted(systems))) or "none"
-            raise FaultError(f"fault {fault}: there is no vehicle {fault.vehicle}; the systems are {there}")
+        if not faults:
+            return super().radio(name, number, client, always)
+        return FaultyRadio(self, f"{number}.{client}", always or Faults(), faults)
 
 
 def _matches(wanted: str | None, name: str, number: int) -> bool:
@@ -155,70 +153,49 @@ def _affects(fault: Fault, component: Component, systems: set[int]) -> bool:
     return fault.group != "link" and component.component_id == _AUTOPILOT
 
 
-class FaultyLink:
-    """A link with faults in both directions; up is to the vehicle.
+class FaultyRadio(Radio):
+    """A radio whose disturbances depend on the faults of a session."""
 
-    `name` identifies the random streams of the link.
-    """
-
-    def __init__(
-        self, faults: Sequence[Fault], session: FaultSession, seed: int | SeedSequence, name: str
-    ) -> None:
+    def __init__(self, session: FaultSession, name: str, always: Faults, faults: Sequence[Fault]) -> None:
+        super().__init__(session.seed, name, always)
         self._session = session
-        self._faults = {
+        self._always = always
+        self._links = {
             direction: [fault for fault in faults if fault.direction in (direction, "both")]
             for direction in ("up", "down")
         }
         self._combined: dict[tuple[Fault, ...], Faults] = {}
-        self._channels = {
-            direction: FaultyChannel(Faults(), stream(seed, "link", name, direction))
-            for direction in ("up", "down")
-        }
 
-    def send(self, direction: Direction, frame: bytes, system: int, now_s: float) -> None:
-        """Send a frame to or from vehicle `system` (0: all vehicles)."""
-        channel = self._channels[direction]
-        channel.faults = self._now(direction, system, now_s)
-        channel.send(frame, now_s)
-
-    def receive(self, direction: Direction, now_s: float) -> list[bytes]:
-        """Return the frames that have arrived."""
-        return self._channels[direction].receive(now_s)
-
-    def next_arrival(self) -> float:
-        """Return the arrival time of the next frame; `NEVER` if no frame is in transit."""
-        up_s, down_s = (self._channels[direction].next_arrival() for direction in ("up", "down"))
-        return min(NEVER if up_s is None else up_s, NEVER if down_s is None else down_s)
-
-    def _now(self, direction: Direction, system: int, now_s: float) -> Faults:
+    def faults_of(self, direction: Direction, system: int, now_s: float) -> Faults:
+        """Return the radio's own disturbances with those of the active faults."""
         key = tuple(
             fault
-            for fault in self._faults[direction]
+            for fault in self._links[direction]
             if fault.vehicle in (None, system) and self._session.is_active(fault, None, now_s)
         )
         found = self._combined.get(key)
         if found is None:
-            found = self._combined[key] = _combine(key)
+            found = self._combined[key] = _combine(key, self._always)
         return found
 
 
-def _combine(faults: Sequence[Fault]) -> Faults:
-    """Return the combined effect of several faults on a link."""
+def _combine(faults: Sequence[Fault], always: Faults) -> Faults:
+    """Return the combined effect of several faults on a radio with its own disturbances."""
 
     def of(kind: str) -> list[float]:
         return [fault.number for fault in faults if fault.kind == kind]
 
-    def chance(kind: str) -> float:
-        return 1.0 - math.prod(1.0 - value for value in of(kind))
+    def chance(kind: str, own: float) -> float:
+        return 1.0 - math.prod(1.0 - value for value in (*of(kind), own))
 
     cut = any(fault.kind == "link-loss" for fault in faults)
     return Faults(
-        loss=1.0 if cut else chance("loss"),
-        duplicate=chance("duplicate"),
-        corrupt=chance("corrupt"),
-        delay_s=sum(of("delay")),
-        jitter_s=sum(of("jitter")),
-        baud=min(of("bandwidth"), default=math.inf),
+        loss=1.0 if cut else chance("loss", always.loss),
+        duplicate=chance("duplicate", always.duplicate),
+        corrupt=chance("corrupt", always.corrupt),
+        delay_s=sum(of("delay")) + always.delay_s,
+        jitter_s=sum(of("jitter")) + always.jitter_s,
+        baud=min((*of("bandwidth"), always.baud)),
     )
 
 
@@ -311,7 +288,7 @@ class FaultyComponent:
             if active != broken:
                 self._broken[fault] = active
                 still = any(on for other, on in self._broken.items() if other.kind == fault.kind)
-                break_vehicle(self.inner, fault.kind, still, fault.number)
+                _break_vehicle(self.inner, fault.kind, still, fault.number)
 
     def _occurs(self, fault: Fault, now_s: float) -> bool:
         """Return whether a fault is active and has occurrences left; count the occurrence."""
@@ -402,7 +379,7 @@ class FaultyComponent:
         for fault in self._changes:
             due = now_s >= self._stopped_s + fault.number
             if due and self._session.is_active(fault, self.system_id, now_s):
-                break_vehicle(self.inner, fault.kind, broken=True)
+                _break_vehicle(self.inner, fault.kind, broken=True)
                 self._stopped_s = NEVER
 
 

@@ -1,5 +1,7 @@
 """Faults on demand: their text, what each of them does, when."""
 
+from dataclasses import astuple
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -13,11 +15,11 @@ from mission.model import Command, Frame, GeoPoint, Mission, MissionItem
 from mission.transfer import RemoteTransferError
 from mission.transfer.driver import TransferDriver
 from sim_vehicle.airframe.catalog import get_vehicle
-from sim_vehicle.faults.fault import KINDS, Fault, FaultError, load_faults, parse_fault
-from sim_vehicle.faults.session import FaultSession, FaultyComponent
 from sim_vehicle.host.server import Server
 from sim_vehicle.host.simulation import Simulation
 from sim_vehicle.mavlink import SimVehicle
+from wbf_mission.addons.faults.fault import KINDS, Fault, FaultError, load_faults, parse_fault
+from wbf_mission.addons.faults.session import FaultSession, FaultyComponent
 
 HOME = GeoPoint(28.05, -82.15, 20.0)
 RELATIVE = Frame.GLOBAL_RELATIVE_ALT
@@ -140,20 +142,17 @@ def test_faults_from_a_file(tmp_path):
         ("[[fault]]\nkind = 'loss'\nvalue = [1]", "fault 1"),
         ("[[fault]]\nkind = 'loss'\nvalue = 0.1\nfrom = 'x'", "fault 1"),
         ("[[fault", "not TOML"),
+        (None, "no such file"),
     ],
 )
 def test_bad_files_name_the_file_and_the_fault(tmp_path, text, where):
     path = tmp_path / "bad.toml"
-    path.write_text(text)
+    if text is not None:
+        path.write_text(text)
     with pytest.raises(FaultError, match=where) as caught:
         load_faults(path)
     assert "bad.toml" in str(caught.value)
     assert "\n" not in str(caught.value)
-
-
-def test_an_absent_file():
-    with pytest.raises(FaultError, match="no such file"):
-        load_faults("/does/not/exist.toml")
 
 
 def test_a_slow_line_takes_its_time_and_drops_what_does_not_fit():
@@ -436,14 +435,16 @@ def test_the_same_seed_gives_the_same_losses():
 
 def test_a_session_combines_what_holds_at_once():
     session = FaultSession(["loss=0.5", "loss=0.5,from=10", "delay=0.1", "delay=0.2,from=10"])
-    radio = session.link("x", 1)
+    radio = session.radio("x", 1)
     assert radio is not None
-    assert radio._now("up", 1, 0.0) == Faults(loss=0.5, delay_s=0.1)
-    later = radio._now("up", 1, 10.0)
+    assert radio.faults_of("up", 1, 0.0) == Faults(loss=0.5, delay_s=0.1)
+    later = radio.faults_of("up", 1, 10.0)
     assert (later.loss, later.delay_s) == (0.75, pytest.approx(0.3))
-    assert FaultSession(["loss=0.5,link=2"]).link("x", 1) is None
-    assert FaultSession(["loss=0.5,link=14550"]).link("udpout:127.0.0.1:14550", 1) is not None
-    assert FaultSession(["loss=0.5,link=14540"]).link("udpout:127.0.0.1:14550", 14540) is None
+    poor = session.radio("x", 1, always=Faults(loss=0.5, duplicate=0.1, delay_s=0.2, jitter_s=0.3, baud=9.0))
+    assert astuple(poor.faults_of("up", 1, 0.0)) == pytest.approx((0.75, 0.1, 0.0, 0.3, 0.3, 9.0))
+    assert FaultSession(["loss=0.5,link=2"]).radio("x", 1) is None
+    assert FaultSession(["loss=0.5,link=14550"]).radio("udpout:127.0.0.1:14550", 1) is not None
+    assert FaultSession(["loss=0.5,link=14540"]).radio("udpout:127.0.0.1:14550", 14540) is None
 
 
 @pytest.mark.parametrize("fault", ["loss=0.1,vehicle=9", "gps-loss,vehicle=2", "drop=HEARTBEAT,vehicle=3"])

@@ -1,1 +1,0 @@
-"""Fault injection: links, mission protocol, vehicle."""

@@ -81,12 +81,6 @@ def test_files_beside_a_catalogued_scenario_are_found():
     assert "WBF/fields/smooth" not in scenario_ids()
 
 
-def test_the_epidemic_estimator_refuses_smooth_fields_in_one_line(capsys):
-    assert main(["fly", "--scenario", "WBF/Miniberry-30-Smooth-v1", "--estimator", "epidemic"]) == 2
-    (line,) = capsys.readouterr().err.strip().splitlines()
-    assert "epidemic" in line and "tylcv" in line
-
-
 def test_a_gaussian_process_is_at_home_on_smooth_fields():
     base = scenario_with(load_scenario("WBF/Miniberry-30-Smooth-v1"), {"planner": "lawnmower"})
     losses = {}

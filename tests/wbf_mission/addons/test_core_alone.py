@@ -12,7 +12,7 @@ import pytest
 from bench_rows import made_row
 
 from geo import imports
-from wbf_mission.bench.rows import BenchStore
+from wbf_mission.bench.rows import BenchStore, read_rows
 from wbf_mission.cli.app import main
 from wbf_mission.cli.pages import GROUP
 
@@ -38,8 +38,9 @@ print(json.dumps(told))
 WORKS = (
     "plan --farm miniberry-10 --planner spiral --out mine.plan --quiet",
     "fly --farm miniberry-10 --policy greedy --estimator gp --budget 60s --out flown --quiet",
-    "fly --farm miniberry-10 --policy greedy --estimator gp --budget 60s --autopilot ardupilot --no-files",
+    "fly --farm miniberry-10 --policy greedy --budget 60s --autopilot ardupilot --no-files",
     "bench run --scenarios WBF/Miniberry-10-v1 --planners spiral --estimators point --seeds 1 --out new",
+    "bench run --family own --planners spiral --seeds 1 --out new",
 )
 BROUGHT = (
     *("check", "check-policy", "command", "convert", "download", "export", "map", "monitor", "preflight"),
@@ -105,6 +106,11 @@ def alone(tmp_path_factory):
 @pytest.mark.parametrize("words", WORKS)
 def test_a_command_works_without_add_ons(alone, words):
     assert alone[words].code == 0, alone[words].err
+
+
+def test_the_default_estimator_and_those_of_a_family_are_of_the_core(alone):
+    assert "greedy, gp, " in alone[WORKS[2]].out
+    assert {row.estimator for row in read_rows(alone[WORKS[4]].folder / "new")} == {"adaptive-disk", "gp"}
 
 
 @pytest.mark.parametrize("words", BROUGHT)

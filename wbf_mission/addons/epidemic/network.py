@@ -12,7 +12,7 @@ from numpy.random import Generator
 from numpy.typing import NDArray
 
 from geo.linear_algebra import exp, product
-from sensors.estimators.epidemic.features import (
+from wbf_mission.addons.epidemic.features import (
     N_FEATURES,
     N_LOCAL,
     context_features,
@@ -41,7 +41,7 @@ class Network:
         Bias vector of each layer.
     further : tuple of Network
         Refinement networks. The inputs of each include the output of the previous network
-        (`sensors.estimators.epidemic.features`).
+        (`wbf_mission.addons.epidemic.features`).
 
     Examples
     --------

@@ -18,10 +18,15 @@ from geo.processes import CallsAhead
 from sensors.dynamics.soil import SoilParameters
 from sensors.errors import EstimatorError
 from sensors.estimators.base import LEARNING, BaseEstimator, Progress, require_paper_fields
-from sensors.estimators.epidemic.belief import DiseaseBelief
-from sensors.estimators.epidemic.network import Network
-from sensors.estimators.epidemic.soil import SoilField
-from sensors.estimators.epidemic.training import (
+from sensors.fields import PAPER_FIELDS, FieldSet
+from sensors.observations import GrowingArray, read_only
+from sensors.scoring.expected import loss_of_deviation
+from sensors.scoring.information import InformationModel, LazyProbabilities
+from sensors.scoring.score import PAPER_WEIGHTS, ScoreWeights
+from wbf_mission.addons.epidemic.belief import DiseaseBelief
+from wbf_mission.addons.epidemic.network import Network
+from wbf_mission.addons.epidemic.soil import SoilField
+from wbf_mission.addons.epidemic.training import (
     TrainingTask,
     keep_network,
     known_network,
@@ -29,11 +34,6 @@ from sensors.estimators.epidemic.training import (
     network_file,
     shared_task,
 )
-from sensors.fields import PAPER_FIELDS, FieldSet
-from sensors.observations import GrowingArray, read_only
-from sensors.scoring.expected import loss_of_deviation
-from sensors.scoring.information import InformationModel, LazyProbabilities
-from sensors.scoring.score import PAPER_WEIGHTS, ScoreWeights
 
 if TYPE_CHECKING:
     from geo.grid import FarmGrid
@@ -125,11 +125,11 @@ class EpidemicEstimator(BaseEstimator):
 
     For each disease, a small network computes the class probabilities of a cell. The network's inputs are the
     observations and the crop within eight cells, and the observed fraction of the field. The network is
-    trained on simulated outbreaks with other seeds (`sensors.estimators.epidemic.training`). The value
+    trained on simulated outbreaks with other seeds (`wbf_mission.addons.epidemic.training`). The value
     minimises the expected loss of the score, which punishes missed diseases; it is an expectile, not the
     mean. The uncertainty is the standard deviation of the cell's true value. Land without the disease's crop
     has the value 1 and no uncertainty. The soil is a smooth random field with the lengthscales of the weather
-    model (`sensors.estimators.epidemic.soil`).
+    model (`wbf_mission.addons.epidemic.soil`).
 
     The estimated day is the latest observed day. Readings of earlier days are carried forward: infected
     plants may be lost by now, and healthy plants may be infected.

@@ -27,7 +27,9 @@ from geo.system import user_cache_folder, warn_of_cache
 from sensors.dynamics.epidemic import MAX_DAYS, NEVER, EpidemicParameters, simulate_outbreak, value_table
 from sensors.errors import EstimatorError
 from sensors.estimators.base import Step, no_step
-from sensors.estimators.epidemic.features import (
+from sensors.estimators.paths import random_path
+from wbf_mission.addons.epidemic.chase import chasing_path
+from wbf_mission.addons.epidemic.features import (
     N_CONTEXT,
     N_FEATURES,
     N_OVERALL,
@@ -39,8 +41,7 @@ from sensors.estimators.epidemic.features import (
     overall_features,
     padded_codes,
 )
-from sensors.estimators.epidemic.network import FieldClassifier, Network, train
-from sensors.estimators.epidemic.paths import chasing_path, random_path
+from wbf_mission.addons.epidemic.network import FieldClassifier, Network, train
 
 VERSION = 5
 """Version in file names; raise it with every change of the training."""

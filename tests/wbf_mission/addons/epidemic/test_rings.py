@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sensors.estimators.epidemic.features import REACH, Rings
+from wbf_mission.addons.epidemic.features import REACH, Rings
 
 pytestmark = pytest.mark.kernel
 

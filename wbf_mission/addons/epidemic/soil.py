@@ -27,7 +27,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from geo.linear_algebra import exp, inverse_positive, product, sin, solve_positive
+from geo.linear_algebra import cholesky, exp, inverse_of_factor, product, sin, solve_positive
 from geo.seeds import stream
 from sensors.dynamics.soil import SoilParameters
 from sensors.estimators.days import Crowding, continuous_transition, pass_day
@@ -259,7 +259,7 @@ class SoilField:
         noise = max(shown, self._least_noise(day))
         sums = self._sums.get(day)
         precision, response = self._precision(day, noise, None if sums is None else sums.now)
-        covariance = inverse_positive(precision)
+        covariance = inverse_of_factor(cholesky(precision))
         return _Posterior(
             day,
             noise,
@@ -287,7 +287,7 @@ class SoilField:
         today = self._sums[day].due
         for _ in range(_NOISE_ROUNDS - 1):
             precision, response = self._precision(day, noise, today)
-            covariance = inverse_positive(precision)
+            covariance = inverse_of_factor(cholesky(precision))
             weights = product(response, covariance)
             fitted = float((covariance * today.squares).sum()) / noise
             if today.weight - fitted < 0.1 * today.weight:

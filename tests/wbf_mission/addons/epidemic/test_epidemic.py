@@ -1,5 +1,6 @@
 """The estimator that knows the score and the diseases, and its parts."""
 
+import errno
 import os
 from dataclasses import replace
 
@@ -10,16 +11,28 @@ from hypothesis import strategies as st
 
 from geo.farms import get_farm
 from geo.grid import FarmGrid
+from geo.system import CacheWarning
 from sensors.dynamics.epidemic import simulate_outbreak
 from sensors.environment import CCR, TYLCV, SoilParameters, generate_environment
 from sensors.errors import EstimatorError
 from sensors.estimators import make_estimator
-from sensors.estimators.epidemic import belief as belief_module
-from sensors.estimators.epidemic import estimator as ahead
-from sensors.estimators.epidemic import network as network_module
-from sensors.estimators.epidemic import training
-from sensors.estimators.epidemic.estimator import EpidemicEstimator
-from sensors.estimators.epidemic.features import (
+from sensors.estimators.gp import prior
+from sensors.fields import PAPER_FIELDS
+from sensors.observations import Observations
+from sensors.scoring.score import RunningScore
+from wbf_mission import check_estimator
+from wbf_mission.addons.epidemic import belief as belief_module
+from wbf_mission.addons.epidemic import estimator as ahead
+from wbf_mission.addons.epidemic import network as network_module
+from wbf_mission.addons.epidemic import training
+from wbf_mission.addons.epidemic.estimator import EpidemicEstimator
+from wbf_mission.addons.epidemic.expected import (
+    CLASS_VALUES,
+    expected_loss,
+    least_loss_value,
+    standard_deviation,
+)
+from wbf_mission.addons.epidemic.features import (
     N_CONTEXT,
     N_FEATURES,
     REACH,
@@ -32,20 +45,9 @@ from sensors.estimators.epidemic.features import (
     overall_features,
     padded_codes,
 )
-from sensors.estimators.epidemic.network import FieldClassifier, Network, train
-from sensors.estimators.epidemic.paths import random_path
-from sensors.estimators.epidemic.soil import SoilField
-from sensors.estimators.epidemic.training import TrainingTask, load_network, network_for
-from sensors.fields import PAPER_FIELDS
-from sensors.observations import Observations
-from sensors.scoring.expected import (
-    CLASS_VALUES,
-    expected_loss,
-    least_loss_value,
-    standard_deviation,
-)
-from sensors.scoring.score import RunningScore
-from wbf_mission import check_estimator
+from wbf_mission.addons.epidemic.network import FieldClassifier, Network, train
+from wbf_mission.addons.epidemic.soil import SoilField
+from wbf_mission.addons.epidemic.training import TrainingTask, load_network, network_for
 
 SMALL = {"outbreaks": 60, "epochs": 2}
 FAIR = {"outbreaks": 100, "epochs": 6}
@@ -168,15 +170,6 @@ def test_outbreaks_far_apart_are_counted_one_by_one():
     found = overall_features(codes, 1600, 4, 3)
     assert found[:3].tolist() == pytest.approx([4 / 1600, 2 / 4, 3 / 1600])
     assert found[3:].tolist() == pytest.approx([0, 1 / 2, 1 / 2, 0, 0])
-
-
-@given(st.integers(1, 25), st.integers(1, 25), st.integers(0, 2**32), st.integers(1, 300))
-@settings(deadline=None, max_examples=60)
-def test_ways_of_the_training_stay_on_the_field(width, height, seed, longest):
-    cells = random_path((width, height), longest, np.random.default_rng(seed))
-    assert 1 <= len(cells) <= longest
-    assert (cells >= 0).all()
-    assert (cells < [width, height]).all()
 
 
 def test_a_network_learns_what_can_be_learned():
@@ -329,6 +322,23 @@ def test_without_a_folder_to_write_to_it_still_learns(tmp_path, monkeypatch):
     monkeypatch.setattr(training, "_in_memory", {})
     hosts = get_farm("miniberry-10").grid().tomato
     assert network_for(TrainingTask(TYLCV, 6, outbreaks=15, epochs=1, seed=6), hosts, blocked / "deeper")
+
+
+@pytest.mark.parametrize("is_full", [True, False])
+def test_a_network_that_cannot_be_kept_is_said_once(tmp_path, monkeypatch, is_full):
+    def full(*_, **__):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    (tmp_path / "file").write_text("in the way")
+    folder = tmp_path / "kept" if is_full else tmp_path / "file" / "cache"
+    network = Network((np.ones((2, 1), np.float32),), (np.zeros(1, np.float32),))
+    if is_full:
+        monkeypatch.setattr(training, "atomic_write", full)
+    with pytest.warns(CacheWarning, match="cannot keep anything in this cache") as told:
+        for name in ("a.npz", "b.npz"):
+            training.save_network(network, folder / name)
+    assert len(told) == 1
+    assert load_network(folder / "a.npz") is None
 
 
 def test_lessons_differ_in_their_names():
@@ -664,7 +674,7 @@ def test_training_beforehand_tells_its_progress_and_is_not_done_again(tmp_path, 
     assert done == sorted(done)
     assert (done[0], done[-1], told[0][2]) == (0, 1, 1)
     assert len(done) > 6
-    monkeypatch.setattr("sensors.estimators.epidemic.training.learn", None)
+    monkeypatch.setattr(training, "learn", None)
     assert estimator.partial_fit(Observations([1], [1], [0.0], [5], [[1, 1, 0.5]])).predict().shape == (
         10,
         10,
@@ -673,13 +683,13 @@ def test_training_beforehand_tells_its_progress_and_is_not_done_again(tmp_path, 
 
 @pytest.mark.parametrize(
     ("name", "module", "quick"),
-    [("epidemic", "epidemic.training", {"outbreaks": 20, "epochs": 1}), ("gp", "gp.prior", {})],
+    [("epidemic", training, {"outbreaks": 20, "epochs": 1}), ("gp", prior, {})],
 )
 def test_what_was_kept_is_no_training(name, module, quick, tmp_path, monkeypatch):
     grid = get_farm("miniberry-10").grid()
 
     def told_by_a_new_process():
-        monkeypatch.setattr(f"sensors.estimators.{module}._in_memory", {})
+        monkeypatch.setattr(module, "_in_memory", {})
         told = []
         estimator = make_estimator(name, training_seed=78, cache=tmp_path, **quick).fit(grid)
         estimator.prepare([5], lambda *what: told.append(what))

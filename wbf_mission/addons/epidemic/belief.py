@@ -10,7 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geo.linear_algebra import exp, log
-from sensors.estimators.epidemic.features import (
+from wbf_mission.addons.epidemic.expected import (
+    CLASS_VALUES,
+    expected_loss,
+    least_loss_value,
+    standard_deviation,
+)
+from wbf_mission.addons.epidemic.features import (
     N_FEATURES,
     REACH,
     SEEN_SUSCEPTIBLE,
@@ -20,19 +26,13 @@ from sensors.estimators.epidemic.features import (
     local_features,
     padded_codes,
 )
-from sensors.estimators.epidemic.network import FieldClassifier, Network
-from sensors.estimators.epidemic.training import (
+from wbf_mission.addons.epidemic.network import FieldClassifier, Network
+from wbf_mission.addons.epidemic.training import (
     WHOLE_FARM_CELLS,
     TrainingTask,
     classes_of,
     first_day,
     network_for,
-)
-from sensors.scoring.expected import (
-    CLASS_VALUES,
-    expected_loss,
-    least_loss_value,
-    standard_deviation,
 )
 
 EXACT = 1e-3

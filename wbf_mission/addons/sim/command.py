@@ -11,21 +11,22 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from geo.texts import duration
 from mission.outcome import in_words
+from wbf_mission.addons.base.pages import followed_simulation
+from wbf_mission.addons.sim.options import LINKS, SimOptions, load_sim, parse_speed
 from wbf_mission.cli import options, signals
+from wbf_mission.cli.command import Command
 from wbf_mission.cli.live import LivePage
 from wbf_mission.cli.options import Overwrite, option, refuse_overwrite
 from wbf_mission.cli.output import Output
-from wbf_mission.cli.pages import followed_simulation
 from wbf_mission.events import RunEnded
 from wbf_mission.exit_codes import ExitCode
 from wbf_mission.scenario import CameraOptions, FarmOptions, ScenarioError, VehicleOptions, WeatherOptions
 from wbf_mission.scenario.option import options_of
 from wbf_mission.scenario.parts import CAMERA_OF_PLANS
-from wbf_mission.scenario.sim_options import LINKS, SimOptions, load_sim, parse_speed
 
 if TYPE_CHECKING:
     from mission.link.codec.signing import Signing
-    from wbf_mission.simulator import Simulated
+    from wbf_mission.addons.base.simulator import Simulated
 
 _SHOWN_LINKS = 8
 
@@ -111,8 +112,8 @@ def sim_command(
     from sim_vehicle.faults.fault import parse_fault
     from sim_vehicle.faults.session import check_vehicles
     from sim_vehicle.host.server import Server
+    from wbf_mission.addons.base.simulator import make_components, parse_home
     from wbf_mission.scenario import Scenario
-    from wbf_mission.simulator import make_components, parse_home
 
     if list_faults:
         _list_faults(output)
@@ -273,3 +274,6 @@ def _list_faults(output: Output) -> None:
     output.table(values, ["fault", "of", "value", "what it does"], rows, title="Faults", left=True)
     output.note(f"when: from=SECONDS, for=SECONDS, at={'|'.join(TRIGGERS)}")
     output.note("where: vehicle=SYSTEM, direction=up|down|both, link=NAME|NUMBER; how often: times=N")
+
+
+COMMAND = Command(sim_command, EXAMPLES, BEGINNERS)

@@ -108,7 +108,7 @@ def test_no_kernel_changes_a_bit(kernel, runs, by_itself, tmp_path):
 
 INTERVALS = """
 import numpy as np
-from wbf_mission.bench.intervals import mean_intervals, ratio_intervals
+from wbf_mission.addons.base.intervals import mean_intervals, ratio_intervals
 losses = [(np.arange(1.0, 41.0) * 0.37 * step) % 1.0 for step in (1, 2, 3)]
 found = mean_intervals(losses, together=True) + ratio_intervals(list(zip(losses, losses[1:])), together=True)
 print([value.hex() for one in found for value in (one.mean, one.low, one.high)])

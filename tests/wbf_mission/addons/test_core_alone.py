@@ -18,6 +18,7 @@ from wbf_mission.cli.pages import GROUP
 
 HIDDEN = Path(__file__).parents[2] / "support" / "core_alone"
 ROOT = Path(__file__).parents[3]
+FARMS = ROOT / "wbf_mission" / "scenario" / "catalogue" / "WBF" / "farms"
 
 
 ENVIRONMENT = {**os.environ, "PYTHONPATH": os.pathsep.join(map(str, (HIDDEN, ROOT)))}
@@ -44,12 +45,11 @@ WORKS = (
 )
 BROUGHT = (
     *("check", "check-policy", "command", "convert", "download", "export", "map", "monitor", "preflight"),
-    *("report", "studio", "bench compare", "bench list", "bench replay", "farm", "vehicle"),
+    *("report", "sim", "studio", "upload", "bench compare", "bench list", "bench replay", "farm", "vehicle"),
 )
 OTHER_FORMAT = "plan --farm miniberry-10 --mission a.kml"
 OTHER_VEHICLES = (
     "plan --farm miniberry-10 --vehicle rover",
-    "sim --vehicle fixed-wing",
     "plan --farm miniberry-10 --vehicle mine.toml",
     "bench run --scenarios WBF/Miniberry-100-Mixed-v1 --planners spiral --seeds 1 --out new",
 )
@@ -60,12 +60,14 @@ MISSING = {
         "connects to real vehicles with 'fly' (wbf_mission.connections)"
     ),
     f"{FLY} --fault loss=0.1": "injects faults with 'session' (wbf_mission.faults)",
-    "sim --list-faults": "injects faults with 'kinds' (wbf_mission.faults)",
     "fly --scenario broken.toml": "injects faults with 'tables' (wbf_mission.faults)",
-    "sim --live 0 --farm miniberry-10": "brings the page 'live.simulation' (wbf_mission.pages)",
     f"{FLY} --animate --out flown": "makes 'run.gif' (wbf_mission.products)",
     f"{FLY} --treatment-map --out flown": "makes 'treatment' (wbf_mission.products)",
     "bench run --sealed a.secret --out b": "opens rounds that are 'sealed' (wbf_mission.rounds)",
+    "plan --farm miniberry-10 --height-above-ground 10 --terrain a.tif": (
+        "reads heights of the ground from 'rasters' (wbf_mission.ground)"
+    ),
+    "plan --farm a.geojson --repair": "repairs farms, as 'mended' (wbf_mission.farm_repairs)",
     **{
         f"plan --farm a.{suffix}|fields": f"reads farms in '{suffix}' (wbf_mission.farm_formats)"
         for suffix in ("gpkg", "kml", "poly")
@@ -90,6 +92,7 @@ def alone(tmp_path_factory):
         (folders[words] / "broken.toml").write_text("[[fault]]\nkind = 'link-loss'\n")
         for name in ("a.secret", "a.gpkg", "a.kml", "a.poly"):
             (folders[words] / name).write_bytes(b"")
+        (folders[words] / "a.geojson").write_bytes((FARMS / "pair.geojson").read_bytes())
         add_row(folders[words])
     before = {words: sorted(folder.rglob("*")) for words, folder in folders.items()}
     asked = json.dumps([(str(folder), words) for words, folder in folders.items()])
@@ -153,14 +156,12 @@ def test_without_the_add_on_a_flight_is_saved_without_pictures(alone):
 VEHICLES = """
 from mission.link.codec.dialect import mavlink as m
 from mission.model import GeoPoint
-from mission.transfer.vehicles import Vehicle
 from sim_vehicle.airframe.catalog import get_vehicle
-from sim_vehicle.airframe.kind import kind_of_type
+from sim_vehicle.airframe.kind import get_kind, kind_of_type
 from sim_vehicle.autopilot import with_autopilot
 from sim_vehicle.autopilot.modes import Mode
 from sim_vehicle.errors import VehicleError
 from sim_vehicle.mavlink import SimVehicle
-from wbf_mission.live import typical_vehicle
 
 vehicle = SimVehicle(get_vehicle("quad"), GeoPoint(28.05, -82.15, 10.0))
 (version,) = vehicle.built(m.MAVLINK_MSG_ID_AUTOPILOT_VERSION)
@@ -169,7 +170,7 @@ print(version.capabilities & m.MAV_PROTOCOL_CAPABILITY_FTP, vehicle.receive(ftp,
 copter = SimVehicle(with_autopilot(get_vehicle("quad"), "ardupilot"), GeoPoint(28.05, -82.15, 10.0))
 bits = m.MAV_PROTOCOL_CAPABILITY_SET_POSITION_TARGET_LOCAL_NED, m.MAV_PROTOCOL_CAPABILITY_SET_ATTITUDE_TARGET
 print(copter.built(m.MAVLINK_MSG_ID_AUTOPILOT_VERSION)[0].capabilities & sum(bits))
-print(kind_of_type(1), kind_of_type(10), typical_vehicle(Vehicle(1, 1, 12, 2)))
+print(kind_of_type(1), kind_of_type(10), get_kind(kind_of_type(2)).typical)
 pitch = m.MAVLink_command_long_message(1, 1, 1000, 0, -30, 0, 0, 0, 0, 0, 0)
 print(vehicle.receive(pitch, 1.0)[0].result, vehicle.camera_attitude(0.0))
 stick = m.MAVLink_manual_control_message(1, 0, 0, 900, 0, 0)
@@ -184,7 +185,7 @@ vehicle.poll(40.0)
 print(vehicle.pilot.mode.value, vehicle.pilot.state.phase.value)
 for mav_type in (1, 10):
     try:
-        print(typical_vehicle(Vehicle(1, 1, 12, mav_type)))
+        print(get_kind(kind_of_type(mav_type)).typical)
     except VehicleError as error:
         print("not installed" in str(error))
 """

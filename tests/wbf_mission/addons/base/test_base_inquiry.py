@@ -10,7 +10,7 @@ from stand_in import stand_in
 from mission.autopilots import profile_for
 from mission.link.codec.dialect import mavlink as m
 from mission.transfer.events import NoVehicleError
-from wbf_mission.preflight.inquiry import Inquiry, ask_vehicle, decoded
+from wbf_mission.addons.base.inquiry import Inquiry, ask_vehicle, decoded
 
 PX4, ARDUPILOT = 12, 3
 

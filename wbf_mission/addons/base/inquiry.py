@@ -10,7 +10,7 @@ from types import MappingProxyType
 from typing import Any
 
 from mission.autopilots import profile_for
-from mission.autopilots.profile import Meaning, Motion, Profile, Questions, answer_to
+from mission.autopilots.profile import Meaning, Motion, Profile, Questions
 from mission.errors import MissionError
 from mission.ground.arming_gate import ArmingGate
 from mission.ground.contact import Heartbeat
@@ -99,8 +99,9 @@ class VehicleSnapshot:
         return profile_for(self.autopilot).settings.asked_of(self.vehicle_type)
 
     def told(self, meaning: Meaning) -> tuple[str, float] | None:
-        """Return the name and value of a parameter; None if the vehicle did not send it."""
-        return answer_to(meaning, self.questions, self.parameters)
+        """Return name and value (SI units) of a parameter; None if the vehicle did not send it."""
+        names, known = self.questions.get(meaning, {}), self.parameters
+        return next(((name, known[name] * unit) for name, unit in names.items() if name in known), None)
 
     def as_set(self, options: VehicleOptions) -> VehicleOptions:
         """Return the options with the vehicle's parameters in place of assumed ones.

@@ -9,8 +9,14 @@ from typing import Annotated
 import typer
 
 from geo.texts import duration
+from wbf_mission.addons.operate.checked_missions import (
+    CHECKED,
+    Surroundings,
+    fitted_circumstances,
+    read_and_tell,
+)
 from wbf_mission.cli import options
-from wbf_mission.cli.missions import CHECKED, Surroundings, fitted_circumstances, read_and_tell
+from wbf_mission.cli.command import Command
 from wbf_mission.cli.options import Force
 from wbf_mission.cli.output import Output
 from wbf_mission.exit_codes import ExitCode
@@ -46,7 +52,7 @@ def upload_command(
     The check is that of preflight --connect; without --vehicle, a typical vehicle of the connected vehicle's
     kind is assumed. Exit code 5 means that the vehicle refused the mission, or stored it but will not fly it.
     """
-    from wbf_mission.live import upload_checked, via_named
+    from wbf_mission.addons.base.links import upload_checked, via_named
 
     mission = read_and_tell(file, output)
     circumstances = around.circumstances(given, mission, output)
@@ -82,3 +88,6 @@ def upload_command(
     values = {"file": str(file), **report.summary(), "findings": findings}
     output.result(values, rows, title="Uploaded, but rejected" if rejected else "Uploaded")
     return ExitCode.REFUSED if rejected else ExitCode.GOOD
+
+
+COMMAND = Command(upload_command, EXAMPLES, BEGINNERS)

@@ -1,10 +1,6 @@
 """Repair of invalid polygons, with a note for each changed feature.
 
-Open rings are always closed: many programs (DJI Pilot 2, scripts) leave out the last position, which repeats
-the first. If the closing side is more than twice as long as the longest side, part of the ring is missing,
-and the feature is refused.
-
-Other repairs are made on request. A ring that crosses or touches itself is replaced by the land it encloses
+Repairs are made on request. A ring that crosses or touches itself is replaced by the land it encloses
 (GEOS's "structure" method). Overlapping holes are joined and clipped to the land. Corners are rounded to
 whole millimetres. Parts smaller than a thousandth of the land are dropped. If these repairs change more than
 a hundredth of the area, the polygon is refused: corners in a wrong order cannot be repaired safely.
@@ -27,29 +23,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 _MAX_CHANGE = 0.01  # Share of the area; fields are not measured more accurately
-_MAX_GAP = 2.0  # Largest ratio of the closing side to the longest side
 _SLIVER = 0.001  # Share of the land; slivers between crossing sides are smaller
 _GRID_M = 1e-3  # Grid step of repaired corners, coarser than the rounding of degrees in files
-
-
-def closed(feature: Feature, notes: list[str]) -> Feature:
-    """Return a feature with closed rings; FarmError if part of a ring is missing."""
-    if all(np.array_equal(ring[0], ring[-1]) for ring in feature.rings):
-        return feature
-    rings = []
-    for ring in feature.rings:
-        steps_m = np.hypot(*np.diff(_metres(np.vstack([ring, ring[:1]]), _frame(ring)), axis=0).T)
-        gap_m, longest_m = steps_m[-1], steps_m[:-1].max()
-        if gap_m > _MAX_GAP * longest_m:
-            raise FarmError(
-                f"{feature.where}: a ring is open over {gap_m:.1f} m, and its longest side has "
-                f"{longest_m:.1f} m: part of it is missing; draw it anew"
-            )
-        is_open = not np.array_equal(ring[0], ring[-1])
-        if is_open:
-            notes.append(f"{feature.where}: a ring was open, closed over {gap_m:.2f} m")
-        rings.append(np.vstack([ring, ring[:1]]) if is_open else ring)
-    return replace(feature, rings=tuple(rings))
 
 
 def mended(feature: Feature, notes: list[str]) -> list[Feature]:

@@ -1,4 +1,4 @@
-"""Mission files of commands: read, checked, written, with what the user should know of them."""
+"""Mission files of commands that check them: options, circumstances, the connected vehicle."""
 
 from __future__ import annotations
 
@@ -19,31 +19,9 @@ from wbf_mission.scenario import (
 )
 
 if TYPE_CHECKING:
-    from mission.files import Firmware
-    from mission.files.formats import Loss
     from mission.model import Mission
-    from wbf_mission.preflight.inquiry import VehicleSnapshot
+    from wbf_mission.addons.base.inquiry import VehicleSnapshot
     from wbf_mission.preflight.subject import Circumstances
-
-
-def write_and_tell(
-    output: Output, mission: Mission, path: Path, firmware: Firmware
-) -> tuple[Mission, list[Loss]]:
-    """Write a mission as far as the file's format can hold it; return the written part and the losses.
-
-    Losses are printed: those that change the flight as warnings, the others as notes.
-    """
-    from mission.files import fitted, losses, write_mission
-
-    lost = losses(mission, path, firmware=firmware)
-    kept = fitted(mission, path)
-    write_mission(kept, path, firmware=firmware)
-    for loss in lost:
-        if loss.changes_flight:
-            output.warn(f"{path.name}: {loss.text}")
-        else:
-            output.note(f"note: {path.name}: {loss.text}")
-    return kept, lost
 
 
 CHECKED = options.scenario_options(
@@ -128,7 +106,7 @@ def fitted_circumstances(
     ``--autopilot`` names another autopilot.
     """
     from mission.transfer.vehicles import Vehicle
-    from wbf_mission.live import fitted_to, typical_vehicle
+    from wbf_mission.addons.base.links import fitted_to, typical_vehicle
     from wbf_mission.scenario import scenario_with
 
     chosen = given.scenario()

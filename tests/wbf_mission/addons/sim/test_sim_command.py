@@ -5,8 +5,8 @@ import json
 import pytest
 
 from mission.link import read_tlog
+from wbf_mission.addons.sim.options import load_sim, parse_speed
 from wbf_mission.cli.app import main
-from wbf_mission.scenario.sim_options import load_sim, parse_speed
 
 QUICK = ["sim", "--no-camera", "--listen", "udpin:127.0.0.1:0", "--speed", "max", "-q", "--json"]
 

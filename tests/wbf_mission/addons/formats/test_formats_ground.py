@@ -9,9 +9,9 @@ import pytest
 import rasterio
 from rasterio.transform import Affine, from_origin
 
-from geo import ground as module
 from geo.errors import GroundError
-from geo.ground import Ground
+from wbf_mission.addons.formats import ground as module
+from wbf_mission.addons.formats.ground import Ground
 
 PLACE = 28.05, -82.15
 BOUNDS = PLACE[0] - 0.004, PLACE[1] - 0.004, PLACE[0] + 0.004, PLACE[1] + 0.004

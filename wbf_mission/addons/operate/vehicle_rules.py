@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any
+from functools import partial
+from typing import Any
 
 from geo.frame import LocalFrame
 from mission.autopilots.profile import Meaning
@@ -13,14 +14,9 @@ from mission.link.codec.dialect import mavlink as m
 from mission.model import Command, Frame
 from sim_vehicle.autopilot import firmware_of
 from sim_vehicle.autopilot.parameters import parameter_value
+from wbf_mission.addons.base.inquiry import VehicleSnapshot
 from wbf_mission.preflight.finding import Concern, Finding, Severity
 from wbf_mission.preflight.path_rules import legs_of
-from wbf_mission.preflight.subject import LANDINGS, PLACED, TAKEOFFS, Subject
-
-if TYPE_CHECKING:
-    from wbf_mission.preflight.inquiry import VehicleSnapshot
-from functools import partial
-
 from wbf_mission.preflight.rules import (
     ERROR,
     LEFT,
@@ -33,8 +29,9 @@ from wbf_mission.preflight.rules import (
     found,
     planned,
 )
+from wbf_mission.preflight.subject import LANDINGS, PLACED, TAKEOFFS, Subject
 
-CHECKS = Checks[[Subject, "VehicleSnapshot"]]()
+CHECKS = Checks[[Subject, VehicleSnapshot]]()
 
 _setting = partial(Rule, concern=Concern.PARAMETERS)
 _state = partial(Rule, concern=Concern.STATE)

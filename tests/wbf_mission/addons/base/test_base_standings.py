@@ -9,14 +9,14 @@ from bench_rows import made_row, rows
 from msgspec import structs
 from scipy import stats
 
-from wbf_mission.bench.intervals import (
+from wbf_mission.addons.base.intervals import (
     _drawn,
     _weights,
     mean_intervals,
     ratio_intervals,
 )
-from wbf_mission.bench.page import score_over_time
-from wbf_mission.bench.standings import scored, standings
+from wbf_mission.addons.base.page import score_over_time
+from wbf_mission.addons.base.standings import scored, standings
 
 
 def mean_interval(values):

@@ -16,45 +16,18 @@ from msgspec import structs
 from numpy.typing import NDArray
 from scipy import stats
 
-from wbf_mission.bench.intervals import Interval, mean_intervals
-from wbf_mission.bench.rows import BenchRow, by_scenario
+from wbf_mission.addons.base.intervals import Interval, mean_intervals
+from wbf_mission.bench.rows import BenchRow, build_of, by_scenario, shown_digest
 from wbf_mission.bench.spec import seed_ranges
 
-_SHORT = 8
-_CHANGES = "+changes"
 _CODE, _SCENARIO, _PLANNER, _ESTIMATOR = "code", "scenario", "planner", "estimator"
 _NAMED = (("scenario", _CODE), ("scenario", _SCENARIO), ("planner", _PLANNER), ("estimator", _ESTIMATOR))
-
-
-def build_of(row: BenchRow) -> str:
-    """Return the version of wbf-mission that flew a row, with the commit, else with the behaviour numbers.
-
-    >>> row = BenchRow(key="", scenario="", planner="", estimator="", seed=0)
-    >>> build_of(structs.replace(row, versions={"wbf-mission": "0.1.0", "commit": "4622a3d6f0+changes"}))
-    '0.1.0, 4622a3d6+changes'
-    """
-    return f"{row.versions.get('wbf-mission', 'unknown version')}, {commit_of(row) or digest_of(row, _CODE)}"
-
-
-def commit_of(row: BenchRow) -> str:
-    """Return the short commit that flew a row, with ``+changes`` if files were changed; "" if unknown."""
-    commit, changes, _ = row.versions.get("commit", "").partition(_CHANGES)
-    return commit[:_SHORT] + changes
-
-
-def digest_of(row: BenchRow, key: str) -> str:
-    """Return behaviour numbers, or the start of a digest; "unknown code" for rows of old folders."""
-    return _shown(row.codes.get(key, "built in" if row.codes else "unknown code"), 12)
 
 
 def _of_old(row: BenchRow, key: str) -> str:
     """Return the digest of a row's code, scenario, planner or estimator; the version if it has none."""
     unknown = f"unknown {build_of(row)}" if key == _CODE else "unknown"
     return row.codes.get(key, "") or ("built in" if row.codes else unknown)
-
-
-def _shown(digest: str, digits: int = _SHORT) -> str:
-    return digest if "." in digest else digest[:digits].strip()  # behaviour numbers are not shortened
 
 
 def _words(row: BenchRow, key: str) -> str:
@@ -92,7 +65,7 @@ def _labels(name: str, words: dict[str, str]) -> dict[str, str]:
         if text and count[text] == 1:
             found[digest] = text if text.startswith(f"{name}(") else f"{name} [{text}]"
         else:
-            found[digest] = f"{name} [{', '.join(filter(None, (text, _shown(digest))))}]"
+            found[digest] = f"{name} [{', '.join(filter(None, (text, shown_digest(digest))))}]"
     return found
 
 
@@ -104,7 +77,7 @@ def builds_in_words(rows: Iterable[BenchRow]) -> str:
     codes = {code for _, code in count}
     several = Counter(build for build, _ in count)
     builds = "; ".join(
-        f"{build}{f', {_shown(code)}' if several[build] > 1 else ''}: {number} rows"
+        f"{build}{f', {shown_digest(code)}' if several[build] > 1 else ''}: {number} rows"
         for (build, code), number in count.items()
     )
     same = "of the same behaviour" if len(codes) == 1 else f"of {len(codes)} behaviours"

@@ -20,8 +20,8 @@ from preflight_plans import (
 
 from mission.link.codec.dialect import mavlink as m
 from mission.model import Command, Frame, GeoPoint, Mission, MissionItem
+from wbf_mission.addons.base.inquiry import FirmwareVersion, Gps, VehicleSnapshot
 from wbf_mission.preflight.finding import Concern, Severity
-from wbf_mission.preflight.inquiry import FirmwareVersion, Gps, VehicleSnapshot
 from wbf_mission.scenario import VehicleOptions
 
 PX4, ARDUPILOT = 12, 3

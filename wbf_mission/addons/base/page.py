@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geo.atomic import atomic_write
-from wbf_mission.bench.intervals import Interval, mean_intervals, score_text
+from wbf_mission.addons.base.intervals import Interval, mean_intervals, score_text
+from wbf_mission.addons.base.standings import Standing
 from wbf_mission.bench.rows import BenchRow
-from wbf_mission.bench.standings import Standing
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
 
 from geo.errors import WbfMissionError
-from geo.imports import entry_named, load_entry, load_named
+from geo.imports import entry_named, load_entry
 from geo.system import Closing
 from mission.errors import LinkError
 from mission.ground.link import DriverMaker, TransferReport, own_driver, upload
@@ -23,20 +22,12 @@ from sim_vehicle.autopilot import name_of_number
 from sim_vehicle.component import NEVER, Component
 from sim_vehicle.host.server import Server, ServerUrl
 from sim_vehicle.host.simulation import StopReason
+from wbf_mission.addons.base.inquiry import VehicleSnapshot, ask_vehicle
 from wbf_mission.events import EventStream
 from wbf_mission.preflight.finding import Concern, Report
-from wbf_mission.preflight.inquiry import VehicleSnapshot, ask_vehicle
 from wbf_mission.preflight.run import check_mission
 from wbf_mission.preflight.subject import Circumstances
 from wbf_mission.scenario import Scenario, scenario_with
-
-if TYPE_CHECKING:
-    from pathlib import Path
-    from typing import Protocol
-
-    from wbf_mission.flight import Way
-    from wbf_mission.run.joint_flight import OperatorConsole
-    from wbf_mission.run.orders import Orders
 
 __all__ = [
     "Heard",
@@ -45,7 +36,6 @@ __all__ = [
     "Note",
     "Tap",
     "Via",
-    "connection",
     "fitted_to",
     "links_of",
     "typical_vehicle",
@@ -53,8 +43,6 @@ __all__ = [
     "via_named",
 ]
 
-GROUP = "wbf_mission.connections"
-"""Group of entry points: ``LiveLink``, ``fly`` and ``resume`` (`connection`)."""
 Tap = Callable[[bytes, float], None]
 Note = Callable[[str], None]
 Heard = tuple[str, Vehicle]
@@ -241,44 +229,3 @@ def via_named(name: str) -> Via:
         return Via()
     way: Via = load_entry(entry, f"the way {name}", LinkError)()
     return way
-
-
-if TYPE_CHECKING:
-
-    class _LiveLink(Protocol):
-        """Class of flights of real vehicles; its own docstring lists the parameters."""
-
-        def __call__(
-            self,
-            urls: str | Sequence[str],
-            console: OperatorConsole,
-            *,
-            agreed: bool = ...,
-            wait_s: float = ...,
-            system_ids: Sequence[int] = ...,
-            force: bool = ...,
-            via: Via = ...,
-            change_s: float = ...,
-            tlog: Path | None = ...,
-            orders: Orders | None = ...,
-        ) -> Way: ...
-
-    LiveLink: _LiveLink
-
-else:
-
-    def __getattr__(name: str) -> object:
-        if name != "LiveLink":
-            msg = f"module {__name__!r} has no attribute {name!r}"
-            raise AttributeError(msg)
-        return connection(name)
-
-
-def connection(name: str) -> Any:
-    """Return a part of the flights of real vehicles; LinkError if no add-on provides it.
-
-    ``LiveLink`` is the class of `wbf_mission.LiveLink`. ``fly`` makes one with the operator at the terminal,
-    from links, an `Output` and the class's options. ``resume`` finds the place where a mission is resumed, by
-    the text of ``plan --resume`` and the mission's `Course`.
-    """
-    return load_named(GROUP, name, "connects to real vehicles with", "the connection", LinkError)

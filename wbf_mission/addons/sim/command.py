@@ -11,21 +11,22 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from geo.texts import duration
 from mission.outcome import in_words
+from wbf_mission.addons.base.pages import followed_simulation
+from wbf_mission.addons.sim.options import LINKS, SimOptions, load_sim, parse_speed
 from wbf_mission.cli import options, signals
+from wbf_mission.cli.command import Command
 from wbf_mission.cli.live import LivePage
 from wbf_mission.cli.options import Overwrite, option, refuse_overwrite
 from wbf_mission.cli.output import Output
-from wbf_mission.cli.pages import followed_simulation
 from wbf_mission.events import RunEnded
 from wbf_mission.exit_codes import ExitCode
 from wbf_mission.scenario import CameraOptions, FarmOptions, ScenarioError, VehicleOptions, WeatherOptions
 from wbf_mission.scenario.option import options_of
 from wbf_mission.scenario.parts import CAMERA_OF_PLANS
-from wbf_mission.scenario.sim_options import LINKS, SimOptions, load_sim, parse_speed
 
 if TYPE_CHECKING:
     from mission.link.codec.signing import Signing
-    from wbf_mission.simulator import Simulated
+    from wbf_mission.addons.base.simulator import Simulated
 
 _SHOWN_LINKS = 8
 
@@ -110,8 +111,8 @@ def sim_command(
     from sim_vehicle.execution.state import EPOCH_UNIX_S
     from sim_vehicle.host.injection import fault_part, injection
     from sim_vehicle.host.server import Server
+    from wbf_mission.addons.base.simulator import make_components, parse_home
     from wbf_mission.scenario import Scenario
-    from wbf_mission.simulator import make_components, parse_home
 
     if list_faults:
         fault_part("kinds")(output)
@@ -260,3 +261,6 @@ def _greeting(simulated: Simulated, vehicle: str, urls: tuple[str, ...]) -> str:
     where = f"{point.latitude_deg:.6f}, {point.longitude_deg:.6f}"
     who = f"{several}{vehicle} as {simulated.autopilot} at {where}"
     return f"{who} on {', '.join(_some(urls))}; Ctrl-C ends it"
+
+
+COMMAND = Command(sim_command, EXAMPLES, BEGINNERS)

@@ -3,7 +3,8 @@
 import pytest
 from bench_rows import made_row
 
-from wbf_mission.bench.standings import apart, build_of, builds_in_words, standings
+from wbf_mission.addons.base.standings import apart, builds_in_words, standings
+from wbf_mission.bench.rows import build_of
 
 OLD, NEW = "4622a3d6f0aa", "5d01c2b3e4bb"
 

@@ -8,14 +8,15 @@ from typing import Protocol
 
 from mission.course import Course, MissionProgress, Place
 from mission.errors import MissionError
-from mission.model import Mission
+from mission.model import DEGREES_E7, Mission
 from mission.outcome import in_words
+from mission.sorties import resumed_at
 from wbf_mission.planning import PlanResult
 from wbf_mission.planning.fleet import Vehicle
 from wbf_mission.planning.sorties import SortiePlan, cut_plan, rest_of
 from wbf_mission.run.record import FlightRecord
 
-__all__ = ["BatteryChanger", "RealSorties"]
+__all__ = ["BatteryChanger", "RealSorties", "reached_place"]
 
 _MOST_IN_VAIN = 2
 """Sorties in a row without progress after which the run stops."""
@@ -65,7 +66,7 @@ class RealSorties:
         reached = one.end
         if not record.outcome.is_good and self._progress is not None:
             try:
-                reached = self.cut.reached(flight - 1, self._progress.place())
+                reached = reached_place(self.cut, flight - 1, self._progress.place())
             except MissionError:  # The vehicle never began the mission.
                 reached = one.begin
         self._in_vain = self._in_vain + 1 if reached == one.begin else 0
@@ -125,3 +126,38 @@ class RealSorties:
         flown = (*cut.sorties[: flight - 1], replace(ended, end=reached))
         self.cut = replace(cut, sorties=(*flown, *again.sorties))
         return True
+
+
+def reached_place(cut: SortiePlan, number: int, place: Place | None) -> Place | None:
+    """Return the place on the whole mission for a place on the mission of sortie `number`, from 0.
+
+    None stands for the end of each mission: a sortie at its own end has reached its `end`.
+    """
+    one, course = cut.sorties[number], cut.course
+    begin = resumed_at(course, one.begin, cut.overlap_m)
+    if place is None or begin is None:
+        return one.end
+    own = Course(one.plan.mission)
+    leg, led, first = own.leg_of(place), 0, 0
+    if one.begin > course.start and begin > course.start:
+        # Legs to the resume point do not exist on the whole mission.
+        there, first = course.position(begin)[:2], course.leg_of(begin)
+        led = 1 + next(k for k, other in enumerate(own.legs) if _is_at(other.end[:2], there))
+    if leg < led:
+        return one.begin
+    number = first + leg - led
+    end_m = course.length_m if one.end is None else course.metres(one.end)
+    if leg == len(own.legs) or number >= len(course.legs):
+        return one.end
+    to_end_m = (1.0 - place.fraction) * float(own.lengths_m[leg])
+    metres = min(float(course.ends_m[number]), end_m) - to_end_m
+    last = len(course.legs) if one.end is None else course.leg_of(one.end)
+    if number > last or metres >= end_m:
+        return one.end
+    found = course.place(max(metres, 0.0))
+    return one.end if found is None else max(one.begin, found)
+
+
+def _is_at(one: tuple[float, float], other: tuple[float, float]) -> bool:
+    """Return whether two positions (degrees) are equal up to the rounding of mission items."""
+    return max(abs(a - b) for a, b in zip(one, other, strict=True)) <= 1.0 / DEGREES_E7

@@ -19,11 +19,11 @@ from typing import NamedTuple
 
 from common import options_of
 
+from wbf_mission.addons.base.intervals import Interval
+from wbf_mission.addons.base.standings import Standing, standings
 from wbf_mission.addons.boards.comparison import verdict
 from wbf_mission.addons.boards.submission import read_pack
-from wbf_mission.bench.intervals import Interval
 from wbf_mission.bench.rows import BenchRow, read_rows
-from wbf_mission.bench.standings import Standing, standings
 from wbf_mission.scenario import Family, families
 
 POLICIES = ("greedy", "rolling-horizon")

@@ -3,8 +3,8 @@
 Pairs of losses over n environments are drawn from synthetic distributions and, with replacement, from the
 frozen rows in `results/`; the true ratio of means is known. A mean is treated as a ratio to ones. For each n
 the table has the coverage in percent and the median width relative to the true value ("inf": an unbounded
-interval). *ours* is `wbf_mission.bench.intervals`, which all tables use. *Student* of a ratio is Fieller's
-interval.
+interval). *ours* is `wbf_mission.addons.base.intervals`, which all tables use. *Student* of a ratio is
+Fieller's interval.
 
 The last table has eight simultaneous comparisons: the probability that all eight intervals cover the true
 values, for single intervals and for joint ones.
@@ -23,9 +23,9 @@ from numpy.typing import NDArray
 from scipy import stats
 from threadpoolctl import threadpool_limits
 
+from wbf_mission.addons.base import intervals
+from wbf_mission.addons.base.standings import scored
 from wbf_mission.addons.boards.submission import read_pack
-from wbf_mission.bench import intervals
-from wbf_mission.bench.standings import scored
 
 Floats = NDArray[np.float64]
 Draw = Callable[[np.random.Generator, tuple[int, int]], tuple[Floats, Floats]]

@@ -43,7 +43,7 @@ from sensors.estimators import make_estimator
 from sensors.fields import PAPER_FIELDS
 from sensors.observations import Observations
 from sensors.scoring.score import PAPER_WEIGHTS, RunningScore
-from wbf_mission.bench.intervals import ratio_intervals
+from wbf_mission.addons.base.intervals import ratio_intervals
 
 DAY = 6
 SCORED = 36

@@ -31,8 +31,8 @@ from common import options_of
 
 from geo.atomic import atomic_write
 from mission.errors import PlanningError
+from wbf_mission.addons.base.intervals import Interval, mean_intervals
 from wbf_mission.bench.benchmark import benchmark
-from wbf_mission.bench.intervals import Interval, mean_intervals
 from wbf_mission.bench.rows import BenchRow
 from wbf_mission.bench.spec import BenchSpec
 from wbf_mission.run.plan import plan

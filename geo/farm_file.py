@@ -32,16 +32,18 @@ from geo.frame import LocalFrame
 from geo.geojson import read_geojson
 from geo.grid import CROP_NAMES, is_crop_name
 from geo.imports import entry_points, load_named
-from geo.repair import closed, mended
 from geo.texts import FOOT_M, one_line
 
 FORMATS_GROUP = "wbf_mission.farm_formats"
 """Group of entry points, named by suffix without the dot: functions from a path, a layer and a coordinate
 system (both None if not given) to a `geo.features.Document`. They raise FarmError for an unusable file."""
+REPAIRS_GROUP = "wbf_mission.farm_repairs"
+"""Group of entry points; ``mended`` returns the repaired parts of a feature, and adds notes to a list."""
 _GEOJSON = (".geojson", ".json", ".geojsonl", ".geojsons", ".ndjson", ".jsonl")
 _ADDED = (".kml", ".kmz", ".shp", ".zip", ".gpkg", ".gpx", ".poly")  # By the add-on `formats`
 _MAX_RALLY = 100
 _MAX_RASTER_STEPS = 20_000_000  # Crossings of polygon edges and cell columns; more take minutes to paint
+_MAX_GAP = 2.0  # Largest ratio of the closing side to the longest side
 _MAX_SPAN_M = 20_000.0  # Features farther apart belong to several farms, or have wrong coordinates
 _SENSIBLE_CELLS = 4_000_000  # Larger farms get larger cells, unless the file gives the cell size
 _ROUND_CELLS_M = (FOOT_M, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0)
@@ -70,8 +72,8 @@ def load_farm(
     crs : str, optional
         Coordinate system, such as ``EPSG:32617``, for a file that gives none.
     repair : bool
-        Whether invalid geometry is repaired where that is safe (`geo.repair`); `Farm.notes` lists the
-        repairs.
+        Whether invalid geometry is repaired where that is safe, by an add-on (`REPAIRS_GROUP`);
+        `Farm.notes` lists the repairs.
 
     Raises
     ------
@@ -129,8 +131,9 @@ def _farm_of(document: Document, default_name: str, crop: str | None, *, repair:
     name = text_member(members, "name", default_name, "the farm")
     features, places = _contents(document, repair=repair)
     home = _home(document, places)
-    features = [closed(feature, notes) for feature in _near(features, home, notes, repair=repair)]
+    features = [_closed(feature, notes) for feature in _near(features, home, notes, repair=repair)]
     if repair:
+        mended = load_named(REPAIRS_GROUP, "mended", "repairs farms, as", "farms", FarmError)
         features = [part for feature in features for part in mended(feature, notes)]
     systems = dict.fromkeys(entry.crs for entry in document.entries if entry.crs is not None)
     # Each layer has a Coordinates object; layers of one coordinate system give the same note.
@@ -174,6 +177,32 @@ def _farm_of(document: Document, default_name: str, crop: str | None, *, repair:
     degrees = np.concatenate([*(ring for feature in features for ring in feature.rings), [home, *rally]])
     home_m = frame.from_wgs84(home[1], home[0])
     return replace(farm, home_m=home_m, degrees=degrees, notes=tuple(notes))
+
+
+def _closed(feature: Feature, notes: list[str]) -> Feature:
+    """Return a feature with closed rings; FarmError if part of a ring is missing.
+
+    Many programs (DJI Pilot 2, scripts) leave out the last position, which repeats the first. Part of the
+    ring is missing if the closing side is more than twice as long as the longest side.
+    """
+    if all(np.array_equal(ring[0], ring[-1]) for ring in feature.rings):
+        return feature
+    rings = []
+    for ring in feature.rings:
+        longitude_deg, latitude_deg = np.vstack([ring, ring[:1]]).T
+        frame = LocalFrame(float(latitude_deg[0]), float(longitude_deg[0]))
+        steps_m = np.hypot(*np.diff(frame.from_wgs84(latitude_deg, longitude_deg), axis=1))
+        gap_m, longest_m = steps_m[-1], steps_m[:-1].max()
+        if gap_m > _MAX_GAP * longest_m:
+            raise FarmError(
+                f"{feature.where}: a ring is open over {gap_m:.1f} m, and its longest side has "
+                f"{longest_m:.1f} m: part of it is missing; draw it anew"
+            )
+        is_open = not np.array_equal(ring[0], ring[-1])
+        if is_open:
+            notes.append(f"{feature.where}: a ring was open, closed over {gap_m:.2f} m")
+        rings.append(np.vstack([ring, ring[:1]]) if is_open else ring)
+    return replace(feature, rings=tuple(rings))
 
 
 def _contents(document: Document, *, repair: bool) -> tuple[list[Feature], list[Place]]:

@@ -191,7 +191,7 @@ def read_entry(entry: Entry, notes: list[str], *, repair: bool) -> list[Feature]
     """Return the polygons or the point of an entry, or the reason to leave the entry out.
 
     FarmError, with the feature's name, if the feature cannot be read. `repair`: swapped latitudes and
-    longitudes are exchanged. Rings may still be open (`geo.repair.closed` closes them).
+    longitudes are exchanged. Rings may still be open (`geo.farm_file` closes them).
     """
     if entry.useless or entry.geometry is None:
         return entry.useless or _WITHOUT

@@ -98,11 +98,6 @@ def inverse_of_factor(factor: NDArray[np.float64]) -> NDArray[np.float64]:
     return inverse
 
 
-def inverse_positive(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the inverse of a symmetric positive definite matrix, or raise `numpy.linalg.LinAlgError`."""
-    return inverse_of_factor(cholesky(matrix))
-
-
 def _elementwise(function: Callable[[float], float], kernel: str = "") -> Callable[..., Any]:
     """Return the array version of a function of `math`; `kernel` is its compiled loop for many numbers."""
 

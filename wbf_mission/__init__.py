@@ -61,9 +61,9 @@ if TYPE_CHECKING:
     from wbf_mission.contracts import check_planner as check_planner
     from wbf_mission.contracts import check_policy as check_policy
     from wbf_mission.events import EventStream as EventStream
+    from wbf_mission.flight import LiveLink as LiveLink
     from wbf_mission.flight import Simulated as Simulated
     from wbf_mission.flight import fly as fly
-    from wbf_mission.live import LiveLink as LiveLink
     from wbf_mission.results.result import Result as Result
     from wbf_mission.results.result import load_result as load_result
     from wbf_mission.results.storage import ResultError as ResultError

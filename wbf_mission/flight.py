@@ -6,10 +6,12 @@ from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import ClassVar, Protocol
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
 from threadpoolctl import threadpool_limits
 
+from geo.imports import load_named
+from mission.errors import LinkError
 from mission.transfer import refuse_errors
 from sensors.field_files import load_field_set
 from sensors.scoring.score import ScoreWeights
@@ -18,16 +20,15 @@ from sim_vehicle.host.simulation import Impairment
 from wbf_mission.events import EventStream, RunBegun, RunEnded, VehicleInfo
 from wbf_mission.maps.field_maps import FieldMap, true_map
 from wbf_mission.planning.fleet import Vehicle
-from wbf_mission.planning.sorties import CHANGE_S
+from wbf_mission.planning.sorties import CHANGE_S, SortiePlan
 from wbf_mission.preflight.run import check_plans
 from wbf_mission.progress import Stopwatch
 from wbf_mission.results.result import Result
-from wbf_mission.run.campaign import Campaign
+from wbf_mission.run.campaign import Campaign, RealSorties
 from wbf_mission.run.estimation import estimator_of, require_run_memory
 from wbf_mission.run.hosting import Hosting, VirtualHosting
 from wbf_mission.run.joint_flight import OperatorConsole
 from wbf_mission.run.orders import Orders
-from wbf_mission.run.real_sorties import BatteryChanger
 from wbf_mission.run.rehearsal import REHEARSED_ON, rehearsed
 from wbf_mission.run.resolve import Run, cameras_of, resolve, world_of
 from wbf_mission.run.reuse import FlightMemory
@@ -70,10 +71,6 @@ class Way(Protocol):
     def console(self) -> OperatorConsole | None:
         """The operator's console during flights."""
 
-    @property
-    def changer(self) -> BatteryChanger | None:
-        """Battery changes of a real vehicle, confirmed by the operator; None in simulation."""
-
     def fitted(self, scenario: Scenario, events: EventStream) -> Scenario:
         """Return the scenario, adapted to the vehicles."""
 
@@ -82,6 +79,9 @@ class Way(Protocol):
 
     def check(self, campaign: Campaign, events: EventStream) -> None:
         """Raise PreflightError before take-off if a plan has errors."""
+
+    def sorties(self, cut: SortiePlan, vehicle: Vehicle, footprint: int) -> RealSorties | None:
+        """Return the progress of a real vehicle through its sorties; None in simulation."""
 
     def hosting(self, faults: Sequence[AnyFault]) -> Hosting:
         """Return the hosting of the flights: a simulation, or the links to real vehicles."""
@@ -119,7 +119,6 @@ class Simulated:
     force: bool = False
     full: ClassVar[float] = 1.0
     console: ClassVar[None] = None
-    changer: ClassVar[None] = None
 
     def fitted(self, scenario: Scenario, events: EventStream) -> Scenario:  # noqa: ARG002
         """Return the scenario unchanged."""
@@ -139,6 +138,9 @@ class Simulated:
             plans = [(plan, plans[0][1]) for plan in campaign.sorties]
         check_plans(plans, "nothing was flown", events, force=self.force)
 
+    def sorties(self, cut: SortiePlan, vehicle: Vehicle, footprint: int) -> None:
+        """Return None: a simulation flies the sorties as they are cut."""
+
     def hosting(self, faults: Sequence[AnyFault]) -> Hosting:
         """Return a simulation."""
         return VirtualHosting(
@@ -148,6 +150,49 @@ class Simulated:
             impairment=self.impairment,
             faults=tuple(faults),
         )
+
+
+def connection(name: str) -> Any:
+    """Return a part of the flights of real vehicles; LinkError if no add-on provides it.
+
+    ``LiveLink`` is the class of `wbf_mission.LiveLink`. ``fly`` makes one with the operator at the terminal,
+    from links, an `Output` and the class's options. ``resume`` finds the place where a mission is resumed, by
+    the text of ``plan --resume`` and the mission's `Course`. ``checks`` are those of a plan against the
+    vehicle's answers (`wbf_mission.preflight.run`).
+    """
+    group = "wbf_mission.connections"
+    return load_named(group, name, "connects to real vehicles with", "the connection", LinkError)
+
+
+if TYPE_CHECKING:
+
+    class _LiveLink(Protocol):
+        """Class of flights of real vehicles; its own docstring lists the parameters."""
+
+        def __call__(
+            self,
+            urls: str | Sequence[str],
+            console: OperatorConsole,
+            *,
+            agreed: bool = ...,
+            wait_s: float = ...,
+            system_ids: Sequence[int] = ...,
+            force: bool = ...,
+            via: object = ...,
+            change_s: float = ...,
+            tlog: Path | None = ...,
+            orders: Orders | None = ...,
+        ) -> Way: ...
+
+    LiveLink: _LiveLink
+
+else:
+
+    def __getattr__(name: str) -> object:
+        if name != "LiveLink":
+            msg = f"module {__name__!r} has no attribute {name!r}"
+            raise AttributeError(msg)
+        return connection(name)
 
 
 def fly(
@@ -222,7 +267,7 @@ def fly(
                 run.decider.policy.start()
                 plan()
             try:
-                campaign.fly(environment, by.hosting(run.faults), by.console, memory, by.changer)
+                campaign.fly(environment, by.hosting(run.faults), by.console, memory, by.sorties)
             except KeyboardInterrupt:
                 if not campaign.flights:
                     raise

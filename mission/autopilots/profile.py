@@ -160,19 +160,6 @@ class VehicleSettings:
         return self.motion.get(vehicle_type, self.motion.get(None, {}))
 
 
-def answer_to(
-    meaning: Meaning, questions: Questions, parameters: Mapping[str, float]
-) -> tuple[str, float] | None:
-    """Return name and value (SI units) of the parameter with a meaning, None if no such parameter was read.
-
-    >>> height = {Meaning.RETURN_HEIGHT: {"RTL_ALT_M": 1.0, "RTL_ALT": 0.01}}
-    >>> answer_to(Meaning.RETURN_HEIGHT, height, {"RTL_ALT": 1500.0})
-    ('RTL_ALT', 15.0)
-    """
-    names = questions.get(meaning, {})
-    return next(((name, parameters[name] * unit) for name, unit in names.items() if name in parameters), None)
-
-
 @dataclass(frozen=True, slots=True)
 class Profile:
     """Facts of one autopilot."""

@@ -6,11 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import msgspec
-import numpy as np
-from numpy.typing import NDArray
 
-from geo.frame import LocalFrame
-from geo.linear_algebra import cos, sin
 from mission.errors import MissionFileError
 from mission.files.common import make_item
 from mission.model import Command, Frame, MissionItem
@@ -20,8 +16,6 @@ _POLYGONS = {
     False: Command.NAV_FENCE_POLYGON_VERTEX_EXCLUSION,
 }
 POLYGON_COMMANDS = frozenset(_POLYGONS.values())
-CIRCLE_CORNERS = 48
-"""Corners of a circle drawn as a polygon; the sides are within 0.2 % of the radius."""
 _CIRCLES = {True: Command.NAV_FENCE_CIRCLE_INCLUSION, False: Command.NAV_FENCE_CIRCLE_EXCLUSION}
 
 
@@ -130,28 +124,6 @@ def geo_fence(items: Sequence[MissionItem]) -> dict[str, Any]:
             raise MissionFileError(msg)
         index += 1
     return fence
-
-
-def fence_rings(items: Sequence[MissionItem], frame: LocalFrame) -> list[tuple[NDArray[np.float64], bool]]:
-    """Return each outline of a fence (float64[n, 2], m in `frame`), and whether it is an inclusion zone.
-
-    Circles become polygons of `CIRCLE_CORNERS` corners. Outlines beyond the range of the frame are left out.
-    Invalid fence items give an empty list.
-    """
-    try:
-        fence = geo_fence(items)
-    except MissionFileError:
-        return []
-    found = []
-    for polygon in fence["polygons"]:
-        latitude, longitude = np.array(polygon["polygon"]).T
-        found.append((np.stack(frame.from_wgs84(latitude, longitude), 1), polygon["inclusion"]))
-    around = np.linspace(0.0, 2.0 * np.pi, CIRCLE_CORNERS, endpoint=False)
-    for circle in fence["circles"]:
-        centre = np.array(frame.from_wgs84(*circle["circle"]["center"]))
-        corners = centre + circle["circle"]["radius"] * np.stack([cos(around), sin(around)], 1)
-        found.append((corners, circle["inclusion"]))
-    return [(ring, inclusion) for ring, inclusion in found if np.isfinite(ring).all()]
 
 
 def polygon_at(items: Sequence[MissionItem], start: int) -> Sequence[MissionItem]:

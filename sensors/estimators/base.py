@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from geo.grid import FarmGrid
 
 ENTRY_POINT_GROUP = "wbf_mission.estimators"
+DEFAULTS_GROUP = "wbf_mission.default_estimators"
 _HANDED_ON = ("fields", "random_state")
 
 LEARNING = "training the estimator"
@@ -397,23 +398,20 @@ def _registered() -> dict[str, EntryPoint]:
     return found
 
 
-SMALL_FARM_CELLS = 128 * 128
-"""Largest farm with `epidemic` as default: beyond, its gain over `gp` does not justify time and memory."""
-
-
 def default_estimator(farm: Farm, fields: Sequence[str] = PAPER_FIELDS.names) -> str:
     """Return the name of the estimator with the least loss at an acceptable cost.
 
-    The default is ``epidemic`` for the paper's three fields on farms of up to 128 x 128 cells, and ``gp`` for
-    other fields and larger farms. ``docs/decisions/0013-default-estimator.md`` has the measurements.
+    This is the first entry point, by name, of the group ``wbf_mission.default_estimators`` whose function of
+    the farm and the names of the fields returns True; without one it is ``gp``.
+    ``docs/decisions/0013-default-estimator.md`` has the measurements.
 
     Examples
     --------
     >>> from geo.farms import get_farm
-    >>> [default_estimator(get_farm(name)) for name in ("miniberry-30", "waterberry")]
-    ['epidemic', 'gp']
-    >>> default_estimator(get_farm("miniberry-30"), ("tylcv", "ccr", "soil", "nitrogen"))
+    >>> default_estimator(get_farm("waterberry"))
     'gp'
     """
-    small = farm.width_cells * farm.height_cells <= SMALL_FARM_CELLS
-    return "epidemic" if small and tuple(fields) == PAPER_FIELDS.names else "gp"
+    for entry in sorted(entry_points(DEFAULTS_GROUP), key=lambda entry: entry.name):
+        if load_entry(entry, f"default estimator {entry.name!r}", EstimatorError)(farm, tuple(fields)):
+            return entry.name
+    return "gp"

@@ -1,4 +1,4 @@
-"""Expected losses of standard deviations and class probabilities, and their calibration.
+"""Expected losses of standard deviations, and the calibration of estimates.
 
 The calibration is measured on relevant cells that were not observed.
 
@@ -23,11 +23,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from geo.linear_algebra import log, product
+from geo.linear_algebra import log
 from sensors.errors import EstimatorError
 from sensors.fields import FieldSet
 from sensors.scoring.information import InformationModel, column_strips, least_sick
-from sensors.scoring.score import PAPER_WEIGHTS, ScoreWeights
+from sensors.scoring.score import ScoreWeights
 
 
 def loss_of_deviation(
@@ -58,69 +58,6 @@ def loss_of_deviation(
     loss: NDArray[np.float32] = np.square(uncertainty, out=out)
     loss *= costs.astype(np.float32)[:, None, None]
     return loss
-
-
-CLASS_VALUES = np.array([1.0, 0.5, 0.0])
-"""Values of the classes susceptible, infected, removed."""
-
-
-def least_loss_value(
-    probabilities: NDArray[np.floating], asymmetry: float = PAPER_WEIGHTS.too_healthy[0]
-) -> NDArray[np.float64]:
-    """Return the estimate that minimises the expected loss of the score.
-
-    The cost is ``a (v - e)^2`` if the estimate v is above the truth e, else ``(e - v)^2``. The best estimate
-    is an expectile (Newey & Powell 1987), the solution of::
-
-        a sum_{e < v} p_e (v - e) = sum_{e > v} p_e (e - v)
-
-    For the values 1, 0.5 and 0 this equation has a closed solution on each side of 0.5.
-
-    `probabilities` are float[..., 3], of the classes susceptible, infected, removed.
-
-    Examples
-    --------
-    >>> least_loss_value(np.array([[1, 0, 0], [0.9, 0.1, 0], [0, 0.5, 0.5], [0, 0, 1]])).round(3).tolist()
-    [1.0, 0.737, 0.045, 0.0]
-    """
-    susceptible, infected, removed = np.moveaxis(np.asarray(probabilities, np.float64), -1, 0)
-    upper = (susceptible + 0.5 * asymmetry * infected) / (susceptible + asymmetry * (infected + removed))
-    lower = (susceptible + 0.5 * infected) / (susceptible + infected + asymmetry * removed)
-    value: NDArray[np.float64] = np.where(upper >= 0.5, upper, lower)
-    return value
-
-
-def expected_loss(
-    probabilities: NDArray[np.floating], value: NDArray[np.floating], too_healthy: float, too_sick: float
-) -> NDArray[np.float64]:
-    """Return the expected score loss of estimated values, averaged over the probabilities of the classes.
-
-    Examples
-    --------
-    >>> p = np.array([[0.0, 1, 0], [0.5, 0, 0.5]])
-    >>> expected_loss(p, np.array([0.7, 0.1]), 10.0, 1.0).round(3).tolist()
-    [0.4, 0.455]
-    """
-    susceptible, infected, removed = np.moveaxis(np.asarray(probabilities, np.float64), -1, 0)
-    of_infected = np.where(value > CLASS_VALUES[1], too_healthy, too_sick)
-    loss: NDArray[np.float64] = too_sick * susceptible * (value - CLASS_VALUES[0]) ** 2
-    loss += of_infected * infected * (value - CLASS_VALUES[1]) ** 2
-    loss += too_healthy * removed * (value - CLASS_VALUES[2]) ** 2
-    return loss
-
-
-def standard_deviation(probabilities: NDArray[np.floating]) -> NDArray[np.float64]:
-    """Return the standard deviation of a cell's value for class probabilities, float[..., 3].
-
-    Examples
-    --------
-    >>> standard_deviation(np.array([[1.0, 0, 0], [0.5, 0, 0.5]])).tolist()
-    [0.0, 0.5]
-    """
-    p = np.asarray(probabilities, np.float64)
-    mean = product(p, CLASS_VALUES)
-    deviation: NDArray[np.float64] = np.sqrt(np.maximum(product(p, CLASS_VALUES**2) - mean**2, 0.0))
-    return deviation
 
 
 SICK_BELOW = 0.75

@@ -1,8 +1,7 @@
 """Compiled sums of the score, stored for each tile, so that only changed tiles are summed again.
 
-Estimators report changed tiles (`sum_errors`). Batched training also knows the first changed column of each
-tile (`resume_errors`). Both functions add the errors of a tile cell by cell, along y and then along x, so
-that their sums are equal to the last bit.
+Estimators report changed tiles. The errors of a tile are added cell by cell, along y and then along x, so
+that equal errors have equal sums to the last bit.
 """
 
 from __future__ import annotations
@@ -15,7 +14,7 @@ from sensors.scoring.information import ABSOLUTE, SQUARES, TILE_CELLS, WORSE_ABS
 
 
 @compiled(inline="late", nogil=True, allocates=False)
-def _add_column(
+def add_column(
     mask: NDArray[np.bool_],
     truth: NDArray[np.floating],
     estimate: NDArray[np.floating],
@@ -60,61 +59,11 @@ def sum_errors(
             added = (0.0, 0.0, 0.0, 0.0)
             y0, y1 = row * TILE_CELLS, min((row + 1) * TILE_CELLS, height)
             for x in range(column * TILE_CELLS, min((column + 1) * TILE_CELLS, width)):
-                added = _add_column(mask, truth, estimate, x, y0, y1, added)
+                added = add_column(mask, truth, estimate, x, y0, y1, added)
             sums[column, row, SQUARES] = added[SQUARES]
             sums[column, row, WORSE_SQUARES] = added[WORSE_SQUARES]
             sums[column, row, ABSOLUTE] = added[ABSOLUTE]
             sums[column, row, WORSE_ABSOLUTE] = added[WORSE_ABSOLUTE]
-
-
-@compiled(nogil=True, allocates=False)
-def resume_errors(
-    masks: NDArray[np.bool_],
-    truth: NDArray[np.float32],
-    estimate: NDArray[np.float32],
-    dirty: NDArray[np.int64],
-    partial: NDArray[np.float64],
-    sums: NDArray[np.float64],
-) -> None:
-    """Sum the squared errors of all fields, in each tile from the first changed column.
-
-    Parameters
-    ----------
-    masks : bool[k, W, H]
-        The relevant cells.
-    truth, estimate : float32[k, W, H]
-    dirty : int64[tiles along x, tiles along y]
-        First column of each tile that is not summed yet; updated.
-    partial : float64[k, tiles along x, tiles along y, TILE_CELLS + 1, 2]
-        Sums before each column, over all cells and over overestimated cells; updated.
-    sums : float64[k, 2]
-        Output: the same sums over all tiles.
-    """
-    width, height = masks.shape[1], masks.shape[2]
-    tiles_x, tiles_y = dirty.shape
-    for tile in range(tiles_x):
-        x0 = tile * TILE_CELLS
-        columns = min(TILE_CELLS, width - x0)
-        for strip in range(tiles_y):
-            y0, y1 = strip * TILE_CELLS, min((strip + 1) * TILE_CELLS, height)
-            start = dirty[tile, strip]
-            if start >= columns:
-                continue
-            dirty[tile, strip] = TILE_CELLS
-            for k in range(len(masks)):
-                kept = partial[k, tile, strip]
-                added = (kept[start, SQUARES], kept[start, WORSE_SQUARES], 0.0, 0.0)
-                for column in range(start, columns):
-                    added = _add_column(masks[k], truth[k], estimate[k], x0 + column, y0, y1, added)
-                    kept[column + 1, SQUARES] = added[SQUARES]
-                    kept[column + 1, WORSE_SQUARES] = added[WORSE_SQUARES]
-    sums[:] = 0.0
-    for k in range(len(masks)):
-        for tile in range(tiles_x):
-            columns = min(TILE_CELLS, width - tile * TILE_CELLS)
-            for strip in range(tiles_y):
-                sums[k, SQUARES] += partial[k, tile, strip, columns, SQUARES]
-                sums[k, WORSE_SQUARES] += partial[k, tile, strip, columns, WORSE_SQUARES]
 
 
 @compiled(nogil=True)

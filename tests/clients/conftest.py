@@ -98,8 +98,8 @@ class Flying:
     """A vehicle behind a server in a thread."""
 
     def __init__(self, autopilot, urls, speed, camera, home):
+        from wbf_mission.addons.base.simulator import make_components, parse_home
         from wbf_mission.scenario import Scenario, scenario_with
-        from wbf_mission.simulator import make_components, parse_home
 
         scenario = scenario_with(Scenario(), {"farm": "miniberry-10", "autopilot": autopilot})
         homes = () if home is None else (parse_home(home),)

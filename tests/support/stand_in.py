@@ -4,9 +4,9 @@ import contextlib
 import threading
 
 from sim_vehicle.host.server import Server
+from wbf_mission.addons.base.simulator import make_components
 from wbf_mission.events import EventStream
 from wbf_mission.scenario import Scenario
-from wbf_mission.simulator import make_components
 
 LONG_S = 120.0  # a limit against hanging, not a measure
 

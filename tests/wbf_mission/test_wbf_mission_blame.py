@@ -5,9 +5,9 @@ import json
 import pytest
 
 from wbf_mission import BenchSpec, benchmark
-from wbf_mission.bench.standings import standings
+from wbf_mission.addons.base.pages import bench_report
+from wbf_mission.addons.base.standings import standings
 from wbf_mission.cli.app import main
-from wbf_mission.cli.pages import bench_report
 from wbf_mission.own_code import own_choice
 
 TEN = ["WBF/Miniberry-10-v1"]

@@ -20,10 +20,10 @@ from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.autopilot import get_autopilot
 from sim_vehicle.host.simulation import Simulation
 from sim_vehicle.mavlink import SimVehicle
+from wbf_mission.addons.base.inquiry import Inquiry
 from wbf_mission.addons.operate.link import LiveLink
 from wbf_mission.events import Noted
 from wbf_mission.flight import fly
-from wbf_mission.preflight.inquiry import Inquiry
 
 HOME = MISSION.home
 

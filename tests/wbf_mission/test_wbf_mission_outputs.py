@@ -187,7 +187,7 @@ def test_a_fault_of_a_vehicle_that_is_not_there_is_refused_before_anything_is_ma
     def never(*_: object, **__: object) -> None:
         raise AssertionError
 
-    monkeypatch.setattr("wbf_mission.simulator.make_components", never)
+    monkeypatch.setattr("wbf_mission.addons.base.simulator.make_components", never)
     assert "there is no vehicle 9; the systems are 1, 2" in refused(
         capsys, *SIM, "--count", "2", "--fault", "loss=0.1,vehicle=9"
     )

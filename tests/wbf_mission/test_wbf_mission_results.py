@@ -93,8 +93,7 @@ def test_a_real_flight_keeps_how_good_its_link_was(result: Result, tmp_path: Pat
 
 
 def test_class_probabilities_are_kept_where_the_estimator_has_them(result: Result, tmp_path: Path) -> None:
-    quick = {"name": "epidemic", "outbreaks": 20, "epochs": 1, "cache": str(tmp_path / "cache")}
-    flown = fly(scenario_with(SMALL, {"estimator": quick}))
+    flown = fly(scenario_with(SMALL, {"estimator": "gp"}))
     flown.save(tmp_path / "run", plots=False)
     again = load_result(tmp_path / "run")
     assert flown.model is not None and again.model is not None

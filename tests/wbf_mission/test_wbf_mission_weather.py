@@ -12,6 +12,7 @@ from geo import get_farm
 from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.autopilot import with_autopilot
 from sim_vehicle.weather.dryden import LEVELS_W20_M_S
+from wbf_mission.addons.base.simulator import make_components
 from wbf_mission.flight import fly
 from wbf_mission.planning import MissionBuilder
 from wbf_mission.planning.conditions import flight_level, noise_of, wind_of, wind_of_run
@@ -20,7 +21,6 @@ from wbf_mission.results.result import Result
 from wbf_mission.run.plan import plan
 from wbf_mission.scenario import Scenario, ScenarioError, load_scenario
 from wbf_mission.scenario.values import shear_values, turbulence_value
-from wbf_mission.simulator import make_components
 
 WINDY = Scenario(
     farm="miniberry-10",

@@ -7,13 +7,13 @@ from sensors.environment.world import World
 from sensors.errors import EnvironmentDataError
 from sensors.fields import PAPER_FIELDS
 from wbf_mission import Scenario, fly
+from wbf_mission.addons.base.simulator import make_components
 from wbf_mission.addons.rl.task import SurveyTask
 from wbf_mission.bench.digests import meaning_of
 from wbf_mission.cli.app import main
 from wbf_mission.results.result import load_result
 from wbf_mission.run.resolve import make_environment, resolve
 from wbf_mission.scenario import load_scenario, scenario_ids, scenario_with
-from wbf_mission.simulator import make_components
 
 SMALL = Scenario(farm="miniberry-10", vehicle="ideal", planner="spiral", budget="40steps", estimator="gp")
 WRONG = scenario_with(SMALL, {"world": "wrong-rates", "seed": 5})
@@ -79,12 +79,6 @@ def test_files_beside_a_catalogued_scenario_are_found():
     smooth = load_scenario("WBF/Miniberry-30-Smooth-v1")
     assert resolve(smooth).fields.names == ("short", "middle", "long")
     assert "WBF/fields/smooth" not in scenario_ids()
-
-
-def test_the_epidemic_estimator_refuses_smooth_fields_in_one_line(capsys):
-    assert main(["fly", "--scenario", "WBF/Miniberry-30-Smooth-v1", "--estimator", "epidemic"]) == 2
-    (line,) = capsys.readouterr().err.strip().splitlines()
-    assert "epidemic" in line and "tylcv" in line
 
 
 def test_a_gaussian_process_is_at_home_on_smooth_fields():

@@ -9,9 +9,8 @@ from pathlib import Path
 from geo.processes import interrupts_noted
 from wbf_mission.bench.engine import fly_all
 from wbf_mission.bench.requests import keep_asked
-from wbf_mission.bench.rows import BenchRow, BenchStore
+from wbf_mission.bench.rows import BenchRow, BenchStore, build_of
 from wbf_mission.bench.spec import BenchSpec
-from wbf_mission.bench.standings import build_of
 from wbf_mission.progress import Progress, silent
 
 

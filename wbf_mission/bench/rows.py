@@ -22,6 +22,9 @@ from geo.reading import misfit
 from geo.system import Closing
 from wbf_mission.results.storage import ResultError, read_batches, write_table
 
+_SHORT = 8
+_CHANGES = "+changes"
+
 if TYPE_CHECKING:
     Floats: TypeAlias = array[float]
 else:
@@ -155,6 +158,33 @@ _SHARED_TEXTS = ("scenario", "planner", "estimator", "outcome", "error", "budget
 _SHARED_DICTS = ("versions", "codes", "hardware", "objects", "bad_answers")
 _decoder = msgspec.json.Decoder(BenchRow, dec_hook=as_floats)
 _encoder = msgspec.json.Encoder(enc_hook=list)
+
+
+def build_of(row: BenchRow) -> str:
+    """Return the version of wbf-mission that flew a row, with the commit, else with the behaviour numbers.
+
+    >>> row = BenchRow(key="", scenario="", planner="", estimator="", seed=0)
+    >>> made = {"wbf-mission": "0.1.0", "commit": "4622a3d6f0+changes"}
+    >>> build_of(msgspec.structs.replace(row, versions=made))
+    '0.1.0, 4622a3d6+changes'
+    """
+    return f"{row.versions.get('wbf-mission', 'unknown version')}, {commit_of(row) or digest_of(row, 'code')}"
+
+
+def commit_of(row: BenchRow) -> str:
+    """Return the short commit that flew a row, with ``+changes`` if files were changed; "" if unknown."""
+    commit, changes, _ = row.versions.get("commit", "").partition(_CHANGES)
+    return commit[:_SHORT] + changes
+
+
+def digest_of(row: BenchRow, key: str) -> str:
+    """Return behaviour numbers, or the start of a digest; "unknown code" for rows of old folders."""
+    return shown_digest(row.codes.get(key, "built in" if row.codes else "unknown code"), 12)
+
+
+def shown_digest(digest: str, digits: int = _SHORT) -> str:
+    """Return the start of a digest; behaviour numbers are not shortened."""
+    return digest if "." in digest else digest[:digits].strip()
 
 
 class BenchStore(Closing):

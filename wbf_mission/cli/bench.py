@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from geo.imports import load_named
+from geo.imports import entry_named, load_entry, load_named
 from wbf_mission.cli import options
 from wbf_mission.cli.options import option
 from wbf_mission.cli.output import Output
@@ -23,44 +23,19 @@ if TYPE_CHECKING:
     from wbf_mission.scenario import Choice
 
 _FAILURES_SHOWN = 5
-_ROW = ("key", "scenario", "planner", "estimator", "seed", "error")
 
 
-def print_standings(output: Output, rows: Sequence[BenchRow], title: str) -> None:
-    """Print a table of standings for each scenario, and the causes of failed runs."""
-    from dataclasses import asdict
+def _print_standings(output: Output, rows: Sequence[BenchRow], title: str) -> None:
+    """Print the standings; without an add-on that makes them, the number of rows and the failed runs."""
+    from wbf_mission.cli.pages import GROUP
 
-    from wbf_mission.bench.page import standing_table
-    from wbf_mission.bench.standings import standings
-
-    warn_of_uncounted(output, rows)
-    found = standings(rows)
-    failures = [row for row in rows if row.error is not None]
-    if output.as_json:
-        output.raw_json(
-            {
-                "standings": [asdict(standing) for standing in found],
-                "failures": [{name: getattr(row, name) for name in _ROW} for row in failures],
-            }
-        )
+    entry = entry_named(GROUP, "bench.standings")
+    if entry is not None:
+        load_entry(entry, "the standings", options.TargetError)(output, rows, title)
         return
-    for scenario in dict.fromkeys(standing.scenario for standing in found):
-        heading = f"{title}: {scenario}, scores over the run and at its end (0 is perfect)"
-        table = standing_table(heading, [standing for standing in found if standing.scenario == scenario])
-        output.table(None, list(table.header), [list(row) for row in table.rows], title=heading)
+    failed = sum(row.error is not None for row in rows)
+    output.result({"rows": len(rows), "failed": failed}, title=title)
     warn_of_failures(output, rows)
-
-
-def warn_of_uncounted(output: Output, rows: Sequence[BenchRow]) -> None:
-    """Warn if rows are of several versions, or some environments do not count."""
-    from wbf_mission.bench.standings import apart, builds_in_words, scored
-
-    builds = builds_in_words(rows)
-    if builds:
-        output.warn(f"{builds}; tables separate them where they differ, and 'bench report --out' lists them")
-    for group in scored(apart(rows)):
-        if group.left_out:
-            output.warn(f"{group.scenario}: {group.environments_in_words()}")
 
 
 def warn_of_failures(output: Output, rows: Sequence[BenchRow]) -> None:
@@ -217,5 +192,5 @@ def run_command(
         selected = of_round(selected, sealed)
     wanted = BenchSpec.of(**selected) if spec is None else BenchSpec.read(spec, selected)
     rows, interrupted = flying.rows(output, wanted, out, context)
-    print_standings(output, rows, title=f"{out}: {len(rows)} of {len(wanted)} runs")
+    _print_standings(output, rows, title=f"{out}: {len(rows)} of {len(wanted)} runs")
     return exit_code(rows, interrupted=interrupted)

@@ -97,12 +97,11 @@ class _Links:
                 msg = f"{with_link}: give the vehicle's link, or leave them out"
                 raise ScenarioError(msg)
             return None
-        from wbf_mission.live import connection, via_named
+        from wbf_mission.flight import connection
 
         if not self.yes and orders is None and not sys.stdin.isatty():
             msg = "--connect asks before the motors start, but there is no terminal: give --yes"
             raise ScenarioError(msg)
-        via = via_named(self.via)
         if simulates:
             msg = "--speed and --fault are of simulated flights: leave them out with --connect"
             raise ScenarioError(msg)
@@ -113,7 +112,7 @@ class _Links:
             wait_s=self.wait,
             system_ids=self.system_id or (),
             force=force,
-            via=via,
+            via=self.via,
             change_s=change_s,
             orders=orders,
         )

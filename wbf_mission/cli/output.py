@@ -19,8 +19,13 @@ from wbf_mission.progress import Progress as ProgressCallback
 from wbf_mission.progress import silent
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from rich.table import Table
 
+    from mission.files import Firmware
+    from mission.files.formats import Loss
+    from mission.model import Mission
     from wbf_mission.cli.bars import Bars
     from wbf_mission.cli.console import PlainConsole
 
@@ -268,6 +273,26 @@ def to_stdout() -> Iterator[None]:
         sys.stdout.flush()
     except OSError as error:
         raise StdoutError(error) from error
+
+
+def write_and_tell(
+    output: Output, mission: Mission, path: Path, firmware: Firmware
+) -> tuple[Mission, list[Loss]]:
+    """Write a mission as far as the file's format can hold it; return the written part and the losses.
+
+    Losses are printed: those that change the flight as warnings, the others as notes.
+    """
+    from mission.files import fitted, losses, write_mission
+
+    lost = losses(mission, path, firmware=firmware)
+    kept = fitted(mission, path)
+    write_mission(kept, path, firmware=firmware)
+    for loss in lost:
+        if loss.changes_flight:
+            output.warn(f"{path.name}: {loss.text}")
+        else:
+            output.note(f"note: {path.name}: {loss.text}")
+    return kept, lost
 
 
 def filled(form: str, values: Mapping[str, Any]) -> str:

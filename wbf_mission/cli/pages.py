@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
@@ -11,16 +11,8 @@ from geo.imports import load_named
 from wbf_mission.cli.options import TargetError
 
 if TYPE_CHECKING:
-    from sim_vehicle.component import Component
-    from wbf_mission.bench.page import Page
-    from wbf_mission.bench.requests import AskedFor
-    from wbf_mission.bench.rows import BenchRow
-    from wbf_mission.events import Event, EventStream
-    from wbf_mission.progress import Progress
+    from wbf_mission.events import Event
     from wbf_mission.run.orders import Orders
-    from wbf_mission.run.record import RunRecord
-    from wbf_mission.scenario import Scenario
-    from wbf_mission.simulator import Simulated
 
 GROUP = "wbf_mission.pages"
 
@@ -34,83 +26,12 @@ class LivePage(Protocol):
         """LinkError if the port is in use; a WbfMissionError if the tiles cannot be used."""
 
 
-class FollowedSimulation(Protocol):
-    """``live.simulation``: shows simulated vehicles on the live page, and carries out the page's orders.
-
-    Attributes
-    ----------
-    components : sequence of Component
-        Components that run beside the vehicles.
-    """
-
-    components: Sequence[Component]
-
-    def __init__(
-        self, simulated: Simulated, scenario: Scenario, events: EventStream, orders: Orders | None
-    ) -> None:
-        """Follow the vehicles; without `orders`, the page cannot command them."""
-
-    def begin(self) -> Callable[[float], bool]:
-        """Publish the first events, once the page listens; return the callback for each later step."""
-
-
-class RunPage(Protocol):
-    """``run``: page of one run, filled while the run is flown, with the acquisition map of each decision."""
-
-    def __init__(self, events: EventStream, scored: int) -> None:
-        """Listen to a run with `scored` scored times."""
-
-    def write(
-        self, path: Path, record: RunRecord, *, log: Path | None, notes: Sequence[str], progress: Progress
-    ) -> Sequence[str]:
-        """Write the page; return its notes: `notes`, and notes on data left out of the page."""
-
-
-class BenchPage(Protocol):
-    """``bench``: writes a report as one HTML file."""
-
-    def __call__(self, path: Path, page: Page, folder: Path, rows: Sequence[BenchRow] = ()) -> None:
-        """Write the file `path`; `folder` has the pictures, `rows` add a table of all standings."""
-
-
-class BenchReport(Protocol):
-    """``bench.report``: makes the report of a benchmark."""
-
-    def __call__(
-        self, rows: Sequence[BenchRow], folder: Path, *, title: str, asked: AskedFor | None = None
-    ) -> Page:
-        """Write the pictures of the report into `folder`; with `asked`, the report has the requests."""
-
-
 def live_page() -> LivePage:
     """Return the live page; TargetError if no add-on provides one."""
-    page: LivePage = _provided("live")
+    page: LivePage = provided("live")
     return page
 
 
-def followed_simulation() -> type[FollowedSimulation]:
-    """Return the part of the live page that follows a simulation; TargetError if no add-on provides it."""
-    followed: type[FollowedSimulation] = _provided("live.simulation")
-    return followed
-
-
-def run_page() -> type[RunPage]:
-    """Return the page of a run; TargetError if no add-on provides one."""
-    page: type[RunPage] = _provided("run")
-    return page
-
-
-def bench_page() -> BenchPage:
-    """Return the page of a benchmark; TargetError if no add-on provides one."""
-    page: BenchPage = _provided("bench")
-    return page
-
-
-def bench_report() -> BenchReport:
-    """Return the report of a benchmark; TargetError if no add-on provides one."""
-    report: BenchReport = _provided("bench.report")
-    return report
-
-
-def _provided(name: str) -> Any:
+def provided(name: str) -> Any:
+    """Return the page of a name; TargetError if no add-on provides it."""
     return load_named(GROUP, name, "brings the page", "the page", TargetError)

@@ -10,9 +10,8 @@ from typing import TYPE_CHECKING, Annotated
 
 from geo.texts import distance, duration
 from wbf_mission.cli import options
-from wbf_mission.cli.missions import write_and_tell
 from wbf_mission.cli.options import MISSION_SUFFIXES, Force, Overwrite, option, refuse_overwrite
-from wbf_mission.cli.output import Output
+from wbf_mission.cli.output import Output, write_and_tell
 from wbf_mission.cli.sorties import (
     FLEET_HEADER,
     SORTIE_HEADER,

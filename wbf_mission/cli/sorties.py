@@ -128,7 +128,7 @@ class SortieOptions:
         begin = None
         if self.resume is not None:
             from mission.course import Course
-            from wbf_mission.live import connection
+            from wbf_mission.flight import connection
 
             begin = connection("resume")(self.resume, Course(whole.mission))
         return sorties_of(

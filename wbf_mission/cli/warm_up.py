@@ -29,7 +29,7 @@ _FLIGHTS: dict[str, dict[str, str]] = {
         "estimator": "gp",
         "budget": "6000steps",
     },
-    "estimator epidemic, policy greedy": {"policy": "greedy", "estimator": "epidemic"},
+    "policy greedy, default estimator": {"policy": "greedy"},
     "policy rolling-horizon": {"policy": "rolling-horizon", "vehicle": "ideal"},
     "policy orienteering": {"policy": "orienteering", "vehicle": "ideal"},
 }

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mission.course import Course, Place, unrolled
-from mission.model import DEGREES_E7, GeoPoint, Mission
-from mission.sorties import Way, image_spacing_m, part_of, resumed_at
+from mission.model import GeoPoint, Mission
+from mission.sorties import Way, image_spacing_m, part_of
 from sim_vehicle.autopilot import fixed_wing_procedures
 from sim_vehicle.prediction.flight import Prediction
 from wbf_mission.planning.builder import MissionBuilder, PlanResult, home_of
@@ -101,35 +101,6 @@ class SortiePlan:
         minutes = " + ".join(f"{plan.prediction.duration_s / 60.0:.0f}" for plan in self.plans)
         return f"longer than a battery: {len(self.sorties)} sorties of {minutes} min"
 
-    def reached(self, number: int, place: Place | None) -> Place | None:
-        """Return the place on the whole mission for a place on the mission of sortie `number`, from 0.
-
-        None stands for the end of each mission: a sortie at its own end has reached its `end`.
-        """
-        one, course = self.sorties[number], self.course
-        begin = resumed_at(course, one.begin, self.overlap_m)
-        if place is None or begin is None:
-            return one.end
-        own = Course(one.plan.mission)
-        leg, led, first = own.leg_of(place), 0, 0
-        if one.begin > course.start and begin > course.start:
-            # Legs to the resume point do not exist on the whole mission.
-            there, first = course.position(begin)[:2], course.leg_of(begin)
-            led = 1 + next(k for k, other in enumerate(own.legs) if _is_at(other.end[:2], there))
-        if leg < led:
-            return one.begin
-        number = first + leg - led
-        end_m = course.length_m if one.end is None else course.metres(one.end)
-        if leg == len(own.legs) or number >= len(course.legs):
-            return one.end
-        to_end_m = (1.0 - place.fraction) * float(own.lengths_m[leg])
-        metres = min(float(course.ends_m[number]), end_m) - to_end_m
-        last = len(course.legs) if one.end is None else course.leg_of(one.end)
-        if number > last or metres >= end_m:
-            return one.end
-        found = course.place(max(metres, 0.0))
-        return one.end if found is None else max(one.begin, found)
-
     def summary(self) -> dict[str, Any]:
         """Return a plan's plain values for JSON, with totals over the sorties."""
         predictions = [plan.prediction for plan in self.plans]
@@ -206,11 +177,6 @@ def cut_plan(
     cutter = _Cutter(whole, builder, course, begin or course.start, homes, overlap, footprint, full)
     sorties = cutter.cut()
     return None if sorties is None else SortiePlan(whole, course, sorties, change_s, overlap, full)
-
-
-def _is_at(one: tuple[float, float], other: tuple[float, float]) -> bool:
-    """Return whether two positions (degrees) are equal up to the rounding of mission items."""
-    return max(abs(a - b) for a, b in zip(one, other, strict=True)) <= 1.0 / DEGREES_E7
 
 
 def rest_of(cut: SortiePlan, builder: MissionBuilder, begin: Place) -> Mission:

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numpy as np
 import shapely
 from numpy.typing import NDArray
 
 from geo import Farm, Obstacle
-from geo.ground import Ground
+from geo.errors import GroundError
+from geo.imports import load_named
 from mission.model import Command, Frame, Mission
 from mission.planners.build import TOLERANCE_M, HeightProfile, slope
 from mission.planners.path import Points
@@ -32,6 +34,19 @@ def above_terrain(mission: Mission) -> Mission:
     return replace(mission, items=items)
 
 
+class Ground(Protocol):
+    """Terrain heights above mean sea level, by an add-on that reads rasters."""
+
+    @property
+    def step_m(self) -> float:
+        """Width of the smallest pixel (m)."""
+
+    def heights(
+        self, latitude_deg: NDArray[np.float64], longitude_deg: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Return the heights at points (m); GroundError if a point has none."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class FarmGround:
     """Ground heights of a farm, by positions in its frame (m)."""
@@ -41,7 +56,7 @@ class FarmGround:
 
     @classmethod
     def read(cls, farm: Farm, home_m: tuple[float, float], files: tuple[str, ...]) -> FarmGround:
-        """Read the rasters around a farm and home; raises GroundError as `Ground.read`."""
+        """Read the rasters around a farm and home; GroundError if they cannot be read."""
         width, height = farm.width_cells * farm.cell_size_m, farm.height_cells * farm.cell_size_m
         x = np.array([0.0, width, home_m[0]])
         y = np.array([0.0, height, home_m[1]])
@@ -52,7 +67,9 @@ class FarmGround:
         )
         south, north = float(latitude.min()), float(latitude.max())
         west, east = float(longitude.min()), float(longitude.max())
-        return cls(farm, Ground.read(files, (south, west, north, east)))
+        group = "wbf_mission.ground"
+        read = load_named(group, "rasters", "reads heights of the ground from", "the ground", GroundError)
+        return cls(farm, read(files, (south, west, north, east)))
 
     def __call__(self, points_m: Points) -> NDArray[np.float64]:
         """Return the ground heights at points, float64[n, 2] (m)."""

@@ -5,10 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
+from geo.imports import load_named
+from mission.errors import LinkError
 from mission.model import Mission
 from wbf_mission.events import EventStream
 from wbf_mission.planning.builder import PlanResult
-from wbf_mission.preflight import flight_rules, path_rules, plan_rules, vehicle_rules
+from wbf_mission.preflight import flight_rules, path_rules, plan_rules
 from wbf_mission.preflight.finding import Concern, Report, Severity
 from wbf_mission.preflight.flight_rules import TOO_GUSTY
 from wbf_mission.preflight.subject import Circumstances, Subject, subject_of
@@ -16,8 +18,6 @@ from wbf_mission.scenario.parts import VehicleParts
 
 PLAN_CHECKS = (*plan_rules.CHECKS.all, *path_rules.CHECKS.all, *flight_rules.CHECKS.all)
 """Checks of a plan; each yields findings."""
-VEHICLE_CHECKS = tuple(vehicle_rules.CHECKS.all)
-"""Checks of a plan against the vehicle's answers; each yields findings."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,7 +46,9 @@ def check_mission(mission: Mission, circumstances: Circumstances | None = None) 
     subject = subject_of(mission, circumstances or Circumstances())
     findings = [finding for check in PLAN_CHECKS for finding in check(subject)]
     if (snapshot := subject.given.snapshot) is not None:
-        findings += [finding for check in VEHICLE_CHECKS for finding in check(subject, snapshot)]
+        group = "wbf_mission.connections"
+        checks = load_named(group, "checks", "checks real vehicles with", "the connection", LinkError)
+        findings += [finding for check in checks for finding in check(subject, snapshot)]
     return Preflight(subject, Report(tuple(findings)))
 
 

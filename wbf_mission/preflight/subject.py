@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Self
+from typing import Protocol, Self
 
 import numpy as np
 import shapely
@@ -15,7 +15,7 @@ from geo.frame import LocalFrame
 from mission.autopilots import GENERIC, profile_for
 from mission.autopilots.profile import Profile
 from mission.link.codec.dialect import mavlink as m
-from mission.model import Command, Frame, Mission, MissionItem
+from mission.model import Command, Frame, GeoPoint, Mission, MissionItem
 from sensors.camera.optics import Imaging
 from sim_vehicle.airframe.spec import VehicleSpec
 from sim_vehicle.autopilot import estimate_errs, firmware_of
@@ -33,9 +33,6 @@ from wbf_mission.planning.coverage import predicted_coverage
 from wbf_mission.preflight.finding import PreflightError
 from wbf_mission.scenario import MissionOptions, VehicleOptions, WeatherOptions
 from wbf_mission.scenario.parts import VehicleParts
-
-if TYPE_CHECKING:
-    from wbf_mission.preflight.inquiry import VehicleSnapshot
 
 _ENDINGS = frozenset({int(Command.NAV_RETURN_TO_LAUNCH), int(Command.NAV_LOITER_UNLIM)})
 TAKEOFFS = frozenset({int(Command.NAV_TAKEOFF), 84})
@@ -120,6 +117,29 @@ class FlownTrack:
     """Item flown at each point, from 0."""
 
 
+class Answers(Protocol):
+    """Answers of a vehicle; `wbf_mission.addons.base.inquiry.ask_vehicle` gets them."""
+
+    @property
+    def autopilot(self) -> int:
+        """MAV_AUTOPILOT."""
+
+    @property
+    def vehicle_type(self) -> int:
+        """MAV_TYPE."""
+
+    @property
+    def parameters(self) -> Mapping[str, float]:
+        """The requested parameters that the vehicle sent."""
+
+    @property
+    def position(self) -> GeoPoint | None:
+        """Position of the vehicle; None if it is unknown."""
+
+    def as_set(self, options: VehicleOptions) -> VehicleOptions:
+        """Return the options with the vehicle's parameters in place of assumed ones."""
+
+
 @dataclass(frozen=True, slots=True)
 class Circumstances:
     """Vehicle, farm and weather of a plan."""
@@ -132,7 +152,7 @@ class Circumstances:
     max_altitude_m: float = MissionOptions().max_altitude_m  # Highest allowed altitude above home
     image_interval_s: float = MIN_INTERVAL_S  # The camera's shortest interval
     assumed: bool = False  # Whether the vehicle is only assumed: findings that depend on it are no errors
-    snapshot: VehicleSnapshot | None = None  # The vehicle's answers
+    snapshot: Answers | None = None  # The vehicle's answers
     footprint: int = 1  # Side of an image, in cells of the farm
     imaging: Imaging | None = None  # Mapping camera; None: the leaf camera
     # Prediction by planning, for this vehicle and weather; None: the check predicts
@@ -143,7 +163,7 @@ class Circumstances:
     coverage: float | None = None
 
     @classmethod
-    def of(cls, one: VehicleParts, farm: Farm, snapshot: VehicleSnapshot | None = None) -> Self:
+    def of(cls, one: VehicleParts, farm: Farm, snapshot: Answers | None = None) -> Self:
         """Return the circumstances of one vehicle of a run."""
         return cls(
             one.vehicle,

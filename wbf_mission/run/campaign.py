@@ -5,13 +5,16 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from geo.system import free_unused_memory
+from mission.course import MissionProgress
 from mission.errors import PlanningError
 from mission.link.tlog import TlogWriter
+from mission.model import Mission
 from mission.policies.policy import KeepPath
 from sensors.environment import Environment
 from sensors.estimation import Evidence, RunEstimate, attribute_errors_to, prepare_days
@@ -30,10 +33,30 @@ from wbf_mission.replanning.record import DecisionRecord
 from wbf_mission.run.flight import FlightInterrupted, PlannedFlight, fly_once, leaf_camera, plan_flight
 from wbf_mission.run.hosting import Hosting
 from wbf_mission.run.joint_flight import OperatorConsole
-from wbf_mission.run.real_sorties import BatteryChanger, RealSorties
 from wbf_mission.run.record import DayRecord, Flight, FlightRecord, keeps_days
 from wbf_mission.run.resolve import Run
 from wbf_mission.run.reuse import FlightAlone, FlightMemory, FlightsAhead, can_fly_ahead
+
+
+class RealSorties(Protocol):
+    """A real vehicle's progress through its sorties; the rest is cut again after an early end."""
+
+    cut: SortiePlan  # The flown sorties, shortened to their flown part, and the planned sorties
+    stopped: str  # Why the mission was stopped; empty during the mission, and after its completion
+    changed_s: float  # Duration of the last battery change
+
+    def follow(self, flight: int) -> MissionProgress:
+        """Return the progress tracker of flight number `flight`, from 1."""
+
+    def note(self, flight: int, record: FlightRecord) -> None:
+        """Update the reached place of the mission after a flight."""
+
+    def go_on(self, flight: int, record: FlightRecord) -> bool:
+        """Change the battery after a flight; return whether another sortie follows."""
+
+    @property
+    def rest(self) -> Mission | None:
+        """The rest of the mission, as a mission of its own; None if it is complete."""
 
 
 class Campaign:
@@ -169,14 +192,14 @@ class Campaign:
         hosting: Hosting,
         console: OperatorConsole | None = None,
         memory: FlightMemory | None = None,
-        changer: BatteryChanger | None = None,
+        sorties: Callable[[SortiePlan, Vehicle, int], RealSorties | None] = lambda *_of: None,
     ) -> None:
-        """Fly all days; reuse flights of `memory`, and ask `changer` to change a real vehicle's battery."""
+        """Fly all days; reuse flights of `memory`, and follow a real vehicle through its `sorties`."""
         first = self.run.first_day
         if self._next is None:
             self.plan(first)
-        if self.cut is not None and changer is not None:
-            self.real = RealSorties(self.cut, self.run.vehicles[0], self.run.looks.footprint, changer)
+        if self.cut is not None:
+            self.real = sorties(self.cut, self.run.vehicles[0], self.run.looks.footprint)
         assert self.evidence.estimate is not None
         self.evidence.estimate.every = self.run.readings_a_score(self._expected_of_next)
         self._scored_a_flight = max(1, round(self._expected_of_next / self.evidence.estimate.every))
@@ -196,10 +219,8 @@ class Campaign:
                     # A flight that was flown ahead assumed all vehicles.
                     flown = None if ahead is None or self._gone else ahead.take(day, flight)
                     if flown is None and memory is not None and not followed:
-                        planned, logged = self._planned(day, flight), hosting.tlog is not None
-                        flown = memory.fly(
-                            self.run, planned, environment, hosting, self._events.progress, logged=logged
-                        )
+                        planned = self._planned(day, flight)
+                        flown = memory.fly(self.run, planned, environment, hosting, self._events.progress)
                     if flown is None:
                         self._fly_once(day, flight, environment, hosting, console)
                     else:

@@ -27,11 +27,7 @@ from threadpoolctl import threadpool_limits
 
 from geo.errors import WbfMissionError
 from geo.processes import CallsAhead
-from mission.link.codec.dialect import mavlink
-from mission.link.codec.frames import FrameReader, FrameWriter
-from mission.link.codec.typed import is_a
 from mission.link.tlog import FrameLog
-from sensors.camera.layout import LeafLayout
 from sensors.camera.leaf_camera import Camera, ImageList, NumberingCamera
 from sensors.environment import Environment
 from sensors.environment.cache import EnvironmentMemory
@@ -49,41 +45,6 @@ from wbf_mission.run.plan import progress_events
 from wbf_mission.run.record import Flight, FlightRecord
 from wbf_mission.run.resolve import Run
 
-_SEQUENCE = 4
-_ID = slice(7, 10)
-_IMAGE_ID = mavlink.MAVLINK_MSG_ID_DEBUG_FLOAT_ARRAY.to_bytes(3, "little")
-
-
-def log_of_readings(log: FrameLog, readings: NDArray[np.float32], layout: LeafLayout) -> FrameLog:
-    """Return the log of a flight with `readings`, float32[n, fields], in place of their numbers.
-
-    The frames must be unsigned MAVLink 2, as the simulated components send them.
-    """
-    told, reader, begin = FrameLog(), FrameReader(), 3 + len(layout.header)
-    for frame, time_s in log:
-        if frame[_ID] != _IMAGE_ID:
-            told.write(frame, time_s)
-            continue
-        (message,) = reader.feed(frame)
-        assert is_a(message, mavlink.MAVLink_debug_float_array_message)
-        if message.name == layout.name and layout.fits(message.data):
-            part = layout.unpack(message.data)
-            assert part is not None
-            numbers = np.array(part.values).reshape(-1, len(layout.fields))[:, 0]
-            known = ~np.isnan(numbers)
-            values = np.full((len(numbers), len(layout.fields)), np.nan, np.float32)
-            values[known] = readings[numbers[known].astype(np.int64)]
-            message.data = [
-                *message.data[:begin],
-                *values.ravel().tolist(),
-                *message.data[begin + values.size :],
-            ]
-        writer = FrameWriter(message.get_srcSystem(), message.get_srcComponent())
-        writer.codec.seq = frame[_SEQUENCE]
-        told.write(writer.encode(message), time_s)
-    return told
-
-
 MOST_FLIGHTS = 32
 MOST_READINGS = 1_000_000
 """Largest number of readings, summed over the kept flights."""
@@ -99,7 +60,6 @@ class _KeptFlight:
     reading: NDArray[np.int64]  # int64[n]: reading number of each observation
     duration_s: float
     frames: int
-    log: FrameLog | None  # Frames, with numbers in place of readings
 
     def of_run(self, run: Run, planned: PlannedFlight, environment: Environment) -> Flight:
         """Return the flight with the readings of a run's environment."""
@@ -108,9 +68,6 @@ class _KeptFlight:
         seen = replace(
             self.seen, day=np.full(len(self.seen), planned.day, np.int32), values=readings[self.reading]
         )
-        log = self.log
-        if log is not None:
-            log = log_of_readings(log, readings, LeafLayout.of(run.fields.names))
         records = [
             replace(
                 one,
@@ -124,7 +81,7 @@ class _KeptFlight:
             )
             for one, plan in zip(self.records, planned.plans, strict=True)
         ]
-        return Flight(records, self.duration_s, self.frames, (seen,), log=log)
+        return Flight(records, self.duration_s, self.frames, (seen,))
 
 
 class FlightMemory:
@@ -145,22 +102,19 @@ class FlightMemory:
         environment: Environment,
         hosting: Hosting,
         progress: Progress = silent,
-        *,
-        logged: bool = False,
     ) -> Flight | None:
         """Fly a flight, or reuse an equal one; None if the flight cannot be shared between runs.
 
-        A flight cannot be shared if a policy, an operator, a link or a fault can change it, if it is very
-        long, or if a decision was made in flight. `logged`: keep every frame.
+        A flight cannot be shared if a policy, an operator, a link or a fault can change it, if it is logged
+        or very long, or if a decision was made in flight.
         """
         expected = planned.expected_readings(run.looks)
-        plain = isinstance(hosting, VirtualHosting) and replace(hosting, tlog=None) == VirtualHosting()
-        if not plain or run.decider.steers or 2.0 * expected > MOST_READINGS:
+        if hosting != VirtualHosting() or run.decider.steers or 2.0 * expected > MOST_READINGS:
             return None
-        key = _key(run, planned, logged=logged)
+        key = _key(run, planned)
         kept = self._kept.pop(key, None)
         if kept is None:
-            kept = _flown(run, planned, hosting, progress, logged=logged)
+            kept = _flown(run, planned, hosting, progress)
             if kept is None:
                 return None
         self._kept[key] = kept
@@ -179,9 +133,7 @@ def memory_of_process() -> FlightMemory:
     return FlightMemory()
 
 
-def _flown(
-    run: Run, planned: PlannedFlight, hosting: Hosting, progress: Progress, *, logged: bool
-) -> _KeptFlight | None:
+def _flown(run: Run, planned: PlannedFlight, hosting: Hosting, progress: Progress) -> _KeptFlight | None:
     """Fly a flight with cameras that number their readings; None if a decision was made in flight."""
     evidence, decisions = Evidence(run.farm, run.fields), list[DecisionRecord]()
     if len(planned.sorties) > 1:
@@ -197,8 +149,7 @@ def _flown(
     def camera(number: SortieNumber) -> NumberingCamera:
         return NumberingCamera(images, order.index(number.system_id), shape, run.camera)
 
-    log = FrameLog() if logged else None
-    flown = _fly_apart(run, planned, evidence, camera, hosting, log, progress)
+    flown = _fly_apart(run, planned, evidence, camera, hosting, None, progress)
     if len(decisions) > 1 or not images.is_exact:
         return None
     seen = evidence.observations()
@@ -209,7 +160,6 @@ def _flown(
         seen.values[:, 0].astype(np.int64),
         flown.duration_s,
         flown.frames,
-        log,
     )
 
 
@@ -239,7 +189,7 @@ def _fly_apart(
         raise KeyboardInterrupt from None
 
 
-def _key(run: Run, planned: PlannedFlight, *, logged: bool) -> bytes:
+def _key(run: Run, planned: PlannedFlight) -> bytes:
     """Return the flight's key: all values that decide the flight, encoded."""
     farm, frame = run.farm, run.farm.frame
     georeference = (frame.latitude_deg, frame.longitude_deg, frame.altitude_m, frame.rotation_deg)
@@ -253,7 +203,6 @@ def _key(run: Run, planned: PlannedFlight, *, logged: bool) -> bytes:
             [run.camera.footprint_cells, run.fields.names],
             sorties,
             drawn,
-            logged,
         ],
         order="deterministic",
     )
@@ -295,7 +244,7 @@ class FlightAlone:
         with threadpool_limits(1, user_api="blas"):
             planned = plan_flight(run, day, flight, evidence, decisions)
             _spare_collector()
-            flown = memory_of_process().fly(run, planned, self.environment, self.hosting, logged=self.logged)
+            flown = memory_of_process().fly(run, planned, self.environment, self.hosting)
             if flown is None:
                 log = FrameLog() if self.logged else None
                 cameras = partial(leaf_camera, run, environment=self.environment)

@@ -8,13 +8,14 @@ from __future__ import annotations
 import difflib
 import functools
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import msgspec
 
 from geo.reading import UnreadableError, read_toml
+from wbf_mission.scenario.choice import names_of
 from wbf_mission.scenario.option import ScenarioError
 from wbf_mission.scenario.scenario import Scenario
 
@@ -72,7 +73,7 @@ class Family:
         *("lawnmower", "adaptive-lawnmower", "spiral", "random-waypoint"),
         *("greedy", "rolling-horizon"),
     )
-    estimators: tuple[str, ...] = ("adaptive-disk", "gp", "epidemic")  # Estimators that model its fields
+    estimators: tuple[str, ...] = ("adaptive-disk", "gp", "epidemic")  # Installed ones that model its fields
 
 
 class _Families(msgspec.Struct, forbid_unknown_fields=True):
@@ -81,12 +82,17 @@ class _Families(msgspec.Struct, forbid_unknown_fields=True):
 
 @functools.cache
 def families() -> tuple[Family, ...]:
-    """Return all families, the benchmark's own world first.
+    """Return all families, the benchmark's own world first, with their estimators that are installed.
 
     >>> [family.name for family in families()][:3]
     ['own', 'worlds', 'smooth']
     """
-    return msgspec.convert(read_toml(_FOLDER / "families.toml"), _Families).family
+    listed = msgspec.convert(read_toml(_FOLDER / "families.toml"), _Families).family
+    installed = names_of("estimator")
+    return tuple(
+        replace(family, estimators=tuple(name for name in family.estimators if name in installed))
+        for family in listed
+    )
 
 
 def get_family(name: str) -> Family:

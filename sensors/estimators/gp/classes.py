@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 
 from geo.linear_algebra import cholesky, exp, log, product, solve_lower
 from sensors.estimators.gp.rbf import Cells, Floats, RbfKernel
+from sensors.estimators.paths import random_path
 
 Values = NDArray[np.float32]
 
@@ -157,8 +158,8 @@ class ClassMap:
         """Write the expected loss of values from `decide` into `out`, float32[W, H].
 
         Let S and I be the probabilities of sick and infected, a and b the weights `too_healthy` and
-        `too_sick`, and v the value of least loss (`sensors.scoring.expected.least_loss_value`). The expected
-        loss is ``b S (1 - v) - a I (v - 1/2) / 2`` for v above one half, and
+        `too_sick`, and v the value of least loss, an expectile (Newey & Powell 1987). The expected loss is
+        ``b S (1 - v) - a I (v - 1/2) / 2`` for v above one half, and
         ``b (S (1 - v) + I (1/2 - v) / 2)`` below.
         """
         sick, half = self._sick(value), np.float32(0.5)
@@ -173,7 +174,7 @@ class ClassMap:
         out[uncertainty == 0.0] = 0.0
 
     def _value(self, sick: Values) -> Values:
-        """Return the values of least expected loss, like `sensors.scoring.expected.least_loss_value`."""
+        """Return the values of least expected loss for these probabilities."""
         a, lost = np.float32(self.too_healthy / self.too_sick), np.float32(self.link.lost)
         one, half = np.float32(1.0), np.float32(0.5)
         upper = (one - sick * (one - half * a * (one - lost))) / (one + (a - one) * sick)
@@ -238,8 +239,6 @@ def _judged(
     fields: Iterator[tuple[Floats, NDArray[np.bool_], float, Generator]],
 ) -> Iterator[tuple[Floats, Floats, Floats]]:
     """Yield `_log_excess`, whether sick (0 or 1), and weight of unobserved plants, float64[n] each."""
-    from sensors.estimators.epidemic.paths import random_path
-
     for ill, plants, there, rng in fields:
         path = random_path(ill.shape, max(1, int(_LONGEST_SHARE * ill.size)), rng)
         path = path[plants[path[:, 0], path[:, 1]]]

@@ -47,8 +47,8 @@ def test_unknown_parameters_are_named(name):
         make_estimator(name, speed=3)
 
 
-def register(monkeypatch, *points):
-    points = [EntryPoint(name, value, registry.ENTRY_POINT_GROUP) for name, value in points]
+def register(monkeypatch, *points, group=registry.ENTRY_POINT_GROUP):
+    points = [EntryPoint(name, value, group) for name, value in points]
     monkeypatch.setattr(registry, "entry_points", lambda group: EntryPoints(points).select(group=group))
 
 
@@ -144,7 +144,13 @@ def test_an_estimator_that_is_an_object_is_given_back():
         make_estimator({})
 
 
-def test_the_default_is_epidemic_for_the_papers_fields_on_farms_up_to_128_by_128_cells():
-    names = "miniberry-10", "miniberry-100", "waterberry"
-    assert [registry.default_estimator(get_farm(name)) for name in names] == ["epidemic", "epidemic", "gp"]
-    assert registry.default_estimator(get_farm("miniberry-30"), ("tylcv", "soil")) == "gp"
+def test_the_default_is_the_first_that_takes_the_farm_and_its_fields_else_gp(monkeypatch):
+    def default(*points):
+        register(monkeypatch, *points, group=registry.DEFAULTS_GROUP)
+        return registry.default_estimator(get_farm("miniberry-10"), ["tylcv", "soil"])
+
+    takes, refuses = "operator:ne", "operator:eq"  # of a farm and the names of its fields
+    assert default(("b", takes), ("c", takes), ("a", refuses)) == "b"
+    assert default(("a", refuses)) == default() == "gp"
+    with pytest.raises(EstimatorError, match=r"default estimator 'a' \(no_such:thing\) cannot be loaded"):
+        default(("a", "no_such:thing"), ("b", takes))

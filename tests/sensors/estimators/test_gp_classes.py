@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.optimize import minimize_scalar
 
 from geo.farms import get_farm
 from geo.seeds import child_seed
@@ -12,10 +13,10 @@ from sensors.estimators.gp.classes import ClassLink, ClassMap
 from sensors.estimators.gp.estimator import GaussianProcessEstimator
 from sensors.fields import PAPER_FIELDS
 from sensors.observations import Observations
-from sensors.scoring.expected import expected_loss, least_loss_value, standard_deviation
 from sensors.scoring.score import RunningScore
 
 DAY = 6
+CLASS_VALUES = np.array([1.0, 0.5, 0.0])
 
 
 def look(environment, cells):
@@ -46,14 +47,20 @@ def test_value_deviation_and_loss_are_those_of_the_probabilities(
     p = float(link.sick_of_mean(value)[0, 0])
     classes.decide(value, uncertainty)
     right = np.array([1.0 - p, p * (1.0 - link.lost), p * link.lost])
-    best = least_loss_value(right, too_healthy / too_sick)
-    assert value[0, 0] == pytest.approx(best, abs=2e-5)
-    assert uncertainty[0, 0] == pytest.approx(standard_deviation(right), abs=2e-4)
+
+    def charged(estimate):
+        error = estimate - CLASS_VALUES
+        return float(right @ (np.where(error > 0, too_healthy, too_sick) * error**2))
+
+    best = minimize_scalar(charged, bounds=(0.0, 1.0), method="bounded", options={"xatol": 1e-9})
+    assert value[0, 0] == pytest.approx(best.x, abs=2e-5)
+    deviation = np.sqrt(right @ (CLASS_VALUES - right @ CLASS_VALUES) ** 2)
+    assert uncertainty[0, 0] == pytest.approx(deviation, abs=2e-4)
     found = classes.probabilities(value, uncertainty)[:, 0, 0]
     np.testing.assert_allclose(found, right, atol=1e-4)
     loss = np.empty_like(value)
     classes.expected_loss(value, uncertainty, loss)
-    assert loss[0, 0] == pytest.approx(expected_loss(right, best, too_healthy, too_sick), abs=2e-4)
+    assert loss[0, 0] == pytest.approx(best.fun, abs=2e-4)
 
 
 @given(st.lists(st.floats(-0.5, 1.5), min_size=2, max_size=20))

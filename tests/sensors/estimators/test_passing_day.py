@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from geo.farms import get_farm
 from geo.grid import FarmGrid
 from geo.seeds import stream
-from sensors.estimators import advance_estimator, make_estimator
+from sensors.estimators import advance_estimator, estimator_names, make_estimator
 from sensors.estimators.days import Crowding, pass_day
 from sensors.estimators.gp.estimator import GaussianProcessEstimator
 from sensors.estimators.gp.rbf import RbfKernel
@@ -17,6 +17,7 @@ from sensors.observations import Observations
 
 GRID = get_farm("miniberry-30").grid()
 SOIL = PAPER_FIELDS.index("soil")
+LEARNING = sorted({"gp", "epidemic"} & {*estimator_names()})  # with a model of the soil
 
 
 @settings(max_examples=60, deadline=None)
@@ -64,7 +65,7 @@ def test_readings_count_alike_in_one_part_or_in_two(cells, cut):
     assert found.tolist() == whole.tolist()
 
 
-@pytest.mark.parametrize("name", ["gp", "epidemic"])
+@pytest.mark.parametrize("name", LEARNING)
 def test_the_day_after_many_readings_the_soil_is_as_uncertain_as_its_change_makes_it(name):
     # Diseases are not observed; so nothing is trained for them.
     estimator = make_estimator(name, **({"outbreaks": 50, "epochs": 2} if name == "epidemic" else {}))
@@ -87,7 +88,7 @@ def test_the_day_after_many_readings_the_soil_is_as_uncertain_as_its_change_make
     assert 0.5 < np.mean(stated[7]) / np.mean(errors[7]) < 4.0
 
 
-@pytest.mark.parametrize("name", ["gp", "epidemic"])
+@pytest.mark.parametrize("name", LEARNING)
 def test_readings_of_a_later_day_tell_how_the_farm_changed_where_none_were_made(name):
     estimator = make_estimator(name, **({"outbreaks": 50, "epochs": 2} if name == "epidemic" else {}))
     rows = np.argwhere(np.ones(GRID.shape, np.bool_))[::3]
@@ -112,7 +113,7 @@ def test_readings_of_a_later_day_tell_how_the_farm_changed_where_none_were_made(
     assert np.mean(after) < 0.8 * np.mean(before)
 
 
-@pytest.mark.parametrize("name", ["gp", "epidemic"])
+@pytest.mark.parametrize("name", LEARNING)
 @pytest.mark.parametrize("first", [10, 30])
 def test_a_reading_of_yesterday_that_arrives_late_counts_as_if_it_had_come_in_time(name, first):
     parameters = {"outbreaks": 50, "epochs": 2} if name == "epidemic" else {}

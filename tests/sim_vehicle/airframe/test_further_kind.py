@@ -20,7 +20,7 @@ from sim_vehicle.autopilot import (
 )
 from sim_vehicle.energy.power import best_speeds, endurance_s
 from sim_vehicle.errors import VehicleError
-from wbf_mission.live import typical_vehicle
+from wbf_mission.addons.base.links import typical_vehicle
 
 ENTRY_POINTS = """\
 [wbf_mission.vehicle_kinds]

@@ -11,8 +11,7 @@ from packages import command_lines, importable, install
 
 from geo.frame import LocalFrame
 from mission import autopilots
-from mission.autopilots import profile_for
-from mission.autopilots.profile import Meaning, answer_to
+from mission.autopilots.profile import Meaning
 from mission.ground.modes import Maneuver, ModeError, VehicleModes, is_in_mission, mode_name
 from mission.ground.station import GroundStation
 from mission.link.codec.dialect import mavlink as m
@@ -24,6 +23,7 @@ from sim_vehicle.errors import VehicleError
 from sim_vehicle.host.simulation import Simulation
 from sim_vehicle.mavlink import SimVehicle
 from sim_vehicle.mavlink.fleet import Fleet
+from wbf_mission.addons.base.inquiry import VehicleSnapshot
 
 POINT = GeoPoint(28.05, -82.15, 12.0)
 HOME = LocalFrame(28.05, -82.15)
@@ -143,8 +143,8 @@ def test_a_ground_station_knows_its_modes_and_parameters(nimbus):
     assert modes.maneuver(Maneuver.HOLD) == (m.MAV_CMD_DO_SET_MODE, (1.0, 72.0, 0.0))
     with pytest.raises(ModeError, match="mode 'auto' is unknown to this vehicle; it has STAY, SURVEY"):
         modes.numbers("auto")
-    asked = profile_for(reflex).settings.asked_of(2)
-    assert answer_to(Meaning.LINK_LOST, asked, {"NIM_LINK_ACT": 1.0}) == ("NIM_LINK_ACT", 1.0)
+    answers = VehicleSnapshot(1, reflex, 2, parameters={"NIM_LINK_ACT": 1.0})
+    assert answers.told(Meaning.LINK_LOST) == ("NIM_LINK_ACT", 1.0)
 
 
 def test_a_fleet_of_it_is_found_at_its_own_ports(nimbus):

@@ -12,12 +12,13 @@ import pytest
 from bench_rows import made_row
 
 from geo import imports
-from wbf_mission.bench.rows import BenchStore
+from wbf_mission.bench.rows import BenchStore, read_rows
 from wbf_mission.cli.app import main
 from wbf_mission.cli.pages import GROUP
 
 HIDDEN = Path(__file__).parents[2] / "support" / "core_alone"
 ROOT = Path(__file__).parents[3]
+FARMS = ROOT / "wbf_mission" / "scenario" / "catalogue" / "WBF" / "farms"
 
 
 ENVIRONMENT = {**os.environ, "PYTHONPATH": os.pathsep.join(map(str, (HIDDEN, ROOT)))}
@@ -38,17 +39,17 @@ print(json.dumps(told))
 WORKS = (
     "plan --farm miniberry-10 --planner spiral --out mine.plan --quiet",
     "fly --farm miniberry-10 --policy greedy --estimator gp --budget 60s --out flown --quiet",
-    "fly --farm miniberry-10 --policy greedy --estimator gp --budget 60s --autopilot ardupilot --no-files",
+    "fly --farm miniberry-10 --policy greedy --budget 60s --autopilot ardupilot --no-files",
     "bench run --scenarios WBF/Miniberry-10-v1 --planners spiral --estimators point --seeds 1 --out new",
+    "bench run --family own --planners spiral --seeds 1 --out new",
 )
 BROUGHT = (
     *("check", "check-policy", "command", "convert", "download", "export", "map", "monitor", "preflight"),
-    *("report", "studio", "bench compare", "bench list", "bench replay", "farm", "vehicle"),
+    *("report", "sim", "studio", "upload", "bench compare", "bench list", "bench replay", "farm", "vehicle"),
 )
 OTHER_FORMAT = "plan --farm miniberry-10 --mission a.kml"
 OTHER_VEHICLES = (
     "plan --farm miniberry-10 --vehicle rover",
-    "sim --vehicle fixed-wing",
     "plan --farm miniberry-10 --vehicle mine.toml",
     "bench run --scenarios WBF/Miniberry-100-Mixed-v1 --planners spiral --seeds 1 --out new",
 )
@@ -59,12 +60,14 @@ MISSING = {
         "connects to real vehicles with 'fly' (wbf_mission.connections)"
     ),
     f"{FLY} --fault loss=0.1": "injects faults with 'session' (wbf_mission.faults)",
-    "sim --list-faults": "injects faults with 'kinds' (wbf_mission.faults)",
     "fly --scenario broken.toml": "injects faults with 'tables' (wbf_mission.faults)",
-    "sim --live 0 --farm miniberry-10": "brings the page 'live.simulation' (wbf_mission.pages)",
     f"{FLY} --animate --out flown": "makes 'run.gif' (wbf_mission.products)",
     f"{FLY} --treatment-map --out flown": "makes 'treatment' (wbf_mission.products)",
     "bench run --sealed a.secret --out b": "opens rounds that are 'sealed' (wbf_mission.rounds)",
+    "plan --farm miniberry-10 --height-above-ground 10 --terrain a.tif": (
+        "reads heights of the ground from 'rasters' (wbf_mission.ground)"
+    ),
+    "plan --farm a.geojson --repair": "repairs farms, as 'mended' (wbf_mission.farm_repairs)",
     **{
         f"plan --farm a.{suffix}|fields": f"reads farms in '{suffix}' (wbf_mission.farm_formats)"
         for suffix in ("gpkg", "kml", "poly")
@@ -89,6 +92,7 @@ def alone(tmp_path_factory):
         (folders[words] / "broken.toml").write_text("[[fault]]\nkind = 'link-loss'\n")
         for name in ("a.secret", "a.gpkg", "a.kml", "a.poly"):
             (folders[words] / name).write_bytes(b"")
+        (folders[words] / "a.geojson").write_bytes((FARMS / "pair.geojson").read_bytes())
         add_row(folders[words])
     before = {words: sorted(folder.rglob("*")) for words, folder in folders.items()}
     asked = json.dumps([(str(folder), words) for words, folder in folders.items()])
@@ -105,6 +109,11 @@ def alone(tmp_path_factory):
 @pytest.mark.parametrize("words", WORKS)
 def test_a_command_works_without_add_ons(alone, words):
     assert alone[words].code == 0, alone[words].err
+
+
+def test_the_default_estimator_and_those_of_a_family_are_of_the_core(alone):
+    assert "greedy, gp, " in alone[WORKS[2]].out
+    assert {row.estimator for row in read_rows(alone[WORKS[4]].folder / "new")} == {"adaptive-disk", "gp"}
 
 
 @pytest.mark.parametrize("words", BROUGHT)
@@ -147,14 +156,12 @@ def test_without_the_add_on_a_flight_is_saved_without_pictures(alone):
 VEHICLES = """
 from mission.link.codec.dialect import mavlink as m
 from mission.model import GeoPoint
-from mission.transfer.vehicles import Vehicle
 from sim_vehicle.airframe.catalog import get_vehicle
-from sim_vehicle.airframe.kind import kind_of_type
+from sim_vehicle.airframe.kind import get_kind, kind_of_type
 from sim_vehicle.autopilot import with_autopilot
 from sim_vehicle.autopilot.modes import Mode
 from sim_vehicle.errors import VehicleError
 from sim_vehicle.mavlink import SimVehicle
-from wbf_mission.live import typical_vehicle
 
 vehicle = SimVehicle(get_vehicle("quad"), GeoPoint(28.05, -82.15, 10.0))
 (version,) = vehicle.built(m.MAVLINK_MSG_ID_AUTOPILOT_VERSION)
@@ -163,7 +170,7 @@ print(version.capabilities & m.MAV_PROTOCOL_CAPABILITY_FTP, vehicle.receive(ftp,
 copter = SimVehicle(with_autopilot(get_vehicle("quad"), "ardupilot"), GeoPoint(28.05, -82.15, 10.0))
 bits = m.MAV_PROTOCOL_CAPABILITY_SET_POSITION_TARGET_LOCAL_NED, m.MAV_PROTOCOL_CAPABILITY_SET_ATTITUDE_TARGET
 print(copter.built(m.MAVLINK_MSG_ID_AUTOPILOT_VERSION)[0].capabilities & sum(bits))
-print(kind_of_type(1), kind_of_type(10), typical_vehicle(Vehicle(1, 1, 12, 2)))
+print(kind_of_type(1), kind_of_type(10), get_kind(kind_of_type(2)).typical)
 pitch = m.MAVLink_command_long_message(1, 1, 1000, 0, -30, 0, 0, 0, 0, 0, 0)
 print(vehicle.receive(pitch, 1.0)[0].result, vehicle.camera_attitude(0.0))
 stick = m.MAVLink_manual_control_message(1, 0, 0, 900, 0, 0)
@@ -178,7 +185,7 @@ vehicle.poll(40.0)
 print(vehicle.pilot.mode.value, vehicle.pilot.state.phase.value)
 for mav_type in (1, 10):
     try:
-        print(typical_vehicle(Vehicle(1, 1, 12, mav_type)))
+        print(get_kind(kind_of_type(mav_type)).typical)
     except VehicleError as error:
         print("not installed" in str(error))
 """

@@ -15,12 +15,12 @@ from processes import environment
 from mission.planners import planner_names
 from sensors.estimators.point import PointEstimator
 from wbf_mission import Decision, Triggers, benchmark
+from wbf_mission.addons.base.standings import standings
 from wbf_mission.bench import engine
 from wbf_mission.bench.benchmark import BenchmarkInterrupted
 from wbf_mission.bench.engine import fly_all, fly_run
-from wbf_mission.bench.rows import BenchStore, read_rows
+from wbf_mission.bench.rows import BenchStore, build_of, read_rows
 from wbf_mission.bench.spec import BenchSpec
-from wbf_mission.bench.standings import build_of, standings
 from wbf_mission.cli.app import main
 
 TEN = ["WBF/Miniberry-10-v1"]

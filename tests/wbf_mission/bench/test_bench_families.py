@@ -5,7 +5,6 @@ import json
 import pytest
 
 from geo.farms import get_farm
-from sensors.field_files import load_field_set
 from wbf_mission.bench.spec import BenchSpec
 from wbf_mission.cli.app import main
 from wbf_mission.run.plan import plan_fleet
@@ -31,12 +30,6 @@ def test_a_family_can_be_flown_by_its_planners_and_estimators(family):
     spec = BenchSpec.of(family.scenarios, family.planners, family.estimators, 1)
     assert len(spec) == len(family.scenarios) * len(family.planners) * len(family.estimators)
     assert all(load_scenario(one).score.points == 36 for one in family.scenarios)
-
-
-def test_epidemic_is_left_out_where_it_does_not_know_the_fields():
-    for family in families():
-        fields = {load_field_set(load_scenario(one).farm.fields).names for one in family.scenarios}
-        assert ("epidemic" in family.estimators) == (fields == {("tylcv", "ccr", "soil")})
 
 
 @pytest.mark.parametrize("name", get_family("farms").scenarios)

@@ -7,6 +7,7 @@ from pathlib import Path
 from page_tables import rows_of
 
 import wbf_mission.preflight.run
+from wbf_mission.addons.operate import vehicle_rules
 from wbf_mission.preflight.rules import RULES
 
 ROOT = Path(__file__).parents[3]
@@ -27,7 +28,11 @@ def codes_in_the_source():
     """Second arguments of findings, and the codes of problems that stand in the executor's checks."""
     found = set()
     folder = Path(wbf_mission.preflight.__file__).parent
-    sources = [*folder.rglob("*.py"), ROOT / "sim_vehicle" / "execution" / "feasibility.py"]
+    sources = [
+        *folder.rglob("*.py"),
+        Path(vehicle_rules.__file__),
+        ROOT / "sim_vehicle" / "execution" / "feasibility.py",
+    ]
     for path in sources:
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             if isinstance(node, ast.Constant) and isinstance(node.value, str) and CODE.fullmatch(node.value):
@@ -36,9 +41,9 @@ def codes_in_the_source():
 
 
 def codes_in_the_tests():
-    """Of the tables CASES beside this file: keys, or what comes first in each row."""
+    """Of the tables CASES of the tests: keys, or what comes first in each row."""
     found = set()
-    for path in Path(__file__).parent.glob("*_checks.py"):
+    for path in (ROOT / "tests" / "wbf_mission").rglob("*_checks.py"):
         for node in ast.parse(path.read_text(encoding="utf-8")).body:
             if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "CASES":
                 table = node.value

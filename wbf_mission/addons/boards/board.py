@@ -15,6 +15,7 @@ from msgspec import structs
 
 from geo.errors import WbfMissionError
 from geo.texts import one_line
+from wbf_mission.addons.base.standings import Standing, standings
 from wbf_mission.addons.boards.audit import require_whole
 from wbf_mission.addons.boards.comparison import Comparison, compare
 from wbf_mission.addons.boards.frozen import is_frozen
@@ -23,7 +24,6 @@ from wbf_mission.addons.boards.submission import SUFFIX, Submission, read_pack
 from wbf_mission.addons.boards.verification import VERIFIED, Verification, fly_again
 from wbf_mission.bench.rows import BenchRow, by_pair, by_scenario
 from wbf_mission.bench.spec import seed_ranges
-from wbf_mission.bench.standings import Standing, standings
 from wbf_mission.progress import Progress, silent
 from wbf_mission.results.storage import ResultError
 

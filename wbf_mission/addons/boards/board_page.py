@@ -11,13 +11,13 @@ from typing import Any
 from msgspec import structs
 
 from geo.texts import one_line
+from wbf_mission.addons.base.intervals import Interval
+from wbf_mission.addons.base.page import Page, Picture, Section, Table
 from wbf_mission.addons.base.plots import new_figure, save_figure
+from wbf_mission.addons.base.standings import Standing
 from wbf_mission.addons.boards.board import SHOWN_DIGEST, Board, BoardTable, Entry, Line
 from wbf_mission.addons.boards.comparison import doubt_in_words, verdict
-from wbf_mission.bench.intervals import Interval
-from wbf_mission.bench.page import Page, Picture, Section, Table
 from wbf_mission.bench.spec import seeds_text
-from wbf_mission.bench.standings import Standing
 
 _MOST_DRAWN, _FEWEST_DRAWN = 24, 2
 _GREY, _BLUE = "#777777", "#1f6fb4"

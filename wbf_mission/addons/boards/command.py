@@ -12,11 +12,11 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from geo.texts import file_stem
+from wbf_mission.addons.base.pages import bench_page
 from wbf_mission.cli import options
 from wbf_mission.cli.command import Command
 from wbf_mission.cli.options import option
 from wbf_mission.cli.output import Output
-from wbf_mission.cli.pages import bench_page
 from wbf_mission.exit_codes import ExitCode
 
 if TYPE_CHECKING:
@@ -335,11 +335,11 @@ def verify_command(
     import msgspec
     import numpy as np
 
+    from wbf_mission.addons.base.intervals import score_text
     from wbf_mission.addons.boards.audit import require_whole
     from wbf_mission.addons.boards.comparison import difference
     from wbf_mission.addons.boards.fresh import fly_fresh
     from wbf_mission.addons.boards.submission import read_pack, unpack_code
-    from wbf_mission.bench.intervals import score_text
     from wbf_mission.results.storage import ResultError
 
     read = read_pack(pack)

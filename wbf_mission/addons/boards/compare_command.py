@@ -16,7 +16,6 @@ from wbf_mission.cli.bench import (
     exit_code,
     selection,
     warn_of_failures,
-    warn_of_uncounted,
 )
 from wbf_mission.cli.command import Command
 from wbf_mission.cli.options import option
@@ -54,6 +53,7 @@ def compare_command(
     from dataclasses import asdict
 
     from wbf_mission.addons.boards.comparison import compare, difference, verdict
+    from wbf_mission.addons.boards.printed import warn_of_uncounted
     from wbf_mission.bench.spec import BenchSpec
 
     wanted = BenchSpec.of(**selected | {"planners": choices(f"{mine},{against}", "planner")})

@@ -9,9 +9,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from wbf_mission.bench.intervals import FEWEST_FOR_A_RATIO, MISSED, Interval, mean_intervals
+from wbf_mission.addons.base.intervals import FEWEST_FOR_A_RATIO, MISSED, Interval, mean_intervals
+from wbf_mission.addons.base.standings import apart, scored
 from wbf_mission.bench.rows import BenchRow
-from wbf_mission.bench.standings import apart, scored
 
 # Least number of environments, and coverage (%) of the 95 % interval for a mean with 10 % rare outbreaks.
 _HELD_WITH_RARE = ((40, None), (20, 75), (0, 50))

@@ -14,10 +14,10 @@ from scipy import stats
 
 from geo.errors import WbfMissionError, told_error
 from geo.texts import one_line
+from wbf_mission.addons.base.intervals import Interval
 from wbf_mission.addons.boards.apart import Apart, EstimatorApart, PlannerApart, PolicyApart
 from wbf_mission.addons.boards.verification import OTHER_CODE, Method
 from wbf_mission.bench.engine import failed_row, flown
-from wbf_mission.bench.intervals import Interval
 from wbf_mission.bench.rows import BenchRow
 from wbf_mission.bench.spec import BenchRun, BenchSpec
 from wbf_mission.progress import Progress, silent

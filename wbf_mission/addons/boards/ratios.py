@@ -8,10 +8,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from wbf_mission.bench.intervals import Interval, ratio_intervals
-from wbf_mission.bench.page import Table, number_text
+from wbf_mission.addons.base.intervals import Interval, ratio_intervals
+from wbf_mission.addons.base.page import Table, number_text
+from wbf_mission.addons.base.standings import Scored
 from wbf_mission.bench.rows import BenchRow
-from wbf_mission.bench.standings import Scored
 
 WHOLE = "whole"
 """Key of the whole score among the field names."""

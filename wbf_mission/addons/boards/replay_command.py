@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from wbf_mission.addons.base.pages import run_page
 from wbf_mission.cli import options
 from wbf_mission.cli.command import Command
 from wbf_mission.cli.options import TargetError, option
 from wbf_mission.cli.output import Output
-from wbf_mission.cli.pages import run_page
 from wbf_mission.exit_codes import ExitCode
 
 if TYPE_CHECKING:

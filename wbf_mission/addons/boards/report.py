@@ -10,11 +10,8 @@ from pathlib import Path
 import numpy as np
 
 from geo.texts import file_stem
-from wbf_mission.addons.base.plots import LINE_COLOURS, new_figure, save_figure
-from wbf_mission.addons.boards.comparison import doubt_in_words
-from wbf_mission.addons.boards.ratios import by_fixed, ratio_table, worse_in_words
-from wbf_mission.bench.intervals import mean_intervals
-from wbf_mission.bench.page import (
+from wbf_mission.addons.base.intervals import mean_intervals
+from wbf_mission.addons.base.page import (
     SCORES,
     Listing,
     Page,
@@ -26,9 +23,12 @@ from wbf_mission.bench.page import (
     interval_cells,
     standing_table,
 )
+from wbf_mission.addons.base.plots import LINE_COLOURS, new_figure, save_figure
+from wbf_mission.addons.base.standings import Scored, Standing, apart, scored, standings_of
+from wbf_mission.addons.boards.comparison import doubt_in_words
+from wbf_mission.addons.boards.ratios import by_fixed, ratio_table, worse_in_words
 from wbf_mission.bench.requests import AskedFor, card_of
-from wbf_mission.bench.rows import BenchRow, by_pair
-from wbf_mission.bench.standings import Scored, Standing, apart, commit_of, digest_of, scored, standings_of
+from wbf_mission.bench.rows import BenchRow, by_pair, commit_of, digest_of
 from wbf_mission.scenario import load_scenario, scenario_ids
 
 READING = (

@@ -7,12 +7,11 @@ from typing import Annotated
 
 import typer
 
+from wbf_mission.addons.base.pages import bench_page
 from wbf_mission.cli import options
-from wbf_mission.cli.bench import print_standings
 from wbf_mission.cli.command import Command
 from wbf_mission.cli.options import option
 from wbf_mission.cli.output import Output
-from wbf_mission.cli.pages import bench_page
 from wbf_mission.exit_codes import ExitCode
 
 EXAMPLES = """
@@ -32,6 +31,7 @@ def report_command(
     ] = None,
 ) -> int:
     """Print the standings of the results in a folder, also during a benchmark, or write a report."""
+    from wbf_mission.addons.boards.printed import print_standings
     from wbf_mission.addons.boards.report import report_page
     from wbf_mission.bench.requests import read_asked
     from wbf_mission.bench.rows import read_rows

@@ -18,8 +18,9 @@ from typing import Any
 import msgspec
 
 from geo.atomic import atomic_write
-from geo.reading import Archive, ArchiveError, UnreadableError, archive_of, misfit, not_json, read_file
+from geo.reading import UnreadableError, misfit, not_json, read_file
 from geo.system import memory_bounded
+from wbf_mission.addons.base.archive import Archive, ArchiveError, archive_of
 from wbf_mission.bench.rows import TABLE, BenchRow, by_pair, by_scenario, rows_of, rows_table
 from wbf_mission.bench.spec import seeds_text
 from wbf_mission.own_code import files_beside

@@ -24,9 +24,9 @@ from geo.atomic import atomic_write
 from geo.frame import quaternion_of
 from geo.geojson import farm_document
 from geo.imports import load_extra
-from mission.files.fence import fence_rings
 from mission.outcome import in_words
 from sensors.fields import FieldSet
+from wbf_mission.addons.base.fence_rings import fence_rings
 from wbf_mission.addons.export.foxglove_schemas import SCHEMAS, score_schema
 from wbf_mission.addons.export.layers import Layers, reading_colours
 from wbf_mission.addons.export.rerun import ExportError

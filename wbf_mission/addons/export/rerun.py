@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from geo.atomic import atomic_path
 from geo.errors import WbfMissionError
 from geo.imports import load_extra
-from mission.files.fence import fence_rings
 from mission.outcome import in_words
+from wbf_mission.addons.base.fence_rings import fence_rings
 from wbf_mission.addons.export.layers import Layers, reading_colours
 from wbf_mission.addons.export.style import (
     FENCE,

@@ -9,9 +9,8 @@ import typer
 
 from wbf_mission.cli import options
 from wbf_mission.cli.command import Command
-from wbf_mission.cli.missions import write_and_tell
 from wbf_mission.cli.options import MISSION_SUFFIXES, Overwrite, option, refuse_overwrite
-from wbf_mission.cli.output import Output
+from wbf_mission.cli.output import Output, write_and_tell
 
 EXAMPLES = """
 Examples

@@ -15,11 +15,11 @@ from dataclasses import dataclass, field
 from typing import Any, TypeAlias
 from xml.etree import ElementTree
 
-from geo.reading import archive_of
 from mission.errors import MissionFileError
 from mission.files.common import Firmware
 from mission.files.formats import Loss, dropped, numbered
 from mission.model import Command, Frame, Mission, MissionItem
+from wbf_mission.addons.base.archive import archive_of
 from wbf_mission.addons.base.xml_output import add, decimal, document
 from wbf_mission.addons.formats.records import command_name, is_placed
 

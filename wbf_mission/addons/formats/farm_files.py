@@ -27,8 +27,9 @@ from geo.errors import FarmError
 from geo.features import KNOWN, MAX_FEATURES, MAX_VERTICES, Document, Entry, farm_properties, kind_of
 from geo.frame import EXAMPLE_CRS, Coordinates, LocalFrame, coordinates_of
 from geo.imports import load_extra
-from geo.reading import Archive, ArchiveError, UnreadableError, read_file, read_text
+from geo.reading import UnreadableError, read_file, read_text
 from geo.texts import decimal_point, one_line, parse_number
+from wbf_mission.addons.base.archive import Archive, ArchiveError
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

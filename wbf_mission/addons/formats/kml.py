@@ -10,11 +10,11 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 from xml.etree import ElementTree
 
-from geo.reading import Archive, ArchiveError, archive_of
 from geo.texts import parse_number
 from mission.errors import MissionFileError
 from mission.files.common import KML_KIND, KMZ_KIND, MAX_BYTES, Firmware, kind_of, wrong_kind
 from mission.model import Frame, Mission
+from wbf_mission.addons.base.archive import Archive, ArchiveError, archive_of
 from wbf_mission.addons.base.xml_output import add, decimal, document
 from wbf_mission.addons.formats.drawn import Drawing, DrawnPath, Point
 from wbf_mission.addons.formats.records import (

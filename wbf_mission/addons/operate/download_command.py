@@ -8,9 +8,8 @@ from typing import Annotated
 from geo.texts import duration
 from wbf_mission.cli import options
 from wbf_mission.cli.command import Command
-from wbf_mission.cli.missions import write_and_tell
 from wbf_mission.cli.options import MISSION_SUFFIXES, Overwrite, option, refuse_overwrite
-from wbf_mission.cli.output import Output
+from wbf_mission.cli.output import Output, write_and_tell
 
 EXAMPLES = """
 Example
@@ -31,7 +30,7 @@ def download_command(
     """Download the mission, the fence and the rally points of a vehicle into a file."""
     from mission.files import Firmware, writer_for
     from mission.ground.link import download
-    from wbf_mission.live import via_named
+    from wbf_mission.addons.base.links import via_named
 
     refuse_overwrite(out, suffixes=MISSION_SUFFIXES, overwrite=overwrite)
     writer_for(out)

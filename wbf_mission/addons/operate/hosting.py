@@ -13,8 +13,8 @@ from mission.link.codec.dialect import mavlink as m
 from mission.link.tlog import FrameSink
 from mission.transfer import TransferMaker
 from sim_vehicle.camera.component import LeafCameraComponent
+from wbf_mission.addons.base.links import Heard, LinkHost, Note, Via
 from wbf_mission.addons.operate.riding_camera import RidingCamera
-from wbf_mission.live import Heard, LinkHost, Note, Via
 from wbf_mission.run.hosting import Hosting, tap_of
 from wbf_mission.run.sortie import Sortie
 

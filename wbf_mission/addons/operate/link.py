@@ -16,16 +16,18 @@ from mission.model import GeoPoint
 from mission.transfer.vehicles import Vehicle as HeardVehicle
 from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.host.injection import AnyFault
+from wbf_mission.addons.base.inquiry import VehicleSnapshot, ask_vehicle
+from wbf_mission.addons.base.links import LiveFlightError, Via, fitted_to, via_named
 from wbf_mission.addons.operate.battery_change import REAL_FULL, BatteryWait, needed_fraction, risen_fraction
 from wbf_mission.addons.operate.console import TerminalConsole
 from wbf_mission.addons.operate.hosting import LinkHosting
+from wbf_mission.addons.operate.real_sorties import RealSorties
 from wbf_mission.cli.output import Output
 from wbf_mission.events import EventStream
-from wbf_mission.live import LiveFlightError, Via, fitted_to
 from wbf_mission.planning import PlanResult
 from wbf_mission.planning.builder import budget_left
 from wbf_mission.planning.fleet import Vehicle
-from wbf_mission.planning.sorties import CHANGE_S
+from wbf_mission.planning.sorties import CHANGE_S, SortiePlan
 from wbf_mission.preflight.finding import (
     Concern,
     Finding,
@@ -33,14 +35,12 @@ from wbf_mission.preflight.finding import (
     Report,
     Severity,
 )
-from wbf_mission.preflight.inquiry import VehicleSnapshot, ask_vehicle
 from wbf_mission.preflight.run import check_mission, check_plans
 from wbf_mission.preflight.subject import Circumstances
 from wbf_mission.run.campaign import Campaign
 from wbf_mission.run.hosting import Hosting
 from wbf_mission.run.joint_flight import OperatorConsole
 from wbf_mission.run.orders import Orders
-from wbf_mission.run.real_sorties import BatteryChanger
 from wbf_mission.run.record import FlightRecord
 from wbf_mission.scenario import Scenario, VehicleOptions
 from wbf_mission.scenario.parts import MOST_VEHICLES
@@ -144,10 +144,9 @@ class LiveLink:
     full: ClassVar[float] = REAL_FULL
     faults: ClassVar[tuple[()]] = ()
 
-    @property
-    def changer(self) -> BatteryChanger:
-        """The link waits for battery changes by itself."""
-        return self
+    def sorties(self, cut: SortiePlan, vehicle: Vehicle, footprint: int) -> RealSorties:
+        """Return the progress of a vehicle through its sorties; the operator confirms battery changes."""
+        return RealSorties(cut, vehicle, footprint, self)
 
     def note(self, text: str) -> None:
         """Send a line to the operator."""
@@ -324,6 +323,6 @@ class LiveLink:
         )
 
 
-def connect(output: Output, urls: Sequence[str], **options: Any) -> LiveLink:
+def connect(output: Output, urls: Sequence[str], *, via: str, **options: Any) -> LiveLink:
     """Return the vehicles behind links, with the operator at the terminal of a command."""
-    return LiveLink(urls, TerminalConsole(output, options["orders"]), **options)
+    return LiveLink(urls, TerminalConsole(output, options["orders"]), via=via_named(via), **options)

@@ -7,9 +7,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from wbf_mission.addons.operate.checked_missions import (
+    CHECKED,
+    Surroundings,
+    fitted_circumstances,
+    read_and_tell,
+)
 from wbf_mission.cli import options
 from wbf_mission.cli.command import Command
-from wbf_mission.cli.missions import CHECKED, Surroundings, fitted_circumstances, read_and_tell
 from wbf_mission.cli.output import Output
 from wbf_mission.exit_codes import ExitCode
 from wbf_mission.scenario import ScenarioError
@@ -50,7 +55,7 @@ def preflight_command(
     Each finding has a code, which docs/preflight.md explains. Exit code 1 means that there are errors;
     warnings and notes do not count.
     """
-    from wbf_mission.preflight.inquiry import ask_vehicle
+    from wbf_mission.addons.base.inquiry import ask_vehicle
     from wbf_mission.preflight.run import check_mission
 
     if system_id is not None and connect is None:
@@ -58,6 +63,7 @@ def preflight_command(
         raise ScenarioError(msg)
     mission = read_and_tell(file, output)
     circumstances = around.circumstances(given, mission, output)
+    snapshot = None
     if connect is not None:
         snapshot = ask_vehicle(connect, wait_s=wait, system_id=system_id, note=output.note)
         circumstances = fitted_circumstances(circumstances, given, snapshot)
@@ -65,19 +71,18 @@ def preflight_command(
         progress("predicting", 0, 1)
         checked = check_mission(mission, circumstances)
         progress("predicting", 1, 1)
-    _show(output, file, checked)
+    _show(output, file, checked, None if snapshot is None else snapshot.system_id)
     return ExitCode.NOT_GOOD if checked.report.has_errors else ExitCode.GOOD
 
 
-def _show(output: Output, file: Path, checked: Preflight) -> None:
+def _show(output: Output, file: Path, checked: Preflight, system_id: int | None) -> None:
     subject, report = checked.subject, checked.report
-    snapshot = subject.given.snapshot
     prediction = None if subject.stopped is not None else subject.prediction
     values: dict[str, Any] = {
         "file": str(file),
         "vehicle": subject.vehicle.name,
         "autopilot": subject.profile.name,
-        "system_id": None if snapshot is None else snapshot.system_id,
+        "system_id": system_id,
         **report.counts,
         "predicted_time_s": None if prediction is None else prediction.duration_s,
         "length_m": None if prediction is None else prediction.ground_length_m,

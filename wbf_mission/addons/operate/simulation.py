@@ -13,12 +13,12 @@ from sensors.camera.wire import CAMERA_IMAGE_CAPTURED, DEBUG_FLOAT_ARRAY, Observ
 from sensors.field_files import load_field_set
 from sensors.observations import Observations
 from sim_vehicle.component import NEVER, Component
+from wbf_mission.addons.base.simulator import Simulated
 from wbf_mission.addons.operate.control_station import ControlStation
 from wbf_mission.addons.operate.telemetry_events import TelemetryEvents
 from wbf_mission.events import DayBegun, EventStream, RunBegun, VehicleInfo
 from wbf_mission.run.orders import Orders
 from wbf_mission.scenario import Scenario
-from wbf_mission.simulator import Simulated
 
 _LOOKED_AT = tuple(
     int(kind)
@@ -33,7 +33,7 @@ _LOOKED_AT = tuple(
 
 
 class FollowedSimulation:
-    """Part of the live page that follows a simulation; see `wbf_mission.cli.pages.FollowedSimulation`."""
+    """Part of the live page that follows a simulation (`addons.base.pages.FollowedSimulation`)."""
 
     def __init__(
         self, simulated: Simulated, scenario: Scenario, events: EventStream, orders: Orders | None

@@ -7,12 +7,12 @@ from typing import Annotated, Any
 
 import typer
 
+from wbf_mission.addons.base.pages import bench_page
 from wbf_mission.cli import options
 from wbf_mission.cli.bench import RUN_PANEL, exit_code, selection, warn_of_failures
 from wbf_mission.cli.command import Command
 from wbf_mission.cli.options import option
 from wbf_mission.cli.output import Output
-from wbf_mission.cli.pages import bench_page
 from wbf_mission.exit_codes import ExitCode
 
 EXAMPLES = """

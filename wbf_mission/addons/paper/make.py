@@ -10,7 +10,9 @@ from typing import Any
 
 from geo import Crop
 from geo.farms import get_farm
+from wbf_mission.addons.base.page import Page, Picture, Section, field_table, standing_table
 from wbf_mission.addons.base.plots import CROP_COLOURS, LINE_COLOURS, draw_farm, new_sheet, save_sheet
+from wbf_mission.addons.base.standings import standings
 from wbf_mission.addons.paper.comparison import (
     authors_table,
     early_table,
@@ -24,10 +26,8 @@ from wbf_mission.addons.paper.cost import FARMS, LIMIT_S, measured_costs, plot_c
 from wbf_mission.addons.paper.dynamics import DAYS, Dynamics, plot_dynamics
 from wbf_mission.addons.paper.shown import shown_runs
 from wbf_mission.bench.benchmark import benchmark
-from wbf_mission.bench.page import Page, Picture, Section, field_table, standing_table
 from wbf_mission.bench.rows import BenchRow
 from wbf_mission.bench.spec import BenchSpec
-from wbf_mission.bench.standings import standings
 from wbf_mission.progress import Progress, silent
 from wbf_mission.results.storage import ResultError
 from wbf_mission.run.resolve import FlightError

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geo.compiled import compiled
-from sensors.scoring.information import TILE_CELLS
-from sensors.scoring.score_sums import resume_errors
+from sensors.scoring.information import SQUARES, TILE_CELLS, WORSE_SQUARES
+from sensors.scoring.score_sums import add_column
 
 SCORES_A_STEP = 2
 """Maximum scored times per step: the first move of a flight brings two images."""
@@ -58,6 +58,56 @@ class Runs(NamedTuple):
     # float64[B, SCORES_A_STEP, k, 2]: the same sums over the farm at each scored time.
     sums: NDArray[np.float64]
     scored: NDArray[np.int64]  # int64[B]: number of scored times in this step
+
+
+@compiled(nogil=True, allocates=False)
+def resume_errors(
+    masks: NDArray[np.bool_],
+    truth: NDArray[np.float32],
+    estimate: NDArray[np.float32],
+    dirty: NDArray[np.int64],
+    partial: NDArray[np.float64],
+    sums: NDArray[np.float64],
+) -> None:
+    """Sum the squared errors of all fields, in each tile from the first changed column.
+
+    Parameters
+    ----------
+    masks : bool[k, W, H]
+        The relevant cells.
+    truth, estimate : float32[k, W, H]
+    dirty : int64[tiles along x, tiles along y]
+        First column of each tile that is not summed yet; updated.
+    partial : float64[k, tiles along x, tiles along y, TILE_CELLS + 1, 2]
+        Sums before each column, over all cells and over overestimated cells; updated.
+    sums : float64[k, 2]
+        Output: the same sums over all tiles.
+    """
+    width, height = masks.shape[1], masks.shape[2]
+    tiles_x, tiles_y = dirty.shape
+    for tile in range(tiles_x):
+        x0 = tile * TILE_CELLS
+        columns = min(TILE_CELLS, width - x0)
+        for strip in range(tiles_y):
+            y0, y1 = strip * TILE_CELLS, min((strip + 1) * TILE_CELLS, height)
+            start = dirty[tile, strip]
+            if start >= columns:
+                continue
+            dirty[tile, strip] = TILE_CELLS
+            for k in range(len(masks)):
+                kept = partial[k, tile, strip]
+                added = (kept[start, SQUARES], kept[start, WORSE_SQUARES], 0.0, 0.0)
+                for column in range(start, columns):
+                    added = add_column(masks[k], truth[k], estimate[k], x0 + column, y0, y1, added)
+                    kept[column + 1, SQUARES] = added[SQUARES]
+                    kept[column + 1, WORSE_SQUARES] = added[WORSE_SQUARES]
+    sums[:] = 0.0
+    for k in range(len(masks)):
+        for tile in range(tiles_x):
+            columns = min(TILE_CELLS, width - tile * TILE_CELLS)
+            for strip in range(tiles_y):
+                sums[k, SQUARES] += partial[k, tile, strip, columns, SQUARES]
+                sums[k, WORSE_SQUARES] += partial[k, tile, strip, columns, WORSE_SQUARES]
 
 
 @compiled(nogil=True)

@@ -13,10 +13,10 @@ from pathlib import Path
 
 from geo.atomic import atomic_write
 from wbf_mission.addons.base.html_page import data_element, data_uri
+from wbf_mission.addons.base.page import SCORES, Page, Picture, Table, standing_table
+from wbf_mission.addons.base.standings import Scored, apart, scored, standings_of
 from wbf_mission.addons.web.document import document
-from wbf_mission.bench.page import SCORES, Page, Picture, Table, standing_table
 from wbf_mission.bench.rows import KEY_DIGITS, BenchRow
-from wbf_mission.bench.standings import Scored, apart, scored, standings_of
 
 _NAMES = 3
 _OF_TEXTS = 2

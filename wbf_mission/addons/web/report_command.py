@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from wbf_mission.addons.base.pages import bench_report
 from wbf_mission.cli import options
 from wbf_mission.cli.command import Command
 from wbf_mission.cli.options import TargetError, option, refuse_overwrite
 from wbf_mission.cli.output import Output
-from wbf_mission.cli.pages import bench_report
 
 if TYPE_CHECKING:
     from wbf_mission.progress import Progress

@@ -8,8 +8,8 @@ import numpy as np
 import shapely
 
 from geo import Farm
-from mission.files.fence import fence_rings
 from mission.model import Command, MissionItem
+from wbf_mission.addons.base.fence_rings import fence_rings
 from wbf_mission.addons.web import schema
 from wbf_mission.events import Planned
 

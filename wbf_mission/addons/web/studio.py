@@ -24,6 +24,8 @@ from mission.planners import make_planner
 from mission.planners.request import planner_parameters
 from mission.policies.policy import policy_parameters
 from mission.transfer.vehicles import Vehicle
+from wbf_mission.addons.base.inquiry import VehicleSnapshot
+from wbf_mission.addons.base.links import fitted_to, upload_checked
 from wbf_mission.addons.web import drafts
 from wbf_mission.addons.web.newest import SupersededError
 from wbf_mission.addons.web.schema import Background
@@ -32,8 +34,6 @@ from wbf_mission.addons.web.shapes import farm_shape, plan_shape
 from wbf_mission.addons.web.studio_flight import StudioFlight
 from wbf_mission.addons.web.words import worded
 from wbf_mission.events import EventStream, Planned
-from wbf_mission.live import fitted_to, upload_checked
-from wbf_mission.preflight.inquiry import VehicleSnapshot
 from wbf_mission.preflight.subject import Circumstances
 from wbf_mission.scenario import Scenario, scenario_with
 from wbf_mission.scenario.choice import names_of

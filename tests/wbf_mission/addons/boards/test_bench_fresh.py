@@ -12,6 +12,7 @@ from policy_observations import observation, report
 from scipy import stats
 
 from geo.errors import WbfMissionError
+from wbf_mission.addons.base.intervals import Interval
 from wbf_mission.addons.boards import fresh
 from wbf_mission.addons.boards.apart import PolicyApart
 from wbf_mission.addons.boards.fresh import fly_fresh
@@ -19,7 +20,6 @@ from wbf_mission.addons.boards.replay import differences
 from wbf_mission.addons.boards.submission import read_pack, unpack_code
 from wbf_mission.addons.boards.verification import OTHER_CODE
 from wbf_mission.bench.digests import own_digest
-from wbf_mission.bench.intervals import Interval
 from wbf_mission.bench.rows import read_rows
 from wbf_mission.cli.app import main
 from wbf_mission.own_code import own_choice

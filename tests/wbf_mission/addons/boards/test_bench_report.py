@@ -8,12 +8,12 @@ from bench_rows import made_row
 from bench_rows import rows as rows_of
 from PIL import Image
 
+from wbf_mission.addons.base.intervals import Interval
+from wbf_mission.addons.base.page import standing_table
+from wbf_mission.addons.base.standings import scored, standings
 from wbf_mission.addons.boards.ratios import WHOLE, by_fixed
 from wbf_mission.addons.boards.report import report_page
-from wbf_mission.bench.intervals import Interval
-from wbf_mission.bench.page import standing_table
 from wbf_mission.bench.requests import Asked, AskedFor, Card
-from wbf_mission.bench.standings import scored, standings
 
 
 def markdown_of(rows, folder, title="x"):

@@ -20,7 +20,7 @@ from packages import install
 
 from geo import Farm, FarmError, LocalFrame, get_farm, load_farm, save_farm
 from geo.features import MAX_FEATURES
-from geo.reading import archive_of
+from wbf_mission.addons.base.archive import archive_of
 
 FLORIDA = LocalFrame(28.05, -82.15)
 NAMES = ("North", "South, two parts", "Silo")

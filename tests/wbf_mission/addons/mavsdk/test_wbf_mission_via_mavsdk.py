@@ -23,10 +23,10 @@ from mission.link.codec.dialect import mavlink as m
 from mission.model import Command, Frame, Mission, MissionItem
 from mission.outcome import Outcome, Phase
 from mission.transfer.events import NoVehicleError, RemoteTransferError
+from wbf_mission.addons.base.links import LiveFlightError, via_named
 from wbf_mission.addons.operate.link import LiveLink
 from wbf_mission.exit_codes import ExitCode, exit_code_of
 from wbf_mission.flight import fly
-from wbf_mission.live import LiveFlightError, via_named
 from wbf_mission.results.writing import ResultFolder
 
 AUTOPILOTS = ("px4", "ardupilot")
@@ -113,7 +113,7 @@ def test_an_address_that_mavsdk_cannot_open(url):
 
 def test_mavsdk_is_loaded_only_when_it_is_asked_for():
     code = (
-        "import sys; from wbf_mission.live import via_named; via_named('own');"
+        "import sys; from wbf_mission.addons.base.links import via_named; via_named('own');"
         "assert 'mavsdk' not in sys.modules; via_named('mavsdk'); assert 'mavsdk' in sys.modules"
     )
     subprocess.run([sys.executable, "-c", code], check=True)

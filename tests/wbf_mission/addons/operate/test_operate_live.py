@@ -22,10 +22,10 @@ from mission.link.codec.dialect import mavlink as m
 from mission.model import GeoPoint
 from mission.outcome import Outcome, Phase, in_words
 from sim_vehicle.autopilot.modes import Mode
+from wbf_mission.addons.base.links import LiveFlightError
 from wbf_mission.addons.operate.link import LiveLink
 from wbf_mission.exit_codes import ExitCode, exit_code_of_flight
 from wbf_mission.flight import fly
-from wbf_mission.live import LiveFlightError
 from wbf_mission.run import joint_flight
 from wbf_mission.scenario import Scenario
 

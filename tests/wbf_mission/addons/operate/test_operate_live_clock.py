@@ -19,14 +19,14 @@ from sensors.fields import PAPER_FIELDS
 from sensors.scoring.information import InformationModel
 from sim_vehicle.autopilot.modes import Mode
 from sim_vehicle.host.simulation import Simulation
+from wbf_mission.addons.base.links import fitted_to
+from wbf_mission.addons.base.simulator import make_components
 from wbf_mission.addons.operate.hosting import riding_camera
 from wbf_mission.events import EventStream, Noted
 from wbf_mission.flight import fly
-from wbf_mission.live import fitted_to
 from wbf_mission.run import joint_flight
 from wbf_mission.run.sortie import SILENT_S
 from wbf_mission.scenario import scenario_with
-from wbf_mission.simulator import make_components
 
 SPEED = 5.0
 BUDGET_S = 100.0
@@ -59,7 +59,7 @@ class VirtualLink:
         self.pace, self.tlog, self.transfers, self.force = None, None, OWN_TRANSFERS, False
         self.orders, self.waits_for_decisions = None, waits
         self.console = self
-        self.faults, self.full, self.change_s, self.changer = (), 1.0, 60.0, self
+        self.faults, self.full, self.change_s = (), 1.0, 60.0
 
     # The link.
 
@@ -71,6 +71,9 @@ class VirtualLink:
 
     def check(self, campaign, events):
         return
+
+    def sorties(self, *of):
+        return None
 
     def hosting(self, faults):
         return self

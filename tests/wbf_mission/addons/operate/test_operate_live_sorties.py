@@ -20,6 +20,7 @@ from wbf_mission.addons.operate import console as operator_console
 from wbf_mission.addons.operate.battery_change import BatteryWait, needed_fraction, risen_fraction
 from wbf_mission.addons.operate.console import TerminalConsole
 from wbf_mission.addons.operate.link import LiveLink
+from wbf_mission.addons.operate.real_sorties import reached_place
 from wbf_mission.addons.operate.watching import WatchedVehicle
 from wbf_mission.cli.app import main
 from wbf_mission.cli.output import Output
@@ -307,12 +308,12 @@ def test_how_far_the_whole_is_flown_is_told_by_the_place_on_a_sortie(small, full
         own = Course(sortie.plan.mission)
         begin_m = course.metres(sortie.begin)
         end_m = course.length_m if sortie.end is None else course.metres(sortie.end)
-        assert cut.reached(number, None) == sortie.end
+        assert reached_place(cut, number, None) == sortie.end
         before_m = begin_m
         for leg in own.legs:
             for fraction in (0.0, 0.3, 0.7):
                 place = Place(leg.item, fraction)
-                reached = cut.reached(number, place)
+                reached = reached_place(cut, number, place)
                 metres = end_m if reached == sortie.end else course.metres(reached)
                 assert before_m - 1e-6 <= metres <= end_m + 1e-6
                 before_m = metres
@@ -335,13 +336,13 @@ def test_the_same_of_a_sortie_that_begins_and_ends_in_the_midst_of_legs(small, b
     cut, own = replace(cut, sorties=(sortie,)), Course(mission)
     last = own.legs[-1].item
     for back in (0.01, 0.1, 0.2):
-        place = cut.reached(0, Place(last, 1.0 - back))
+        place = reached_place(cut, 0, Place(last, 1.0 - back))
         metres = float(own.lengths_m[-1]) * back
         assert cut.course.metres(place) == pytest.approx(
             max(cut.course.metres(end) - metres, cut.course.metres(begin)), abs=0.02
         )
-    assert cut.reached(0, Place(last + 1)) == cut.reached(0, None) == end
-    assert cut.reached(0, Place(own.legs[0].item, 0.5)) == begin or begin == cut.course.start
+    assert reached_place(cut, 0, Place(last + 1)) == reached_place(cut, 0, None) == end
+    assert reached_place(cut, 0, Place(own.legs[0].item, 0.5)) == begin or begin == cut.course.start
 
 
 def test_what_is_left_is_a_mission_of_its_own(small):

@@ -16,6 +16,7 @@ from mission.link.codec.frames import FrameReader
 from mission.model import Command, Mission
 from sim_vehicle.airframe.kind import kind_of_type
 from sim_vehicle.host.server import Server
+from wbf_mission.addons.base.simulator import make_components
 from wbf_mission.addons.operate.control_station import ControlStation
 from wbf_mission.addons.operate.simulation import SimulatedWatch
 from wbf_mission.addons.operate.telemetry_events import TelemetryEvents
@@ -32,7 +33,6 @@ from wbf_mission.events import (
 )
 from wbf_mission.run.orders import Orders
 from wbf_mission.run.plan import plan
-from wbf_mission.simulator import make_components
 
 
 class Heard(list):

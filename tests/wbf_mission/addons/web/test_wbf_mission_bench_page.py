@@ -14,8 +14,8 @@ from live_page import page_at
 from playwright.sync_api import Browser, Locator, Page, expect
 from single_page import SinglePage
 
+from wbf_mission.addons.base.standings import standings
 from wbf_mission.bench.rows import BenchRow, BenchStore
-from wbf_mission.bench.standings import standings
 from wbf_mission.cli.app import main
 
 BAD = '<img src=x onerror="document.title=1">'

@@ -1,1 +1,0 @@
-"""The estimator epidemic, based on a model of the spread of diseases."""

@@ -1,0 +1,44 @@
+"""Sums over rings of neighbours, against a walk over all neighbours of each cell."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from wbf_mission.addons.epidemic.features import REACH, Rings
+
+pytestmark = pytest.mark.kernel
+
+RINGS = Rings.that_end_at((1, 4, 25, 2 * REACH**2))
+
+
+def _walk(plane, x, y):
+    """Return the scaled sum of a map with a margin over each ring around a cell."""
+    out = np.zeros(len(RINGS.scales))
+    for i in range(-REACH, REACH + 1):
+        for j in range(-REACH, REACH + 1):
+            if (i, j) != (0, 0):
+                out[RINGS.number[abs(i), abs(j)]] += plane[x + REACH + i, y + REACH + j]
+    return out * RINGS.scales
+
+
+cells_of_a_farm = st.lists(
+    st.tuples(st.integers(0, 4), st.integers(0, 6)), min_size=1, max_size=12, unique=True
+).map(sorted)
+
+
+@settings(deadline=None, max_examples=10)
+@given(cells_of_a_farm, st.integers(0, 2**32 - 1))
+def test_rings_hold_what_lies_around_a_cell(cells, seed):
+    rng = np.random.default_rng(seed)
+    shape = (5 + 2 * REACH, 7 + 2 * REACH)
+    codes = rng.integers(0, 4, shape).astype(np.uint8)
+    planes = rng.random((2, *shape)).astype(np.float32)
+    x, y = np.array(cells, np.intp).T
+    counts = RINGS.counts(codes, 2, x, y).reshape(2, len(RINGS.scales), -1)
+    sums = RINGS.sums(planes, x, y).reshape(2, len(RINGS.scales), -1)
+    for k, (i, j) in enumerate(cells):
+        for code in (1, 2):
+            np.testing.assert_allclose(counts[code - 1, :, k], _walk(codes == code, i, j), rtol=1e-5)
+        for plane in range(2):
+            np.testing.assert_allclose(sums[plane, :, k], _walk(planes[plane], i, j), rtol=1e-4)

@@ -1,0 +1,101 @@
+"""ZIP archives of users, read within limits."""
+
+from __future__ import annotations
+
+import io
+import zipfile
+import zlib
+from collections.abc import Mapping
+from pathlib import Path
+
+from geo.system import Closing
+from geo.texts import one_line
+
+MAX_MEMBERS = 1000  # Files per archive
+_MEMBER = b"PK\x01\x02"  # Signature of an entry in an archive's directory
+_UNZIP_ERRORS = (zipfile.BadZipFile, zlib.error, OSError, EOFError, RuntimeError, ValueError)
+
+
+class ArchiveError(ValueError):
+    """An archive that is damaged or too large."""
+
+
+class Archive(Closing):
+    """A user's ZIP archive. Members are read into memory only; their names are never used as paths.
+
+    Parameters
+    ----------
+    source : Path or bytes
+        The archive's file or content.
+    room : int
+        Limit on the unpacked bytes of all members together.
+
+    Attributes
+    ----------
+    names : list of str
+        Names of the members in their order, without those that macOS adds (``__MACOSX/``, ``._x``).
+    room : int
+        Bytes that may still be unpacked.
+
+    Raises
+    ------
+    ArchiveError
+        If `source` is no archive, or holds more than `MAX_MEMBERS` files.
+    """
+
+    def __init__(self, source: Path | bytes, room: int) -> None:
+        if isinstance(source, bytes) and source.count(_MEMBER) > MAX_MEMBERS:
+            raise ArchiveError(f"holds more than {MAX_MEMBERS} files")
+        self.room = self._most = room
+        try:
+            self._zip = zipfile.ZipFile(io.BytesIO(source) if isinstance(source, bytes) else source)
+        except _UNZIP_ERRORS as error:
+            raise _damaged(error) from None
+        names = self._zip.namelist()
+        if len(names) > MAX_MEMBERS:
+            self.close()
+            raise ArchiveError(f"holds {len(names)} files, more than {MAX_MEMBERS}")
+        self.names = [name for name in names if not _is_of_macos(name)]
+
+    def read(self, name: str) -> bytes:
+        """Return a member's content; ArchiveError if the member is damaged or exceeds `room`."""
+        try:
+            with self._zip.open(name) as member:
+                data = member.read(self.room + 1)
+        except _UNZIP_ERRORS as error:
+            raise _damaged(error) from None
+        self.room -= len(data)
+        if self.room < 0:
+            raise ArchiveError(f"unpacks to more than {self._most >> 20} MiB, the limit")
+        return data
+
+    def close(self) -> None:
+        """Close the archive's file."""
+        self._zip.close()
+
+
+def _is_of_macos(name: str) -> bool:
+    """Return whether macOS added this member, which holds attributes of another member.
+
+    >>> [_is_of_macos(name) for name in ("__MACOSX/My Farm/._a.shp", "My Farm/._a.shp", "My Farm/a.shp")]
+    [True, True, False]
+    """
+    return name.startswith("__MACOSX/") or name.rpartition("/")[2].startswith("._")
+
+
+def _damaged(error: Exception) -> ArchiveError:
+    return ArchiveError(f"cannot be unpacked ({one_line(str(error), 100)}); save it again")
+
+
+def archive_of(members: Mapping[str, str | bytes]) -> bytes:
+    """Return a ZIP archive of members by name; equal members give equal bytes.
+
+    >>> archive_of({"a.txt": "one"}) == archive_of({"a.txt": b"one"})
+    True
+    """
+    made = io.BytesIO()
+    with zipfile.ZipFile(made, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, content in members.items():
+            data = content.encode() if isinstance(content, str) else content
+            archive.writestr(zipfile.ZipInfo(name), data, zipfile.ZIP_DEFLATED)  # ZipInfo's date is fixed
+    return made.getvalue()

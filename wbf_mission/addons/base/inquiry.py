@@ -1,0 +1,417 @@
+"""Inquiry of a vehicle's parameters and state."""
+
+from __future__ import annotations
+
+import math
+import struct
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from types import MappingProxyType
+from typing import Any
+
+from mission.autopilots import profile_for
+from mission.autopilots.profile import Meaning, Motion, Profile, Questions
+from mission.errors import MissionError
+from mission.ground.arming_gate import ArmingGate
+from mission.ground.contact import Heartbeat
+from mission.ground.texts import TextLog
+from mission.ground.vehicle_state import VehicleMonitor
+from mission.link.codec.dialect import Message
+from mission.link.codec.dialect import mavlink as m
+from mission.model import DEGREES_E7, GeoPoint
+from mission.transfer.vehicles import VehicleSearch
+from mission.transfer.wire import GROUND_STATION
+from sim_vehicle.autopilot import firmware_of
+from sim_vehicle.autopilot.parameters import parameter_value
+from sim_vehicle.host.server import Server
+from sim_vehicle.host.simulation import StopReason
+from wbf_mission.planning.builder import flown_vehicle
+from wbf_mission.scenario import VehicleOptions
+
+_KINDS = {0: "dev", 64: "alpha", 128: "beta", 192: "rc", 255: ""}
+
+
+@dataclass(frozen=True, slots=True)
+class FirmwareVersion:
+    """The version of an autopilot's firmware; a `kind` (FIRMWARE_VERSION_TYPE) of 255 is an official release.
+
+    Examples
+    --------
+    >>> str(FirmwareVersion.of(0x010E02FF)), str(FirmwareVersion.of(0x04070000))
+    ('1.14.2', '4.7.0 dev')
+    """
+
+    major: int
+    minor: int
+    patch: int
+    kind: int
+
+    @classmethod
+    def of(cls, number: int) -> FirmwareVersion:
+        """Return the version in AUTOPILOT_VERSION.flight_sw_version."""
+        return cls(number >> 24 & 255, number >> 16 & 255, number >> 8 & 255, number & 255)
+
+    @property
+    def is_official(self) -> bool:
+        """Whether the version is an official release."""
+        return self.kind == 255
+
+    def __str__(self) -> str:
+        kind = _KINDS.get(self.kind, f"type {self.kind}")
+        return f"{self.major}.{self.minor}.{self.patch} {kind}".strip()
+
+
+@dataclass(frozen=True, slots=True)
+class Gps:
+    """Satellite navigation; `fix` is GPS_FIX_TYPE."""
+
+    fix: int
+    satellites: int | None = None
+    hdop: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class VehicleSnapshot:
+    """Answers of a vehicle; None for unanswered values."""
+
+    # From the heartbeat: system id, MAV_AUTOPILOT, MAV_TYPE
+    system_id: int
+    autopilot: int
+    vehicle_type: int
+    armed: bool = False
+    # The requested parameters that the vehicle sent
+    parameters: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))
+    version: FirmwareVersion | None = None
+    # Of SYS_STATUS: MAV_SYS_STATUS_SENSOR
+    sensors_present: int | None = None
+    sensors_enabled: int | None = None
+    sensors_health: int | None = None
+    gps: Gps | None = None
+    # ESTIMATOR_STATUS_FLAGS, or EKF_STATUS_FLAGS, whose lower bits mean the same
+    estimator_flags: int | None = None
+    position: GeoPoint | None = None  # Position of the vehicle
+    battery: float | None = None  # Remaining fraction
+    reasons: tuple[str, ...] = ()  # Reasons not to arm, in the vehicle's words
+
+    @property
+    def questions(self) -> Questions:
+        """Parameters on which plans depend, by meaning."""
+        return profile_for(self.autopilot).settings.asked_of(self.vehicle_type)
+
+    def told(self, meaning: Meaning) -> tuple[str, float] | None:
+        """Return name and value (SI units) of a parameter; None if the vehicle did not send it."""
+        names, known = self.questions.get(meaning, {}), self.parameters
+        return next(((name, known[name] * unit) for name, unit in names.items() if name in known), None)
+
+    def as_set(self, options: VehicleOptions) -> VehicleOptions:
+        """Return the options with the vehicle's parameters in place of assumed ones.
+
+        Parameters and values outside the motion model's range are ignored.
+        """
+        spec = flown_vehicle(options)
+        firmware = firmware_of(spec)
+        table = {} if firmware is None else firmware.procedures.parameters
+        found = {}
+        for name, names in profile_for(self.autopilot).settings.motion_of(self.vehicle_type).items():
+            told = next(
+                (factor * self.parameters[one] for one, factor in names.items() if one in self.parameters),
+                None,
+            )
+            if told is None or (known := table.get(name)) is None or not known.low <= told <= known.high:
+                continue
+            # MAVLink carries parameters as float32.
+            if not math.isclose(told, parameter_value(spec, name, table), rel_tol=1e-6, abs_tol=1e-9):
+                found[name] = round(told) if known.integer else float(f"{told:.7g}")
+        return replace(options, parameters={**options.parameters, **found}) if found else options
+
+
+_UNKNOWN = 65535
+_UNKNOWN_SATELLITES = 255
+_PREARM = int(m.MAV_SYS_STATUS_PREARM_CHECK)
+STATE_MESSAGES = (
+    int(m.MAVLINK_MSG_ID_AUTOPILOT_VERSION),
+    int(m.MAVLINK_MSG_ID_SYS_STATUS),
+    int(m.MAVLINK_MSG_ID_GPS_RAW_INT),
+    int(m.MAVLINK_MSG_ID_GLOBAL_POSITION_INT),
+    int(m.MAVLINK_MSG_ID_BATTERY_STATUS),
+)
+"""Requested from every vehicle."""
+_PLACE_MESSAGES = (int(m.MAVLINK_MSG_ID_GPS_RAW_INT), int(m.MAVLINK_MSG_ID_GLOBAL_POSITION_INT))
+ESTIMATES = (int(m.MAVLINK_MSG_ID_ESTIMATOR_STATUS), int(m.MAVLINK_MSG_ID_EKF_STATUS_REPORT))
+"""Status of the estimator: on most autopilots, and on ArduPilot."""
+
+
+def _changes(message: Message) -> dict[str, Any]:
+    """Return the contents of a message by the field names of `VehicleSnapshot`."""
+    if isinstance(message, m.MAVLink_autopilot_version_message):
+        return {"version": FirmwareVersion.of(message.flight_sw_version)}
+    if isinstance(message, m.MAVLink_sys_status_message):
+        return {
+            "sensors_present": message.onboard_control_sensors_present,
+            "sensors_enabled": message.onboard_control_sensors_enabled,
+            "sensors_health": message.onboard_control_sensors_health,
+        }
+    if isinstance(message, m.MAVLink_gps_raw_int_message):
+        seen, eph = message.satellites_visible, message.eph
+        satellites = None if seen == _UNKNOWN_SATELLITES else seen
+        return {"gps": Gps(message.fix_type, satellites, None if eph == _UNKNOWN else eph / 100.0)}
+    if isinstance(message, m.MAVLink_estimator_status_message | m.MAVLink_ekf_status_report_message):
+        return {"estimator_flags": message.flags}
+    if isinstance(message, m.MAVLink_global_position_int_message):
+        return {"position": _point(message)}
+    return {}
+
+
+def _point(message: m.MAVLink_global_position_int_message) -> GeoPoint | None:
+    """Return a message's position; None if it is unset or invalid."""
+    if message.lat == 0 and message.lon == 0:
+        return None
+    try:
+        return GeoPoint(message.lat / DEGREES_E7, message.lon / DEGREES_E7, message.alt / 1e3)
+    except MissionError:
+        return None
+
+
+_FIRST_RETRY_S = 0.5
+_TRIES = 4
+_LONGEST_S = 30.0
+_LONGEST_SILENCE_S = 8.0
+_REASONS_S = 1.5
+_PLACE_S, _PLACE_AGAIN_S = 180.0, 1.0
+_INTEGERS = {1: "<B", 2: "<b", 3: "<H", 4: "<h", 5: "<I", 6: "<i"}
+
+
+class Inquiry:
+    """Component that queries one vehicle: that of a system id, or the first that is heard.
+
+    Unanswered requests are retried; the interval follows the delay of the first answer. A parameter that the
+    vehicle does not have is never answered, so retries are limited.
+
+    With `placed` the inquiry waits until the vehicle knows its position, at most three minutes. ArduCopter
+    sends positions before it knows them, for 40 s after boot.
+    """
+
+    system_id, component_id = GROUND_STATION
+    wanted: frozenset[int] | None = frozenset(
+        {
+            *STATE_MESSAGES,
+            *ESTIMATES,
+            m.MAVLINK_MSG_ID_HEARTBEAT,
+            m.MAVLINK_MSG_ID_PARAM_VALUE,
+            m.MAVLINK_MSG_ID_STATUSTEXT,
+        }
+    )
+
+    def __init__(self, *, system_id: int | None = None, placed: bool = False) -> None:
+        self.done = False
+        self.waits_for_place = False  # Whether only the vehicle's position is missing
+        self._placed = placed
+        self.search = VehicleSearch(system_id)
+        self._monitor = VehicleMonitor()
+        self._ids: set[int] = set()
+        self._told: dict[str, Any] = {}
+        self._texts = TextLog()
+        self._reasons: ArmingGate | None = None
+        self._questions: Questions = {}
+        self._motion: Motion = {}
+        self._parameters: dict[str, float] = {}
+        self._tries: dict[str | int, int] = {}
+        self._begun_s = math.inf
+        self._answer_s: float | None = None
+        self._due_s = math.inf
+        self._settled_s: float | None = None
+        self._heartbeat = Heartbeat()
+
+    @property
+    def vehicle(self) -> tuple[int, int] | None:
+        """System and component id; None before the vehicle is heard."""
+        found = self.search.found
+        return None if found is None else (found.system_id, found.component_id)
+
+    def receive(self, message: Message, now_s: float) -> list[Message]:
+        """Receive a message."""
+        source = (message.get_srcSystem(), message.get_srcComponent())
+        if self.done:
+            return []
+        first = self.search.take(message) is not None
+        if source != self.vehicle:
+            return []
+        self._monitor.receive(message, now_s)
+        if isinstance(message, m.MAVLink_heartbeat_message):
+            return self._begin(now_s) if first else []
+        self._take(message, now_s)
+        self._settle(now_s)
+        return []
+
+    def poll(self, now_s: float) -> list[Message]:
+        """Send the heartbeat, and retry unanswered requests."""
+        if self.done:
+            return []
+        out = self._heartbeat.poll(now_s)
+        if self._settled_s is None and now_s >= self._due_s:
+            out += self._ask(now_s)
+        self._settle(now_s)
+        return out
+
+    def next_deadline(self) -> float:
+        """Time of the next `poll` that does anything (s); infinite after the end."""
+        if self.done:
+            return math.inf
+        waits_s = self._due_s if self._settled_s is None else self._settled_s
+        return min(self._heartbeat.due_s, waits_s)
+
+    def snapshot(self) -> VehicleSnapshot:
+        """Return the answers received by now; requires that the vehicle was heard."""
+        assert self.vehicle is not None
+        monitor = self._monitor
+        return VehicleSnapshot(
+            system_id=self.vehicle[0],
+            autopilot=monitor.autopilot,
+            vehicle_type=monitor.vehicle_type,
+            armed=monitor.state.armed,
+            parameters=MappingProxyType(dict(self._parameters)),
+            battery=monitor.battery.remaining,
+            reasons=() if self._reasons is None else tuple(self._reasons.reasons),
+            **self._told,
+        )
+
+    def _begin(self, now_s: float) -> list[Message]:
+        assert self.vehicle is not None
+        self._begun_s = now_s
+        self._reasons = ArmingGate(self.vehicle)
+        self._questions = self._profile.settings.asked_of(self._monitor.vehicle_type)
+        self._motion = self._profile.settings.motion_of(self._monitor.vehicle_type)
+        checks = self._command(int(m.MAV_CMD_RUN_PREARM_CHECKS), 0.0)
+        return [*self._ask(now_s), *([] if self._monitor.state.armed else [checks])]
+
+    @property
+    def _open(self) -> list[str | int]:
+        """Names of parameters and ids of messages that are unanswered and still retried."""
+        groups = [*self._questions.values(), *self._motion.values()]
+        names = dict.fromkeys(
+            name for names in groups if self._parameters.keys().isdisjoint(names) for name in names
+        )
+        messages = [one for one in (*STATE_MESSAGES, self._profile.estimator_message) if one not in self._ids]
+        every: list[str | int] = [*names, *messages]
+        return [key for key in every if self._answer_s is None or self._tries.get(key, 0) <= _TRIES]
+
+    def _ask(self, now_s: float) -> list[Message]:
+        assert self.vehicle is not None
+        # The link's delay is unknown before the first answer.
+        pace_s = _FIRST_RETRY_S if self._answer_s is None else max(_FIRST_RETRY_S, 1.5 * self._answer_s)
+        self._due_s = now_s + (2.0 * pace_s if self._answer_s is None else pace_s)
+        out: list[Message] = []
+        for key in self._open:
+            tries = self._tries[key] = self._tries.get(key, 0) + (self._answer_s is not None)
+            if tries > _TRIES:
+                continue
+            if isinstance(key, str):
+                out.append(m.MAVLink_param_request_read_message(*self.vehicle, key.encode(), -1))
+            else:
+                out.append(self._command(int(m.MAV_CMD_REQUEST_MESSAGE), float(key)))
+        if self.waits_for_place:
+            self._due_s = now_s + max(_PLACE_AGAIN_S, pace_s)
+            # Earlier answers are outdated: request again.
+            asked = (*_PLACE_MESSAGES, self._profile.estimator_message)
+            out += [self._command(int(m.MAV_CMD_REQUEST_MESSAGE), float(message_id)) for message_id in asked]
+        return out
+
+    def _command(self, command: int, first: float) -> Message:
+        assert self.vehicle is not None
+        return m.MAVLink_command_long_message(*self.vehicle, command, 0, first, 0, 0, 0, 0, 0, 0)
+
+    def _take(self, message: Message, now_s: float) -> None:
+        if isinstance(message, m.MAVLink_param_value_message):
+            self._on_parameter(message, now_s)
+        elif isinstance(message, m.MAVLink_statustext_message):
+            self._texts.on_text(message, now_s)
+            for _, _, text in self._texts.texts:
+                if self._reasons is not None:
+                    self._reasons.on_text(text)
+        else:
+            self._ids.add(type(message).id)
+            self._told |= _changes(message)
+            if not self._questions:
+                # Streamed messages are no answers; parameters are, so prefer them as a measure of the delay.
+                self._measure_pace(now_s)
+
+    def _on_parameter(self, message: m.MAVLink_param_value_message, now_s: float) -> None:
+        name = str(message.param_id)
+        if not any(name in names for names in (*self._questions.values(), *self._motion.values())):
+            return
+        value = decoded(message.param_value, message.param_type, bytewise=self._profile.bytewise)
+        if value is not None:
+            self._parameters[name] = value
+            self._measure_pace(now_s)
+
+    def _measure_pace(self, now_s: float) -> None:
+        """Set the retry interval from the delay of the first answer."""
+        if self._answer_s is None:
+            self._answer_s = now_s - self._begun_s
+            self._due_s = min(self._due_s, now_s + max(_FIRST_RETRY_S, 1.5 * self._answer_s))
+
+    @property
+    def _profile(self) -> Profile:
+        return profile_for(self._monitor.autopilot)
+
+    def _settle(self, now_s: float) -> None:
+        """End once nothing is open, and the vehicle had time to send its reasons not to arm."""
+        if self.vehicle is None:
+            return
+        longest_s = _LONGEST_SILENCE_S if self._answer_s is None else _LONGEST_S
+        if self._settled_s is None and (not self._open or now_s >= self._begun_s + longest_s):
+            knows = self._monitor.knows_position or now_s >= self._begun_s + _PLACE_S
+            self.waits_for_place = self._placed and not knows
+            if self.waits_for_place:
+                return
+            ready = self._told.get("sensors_health", _PREARM) & _PREARM
+            self._settled_s = now_s + (0.0 if ready or self._monitor.state.armed else _REASONS_S)
+        if self._settled_s is not None and now_s >= self._settled_s:
+            self.done = True
+
+
+def decoded(value: float, kind: int, *, bytewise: bool) -> float | None:
+    """Return the number in a PARAM_VALUE of MAV_PARAM_TYPE `kind`; None if it is not finite.
+
+    `bytewise`: integers are encoded as the float's bytes (PX4), otherwise as numbers (ArduPilot).
+
+    Examples
+    --------
+    >>> decoded(struct.unpack("<f", struct.pack("<i", 3))[0], 6, bytewise=True)
+    3.0
+    >>> decoded(3.0, 2, bytewise=False)
+    3.0
+    """
+    if bytewise and kind in _INTEGERS:
+        return float(struct.unpack_from(_INTEGERS[kind], struct.pack("<f", value))[0])
+    return float(value) if math.isfinite(value) else None
+
+
+def ask_vehicle(
+    url: str,
+    *,
+    wait_s: float = 10.0,
+    system_id: int | None = None,
+    note: Callable[[str], None] = lambda _text: None,
+    placed: bool = False,
+) -> VehicleSnapshot:
+    """Wait for the vehicle behind a link, and read its state and the settings that plans assume.
+
+    `placed` as in `Inquiry`. Raises LinkError without a link, NoVehicleError without a vehicle, and
+    KeyboardInterrupt at Ctrl-C.
+    """
+    inquiry = Inquiry(system_id=system_id, placed=placed)
+    with Server([inquiry], [url]) as server:
+        name = server.urls[0]
+        note(f"asking the vehicle on {name}")
+        reason = server.run(until=lambda _now_s: inquiry.vehicle is not None, limit_s=wait_s)
+        if reason is StopReason.FINISHED:
+            reason = server.run(until=lambda _now_s: inquiry.done or inquiry.waits_for_place)
+        if reason is StopReason.FINISHED and not inquiry.done:
+            note("waiting until the vehicle knows where it is")
+            reason = server.run(until=lambda _now_s: inquiry.done)
+    if reason is StopReason.STOPPED:
+        raise KeyboardInterrupt
+    if inquiry.vehicle is None:
+        raise inquiry.search.failure(name, wait_s)
+    return inquiry.snapshot()

@@ -1,0 +1,231 @@
+"""Vehicles behind links: access by MAVLink, the scenario fitted to them, checked uploads."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
+
+from geo.errors import WbfMissionError
+from geo.imports import entry_named, load_entry
+from geo.system import Closing
+from mission.errors import LinkError
+from mission.ground.link import DriverMaker, TransferReport, own_driver, upload
+from mission.ground.station import GroundStation
+from mission.link.codec.dialect import Message
+from mission.model import Mission
+from mission.transfer import OWN_TRANSFERS, TransferMaker
+from mission.transfer.driver import OnEvent, OnText, TransferDriver
+from mission.transfer.vehicles import Vehicle
+from sim_vehicle.airframe.catalog import get_vehicle
+from sim_vehicle.airframe.kind import get_kind, kind_of_type
+from sim_vehicle.autopilot import name_of_number
+from sim_vehicle.component import NEVER, Component
+from sim_vehicle.host.server import Server, ServerUrl
+from sim_vehicle.host.simulation import StopReason
+from wbf_mission.addons.base.inquiry import VehicleSnapshot, ask_vehicle
+from wbf_mission.events import EventStream
+from wbf_mission.preflight.finding import Concern, Report
+from wbf_mission.preflight.run import check_mission
+from wbf_mission.preflight.subject import Circumstances
+from wbf_mission.scenario import Scenario, scenario_with
+
+__all__ = [
+    "Heard",
+    "LinkHost",
+    "LiveFlightError",
+    "Note",
+    "Tap",
+    "Via",
+    "fitted_to",
+    "links_of",
+    "typical_vehicle",
+    "upload_checked",
+    "via_named",
+]
+
+Tap = Callable[[bytes, float], None]
+Note = Callable[[str], None]
+Heard = tuple[str, Vehicle]
+"""A vehicle with its link."""
+_NAMED = 4  # Largest number of named senders in a line about dropped datagrams
+
+
+class LiveFlightError(WbfMissionError, ValueError):
+    """A run that is not possible with a vehicle behind a link."""
+
+
+def fitted_to(scenario: Scenario, *vehicles: Vehicle) -> Scenario:
+    """Return the scenario with the vehicles that were heard, and the rules of their autopilots.
+
+    For an unknown autopilot the scenario's rules are kept.
+
+    `vehicles` are in the order of the scenario's; the returned scenario orders them by system id. Raises
+    LiveFlightError if a vehicle is of another kind.
+    """
+    options = scenario.vehicle if len(vehicles) == 1 else replace(scenario.vehicle, vehicles=len(vehicles))
+    fitted = []
+    for name, planned_for, heard in zip(options.fleet, options.autopilots, vehicles, strict=True):
+        planned, kind = get_vehicle(name).kind, kind_of_type(heard.vehicle_type)
+        if planned != kind:
+            which = "" if len(vehicles) == 1 else f" as system {heard.system_id}"
+            does = f"a {kind} is heard{which}; name one of its kind with --vehicle"
+            msg = f"vehicle {name} is a {planned}, but {does}"
+            raise LiveFlightError(msg)
+        fitted.append((heard.system_id, name, name_of_number(heard.autopilot) or planned_for))
+    _, names, autopilots = zip(*sorted(fitted), strict=True)
+    if len(vehicles) == 1:
+        return scenario_with(scenario, {"autopilot": autopilots[0]})
+    changes = {"vehicle": _for_each(names), "autopilot": _for_each(autopilots), "vehicles": len(vehicles)}
+    return scenario_with(scenario, changes)
+
+
+def _for_each(names: Sequence[str]) -> str:
+    """Return the names of all vehicles for a scenario, a single name if all are equal."""
+    return names[0] if len(set(names)) == 1 else ",".join(names)
+
+
+def typical_vehicle(vehicle: Vehicle) -> str:
+    """Return the default vehicle of the kind that was heard, for a run without a vehicle name.
+
+    Examples
+    --------
+    >>> typical_vehicle(Vehicle(1, 1, 12, 2))
+    'quad'
+    """
+    return get_kind(kind_of_type(vehicle.vehicle_type)).typical
+
+
+def upload_checked(
+    mission: Mission,
+    link: str,
+    around: Callable[[VehicleSnapshot], Circumstances],
+    events: EventStream,
+    *,
+    wait_s: float = 10.0,
+    system_id: int | None = None,
+    force: bool = False,
+    open_driver: DriverMaker = own_driver,
+) -> tuple[TransferReport, Report]:
+    """Query a vehicle, check a mission for it, upload and read back; return transfer and findings.
+
+    `around` returns the circumstances of the check for the vehicle's answers. The other parameters and errors
+    are those of `mission.ground.link.upload`. Raises PreflightError if the check finds errors, unless
+    `force`.
+    """
+    snapshot = ask_vehicle(link, wait_s=wait_s, system_id=system_id, note=events.note)
+    # The vehicle's present state matters only for a start.
+    found = check_mission(mission, around(snapshot)).report.about(Concern.PLAN, Concern.PARAMETERS)
+    found.require_no_errors("nothing was sent", events, force=force)
+    report = upload(
+        mission,
+        link,
+        wait_s=wait_s,
+        system_id=snapshot.system_id,
+        progress=events.progress,
+        note=events.note,
+        force=force,
+        parameters=snapshot.parameters,
+        open_driver=open_driver,
+    )
+    return report, found
+
+
+def links_of(heard: Iterable[Heard]) -> tuple[ServerUrl, ...]:
+    """Return the links of vehicles that were heard; each of several links carries only its own vehicles."""
+    systems: dict[str, set[int]] = {}
+    for url, vehicle in heard:
+        systems.setdefault(url, set()).add(vehicle.system_id)
+    if len(systems) == 1:
+        return (ServerUrl(next(iter(systems))),)
+    return tuple(ServerUrl(url, frozenset(ids)) for url, ids in systems.items())
+
+
+def _as_it_is(messages: Iterable[Message], _now_s: float) -> Iterable[Message]:
+    """Return the messages unchanged."""
+    return messages
+
+
+class LinkHost(Closing):
+    """Host of real links; Ctrl-C raises KeyboardInterrupt in the caller.
+
+    ``through`` maps the messages of a component, and the time, to the messages that are sent directly.
+    """
+
+    def __init__(
+        self,
+        server: Server,
+        through: Callable[[Iterable[Message], float], Iterable[Message]] = _as_it_is,
+        note: Note = lambda _text: None,
+    ) -> None:
+        self._server = server
+        self._through = through
+        self._note = note
+
+    @property
+    def now_s(self) -> float:
+        """Seconds since the link was opened."""
+        return self._server.now_s
+
+    @property
+    def frames(self) -> int:
+        """Number of MAVLink frames sent."""
+        return self._server.frames
+
+    def run(self, until: Callable[[float], bool] | None = None, limit_s: float = NEVER) -> StopReason:
+        """Serve until a condition holds or time is up; a KeyboardInterrupt leaves the link open."""
+        reason = self._server.run(until=until, limit_s=limit_s)
+        if reason is StopReason.STOPPED:
+            raise KeyboardInterrupt
+        return reason
+
+    def send(self, component: Component, messages: Iterable[Message]) -> None:
+        """Send messages of a component at the current time."""
+        self._server.send(component, self._through(messages, self._server.now_s))
+
+    def close(self) -> None:
+        """Close the server."""
+        if dropped := self._server.dropped.most_common(_NAMED):
+            named = ", ".join(f"{sender} ({count})" for sender, count in dropped)
+            self._note(f"datagrams of {named} were dropped: this program was too busy to take them")
+        self._server.close()
+
+
+class Via:
+    """Access to vehicles by MAVLink; add-ons override it for other libraries."""
+
+    @property
+    def transfers(self) -> TransferMaker:
+        """Makes the mission transfers."""
+        return OWN_TRANSFERS
+
+    def serve(
+        self,
+        heard: Sequence[Heard],
+        cameras: Sequence[Component],
+        grounds: Sequence[GroundStation],
+        tap: Tap | None,
+        note: Note,
+    ) -> LinkHost:
+        """Open the links of ground stations and their cameras; LinkError if a link cannot be opened."""
+        pairs = zip(cameras, grounds, strict=True)
+        components: list[Component] = [part for pair in pairs for part in pair]
+        return LinkHost(Server(components, links_of(heard), tap=tap, at_once=True), note=note)
+
+    def driver(self, url: str, on_event: OnEvent, on_text: OnText | None = None) -> TransferDriver:
+        """Open a link, and return its transfer driver; LinkError if the link cannot be opened."""
+        return own_driver(url, on_event, on_text)
+
+    def check_count(self, vehicles: int) -> None:
+        """Raise LiveFlightError for more vehicles than this access supports."""
+
+    def check(self, scenario: Scenario, vehicle: Vehicle) -> None:
+        """Raise LiveFlightError if a vehicle that was heard cannot fly the scenario by this access."""
+
+
+def via_named(name: str) -> Via:
+    """Return the `Via` of a name: ``own``, or the name of an entry point, which is loaded on demand."""
+    entry = entry_named("wbf_mission.vias", name)
+    if entry is None:
+        return Via()
+    way: Via = load_entry(entry, f"the way {name}", LinkError)()
+    return way

@@ -1,0 +1,324 @@
+"""Standings of benchmark rows: names that mean one thing, environments that count, means and ranks.
+
+An environment (seed) counts only if every pair of planner and estimator has a row on it. A failed run counts
+as the worst value of any row on its environment at any scored time, normally that of an estimate before any
+observation. So neither a lucky choice of seeds nor failed runs can improve a result.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from msgspec import structs
+from numpy.typing import NDArray
+from scipy import stats
+
+from wbf_mission.addons.base.intervals import Interval, mean_intervals
+from wbf_mission.bench.rows import BenchRow, build_of, by_scenario, shown_digest
+from wbf_mission.bench.spec import seed_ranges
+
+_CODE, _SCENARIO, _PLANNER, _ESTIMATOR = "code", "scenario", "planner", "estimator"
+_NAMED = (("scenario", _CODE), ("scenario", _SCENARIO), ("planner", _PLANNER), ("estimator", _ESTIMATOR))
+
+
+def _of_old(row: BenchRow, key: str) -> str:
+    """Return the digest of a row's code, scenario, planner or estimator; the version if it has none."""
+    unknown = f"unknown {build_of(row)}" if key == _CODE else "unknown"
+    return row.codes.get(key, "") or ("built in" if row.codes else unknown)
+
+
+def _words(row: BenchRow, key: str) -> str:
+    return build_of(row) if key == _CODE else row.objects.get(key, "")
+
+
+def apart(rows: Sequence[BenchRow]) -> Sequence[BenchRow]:
+    """Return rows with ambiguous names extended, so that equal names mean the same thing.
+
+    A name is ambiguous if the program, a file or the user's code changed between runs, or if an object has
+    other parameters. The extension is the version and commit (``WBF/Miniberry-30-v1 [0.1.0, 4622a3d6]``), an
+    object's parameters (``UCB(beta=9.0)``), or else the start of the digest. Other rows are returned
+    unchanged.
+    """
+    for name, key in _NAMED:
+        words: dict[str, dict[str, str]] = {}
+        for row in rows:
+            words.setdefault(getattr(row, name), {}).setdefault(_of_old(row, key), _words(row, key))
+        several = {given: _labels(given, found) for given, found in words.items() if len(found) > 1}
+        if several:
+            rows = [
+                structs.replace(row, **{name: several[getattr(row, name)][_of_old(row, key)]})
+                if getattr(row, name) in several
+                else row
+                for row in rows
+            ]
+    return rows
+
+
+def _labels(name: str, words: dict[str, str]) -> dict[str, str]:
+    """Return a distinct label for each digest of an ambiguous name."""
+    count = Counter(words.values())
+    found = {}
+    for digest, text in words.items():
+        if text and count[text] == 1:
+            found[digest] = text if text.startswith(f"{name}(") else f"{name} [{text}]"
+        else:
+            found[digest] = f"{name} [{', '.join(filter(None, (text, shown_digest(digest))))}]"
+    return found
+
+
+def builds_in_words(rows: Iterable[BenchRow]) -> str:
+    """Return the builds that flew rows, and whether their behaviour numbers agree; empty if only one."""
+    count = Counter((build_of(row), _of_old(row, _CODE)) for row in rows)
+    if len(count) <= 1:
+        return ""
+    codes = {code for _, code in count}
+    several = Counter(build for build, _ in count)
+    builds = "; ".join(
+        f"{build}{f', {shown_digest(code)}' if several[build] > 1 else ''}: {number} rows"
+        for (build, code), number in count.items()
+    )
+    same = "of the same behaviour" if len(codes) == 1 else f"of {len(codes)} behaviours"
+    return f"rows of {len(count)} versions ({builds}), {same}"
+
+
+Pair = tuple[str, str]
+_NOBODY = ""
+_SHOWN = 3
+
+
+@dataclass(frozen=True, slots=True)
+class Scored:
+    """Counted rows of one scenario, as arrays float64[pairs, seeds]; nan where a field has no loss.
+
+    Parameters
+    ----------
+    pairs : tuple of (str, str)
+        Planners (or policies) with estimators.
+    seeds : tuple of int
+        Seeds of the counted environments.
+    rows : tuple of tuples of BenchRow
+        Rows by pair and seed.
+    scores, final_scores : float64[pairs, seeds]
+        Scores over the run and at its end.
+    losses, final_losses : dict
+        Losses by field, over the run and at its end.
+    left_out : dict of int to tuple
+        Environments that do not count, each with the pairs without a row on it; the tuple is empty if all
+        have a row but none a score.
+    """
+
+    scenario: str
+    pairs: tuple[Pair, ...]
+    seeds: tuple[int, ...]
+    rows: tuple[tuple[BenchRow, ...], ...]
+    scores: NDArray[np.float64]
+    final_scores: NDArray[np.float64]
+    losses: dict[str, NDArray[np.float64]]
+    final_losses: dict[str, NDArray[np.float64]]
+    left_out: dict[int, tuple[Pair, ...]]
+
+    def environments_in_words(self) -> str:
+        """Return the counted environments, the others, and the pairs that lack them, in words."""
+        count = f"{len(self.seeds)} environments count" + (f" ({_seeds(self.seeds)})" if self.seeds else "")
+        if not self.left_out:
+            return f"{count}."
+        lacking: dict[str, list[int]] = {}
+        for seed, pairs in sorted(self.left_out.items()):
+            for name in [", ".join(pair) for pair in pairs] or [_NOBODY]:
+                lacking.setdefault(name, []).append(seed)
+        unscored = lacking.pop(_NOBODY, [])
+        missing = [f"{name} ({_seeds(seeds)})" for name, seeds in lacking.items()]
+        more = f" and {len(missing) - _SHOWN} more" if len(missing) > _SHOWN else ""
+        missing_text = f"not all have a row there, missing are {'; '.join(missing[:_SHOWN])}{more}"
+        parts = [missing_text] if missing else []
+        parts += [f"nobody has a score there ({_seeds(unscored)})"] if unscored else []
+        which = "does" if len(self.left_out) == 1 else "do"
+        return f"{count}; {len(self.left_out)} {which} not: {' and '.join(parts)}."
+
+
+def scored(rows: Sequence[BenchRow]) -> Iterator[Scored]:
+    """Yield the counted rows of each scenario, sorted by the scenario's name."""
+    for scenario, here in by_scenario(rows).items():
+        yield _scored(scenario, here)
+
+
+def _scored(scenario: str, rows: Sequence[BenchRow]) -> Scored:
+    pairs = tuple(sorted({(row.planner, row.estimator) for row in rows}))
+    at = {(row.planner, row.estimator, row.seed): row for row in rows}
+    worst = _worst(rows)
+    left_out: dict[int, tuple[Pair, ...]] = {}
+    for seed in sorted({row.seed for row in rows}):
+        lacking = tuple(pair for pair in pairs if (*pair, seed) not in at)
+        if lacking or seed not in worst:
+            left_out[seed] = lacking
+    seeds = tuple(seed for seed in sorted({row.seed for row in rows}) if seed not in left_out)
+    counted = tuple(tuple(at[(*pair, seed)] for seed in seeds) for pair in pairs)
+    fields = list(dict.fromkeys(name for row in rows for name in (*row.losses, *row.history)))
+
+    def table(name: str, *, over_run: bool) -> NDArray[np.float64]:
+        values = [
+            [
+                worst[row.seed].get(name, np.nan) if row.error is not None else _value(row, name, over_run)
+                for row in own
+            ]
+            for own in counted
+        ]
+        return np.array(values, dtype=np.float64).reshape(len(pairs), len(seeds))
+
+    return Scored(
+        scenario=scenario,
+        pairs=pairs,
+        seeds=seeds,
+        rows=counted,
+        scores=-table(_SCORE, over_run=True),
+        final_scores=-table(_SCORE, over_run=False),
+        losses={name: table(name, over_run=True) for name in fields},
+        final_losses={name: table(name, over_run=False) for name in fields},
+        left_out=left_out,
+    )
+
+
+_SCORE = ""
+"""Key of the score among the field names; the loss of a score is its negative."""
+
+
+def _value(row: BenchRow, name: str, over_run: bool) -> float:
+    """Return the loss of a field, or of the score, for a successful run."""
+    if name == _SCORE:
+        value = row.score if over_run else row.final_score
+        return np.nan if value is None else -value
+    if not over_run:
+        return row.losses.get(name, np.nan)
+    return float(np.mean(row.history[name])) if row.history.get(name) else np.nan
+
+
+def _worst(rows: Iterable[BenchRow]) -> dict[int, dict[str, float]]:
+    """Return the largest loss of any row at any scored time, by seed and field; `_SCORE` included."""
+    found: dict[int, dict[str, float]] = {}
+    for row in rows:
+        ends = [-score for score in (row.score, row.final_score) if score is not None]
+        losses = {_SCORE: [*ends, *(-score for score in row.scores)]}
+        for name in {*row.losses, *row.history}:
+            losses[name] = [*row.history.get(name, ()), *([row.losses[name]] if name in row.losses else [])]
+        for name, values in losses.items():
+            # Losses of a failed run may be nan.
+            if values := [loss for loss in values if np.isfinite(loss)]:
+                of_seed = found.setdefault(row.seed, {})
+                of_seed[name] = max(of_seed.get(name, -np.inf), *values)
+    return found
+
+
+def _seeds(seeds: Sequence[int]) -> str:
+    return f"seed{'s' if len(seeds) > 1 else ''} {seed_ranges(seeds)}"
+
+
+@dataclass(frozen=True, slots=True)
+class Standing:
+    """Result of a planner with an estimator, over the counted environments of a scenario (`scored`)."""
+
+    scenario: str
+    planner: str
+    estimator: str
+    environments: int
+    failed: int
+    """Number of failed runs, which count as the worst; includes environments where all runs failed."""
+    score: Interval
+    """Mean score over the scored times of a run; 0 is perfect."""
+    final_score: Interval
+    """Score at the end of a run; 0 is perfect."""
+    behind: Interval
+    """Difference between the score of the scenario's best and this score, paired by environment.
+
+    The intervals of a scenario are simultaneous. The best has 0 and no interval."""
+    losses: dict[str, float]
+    """Mean loss per cell at the end, by field."""
+    losses_over_run: dict[str, float]
+    """Mean loss per cell over the scored times, by field."""
+    rank: float
+    """Mean rank by score over the seeds, among all of the scenario; 1 is the best."""
+    wins: float
+    """Number of seeds with the best score; k pairs that share a win get 1/k each."""
+    wall_time_s: float
+    """Mean wall time of the successful runs (s)."""
+    cpu_time_s: float
+    """Mean CPU time of the successful runs (s)."""
+    decisions: int
+    """Number of answers of the policy in all runs."""
+    bad_answers: dict[str, int]
+    """Number of answers not flown or too late, by fault; failed runs included."""
+
+    @property
+    def named(self) -> str:
+        """Planner and estimator."""
+        return f"{self.planner}, {self.estimator}"
+
+    @property
+    def bad_share(self) -> float:
+        """Share of bad answers; nan for a planner, which answers once per run."""
+        if self.decisions <= self.environments and not self.bad_answers:
+            return np.nan
+        return sum(self.bad_answers.values()) / max(self.decisions, 1)
+
+
+def standings(rows: Sequence[BenchRow]) -> list[Standing]:
+    """Return the standing of each planner with each estimator, by scenario, the best score first.
+
+    Rows of different code get different names (`apart`).
+    """
+    return [standing for group in scored(apart(rows)) for standing in standings_of(group)]
+
+
+def standings_of(group: Scored) -> list[Standing]:
+    """Return the standings in one scenario, the best score first."""
+    ranks, wins = _places(group.scores)
+    means, ends = mean_intervals(group.scores), mean_intervals(group.final_scores)
+    best = max(range(len(means)), key=lambda k: (np.isfinite(means[k].mean), means[k].mean))
+    behind = mean_intervals([group.scores[best] - own for own in group.scores], together=True)
+    all_failed = sum(not lacking for lacking in group.left_out.values())
+    found = []
+    for k, (planner, estimator) in enumerate(group.pairs):
+        own = group.rows[k]
+        good = [row for row in own if row.error is None]
+        found.append(
+            Standing(
+                scenario=group.scenario,
+                planner=planner,
+                estimator=estimator,
+                environments=len(own),
+                failed=len(own) - len(good) + all_failed,
+                score=means[k],
+                final_score=ends[k],
+                behind=Interval(0.0, np.nan, np.nan) if k == best else behind[k],
+                losses=_means(group.final_losses, k),
+                losses_over_run=_means(group.losses, k),
+                rank=float(ranks[k]),
+                wins=float(wins[k]),
+                wall_time_s=_mean(row.wall_time_s for row in good),
+                cpu_time_s=_mean(row.cpu_time_s for row in good),
+                decisions=sum(row.decisions or 0 for row in own),
+                bad_answers=dict(sum((Counter(row.bad_answers) for row in own), Counter[str]())),
+            )
+        )
+    return sorted(found, key=lambda standing: (np.isnan(standing.score.mean), -standing.score.mean))
+
+
+def _means(losses: dict[str, NDArray[np.float64]], k: int) -> dict[str, float]:
+    """Return the mean loss of pair `k`, by field; fields without a finite loss are left out."""
+    return {name: _mean(table[k]) for name, table in losses.items() if np.isfinite(table[k]).any()}
+
+
+def _mean(values: Iterable[float]) -> float:
+    known = np.array([value for value in values if np.isfinite(value)])
+    return float(known.mean()) if len(known) else np.nan
+
+
+def _places(scores: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the mean rank and the wins of each row of float64[rows, seeds]; ranks are nan without seeds."""
+    if not scores.shape[1]:
+        return np.full(len(scores), np.nan), np.zeros(len(scores))
+    ranks = stats.rankdata(-scores, axis=0, method="average")
+    best = scores == scores.max(axis=0)
+    return ranks.mean(axis=1), (best / best.sum(axis=0)).sum(axis=1)

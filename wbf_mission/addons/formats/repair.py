@@ -1,0 +1,107 @@
+"""Repair of invalid polygons, with a note for each changed feature.
+
+Repairs are made on request. A ring that crosses or touches itself is replaced by the land it encloses
+(GEOS's "structure" method). Overlapping holes are joined and clipped to the land. Corners are rounded to
+whole millimetres. Parts smaller than a thousandth of the land are dropped. If these repairs change more than
+a hundredth of the area, the polygon is refused: corners in a wrong order cannot be repaired safely.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+import shapely
+
+from geo.errors import FarmError
+from geo.features import Feature
+from geo.frame import LocalFrame
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+_MAX_CHANGE = 0.01  # Share of the area; fields are not measured more accurately
+_SLIVER = 0.001  # Share of the land; slivers between crossing sides are smaller
+_GRID_M = 1e-3  # Grid step of repaired corners, coarser than the rounding of degrees in files
+
+
+def mended(feature: Feature, notes: list[str]) -> list[Feature]:
+    """Return the repaired parts of a feature with closed rings, or the unchanged feature if it is valid.
+
+    FarmError if the repair would change the area by more than a hundredth.
+    """
+    frame = _frame(feature.rings[0])
+    changes: list[str] = []
+    rings = [_metres(ring, frame) for ring in feature.rings]
+    holes = [ring for ring in rings[1:] if len(np.unique(ring, axis=0)) >= 3]
+    if len(holes) < len(rings) - 1:
+        changes.append("holes without area are left out")
+    if len(np.unique(rings[0], axis=0)) < 3:
+        raise FarmError(f"{feature.where}: the polygon has no area")
+    polygon = shapely.Polygon(rings[0], holes)
+    if shapely.is_valid(polygon):
+        parts = [polygon]
+    else:
+        reason = re.sub(r"\s*\[.*", "", shapely.is_valid_reason(polygon))
+        changes.append(reason[:1].lower() + reason[1:])
+        parts = _parts(rings[0], holes, feature.where)
+    if not changes:
+        return [feature]
+    before, after = polygon.area, sum(part.area for part in parts)
+    pieces = "" if len(parts) == 1 else f" in {len(parts)} parts"
+    notes.append(f"{feature.where}: mended ({', '.join(changes)}): {before:.1f} -> {after:.1f} m2{pieces}")
+    return [
+        replace(
+            feature,
+            where=feature.where if len(parts) == 1 else f"{feature.where}, part {number}",
+            name=feature.name if len(parts) == 1 else f"{feature.name} {number}",
+            rings=tuple(_degrees(ring, frame) for ring in (part.exterior, *part.interiors)),
+        )
+        for number, part in enumerate(parts, 1)
+    ]
+
+
+def _frame(ring: NDArray[np.float64]) -> LocalFrame:
+    longitude_deg, latitude_deg = ring[0].tolist()
+    return LocalFrame(latitude_deg, longitude_deg)
+
+
+def _metres(ring: NDArray[np.float64], frame: LocalFrame) -> NDArray[np.float64]:
+    return np.column_stack(frame.from_wgs84(ring[:, 1], ring[:, 0]))
+
+
+def _degrees(ring: shapely.LinearRing, frame: LocalFrame) -> NDArray[np.float64]:
+    xy = shapely.get_coordinates(ring)
+    latitude_deg, longitude_deg = frame.to_wgs84(xy[:, 0], xy[:, 1])
+    positions = np.column_stack([longitude_deg, latitude_deg])
+    positions[-1] = positions[0]
+    return positions
+
+
+def _parts(shell: NDArray[np.float64], holes: list[NDArray[np.float64]], where: str) -> list[shapely.Polygon]:
+    """Return the polygons that invalid rings enclose, largest first."""
+    within = [_land(ring) for ring in (shell, *holes)]
+    drawn = [shapely.Polygon(ring).area for ring in (shell, *holes)]
+    changed = sum(abs(land.area - area) for land, area in zip(within, drawn, strict=True))
+    land = within[0].difference(shapely.union_all(within[1:])) if holes else within[0]
+    # On a grid, corners and sides are far enough apart that rounding of positions keeps the polygon valid.
+    land = shapely.set_precision(land, _GRID_M)
+    every = sorted(_polygons(land), key=lambda part: -part.area)
+    kept = [part for part in every if part.area > max(_SLIVER * land.area, _GRID_M * part.length)]
+    changed += land.area - sum(part.area for part in kept)
+    if not kept or changed > _MAX_CHANGE * land.area:
+        raise FarmError(
+            f"{where}: cannot be mended safely: as drawn it has {drawn[0] - sum(drawn[1:]):.1f} m2, what its "
+            f"rings enclose {land.area:.1f} m2 (over {_MAX_CHANGE:.0%} differs); are its corners in order?"
+        )
+    return kept
+
+
+def _land(ring: NDArray[np.float64]) -> shapely.Geometry:
+    return shapely.make_valid(shapely.Polygon(ring), method="structure", keep_collapsed=False)
+
+
+def _polygons(land: shapely.Geometry) -> list[shapely.Polygon]:
+    return [part for part in shapely.get_parts(land) if part.geom_type == "Polygon" and part.area > 0]

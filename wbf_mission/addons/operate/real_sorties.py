@@ -1,0 +1,163 @@
+"""Sorties of a real vehicle: their progress, and the battery changes between them."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+from typing import Protocol
+
+from mission.course import Course, MissionProgress, Place
+from mission.errors import MissionError
+from mission.model import DEGREES_E7, Mission
+from mission.outcome import in_words
+from mission.sorties import resumed_at
+from wbf_mission.planning import PlanResult
+from wbf_mission.planning.fleet import Vehicle
+from wbf_mission.planning.sorties import SortiePlan, cut_plan, rest_of
+from wbf_mission.run.record import FlightRecord
+
+__all__ = ["BatteryChanger", "RealSorties", "reached_place"]
+
+_MOST_IN_VAIN = 2
+"""Sorties in a row without progress after which the run stops."""
+
+
+class BatteryChanger(Protocol):
+    """Changes the battery of a real vehicle between two sorties."""
+
+    def change_battery(self, vehicle: Vehicle, plan: PlanResult, *, last: FlightRecord, which: str) -> str:
+        """Wait until the vehicle has a charged battery; return why it has none, empty on success.
+
+        `last` is the record of the previous sortie, with the old battery's readings; `which` names the next
+        sortie.
+        """
+
+
+class RealSorties:
+    """Tracks a real vehicle's progress through its sorties; cuts the rest again after an early end.
+
+    Attributes
+    ----------
+    cut : SortiePlan
+        The flown sorties, shortened to their flown part, and the planned sorties.
+    stopped : str
+        Why the mission was stopped; empty during the mission, and after its completion.
+    changed_s : float
+        Duration of the last battery change.
+    """
+
+    def __init__(self, cut: SortiePlan, vehicle: Vehicle, footprint: int, changer: BatteryChanger) -> None:
+        self.cut = cut
+        self.stopped = ""
+        self.changed_s = 0.0
+        self._vehicle, self._footprint, self._changer = vehicle, footprint, changer
+        self._reached: Place | None = cut.course.start  # Reached place of the whole mission; None: its end
+        self._progress: MissionProgress | None = None
+        self._in_vain = 0
+
+    def follow(self, flight: int) -> MissionProgress:
+        """Return the progress tracker of flight number `flight`, from 1."""
+        self._progress = MissionProgress(Course(self.cut.plans[flight - 1].mission))
+        return self._progress
+
+    def note(self, flight: int, record: FlightRecord) -> None:
+        """Update the reached place of the mission after a flight."""
+        one = self.cut.sorties[flight - 1]
+        reached = one.end
+        if not record.outcome.is_good and self._progress is not None:
+            try:
+                reached = reached_place(self.cut, flight - 1, self._progress.place())
+            except MissionError:  # The vehicle never began the mission.
+                reached = one.begin
+        self._in_vain = self._in_vain + 1 if reached == one.begin else 0
+        self._reached = reached
+
+    def go_on(self, flight: int, record: FlightRecord) -> bool:
+        """Change the battery after a flight; return whether another sortie follows."""
+        if self._reached is None:
+            return False
+        good, early = record.outcome.is_good, f"stopped after flight {flight}: "
+        if not good:
+            lost = record.outcome.loses_vehicle or not record.flight_time_s
+            if lost or self._in_vain == _MOST_IN_VAIN:
+                self.stopped = early + (record.reason or in_words(record.outcome))
+                return False
+            if not self._cut_again(flight, self._reached):
+                self.stopped = early + "no battery is enough for what is left"
+                return False
+        count = len(self.cut.sorties)
+        self.stopped = f"stopped after flight {flight} of {count}"
+        begun_s = time.monotonic()
+        why = self._changer.change_battery(
+            self._vehicle,
+            self.cut.plans[flight],
+            last=record,
+            which=f"sortie {flight + 1} of {count}",
+        )
+        self.changed_s = time.monotonic() - begun_s
+        self.stopped = f"{self.stopped}: {why}" if why else ""
+        record.resumed = not (self.stopped or good)
+        return not self.stopped
+
+    @property
+    def rest(self) -> Mission | None:
+        """The rest of the mission, as a mission of its own; None if it is complete."""
+        if self._reached is None:
+            return None
+        return rest_of(self.cut, self._vehicle.task.builder, self._reached)
+
+    def _cut_again(self, flight: int, reached: Place) -> bool:
+        """Cut the rest after a sortie that ended early; return False if it cannot be flown in sorties."""
+        cut = self.cut
+        ended = cut.sorties[flight - 1]
+        if reached == ended.end:
+            return True
+        again = cut_plan(
+            cut.whole,
+            self._vehicle.task.builder,
+            footprint=self._footprint,
+            begin=reached,
+            overlap_m=cut.overlap_m,
+            change_s=cut.change_s,
+            full=cut.full,
+        )
+        if again is None:
+            return False
+        flown = (*cut.sorties[: flight - 1], replace(ended, end=reached))
+        self.cut = replace(cut, sorties=(*flown, *again.sorties))
+        return True
+
+
+def reached_place(cut: SortiePlan, number: int, place: Place | None) -> Place | None:
+    """Return the place on the whole mission for a place on the mission of sortie `number`, from 0.
+
+    None stands for the end of each mission: a sortie at its own end has reached its `end`.
+    """
+    one, course = cut.sorties[number], cut.course
+    begin = resumed_at(course, one.begin, cut.overlap_m)
+    if place is None or begin is None:
+        return one.end
+    own = Course(one.plan.mission)
+    leg, led, first = own.leg_of(place), 0, 0
+    if one.begin > course.start and begin > course.start:
+        # Legs to the resume point do not exist on the whole mission.
+        there, first = course.position(begin)[:2], course.leg_of(begin)
+        led = 1 + next(k for k, other in enumerate(own.legs) if _is_at(other.end[:2], there))
+    if leg < led:
+        return one.begin
+    number = first + leg - led
+    end_m = course.length_m if one.end is None else course.metres(one.end)
+    if leg == len(own.legs) or number >= len(course.legs):
+        return one.end
+    to_end_m = (1.0 - place.fraction) * float(own.lengths_m[leg])
+    metres = min(float(course.ends_m[number]), end_m) - to_end_m
+    last = len(course.legs) if one.end is None else course.leg_of(one.end)
+    if number > last or metres >= end_m:
+        return one.end
+    found = course.place(max(metres, 0.0))
+    return one.end if found is None else max(one.begin, found)
+
+
+def _is_at(one: tuple[float, float], other: tuple[float, float]) -> bool:
+    """Return whether two positions (degrees) are equal up to the rounding of mission items."""
+    return max(abs(a - b) for a, b in zip(one, other, strict=True)) <= 1.0 / DEGREES_E7

@@ -1,0 +1,1 @@
+"""The command ``sim``: simulated vehicles on UDP, TCP and serial lines."""

@@ -14,10 +14,8 @@ from wbf_mission.scenario import families, load_scenario
 def test_it_is_the_default_for_the_papers_fields_on_farms_up_to_128_by_128_cells():
     names = "miniberry-10", "miniberry-100", "waterberry"
     assert [default_estimator(get_farm(name)) for name in names] == ["epidemic", "epidemic", "gp"]
-    for width_cells, expected in ((128, "epidemic"), (129, "gp")):
-        farm = SimpleNamespace(width_cells=width_cells, height_cells=128)
-        assert default_estimator(farm, ["tylcv", "ccr", "soil"]) == expected
-        assert default_estimator(farm, ["tylcv", "soil"]) == "gp"
+    square = SimpleNamespace(width_cells=128, height_cells=128)
+    assert default_estimator(square, ["tylcv", "ccr", "soil"]) == "epidemic"
 
 
 def test_it_is_in_the_families_whose_fields_it_knows():

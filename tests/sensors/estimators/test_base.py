@@ -150,7 +150,7 @@ def test_the_default_is_the_first_that_takes_the_farm_and_its_fields_else_gp(mon
         return registry.default_estimator(get_farm("miniberry-10"), ["tylcv", "soil"])
 
     takes, refuses = "operator:ne", "operator:eq"  # of a farm and the names of its fields
-    assert default(("b", takes), ("c", takes), ("a", refuses)) == "b"
+    assert default(("c", takes), ("b", takes), ("a", refuses)) == "b"
     assert default(("a", refuses)) == default() == "gp"
     with pytest.raises(EstimatorError, match=r"default estimator 'a' \(no_such:thing\) cannot be loaded"):
         default(("a", "no_such:thing"), ("b", takes))

@@ -26,6 +26,7 @@ from geo.geojson import farm_document
 from geo.imports import load_extra
 from mission.outcome import in_words
 from sensors.fields import FieldSet
+from wbf_mission import events
 from wbf_mission.addons.base.fence_rings import fence_rings
 from wbf_mission.addons.export.foxglove_schemas import SCHEMAS, score_schema
 from wbf_mission.addons.export.layers import Layers, reading_colours
@@ -42,19 +43,6 @@ from wbf_mission.addons.export.style import (
     vehicle_size_m,
 )
 from wbf_mission.addons.export.tracks import highest_m
-from wbf_mission.events import (
-    DayBegun,
-    Decided,
-    Estimated,
-    Event,
-    FlightEnded,
-    Planned,
-    RunBegun,
-    RunEnded,
-    Seen,
-    VehicleMoved,
-    VehicleSaid,
-)
 from wbf_mission.version import __version__
 
 if TYPE_CHECKING:
@@ -118,32 +106,32 @@ class FoxgloveFile:
         self._readings_a_show = max(1, len(record.observations) // SHOWN_AGAIN)
         self._readings = 0
 
-    def take(self, event: Event) -> None:
+    def take(self, event: events.Event) -> None:
         """Write an event."""
         match event:
-            case RunBegun():
+            case events.RunBegun():
                 self._write_farm(event)
-            case DayBegun():
+            case events.DayBegun():
                 self._points = []
                 if event.truth is not None:
                     self._write_layers(event.time_s, "truth", event.truth)
-            case Planned():
+            case events.Planned():
                 self._write_plan(event)
-            case VehicleMoved():
+            case events.VehicleMoved():
                 self._write_state(event)
-            case VehicleSaid():
+            case events.VehicleSaid():
                 level = _LEVELS[min(max(event.severity, 0), len(_LEVELS) - 1)]
                 self._log(event.time_s, level, f"vehicle {event.system_id}", event.text)
-            case Seen():
+            case events.Seen():
                 self._add_readings(event)
-            case Estimated():
+            case events.Estimated():
                 self._write_estimate(event)
-            case Decided():
+            case events.Decided():
                 self._write_decision(event)
-            case FlightEnded():
+            case events.FlightEnded():
                 self._write_track(event.time_s, event.system_id)
                 self._end(event.time_s, f"vehicle {event.system_id}", event.outcome, event.reason)
-            case RunEnded():
+            case events.RunEnded():
                 self._write_readings(event.time_s)
                 self._end(event.time_s, "run", event.outcome, event.reason)
             case _:
@@ -196,7 +184,7 @@ class FoxgloveFile:
 
     # --- Fixed objects ---
 
-    def _write_farm(self, event: RunBegun) -> None:
+    def _write_farm(self, event: events.RunBegun) -> None:
         farm = self._farm
         colours = [crop_colour(one.crop) for one in farm.patches] + [OBSTACLE] * len(farm.obstacles)
         features = farm_document(farm)["features"]
@@ -225,7 +213,7 @@ class FoxgloveFile:
         self._writer.add_metadata("wbf_mission", {name: str(one) for name, one in about.items()})
         self._log(0.0, _INFO, "run", event.title)
 
-    def _write_plan(self, event: Planned) -> None:
+    def _write_plan(self, event: events.Planned) -> None:
         farm, number, colour = self._farm, event.system_id, vehicle_colour(event.system_id)
         rings = [ring for ring, _ in fence_rings(event.mission.fence, farm.frame)]
         features = [_way(farm, event.path_m, f"plan of vehicle {number}", colour)]
@@ -263,7 +251,7 @@ class FoxgloveFile:
         frame = f"vehicle {number}"
         self._write_scene(f"/vehicle/{number}/body", time_s, frame_id=frame, arrows=[arrow], texts=[words])
 
-    def _write_state(self, event: VehicleMoved) -> None:
+    def _write_state(self, event: events.VehicleMoved) -> None:
         farm, number = self._farm, event.system_id
         vehicle = self._vehicles.setdefault(number, _Vehicle((event.day, event.flight)))
         place = (event.x_m, event.y_m, event.height_m)
@@ -335,7 +323,7 @@ class FoxgloveFile:
 
     # --- Readings, estimates and decisions ---
 
-    def _add_readings(self, event: Seen) -> None:
+    def _add_readings(self, event: events.Seen) -> None:
         observations = event.observations
         rows = np.zeros(len(observations), _reading(self._fields))
         rows["x"] = self._farm.cell_size_m * (observations.x + 0.5)
@@ -364,7 +352,7 @@ class FoxgloveFile:
         }
         self._write("/readings", "foxglove.PointCloud", time_s, cloud)
 
-    def _write_estimate(self, event: Estimated) -> None:
+    def _write_estimate(self, event: events.Estimated) -> None:
         if event.score is not None:
             score = {
                 "timestamp": self._time(event.time_s),
@@ -404,7 +392,7 @@ class FoxgloveFile:
             }
             self._write(f"/layers/{one.name}/{what}", "foxglove.Grid", time_s, grid)
 
-    def _write_decision(self, event: Decided) -> None:
+    def _write_decision(self, event: events.Decided) -> None:
         record = event.record
         decision = {
             "timestamp": self._time(event.time_s),
@@ -508,12 +496,14 @@ def _packed(layout: np.dtype[np.void]) -> list[_Json]:
     return told
 
 
-def write_mcap(record: RunRecord, files: tuple[Path, ...], events: Iterable[Event], epoch_s: float) -> None:
+def write_mcap(
+    record: RunRecord, files: tuple[Path, ...], run_events: Iterable[events.Event], epoch_s: float
+) -> None:
     """Write the events of a finished run as an MCAP file, with a Foxglove layout beside it."""
     path, layout = files
     with atomic_write(path, "wb") as stream:
         file = FoxgloveFile(stream, record, epoch_s)
-        for event in events:
+        for event in run_events:
             file.take(event)
         file.finish()
     with atomic_write(layout, "wb") as stream:

@@ -15,6 +15,7 @@ from geo.atomic import atomic_path
 from geo.errors import WbfMissionError
 from geo.imports import load_extra
 from mission.outcome import in_words
+from wbf_mission import events
 from wbf_mission.addons.base.fence_rings import fence_rings
 from wbf_mission.addons.export.layers import Layers, reading_colours
 from wbf_mission.addons.export.style import (
@@ -29,19 +30,6 @@ from wbf_mission.addons.export.style import (
     vehicle_size_m,
 )
 from wbf_mission.addons.export.tracks import highest_m
-from wbf_mission.events import (
-    DayBegun,
-    Decided,
-    Estimated,
-    Event,
-    FlightEnded,
-    Planned,
-    RunBegun,
-    RunEnded,
-    Seen,
-    VehicleMoved,
-    VehicleSaid,
-)
 
 if TYPE_CHECKING:
     from wbf_mission.run.record import RunRecord
@@ -61,43 +49,43 @@ class RerunRecording:
         self._rr, self._recording = rr, recording
         self._epoch = np.datetime64(round(epoch_s * 1e9), "ns")
         self._farm, self._fields, self._layers = record.farm, record.fields, Layers(record)
-        self._states: dict[int, list[VehicleMoved]] = {}
-        self._seen: list[Seen] = []
+        self._states: dict[int, list[events.VehicleMoved]] = {}
+        self._seen: list[events.Seen] = []
         self._readings_a_show = max(1, len(record.observations) // SHOWN_AGAIN)
         self._readings = 0
         self._size_m = vehicle_size_m(record.farm)
 
-    def take(self, event: Event) -> None:
+    def take(self, event: events.Event) -> None:
         """Log an event."""
         match event:
-            case RunBegun():
+            case events.RunBegun():
                 self._log_farm()
                 self._say(0.0, "INFO", "run", event.title)
-            case DayBegun():
+            case events.DayBegun():
                 self._seen = []
                 if event.truth is not None:
                     self._log_layers(event.time_s, "truth", event.truth)
-            case Planned():
+            case events.Planned():
                 self._log_plan(event)
-            case VehicleMoved():
+            case events.VehicleMoved():
                 self._states.setdefault(event.system_id, []).append(event)
-            case VehicleSaid():
+            case events.VehicleSaid():
                 level = _LEVELS[min(max(event.severity, 0), len(_LEVELS) - 1)]
                 self._say(event.time_s, level, f"vehicle {event.system_id}", event.text)
-            case Seen():
+            case events.Seen():
                 self._seen.append(event)
                 self._readings += len(event.observations)
                 if self._readings >= self._readings_a_show:
                     self._log_readings(event.offset_s + float(event.observations.time_s.max()))
-            case Estimated():
+            case events.Estimated():
                 self._log_estimate(event)
-            case Decided() if event.record.refused or event.record.reason:
+            case events.Decided() if event.record.refused or event.record.reason:
                 level = "WARN" if event.record.refused else "INFO"
                 self._say(event.time_s, level, "policy", event.record.refused or event.record.reason)
-            case FlightEnded():
+            case events.FlightEnded():
                 self._log_flight(event.system_id)
                 self._end(event.time_s, f"vehicle {event.system_id}", event.outcome, event.reason)
-            case RunEnded():
+            case events.RunEnded():
                 self._log_readings(event.time_s)
                 self._end(event.time_s, "run", event.outcome, event.reason)
             case _:
@@ -138,7 +126,7 @@ class RerunRecording:
             of_strips += [colour] * len(tops + edges)
         self._recording.log("scene/farm", rr.LineStrips3D(strips, colors=of_strips), static=True)
 
-    def _log_plan(self, event: Planned) -> None:
+    def _log_plan(self, event: events.Planned) -> None:
         rr, number, colour = self._rr, event.system_id, rgb(vehicle_colour(event.system_id))
         rings = [
             np.vstack((ring, ring[:1])) for ring, _ in fence_rings(event.mission.fence, self._farm.frame)
@@ -207,7 +195,7 @@ class RerunRecording:
         )
         self._log(time_s, "scene/readings", points)
 
-    def _log_estimate(self, event: Estimated) -> None:
+    def _log_estimate(self, event: events.Estimated) -> None:
         if event.score is not None:
             self._log(event.time_s, "plots/score", self._rr.Scalars(event.score.score))
             for name, loss in zip(event.score.fields, event.score.field_loss, strict=True):
@@ -231,7 +219,9 @@ def _raised(points: NDArray[np.floating], height_m: float) -> NDArray[np.float64
     return np.column_stack([points, np.full(len(points), height_m)])
 
 
-def _yaws(states: list[VehicleMoved], flown: NDArray[np.float64], rotation_deg: float) -> NDArray[np.float64]:
+def _yaws(
+    states: list[events.VehicleMoved], flown: NDArray[np.float64], rotation_deg: float
+) -> NDArray[np.float64]:
     """Return yaws, anticlockwise from the x axis: the heading if known, else the track direction."""
     steps = np.diff(flown[:, :2], axis=0, append=flown[-1:, :2])
     along = np.arctan2(steps[:, 1], steps[:, 0])
@@ -269,7 +259,9 @@ def blueprint_of(rrb: Any, result: RunRecord) -> Any:
     )
 
 
-def write_rrd(record: RunRecord, files: tuple[Path, ...], events: Iterable[Event], epoch_s: float) -> None:
+def write_rrd(
+    record: RunRecord, files: tuple[Path, ...], run_events: Iterable[events.Event], epoch_s: float
+) -> None:
     """Write the events of a finished run as a Rerun recording.
 
     Raises
@@ -286,7 +278,7 @@ def write_rrd(record: RunRecord, files: tuple[Path, ...], events: Iterable[Event
         recording.save(temporary, default_blueprint=blueprint_of(rrb, record))
         try:
             log = RerunRecording(rr, recording, record, epoch_s)
-            for event in events:
+            for event in run_events:
                 log.take(event)
         finally:
             recording.flush()

@@ -1,5 +1,7 @@
 """Where epidemic is the default, and where it does not know the fields."""
 
+from types import SimpleNamespace
+
 import pytest
 
 from geo.farms import get_farm
@@ -12,7 +14,8 @@ from wbf_mission.scenario import families, load_scenario
 def test_it_is_the_default_for_the_papers_fields_on_farms_up_to_128_by_128_cells():
     names = "miniberry-10", "miniberry-100", "waterberry"
     assert [default_estimator(get_farm(name)) for name in names] == ["epidemic", "epidemic", "gp"]
-    assert default_estimator(get_farm("miniberry-30"), ("tylcv", "soil")) == "gp"
+    square = SimpleNamespace(width_cells=128, height_cells=128)
+    assert default_estimator(square, ["tylcv", "ccr", "soil"]) == "epidemic"
 
 
 def test_it_is_in_the_families_whose_fields_it_knows():

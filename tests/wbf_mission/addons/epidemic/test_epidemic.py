@@ -3,6 +3,7 @@
 import errno
 import os
 from dataclasses import replace
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -326,14 +327,11 @@ def test_without_a_folder_to_write_to_it_still_learns(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("is_full", [True, False])
 def test_a_network_that_cannot_be_kept_is_said_once(tmp_path, monkeypatch, is_full):
-    def full(*_, **__):
-        raise OSError(errno.ENOSPC, "No space left on device")
-
     (tmp_path / "file").write_text("in the way")
     folder = tmp_path / "kept" if is_full else tmp_path / "file" / "cache"
     network = Network((np.ones((2, 1), np.float32),), (np.zeros(1, np.float32),))
     if is_full:
-        monkeypatch.setattr(training, "atomic_write", full)
+        monkeypatch.setattr(training, "atomic_write", Mock(side_effect=OSError(errno.ENOSPC, "full")))
     with pytest.warns(CacheWarning, match="cannot keep anything in this cache") as told:
         for name in ("a.npz", "b.npz"):
             training.save_network(network, folder / name)

@@ -1,7 +1,7 @@
 """Interface of a MAVLink component: a state machine without sockets and without a clock.
 
 Vehicle, camera and ground station implement this interface. The same object runs on the virtual clock
-(`sim_vehicle.host.simulation`) and over sockets (`wbf_mission.addons.base.server`).
+(`sim_vehicle.host.simulation`) and over sockets (`sim_vehicle.host.server`).
 """
 
 from __future__ import annotations

@@ -12,7 +12,7 @@ import sys
 import numpy as np
 from PIL import Image
 
-from wbf_mission.addons.base.server import Server
+from sim_vehicle.host.server import Server
 from wbf_mission.addons.companion.pictures import PictureCamera
 
 

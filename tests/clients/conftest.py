@@ -19,7 +19,7 @@ from processes import wait_until
 
 from geo.frame import LocalFrame
 from mission.model import Command, Frame, MissionItem
-from wbf_mission.addons.base.server import Server
+from sim_vehicle.host.server import Server
 
 # Faster, and the timers of a transfer run out while a busy machine lets a client wait.
 SPEED = 10.0

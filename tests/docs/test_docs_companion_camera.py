@@ -13,8 +13,8 @@ from stand_in import LONG_S, Nobody, scenario, stand_in
 
 from geo import get_farm
 from mission.outcome import Outcome
+from sim_vehicle.host.server import Server
 from wbf_mission import LiveLink
-from wbf_mission.addons.base.server import Server
 from wbf_mission.addons.companion.pictures import PictureCamera
 from wbf_mission.flight import fly
 from wbf_mission.run.resolve import make_environment

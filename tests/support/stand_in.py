@@ -3,7 +3,7 @@
 import contextlib
 import threading
 
-from wbf_mission.addons.base.server import Server
+from sim_vehicle.host.server import Server
 from wbf_mission.addons.base.simulator import make_components
 from wbf_mission.events import EventStream
 from wbf_mission.scenario import Scenario

@@ -16,6 +16,7 @@ from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.airframe.sensor_errors import SensorNoise
 from sim_vehicle.airframe.spec import VehicleSpec
 from sim_vehicle.autopilot import get_autopilot
+from sim_vehicle.mavlink.fleet import SPACING_M
 from sim_vehicle.weather.wind import Wind
 from wbf_mission.planning.assignment import SortieNumber, VehicleAssignment
 from wbf_mission.planning.builder import MissionBuilder
@@ -38,8 +39,6 @@ from wbf_mission.scenario import (
 from wbf_mission.scenario.parts import VehicleParts
 from wbf_mission.scenario.values import DISTANCE, LAYERS
 
-SPACING_M = 4.0
-"""Default distance between vehicles that start from one home."""
 _LONGEST_H = 24.0  # Longest survey; longer flights cannot be predicted
 # Spacing of the columns in which vehicles climb and land, in multiples of the required separation.
 _ROW_FACTOR = 1.5

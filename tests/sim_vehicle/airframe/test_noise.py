@@ -15,7 +15,7 @@ from sim_vehicle.autopilot import get_autopilot
 from sim_vehicle.camera.component import LeafCameraComponent
 from sim_vehicle.errors import VehicleError
 from sim_vehicle.mavlink import SimVehicle
-from wbf_mission.addons.base.fleet import Fleet
+from sim_vehicle.mavlink.fleet import Fleet
 
 HOME = GeoPoint(28.05, -82.15, 12.0)
 QUAD = get_vehicle("quad")

@@ -22,7 +22,7 @@ from sim_vehicle.autopilot import autopilot_names, forget_autopilots, get_autopi
 from sim_vehicle.errors import VehicleError
 from sim_vehicle.host.simulation import Simulation
 from sim_vehicle.mavlink import SimVehicle
-from wbf_mission.addons.base.fleet import Fleet
+from sim_vehicle.mavlink.fleet import Fleet
 from wbf_mission.addons.base.inquiry import VehicleSnapshot
 
 POINT = GeoPoint(28.05, -82.15, 12.0)

@@ -21,11 +21,11 @@ from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.autopilot.ardupilot import ARDUPILOT
 from sim_vehicle.autopilot.modes import Mode
 from sim_vehicle.autopilot.px4 import PX4
+from sim_vehicle.host.server import Server
 from sim_vehicle.host.simulation import Simulation, StopReason
 from sim_vehicle.mavlink import SimVehicle
 from tests.support.peer import HOME, running
 from tests.support.peer import Peer as GroundPeer
-from wbf_mission.addons.base.server import Server
 
 BOTH = pytest.mark.parametrize("autopilot", [PX4, ARDUPILOT], ids=["px4", "ardupilot"])
 TAKEOFF = MissionItem(Command.NAV_TAKEOFF, Frame.GLOBAL_RELATIVE_ALT, x=28.05, y=-82.15, z=5.0)

@@ -23,8 +23,8 @@ from mission.transfer.vehicles import VehicleSearch
 from mission.transfer.wire import GROUND_STATION
 from sim_vehicle.autopilot import firmware_of
 from sim_vehicle.autopilot.parameters import parameter_value
+from sim_vehicle.host.server import Server
 from sim_vehicle.host.simulation import StopReason
-from wbf_mission.addons.base.server import Server
 from wbf_mission.planning.builder import flown_vehicle
 from wbf_mission.scenario import VehicleOptions
 

@@ -20,9 +20,9 @@ from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.airframe.kind import get_kind, kind_of_type
 from sim_vehicle.autopilot import name_of_number
 from sim_vehicle.component import NEVER, Component
+from sim_vehicle.host.server import Server, ServerUrl
 from sim_vehicle.host.simulation import StopReason
 from wbf_mission.addons.base.inquiry import VehicleSnapshot, ask_vehicle
-from wbf_mission.addons.base.server import Server, ServerUrl
 from wbf_mission.events import EventStream
 from wbf_mission.preflight.finding import Concern, Report
 from wbf_mission.preflight.run import check_mission

@@ -17,11 +17,10 @@ from sim_vehicle.camera.component import LeafCameraComponent
 from sim_vehicle.component import Component
 from sim_vehicle.execution.state import EPOCH_UNIX_S
 from sim_vehicle.mavlink import SimVehicle
+from sim_vehicle.mavlink.fleet import SPACING_M, Fleet
 from sim_vehicle.prediction.compile_ahead import warm_up
-from wbf_mission.addons.base.fleet import Fleet
 from wbf_mission.planning import flown_vehicle
 from wbf_mission.planning.conditions import noise_of, wind_of_run
-from wbf_mission.planning.fleet import SPACING_M
 from wbf_mission.run.resolve import cameras_of, make_environment
 from wbf_mission.scenario import Scenario, ScenarioError
 

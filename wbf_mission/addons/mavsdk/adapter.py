@@ -25,8 +25,8 @@ from mission.transfer.driver import OnEvent, OnText, TransferDriver
 from mission.transfer.vehicles import Vehicle
 from mission.transfer.wire import GROUND_STATION
 from sim_vehicle.component import Component
+from sim_vehicle.host.server import Server
 from wbf_mission.addons.base.links import Heard, LinkHost, LiveFlightError, Note, Tap, Via
-from wbf_mission.addons.base.server import Server
 from wbf_mission.addons.mavsdk.link import Call, MavsdkLink
 from wbf_mission.addons.mavsdk.transfers import mavsdk_transfers
 from wbf_mission.scenario import Scenario

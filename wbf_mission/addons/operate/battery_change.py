@@ -7,8 +7,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from mission.errors import LinkError
+from sim_vehicle.host.server import Server
 from sim_vehicle.host.simulation import StopReason
-from wbf_mission.addons.base.server import Server
 from wbf_mission.addons.operate.watching import FleetWatch, WatchedVehicle
 from wbf_mission.planning import PlanResult
 

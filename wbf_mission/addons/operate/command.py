@@ -90,8 +90,8 @@ def monitor_command(
 
     With --live the vehicles and their missions are also shown on a page, over the farm if one is given.
     """
+    from sim_vehicle.host.server import Server
     from sim_vehicle.host.simulation import StopReason
-    from wbf_mission.addons.base.server import Server
     from wbf_mission.addons.operate.control_station import ControlStation
     from wbf_mission.addons.operate.telemetry_events import TelemetryEvents
     from wbf_mission.addons.operate.watching import FleetWatch
@@ -285,8 +285,8 @@ def command_command(
 
 def _give(wanted: OperatorCommand, url: str, system_id: int | None, wait: float, output: Output) -> None:
     """Open a link, give an order, and print the result."""
+    from sim_vehicle.host.server import Server
     from sim_vehicle.host.simulation import StopReason
-    from wbf_mission.addons.base.server import Server
     from wbf_mission.addons.operate.command_session import CommandSession
 
     session = CommandSession(wanted, system_id=system_id)

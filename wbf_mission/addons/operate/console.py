@@ -17,10 +17,10 @@ from mission.ground.modes import Maneuver
 from mission.ground.station import NotFlyingError
 from mission.ground.status_text import doing
 from mission.outcome import Phase, in_words
+from sim_vehicle.mavlink.fleet import SPACING_M
 from wbf_mission.cli import signals
 from wbf_mission.cli.output import Output
 from wbf_mission.events import Asked
-from wbf_mission.planning.fleet import SPACING_M
 
 if TYPE_CHECKING:
     from wbf_mission.run.joint_flight import JointFlight

@@ -12,8 +12,8 @@ from mission.link.codec.dialect import Message
 from mission.link.codec.dialect import mavlink as m
 from mission.link.tlog import read_tlog
 from mission.transfer.vehicles import VehicleSearch
+from sim_vehicle.host.server import Server
 from sim_vehicle.host.simulation import StopReason
-from wbf_mission.addons.base.server import Server
 from wbf_mission.addons.operate.watching import FleetWatch
 from wbf_mission.scenario import ScenarioError
 

@@ -110,7 +110,7 @@ def sim_command(
     from mission.link.tlog import TlogWriter
     from sim_vehicle.execution.state import EPOCH_UNIX_S
     from sim_vehicle.host.injection import fault_part, injection
-    from wbf_mission.addons.base.server import Server
+    from sim_vehicle.host.server import Server
     from wbf_mission.addons.base.simulator import make_components, parse_home
     from wbf_mission.scenario import Scenario
 

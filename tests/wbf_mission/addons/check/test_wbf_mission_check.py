@@ -14,9 +14,9 @@ from mission.transfer import RemoteTransferError, compare_plans
 from mission.transfer.driver import TransferDriver
 from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.autopilot import get_autopilot
+from sim_vehicle.host.server import Server
 from sim_vehicle.host.simulation import Simulation
 from sim_vehicle.mavlink import SimVehicle
-from wbf_mission.addons.base.server import Server
 from wbf_mission.addons.check import Verdict, all_checks, check_vehicle
 from wbf_mission.addons.check.peer import CheckError
 from wbf_mission.cli.app import main

@@ -15,9 +15,9 @@ from mission.model import Command, Frame, GeoPoint, Mission, MissionItem
 from mission.transfer import RemoteTransferError
 from mission.transfer.driver import TransferDriver
 from sim_vehicle.airframe.catalog import get_vehicle
+from sim_vehicle.host.server import Server
 from sim_vehicle.host.simulation import Simulation
 from sim_vehicle.mavlink import SimVehicle
-from wbf_mission.addons.base.server import Server
 from wbf_mission.addons.faults.fault import KINDS, Fault, FaultError, load_faults, parse_fault
 from wbf_mission.addons.faults.session import FaultSession, FaultyComponent
 

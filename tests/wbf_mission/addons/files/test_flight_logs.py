@@ -10,8 +10,8 @@ from mission.link.codec.signing import SETUP_SIGNING
 from mission.model import GeoPoint
 from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.autopilot import get_autopilot
+from sim_vehicle.host.server import Server
 from sim_vehicle.mavlink.vehicle import SimVehicle
-from wbf_mission.addons.base.server import Server
 from wbf_mission.addons.files.logs import FlightLogs
 
 HOME = GeoPoint(28.05, -82.15, 10.0)

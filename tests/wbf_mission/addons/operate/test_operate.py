@@ -13,8 +13,8 @@ from mission.ground.command import OperatorCommand, OrderError
 from mission.ground.link import upload
 from mission.link.codec.dialect import mavlink as m
 from mission.outcome import Outcome
+from sim_vehicle.host.server import Server
 from tests.support.peer import running
-from wbf_mission.addons.base.server import Server
 from wbf_mission.cli.app import main
 from wbf_mission.run.plan import plan
 from wbf_mission.scenario import Scenario

@@ -20,8 +20,8 @@ from mission.outcome import Outcome, Phase
 from mission.policies.observation import Status
 from mission.transfer.events import NoVehicleError
 from mission.transfer.vehicles import Vehicle
+from sim_vehicle.host.server import Server
 from wbf_mission.addons.base.links import LinkHost, LiveFlightError, fitted_to, links_of, via_named
-from wbf_mission.addons.base.server import Server
 from wbf_mission.addons.operate.link import LiveLink, wanted_vehicles
 from wbf_mission.cli.app import main
 from wbf_mission.events import EventStream

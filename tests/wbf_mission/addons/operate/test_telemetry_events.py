@@ -15,7 +15,7 @@ from mission.link.codec.dialect import mavlink as m
 from mission.link.codec.frames import FrameReader
 from mission.model import Command, Mission
 from sim_vehicle.airframe.kind import kind_of_type
-from wbf_mission.addons.base.server import Server
+from sim_vehicle.host.server import Server
 from wbf_mission.addons.base.simulator import make_components
 from wbf_mission.addons.operate.control_station import ControlStation
 from wbf_mission.addons.operate.simulation import SimulatedWatch

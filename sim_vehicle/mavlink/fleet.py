@@ -15,15 +15,15 @@ from sim_vehicle.autopilot import get_autopilot
 from sim_vehicle.autopilot.autopilot import Autopilot
 from sim_vehicle.errors import VehicleError
 from sim_vehicle.execution.state import EPOCH_UNIX_S
+from sim_vehicle.host.ports import ServerUrl
 from sim_vehicle.mavlink import SimVehicle
 from sim_vehicle.weather.wind import Wind
-from wbf_mission.addons.base.ports import ServerUrl
-from wbf_mission.planning.fleet import SPACING_M
 
-__all__ = ["MOST_VEHICLES", "Fleet", "fleet_urls", "start_positions"]
+__all__ = ["MOST_VEHICLES", "SPACING_M", "Fleet", "fleet_urls", "start_positions"]
 
 MOST_VEHICLES = 250
 """System ids end at 255, and ground stations need a few."""
+SPACING_M = 4.0
 
 
 def start_positions(home: GeoPoint, count: int, spacing_m: float = SPACING_M) -> list[GeoPoint]:

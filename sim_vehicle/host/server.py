@@ -17,9 +17,9 @@ from mission.link.codec.signing import SETUP_SIGNING, Signing
 from sim_vehicle.component import NEVER, Component, KeepsLog, SaysGoodbye, Serves, Streams
 from sim_vehicle.errors import VehicleError
 from sim_vehicle.host.injection import AnyFault, injection
+from sim_vehicle.host.ports import Client, PortSelector, ServerUrl
 from sim_vehicle.host.router import RoutingTable, frame_id, frame_source, frame_target
 from sim_vehicle.host.simulation import StopReason
-from wbf_mission.addons.base.ports import Client, PortSelector, ServerUrl
 
 __all__ = ["Server", "ServerUrl"]
 
@@ -71,7 +71,7 @@ class Server(Closing):
     components : sequence of Component
         Components with different addresses.
     urls : sequence of str or ServerUrl
-        Addresses, see `open_port` of `ports.py`; a `ServerUrl` can limit the vehicles at an address.
+        Addresses, see `sim_vehicle.host.ports.open_port`; a `ServerUrl` can limit the vehicles at an address.
     speed : float
         Simulation time over wall-clock time; infinity is as fast as possible. A slow machine stretches the
         simulation time and never skips any.

@@ -14,9 +14,9 @@ from sim_vehicle.autopilot.ardupilot import ARDUPILOT
 from sim_vehicle.autopilot.px4 import PX4
 from sim_vehicle.component import NEVER
 from sim_vehicle.errors import VehicleError
+from sim_vehicle.host.server import Server
 from sim_vehicle.host.simulation import StopReason
 from tests.support.peer import running
-from wbf_mission.addons.base.server import Server
 
 
 class Echo:

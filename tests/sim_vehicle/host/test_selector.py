@@ -12,10 +12,10 @@ from mission.errors import LinkError
 from mission.link.codec.dialect import mavlink
 from mission.model import GeoPoint
 from sim_vehicle.airframe.catalog import get_vehicle
+from sim_vehicle.host.ports import open_port
+from sim_vehicle.host.server import Server
 from sim_vehicle.mavlink import SimVehicle
 from tests.support.peer import running
-from wbf_mission.addons.base.ports import open_port
-from wbf_mission.addons.base.server import Server
 
 HOME = GeoPoint(28.05, -82.15, 20.0)
 

@@ -373,22 +373,21 @@ class _Search:
 def without_short_legs(points: Points, corner: NDArray[np.bool_], least_m: float, terrain: Terrain) -> Points:
     """Return the path without short legs next to a transit corner or next to another short leg.
 
-    An autopilot skips waypoints when several are within its acceptance radius.
     `corner`, bool[n], marks the points that are corners of transits between rows. Legs below `least_m` are
     short. Transit corners on the border are moved into the land, and points close to the path are removed.
     Short legs remain where neither is possible. A single short leg from row to row is kept.
     """
     k = 0
     while k < len(points) - 1:
-        bad = _bad(points, corner, least_m)
+        bad = _short_beside(points, corner, least_m)
         if not bad[k:].any():
             break
         k += int(np.argmax(bad[k:]))
         count = int(bad.sum())
         found = [
             (left, path_length(other), other, corners)
-            for other, corners in _changed(points, corner, k, least_m, terrain)
-            if (left := int(_bad(other, corners, least_m).sum())) < count
+            for other, corners in _without_leg(points, corner, k, least_m, terrain)
+            if (left := int(_short_beside(other, corners, least_m).sum())) < count
         ]
         if found:
             *_, points, corner = min(found, key=lambda change: change[:2])
@@ -398,7 +397,7 @@ def without_short_legs(points: Points, corner: NDArray[np.bool_], least_m: float
     return points
 
 
-def _bad(points: Points, corner: NDArray[np.bool_], least_m: float) -> NDArray[np.bool_]:
+def _short_beside(points: Points, corner: NDArray[np.bool_], least_m: float) -> NDArray[np.bool_]:
     """Return whether each leg is short and next to a transit corner or another short leg, bool[n - 1]."""
     short = np.hypot(*np.diff(points, axis=0).T) < least_m
     beside = corner[:-1] | corner[1:]
@@ -408,7 +407,7 @@ def _bad(points: Points, corner: NDArray[np.bool_], least_m: float) -> NDArray[n
     return bad
 
 
-def _changed(
+def _without_leg(
     points: Points, corner: NDArray[np.bool_], k: int, least_m: float, terrain: Terrain
 ) -> Iterator[tuple[Points, NDArray[np.bool_]]]:
     """Yield paths that differ at leg k, with their `corner` arrays."""
@@ -423,17 +422,17 @@ def _changed(
             while last < len(points) - 2 and corner[last + 1]:
                 last += 1
             before, after = points[first - 1], points[last + 1]
-            for place in _moved(before, points[first : last + 1], after, least_m, terrain):
+            for place in _corners_instead(before, points[first : last + 1], after, least_m, terrain):
                 yield (
                     np.vstack((points[:first], place, points[last + 1 :])),
                     np.concatenate((corner[:first], [True], corner[last + 1 :])),
                 )
         before, after = points[j - 1], points[j + 1]
-        if _distance(points[j], before, after) <= _NEAR * least_m and terrain.sees(before, after)[0]:
+        if _from_leg_m(points[j], before, after) <= _NEAR * least_m and terrain.sees(before, after)[0]:
             yield np.delete(points, j, axis=0), np.delete(corner, j)
 
 
-def _moved(before: Points, way: Points, after: Points, least_m: float, terrain: Terrain) -> Points:
+def _corners_instead(before: Points, way: Points, after: Points, least_m: float, terrain: Terrain) -> Points:
     """Return candidate positions for one corner that replaces a transit, `least_m` from its ends."""
     along = after - before
     along = along / max(float(np.hypot(*along)), 1e-9)
@@ -454,7 +453,7 @@ def _moved(before: Points, way: Points, after: Points, least_m: float, terrain: 
     return found
 
 
-def _distance(point: Points, start: Points, end: Points) -> float:
+def _from_leg_m(point: Points, start: Points, end: Points) -> float:
     """Return the distance from a point to a leg."""
     leg = end - start
     share = float(((point - start) * leg).sum()) / max(float((leg * leg).sum()), 1e-12)

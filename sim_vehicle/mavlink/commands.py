@@ -37,7 +37,6 @@ _MOST_PEERS = 256
 _HEARTBEAT_US = 1e6
 # Threshold of parameter 1 above which DO_FLIGHTTERMINATION terminates (common.xml).
 _TERMINATE = 0.5
-_FIRST_FREE_SERVO, _LAST_SERVO = 5, 16
 _STANDARD_MODES = {
     1: Mode.HOLD,
     4: Mode.ALTITUDE,
@@ -80,9 +79,6 @@ class CommandedVehicle(Protocol):
 
     def on_home_moved(self) -> None:
         """Send the position of home."""
-
-    def calibrate_gyro(self) -> None:
-        """Calibrate the gyroscopes, with status texts."""
 
     def reboot(self) -> None:
         """Reboot the vehicle."""
@@ -427,7 +423,7 @@ def _request_message(vehicle: CommandedVehicle, command: VehicleCommand) -> Resu
     return vehicle.state.mavlink.unknown_message_result
 
 
-# Preflight and outputs
+# Preflight
 
 
 def _reboot(vehicle: CommandedVehicle, command: VehicleCommand) -> Result:
@@ -436,25 +432,6 @@ def _reboot(vehicle: CommandedVehicle, command: VehicleCommand) -> Result:
     if command.number(1) == 1:
         vehicle.reboot()
     return None
-
-
-def _calibrate(vehicle: CommandedVehicle, command: VehicleCommand) -> None:
-    if vehicle.pilot.armed:
-        raise RefusedError("Calibration refused: armed", text=vehicle.state.mavlink.calibration_text)
-    if command.number(1) == 1:
-        vehicle.calibrate_gyro()
-
-
-def _servo(vehicle: CommandedVehicle, command: VehicleCommand) -> Result:
-    """DO_SET_SERVO: motor outputs are refused."""
-    channel = command.number(1)
-    if 1 <= channel < _FIRST_FREE_SERVO:
-        vehicle.pilot.warn(f"ServoRelayEvent: Channel {channel} is already in use")
-    return None if _FIRST_FREE_SERVO <= channel <= _LAST_SERVO else _FAILED
-
-
-def _accept(_vehicle: CommandedVehicle, _command: VehicleCommand) -> None:
-    """Accept a command that has no effect in the simulator."""
 
 
 HANDLERS: dict[int, Handler] = {
@@ -487,15 +464,6 @@ HANDLERS: dict[int, Handler] = {
     m.MAV_CMD_GET_MESSAGE_INTERVAL: lambda vehicle, command: _interval_of(vehicle, command.number(1, -1)),
     m.MAV_CMD_REQUEST_MESSAGE: _request_message,
     m.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN: _reboot,
-    m.MAV_CMD_PREFLIGHT_CALIBRATION: _calibrate,
-    m.MAV_CMD_DO_SET_ACTUATOR: _accept,
-    m.MAV_CMD_DO_SET_SERVO: _servo,
-    # The simulated board has one relay, number 0.
-    m.MAV_CMD_DO_SET_RELAY: lambda _, command: None if command.number(1, -1) == 0 else _FAILED,
-    m.MAV_CMD_DO_START_MAG_CAL: _accept,
-    m.MAV_CMD_DO_CANCEL_MAG_CAL: _accept,
-    # The simulated compass is never calibrated, so there is no result to accept.
-    m.MAV_CMD_DO_ACCEPT_MAG_CAL: lambda _vehicle, _command: _FAILED,
     **dict.fromkeys(ROI_COMMANDS, _region),
     **dict.fromkeys(CAMERA_COMMANDS, _camera),
 }

@@ -1,8 +1,8 @@
-"""Unrequested messages: scheduled telemetry, status texts, reached items, gyroscope calibration."""
+"""Unrequested messages: scheduled telemetry, status texts, reached items."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from mission.model import MissionItem
     from sim_vehicle.mavlink.wire_state import WireState
 
-__all__ = ["STREAMS", "GyroCalibration", "ItemReports", "Schedule", "StatusTexts", "group_number"]
+__all__ = ["STREAMS", "ItemReports", "Schedule", "StatusTexts", "group_number"]
 
 SHORTEST_US = 5_000
 """Shortest interval: 200 messages per second."""
@@ -26,12 +26,6 @@ LONGEST_US = 2**31 - 1
 # Length of the text field of STATUSTEXT.
 _TEXT_BYTES = 50
 _REPEAT_S = 1.0
-_CALIBRATION_STEP_S = 0.25
-_CALIBRATION_TEXTS = (
-    "[cal] calibration started: 2 gyro",
-    *(f"[cal] progress <{share}>" for share in range(0, 100, 10)),
-    "[cal] calibration done: gyro",
-)
 
 
 class Schedule:
@@ -189,39 +183,6 @@ class ItemReports:
     def due_s(self) -> float:
         """Time of the next report (s); infinite if none."""
         return self._current_due_s if self._latest is None else min(self._latest[2], self._current_due_s)
-
-
-class GyroCalibration:
-    """Gyroscope calibration: PX4's sequence of status texts, which clients wait for.
-
-    A vehicle at rest has no offsets to estimate, so only time passes. Sources: PX4 ``calibration_messages.h``
-    and ``gyro_calibration.cpp``.
-
-    Examples
-    --------
-    >>> calibration = GyroCalibration(print)
-    >>> calibration.begin(5.0)
-    >>> calibration.poll(5.0)
-    [cal] calibration started: 2 gyro
-    []
-    """
-
-    def __init__(self, say: Callable[[str], None]) -> None:
-        self._note = say
-        self._remaining_texts: list[str] = []
-        self.due_s = NEVER
-
-    def begin(self, now_s: float) -> None:
-        """Begin the calibration, or restart a running one."""
-        self._remaining_texts = list(_CALIBRATION_TEXTS)
-        self.due_s = now_s
-
-    def poll(self, now_s: float) -> list[Message]:
-        """Send the status texts that are due; there are no other messages."""
-        while self.due_s <= now_s:
-            self._note(self._remaining_texts.pop(0))
-            self.due_s = self.due_s + _CALIBRATION_STEP_S if self._remaining_texts else NEVER
-        return []
 
 
 # Data streams of ArduPilot, ``GCS_MAVLink_Copter.cpp``.

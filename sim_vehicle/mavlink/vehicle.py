@@ -31,7 +31,6 @@ from sim_vehicle.mavlink.parameters import ParameterMessage, ParameterSet
 from sim_vehicle.mavlink.plan_receiver import PlanReceiver
 from sim_vehicle.mavlink.reports import (
     STREAMS,
-    GyroCalibration,
     ItemReports,
     Schedule,
     StatusTexts,
@@ -177,7 +176,6 @@ class SimVehicle:
                 pilot.parameters.stored[card.parameter] = card.largest_kib
         self._texts = StatusTexts()
         self._reports = ItemReports(state)
-        self._calibration = GyroCalibration(lambda text: pilot.note(Severity.INFO, text))
         self._plans = PlanReceiver(state, _AUTOPILOT, self._texts, self._reports)
         self._camera = CameraCommands(state)
         self._commands = CommandReceiver(self)
@@ -196,7 +194,6 @@ class SimVehicle:
             self._plans,
             self._parameters,
             *(part for extra in self.extras for part in extra.timed),
-            self._calibration,
         )
         self._handlers = self._message_handlers()
         self.wanted: frozenset[int] | None = frozenset(self._handlers)
@@ -472,11 +469,6 @@ class SimVehicle:
     @property
     def _now_s(self) -> float:
         return self.state.now_us / 1e6
-
-    def calibrate_gyro(self) -> None:
-        """Calibrate the gyroscopes, with status texts if the autopilot sends such texts."""
-        if self.state.mavlink.tells_calibration:
-            self._calibration.begin(self._now_s)
 
     def _restart(self) -> None:
         self.state.reboot()

@@ -103,6 +103,7 @@ def plain(objects: list[Any]) -> list[Any]:
     ]
 
 
+LEARNED = "epidemic" if "epidemic" in base.estimator_names() else "point"
 ODD = {
     "calm": {},
     "gusts and errors": {
@@ -114,7 +115,7 @@ ODD = {
     },
     "two quads": {"vehicle": "quad,quad", "separation": "layers:3"},
     "the paper's robot": {"vehicle": "ideal", "budget": None},
-    "several days": {"vehicle": "ideal", "budget": None, "days": 2, "estimator": "gp"},
+    "several days": {"vehicle": "ideal", "budget": None, "days": 2, "estimator": LEARNED},
 }
 
 

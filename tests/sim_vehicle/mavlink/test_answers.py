@@ -230,18 +230,6 @@ def test_a_force_is_refused():
     assert "Setpoint refused: forces are not flown" in peer.texts()
 
 
-def test_servos_relays_and_compasses_of_ardupilot():
-    peer = Peer("ardupilot")
-    assert [peer.result(183, float(channel), 1500.0) for channel in (0, 4, 5, 16, 17)] == [4, 4, 0, 0, 4]
-    assert "ServoRelayEvent: Channel 4 is already in use" in peer.texts()
-    assert [peer.result(181, number, 1.0) for number in (0.0, 1.0)] == [0, 4]
-    assert [peer.result(number) for number in (42424, 42425, 42426)] == [0, 4, 0]
-    assert peer.result(187, 0.5) == 3
-    px4 = Peer("px4")
-    assert [px4.result(number, 5.0) for number in (181, 183, 42424, 42425, 42426)] == [3] * 5
-    assert px4.result(187, 0.5) == 0
-
-
 @pytest.mark.parametrize("command", [420, 211, 42600])
 def test_px4_does_not_answer_an_injected_failure_a_gripper_or_a_winch(command):
     assert Peer("px4").result(command, 0.0, 1.0) is None
@@ -256,20 +244,6 @@ def test_ardupilot_sends_its_banner_when_asked():
 
 def test_ardupilot_knows_no_injected_failures():
     assert Peer("ardupilot").result(420, 0.0, 1.0) == 3
-
-
-def test_px4_tells_how_a_gyro_calibration_goes():
-    peer = Peer("px4")
-    assert peer.result(241, 1.0) == 0
-    peer.wait(4.0)
-    texts = [text for text in peer.texts() if text.startswith("[cal]")]
-    assert texts[0] == "[cal] calibration started: 2 gyro"
-    assert texts[1:-1] == [f"[cal] progress <{share}>" for share in range(0, 100, 10)]
-    assert texts[-1] == "[cal] calibration done: gyro"
-    other = Peer("ardupilot")
-    assert other.result(241, 1.0) == 0
-    other.wait(4.0)
-    assert not any("[cal]" in text for text in other.texts())
 
 
 @pytest.mark.parametrize("down_m", [0.0, 2.0])

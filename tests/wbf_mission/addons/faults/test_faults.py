@@ -76,7 +76,6 @@ def test_faults_are_read(text, fault):
     "text",
     [
         "",
-        "=",
         "meteor",
         "loss",
         "loss=two",

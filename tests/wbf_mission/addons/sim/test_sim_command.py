@@ -82,7 +82,6 @@ def test_the_list_of_faults(capsys):
         (["--speed", "nan"], "max"),
         (["--duration", "-3"], "duration"),
         (["--fault", "meteor"], "meteor"),
-        (["--fault", "loss=2"], "chance"),
         (["--scenario", "/no/such/file.toml"], "file.toml"),
         (["--listen", "serial:/dev/none:57600"], "cannot be opened"),
         (["--listen", "udpout:no.such.host.invalid:14550"], "no.such.host"),

@@ -1,0 +1,1 @@
+"""Set-up of a simulated vehicle: calibrations and outputs."""

@@ -1,0 +1,96 @@
+"""Calibrations and outputs as an extra of the simulated vehicle."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+from mission.link.codec.dialect import Message
+from mission.link.codec.dialect import mavlink as m
+from sim_vehicle.component import NEVER
+from sim_vehicle.mavlink.extras import VehicleExtra
+from sim_vehicle.pilot.controls import RefusedError, Severity
+
+if TYPE_CHECKING:
+    from sim_vehicle.mavlink.parameters import ParameterSet
+    from sim_vehicle.mavlink.plan_receiver import PlanReceiver
+    from sim_vehicle.mavlink.vehicle_command import Result, VehicleCommand
+    from sim_vehicle.mavlink.wire_state import WireState
+
+__all__ = ["GyroCalibration", "SetupExtra"]
+
+_FIRST_FREE_SERVO, _LAST_SERVO = 5, 16
+_FAILED = m.MAV_RESULT_FAILED
+_CALIBRATION_STEP_S = 0.25
+_CALIBRATION_TEXTS = (
+    "[cal] calibration started: 2 gyro",
+    *(f"[cal] progress <{share}>" for share in range(0, 100, 10)),
+    "[cal] calibration done: gyro",
+)
+
+
+class SetupExtra(VehicleExtra):
+    """Calibrations and outputs of firmwares that have them; most change nothing in the simulator."""
+
+    def __init__(self, state: WireState, parameters: ParameterSet, plans: PlanReceiver) -> None:
+        super().__init__(state, parameters, plans)
+        self._calibration = GyroCalibration(lambda text: state.pilot.note(Severity.INFO, text))
+        self.timed = (self._calibration,)
+        self.commands = {
+            m.MAV_CMD_PREFLIGHT_CALIBRATION: self._calibrate,
+            m.MAV_CMD_DO_SET_ACTUATOR: lambda _: None,
+            m.MAV_CMD_DO_SET_SERVO: self._servo,
+            # The simulated board has one relay, number 0.
+            m.MAV_CMD_DO_SET_RELAY: lambda command: None if command.number(1, -1) == 0 else _FAILED,
+            m.MAV_CMD_DO_START_MAG_CAL: lambda _: None,
+            m.MAV_CMD_DO_CANCEL_MAG_CAL: lambda _: None,
+            # The simulated compass is never calibrated, so there is no result to accept.
+            m.MAV_CMD_DO_ACCEPT_MAG_CAL: lambda _: _FAILED,
+        }
+
+    def _calibrate(self, command: VehicleCommand) -> None:
+        """Calibrate the gyroscopes, with status texts if the autopilot sends such texts."""
+        if self.state.pilot.armed:
+            raise RefusedError("Calibration refused: armed", text=self.state.mavlink.calibration_text)
+        if command.number(1) == 1 and self.state.mavlink.tells_calibration:
+            self._calibration.begin(self.state.now_us / 1e6)
+
+    def _servo(self, command: VehicleCommand) -> Result:
+        """DO_SET_SERVO: motor outputs are refused."""
+        channel = command.number(1)
+        if 1 <= channel < _FIRST_FREE_SERVO:
+            self.state.pilot.warn(f"ServoRelayEvent: Channel {channel} is already in use")
+        return None if _FIRST_FREE_SERVO <= channel <= _LAST_SERVO else _FAILED
+
+
+class GyroCalibration:
+    """Gyroscope calibration: PX4's sequence of status texts, which clients wait for.
+
+    A vehicle at rest has no offsets to estimate, so only time passes. Sources: PX4 ``calibration_messages.h``
+    and ``gyro_calibration.cpp``.
+
+    Examples
+    --------
+    >>> calibration = GyroCalibration(print)
+    >>> calibration.begin(5.0)
+    >>> calibration.poll(5.0)
+    [cal] calibration started: 2 gyro
+    []
+    """
+
+    def __init__(self, say: Callable[[str], None]) -> None:
+        self._note = say
+        self._remaining_texts: list[str] = []
+        self.due_s = NEVER
+
+    def begin(self, now_s: float) -> None:
+        """Begin the calibration, or restart a running one."""
+        self._remaining_texts = list(_CALIBRATION_TEXTS)
+        self.due_s = now_s
+
+    def poll(self, now_s: float) -> list[Message]:
+        """Send the status texts that are due; there are no other messages."""
+        while self.due_s <= now_s:
+            self._note(self._remaining_texts.pop(0))
+            self.due_s = self.due_s + _CALIBRATION_STEP_S if self._remaining_texts else NEVER
+        return []

@@ -27,9 +27,9 @@ _FAILURES_SHOWN = 5
 
 def _print_standings(output: Output, rows: Sequence[BenchRow], title: str) -> None:
     """Print the standings; without an add-on that makes them, the number of rows and the failed runs."""
-    from wbf_mission.cli.pages import GROUP
+    from wbf_mission.cli.command import PAGES
 
-    entry = entry_named(GROUP, "bench.standings")
+    entry = entry_named(PAGES, "bench.standings")
     if entry is not None:
         load_entry(entry, "the standings", options.TargetError)(output, rows, title)
         return

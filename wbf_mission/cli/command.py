@@ -1,18 +1,26 @@
-"""Commands provided by packages: entry points of one group, each a `Command`."""
+"""Commands and browser pages provided by packages: entry points of a group each."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import Any, NamedTuple
+from contextlib import AbstractContextManager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 import typer
 
-from geo.imports import entry_points, load_entry
+from geo.imports import entry_points, load_entry, load_named
 from wbf_mission.cli.help import HelpCommand, HelpGroup
 from wbf_mission.cli.options import TargetError
 
+if TYPE_CHECKING:
+    from wbf_mission.events import Event
+    from wbf_mission.run.orders import Orders
+
 GROUP = "wbf_mission.commands"
 """Group of entry points, named by command; ``bench.NAME`` becomes ``wbf-mission bench NAME``."""
+PAGES = "wbf_mission.pages"
+"""Group of entry points, named by page."""
 
 
 class Command(NamedTuple):
@@ -73,3 +81,23 @@ def _broken(error: TargetError) -> Command:
 
     call.__doc__ = "(cannot be loaded)"
     return Command(call, "")
+
+
+class LivePage(Protocol):
+    """``live``: context that serves the page of a run, and gives the page's address and its listener."""
+
+    def __call__(
+        self, *, host: str, port: int, orders: Orders | None, tiles: Path | None
+    ) -> AbstractContextManager[tuple[str, Callable[[Event], None]]]:
+        """LinkError if the port is in use; a WbfMissionError if the tiles cannot be used."""
+
+
+def live_page() -> LivePage:
+    """Return the live page; TargetError if no add-on provides one."""
+    page: LivePage = provided("live")
+    return page
+
+
+def provided(name: str) -> Any:
+    """Return the page of a name; TargetError if no add-on provides it."""
+    return load_named(PAGES, name, "brings the page", "the page", TargetError)

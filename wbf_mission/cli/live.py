@@ -12,9 +12,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from wbf_mission.cli import options
+from wbf_mission.cli.command import live_page
 from wbf_mission.cli.options import option
 from wbf_mission.cli.output import Output
-from wbf_mission.cli.pages import live_page
 from wbf_mission.scenario import ScenarioError
 
 if TYPE_CHECKING:

@@ -14,7 +14,7 @@ from bench_rows import made_row
 from geo import imports
 from wbf_mission.bench.rows import BenchStore, read_rows
 from wbf_mission.cli.app import main
-from wbf_mission.cli.pages import GROUP
+from wbf_mission.cli.command import PAGES
 
 HIDDEN = Path(__file__).parents[2] / "support" / "core_alone"
 ROOT = Path(__file__).parents[3]
@@ -222,7 +222,7 @@ def test_add_ons_ask_for_pages_as_the_core_does(tmp_path, monkeypatch, capsys, c
     there = sorted(tmp_path.rglob("*"))
     monkeypatch.chdir(tmp_path)
     found = imports.entry_points
-    monkeypatch.setattr(imports, "entry_points", lambda group: [] if group == GROUP else found(group))
+    monkeypatch.setattr(imports, "entry_points", lambda group: [] if group == PAGES else found(group))
     assert main(command.split()) == 2
     assert f"brings the page '{page}' (wbf_mission.pages)" in capsys.readouterr().err
     assert sorted(tmp_path.rglob("*")) == there

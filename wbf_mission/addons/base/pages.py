@@ -1,4 +1,4 @@
-"""Pages that add-ons make for each other: entry points of the group of `wbf_mission.cli.pages`."""
+"""Pages that add-ons make for each other: entry points of the group `wbf_mission.pages`."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
-from wbf_mission.cli.pages import provided
+from wbf_mission.cli.command import provided
 
 if TYPE_CHECKING:
     from sim_vehicle.component import Component

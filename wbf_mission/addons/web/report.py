@@ -93,7 +93,7 @@ def write_report(
 
 
 class RunPage(LiveLayers):
-    """Report of a run as it is flown: a `wbf_mission.cli.pages.RunPage`."""
+    """Report of a run as it is flown: a `wbf_mission.addons.base.pages.RunPage`."""
 
     def write(
         self, path: Path, record: RunRecord, *, log: Path | None, notes: Sequence[str], progress: Progress

@@ -331,7 +331,7 @@ async def _send(websocket: WebSocket, text: str) -> None:
 def live_page(
     *, host: str, port: int, orders: Orders | None, tiles: Path | None
 ) -> Iterator[tuple[str, Callable[[Event], None]]]:
-    """Serve the page of a run: a `wbf_mission.cli.pages.LivePage`."""
+    """Serve the page of a run: a `wbf_mission.cli.command.LivePage`."""
     view = View()
     with LiveServer(view, host=host, port=port, orders=orders, tiles=tiles) as server:
         yield server.url, view.take

@@ -242,7 +242,8 @@ def draw_seeds(
     hosts = int(last_rank[-1]) if last_rank.size else 0
     if hosts == 0:
         return np.empty(0, np.intp)
-    ranks = np.array(sorted(set(rng.integers(0, hosts, count).tolist())))
+    draws = np.sort(rng.integers(0, hosts, count))
+    ranks = draws[np.diff(draws, prepend=-1) > 0]
     edges = np.append(last_rank - per_row, hosts)[[*range(0, len(susceptible), _STRIP_ROWS), -1]]
     cells = [np.empty(0, np.intp)]
     for strip, (first, last) in enumerate(pairwise(np.searchsorted(ranks, edges).tolist())):

@@ -263,6 +263,10 @@ class EventStream:
     def __init__(self) -> None:
         self._listeners: list[tuple[Listener, tuple[type, ...]]] = []
 
+    def __reduce__(self) -> tuple[type[EventStream], tuple[()]]:
+        """A copy in another process has no listeners."""
+        return EventStream, ()
+
     def listen(self, listener: Callable[[Any], None], *kinds: type) -> None:
         """Add a listener to all later events, or only to those of the given `kinds`."""
         self._listeners.append((listener, kinds))

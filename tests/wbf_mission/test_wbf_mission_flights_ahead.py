@@ -3,6 +3,7 @@
 import itertools
 import os
 import signal
+import threading
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,7 @@ import pytest
 
 import wbf_mission.run.reuse
 from mission.outcome import Outcome
+from wbf_mission.events import EventStream, Progressed
 from wbf_mission.flight import Simulated, fly
 from wbf_mission.results.result import Result
 from wbf_mission.run.hosting import VirtualHosting
@@ -76,8 +78,16 @@ def test_flights_ahead_are_those_one_after_the_other(
     alone = fly(SHORT, by=Simulated(tlog=tmp_path / "alone.tlog"))
     assert not taken, "a short run needs no other processes"
     request.getfixturevalue("worth")
-    ahead = fly(SHORT, by=Simulated(tlog=tmp_path / "ahead.tlog"))
-    assert len(taken) == 4 and None not in taken
+    # A terminal's progress bar has a lock, which cannot be sent to another process.
+    events, lock, done = EventStream(), threading.RLock(), list[str]()
+
+    def hear(event: Progressed) -> None:
+        with lock:
+            done.append(event.what)
+
+    events.listen(hear, Progressed)
+    ahead = fly(SHORT, by=Simulated(tlog=tmp_path / "ahead.tlog"), events=events)
+    assert len(taken) == 4 and None not in taken and done.count("flying") >= 4
     assert_alike(ahead, alone)
     assert (tmp_path / "ahead.tlog").read_bytes() == (tmp_path / "alone.tlog").read_bytes()
     assert [one.observations for one in ahead.decisions] == [one.seen_before for one in ahead.flights]

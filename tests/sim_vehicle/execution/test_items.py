@@ -260,6 +260,16 @@ def test_a_mission_changed_in_flight_goes_on(when_s, current):
     assert [e.seq for e in events if isinstance(e, ItemReached)] == list(range(current, 4))
 
 
+@pytest.mark.parametrize("current", [1, 2])
+def test_a_mission_changed_in_the_take_off_goes_on_at_its_item(current):
+    vehicle = started(SQUARE, QUAD, HOME)
+    vehicle.advance(1.0)
+    assert vehicle.flight.landed is LandedState.TAKEOFF
+    assert not vehicle.mission.change([takeoff(), wp(10, 0), wp(10, 10), RTL], current)
+    reached = [e.seq for e in vehicle.advance(1000.0) if isinstance(e, ItemReached)]
+    assert reached == [0, *range(current, 4)]
+
+
 def aloft(height_m=30.0, spec=QUAD):
     vehicle = MissionExecutor(spec, HOME)
     vehicle.arm()

@@ -14,7 +14,7 @@ from __future__ import annotations
 import importlib
 import re
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -32,10 +32,7 @@ def attach(package: str) -> tuple[Callable[[str], object], Callable[[], list[str
     homes = {name: module for module, name in _PUBLIC.findall(source)}
     public = sorted(homes)
 
-    def __getattr__(name: str) -> object:  # noqa: N807 (assigned in the package)
-        if name not in homes:
-            msg = f"module {package!r} has no attribute {name!r}"
-            raise AttributeError(msg, name=name, obj=sys.modules[package])
+    def load(name: str) -> object:
         value = getattr(importlib.import_module(homes[name]), name)
         # Python calls __getattr__ only for names that are not set yet.
         setattr(sys.modules[package], name, value)
@@ -44,7 +41,19 @@ def attach(package: str) -> tuple[Callable[[str], object], Callable[[], list[str
     def __dir__() -> list[str]:  # noqa: N807
         return sorted({*vars(sys.modules[package]), *public})
 
-    return __getattr__, __dir__, public
+    return loader_of(package, homes, load), __dir__, public
+
+
+def loader_of(module: str, names: Collection[str], load: Callable[[str], object]) -> Callable[[str], object]:
+    """Return ``__getattr__`` of a module (PEP 562): `names` are loaded when they are used."""
+
+    def __getattr__(name: str) -> object:  # noqa: N807 (assigned in the module)
+        if name not in names:
+            msg = f"module {module!r} has no attribute {name!r}"
+            raise AttributeError(msg, name=name, obj=sys.modules[module])
+        return load(name)
+
+    return __getattr__
 
 
 def entry_points(group: str) -> metadata.EntryPoints:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from geo.errors import WbfMissionError
-from geo.imports import load_named
+from geo.imports import load_named, loader_of
 
 if TYPE_CHECKING:
     from collections.abc import Collection
@@ -47,9 +47,8 @@ if TYPE_CHECKING:
         """Check an estimator."""
 
 else:
-
-    def __getattr__(name: str) -> object:
-        if name not in _NAMES:
-            msg = f"module {__name__!r} has no attribute {name!r}"
-            raise AttributeError(msg)
-        return load_named(GROUP, name, "brings", "the contract check", WbfMissionError)
+    __getattr__ = loader_of(
+        __name__,
+        _NAMES,
+        lambda name: load_named(GROUP, name, "brings", "the contract check", WbfMissionError),
+    )

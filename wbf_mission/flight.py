@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
 from threadpoolctl import threadpool_limits
 
-from geo.imports import load_named
+from geo.imports import load_named, loader_of
 from mission.errors import LinkError
 from mission.transfer import refuse_errors
 from sensors.field_files import load_field_set
@@ -187,12 +187,7 @@ if TYPE_CHECKING:
     LiveLink: _LiveLink
 
 else:
-
-    def __getattr__(name: str) -> object:
-        if name != "LiveLink":
-            msg = f"module {__name__!r} has no attribute {name!r}"
-            raise AttributeError(msg)
-        return connection(name)
+    __getattr__ = loader_of(__name__, ("LiveLink",), connection)
 
 
 def fly(

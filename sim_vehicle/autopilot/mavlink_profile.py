@@ -169,7 +169,7 @@ class MavlinkProfile:
     component_metadata: tuple[str, str] | None = None
     """Name and package of the tables of parameters (``lists/NAME*.csv``) for the files of COMPONENT_METADATA
     (PX4). None if there are no such files."""
-    tells_calibration: bool = False
+    reports_calibration: bool = False
     """Whether notices are sent during a calibration (PX4)."""
     calibration_text: str = ""
     """Notice of a calibration refused while armed; empty for none."""

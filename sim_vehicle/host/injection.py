@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Literal, Protocol
 
 from numpy.random import SeedSequence
 
-from geo.imports import load_named
+from geo.imports import load_named, loader_of
 from geo.seeds import stream
 from mission.link.faults import Faults, FaultyChannel
 from sim_vehicle.component import NEVER, Component
@@ -117,9 +117,4 @@ if TYPE_CHECKING:
         ) -> None: ...
 
 else:
-
-    def __getattr__(name: str) -> object:
-        if name != "Fault":
-            msg = f"module {__name__!r} has no attribute {name!r}"
-            raise AttributeError(msg)
-        return fault_part(name)
+    __getattr__ = loader_of(__name__, ("Fault",), fault_part)

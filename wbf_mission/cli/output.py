@@ -275,7 +275,7 @@ def to_stdout() -> Iterator[None]:
         raise StdoutError(error) from error
 
 
-def write_and_tell(
+def write_and_report(
     output: Output, mission: Mission, path: Path, firmware: Firmware
 ) -> tuple[Mission, list[Loss]]:
     """Write a mission as far as the file's format can hold it; return the written part and the losses.

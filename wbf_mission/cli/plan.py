@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 from geo.texts import distance, duration
 from wbf_mission.cli import options
 from wbf_mission.cli.options import MISSION_SUFFIXES, Force, Overwrite, option, refuse_overwrite
-from wbf_mission.cli.output import Output, write_and_tell
+from wbf_mission.cli.output import Output, write_and_report
 from wbf_mission.cli.sorties import (
     FLEET_HEADER,
     SORTIE_HEADER,
@@ -146,7 +146,7 @@ def plan_command(
     output.notes(dict.fromkeys(str(remark) for remark in remarks if remark.severity is Severity.NOTE))
     for plan, path in zip(every, chain.from_iterable(files), strict=True):
         if path is not None:
-            write_and_tell(output, plan.mission, path, Firmware(plan.mav_autopilot))
+            write_and_report(output, plan.mission, path, Firmware(plan.mav_autopilot))
     values, tables = [], []
     for result, cut, paths in zip(results, cuts, files, strict=True):
         file = {"file": str(paths[0]) if paths[0] else None}

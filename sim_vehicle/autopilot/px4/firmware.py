@@ -220,7 +220,7 @@ def mavlink_profile(mav_type: int) -> MavlinkProfile:
         hover_thrust=_HOVER_THRUST if mav_type == m.MAV_TYPE_QUADROTOR else None,
         tells_remaining_time=True,
         component_metadata=("px4", "sim_vehicle.autopilot"),
-        tells_calibration=True,
+        reports_calibration=True,
         refusals=RefusalTexts(
             arming="Unsupported ARM_DISARM param: {:.3f}", current_item="WPM: WP CURR CMD: Not in list"
         ),

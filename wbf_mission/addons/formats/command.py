@@ -10,7 +10,7 @@ import typer
 from wbf_mission.cli import options
 from wbf_mission.cli.command import Command
 from wbf_mission.cli.options import MISSION_SUFFIXES, Overwrite, option, refuse_overwrite
-from wbf_mission.cli.output import Output, write_and_tell
+from wbf_mission.cli.output import Output, write_and_report
 
 EXAMPLES = """
 Examples
@@ -50,7 +50,7 @@ def convert_command(
     writer_for(target)
     mission, notes = open_mission(source, altitude_m=altitude, drawn_path=path)
     firmware = Firmware[autopilot.upper()]
-    kept, lost = write_and_tell(output, mission, target, firmware)
+    kept, lost = write_and_report(output, mission, target, firmware)
     output.notes(notes)
     waypoints = sum(item.command == Command.NAV_WAYPOINT for item in kept.items)
     home = None if kept.home is None else astuple(kept.home)

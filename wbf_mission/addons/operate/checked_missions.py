@@ -88,7 +88,7 @@ class Surroundings:
         )
 
 
-def read_and_tell(file: Path, output: Output) -> Mission:
+def read_and_report(file: Path, output: Output) -> Mission:
     """Return the mission of a file, and print the notes of its reader."""
     from mission.files import open_mission
 

@@ -9,7 +9,7 @@ from geo.texts import duration
 from wbf_mission.cli import options
 from wbf_mission.cli.command import Command
 from wbf_mission.cli.options import MISSION_SUFFIXES, Overwrite, option, refuse_overwrite
-from wbf_mission.cli.output import Output, write_and_tell
+from wbf_mission.cli.output import Output, write_and_report
 
 EXAMPLES = """
 Example
@@ -44,7 +44,7 @@ def download_command(
             open_driver=via_named(via).driver,
         )
     firmware = Firmware(report.autopilot) if report.autopilot in set(Firmware) else Firmware.GENERIC
-    write_and_tell(output, mission, out, firmware)
+    write_and_report(output, mission, out, firmware)
     rows = {
         "vehicle": report.vehicle,
         **{name: f"{count} items" for name, count in report.items.items()},

@@ -11,7 +11,7 @@ from wbf_mission.addons.operate.checked_missions import (
     CHECKED,
     Surroundings,
     fitted_circumstances,
-    read_and_tell,
+    read_and_report,
 )
 from wbf_mission.cli import options
 from wbf_mission.cli.command import Command
@@ -61,7 +61,7 @@ def preflight_command(
     if system_id is not None and connect is None:
         msg = "--system-id goes with --connect: give the link to the vehicle, or leave it out"
         raise ScenarioError(msg)
-    mission = read_and_tell(file, output)
+    mission = read_and_report(file, output)
     circumstances = around.circumstances(given, mission, output)
     snapshot = None
     if connect is not None:

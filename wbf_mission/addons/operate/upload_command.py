@@ -13,7 +13,7 @@ from wbf_mission.addons.operate.checked_missions import (
     CHECKED,
     Surroundings,
     fitted_circumstances,
-    read_and_tell,
+    read_and_report,
 )
 from wbf_mission.cli import options
 from wbf_mission.cli.command import Command
@@ -54,7 +54,7 @@ def upload_command(
     """
     from wbf_mission.addons.base.links import upload_checked, via_named
 
-    mission = read_and_tell(file, output)
+    mission = read_and_report(file, output)
     circumstances = around.circumstances(given, mission, output)
     with output.progress():
         report, checked = upload_checked(

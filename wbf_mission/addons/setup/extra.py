@@ -52,7 +52,7 @@ class SetupExtra(VehicleExtra):
         """Calibrate the gyroscopes, with status texts if the autopilot sends such texts."""
         if self.state.pilot.armed:
             raise RefusedError("Calibration refused: armed", text=self.state.mavlink.calibration_text)
-        if command.number(1) == 1 and self.state.mavlink.tells_calibration:
+        if command.number(1) == 1 and self.state.mavlink.reports_calibration:
             self._calibration.begin(self.state.now_us / 1e6)
 
     def _servo(self, command: VehicleCommand) -> Result:

@@ -15,7 +15,7 @@ def test_servos_relays_and_compasses_of_ardupilot():
     assert px4.result(187, 0.5) == 0
 
 
-def test_px4_tells_how_a_gyro_calibration_goes():
+def test_px4_reports_the_progress_of_a_gyro_calibration():
     peer = Peer("px4")
     assert peer.result(241, 1.0) == 0
     peer.wait(4.0)

@@ -213,7 +213,6 @@ class Simulation:
         self.bytes_sent = 0
         impaired = Faults() if impairment is None else impairment.faults
         self._injection = injection(faults, seed if impairment is None else impairment.seed)
-        self._unbroken = not faults and impaired == Faults()
         self._always = None if radio_range is None and impaired == Faults() else impaired
         far = [any(c is r for r in remote) for c in components]
         near = iter(
@@ -245,7 +244,7 @@ class Simulation:
 
     def _share_listeners(self) -> None:
         """Limit `SaysMuch` components to the messages that another component or a link wants."""
-        plain = self._unbroken and self._tap is None and self._signing is None
+        plain = not self._injection.faults and self._tap is None and self._signing is None
         plain = plain and not self._links and not self._radios
         for port, component in enumerate(self._components):
             if isinstance(component, SaysMuch):

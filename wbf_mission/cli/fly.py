@@ -97,7 +97,7 @@ class _Links:
                 msg = f"{with_link}: give the vehicle's link, or leave them out"
                 raise ScenarioError(msg)
             return None
-        from wbf_mission.flight import connection
+        from wbf_mission.preflight.run import connection
 
         if not self.yes and orders is None and not sys.stdin.isatty():
             msg = "--connect asks before the motors start, but there is no terminal: give --yes"

@@ -152,7 +152,7 @@ class SortieOptions:
         begin = None
         if self.resume is not None:
             from mission.course import Course
-            from wbf_mission.flight import connection
+            from wbf_mission.preflight.run import connection
 
             begin = connection("resume")(self.resume, Course(whole.mission))
         return sorties_of(

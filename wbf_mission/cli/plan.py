@@ -12,14 +12,7 @@ from geo.texts import distance, duration
 from wbf_mission.cli import options
 from wbf_mission.cli.options import MISSION_SUFFIXES, Force, Overwrite, option, refuse_overwrite
 from wbf_mission.cli.output import Output, write_and_report
-from wbf_mission.scenario import (
-    CameraOptions,
-    FarmOptions,
-    MissionOptions,
-    ScenarioError,
-    VehicleOptions,
-    WeatherOptions,
-)
+from wbf_mission.scenario import ScenarioError
 
 if TYPE_CHECKING:
     from mission.model import GeoPoint
@@ -166,11 +159,7 @@ class SortieOptions:
 
 
 @options.scenario_options(
-    FarmOptions,
-    MissionOptions,
-    VehicleOptions,
-    WeatherOptions,
-    CameraOptions,
+    *("farm", "mission", "vehicle", "weather", "camera"),
     without=(
         *options.OF_DAYS,
         *("turbulence", "gps_noise_m", "baro_noise_m", "radio_range_m"),

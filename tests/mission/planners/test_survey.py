@@ -19,9 +19,8 @@ from swath import seen_share
 from mission.errors import PlanningError
 from mission.planners import LengthBudget, PlanningRequest, make_planner
 from mission.planners.cornering import Cornering
-from mission.planners.cuts import cut_parts, width
 from mission.planners.path import Area, path_length
-from mission.planners.strips import Swath, ring_strips, rows_that_see, without_arms
+from mission.planners.strips import Swath, cut_parts, ring_strips, rows_that_see, width, without_arms
 from mission.planners.survey import survey, without_short_legs
 from mission.planners.sweep import fly_cells
 from mission.planners.terrain import Terrain, inset

@@ -11,6 +11,7 @@ from mission.files import read_mission, write_mission
 from mission.model import Command, GeoPoint, Mission, MissionItem
 from wbf_mission.cli.app import main
 
+
 @pytest.fixture
 def in_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Work in a folder of one's own, at a wide terminal."""

@@ -62,7 +62,7 @@ RUNS = {
 if "epidemic" in estimator_names():
     quick = "epidemic:outbreaks=20,epochs=1"
     RUNS["epidemic"] = {"policy": "greedy", "estimator": quick, "days": 2, "budget": "60s"}
-# Kernels without FMA differ most from what a processor of today chooses; the first run and the last take longest.
+# Kernels without FMA differ most from what a processor chooses; the first and the last run take longest.
 QUICK = ("Sandybridge", tuple(RUNS)[1:4])
 CHOSEN = [QUICK] * ("Sandybridge" in KERNELS) + [
     pytest.param(name, tuple(RUNS), marks=pytest.mark.slow) for name in KERNELS

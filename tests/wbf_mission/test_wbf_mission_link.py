@@ -1,56 +1,15 @@
-"""Upload and download over real sockets, with the simulator in a process of its own."""
+"""Upload and download over real sockets."""
 
 import json
-import os
-import signal
 import socket
-import subprocess
-import sys
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from stand_in import stand_in
 
 from mission.files import read_mission, write_mission
 from mission.model import Command, GeoPoint, Mission, MissionItem
 from wbf_mission.cli.app import main
-
-LONG_S = 150.0  # a limit against hanging, not a measure
-
-
-def spawn(*arguments: str, cwd: Path) -> subprocess.Popen[str]:
-    command = [sys.executable, "-m", "wbf_mission", *arguments]
-    pipe = subprocess.PIPE
-    return subprocess.Popen(
-        command, cwd=cwd, stdout=pipe, stderr=pipe, text=True, env={**os.environ, "COLUMNS": "200"}
-    )
-
-
-def free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
-
-
-@pytest.fixture(params=["px4", "ardupilot"])
-def simulator(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[str]:
-    port = free_port()
-    process = spawn(
-        "sim",
-        "--autopilot",
-        request.param,
-        "--listen",
-        f"tcpin:127.0.0.1:{port}",
-        "--no-camera",
-        cwd=tmp_path,
-    )
-    assert process.stderr is not None
-    assert "Ctrl-C ends it" in process.stderr.readline()
-    yield f"tcp:127.0.0.1:{port}"
-    process.send_signal(signal.SIGINT)
-    out, err = process.communicate(timeout=LONG_S)
-    assert process.returncode == 0, err
-    assert "Simulator stopped" in out
 
 
 @pytest.fixture
@@ -79,17 +38,19 @@ def fenced_mission() -> Mission:
     )
 
 
+@pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
 def test_upload_and_download_through_files(
-    simulator: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+    autopilot: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     mission = fenced_mission()
     up, down = tmp_path / "up.plan", tmp_path / "down.plan"
     write_mission(mission, up)
-    assert main(["upload", str(up), "--connect", simulator, "--json"]) == 0
-    report = json.loads(capfd.readouterr().out)
+    with stand_in(autopilot) as (url, _):
+        assert main(["upload", str(up), "--connect", url, "--json"]) == 0
+        report = json.loads(capfd.readouterr().out)
+        assert main(["download", "--connect", url, "--out", str(down)]) == 0
     assert report["verified"]
     assert report["items"] == {"fence": 4, "rally": 1, "mission": 42}
-    assert main(["download", "--connect", simulator, "--out", str(down)]) == 0
     onboard = read_mission(down)
     assert [item.command for item in onboard.items] == [item.command for item in mission.items]
     assert [(item.x, item.y) for item in onboard.fence] == [(item.x, item.y) for item in mission.fence]

@@ -1,7 +1,6 @@
 """Planners, policies and estimators of a user's own file."""
 
 import json
-import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -9,9 +8,8 @@ from pathlib import Path
 import pytest
 
 from geo.farm_file import split_layer
-from wbf_mission import BenchSpec, ScenarioError, benchmark, load_scenario
+from wbf_mission import BenchSpec, ScenarioError, load_scenario
 from wbf_mission.addons.boards.submission import code_files
-from wbf_mission.bench.engine import fly_all
 from wbf_mission.cli.app import main
 from wbf_mission.own_code import files_beside, own_choice
 
@@ -77,15 +75,6 @@ def test_they_fly(tmp_path, capsys):
     planner = f"{tmp_path / 'mine.py'}:wide:spacing_m=3.0"
     assert main([*arguments, "--planner", planner, "--estimator", "point", "--no-files"]) == 0
     assert json.loads(capsys.readouterr().out)["planner"] == "wide:spacing_m=3.0"
-
-
-def test_other_processes_get_the_code(tmp_path):
-    shutil.copy(EXAMPLES / "my_policy.py", tmp_path / "far_away.py")
-    policy = own_choice(f"{tmp_path / 'far_away.py'}:RowsThenGreedy", "policy")
-    spec = BenchSpec.of(["WBF/Miniberry-10-v1"], [policy], [own_choice(ESTIMATOR, "estimator")], seeds=3)
-    here = {one.key: one.score for one in benchmark(spec)}
-    assert None not in here.values()
-    assert {one.key: one.score for one in fly_all(list(spec.runs()), jobs=2)} == here
 
 
 def test_changed_code_is_another_run(tmp_path):

@@ -117,9 +117,15 @@ def test_observations_come_when_it_is_in_range_again_and_not_before():
         assert len(after) - len(before) == np.count_nonzero(since), "all that was seen meanwhile has come"
 
 
-@pytest.mark.parametrize("autopilot", AUTOPILOTS)
-@pytest.mark.parametrize("speed_m_s", [2.0, 5.0])
-@pytest.mark.parametrize("policy", ["greedy", "rolling-horizon"])
+@pytest.mark.parametrize(
+    ("policy", "speed_m_s", "autopilot"),
+    [
+        ("greedy", 2.0, "ardupilot"),
+        ("greedy", 5.0, "px4"),
+        ("greedy", 5.0, "ardupilot"),
+        ("rolling-horizon", 2.0, "px4"),
+    ],
+)
 def test_beyond_the_range_a_policy_flies_all_that_its_budget_pays_for(policy, speed_m_s, autopilot):
     rows = {"farm": "miniberry-100", "estimator": "adaptive-disk", "estimate_errors": False}
     limits = {"cruise_speed_m_s": speed_m_s, "budget": "150s", "radio_range_m": 30.0}
@@ -193,7 +199,7 @@ def test_a_vehicle_that_fails_beyond_the_range_is_lost_after_the_time_that_its_p
 
 
 @pytest.mark.parametrize("autopilot", AUTOPILOTS)
-@settings(max_examples=4, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=2, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(range_m=st.floats(3.5, 14.0), vehicles=st.integers(1, 2), seed=st.integers(0, 99))
 @example(range_m=4.0, vehicles=2, seed=66)
 def test_whatever_the_range_it_ends_at_home_within_its_battery(autopilot, range_m, vehicles, seed):

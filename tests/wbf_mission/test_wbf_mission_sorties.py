@@ -35,11 +35,6 @@ def cut(one, **how):
     return sorties_of(plan(one), one, **how)
 
 
-def usable_wh(one):
-    battery = plan(one).vehicle.battery
-    return battery.capacity_wh * (1.0 - battery.reserve_fraction)
-
-
 @pytest.fixture(scope="module")
 def calm(small):
     return cut(scenario(small))
@@ -81,7 +76,7 @@ def test_every_place_of_an_image_is_seen_by_a_sortie(small):
 
 @pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
 def test_gusts_and_a_wind_are_counted(small, autopilot):
-    windy = scenario(small, wind_speed_m_s=4.0, turbulence="light", autopilot=autopilot)
+    windy = scenario(small, wind_speed_m_s=4.0, turbulence="light", autopilot=autopilot, budget="700m")
     made = cut(windy)
     assert all(one.plan.prediction.most_wh <= 0.8 * 12.0 for one in made.sorties)
     assert any(one.plan.prediction.most_wh > one.plan.prediction.energy_wh for one in made.sorties)
@@ -141,9 +136,8 @@ def test_from_several_homes_each_sortie_is_flown_from_the_cheapest(small):
     assert all(part.prediction.most_wh <= 0.8 * 12.0 for part in many.plans)
 
 
-def test_nothing_is_cut_that_no_battery_is_enough_for(small):
-    one = scenario(small)
-    whole = plan(one)
+def test_nothing_is_cut_that_no_battery_is_enough_for(small, calm):
+    one, whole = scenario(small), calm.whole
     far = replace(
         whole.mission,
         items=(
@@ -173,11 +167,11 @@ def test_obstacles_are_flown_round_on_the_ways(small, tmp_path):
     assert any(shapely.LineString([home_m, begin]).intersects(barn.polygon) for begin in begins)
 
 
-def test_the_overlap_and_the_time_of_a_change_are_as_wanted(small):
-    one = scenario(small)
+def test_the_overlap_and_the_time_of_a_change_are_as_wanted(small, calm):
+    one, whole = scenario(small), calm.whole
     builder = MissionBuilder.of(one, get_farm(FARM))
-    assert overlap_of(builder, plan(one)) > 2 * builder.image_spacing_m
-    made = cut_plan(plan(one), builder, footprint=one.camera.footprint, overlap_m=30.0, change_s=60.0)
+    assert overlap_of(builder, whole) > 2 * builder.image_spacing_m
+    made = cut_plan(whole, builder, footprint=one.camera.footprint, overlap_m=30.0, change_s=60.0)
     assert made.change_s == 60.0 and made.total_s - made.flight_s == 60.0 * (len(made.sorties) - 1)
 
 
@@ -332,16 +326,12 @@ def test_a_mission_in_sorties_is_flown_as_one_run(small, calm, tmp_path):
     assert [flight.plan.mission for flight in loaded.flights] == missions
 
 
-def test_by_force_the_whole_is_flown_until_the_battery_sends_it_home(small):
-    result = fly(scenario(small, estimator="adaptive-disk"), by=Simulated(force=True))
-    assert len(result.flights) == 1 and result.outcome is not Outcome.COMPLETED
-
-
 def test_a_flight_that_was_broken_off_is_gone_on_with_where_it_was(small, tmp_path, capsys):
-    """What was flown before the battery sent it home, and the rest, show every place of an image."""
+    """What was flown by force until the battery sent it home, and the rest, show every place of an image."""
     one = scenario(small, estimator="adaptive-disk", budget="800m", estimate_errors=False)
     whole, log = plan(one), tmp_path / "flight.tlog"
     broken = fly(one, by=Simulated(force=True, tlog=log))
+    assert len(broken.flights) == 1 and broken.outcome is not Outcome.COMPLETED
     course = Course(whole.mission)
     place = resume_place(str(log), course)
     assert place.fraction > 0.0 and 0.2 * course.length_m < course.metres(place) < 0.8 * course.length_m

@@ -10,6 +10,7 @@ import time
 
 import msgspec
 import pytest
+from bench_rows import made_row
 from processes import environment
 
 from mission.planners import planner_names
@@ -89,8 +90,16 @@ def test_the_environment_of_a_seed_is_shared(rows):
     assert at["lawnmower", "point", 0].scores[0] == pytest.approx(first[0], rel=0.2)
 
 
-def test_processes_change_nothing(spec, rows):
-    assert decided(fly_all(list(spec.runs()), jobs=2)) == decided(rows)
+def test_processes_change_nothing_and_what_cannot_be_sent_to_them_is_a_row_that_says_so(spec, rows):
+    class Locked(PointEstimator):
+        def __init__(self):
+            self.lock = threading.Lock()
+
+    unsent = BenchSpec.of(scenarios=TEN, planners=["spiral"], estimators=[Locked()], seeds=1)
+    found = list(fly_all([*spec.runs(), *unsent.runs()], jobs=2))
+    (failed,) = (row for row in found if row.estimator == "Locked")
+    assert failed.error.startswith("a planner, policy or estimator cannot be sent to another process")
+    assert decided(row for row in found if row is not failed) == decided(rows)
 
 
 def test_what_is_kept_is_not_flown_again(spec, rows, tmp_path, monkeypatch):
@@ -153,17 +162,6 @@ def test_a_flight_that_sees_nothing_is_a_failure_and_counts_as_the_worst():
     assert (nowhere.environments, nowhere.failed) == (2, 2)
 
 
-def test_what_cannot_be_sent_is_a_row_that_says_so():
-    class Locked(PointEstimator):
-        def __init__(self):
-            self.lock = threading.Lock()
-
-    spec = BenchSpec.of(scenarios=TEN, planners=["spiral"], estimators=["point", Locked()], seeds=1)
-    errors = {one.estimator: one.error for one in fly_all(list(spec.runs()), jobs=2)}
-    assert errors["point"] is None
-    assert errors["Locked"].startswith("a planner, policy or estimator cannot be sent to another process")
-
-
 def test_a_run_does_not_see_what_those_before_it_left(tmp_path):
     class Counting(PointEstimator):
         count = 0
@@ -211,7 +209,7 @@ def test_rows_of_other_code_are_kept_apart_with_a_word(tmp_path, monkeypatch, ca
 def _fly_or_die(run):
     if run.seed == 1:
         os.kill(os.getpid(), signal.SIGKILL)
-    return engine.fly_run(run)  # of the process that flies it, where it is the real one
+    return made_row(run.planner, run.seed, [-0.5])
 
 
 def test_a_process_that_is_killed_costs_its_own_run(monkeypatch):

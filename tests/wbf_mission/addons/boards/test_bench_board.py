@@ -15,7 +15,6 @@ from wbf_mission.addons.boards.board import board_of, packs_of
 from wbf_mission.addons.boards.board_page import board_page, board_table, board_values, difference_table
 from wbf_mission.addons.boards.sealed import Secret
 from wbf_mission.addons.boards.verification import fly_again
-from wbf_mission.bench.engine import fly_run
 from wbf_mission.bench.rows import read_rows
 from wbf_mission.cli.app import main
 from wbf_mission.results.storage import ResultError
@@ -27,12 +26,6 @@ MARKUP = "[a](b) <img src=x>|"
 @pytest.fixture(scope="module")
 def rows(tmp_path_factory):
     return read_rows(flown(tmp_path_factory.mktemp("flown") / "results", seeds=4))
-
-
-@pytest.fixture
-def at_once(monkeypatch):
-    """Rows are flown again in this process, which costs no start of another one."""
-    monkeypatch.setattr(verification, "_flown_apart", lambda runs: map(fly_run, runs))
 
 
 @pytest.fixture

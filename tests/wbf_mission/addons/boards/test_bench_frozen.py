@@ -8,13 +8,11 @@ import pytest
 from bench_packs import pack_of
 from write_frozen_sums import table
 
-from wbf_mission.addons.boards import verification
 from wbf_mission.addons.boards.audit import require_whole
 from wbf_mission.addons.boards.board import board_of, packs_of
 from wbf_mission.addons.boards.frozen import TABLE, frozen_sums
 from wbf_mission.addons.boards.submission import read_pack
 from wbf_mission.addons.boards.verification import fly_again
-from wbf_mission.bench.engine import fly_run
 from wbf_mission.cli.app import main
 from wbf_mission.version import behaviour
 
@@ -36,12 +34,11 @@ def test_a_pack_holds_what_it_says(pack):
     assert not read.submission.own
 
 
-def test_rows_that_the_present_code_flew_come_out_equal(pack, monkeypatch):
-    monkeypatch.setattr(verification, "_flown_apart", lambda runs: map(fly_run, runs))
+def test_rows_that_the_present_code_flew_come_out_equal(at_once, pack):
     read, _ = pack
     # What epidemic learns on a farm takes minutes where nobody has learned it before.
     good = [row for row in read.rows if row.error is None and row.estimator != "epidemic"]
-    quickest = sorted(good, key=lambda row: row.cpu_time_s)[: len(good) // 3]
+    quickest = sorted(good, key=lambda row: row.cpu_time_s)[: len(good) // 10]
     drawn = random.Random(read.digest).sample(quickest, FLOWN)
     found = fly_again(drawn, FLOWN)
     assert not found.differing
@@ -54,10 +51,10 @@ def test_the_package_has_their_sums():
     assert set(frozen_sums()) == {path.relative_to(RESULTS).as_posix() for path in PACKS}
 
 
-def test_a_pack_that_only_has_the_name_of_a_frozen_one_is_left_out(tmp_path):
+def test_a_pack_that_only_has_the_name_of_a_frozen_one_is_left_out(at_once, tmp_path):
     (folder := tmp_path / "0.1.0").mkdir()
     read = read_pack(RESULTS / "0.1.0/WBF-Miniberry-10-v1.zip")
-    rows = [row for row in read.rows if row.planner != "spiral"]
+    rows = [row for row in read.rows if (row.planner, row.estimator) == ("lawnmower", "adaptive-disk")]
     pack_of(rows, folder / "WBF-Miniberry-10-v1.zip")
     (why,) = board_of(packs_of([tmp_path]), verify=0).refused.values()
     assert "is not the frozen 0.1.0/WBF-Miniberry-10-v1.zip, whose SHA-256 is another" in why
@@ -65,7 +62,7 @@ def test_a_pack_that_only_has_the_name_of_a_frozen_one_is_left_out(tmp_path):
     (folder / "WBF-Miniberry-10-v1.zip").rename(folder / "mine.zip")
     (entry,) = board_of(packs_of([tmp_path])).entries
     assert entry.frozen
-    assert str(entry.verification) != "not asked"
+    assert str(entry.verification) == "1 equal"
 
 
 def test_they_are_small():
@@ -76,10 +73,9 @@ def test_every_pack_is_told_of(pack):
     assert f"`{pack[1].relative_to(RESULTS).as_posix()}`" in (RESULTS / "README.md").read_text()
 
 
-def test_they_make_the_board_that_a_newcomer_makes(tmp_path, capsys):
-    assert main(["bench", "board", str(RESULTS), "--json", "--out", str(tmp_path), "--quiet"]) == 0
+def test_they_make_the_board_that_a_newcomer_makes(capsys):
+    assert main(["bench", "board", str(RESULTS), "--json", "--quiet"]) == 0
     told = json.loads(capsys.readouterr().out)
     assert len(told["submissions"]) == len(PACKS)
     assert all(one["frozen"] for one in told["submissions"])
     assert not told["refused"]
-    assert (tmp_path / "board.html").stat().st_size > 10_000

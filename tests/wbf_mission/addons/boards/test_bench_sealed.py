@@ -110,7 +110,7 @@ def test_rows_are_all_of_the_round(tmp_path):
         require_seeds(structs.replace(secret, scenarios=["WBF/Miniberry-30-v1"]), held)
 
 
-def test_a_round_from_its_seal_to_its_board(tmp_path, capsys, monkeypatch):
+def test_a_round_from_its_seal_to_its_board(at_once, tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert main(["bench", "seal", "--environments", "2", "--scenarios", SCENARIO, "--out", "round"]) == 0
     run = ["--planners", "spiral,lawnmower", "--estimators", "point", "--out", "held"]

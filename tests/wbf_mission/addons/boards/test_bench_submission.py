@@ -234,7 +234,7 @@ def test_environments_that_were_chosen_are_refused(rows):
     require_whole([row for row in rows if row.seed])
 
 
-def test_answers_that_were_hidden_are_found_when_a_row_is_flown_again(rows):
+def test_answers_that_were_hidden_are_found_when_a_row_is_flown_again(at_once, rows):
     (found,) = fly_again([structs.replace(rows[0], bad_answers={"crashed": 1}, decisions=20)], 1).rows
     assert "bad_answers" in found.why
     assert fly_again([structs.replace(rows[0], bad_answers={"too late": 1})], 1).rows[0].same == "equal"
@@ -253,7 +253,7 @@ def test_a_seed_that_others_have_is_missed_without_a_specification(folder, tmp_p
     assert "lawnmower, point: lacks rows that others have, of seeds 1; fly them, too" in told.err
 
 
-def test_rows_that_are_not_what_is_flown_are_found_out(folder, tmp_path, capsys):
+def test_rows_that_are_not_what_is_flown_are_found_out(at_once, folder, tmp_path, capsys):
     def better(number, row):
         history = {name: floats(np.array(row.history[name]) / 2) for name in row.history}
         scores = floats(np.array(row.scores) / 2)
@@ -448,29 +448,30 @@ def with_content(pack, path, content):
     return written(path, members | {ABOUT: json.dumps(about)})
 
 
-def test_a_list_of_many_equal_numbers_is_not_unpacked(pack, rows, tmp_path):
+def test_a_list_of_many_equal_numbers_is_not_unpacked(pack, rows, tmp_path, monkeypatch):
+    monkeypatch.setattr(storage, "_MOST_VALUES", 500_000)
     table = submission.rows_table(rows[:1])
-    many = pa.ListArray.from_arrays(pa.array([0, 60_000_000], pa.int32()), pa.array(np.zeros(60_000_000)))
+    many = pa.ListArray.from_arrays(pa.array([0, 600_000], pa.int32()), pa.array(np.zeros(600_000)))
     table = table.set_column(table.column_names.index("scores"), "scores", many)
     bomb = with_table(pack, tmp_path / "bomb.zip", table)
     assert bomb.stat().st_size < 2**20
-    with pytest.raises(ResultError, match="more than the limit of 50000000"):
+    with pytest.raises(ResultError, match="more than the limit of 500000"):
         read_pack(bomb)
 
 
 def test_a_table_that_lies_about_its_size_is_not_unpacked(pack, rows, tmp_path, monkeypatch):
-    """Its footer says that a list of 60 million numbers has a thousand."""
+    """Its footer says that a list of 30 million numbers has a thousand."""
     table = submission.rows_table(rows[:1])
-    many = pa.ListArray.from_arrays(pa.array([0, 60_000_000], pa.int32()), pa.array(np.zeros(60_000_000)))
+    many = pa.ListArray.from_arrays(pa.array([0, 30_000_000], pa.int32()), pa.array(np.zeros(30_000_000)))
     table = table.set_column(table.column_names.index("scores"), "scores", many)
     bomb = with_table(pack, tmp_path / "bomb.zip", table)
     content = members_of(bomb)[TABLE]
     footer = -8 - int.from_bytes(content[-8:-4], "little")
-    told, less = zigzag(60_000_000), zigzag(1000, 4)
+    told, less = zigzag(30_000_000), zigzag(1000, 4)
     assert told in content[footer:]
     lies = content[:footer] + content[footer:].replace(told, less)
     path = with_content(pack, tmp_path / "lies.zip", lies)
-    monkeypatch.setattr(submission, "_MAX_MEMORY_BYTES", 2**28)
+    monkeypatch.setattr(submission, "_MAX_MEMORY_BYTES", 2**27)
     with pytest.raises(ResultError, match=r"lies\.zip"):
         read_pack(path)
 

@@ -106,7 +106,7 @@ def bad_checks(checks, monkeypatch, seed, answers_s=0.4):
 CHECKS = chosen_checks(("mission", "transfer"), fly=False)
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(2))
 def test_in_any_order_of_the_checks_all_pass(seed, monkeypatch):
     checks = list(CHECKS)
     if seed:
@@ -115,7 +115,7 @@ def test_in_any_order_of_the_checks_all_pass(seed, monkeypatch):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", range(4, 40))
+@pytest.mark.parametrize("seed", range(2, 40))
 def test_in_many_orders_of_the_checks_all_pass(seed, monkeypatch):
     checks = list(CHECKS)
     random.Random(seed).shuffle(checks)

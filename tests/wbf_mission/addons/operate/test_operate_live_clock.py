@@ -149,7 +149,7 @@ class Pondering:
 class Watched(VirtualLink):
     """A flight beside which a policy ponders; `watch` looks at it each second."""
 
-    def __init__(self, policy, watch=lambda link: None, *, vehicles=1, budget="300s"):
+    def __init__(self, policy, watch=lambda link: None, *, vehicles=1, budget="200s"):
         self.given = scenario(farm="miniberry-100", autopilot="ardupilot", budget=budget, vehicles=vehicles)
         super().__init__(
             make_components(self.given, count=vehicles, with_camera=False), speed=1.0, waits=False

@@ -2,6 +2,7 @@
 
 import io
 import os
+import signal
 import threading
 
 import numpy as np
@@ -43,6 +44,32 @@ def test_a_flight_is_told_from_the_question_to_the_ground(typed, capsys):
     for text in ("waiting until", "start the motors? [y/N]", "flying", "images, link", "vehicle: Disarmed"):
         assert text in told, told
     assert told.index("start the motors") < told.index("images, link")
+
+
+def test_ctrl_c_asks_and_the_vehicle_returns(typed, capsys):
+    output, done_s = Output(), []
+
+    def interrupt_and_answer(event):
+        if not done_s and flies(event):
+            done_s.append(event.time_s)
+            signal.raise_signal(signal.SIGINT)
+        elif len(done_s) == 1 and event.time_s > done_s[0] + 2.0:
+            done_s.append(event.time_s)
+            typed("r\n")
+
+    output.events.listen(interrupt_and_answer, VehicleMoved)
+    typed("y\n")
+    signals.install()
+    try:
+        with stand_in() as (url, made):
+            link = LiveLink(url, TerminalConsole(output))
+            result = fly(scenario(budget="150s"), by=link, events=output.events)
+            assert not made.vehicle.pilot.armed
+    finally:
+        signals.restore()
+    told = capsys.readouterr().err
+    assert result.outcome is Outcome.INTERRUPTED
+    assert "[h]old, [r]eturn" in told and "the vehicle returns (mode RTL)" in told, told
 
 
 def test_no_starts_nothing(typed, capsys):

@@ -5,6 +5,7 @@ import signal
 import sys
 
 from hypothesis import settings
+from sweeps import IN_THE_SLOW_PART
 
 settings.register_profile("default", deadline=None)
 settings.register_profile("ci", deadline=None, derandomize=True)
@@ -29,3 +30,9 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 if signal.getsignal(signal.SIGHUP) is signal.SIG_IGN:
     signal.signal(signal.SIGHUP, signal.SIG_DFL)
+
+
+def pytest_configure(config):
+    """Sweeps are tests of the slow part, too; there they have more examples."""
+    if config.getoption("markexpr") == "slow":
+        os.environ[IN_THE_SLOW_PART] = "1"

@@ -195,7 +195,7 @@ def test_too_many_rows(monkeypatch):
     row = "5 0 2 20 0 0 0 0 0 0 0 1\n"
     assert len(read(HOME, row * 20).items) == 20
     for text in (HOME + row * 21, row * 21):
-        with pytest.raises(MissionFileError, match="(more than|can number) 20"):
+        with pytest.raises(MissionFileError, match=r"(more than|can number) 20"):
             read(text)
 
 

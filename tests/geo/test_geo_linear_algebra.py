@@ -158,7 +158,7 @@ def left_to_the_processor(source):
         match node:
             case ast.BinOp(op=ast.MatMult()) | ast.AugAssign(op=ast.MatMult()):
                 yield node.lineno, "@"
-            case ast.Attribute(value=value) if ast.unparse(value) in ("np", "np.linalg"):
+            case ast.Attribute(value=ast.Name("np") | ast.Attribute(ast.Name("np"), "linalg")):
                 name = ast.unparse(node).removeprefix("np.")
                 # In compiled code functions are those of C; products are BLAS's there, too.
                 is_left = LEFT_TO_THE_PROCESSOR.fullmatch(name) is not None

@@ -24,9 +24,9 @@ from mission.ground.contact import Contact
 from mission.ground.items import revised_mission
 from mission.ground.station import GroundStation, NotFlyingError
 from mission.link.codec.dialect import mavlink as m
-from mission.model import Command, GeoPoint, Mission, MissionItem
+from mission.model import Command, GeoPoint, Mission, MissionItem, MissionType
 from mission.outcome import Outcome
-from mission.transfer import MissionServer
+from mission.transfer import DownloadComplete, MissionServer
 from sensors.camera.leaf_camera import LeafCamera
 from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.autopilot import get_autopilot, with_autopilot
@@ -625,6 +625,14 @@ def test_of_a_vehicle_without_ids_only_what_it_shows_afterwards_counts():
     assert change.ids == {0} and marked <= 4 < len(change.new.items), "its item could be of both missions"
     assert not change.session.done
     assert change.shows(marked, 1.1)
+
+
+@pytest.mark.parametrize(("held", "is_another"), [(planned(), False), (planned(OLD[2:]), True)])
+def test_a_mission_that_is_read_back_and_not_the_new_one_ends_the_change(held, is_another):
+    session = WholeChange().session
+    session._compare(DownloadComplete(MissionType.MISSION, held.items, 0), 2.0)
+    assert session.record.outcome is ChangeOutcome.GIVEN_UP
+    assert ("the vehicle holds another mission" in session.record.text) is is_another
 
 
 def test_a_vehicle_that_shows_another_item_is_told_four_times():

@@ -6,6 +6,7 @@ import sys
 
 import pytest
 from hypothesis import settings
+from sweeps import IN_THE_SLOW_PART
 
 settings.register_profile("default", deadline=None)
 settings.register_profile("ci", deadline=None, derandomize=True)
@@ -34,8 +35,19 @@ if signal.getsignal(signal.SIGHUP) is signal.SIG_IGN:
 
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_make_scheduler(config, log):
-    """All tests of a file go to one worker, which makes what they share once; files in their order."""
+    """All tests of a file go to one worker, which makes what they share once; files in their order.
+
+    Slow tests share little, and one file of them would take too long for one worker.
+    """
+    if config.getoption("markexpr") == "slow":
+        return None
     from xdist.scheduler import LoadFileScheduling
 
     config.option.loadscopereorder = False
     return LoadFileScheduling(config, log)
+
+
+def pytest_configure(config):
+    """Sweeps are tests of the slow part, too; there they have more examples."""
+    if config.getoption("markexpr") == "slow":
+        os.environ[IN_THE_SLOW_PART] = "1"

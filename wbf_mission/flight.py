@@ -6,12 +6,11 @@ from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, Protocol
+from typing import TYPE_CHECKING, ClassVar, Protocol
 
 from threadpoolctl import threadpool_limits
 
-from geo.imports import load_named, loader_of
-from mission.errors import LinkError
+from geo.imports import loader_of
 from mission.transfer import refuse_errors
 from sensors.field_files import load_field_set
 from sensors.scoring.score import ScoreWeights
@@ -21,7 +20,7 @@ from wbf_mission.events import EventStream, RunBegun, RunEnded, VehicleInfo
 from wbf_mission.maps.field_maps import FieldMap, true_map
 from wbf_mission.planning.fleet import Vehicle
 from wbf_mission.planning.sorties import CHANGE_S, SortiePlan
-from wbf_mission.preflight.run import check_plans
+from wbf_mission.preflight.run import check_plans, connection
 from wbf_mission.progress import Stopwatch
 from wbf_mission.results.result import Result
 from wbf_mission.run.campaign import Campaign, RealSorties
@@ -150,18 +149,6 @@ class Simulated:
             impairment=self.impairment,
             faults=tuple(faults),
         )
-
-
-def connection(name: str) -> Any:
-    """Return a part of the flights of real vehicles; LinkError if no add-on provides it.
-
-    ``LiveLink`` is the class of `wbf_mission.LiveLink`. ``fly`` makes one with the operator at the terminal,
-    from links, an `Output` and the class's options. ``resume`` finds the place where a mission is resumed, by
-    the text of ``plan --resume`` and the mission's `Course`. ``checks`` are those of a plan against the
-    vehicle's answers (`wbf_mission.preflight.run`).
-    """
-    group = "wbf_mission.connections"
-    return load_named(group, name, "connects to real vehicles with", "the connection", LinkError)
 
 
 if TYPE_CHECKING:

@@ -14,7 +14,6 @@ from shapely.geometry import Polygon
 
 from geo.linear_algebra import product
 from mission.errors import PlanningError
-from mission.planners.cuts import cut_parts, hull_angles
 from mission.planners.path import Area, PlannedPath, Points, distinct, path_length
 from mission.planners.request import PlanningRequest
 from mission.planners.search import (
@@ -26,7 +25,16 @@ from mission.planners.search import (
     with_gaps,
 )
 from mission.planners.spiral import ring_from
-from mission.planners.strips import Swath, is_narrow, ring_strips, rows_that_see, strip_lines, without_arms
+from mission.planners.strips import (
+    Swath,
+    cut_parts,
+    hull_angles,
+    is_narrow,
+    ring_strips,
+    rows_that_see,
+    strip_lines,
+    without_arms,
+)
 from mission.planners.sweep import fly_cells
 from mission.planners.terrain import Terrain, parts_of, smoothed
 

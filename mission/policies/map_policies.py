@@ -23,11 +23,13 @@ from mission.policies.policy import LEAST_S, Triggers
 from mission.policies.route_search import (
     COST,
     VALUE,
+    candidate_places,
     leg_offsets,
     leg_values,
     neighbour_shares,
     pool,
     search_route,
+    search_tour,
     take_leg,
 )
 from mission.policies.steering import (
@@ -38,7 +40,6 @@ from mission.policies.steering import (
     far_route,
     make_coordination,
 )
-from mission.policies.tour_search import candidate_places, search_tour
 
 _RADIUS = 3  # Radius, in cells, of the neighbour shares: further cells lose less than 1 % of their value
 _ALTERNATIVES = 4

@@ -14,6 +14,7 @@ import os
 import threading
 from collections import OrderedDict
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Generic, Literal, cast
@@ -121,24 +122,15 @@ class ChunkCache:
         return chunk
 
 
+@dataclass(eq=False, slots=True)
 class ChunkedLayer(Generic[T]):
     """A layer on disk that is decoded on demand, chunk by chunk."""
 
-    __slots__ = ("_cache", "_chunk", "_name", "_read", "_shape")
-
-    def __init__(
-        self,
-        name: str,
-        shape: tuple[int, int],
-        chunk: tuple[int, int],
-        read: Callable[[slice, slice], NDArray[T]],
-        cache: ChunkCache,
-    ) -> None:
-        self._name = name
-        self._shape = shape
-        self._chunk = chunk
-        self._read = read
-        self._cache = cache
+    _name: str
+    _shape: tuple[int, int]
+    _chunk: tuple[int, int]
+    _read: Callable[[slice, slice], NDArray[T]]
+    _cache: ChunkCache
 
     def whole(self) -> NDArray[T]:
         """Decode and return the whole array, without caching."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 from mission.model import Command, MissionItem
@@ -75,26 +75,18 @@ def plan_item_legs(
     return planner.plan
 
 
+@dataclass(eq=False, slots=True)
 class _Planner:
     """Plans item by item; `_last` is the end of the planned legs, `_tangent` the arrival direction."""
 
-    def __init__(
-        self,
-        items: Sequence[MissionItem],
-        positions: Sequence[Position],
-        settings: Settings,
-        spec: VehicleSpec,
-        here: Position,
-        return_point: Position,
-    ) -> None:
-        self.plan = LegPlan()
-        self._items = items
-        self._positions = positions
-        self._settings = settings
-        self._spec = spec
-        self._return_point = return_point
-        self._last = here
-        self._tangent = _NOWHERE
+    _items: Sequence[MissionItem]
+    _positions: Sequence[Position]
+    _settings: Settings
+    _spec: VehicleSpec
+    _last: Position
+    _return_point: Position
+    _tangent: Position = _NOWHERE
+    plan: LegPlan = field(default_factory=LegPlan)
 
     def add_item(self, seq: int) -> None:
         """Add the legs of an item."""

@@ -19,7 +19,7 @@ from mission.model import RELATIVE_FRAMES, Command
 from sim_vehicle.autopilot.modes import Mode
 from sim_vehicle.execution.items import CAMERA_COMMANDS, ROI_COMMANDS
 from sim_vehicle.mavlink.vehicle_command import Result, VehicleCommand, read_command
-from sim_vehicle.motion.legs import ALONG, KEEP, Heading
+from sim_vehicle.motion.legs import ALONG, Heading
 from sim_vehicle.pilot.controls import RefusedError, Severity
 from sim_vehicle.pilot.failsafe import FORCE
 
@@ -30,21 +30,13 @@ if TYPE_CHECKING:
     from sim_vehicle.mavlink.wire_state import WireState
     from sim_vehicle.pilot.pilot import Pilot
 
-__all__ = ["HANDLERS", "CommandReceiver", "set_custom_mode"]
+__all__ = ["HANDLERS", "CommandReceiver", "enter_mode", "set_custom_mode"]
 
 # Maximum number of last commands in memory, one per client: a client can change its address at will.
 _MOST_PEERS = 256
 _HEARTBEAT_US = 1e6
 # Threshold of parameter 1 above which DO_FLIGHTTERMINATION terminates (common.xml).
 _TERMINATE = 0.5
-_STANDARD_MODES = {
-    1: Mode.HOLD,
-    4: Mode.ALTITUDE,
-    5: Mode.RTL,
-    6: Mode.MISSION,
-    7: Mode.LAND,
-    8: Mode.TAKEOFF,
-}
 _ACCEPTED = m.MAV_RESULT_ACCEPTED
 _DENIED = m.MAV_RESULT_DENIED
 _FAILED = m.MAV_RESULT_FAILED
@@ -149,32 +141,33 @@ def set_custom_mode(vehicle: CommandedVehicle, number: int) -> None:
     if mode is None:
         text = modes.unknown_text.format(number)
         raise RefusedError(text, text=text)
-    _enter(vehicle, mode, number)
+    enter_mode(vehicle.state, mode, number)
     vehicle.state.name_mode(number)
 
 
-def _enter(vehicle: CommandedVehicle, mode: Mode, number: int) -> None:
-    with _refused_as(vehicle, number):
-        vehicle.pilot.set_mode(mode)
+def enter_mode(state: WireState, mode: Mode, number: int) -> None:
+    """Enter a mode, or refuse it as custom mode `number` with the firmware's own text."""
+    with _refused_as(state, number):
+        state.pilot.set_mode(mode)
 
 
 @contextmanager
-def _refused_as(vehicle: CommandedVehicle, number: int | None) -> Iterator[None]:
+def _refused_as(state: WireState, number: int | None) -> Iterator[None]:
     """Refuse a custom mode with the firmware's own text; with None for `number`, keep the refusal."""
     try:
         yield
     except RefusedError as refusal:
         if number is None:
             raise
-        has_position = vehicle.pilot.position_ok
-        text = vehicle.state.mavlink.modes.refusal(number, has_position=has_position)
+        has_position = state.pilot.position_ok
+        text = state.mavlink.modes.refusal(number, has_position=has_position)
         raise RefusedError(str(refusal), denied=refusal.denied, text=text) from None
 
 
 def _mode(mode: Mode) -> Handler:
     def handler(vehicle: CommandedVehicle, _command: VehicleCommand) -> None:
         number = vehicle.state.mavlink.modes[mode]
-        _enter(vehicle, mode, number)
+        enter_mode(vehicle.state, mode, number)
         vehicle.state.name_mode(number)
 
     return handler
@@ -185,14 +178,6 @@ def _set_mode(vehicle: CommandedVehicle, command: VehicleCommand) -> None:
         raise RefusedError("Mode refused: only custom modes are known", denied=True)
     modes = vehicle.state.mavlink.modes
     set_custom_mode(vehicle, modes.custom_mode_of(command.number(2), command.number(3)))
-
-
-def _set_standard_mode(vehicle: CommandedVehicle, command: VehicleCommand) -> Result:
-    mode = _STANDARD_MODES.get(command.number(1))
-    if mode is None:
-        return _UNSUPPORTED
-    _enter(vehicle, mode, vehicle.state.mavlink.modes[mode])
-    return None
 
 
 def _available_modes(profile: MavlinkProfile, index: int) -> tuple[Message, ...]:
@@ -237,7 +222,7 @@ def _takeoff(vehicle: CommandedVehicle, command: VehicleCommand) -> Result:
     if not altitude > 0.0:
         altitude = pilot.spec.takeoff_altitude_m
     number = profile.modes[Mode.TAKEOFF]
-    with _refused_as(vehicle, None if number == profile.modes[Mode.GUIDED] else number):
+    with _refused_as(vehicle.state, None if number == profile.modes[Mode.GUIDED] else number):
         pilot.takeoff(altitude)
     return None
 
@@ -260,18 +245,6 @@ def _reposition(vehicle: CommandedVehicle, command: VehicleCommand) -> None:
         heading=Heading.fixed(yaw_rad) if turns else ALONG,
         speed_m_s=speed if speed > 0.0 and math.isfinite(speed) else None,
     )
-
-
-def _change_altitude(vehicle: CommandedVehicle, command: VehicleCommand) -> None:
-    """DO_CHANGE_ALTITUDE: altitude and frame, at the present position."""
-    pilot = vehicle.pilot
-    altitude, frame = command.params[0], command.number(2)
-    if not math.isfinite(altitude) or frame not in (0, 3, 5, 6):
-        raise RefusedError("Altitude refused: no altitude or frame", denied=True)
-    altitude = vehicle.state.above_start(altitude, frame)
-    x, y, _ = pilot.executor.motion.stopping_point()
-    mode = vehicle.state.mavlink.modes.after_command
-    pilot.goto(*pilot.frame.to_wgs84(x, y), altitude, mode=mode, heading=KEEP)
 
 
 def _change_speed(vehicle: CommandedVehicle, command: VehicleCommand) -> Result:
@@ -312,12 +285,6 @@ def _terminate(vehicle: CommandedVehicle, command: VehicleCommand) -> None:
         vehicle.pilot.terminate("by command")
 
 
-def _go_around(vehicle: CommandedVehicle, command: VehicleCommand) -> None:
-    """DO_GO_AROUND (ArduPlane): abort the landing and climb to a height; 0 selects the landing's own."""
-    height = command.params[0]
-    vehicle.pilot.go_around(height if math.isfinite(height) and height > 0.0 else None)
-
-
 def _set_home(vehicle: CommandedVehicle, command: VehicleCommand) -> None:
     """DO_SET_HOME: here (parameter 1 is 1), or at a position; PX4 reads altitudes as above sea level."""
     pilot, state = vehicle.pilot, vehicle.state
@@ -340,7 +307,7 @@ def _set_home(vehicle: CommandedVehicle, command: VehicleCommand) -> None:
 
 def _mission_start(vehicle: CommandedVehicle, command: VehicleCommand) -> None:
     first = command.number(1)
-    with _refused_as(vehicle, vehicle.state.mavlink.modes[Mode.MISSION]):
+    with _refused_as(vehicle.state, vehicle.state.mavlink.modes[Mode.MISSION]):
         reason = vehicle.pilot.mission.why_not
         if reason is not None:
             raise RefusedError(f"Mission start refused: {reason}")
@@ -438,17 +405,14 @@ HANDLERS: dict[int, Handler] = {
     m.MAV_CMD_COMPONENT_ARM_DISARM: _arm,
     m.MAV_CMD_RUN_PREARM_CHECKS: _run_checks,
     m.MAV_CMD_DO_SET_MODE: _set_mode,
-    m.MAV_CMD_DO_SET_STANDARD_MODE: _set_standard_mode,
     Command.NAV_TAKEOFF: _takeoff,
     Command.NAV_LAND: _mode(Mode.LAND),
     Command.NAV_RETURN_TO_LAUNCH: _mode(Mode.RTL),
     Command.NAV_LOITER_UNLIM: _mode(Mode.HOLD),
     m.MAV_CMD_DO_REPOSITION: _reposition,
-    m.MAV_CMD_DO_CHANGE_ALTITUDE: _change_altitude,
     Command.DO_CHANGE_SPEED: _change_speed,
     m.MAV_CMD_DO_FENCE_ENABLE: _fence_enable,
     m.MAV_CMD_DO_FLIGHTTERMINATION: _terminate,
-    m.MAV_CMD_DO_GO_AROUND: _go_around,
     Command.DO_SET_HOME: _set_home,
     m.MAV_CMD_MISSION_START: _mission_start,
     Command.DO_LAND_START: _land_start,

@@ -40,20 +40,19 @@ def test_the_files_that_it_sends_a_reader_to_exist():
     assert [name for name in named if not (ROOT / name).exists()] == []
 
 
-def draw_architecture(*options):
-    command = [sys.executable, str(ROOT / "docs" / "draw_architecture.py"), *map(str, options)]
-    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
+@pytest.fixture(scope="module")
+def drawing():
+    """Import what draws the picture, and with it matplotlib."""
+    return importlib.import_module("draw_architecture")
 
 
-def test_the_picture_is_that_of_the_code():
-    checked = draw_architecture("--check")
-    assert checked.returncode == 0, checked.stderr
+def test_the_picture_is_that_of_the_code(drawing):
+    assert drawing.check(drawing.PICTURE) == []
 
 
-def test_a_picture_that_the_code_has_left_behind_is_found(tmp_path):
+def test_a_picture_that_the_code_has_left_behind_is_found(drawing, tmp_path):
     picture = tmp_path / "architecture.png"
-    drawn = draw_architecture("--out", picture)
-    assert drawn.returncode == 0, drawn.stderr
+    drawing.draw(picture)
     with Image.open(picture) as image:
         said = json.loads(image.info["Description"])
     said["rooms"]["mission.files"][1] *= 2
@@ -62,7 +61,8 @@ def test_a_picture_that_the_code_has_left_behind_is_found(tmp_path):
     info = PngInfo()
     info.add_text("Description", json.dumps(said))
     Image.new("L", (1, 1)).save(picture, pnginfo=info)
-    checked = draw_architecture("--check", "--out", picture)
+    command = [sys.executable, ROOT / "docs" / "draw_architecture.py", "--check", "--out", picture]
+    checked = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
     assert checked.returncode == 1
     lines = checked.stderr.splitlines()
     assert [line.split(":")[0] for line in lines[:3]] == ["mission.cellar", "mission.files", "arrows"]

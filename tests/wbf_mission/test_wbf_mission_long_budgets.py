@@ -6,7 +6,7 @@ import pytest
 
 from wbf_mission import Scenario
 from wbf_mission.cli.app import main
-from wbf_mission.cli.sorties import SortieOptions
+from wbf_mission.cli.plan import SortieOptions
 from wbf_mission.planning.builder import budget_left
 from wbf_mission.planning.fleet import single_vehicles
 from wbf_mission.preflight.finding import PreflightError

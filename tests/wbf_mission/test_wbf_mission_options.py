@@ -157,7 +157,7 @@ def test_a_command_must_not_have_an_option_twice() -> None:
     def command(given: Given, turbulence: str = "") -> None: ...
 
     with pytest.raises(TypeError, match="turbulence"):
-        scenario_options(WeatherOptions)(command)
+        scenario_options("weather")(command)
 
 
 @pytest.mark.parametrize(

@@ -20,8 +20,7 @@ from wbf_mission.cli.app import main
 from wbf_mission.events import EventStream
 from wbf_mission.planning import MissionBuilder
 from wbf_mission.planning.coverage import image_places
-from wbf_mission.planning.sortie_costs import SortieCosts
-from wbf_mission.planning.sorties import cut_plan, overlap_of, sorties_of
+from wbf_mission.planning.sorties import SortieCosts, cut_plan, overlap_of, sorties_of
 from wbf_mission.preflight.run import check_plans
 from wbf_mission.run.plan import plan
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,12 @@ import pytest
 from processes import running, wait_until
 from pymavlink import mavutil
 
+from geo.farms import get_farm
+from mission.files.formats import open_mission
 from mission.link.codec.dialect import mavlink as m
+from sensors.field_files import read_fields
+from sim_vehicle.airframe.catalog import load_vehicle
+from wbf_mission.scenario.files import load_scenario
 
 ROOT = Path(__file__).parents[2]
 CORE = ["geo", "sensors", "mission", "sim_vehicle", "wbf_mission"]
@@ -119,3 +125,26 @@ def answers(link: Any, kind: str) -> Any:
     """Return the next message of a kind; until one comes, the client's heartbeat is sent."""
     link.mav.heartbeat_send(m.MAV_TYPE_GCS, m.MAV_AUTOPILOT_INVALID, 0, 0, 0)
     return link.recv_match(type=kind, blocking=True, timeout=1.0)
+
+
+@pytest.mark.parametrize(
+    ("read", "name"),
+    [
+        (load_scenario, "missions/windy-lawnmower.toml"),
+        (read_fields, "missions/fields/nitrogen.toml"),
+        (load_vehicle, "sim_vehicle/airframe/vehicles/mini-quad.toml"),
+        (get_farm, "missions/strawberry-field.kml"),
+        (get_farm, "tests/data/foreign/label.geojson"),
+        (get_farm, "tests/data/foreign/missionplanner.poly"),
+        (open_mission, "tests/data/plans/survey.plan"),
+        (open_mission, "tests/data/foreign/wpl120.waypoints"),
+        (open_mission, "tests/data/foreign/mavproxy_fence.txt"),
+    ],
+)
+def test_texts_that_an_editor_of_windows_saved_say_the_same(
+    read: Callable[[Path], object], name: str, tmp_path: Path
+) -> None:
+    saved = tmp_path / Path(name).name
+    lines = (ROOT / name).read_text(encoding="utf-8-sig").splitlines()
+    saved.write_bytes("\r\n".join(["\ufeff" + lines[0], *lines[1:], ""]).encode())
+    assert read(saved) == read(ROOT / name)

@@ -15,7 +15,7 @@ import typer
 
 from geo.errors import WbfMissionError, told_error, users_line
 from geo.texts import printable
-from wbf_mission.cli import bench, fly, plan, signals, warm_up
+from wbf_mission.cli import bench, fly, plan, signals
 from wbf_mission.cli.command import Command, add_commands
 from wbf_mission.cli.help import HelpGroup
 from wbf_mission.cli.output import StdoutError, to_stdout
@@ -47,7 +47,6 @@ _GROUPS = {
 _COMMANDS = {
     "plan": Command(plan.plan_command, plan.EXAMPLES, plan.BEGINNERS),
     "fly": Command(fly.fly_command, fly.EXAMPLES, fly.BEGINNERS),
-    "warm-up": Command(warm_up.warm_up_command, warm_up.EXAMPLES),
     "bench.run": Command(bench.run_command, bench.RUN_EXAMPLES),
 }
 add_commands(app, _GROUPS, _COMMANDS)

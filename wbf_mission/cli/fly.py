@@ -19,18 +19,7 @@ from wbf_mission.cli.options import Force, option
 from wbf_mission.cli.output import Output, filled
 from wbf_mission.exit_codes import ExitCode, exit_code_of_flight
 from wbf_mission.progress import Progress
-from wbf_mission.scenario import (
-    CameraOptions,
-    EstimateOptions,
-    FarmOptions,
-    MissionOptions,
-    Scenario,
-    ScenarioError,
-    ScoreOptions,
-    VehicleOptions,
-    WeatherOptions,
-    load_broken_scenario,
-)
+from wbf_mission.scenario import Scenario, ScenarioError, load_broken_scenario
 from wbf_mission.scenario.parts import CAMERA_OF_PLANS
 
 if TYPE_CHECKING:
@@ -97,7 +86,7 @@ class _Links:
                 msg = f"{with_link}: give the vehicle's link, or leave them out"
                 raise ScenarioError(msg)
             return None
-        from wbf_mission.flight import connection
+        from wbf_mission.preflight.run import connection
 
         if not self.yes and orders is None and not sys.stdin.isatty():
             msg = "--connect asks before the motors start, but there is no terminal: give --yes"
@@ -203,14 +192,7 @@ class _Saving:
 
 
 @options.scenario_options(
-    FarmOptions,
-    MissionOptions,
-    EstimateOptions,
-    ScoreOptions,
-    VehicleOptions,
-    WeatherOptions,
-    CameraOptions,
-    without=CAMERA_OF_PLANS,
+    *("farm", "mission", "estimate", "score", "vehicle", "weather", "camera"), without=CAMERA_OF_PLANS
 )
 @options.speaks()
 @options.gives("links", _Links)

@@ -25,7 +25,7 @@ from wbf_mission.cli.output import Output
 from wbf_mission.scenario import FarmOptions, Scenario, ScenarioError, load_scenario, scenario_with
 from wbf_mission.scenario.option import Option, Part, options_of
 from wbf_mission.scenario.parts import RUN
-from wbf_mission.scenario.scenario import all_options
+from wbf_mission.scenario.scenario import PARTS, all_options
 
 OUTPUT_PANEL = "Output"
 CHECK_PANEL = "What is checked"
@@ -319,21 +319,21 @@ def speaks(*, quiet: bool = True, json: Any = _JSON) -> Callable[[Command], Comm
 
 
 def scenario_options(
-    *parts: type[Any],
+    *parts: str,
     without: tuple[str, ...] = (),
     more: tuple[type[Part], ...] = (),
     defaults: Mapping[str, Any] = types.MappingProxyType({}),
 ) -> Callable[[Command], Command]:
     """Add the options of some parts of a scenario, ``--scenario`` and ``--seed`` to a command.
 
-    The first parameter of the command is named ``given`` and gets a `Given`. Options appear in ``--help`` in
-    the order of the parts. `without` are keys of options to leave out (``scenario``: ``--scenario``), `more`
-    are parts that do not belong to `Scenario`, and `defaults` override those of the options (None: no
-    default).
+    `parts` are fields of `Scenario`, in the order of their options in ``--help``. The first parameter of the
+    command is named ``given`` and gets a `Given`. `without` are keys of options to leave out (``scenario``:
+    ``--scenario``), `more` are parts that do not belong to `Scenario`, and `defaults` override those of the
+    options (None: no default).
     """
     known = {
         str(defined.flag).removeprefix("--").replace("-", "_"): (part, defined)
-        for part in (*parts, Scenario, *more)
+        for part in (*map(PARTS.__getitem__, parts), Scenario, *more)
         for defined in _on_command_line(part)
         if not set(_keys(defined)) & set(without)
     }

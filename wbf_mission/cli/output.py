@@ -26,8 +26,7 @@ if TYPE_CHECKING:
     from mission.files import Firmware
     from mission.files.formats import Loss
     from mission.model import Mission
-    from wbf_mission.cli.bars import Bars
-    from wbf_mission.cli.console import PlainConsole
+    from wbf_mission.cli.console import Bars, PlainConsole
 
 _LEARNING = "training the estimator"  # sensors.estimators.base.LEARNING, not imported to avoid numpy
 _TELL_AFTER_S = {_LEARNING: 0.0, "planning": 5.0}
@@ -198,7 +197,7 @@ class Output:
                     left(what, done, total)
 
             return announce
-        from wbf_mission.cli.bars import Bars
+        from wbf_mission.cli.console import Bars
 
         self._bars = Bars(self._stderr)
         return self._bars.update

@@ -532,3 +532,10 @@ def home_of(mission: Mission, farm: Farm) -> GeoPoint:
     """Return the home of ``mission``, by default the farm's home."""
     latitude_deg, longitude_deg = farm.frame.to_wgs84(*farm.home_m)
     return mission.home or GeoPoint(latitude_deg, longitude_deg, farm.frame.altitude_m)
+
+
+def positions_of(mission: Mission, farm: Farm) -> Points:
+    """Return the positions of a mission's items in the farm frame (m), float64[n, 2]."""
+    placed = [(item.x, item.y) for item in mission.items if item.has_position and (item.x or item.y)]
+    latitude, longitude = np.array(placed).reshape(-1, 2).T
+    return np.column_stack(farm.frame.from_wgs84(latitude, longitude))

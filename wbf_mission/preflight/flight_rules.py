@@ -14,23 +14,13 @@ from mission.model import Command
 from sim_vehicle.autopilot import fixed_wing_procedures
 from sim_vehicle.prediction.battery_swaps import batteries_needed
 from wbf_mission.planning.coverage import LEAST_OF_WHOLE, asks_whole, too_little_seen
+from wbf_mission.preflight import rules
 from wbf_mission.preflight.finding import Finding, Hit, Measure, Severity, worst_of
 from wbf_mission.preflight.path_rules import Leg, legs_of
-from wbf_mission.preflight.rules import (
-    ERROR,
-    LEFT,
-    NOTE,
-    WARNING,
-    Checks,
-    Rule,
-    at_least,
-    at_most,
-    found,
-    worst,
-)
+from wbf_mission.preflight.rules import ERROR, NOTE, WARNING, Rule, found, worst
 from wbf_mission.preflight.subject import Subject
 
-CHECKS = Checks[[Subject]]()
+CHECKS = rules.Checks[[Subject]]()
 
 _FOLLOW_STEP_M = 0.5
 
@@ -71,14 +61,14 @@ _GROUND_OR_AIR = (0.0, 1.0)
         WARNING,
         "faster than {vehicle} flies: the flight takes longer than that speed suggests",
         "give a speed that it reaches",
-        at_most("speed", "m/s"),
+        rules.at_most("speed", "m/s"),
     ),
     Rule(
         "too-slow",
         WARNING,
         "below the least airspeed of the fixed wing: the autopilot flies faster",
         "give at least that",
-        at_least("airspeed", "m/s"),
+        rules.at_least("airspeed", "m/s"),
     ),
 )
 def check_speeds(subject: Subject) -> Iterator[Finding]:
@@ -110,7 +100,7 @@ _MOST_OF_IT = 0.9
         WARNING,
         "legs in a row are shorter than the acceptance radius: they count as flown at once",
         "give a smaller radius, or leave waypoints out",
-        at_least("length of the leg", "m"),
+        rules.at_least("length of the leg", "m"),
     )
 )
 def check_short_legs(subject: Subject) -> Iterator[Finding]:
@@ -197,7 +187,7 @@ def _turn_rad(one: Leg, following: Leg) -> float:
         WARNING,
         "the leg climbs or sinks faster than the vehicle does: {outcome}",
         "make the leg longer, or fly slower",
-        at_most("climb or descent", "m/s"),
+        rules.at_most("climb or descent", "m/s"),
     )
 )
 def check_climbs(subject: Subject) -> Iterator[Finding]:
@@ -231,7 +221,7 @@ _SHORT_GUSTS_S = 1.0
         ERROR,
         "{vehicle} would be blown away",
         "wait for less wind",
-        at_most("wind", "m/s"),
+        rules.at_most("wind", "m/s"),
         by_vehicle=True,
     ),
     Rule(
@@ -240,7 +230,7 @@ _SHORT_GUSTS_S = 1.0
         "gusts are stronger than the {limit_m_s:.3g} m/s against which {vehicle} holds its"
         " path: it is blown aside then, and no margin to obstacles or a fence covers that",
         "wait for less wind, or stay farther away",
-        at_most("time in such gusts", "s"),
+        rules.at_most("time in such gusts", "s"),
     ),
 )
 def check_wind(subject: Subject) -> Iterator[Finding]:
@@ -275,7 +265,7 @@ _COMFORT = 0.1
         ERROR,
         "{flight}; {reason}",
         "fly a shorter mission, or in the sorties that 'wbf-mission plan' cuts it into",
-        LEFT,
+        rules.LEFT,
         by_vehicle=True,
     ),
     Rule(
@@ -283,9 +273,9 @@ _COMFORT = 0.1
         NOTE,
         "{flight}; hardly more is left at the end than the reserve",
         "begin with a full battery",
-        LEFT,
+        rules.LEFT,
     ),
-    Rule("flight", NOTE, "{flight}", measured=LEFT),
+    Rule("flight", NOTE, "{flight}", measured=rules.LEFT),
 )
 def check_battery(subject: Subject) -> Iterator[Finding]:
     """Compare the remaining battery at landing with the reserve, and report the flight's use."""
@@ -334,7 +324,7 @@ def check_battery(subject: Subject) -> Iterator[Finding]:
         WARNING,
         "the images follow each other faster than the camera takes them: some will be missing",
         "fly slower, or leave more distance between images",
-        at_least("time between images", "s"),
+        rules.at_least("time between images", "s"),
     ),
     Rule(
         "camera-left-on",
@@ -373,7 +363,7 @@ def check_camera(subject: Subject) -> Iterator[Finding]:
         WARNING,
         "the images show less of the farm's land than was asked for",
         "is it a part of a survey, the right --farm and --camera? Otherwise plan it again",
-        at_least("coverage", "%"),
+        rules.at_least("coverage", "%"),
     )
 )
 def check_coverage(subject: Subject) -> Iterator[Finding]:

@@ -15,24 +15,14 @@ from mission.model import Command, MissionType
 from sim_vehicle.execution.items import Settings, do_items
 from sim_vehicle.motion.legs import Position
 from sim_vehicle.pilot.fence import Fence
+from wbf_mission.preflight import rules
 from wbf_mission.preflight.finding import Finding, Hit, Severity, worst_of
 from wbf_mission.preflight.plan_rules import remarks_of
-from wbf_mission.preflight.rules import (
-    ERROR,
-    INSIDE,
-    NOTE,
-    WARNING,
-    Checks,
-    Rule,
-    at_least,
-    at_most,
-    found,
-    worst,
-)
+from wbf_mission.preflight.rules import ERROR, NOTE, WARNING, Rule, found, worst
 from wbf_mission.preflight.subject import PLACED, FlownTrack, Subject
 from wbf_mission.scenario.parts import MAX_ALTITUDE_M
 
-CHECKS = Checks[[Subject]]()
+CHECKS = rules.Checks[[Subject]]()
 
 _FLOWN_TO = PLACED | {int(Command.NAV_LAND)}
 
@@ -106,22 +96,22 @@ def _radius_m(subject: Subject, item: int) -> float:
         ERROR,
         "home is outside the fence: the vehicle would not arm",
         "move the fence or home",
-        INSIDE,
+        rules.INSIDE,
     ),
-    Rule("rally-outside-fence", WARNING, "a rally point outside the fence", "move it inside", INSIDE),
+    Rule("rally-outside-fence", WARNING, "a rally point outside the fence", "move it inside", rules.INSIDE),
     Rule(
         "outside-fence",
         ERROR,
         "the path to it leaves the fence, or enters what it shuts out",
         "move the waypoint or the fence",
-        INSIDE,
+        rules.INSIDE,
     ),
     Rule(
         "near-fence",
         WARNING,
         "the path to it comes near the edge of the fence",
         "keep away from the edge, or give the margin that is meant",
-        INSIDE,
+        rules.INSIDE,
     ),
 )
 def check_fence(subject: Subject) -> Iterator[Finding]:
@@ -173,14 +163,14 @@ def _fence_of(subject: Subject) -> Fence:
         ERROR,
         "the path to it crosses an obstacle of the farm",
         "fly round it",
-        at_least("distance from the obstacle", "m"),
+        rules.at_least("distance from the obstacle", "m"),
     ),
     Rule(
         "near-obstacle",
         WARNING,
         "the path to it comes near an obstacle of the farm",
         "fly round it",
-        at_least("distance from the obstacle", "m"),
+        rules.at_least("distance from the obstacle", "m"),
     ),
 )
 def check_obstacles(subject: Subject) -> Iterator[Finding]:
@@ -235,21 +225,21 @@ _LOWEST_M = 2.0
         NOTE,
         "higher above home than is allowed without a permission",
         "carry the permission; mind where the ground falls",
-        at_most("height above home", "m"),
+        rules.at_most("height above home", "m"),
     ),
     Rule(
         "too-high",
         WARNING,
         "higher above home than is allowed above the ground",
         "fly lower, or with a permission give --max-altitude; mind where the ground falls",
-        at_most("height above home", "m"),
+        rules.at_most("height above home", "m"),
     ),
     Rule(
         "too-low",
         WARNING,
         "so low that a slope, a plant or the error of the barometer is in the way",
         "fly higher",
-        at_least("height above home", "m"),
+        rules.at_least("height above home", "m"),
     ),
 )
 def check_heights(subject: Subject) -> Iterator[Finding]:
@@ -293,7 +283,7 @@ _FARTHEST_START_M = 1000.0
         WARNING,
         "the whole mission is far from home: this is its nearest position",
         "is home right?",
-        at_most("distance from home", "m"),
+        rules.at_most("distance from home", "m"),
     )
 )
 def check_start_distance(subject: Subject) -> Iterator[Finding]:
@@ -317,7 +307,13 @@ _LONGEST_M = 10_000.0
 
 @CHECKS.finds(
     Rule("zero-leg", WARNING, "the same position as before", "remove one of the two"),
-    Rule("long-leg", WARNING, "a very long leg", "is the position right?", at_most("length of the leg", "m")),
+    Rule(
+        "long-leg",
+        WARNING,
+        "a very long leg",
+        "is the position right?",
+        rules.at_most("length of the leg", "m"),
+    ),
 )
 def check_lengths(subject: Subject) -> Iterator[Finding]:
     """Find legs of zero length, and legs longer than 10 km."""
@@ -346,7 +342,7 @@ _SMALLEST_RADIUS_M = 1.0
         "the acceptance radius counts in space, and the height estimate is wrong by half a metre: "
         "{autopilot} may wait at the waypoint",
         "give 2 m, or 0 for the autopilot's own",
-        at_least("acceptance radius", "m"),
+        rules.at_least("acceptance radius", "m"),
     )
 )
 def check_radii(subject: Subject) -> Iterator[Finding]:

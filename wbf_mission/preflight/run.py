@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from typing import Any
 
 from geo.imports import load_named
 from mission.errors import LinkError
@@ -18,6 +19,18 @@ from wbf_mission.scenario.parts import VehicleParts
 
 PLAN_CHECKS = (*plan_rules.CHECKS.all, *path_rules.CHECKS.all, *flight_rules.CHECKS.all)
 """Checks of a plan; each yields findings."""
+
+
+def connection(name: str) -> Any:
+    """Return a part of the flights of real vehicles; LinkError if no add-on provides it.
+
+    ``LiveLink`` is the class of `wbf_mission.LiveLink`. ``fly`` makes one with the operator at the terminal,
+    from links, an `Output` and the class's options. ``resume`` finds the place where a mission is resumed, by
+    the text of ``plan --resume`` and the mission's `Course`. ``checks`` are those of a plan against the
+    vehicle's answers (`check_mission`).
+    """
+    group = "wbf_mission.connections"
+    return load_named(group, name, "connects to real vehicles with", "the connection", LinkError)
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,9 +59,7 @@ def check_mission(mission: Mission, circumstances: Circumstances | None = None) 
     subject = subject_of(mission, circumstances or Circumstances())
     findings = [finding for check in PLAN_CHECKS for finding in check(subject)]
     if (snapshot := subject.given.snapshot) is not None:
-        group = "wbf_mission.connections"
-        checks = load_named(group, "checks", "checks real vehicles with", "the connection", LinkError)
-        findings += [finding for check in checks for finding in check(subject, snapshot)]
+        findings += [finding for check in connection("checks") for finding in check(subject, snapshot)]
     return Preflight(subject, Report(tuple(findings)))
 
 

@@ -9,6 +9,7 @@ from functools import cache, cached_property
 from geo import Farm
 from geo.errors import WbfMissionError
 from geo.seeds import child_seed
+from mission.files import read_mission
 from mission.planners import make_planner
 from mission.policies.policy import FixedPlan, KeepPath, Policy, make_policy
 from sensors.camera.leaf_camera import LeafCameraOptions
@@ -22,9 +23,8 @@ from sensors.scoring.score import ScoreWeights
 from sim_vehicle.host.injection import AnyFault, injection
 from wbf_mission.events import EventStream
 from wbf_mission.planning import PlanResult
-from wbf_mission.planning.builder import MissionBuilder
+from wbf_mission.planning.builder import MissionBuilder, positions_of
 from wbf_mission.planning.fleet import Vehicle, vehicles_of
-from wbf_mission.planning.mission_file import read_plan
 from wbf_mission.progress import Progress
 from wbf_mission.run.estimation import estimator_of, naming_estimator, readings_a_score
 from wbf_mission.scenario import CameraOptions, FarmOptions, MissionOptions, Scenario, ScenarioError
@@ -193,7 +193,7 @@ def resolve(
     vehicles = vehicles_of(scenario, farm, seed=seed, first_day=day, progress=progress) if needs_tasks else ()
     if file is not None:
         builder = vehicles[0].task.builder if vehicles else MissionBuilder.of(scenario, farm)
-        flown = read_plan(file, builder, scenario.camera.footprint, seed)
+        flown = _read_plan(file, builder, scenario.camera.footprint, seed)
         decider = replace(decider, mission=flown)
     return Run(
         asked=scenario,
@@ -213,6 +213,23 @@ def resolve(
         keeps=scenario.vehicle.keeps,
         world=world_of(scenario, fields) if to_fly else None,
         faults=injected.faults,
+    )
+
+
+def _read_plan(file: str, builder: MissionBuilder, footprint: int, seed: int) -> PlanResult:
+    """Return the plan of a mission file; `ScenarioError` if no mission item has a position."""
+    farm, mission = builder.farm, read_mission(file)
+    path_m = positions_of(mission, farm)
+    if not len(path_m):
+        msg = f"{file}: no item of the mission has a position; give a mission with waypoints"
+        raise ScenarioError(msg)
+    return builder.plan_of(
+        mission,
+        path_m,
+        planner=None,
+        seed=seed,
+        budget_text="none (mission file)",
+        footprint=footprint,
     )
 
 

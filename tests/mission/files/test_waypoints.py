@@ -188,11 +188,14 @@ def test_no_utf_8():
         waypoints.loads(HEADER.encode() + b"# caf\xe9\n")
 
 
-def test_too_many_rows():
+def test_too_many_rows(monkeypatch):
+    assert waypoints.MAX_ITEMS == 65_535
+    for module in ("mission.files.waypoints", "mission.model"):
+        monkeypatch.setattr(f"{module}.MAX_ITEMS", 20)
     row = "5 0 2 20 0 0 0 0 0 0 0 1\n"
-    assert len(read(HOME, row * 65_535).items) == 65_535
-    for text in (HOME + row * 65_536, row * 65_536):
-        with pytest.raises(MissionFileError, match="65535"):
+    assert len(read(HOME, row * 20).items) == 20
+    for text, says in ((HOME + row * 21, "more than 20 items"), (row * 21, "can number 20;")):
+        with pytest.raises(MissionFileError, match=says):
             read(text)
 
 

@@ -6,9 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, Phase, assume, given, settings
+from hypothesis import HealthCheck, Phase, assume, given
 from hypothesis import strategies as st
 from live_changes import SameEverywhere
+from sweeps import sweep
 
 from geo.farms import get_farm
 from geo.frame import LocalFrame
@@ -542,9 +543,9 @@ def test_the_camera_neither_stops_nor_takes_an_image_twice(autopilot, path, afte
 
 
 # A flight takes too long for shrinking.
-@settings(
-    max_examples=8,
-    deadline=None,
+@sweep(
+    few=5,
+    many=40,
     phases=(Phase.explicit, Phase.reuse, Phase.generate),
     suppress_health_check=list(HealthCheck),
 )

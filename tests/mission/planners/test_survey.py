@@ -15,13 +15,13 @@ from hypothesis import strategies as st
 from shapely import affinity
 from shapely.geometry import MultiPolygon, Polygon
 from swath import seen_share
+from sweeps import sweep
 
 from mission.errors import PlanningError
 from mission.planners import LengthBudget, PlanningRequest, make_planner
 from mission.planners.cornering import Cornering
-from mission.planners.cuts import cut_parts, width
 from mission.planners.path import Area, path_length
-from mission.planners.strips import Swath, ring_strips, rows_that_see, without_arms
+from mission.planners.strips import Swath, cut_parts, ring_strips, rows_that_see, width, without_arms
 from mission.planners.survey import survey, without_short_legs
 from mission.planners.sweep import fly_cells
 from mission.planners.terrain import Terrain, inset
@@ -163,19 +163,24 @@ def test_the_order_of_cells_is_the_best_of_all() -> None:
     ]
     terrain = Terrain(shapely.box(-50, -50, 500, 500), 0.0)
 
+    def ends(cell: np.ndarray, flip: int) -> Any:
+        rows = cell[:: -1 if flip >= 2 else 1].copy()
+        rows[int(not flip % 2) :: 2] = rows[int(not flip % 2) :: 2, ::-1]
+        return rows[0, 0].tolist(), rows[-1, 1].tolist()
+
+    flown = [[ends(cell, flip) for flip in range(4)] for cell in cells]
+
     def ways(order: tuple[int, ...], flips: tuple[int, ...]) -> float:
-        here, total = np.array(HOME), 0.0
+        here, total = HOME, 0.0
         for index, flip in zip(order, flips, strict=True):
-            rows = cells[index][:: -1 if flip >= 2 else 1].copy()
-            rows[int(not flip % 2) :: 2] = rows[int(not flip % 2) :: 2, ::-1]
-            total += math.dist(here, rows[0, 0])
-            here = rows[-1, 1]
+            first, last = flown[index][flip]
+            total += math.dist(here, first)
+            here = last
         return total + math.dist(here, HOME)
 
     def own_ways(rows: list[np.ndarray]) -> float:
-        flown = path_length(np.vstack((HOME, np.vstack(rows), HOME)))
         inner = sum(30.0 * len(cell) + 5.0 * (len(cell) - 1) for cell in cells)
-        return flown - inner
+        return path_length(np.vstack((HOME, np.vstack(rows), HOME))) - inner
 
     best = min(
         ways(order, flips)
@@ -254,7 +259,7 @@ def turned(area: Area, degrees: float) -> Area:
     return affinity.rotate(area, degrees, origin=(0.0, 0.0))
 
 
-@settings(max_examples=25, deadline=None)
+@sweep(few=5, many=25)
 @given(st.floats(60.0, 900.0), st.floats(0.5, 50.0), st.floats(0.0, 180.0))
 @example(854.0, 3.0, 17.5)
 @example(854.0, 10.0, 57.0)
@@ -346,7 +351,7 @@ def test_borders_rougher_than_the_autopilot_flies_are_smoothed() -> None:
     assert len(shapely.get_coordinates(inset(area, 0.15))) > 300
 
 
-@settings(max_examples=25, deadline=None)
+@sweep(few=10, many=25)
 @given(st.integers(15, 90), st.integers(15, 90))
 def test_rows_of_a_rectangle_of_few_rows_lie_along_a_side(width, height):
     """Images are square: the corners of a small field are seen."""

@@ -10,9 +10,16 @@ from mission.planners.budget import LengthBudget, StepBudget
 from mission.planners.request import PlanningRequest
 from mission.policies.observation import GeometricTravelCost, Status, VehicleReport
 from mission.policies.planning_grid import LegCosts, PlanningGrid
-from mission.policies.route_search import leg_offsets, leg_values, neighbour_shares, search_route, take_leg
+from mission.policies.route_search import (
+    candidate_places,
+    leg_offsets,
+    leg_values,
+    neighbour_shares,
+    search_route,
+    search_tour,
+    take_leg,
+)
 from mission.policies.steering import affordable
-from mission.policies.tour_search import candidate_places, search_tour
 
 pytestmark = pytest.mark.kernel
 ALONE = neighbour_shares(0.0, 1.0, 1)

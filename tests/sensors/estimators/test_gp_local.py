@@ -289,13 +289,13 @@ def test_a_local_model_tells_field_by_field_what_changed_and_the_score_follows()
     assert not model.changed_in(0)[1, 1]  # far from what was seen
 
 
-@pytest.mark.parametrize(("share", "bound"), [(1e-6, 0.01), (0.02, 0.01), (0.1, 0.01)])
+@pytest.mark.parametrize("share", [1e-6, 0.1])
 @pytest.mark.parametrize("length", [1.5, 4.0])
-def test_tiles_stay_near_the_exact_posterior_with_hardly_any_noise(share, bound, length):
+def test_tiles_stay_near_the_exact_posterior_with_hardly_any_noise(share, length):
     rng = np.random.default_rng(5)
     shape = (64, 48)
-    x, y = way(shape, 1000)
-    values = np.where(rng.random(1000) < 0.1, rng.choice([0.0, 0.5], 1000), 1.0)
+    x, y = way(shape, 700)
+    values = np.where(rng.random(700) < 0.1, rng.choice([0.0, 0.5], 700), 1.0)
     given = RbfKernel(length, length, share * 0.05, 0.05)
     local = GaussianProcessEstimator((1, 1, 1), given, optimise=False, clip=False, method="local")
     model = local.fit(grid_of(*shape), observe(x, y, values)).predict()
@@ -305,7 +305,7 @@ def test_tiles_stay_near_the_exact_posterior_with_hardly_any_noise(share, bound,
         (1, 1, 1), used, optimise=False, clip=False, method="exact", memory_limit_mb=1e4
     )
     right = exact.fit(grid_of(*shape), observe(x, y, values)).predict()
-    assert np.abs(model.value - right.value).max() <= bound * np.sqrt(used.amplitude)
+    assert np.abs(model.value - right.value).max() <= 0.01 * np.sqrt(used.amplitude)
 
 
 @pytest.mark.parametrize("kernel", [SICK, RbfKernel(1.6, 1.7, WINDOWED_NOISE * 0.01, 0.01)])

@@ -32,10 +32,11 @@ def _forget(monkeypatch):
     monkeypatch.setattr(gp_prior, "_MOST_SIMULATIONS", 60)
     monkeypatch.setattr(gp_prior, "_LINK_SIMULATIONS", 20)
     monkeypatch.setattr(gp_prior, "_SOIL_SIMULATIONS", 40)
+    monkeypatch.setattr(gp_prior, "_SOIL_LATTICE", 7)
 
 
 def small_grid():
-    return get_farm("miniberry-30").grid()
+    return get_farm("miniberry-10").grid()
 
 
 def test_the_nearest_kernel_to_a_kernels_moments_is_itself():
@@ -57,8 +58,9 @@ def test_the_divergences_gradient():
     np.testing.assert_allclose(gradient, numeric, rtol=1e-4, atol=1e-4)
 
 
-def test_means_and_variances_are_those_of_environments(tmp_path):
-    grid = small_grid()
+def test_means_and_variances_are_those_of_environments(tmp_path, monkeypatch):
+    monkeypatch.setattr(gp_prior, "_SOIL_LATTICE", 14)
+    grid = get_farm("miniberry-30").grid()
     priors = learn_priors(grid, MODEL, 6, 0, tmp_path)
     fields = np.array(
         [generate_environment(grid, days=6, seed=s, keep_days=[6]).values(6) for s in range(500, 560)]
@@ -130,7 +132,8 @@ def test_other_days_seeds_and_models_are_learned_anew(tmp_path):
 
 
 def test_a_damaged_file_is_replaced(tmp_path, monkeypatch):
-    monkeypatch.setattr(gp_prior, "_MOST_SIMULATIONS", 10)
+    for few in ("_MOST_SIMULATIONS", "_LINK_SIMULATIONS", "_SOIL_SIMULATIONS"):
+        monkeypatch.setattr(gp_prior, few, 10)
     grid = small_grid()
     first = learn_priors(grid, MODEL, 6, 0, tmp_path)
     (path,) = tmp_path.iterdir()
@@ -172,9 +175,10 @@ def test_the_estimator_takes_the_prior_of_the_latest_day(tmp_path):
 
 
 def test_farms_of_any_size_learn_from_the_model_and_keep_a_mean_that_was_given(tmp_path):
-    fitted = GaussianProcessEstimator(learn_from="observations").fit(small_grid()).predict()
+    grid = get_farm("miniberry-30").grid()
+    fitted = GaussianProcessEstimator(learn_from="observations").fit(grid).predict()
     assert fitted.value[:, 0, 0].tolist() == [1.0, 1.0, 0.0]
-    small = GaussianProcessEstimator(states="mean", cache=tmp_path).fit(small_grid()).predict()
+    small = GaussianProcessEstimator(states="mean", cache=tmp_path).fit(grid).predict()
     assert 0.9 < small.value[0, 0, 0] < 1.0
     shape = (130, 130)
     large = FarmGrid(shape, 0.3048, np.full(shape, 2, np.int8), np.ones(shape, bool))

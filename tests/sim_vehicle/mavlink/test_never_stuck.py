@@ -1,9 +1,9 @@
 """A mission changed at any instant leaves no vehicle stuck: it is flown to its end, or held as told."""
 
-import pytest
 from changed_missions import RTL, TAKEOFF, Flight, do, shots, speed, wp
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from sweeps import sweep
 
 from mission.link.codec.dialect import mavlink as m
 from sim_vehicle.autopilot.ardupilot import ARDUPILOT
@@ -33,21 +33,17 @@ def is_at_its_end(flight):
     return waits and pilot.state.phase is FlightPhase.HOLD and flight.speed < 0.2
 
 
-def changes(examples):
-    return lambda test: settings(max_examples=examples, deadline=None)(
-        given(
-            st.sampled_from([PX4, ARDUPILOT]),
-            st.sampled_from([None, "generic"]),
-            st.floats(0.5, 45.0),
-            ITEMS,
-            st.booleans(),
-            st.sampled_from([None, 0, 2, 4]),
-            st.sampled_from(["whole", "slow", "broken", "cleared"]),
-        )(test)
-    )
-
-
-def check(autopilot, dynamics, when_s, items, starts, marked, how):
+@sweep(few=12, many=60)
+@given(
+    st.sampled_from([PX4, ARDUPILOT]),
+    st.sampled_from([None, "generic"]),
+    st.floats(0.5, 45.0),
+    ITEMS,
+    st.booleans(),
+    st.sampled_from([None, 0, 2, 4]),
+    st.sampled_from(["whole", "slow", "broken", "cleared"]),
+)
+def test_never_stuck(autopilot, dynamics, when_s, items, starts, marked, how):
     flight = Flight(autopilot, dynamics=dynamics, items=SHORT).fly()
     flight.wait(when_s)
     items = (*((TAKEOFF,) if starts else ()), *items, RTL)
@@ -59,14 +55,3 @@ def check(autopilot, dynamics, when_s, items, starts, marked, how):
         flight.upload(items, marked=marked, every_s=0.15 if how == "slow" else 0.0, stop_after=stop)
     flight.wait(400.0, lambda: is_at_its_end(flight))
     assert is_at_its_end(flight), (flight.mode, flight.pilot.state.phase, flight.place, flight.texts())
-
-
-@changes(12)
-def test_never_stuck(autopilot, dynamics, when_s, items, starts, marked, how):
-    check(autopilot, dynamics, when_s, items, starts, marked, how)
-
-
-@pytest.mark.slow
-@changes(60)
-def test_never_stuck_in_many_flights(autopilot, dynamics, when_s, items, starts, marked, how):
-    check(autopilot, dynamics, when_s, items, starts, marked, how)

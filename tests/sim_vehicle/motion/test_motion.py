@@ -1,3 +1,4 @@
+import itertools
 import math
 from dataclasses import replace
 
@@ -5,7 +6,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from motion_limits import check_limits
+from motion_limits import check_limits, check_steps
+from sweeps import sweep
 
 from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.motion.legs import ALONG, KEEP, Heading, Leg, Route
@@ -47,7 +49,7 @@ FARMS = st.one_of(
 )
 
 
-@settings(max_examples=100, deadline=None)
+@sweep(few=30, many=100)
 @given(FARMS)
 def test_limits_hold_and_every_leg_is_flown(legs):
     vehicle, states, event = fly(legs)
@@ -75,21 +77,13 @@ def test_limits_hold_when_the_target_changes_on_the_way(first, second, steps):
 @given(FARMS, st.booleans(), st.integers(2, 400))
 def test_the_flight_does_not_depend_on_how_it_is_stepped(legs, gusts, chunk):
     wind = Wind(2.0, -1.0, gust_m_s=1.0 if gusts else 0.0, seed=7)
-
-    def end(steps, stop_each):
-        vehicle = Multirotor(QUAD, wind)
-        vehicle.fly(Route.through(legs))
-        while vehicle.step < 3000:
-            vehicle.advance(min(steps, 3000 - vehicle.step), stop_each=stop_each)
-        return vehicle.state.tobytes(), vehicle.counters.tobytes(), vehicle.arrivals.tobytes()
-
-    one = end(1, True)
-    assert end(chunk, True) == one
-    assert end(3000, False) == one
+    check_steps(lambda: Multirotor(QUAD, wind), legs, chunk, 3000)
 
 
-@pytest.mark.parametrize("distance", [0.02, 0.3, 1.0, 9.0, 60.0, 1500.0])
-@pytest.mark.parametrize("speed", [0.5, 5.0, 10.0, 13.3])
+@pytest.mark.parametrize(
+    ("distance", "speed"),
+    [*itertools.product([0.02, 0.3, 1.0, 9.0, 60.0], [0.5, 5.0, 10.0, 13.3]), (1500.0, 13.3)],
+)
 def test_a_stop_is_not_overshot(distance, speed):
     vehicle, states, _ = fly([Leg((distance, 0.0, 0.0), speed)])
     for _ in range(200):

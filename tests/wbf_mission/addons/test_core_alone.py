@@ -45,7 +45,8 @@ WORKS = (
 )
 BROUGHT = (
     *("check", "check-policy", "command", "convert", "download", "export", "map", "monitor", "preflight"),
-    *("report", "sim", "studio", "upload", "bench compare", "bench list", "bench replay", "farm", "vehicle"),
+    *("report", "sim", "studio", "upload", "warm-up", "bench compare", "bench list", "bench replay"),
+    *("farm", "vehicle"),
 )
 OTHER_FORMAT = "plan --farm miniberry-10 --mission a.kml"
 OTHER_VEHICLES = (

@@ -19,21 +19,8 @@ from mission.link.codec.dialect import mavlink as m
 from mission.link.codec.typed import is_a
 from mission.link.tlog import read_tlog
 from mission.model import Command
+from wbf_mission import events
 from wbf_mission.addons.base.relearning import estimates_again, fresh_estimator, kept_truths
-from wbf_mission.events import (
-    DayBegun,
-    Decided,
-    Estimated,
-    Event,
-    FlightEnded,
-    Planned,
-    RunBegun,
-    RunEnded,
-    Seen,
-    VehicleInfo,
-    VehicleMoved,
-    VehicleSaid,
-)
 from wbf_mission.progress import Progress, silent
 from wbf_mission.results.storage import ResultError
 
@@ -55,7 +42,7 @@ _SAME_S = 1e-3  # Times in a log are whole microseconds
 _LONGEST_GAP_S = 5.0
 """Longest gap in the telemetry within which the last state applies (s)."""
 
-_Timed = tuple[float, Event]
+_Timed = tuple[float, events.Event]
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,7 +67,7 @@ def events_of(
     estimator: Estimator | None = None,
     log: Path | None = None,
     progress: Progress = silent,
-) -> Iterator[Event]:
+) -> Iterator[events.Event]:
     """Yield the events of a finished run in order of time, over all days, flights and vehicles.
 
     Unknown values are None: without a log all of a vehicle's state except position and speed, on large farms
@@ -133,7 +120,7 @@ def events_of(
     streams.append(_estimated(result, estimates, estimator, progress))
     for _, event in merge(*streams, key=lambda one: one[0]):
         yield event
-    yield RunEnded(result.simulated_s, result.outcome.value, result.reason, result.summary())
+    yield events.RunEnded(result.simulated_s, result.outcome.value, result.reason, result.summary())
 
 
 def _flights(result: RunRecord) -> list[_Flight]:
@@ -149,13 +136,15 @@ def _flights(result: RunRecord) -> list[_Flight]:
     return found
 
 
-def _begun(result: RunRecord) -> RunBegun:
+def _begun(result: RunRecord) -> events.RunBegun:
     vehicles = {
-        flight.system_id: VehicleInfo(flight.system_id, flight.plan.vehicle.name, flight.plan.vehicle.kind)
+        flight.system_id: events.VehicleInfo(
+            flight.system_id, flight.plan.vehicle.name, flight.plan.vehicle.kind
+        )
         for flight in reversed(result.flights)
     }
     decider = result.plan.planner or result.scenario.mission.file
-    return RunBegun(
+    return events.RunBegun(
         f"{result.farm.name}, {decider}",
         result.farm,
         result.fields,
@@ -174,14 +163,14 @@ def _days(result: RunRecord, flights: Sequence[_Flight]) -> Iterator[_Timed]:
     begun_s |= {flight.records[0].day: flight.begun_s for flight in reversed(flights)}
     truths = kept_truths(result)
     for day, time_s in sorted(begun_s.items()):
-        yield time_s, DayBegun(time_s, day, truths.get(day))
+        yield time_s, events.DayBegun(time_s, day, truths.get(day))
 
 
 def _planned(result: RunRecord, flight: _Flight, record: FlightRecord) -> Iterator[_Timed]:
     plan, numbers = record.plan, (record.day, record.flight, record.system_id)
     yield (
         flight.begun_s,
-        Planned(
+        events.Planned(
             flight.begun_s,
             *numbers,
             plan.mission,
@@ -198,7 +187,7 @@ def _planned(result: RunRecord, flight: _Flight, record: FlightRecord) -> Iterat
         if change.system_id == record.system_id and change.effect_s is not None
     ]
     for time_s, change in sorted(changes, key=lambda one: one[0]):
-        yield time_s, Planned(time_s, *numbers, _changed(record, change), change.path_m)
+        yield time_s, events.Planned(time_s, *numbers, _changed(record, change), change.path_m)
 
 
 def _decisions(result: RunRecord, flight: _Flight) -> list[DecisionRecord]:
@@ -239,7 +228,7 @@ def _moved(flight: _Flight, record: FlightRecord, step: int, told: StateLog | No
     states = [None] * len(rows) if told is None else [*told.at(time_s[:-1]), told.states[-1]]
     columns = (one.tolist() for one in (time_s, x_m, y_m, height_m, speed_m_s))
     for at_s, x, y, height, speed, known in zip(*columns, states, strict=True):
-        moved = VehicleMoved(at_s, record.day, record.flight, record.system_id, x, y, height, speed)
+        moved = events.VehicleMoved(at_s, record.day, record.flight, record.system_id, x, y, height, speed)
         if known is not None:
             own, mode = known
             moved = replace(
@@ -257,7 +246,8 @@ def _moved(flight: _Flight, record: FlightRecord, step: int, told: StateLog | No
 
 def _said(flight: _Flight, record: FlightRecord) -> Iterator[_Timed]:
     for at_s, severity, text in sorted(record.texts, key=lambda one: one[0]):
-        yield flight.begun_s + at_s, VehicleSaid(flight.begun_s + at_s, record.system_id, severity, text)
+        time_s = flight.begun_s + at_s
+        yield time_s, events.VehicleSaid(time_s, record.system_id, severity, text)
 
 
 def _ended(flight: _Flight, record: FlightRecord) -> Iterator[_Timed]:
@@ -265,7 +255,8 @@ def _ended(flight: _Flight, record: FlightRecord) -> Iterator[_Timed]:
     times += record.track.time_s[-1:].tolist()
     time_s = flight.begun_s + max(times, default=0.0)
     outcome = record.outcome.value
-    yield time_s, FlightEnded(time_s, record.day, record.flight, record.system_id, outcome, record.reason)
+    numbers = record.day, record.flight, record.system_id
+    yield time_s, events.FlightEnded(time_s, *numbers, outcome, record.reason)
 
 
 def _seen(result: RunRecord, flight: _Flight) -> Iterator[_Timed]:
@@ -277,14 +268,14 @@ def _seen(result: RunRecord, flight: _Flight) -> Iterator[_Timed]:
     known_s = np.maximum.accumulate(part.time_s)
     ends = np.flatnonzero(np.diff(np.floor(known_s / _SEEN_S)) > 0.0) + 1
     for begin, end in zip([0, *ends.tolist()], [*ends.tolist(), len(part)], strict=True):
-        yield flight.begun_s + float(known_s[end - 1]), Seen(flight.begun_s, part[begin:end])
+        yield flight.begun_s + float(known_s[end - 1]), events.Seen(flight.begun_s, part[begin:end])
 
 
 def _decided(result: RunRecord, flight: _Flight) -> Iterator[_Timed]:
     for record in _decisions(result, flight):
         # The first paths are decided before the flight.
         time_s = flight.started_s + record.time_s if record.time_s > 0.0 else flight.begun_s
-        yield time_s, Decided(time_s, record)
+        yield time_s, events.Decided(time_s, record)
 
 
 def _estimated(
@@ -310,7 +301,7 @@ def _estimated(
         if number > max(wanted, default=count):
             again = iter(())  # Frees the estimator
         due_s = max(due_s, time_s)
-        yield due_s, Estimated(time_s, day, seen, next(again, None) or kept.get(number), score)
+        yield due_s, events.Estimated(time_s, day, seen, next(again, None) or kept.get(number), score)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

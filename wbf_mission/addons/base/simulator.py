@@ -18,7 +18,7 @@ from sim_vehicle.component import Component
 from sim_vehicle.execution.state import EPOCH_UNIX_S
 from sim_vehicle.mavlink import SimVehicle
 from sim_vehicle.mavlink.fleet import SPACING_M, Fleet
-from sim_vehicle.prediction.compile_ahead import warm_up
+from wbf_mission.addons.base.compile_ahead import warm_up
 from wbf_mission.planning import flown_vehicle
 from wbf_mission.planning.conditions import noise_of, wind_of_run
 from wbf_mission.run.resolve import cameras_of, make_environment

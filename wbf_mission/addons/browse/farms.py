@@ -30,7 +30,7 @@ FarmArgument = Annotated[
 
 
 _READS_FARM = options.scenario_options(
-    FarmOptions, without=(*options.OF_DAYS, "farm", "fields", "seed", "scenario")
+    "farm", without=(*options.OF_DAYS, "farm", "fields", "seed", "scenario")
 )
 """Decorator that adds the options for reading a farm file, for a command with the farm as an argument."""
 

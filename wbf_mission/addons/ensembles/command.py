@@ -11,7 +11,7 @@ from wbf_mission.cli.command import Command
 from wbf_mission.cli.options import option
 from wbf_mission.cli.output import Output
 from wbf_mission.exit_codes import ExitCode
-from wbf_mission.scenario import FarmOptions, ScenarioError
+from wbf_mission.scenario import ScenarioError
 
 EXAMPLES = """
 Examples
@@ -20,7 +20,7 @@ wbf-mission farm generate --farm waterberry --keep 6 --count 8 --jobs 2 --out en
 """
 
 
-@options.scenario_options(FarmOptions, without=options.OF_DAYS)
+@options.scenario_options("farm", without=options.OF_DAYS)
 @options.speaks()
 def generate_command(
     given: options.Given,

@@ -135,7 +135,7 @@ class EpidemicEstimator(BaseEstimator):
     plants may be lost by now, and healthy plants may be infected.
 
     Training takes about half a minute for each disease, crop map and block of eight days. Trained networks
-    are cached in a folder.
+    are cached in a folder; those of the Miniberry farms are included.
 
     Parameters
     ----------

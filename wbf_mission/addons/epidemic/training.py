@@ -66,6 +66,9 @@ _DAYS_TOGETHER = 8
 _CHASING_SHARE = 0.35
 _BEGUN_SHARE = 0.5
 
+INCLUDED = Path(__file__).parent / "networks"
+"""Networks of the Miniberry farms, which users need not train (`tools/write_networks.py`)."""
+
 _in_memory: dict[str, Network] = {}
 
 
@@ -151,10 +154,11 @@ def network_file(task: TrainingTask, hosts: NDArray[np.bool_], folder: str | os.
 def known_network(
     task: TrainingTask, hosts: NDArray[np.bool_], folder: str | os.PathLike[str] | None
 ) -> Network | None:
-    """Return the network of a shared task from memory or its file; None if it must be trained."""
+    """Return the network of a shared task from memory or a file; None if it must be trained."""
     key = task.key(hosts)
     if key not in _in_memory:
-        network = load_network(network_file(task, hosts, folder))
+        path = network_file(task, hosts, folder)
+        network = load_network(INCLUDED / path.name) or load_network(path)
         if network is None:
             return None
         _in_memory[key] = network

@@ -28,20 +28,10 @@ from mission.outcome import in_words
 from sensors.fields import FieldSet
 from wbf_mission import events
 from wbf_mission.addons.base.fence_rings import fence_rings
+from wbf_mission.addons.export import style
 from wbf_mission.addons.export.foxglove_schemas import SCHEMAS, score_schema
 from wbf_mission.addons.export.layers import Layers, reading_colours
 from wbf_mission.addons.export.rerun import ExportError
-from wbf_mission.addons.export.style import (
-    FENCE,
-    OBSTACLE,
-    SHOWN_AGAIN,
-    TRACK_POINTS,
-    crop_colour,
-    places_of,
-    rgb,
-    vehicle_colour,
-    vehicle_size_m,
-)
 from wbf_mission.addons.export.tracks import highest_m
 from wbf_mission.version import __version__
 
@@ -98,12 +88,12 @@ class FoxgloveFile:
         self._known = SCHEMAS | {"wbf_mission.Score": score_schema(record.fields.names)}
         self._counts: Counter[str] = Counter()
         self._farm, self._fields, self._layers = record.farm, record.fields, Layers(record)
-        self._size_m = vehicle_size_m(self._farm)
+        self._size_m = style.vehicle_size_m(self._farm)
         self._vehicles: dict[int, _Vehicle] = {}
         states = max((len(flight.track.time_s) for flight in record.flights), default=0)
-        self._states_a_show = max(1, states // SHOWN_AGAIN)
+        self._states_a_show = max(1, states // style.SHOWN_AGAIN)
         self._points: list[bytes] = []
-        self._readings_a_show = max(1, len(record.observations) // SHOWN_AGAIN)
+        self._readings_a_show = max(1, len(record.observations) // style.SHOWN_AGAIN)
         self._readings = 0
 
     def take(self, event: events.Event) -> None:
@@ -186,7 +176,9 @@ class FoxgloveFile:
 
     def _write_farm(self, event: events.RunBegun) -> None:
         farm = self._farm
-        colours = [crop_colour(one.crop) for one in farm.patches] + [OBSTACLE] * len(farm.obstacles)
+        colours = [style.crop_colour(one.crop) for one in farm.patches] + [style.OBSTACLE] * len(
+            farm.obstacles
+        )
         features = farm_document(farm)["features"]
         for feature, colour in zip(features, colours, strict=True):
             feature["properties"]["style"] = {"color": colour}
@@ -194,7 +186,7 @@ class FoxgloveFile:
         features += [_feature("Point", farm, [place], name=name) for name, place in places]
         self._write_map("/farm/map", 0.0, features)
         lines = [
-            _line(ring, crop_colour(patch.crop), kind=_LOOP)
+            _line(ring, style.crop_colour(patch.crop), kind=_LOOP)
             for patch in farm.patches
             for ring in _rings(patch.polygon)
         ]
@@ -214,13 +206,13 @@ class FoxgloveFile:
         self._log(0.0, _INFO, "run", event.title)
 
     def _write_plan(self, event: events.Planned) -> None:
-        farm, number, colour = self._farm, event.system_id, vehicle_colour(event.system_id)
+        farm, number, colour = self._farm, event.system_id, style.vehicle_colour(event.system_id)
         rings = [ring for ring, _ in fence_rings(event.mission.fence, farm.frame)]
         features = [_way(farm, event.path_m, f"plan of vehicle {number}", colour)]
-        features += [_way(farm, np.vstack((ring, ring[:1])), "fence", FENCE) for ring in rings]
+        features += [_way(farm, np.vstack((ring, ring[:1])), "fence", style.FENCE) for ring in rings]
         self._write_map(f"/vehicle/{number}/plan/map", event.time_s, features)
         lines = [_line(event.path_m, colour, height_m=highest_m(event.mission, farm), opacity=0.5)]
-        lines += [_line(ring, FENCE, kind=_LOOP) for ring in rings]
+        lines += [_line(ring, style.FENCE, kind=_LOOP) for ring in rings]
         self._write_scene(f"/vehicle/{number}/plan/scene", event.time_s, lines=lines)
         if number not in self._vehicles:
             self._write_body(event.time_s, number)
@@ -231,7 +223,7 @@ class FoxgloveFile:
 
     def _write_body(self, time_s: float, number: int) -> None:
         """Draw a vehicle as an arrow with its number, in the vehicle's own frame."""
-        size, colour = self._size_m, _colour(vehicle_colour(number))
+        size, colour = self._size_m, _colour(style.vehicle_colour(number))
         arrow = {
             "pose": _POSE,
             "shaft_length": 0.6 * size,
@@ -281,7 +273,7 @@ class FoxgloveFile:
             "altitude": round(farm.frame.altitude_m + event.height_m, 3),
             "position_covariance": [0.0] * 9,
             "position_covariance_type": 0,
-            "color": _colour(vehicle_colour(number)),
+            "color": _colour(style.vehicle_colour(number)),
         }
         self._write(f"/vehicle/{number}/fix", "foxglove.LocationFix", event.time_s, fix)
         heading = None if event.heading_rad is None else round(math.degrees(event.heading_rad), 2)
@@ -312,8 +304,8 @@ class FoxgloveFile:
         vehicle = self._vehicles.get(number)
         if vehicle is None or len(vehicle.track) < 2:
             return
-        vehicle.shown, colour = len(vehicle.track), vehicle_colour(number)
-        step = -(-len(vehicle.track) // TRACK_POINTS)
+        vehicle.shown, colour = len(vehicle.track), style.vehicle_colour(number)
+        step = -(-len(vehicle.track) // style.TRACK_POINTS)
         flown = np.array(vehicle.track[::step] + vehicle.track[-1:])
         self._write_scene(
             f"/vehicle/{number}/track/scene", time_s, lines=[_line(flown, colour, thickness=3.0)]
@@ -426,7 +418,7 @@ def _points(points: NDArray[np.float64], height_m: float) -> list[_Json]:
 
 
 def _colour(colour: str, opacity: float = 1.0) -> _Json:
-    red, green, blue = (part / 255 for part in rgb(colour))
+    red, green, blue = (part / 255 for part in style.rgb(colour))
     return {"r": round(red, 4), "g": round(green, 4), "b": round(blue, 4), "a": opacity}
 
 
@@ -459,7 +451,7 @@ def _wall(ring: NDArray[np.float64], height_m: float) -> _Json:
     return {
         "pose": _POSE,
         "points": _points(ring, 0.0) + _points(ring, height_m),
-        "color": _colour(OBSTACLE, 0.5),
+        "color": _colour(style.OBSTACLE, 0.5),
         "colors": [],
         "indices": [number for corner in corners for number in corner],
     }
@@ -471,7 +463,7 @@ def _rings(polygon: shapely.Polygon) -> list[NDArray[np.float64]]:
 
 
 def _feature(kind: str, farm: Farm, points_m: Any, **properties: object) -> _Json:
-    places = np.round(places_of(farm, np.asarray(points_m, np.float64))[:, ::-1], 8).tolist()
+    places = np.round(style.places_of(farm, np.asarray(points_m, np.float64))[:, ::-1], 8).tolist()
     geometry = {"type": kind, "coordinates": places[0] if kind == "Point" else places}
     return {"type": "Feature", "properties": properties, "geometry": geometry}
 

@@ -17,18 +17,8 @@ from geo.imports import load_extra
 from mission.outcome import in_words
 from wbf_mission import events
 from wbf_mission.addons.base.fence_rings import fence_rings
+from wbf_mission.addons.export import style
 from wbf_mission.addons.export.layers import Layers, reading_colours
-from wbf_mission.addons.export.style import (
-    FENCE,
-    OBSTACLE,
-    SHOWN_AGAIN,
-    TRACK_POINTS,
-    crop_colour,
-    places_of,
-    rgb,
-    vehicle_colour,
-    vehicle_size_m,
-)
 from wbf_mission.addons.export.tracks import highest_m
 
 if TYPE_CHECKING:
@@ -51,9 +41,9 @@ class RerunRecording:
         self._farm, self._fields, self._layers = record.farm, record.fields, Layers(record)
         self._states: dict[int, list[events.VehicleMoved]] = {}
         self._seen: list[events.Seen] = []
-        self._readings_a_show = max(1, len(record.observations) // SHOWN_AGAIN)
+        self._readings_a_show = max(1, len(record.observations) // style.SHOWN_AGAIN)
         self._readings = 0
-        self._size_m = vehicle_size_m(record.farm)
+        self._size_m = style.vehicle_size_m(record.farm)
 
     def take(self, event: events.Event) -> None:
         """Log an event."""
@@ -106,17 +96,19 @@ class RerunRecording:
 
     def _log_farm(self) -> None:
         rr, farm, size = self._rr, self._farm, self._size_m
-        shapes = [(patch.polygon, crop_colour(str(patch.crop)), 0.0) for patch in farm.patches]
-        shapes += [(obstacle.polygon, OBSTACLE, obstacle.height_m or size) for obstacle in farm.obstacles]
+        shapes = [(patch.polygon, style.crop_colour(str(patch.crop)), 0.0) for patch in farm.patches]
+        shapes += [
+            (obstacle.polygon, style.OBSTACLE, obstacle.height_m or size) for obstacle in farm.obstacles
+        ]
         rings = [
-            (shapely.get_coordinates(ring), rgb(colour), height_m)
+            (shapely.get_coordinates(ring), style.rgb(colour), height_m)
             for polygon, colour, height_m in shapes
             for ring in (polygon.exterior, *polygon.interiors)
         ]
         colours = [colour for _, colour, _ in rings]
-        places = [places_of(self._farm, ring) for ring, _, _ in rings]
+        places = [style.places_of(self._farm, ring) for ring, _, _ in rings]
         self._recording.log("map/farm", rr.GeoLineStrings(lat_lon=places, colors=colours), static=True)
-        home = places_of(self._farm, np.array([farm.home_m]))
+        home = style.places_of(self._farm, np.array([farm.home_m]))
         self._recording.log("map/home", rr.GeoPoints(lat_lon=home, colors=[(0, 0, 0)]), static=True)
         strips, of_strips = [], []
         for ring, colour, height_m in rings:
@@ -127,14 +119,14 @@ class RerunRecording:
         self._recording.log("scene/farm", rr.LineStrips3D(strips, colors=of_strips), static=True)
 
     def _log_plan(self, event: events.Planned) -> None:
-        rr, number, colour = self._rr, event.system_id, rgb(vehicle_colour(event.system_id))
+        rr, number, colour = self._rr, event.system_id, style.rgb(style.vehicle_colour(event.system_id))
         rings = [
             np.vstack((ring, ring[:1])) for ring, _ in fence_rings(event.mission.fence, self._farm.frame)
         ]
-        colours = [colour] + [rgb(FENCE)] * len(rings)
+        colours = [colour] + [style.rgb(style.FENCE)] * len(rings)
         lines = [event.path_m, *rings] if len(event.path_m) else rings
         places = rr.GeoLineStrings(
-            lat_lon=[places_of(self._farm, line) for line in lines], colors=colours[-len(lines) :]
+            lat_lon=[style.places_of(self._farm, line) for line in lines], colors=colours[-len(lines) :]
         )
         height_m = highest_m(event.mission, self._farm)
         heights = [height_m if line is event.path_m else 0.0 for line in lines]
@@ -152,9 +144,9 @@ class RerunRecording:
             return
         times = rr.TimeColumn(TIME_LINE, timestamp=np.array([self._at(state.time_s) for state in states]))
         flown = np.array([(state.x_m, state.y_m, state.height_m) for state in states])
-        places, yaws = places_of(self._farm, flown), _yaws(states, flown, self._farm.frame.rotation_deg)
+        places, yaws = style.places_of(self._farm, flown), _yaws(states, flown, self._farm.frame.rotation_deg)
         turned = np.column_stack([np.zeros((len(yaws), 2)), np.sin(0.5 * yaws), np.cos(0.5 * yaws)])
-        colour = rgb(vehicle_colour(number))
+        colour = style.rgb(style.vehicle_colour(number))
 
         def send(path: str, columns: Any) -> None:
             self._recording.send_columns(path, indexes=[times], columns=columns)
@@ -172,8 +164,8 @@ class RerunRecording:
                 path = f"plots/{what}/vehicle_{number}"
                 send(path, rr.Scalars.columns(scalars=values))
                 self._recording.log(path, rr.SeriesLines(colors=[colour]), static=True)
-        step = -(-len(states) // TRACK_POINTS)
-        for end in np.unique(np.linspace(2, len(states), SHOWN_AGAIN).astype(int)).tolist():
+        step = -(-len(states) // style.TRACK_POINTS)
+        for end in np.unique(np.linspace(2, len(states), style.SHOWN_AGAIN).astype(int)).tolist():
             rows = np.unique(np.append(np.arange(0, end, step), end - 1))
             line = rr.LineStrips3D([flown[rows]], colors=[colour])
             self._log(states[end - 1].time_s, f"scene/vehicle_{number}/track", line)

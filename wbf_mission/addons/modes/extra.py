@@ -1,4 +1,4 @@
-"""Guided flight, follow me, CIRCLE, FLIP and orbits as an extra of the simulated vehicle."""
+"""Guided flight, follow me, CIRCLE, FLIP, orbits and further commands, as an extra of the vehicle."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from mission.model import Command
 from sim_vehicle.autopilot.modes import Mode
 from sim_vehicle.autopilot.parameters import Setting
 from sim_vehicle.execution.state import LandedState
+from sim_vehicle.mavlink.commands import enter_mode
 from sim_vehicle.mavlink.extras import VehicleExtra
 from sim_vehicle.motion.legs import ALONG, INWARD, KEEP, Heading
 from sim_vehicle.pilot.controls import RefusedError
@@ -24,7 +25,7 @@ from wbf_mission.addons.modes.steering import SetpointMessage, Steering
 if TYPE_CHECKING:
     from sim_vehicle.mavlink.parameters import ParameterSet
     from sim_vehicle.mavlink.plan_receiver import PlanReceiver
-    from sim_vehicle.mavlink.vehicle_command import VehicleCommand
+    from sim_vehicle.mavlink.vehicle_command import Result, VehicleCommand
     from sim_vehicle.mavlink.wire_state import WireState
 
 __all__ = ["ModesExtra"]
@@ -36,6 +37,14 @@ _CIRCLE_RADIUS = Setting("CIRCLE_RADIUS", 1000.0, 0.01)
 _CIRCLE_RATE = Setting("CIRCLE_RATE", 20.0, math.radians(1.0))
 _CIRCLE_OPTIONS, _LOOKS_ALONG, _BEGINS_AT_CENTER = Setting("CIRCLE_OPTIONS", 1.0), 2, 4
 _ORBIT_HEADING = Setting("MC_ORBIT_YAW_MOD", 0.0)
+_STANDARD_MODES = {
+    1: Mode.HOLD,
+    4: Mode.ALTITUDE,
+    5: Mode.RTL,
+    6: Mode.MISSION,
+    7: Mode.LAND,
+    8: Mode.TAKEOFF,
+}
 _POLE, _DATE_LINE = 90.0, 180.0
 # Type masks that use only the position, only the velocity, or both.
 _ONLY_POSITION, _ONLY_VELOCITY, _BOTH = 0xDF8, 0xC07, 0xC00
@@ -51,7 +60,13 @@ class ModesExtra(VehicleExtra):
         self._follow = FollowPilot(state.pilot)
         self._before_flip = state.pilot.mode
         self._points_inward = False
-        self.commands = {m.MAV_CMD_DO_ORBIT: self._orbit, Command.CONDITION_YAW: self._yaw}
+        self.commands = {
+            m.MAV_CMD_DO_ORBIT: self._orbit,
+            Command.CONDITION_YAW: self._yaw,
+            m.MAV_CMD_DO_CHANGE_ALTITUDE: self._change_altitude,
+            m.MAV_CMD_DO_GO_AROUND: self._go_around,
+            m.MAV_CMD_DO_SET_STANDARD_MODE: self._standard_mode,
+        }
         self.builders = {m.MAVLINK_MSG_ID_POSITION_TARGET_LOCAL_NED: self._position_target}
         steering = Steering(state, self.guided)
         handlers: dict[int, Callable[[Any, float], None]] = {
@@ -213,6 +228,29 @@ class ModesExtra(VehicleExtra):
         direction = (command.number(3) > 0) - (command.number(3) < 0)
         turn = self.guided.auto_yaw.order
         turn(math.radians(angle), math.radians(rate), direction, relative=relative == 1.0)
+
+    def _change_altitude(self, command: VehicleCommand) -> None:
+        """DO_CHANGE_ALTITUDE: altitude and frame, at the present position."""
+        pilot = self._pilot
+        altitude, frame = command.params[0], command.number(2)
+        if not math.isfinite(altitude) or frame not in (0, 3, 5, 6):
+            raise RefusedError("Altitude refused: no altitude or frame", denied=True)
+        altitude = self.state.above_start(altitude, frame)
+        x, y, _ = pilot.executor.motion.stopping_point()
+        mode = self.state.mavlink.modes.after_command
+        pilot.goto(*pilot.frame.to_wgs84(x, y), altitude, mode=mode, heading=KEEP)
+
+    def _go_around(self, command: VehicleCommand) -> None:
+        """DO_GO_AROUND (ArduPlane): abort the landing and climb to a height; 0 selects the landing's own."""
+        height = command.params[0]
+        self._pilot.go_around(height if math.isfinite(height) and height > 0.0 else None)
+
+    def _standard_mode(self, command: VehicleCommand) -> Result:
+        mode = _STANDARD_MODES.get(command.number(1))
+        if mode is None:
+            return m.MAV_RESULT_UNSUPPORTED
+        enter_mode(self.state, mode, self.state.mavlink.modes[mode])
+        return None
 
     def _position_target(self, source: WireState) -> Message | None:
         if self._pilot.mode not in (Mode.GUIDED, Mode.TAKEOFF):

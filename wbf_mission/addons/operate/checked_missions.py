@@ -9,14 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 from wbf_mission.cli import options
 from wbf_mission.cli.options import option
 from wbf_mission.cli.output import Output
-from wbf_mission.scenario import (
-    CameraOptions,
-    FarmOptions,
-    MissionOptions,
-    ScenarioError,
-    VehicleOptions,
-    WeatherOptions,
-)
+from wbf_mission.scenario import ScenarioError
 
 if TYPE_CHECKING:
     from mission.model import Mission
@@ -25,11 +18,7 @@ if TYPE_CHECKING:
 
 
 CHECKED = options.scenario_options(
-    FarmOptions,
-    MissionOptions,
-    VehicleOptions,
-    WeatherOptions,
-    CameraOptions,
+    *("farm", "mission", "vehicle", "weather", "camera"),
     without=(
         *options.OF_DAYS,
         *("planner", "policy", "budget", "mission", "partition", "altitude_m", "cruise_speed_m_s"),

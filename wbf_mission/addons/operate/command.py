@@ -18,7 +18,6 @@ from wbf_mission.cli.options import option
 from wbf_mission.cli.output import Output, filled, to_stdout
 from wbf_mission.events import RunBegun, RunEnded
 from wbf_mission.exit_codes import ExitCode
-from wbf_mission.scenario import FarmOptions
 
 if TYPE_CHECKING:
     from geo.farm import Farm
@@ -65,7 +64,7 @@ _JSON_LINES = Annotated[
 
 
 @options.scenario_options(
-    FarmOptions,
+    "farm",
     without=(*options.OF_DAYS, "fields", "seed"),
     defaults={"farm": None},
 )

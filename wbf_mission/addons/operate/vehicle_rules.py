@@ -15,23 +15,13 @@ from mission.model import Command, Frame
 from sim_vehicle.autopilot import firmware_of
 from sim_vehicle.autopilot.parameters import parameter_value
 from wbf_mission.addons.base.inquiry import VehicleSnapshot
+from wbf_mission.preflight import rules
 from wbf_mission.preflight.finding import Concern, Finding, Severity
 from wbf_mission.preflight.path_rules import legs_of
-from wbf_mission.preflight.rules import (
-    ERROR,
-    LEFT,
-    NOTE,
-    WARNING,
-    Checks,
-    Rule,
-    at_least,
-    at_most,
-    found,
-    planned,
-)
+from wbf_mission.preflight.rules import ERROR, NOTE, WARNING, Rule, found, planned
 from wbf_mission.preflight.subject import LANDINGS, PLACED, TAKEOFFS, Subject
 
-CHECKS = Checks[[Subject, VehicleSnapshot]]()
+CHECKS = rules.Checks[[Subject, VehicleSnapshot]]()
 
 _setting = partial(Rule, concern=Concern.PARAMETERS)
 _state = partial(Rule, concern=Concern.STATE)
@@ -99,11 +89,11 @@ _POOR_HDOP = 2.0
 
 @CHECKS.finds(
     _readiness(
-        "no-fix", ERROR, "no position from satellites", "wait under the open sky", at_least("fix type")
+        "no-fix", ERROR, "no position from satellites", "wait under the open sky", rules.at_least("fix type")
     ),
-    _readiness("few-satellites", WARNING, "few satellites", "wait for more", at_least("satellites")),
+    _readiness("few-satellites", WARNING, "few satellites", "wait for more", rules.at_least("satellites")),
     _readiness(
-        "poor-fix", WARNING, "a poor dilution of precision", "wait for more satellites", at_most("HDOP")
+        "poor-fix", WARNING, "a poor dilution of precision", "wait for more satellites", rules.at_most("HDOP")
     ),
 )
 def check_gps(subject: Subject, snapshot: VehicleSnapshot) -> Iterator[Finding]:
@@ -143,7 +133,7 @@ def check_estimator(subject: Subject, snapshot: VehicleSnapshot) -> Iterator[Fin
         ERROR,
         "the battery holds {holds:.0%} now: less is left at the end than the reserve",
         "charge or change it",
-        LEFT,
+        rules.LEFT,
         by_vehicle=True,
     ),
     _state("battery-unknown", NOTE, "the vehicle does not report its battery's charge"),
@@ -173,14 +163,14 @@ _HEIGHT_M = 10.0
         ERROR,
         "the vehicle stands far from the home of the plan, and returns to where it starts",
         "carry it there, or plan from where it stands",
-        at_most("distance from home", "m"),
+        rules.at_most("distance from home", "m"),
     ),
     _state(
         "other-ground-height",
         WARNING,
         "the ground here is at another height than the plan's, and heights count above the sea",
         "give heights above home, or correct the home of the plan",
-        at_most("difference in height", "m"),
+        rules.at_most("difference in height", "m"),
     ),
 )
 def check_place(subject: Subject, snapshot: VehicleSnapshot) -> Iterator[Finding]:
@@ -253,7 +243,7 @@ def _other(subject: Subject, snapshot: VehicleSnapshot, code: str) -> Iterator[F
         WARNING,
         "{name} is lower than the speed of the plan: the flight takes longer than predicted",
         "fly slower, or raise {name}",
-        at_most("speed of the plan", "m/s"),
+        rules.at_most("speed of the plan", "m/s"),
     ),
     _setting(
         "other-radius",
@@ -284,7 +274,7 @@ def check_motion_settings(subject: Subject, snapshot: VehicleSnapshot) -> Iterat
         WARNING,
         "{name}: the return climbs higher than most rules allow",
         "lower {name}",
-        at_most("height above home", "m"),
+        rules.at_most("height above home", "m"),
     ),
     _setting(
         "other-return", NOTE, "{name}: plans assume another height of the return", measured=planned("m")
@@ -365,14 +355,14 @@ _CEILING_BIT, _RADIUS_BIT = 1, 2  # FENCE_TYPE of ArduPilot
         ERROR,
         "{name}: the plan leaves the fence of the vehicle",
         "change the plan, or raise {name}",
-        at_most("height above home", "m"),
+        rules.at_most("height above home", "m"),
     ),
     _setting(
         "beyond-fence-radius",
         ERROR,
         "{name}: the plan leaves the fence of the vehicle",
         "change the plan, or raise {name}",
-        at_most("distance from home", "m"),
+        rules.at_most("distance from home", "m"),
     ),
 )
 def check_fence_settings(subject: Subject, snapshot: VehicleSnapshot) -> Iterator[Finding]:

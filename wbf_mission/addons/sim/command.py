@@ -20,7 +20,7 @@ from wbf_mission.cli.options import Overwrite, option, refuse_overwrite
 from wbf_mission.cli.output import Output
 from wbf_mission.events import RunEnded
 from wbf_mission.exit_codes import ExitCode
-from wbf_mission.scenario import CameraOptions, FarmOptions, ScenarioError, VehicleOptions, WeatherOptions
+from wbf_mission.scenario import CameraOptions, ScenarioError
 from wbf_mission.scenario.option import options_of
 from wbf_mission.scenario.parts import CAMERA_OF_PLANS
 
@@ -45,10 +45,7 @@ BEGINNERS = (
 
 
 @options.scenario_options(
-    FarmOptions,
-    VehicleOptions,
-    WeatherOptions,
-    CameraOptions,
+    *("farm", "vehicle", "weather", "camera"),
     without=(
         "days",
         "flights_per_day",

@@ -13,16 +13,7 @@ from wbf_mission.cli import options
 from wbf_mission.cli.command import Command
 from wbf_mission.cli.options import MISSION_SUFFIXES, Force, TargetError, option, refuse_overwrite
 from wbf_mission.cli.output import Output
-from wbf_mission.scenario import (
-    CameraOptions,
-    EstimateOptions,
-    FarmOptions,
-    MissionOptions,
-    Scenario,
-    ScenarioError,
-    VehicleOptions,
-    WeatherOptions,
-)
+from wbf_mission.scenario import Scenario, ScenarioError
 from wbf_mission.scenario.scenario import PARTS
 
 if TYPE_CHECKING:
@@ -123,12 +114,7 @@ class _Costs:
 
 
 @options.scenario_options(
-    FarmOptions,
-    EstimateOptions,
-    MissionOptions,
-    VehicleOptions,
-    WeatherOptions,
-    CameraOptions,
+    *("farm", "estimate", "mission", "vehicle", "weather", "camera"),
     without=(
         *("days", "flights_per_day", "world", "planner", "mission", "partition", "vehicles", "separation"),
         *("turbulence", "gps_noise_m", "baro_noise_m", "estimate_errors", "radio_range_m", "camera_noise"),

@@ -12,14 +12,6 @@ from wbf_mission.cli import options
 from wbf_mission.cli.command import Command
 from wbf_mission.cli.options import option
 from wbf_mission.cli.output import Output
-from wbf_mission.scenario import (
-    CameraOptions,
-    EstimateOptions,
-    FarmOptions,
-    MissionOptions,
-    VehicleOptions,
-    WeatherOptions,
-)
 
 EXAMPLES = """
 Examples
@@ -36,12 +28,7 @@ _USUAL_PORT = 8735
 
 
 @options.scenario_options(
-    FarmOptions,
-    MissionOptions,
-    VehicleOptions,
-    WeatherOptions,
-    CameraOptions,
-    EstimateOptions,
+    *("farm", "mission", "vehicle", "weather", "camera", "estimate"),
     without=("mission", "terrain", "days", "flights_per_day", "world"),
     defaults={"farm": "miniberry-100"},
 )

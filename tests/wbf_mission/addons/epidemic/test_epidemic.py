@@ -859,3 +859,24 @@ def test_of_several_readings_of_a_plant_the_last_one_counts(readings, cut):
     assert flat.tolist() == sorted(expected)
     assert since.tolist() == [expected[cell][0] for cell in sorted(expected)]
     assert CLASS_VALUES[classes].tolist() == [expected[cell][1] for cell in sorted(expected)]
+
+
+@pytest.mark.parametrize("farm", ["miniberry-10", "miniberry-30", "miniberry-100"])
+def test_a_miniberry_farm_needs_no_training(farm, tmp_path):
+    steps = []
+    estimator = EpidemicEstimator(cache=tmp_path).fit(get_farm(farm).grid())
+    estimator.prepare(range(24), lambda *step: steps.append(step))
+    assert not steps and not list(tmp_path.iterdir())
+    names = {path.name for path in training.INCLUDED.iterdir()}
+    assert len(names) == 3 * 2 * 3 and all(name.endswith(f"-{training.SUMS}.npz") for name in names)
+
+
+@pytest.mark.slow
+def test_an_included_network_is_the_one_that_training_gives(tmp_path):
+    estimator = EpidemicEstimator().fit(get_farm("miniberry-10").grid())
+    task, hosts = estimator._beliefs[1].wanted([8])[0]
+    included = load_network(training.INCLUDED / training.network_file(task, hosts, tmp_path).name)
+    trained = training.learn(task, hosts)
+    for one, other in zip((included, *included.further), (trained, *trained.further), strict=True):
+        for here, there in zip((*one.weights, *one.biases), (*other.weights, *other.biases), strict=True):
+            assert here.tobytes() == there.tobytes()

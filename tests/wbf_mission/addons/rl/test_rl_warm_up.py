@@ -5,8 +5,8 @@ import sys
 
 import pytest
 
-from sim_vehicle.prediction import compile_ahead
 from wbf_mission import flight
+from wbf_mission.addons.base import compile_ahead
 from wbf_mission.addons.rl import warm_up
 from wbf_mission.cli.app import main
 

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from motion_limits import check_steps
 
 from geo.frame import LocalFrame
 from mission.model import GeoPoint, Mission, MissionItem
@@ -239,14 +240,4 @@ def test_every_mission_ends(items, spec):
 def test_the_drive_does_not_depend_on_how_it_is_stepped(legs, spec, chunk):
     rows = [row(*place, speed) for place, speed in legs]
     wind = Wind(2.0, 1.0, gust_m_s=1.0)
-
-    def end(steps, stop_each):
-        motion = motion_of(spec, wind)
-        motion.fly(Route.through(rows))
-        while motion.step < 4000:
-            motion.advance(min(steps, 4000 - motion.step), stop_each=stop_each)
-        return motion.state.tobytes(), motion.counters.tobytes(), motion.arrivals.tobytes()
-
-    one = end(1, True)
-    assert end(chunk, True) == one
-    assert end(4000, False) == one
+    check_steps(lambda: motion_of(spec, wind), rows, chunk, 4000)

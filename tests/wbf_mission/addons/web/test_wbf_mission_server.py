@@ -33,22 +33,13 @@ from geo.farms import get_farm
 from mission.errors import LinkError
 from sensors.fields import PAPER_FIELDS
 from sensors.scoring.information import InformationModel
+from wbf_mission import events
 from wbf_mission.addons.web import deadlines, schema
 from wbf_mission.addons.web import server as served
 from wbf_mission.addons.web.guard import HEADERS
 from wbf_mission.addons.web.schema import Update
 from wbf_mission.addons.web.server import LiveServer
 from wbf_mission.addons.web.view import View
-from wbf_mission.events import (
-    Estimated,
-    EventStream,
-    Noted,
-    Orderable,
-    RunBegun,
-    RunEnded,
-    VehicleMoved,
-    VehicleSaid,
-)
 from wbf_mission.run.orders import LIFE_S, Orders
 
 LONG_S = 120.0  # a limit against hanging, not a measure
@@ -122,14 +113,14 @@ def asked(client: ClientConnection, request: dict[str, Any]) -> dict[str, Any]:
     return reply
 
 
-def moved(k: int, vehicle: int = 1) -> VehicleMoved:
-    return VehicleMoved(k / 10, 1, 1, vehicle, float(k), 2.0, 3.0, 4.0)
+def moved(k: int, vehicle: int = 1) -> events.VehicleMoved:
+    return events.VehicleMoved(k / 10, 1, 1, vehicle, float(k), 2.0, 3.0, 4.0)
 
 
 def test_a_page_is_told_everything_and_then_what_is_new() -> None:
-    stream, view = EventStream(), View()
+    stream, view = events.EventStream(), View()
     stream.listen(view.take)
-    stream.tell(Noted("before"))
+    stream.tell(events.Noted("before"))
     with LiveServer(view) as server, watching(server) as client:
         viewer = Viewer()
         first = viewer.take(client.recv(timeout=10))
@@ -145,7 +136,7 @@ def test_a_page_is_told_the_end_before_the_server_is_gone() -> None:
     view, viewer = View(), Viewer()
     with LiveServer(view) as server, watching(server) as client:
         viewer.take(client.recv(timeout=10))
-        view.take(RunEnded(7.0, "completed", "all flown"))
+        view.take(events.RunEnded(7.0, "completed", "all flown"))
         server.__exit__()
         with pytest.raises(ConnectionClosed):
             while True:
@@ -166,7 +157,7 @@ def test_ten_viewers_follow_and_one_that_never_reads_holds_up_nobody(monkeypatch
         return encoded(view, cursor)
 
     monkeypatch.setattr(served, "_encoded", counting)
-    stream, view = EventStream(), View()
+    stream, view = events.EventStream(), View()
     stream.listen(view.take)
     viewers, threads = [Viewer() for _ in range(10)], []
     received = [0] * len(viewers)
@@ -185,12 +176,12 @@ def test_ten_viewers_follow_and_one_that_never_reads_holds_up_nobody(monkeypatch
         value = random.random((3, farm.width_cells, farm.height_cells), np.float32)
         for k in itertools.islice(told, 200):
             stream.tell(moved(k, 1 + k % 10))
-        stream.tell(VehicleSaid(k / 10, 1, 6, "x" * 400))
-        stream.tell(Estimated(k / 10, 1, k, InformationModel(value, value), None))
+        stream.tell(events.VehicleSaid(k / 10, 1, 6, "x" * 400))
+        stream.tell(events.Estimated(k / 10, 1, k, InformationModel(value, value), None))
 
     def tell_all(text: str) -> None:
         """Note something, and wait until all viewers know it."""
-        stream.tell(Noted(text))
+        stream.tell(events.Noted(text))
         end_s = time.monotonic() + LONG_S
         while not all(viewer.said and viewer.said[-1]["text"] == text for viewer in viewers):
             assert time.monotonic() < end_s, text
@@ -207,7 +198,7 @@ def test_ten_viewers_follow_and_one_that_never_reads_holds_up_nobody(monkeypatch
         for number in range(len(viewers)):
             threads.append(threading.Thread(target=follow, args=(server, number), daemon=True))
             threads[-1].start()
-        stream.tell(RunBegun("", farm, PAPER_FIELDS))
+        stream.tell(events.RunBegun("", farm, PAPER_FIELDS))
         tell_all("all are there")
         # Those who know the same share: far fewer updates are made than are received. On a busy machine some
         # may miss a short interval, and from then on know something else than the others.
@@ -227,7 +218,7 @@ def test_ten_viewers_follow_and_one_that_never_reads_holds_up_nobody(monkeypatch
         while time.monotonic() - began < 3.0:
             tell_much()
             time.sleep(0.005)
-        stream.tell(Noted("the end"))
+        stream.tell(events.Noted("the end"))
         for thread in threads:
             thread.join(LONG_S)
         assert not any(thread.is_alive() for thread in threads)
@@ -246,7 +237,7 @@ def test_ten_viewers_follow_and_one_that_never_reads_holds_up_nobody(monkeypatch
 
 def test_viewers_share_an_update_although_the_run_goes_on(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(served, "INTERVAL_S", LONG_S)
-    stream, view, made = EventStream(), View(), itertools.count()
+    stream, view, made = events.EventStream(), View(), itertools.count()
     stream.listen(view.take)
     stream.tell(moved(next(made)))
     encoded = served._encoded
@@ -286,8 +277,8 @@ def test_a_tab_that_is_closed_changes_nothing() -> None:
 
 def test_another_view_is_shown_to_pages_that_come_again() -> None:
     first, second = View(), View()
-    first.take(Noted("first"))
-    second.take(Noted("second"))
+    first.take(events.Noted("first"))
+    second.take(events.Noted("second"))
     with LiveServer(first) as server:
         with watching(server) as client:
             client.recv(timeout=10)
@@ -306,7 +297,7 @@ def test_orders_are_off_by_default() -> None:
 
 def test_orders_are_handed_on_and_their_page_alone_hears_what_became_of_them() -> None:
     orders, view = Taking({"set-item": "set-item cannot be ordered now"}), View()
-    view.take(Orderable(("hold", "land")))
+    view.take(events.Orderable(("hold", "land")))
     with LiveServer(view, orders=orders) as server, watching(server) as client, watching(server) as other:
         assert json.loads(client.recv(timeout=10))["status"]["orders"] == ["hold", "land"]
         other.recv(timeout=10)
@@ -332,7 +323,7 @@ def test_orders_are_handed_on_and_their_page_alone_hears_what_became_of_them() -
 def test_a_beat_comes_once_a_second_after_what_is_new_and_says_how_old_the_vehicles_states_are() -> None:
     clock = Clock()
     view = View(clock=clock)
-    view.take(RunBegun("", None, None, simulated=False))
+    view.take(events.RunBegun("", None, None, simulated=False))
     view.take(replace(moved(1), silent_s=0.5))
     with LiveServer(view, clock=clock) as server, watching(server) as client:
         assert "states" in json.loads(client.recv(timeout=10))
@@ -349,7 +340,7 @@ def test_a_beat_comes_once_a_second_after_what_is_new_and_says_how_old_the_vehic
         clock.now_s += 1.0
         assert "states" in json.loads(client.recv(timeout=10)), "what is new comes first"
         assert set(beat(client)["silent_s"]) == {"1", "2"}
-        view.take(RunEnded(7.0, "completed", ""))
+        view.take(events.RunEnded(7.0, "completed", ""))
         clock.now_s += 1.0
         news(client)
         assert beat(client)["silent_s"] == {}, "nothing gets older after the end"
@@ -531,7 +522,7 @@ def test_whatever_a_page_sends_is_answered(text: str) -> None:
 
 @given(st.fixed_dictionaries({"order": st.text(), "system_ids": st.lists(st.integers())}), st.text())
 def test_words_that_are_no_text_do_not_reach_the_terminal(order: dict[str, Any], value: str) -> None:
-    orders = Orders(EventStream())
+    orders = Orders(events.EventStream())
     orders.allow(("hold", "set item"), range(256))
     server = LiveServer(View(), orders=orders)
     visit = served._Visit(Clock())
@@ -813,7 +804,7 @@ def test_files_are_asked_for_again_only_when_they_changed() -> None:
 
 def test_elsewhere_than_on_this_machine_a_token_is_needed() -> None:
     view = View()
-    view.take(Noted("secret"))
+    view.take(events.Noted("secret"))
     with LiveServer(view, host="0.0.0.0") as server:
         token = server.url.partition("?token=")[2]
         assert len(token) > 30

@@ -7,6 +7,7 @@ import pytest
 from flight_measures import phases, turns
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from motion_limits import check_steps
 from recordings import compare, fly_recording, load_recording
 
 from geo.frame import LocalFrame
@@ -705,18 +706,7 @@ LEG = st.builds(Leg, PLACE, st.floats(8.0, 25.0), st.sampled_from([0.0, 1.0, 1.0
 def test_the_flight_does_not_depend_on_how_it_is_stepped(legs, wind, autopilot, chunk):
     rows = [Leg((0.0, 0.0, 30.0), 15.0, kind=LegKind.TAKEOFF), *legs]
     rows.append(Leg((0.0, 0.0, 0.0), 10.0, kind=LegKind.LAND))
-
-    def end(steps, stop_each):
-        motion = motion_of(SPECS[autopilot], wind)
-        motion.fly(Route.through(rows))
-        while motion.step < 6000:
-            if motion.advance(min(steps, 6000 - motion.step), stop_each=stop_each) is MotionEvent.STALLED:
-                break
-        return motion.state.tobytes(), motion.counters.tobytes(), motion.arrivals.tobytes()
-
-    one = end(1, True)
-    assert end(chunk, True) == one
-    assert end(6000, False) == one
+    check_steps(lambda: motion_of(SPECS[autopilot], wind), rows, chunk, 6000)
 
 
 @BOTH

@@ -13,7 +13,7 @@ from wbf_mission import Scenario, fly
 from geo.farms import get_farm
 from sensors.fields import PAPER_FIELDS
 from sensors.scoring.information import InformationModel
-from wbf_mission.cli.warm_up import fly_all
+from wbf_mission.addons.warmup.command import fly_all
 from wbf_mission.events import DayBegun, Estimated, RunBegun
 from wbf_mission.addons.rl.vector_env import SurveyVectorEnv
 from wbf_mission.addons.rl import warm_up as training
@@ -51,7 +51,7 @@ def test_nothing_is_left_to_compile(tmp_path):
     if os.environ.get("NUMBA_DISABLE_JIT"):
         pytest.skip("nothing is compiled")
     first, later = compiled_by(FLIGHTS, tmp_path)
-    expected = ("cell_posterior.take_observations", "tile.solve_tiles", "tour_search.search_tour")
+    expected = ("cell_posterior.take_observations", "tile.solve_tiles", "route_search.search_tour")
     for compiled in (*expected, "batch_kernel.advance", "block_means"):
         assert any(compiled in one for one in first), compiled
     assert later == []

@@ -1,11 +1,10 @@
 """After the warm-up no flight waits for the compiler."""
 
-import os
 import subprocess
 import sys
 
 from sim_vehicle.airframe.catalog import get_vehicle
-from sim_vehicle.prediction.compile_ahead import warm_up
+from wbf_mission.addons.base.compile_ahead import warm_up
 
 FLIGHT = """
 from geo.frame import LocalFrame
@@ -14,7 +13,7 @@ from sim_vehicle.motion.multirotor import kernel
 from sim_vehicle.motion.multirotor import model
 from sim_vehicle.airframe.catalog import get_vehicle
 from sim_vehicle.mavlink import SimVehicle
-from sim_vehicle.prediction.compile_ahead import warm_up
+from wbf_mission.addons.base.compile_ahead import warm_up
 from sim_vehicle.weather.wind import Wind
 
 def compiled():
@@ -51,27 +50,3 @@ def test_a_flight_compiles_nothing_more():
 
 def test_the_ideal_vehicle_needs_none():
     warm_up(get_vehicle("ideal"))
-
-
-NOTICES = """
-from geo.compiled import compile_notices
-from sim_vehicle.motion.stepping import multirotor_power
-import numpy as np
-
-told = []
-with compile_notices(told.append):
-    multirotor_power(np.ones(9), 1.0, 1.0, 0.0, 0.0, 0.0, 0.0)
-print(*told)
-"""
-
-
-def test_a_compilation_is_told_before_it_begins(tmp_path):
-    for expected in ("sim_vehicle.energy.power.multirotor_power\n", "\n"):
-        done = subprocess.run(
-            [sys.executable, "-c", NOTICES],
-            env=os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)},
-            capture_output=True,
-            text=True,
-            timeout=120,
-        )
-        assert done.stdout == expected, done.stderr

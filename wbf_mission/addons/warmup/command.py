@@ -10,6 +10,7 @@ from geo.errors import WbfMissionError
 from geo.imports import entry_points, load_entry
 from geo.texts import duration
 from wbf_mission.cli import options
+from wbf_mission.cli.command import Command
 from wbf_mission.cli.options import TargetError
 from wbf_mission.cli.output import Output
 
@@ -43,7 +44,7 @@ def warm_up_command(output: Output) -> None:
 
     Compiled code is kept in the user's cache, so a second warm-up only checks the cache.
     """
-    from sim_vehicle.prediction.compile_ahead import compile_all
+    from wbf_mission.addons.base.compile_ahead import compile_all
 
     begun: list[tuple[str, float]] = []
 
@@ -75,3 +76,6 @@ def fly_all(announce: Callable[[str], None]) -> None:
         announce(what)
         options: dict[str, Any] = {"farm": "miniberry-10", **given}
         fly(Scenario(**options))
+
+
+COMMAND = Command(warm_up_command, EXAMPLES)

@@ -1,0 +1,1 @@
+"""The command ``warm-up``: compiles everything once after an installation."""

@@ -551,7 +551,7 @@ def test_windows_of_a_large_farm_stand_for_it(monkeypatch):
     monkeypatch.setattr(training, "_WINDOW", 48)
     hosts = np.ones((240, 200), bool)
     hosts[:, 150:] = False
-    task = TrainingTask(TYLCV, 6, outbreaks=400)
+    task = TrainingTask(TYLCV, 6, outbreaks=150)
     _, classes, weights = training.samples_of(training.draw_looks(task, hosts, np.random.default_rng(3)))
     rng = np.random.default_rng(1)
     expected = np.mean([(simulate_outbreak(hosts, TYLCV, 6, rng)[hosts] >= 0).mean() for _ in range(20)])
@@ -599,7 +599,7 @@ def test_exact_readings_of_every_cell_of_a_path_do_not_tell_all_of_the_farm():
     x = np.concatenate([across, np.full(len(along), across[-1]), across[::-1]])
     y = np.concatenate([np.full(len(across), along[0]), along, np.full(len(across), along[-1])])
     errors, scaled = [], []
-    for seed in range(12):
+    for seed in range(6):
         truth = soil_of(seed, shape)
         field = SoilField(shape, SoilParameters(), 0)
         value, deviation = np.empty((2, *shape), np.float32)

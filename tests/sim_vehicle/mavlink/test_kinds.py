@@ -441,6 +441,10 @@ def test_arduplane_goes_around_by_command():
     assert "Landing aborted, climbing to 55m" in texts
     texts += fly_on(vehicle, lambda: vehicle.pilot.executor.mission.lands)
     assert "Restarted landing sequence at waypoint 2" in texts
+    # 0 is the height of the landing or the take-off.
+    texts = answered(vehicle, go_around(0.0))[1]
+    texts += fly_on(vehicle, lambda: not vehicle.pilot.executor.mission.goes_around)
+    assert "Landing aborted, climbing to 40m" in texts
 
 
 def test_only_arduplane_on_its_landing_goes_around():

@@ -434,6 +434,7 @@ def test_orders_that_change_a_flight():
     assert rig.command(207, 1.0) == 3
     assert rig.command(115, 90.0) == 3
     assert rig.command(186, math.nan, 3.0) == 2
+    assert rig.command(186, 30.0, 9.0) == 2
     assert rig.command(189) != 0
     assert rig.command(185, 0.0) == 0
     assert rig.pilot.armed

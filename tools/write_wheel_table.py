@@ -94,8 +94,8 @@ def main() -> None:
             cells = [covered(names, platforms) for platforms in SYSTEMS.values()]
             rows.append(f"| {name} {locked[name]} | {' | '.join(cells)} |\n")
     head = f"| | {' | '.join(SYSTEMS)} |\n|{'---|' * (len(SYSTEMS) + 1)}\n"
-    names = fill(", ".join(pure), 110, break_on_hyphens=False)
-    rest = f"\nThe other {len(pure)} are the same for all systems:\n{names}.\n"
+    others = fill(", ".join(pure), 110, break_on_hyphens=False)
+    rest = f"\nThe other {len(pure)} are the same for all systems:\n{others}.\n"
     PAGE.write_text(HEAD + "\n" + head + "".join(rows) + rest, encoding="utf-8")
 
 

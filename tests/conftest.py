@@ -39,7 +39,7 @@ def pytest_xdist_make_scheduler(config, log):
 
     Slow tests share little, and one file of them would take too long for one worker.
     """
-    if config.getoption("markexpr") == "slow":
+    if IN_THE_SLOW_PART in os.environ:
         return None
     from xdist.scheduler import LoadFileScheduling
 

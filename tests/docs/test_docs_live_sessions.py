@@ -67,15 +67,14 @@ def test_the_page_shows_what_two_terminals_print(tmp_path):
         wait_until(lambda: ready.exists() or process.poll() is not None, "the simulator does not start")
         (port,) = set(re.findall(r"127\.0\.0\.1:(\d+)", ready.read_text()))
         words = [word.replace(_ADDRESS, f"127.0.0.1:{port}") for word in fly]
-        # Training the page's estimator takes a minute where nothing is cached.
-        code, printed = answered(command(*words, "--no-plots", "--estimator", "point"), tmp_path)
+        code, printed = answered(command(*words, "--no-plots"), tmp_path)
     assert code == 0, printed
     lines = [plain(line) for line in re.split(r"[\r\n]+", printed)]
     at = 0
     for line in shown:
         if line == "...":
             continue
-        wanted = plain(line.removesuffix(" y").replace("epidemic", "point"))
+        wanted = plain(line.removesuffix(" y"))
         found = next((k for k, one in enumerate(lines[at:], start=at) if one.startswith(wanted)), None)
         assert found is not None, f"{line!r} is not printed after {lines[max(at - 5, 0) : at]}"
         at = found + 1

@@ -12,7 +12,6 @@ from wbf_mission.own_code import own_choice
 
 TEN = ["WBF/Miniberry-10-v1"]
 FLY = ["fly", "--farm", "miniberry-10", "--vehicle", "ideal", "--no-files", "--budget", "80steps"]
-FLY += ["--estimator", "point"]  # The default one would be trained first
 POLICY = """
 import time
 import numpy as np

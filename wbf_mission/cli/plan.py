@@ -64,9 +64,8 @@ class SortieOptions:
     overlap: Annotated[
         float | None,
         option(
-            "Length flown again where the next sortie begins, m.  [default: twice the distance between "
-            "images,"
-            " plus the length needed to line up with the row]",
+            "Length flown again where the next sortie begins, m.  [default: twice the distance between"
+            " images, plus the length needed to line up with the row]",
             panel=_PANEL,
             parser=options.number,
         ),

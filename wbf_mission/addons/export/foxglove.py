@@ -176,9 +176,8 @@ class FoxgloveFile:
 
     def _write_farm(self, event: events.RunBegun) -> None:
         farm = self._farm
-        colours = [style.crop_colour(one.crop) for one in farm.patches] + [style.OBSTACLE] * len(
-            farm.obstacles
-        )
+        colours = [style.crop_colour(patch.crop) for patch in farm.patches]
+        colours += [style.OBSTACLE] * len(farm.obstacles)
         features = farm_document(farm)["features"]
         for feature, colour in zip(features, colours, strict=True):
             feature["properties"]["style"] = {"color": colour}

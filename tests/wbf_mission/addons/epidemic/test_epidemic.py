@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
+from write_networks import DAYS, FARMS
 
 from geo.farms import get_farm
 from geo.grid import FarmGrid
@@ -861,14 +862,16 @@ def test_of_several_readings_of_a_plant_the_last_one_counts(readings, cut):
     assert CLASS_VALUES[classes].tolist() == [expected[cell][1] for cell in sorted(expected)]
 
 
-@pytest.mark.parametrize("farm", ["miniberry-10", "miniberry-30", "miniberry-100"])
+@pytest.mark.parametrize("farm", FARMS)
 def test_a_miniberry_farm_needs_no_training(farm, tmp_path):
     steps = []
     estimator = EpidemicEstimator(cache=tmp_path).fit(get_farm(farm).grid())
-    estimator.prepare(range(24), lambda *step: steps.append(step))
+    estimator.prepare(range(DAYS[-1] + 8), lambda *step: steps.append(step))
     assert not steps and not list(tmp_path.iterdir())
     names = {path.name for path in training.INCLUDED.iterdir()}
-    assert len(names) == 3 * 2 * 3 and all(name.endswith(f"-{training.SUMS}.npz") for name in names)
+    assert len(names) == len(FARMS) * len(PAPER_FIELDS.diseases) * len(DAYS) and all(
+        name.endswith(f"-{training.SUMS}.npz") for name in names
+    )
 
 
 @pytest.mark.slow

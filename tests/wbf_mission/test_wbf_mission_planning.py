@@ -120,6 +120,14 @@ def test_a_mission_file_is_taken_as_it_is(tmp_path: Path) -> None:
     assert again.prediction.duration_s == pytest.approx(made.prediction.duration_s, rel=1e-3)
 
 
+def test_a_mission_file_without_a_position_is_refused(tmp_path: Path) -> None:
+    file = tmp_path / "home.waypoints"
+    row = "\t".join(map(str, (0, 1, 3, 20, *[0] * 7, 1)))
+    file.write_text(f"QGC WPL 110\n{row}\n", encoding="utf-8")
+    with pytest.raises(ScenarioError, match="no item of the mission has a position; give"):
+        plan(Scenario(farm="miniberry-10", mission=str(file)))
+
+
 @pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
 def test_every_command_tells_one_length_and_coverage_of_a_plan(tmp_path, capsys, autopilot) -> None:
     """From the planner, from each kind of file, from the check before a flight and from its result."""

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
     from geo.grid import FarmGrid
 
-_FEW = 8  # Cells up to which a loop is faster than numpy's arrays
+_FEW = 8  # Most cells for which a loop is faster than array operations
 
 T = TypeVar("T", bound=np.generic)
 S_co = TypeVar("S_co", bound=np.generic, covariant=True)
@@ -152,7 +152,7 @@ class Environment:
         levels: Mapping[str, Mapping[int, NDArray[np.float32]]],
         provenance: Provenance | None = None,
     ) -> Environment:
-        """Return an environment with these arrays, of the form that `onset` and `level` return.
+        """Return an environment with these arrays, in the form in which `onset` and `level` return them.
 
         EnvironmentDataError if the shapes or types of arrays are wrong, or there is no day.
         """
@@ -230,7 +230,7 @@ class Environment:
         return values
 
     def truth(self, day: int) -> NDArray[np.float32]:
-        """Return `values` of a kept day; on a large farm a `LazyFields`, which takes no memory."""
+        """Return `values` of a kept day, or on a large farm a `LazyFields`, which takes no memory."""
         if self.shape[0] * self.shape[1] < LARGE_FROM_CELLS:
             return self.values(day)
         self._check_day(day)
@@ -323,7 +323,7 @@ class Environment:
 
 
 def _fill_disease(field: NDArray[np.float32], onset: NDArray[np.int8], table: NDArray[np.float32]) -> None:
-    """Write E of a disease, float32[w, h], given the days of infection and the value of each such day."""
+    """Write E of a disease, float32[w, h], from the onsets and the table of a value for each onset."""
     field.fill(1.0)
     # Few cells are ever infected: setting only these is several times faster than a table for all cells.
     if onset.flags.c_contiguous and field.flags.c_contiguous:
@@ -335,7 +335,7 @@ def _fill_disease(field: NDArray[np.float32], onset: NDArray[np.int8], table: ND
 
 
 def _few_cells(ix: ArrayLike, iy: ArrayLike, shape: tuple[int, int]) -> list[tuple[int, int]]:
-    """Return the cells of two integer arrays as a list; empty if the arrays are long or of another form."""
+    """Return the cells of two short integer arrays as a list; empty for other input or cells off the farm."""
     if not (isinstance(ix, np.ndarray) and isinstance(iy, np.ndarray)) or ix.ndim != 1 or ix.size > _FEW:
         return []
     if ix.shape != iy.shape or ix.dtype.kind not in "iu" or iy.dtype.kind not in "iu":
@@ -360,13 +360,13 @@ def _part(name: str, cells: slice, size: int) -> slice:
     start = 0 if cells.start is None else operator.index(cells.start)
     stop = size if cells.stop is None else operator.index(cells.stop)
     if cells.step not in (None, 1) or not 0 <= start < stop <= size:
-        msg = f"environment: window {name} {start}:{stop} is not a part of the farm's 0:{size} without steps"
+        msg = f"environment: window {name} {start}:{stop} is not within 0:{size} of the farm, or has a step"
         raise EnvironmentDataError(msg)
     return slice(start, stop)
 
 
 def grid_digest(grid: FarmGrid) -> str:
-    """Return the hexadecimal SHA-256 of a crop map: shape, crops that the benchmark lacks, and cells."""
+    """Return the hexadecimal SHA-256 of a crop map: shape, crops beyond the benchmark's, cells."""
     digest = hashlib.sha256(f"{grid.shape[0]}x{grid.shape[1]};{grid.further_crops}".encode())
     digest.update(np.ascontiguousarray(grid.crop, np.int8).data)
     return digest.hexdigest()

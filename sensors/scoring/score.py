@@ -166,7 +166,7 @@ class RunningScore:
         self.advance(truth)
 
     def advance(self, truth: NDArray[np.floating]) -> None:
-        """Use another truth, that of the next day, for later estimates."""
+        """Use the truth of the next day for later estimates."""
         self._check_shape(truth, "truth")
         self._truth = truth
         self._summed = None
@@ -223,7 +223,7 @@ class RunningScore:
 
     @property
     def loss(self) -> float:
-        """Mean loss over the scored times; NaN before the first."""
+        """Mean loss over the scored times; NaN before the first scored time."""
         return float(np.mean(self.losses)) if self.losses else float("nan")
 
     @property
@@ -276,7 +276,7 @@ class _ScoredField:
     ) -> _Errors:
         """Sum the errors in the given tiles, and return the figures over all tiles.
 
-        `truth` is float32[n, W, H] of all fields, `estimate` float32[W, H] of this one.
+        `truth` is float32[n, W, H] of all fields, `estimate` float32[W, H] of this field.
         """
         out = _Errors()
         if not self.cells:

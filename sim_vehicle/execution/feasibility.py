@@ -73,8 +73,8 @@ def check_mission(
     The checks cover commands, frames, parameters, altitudes, distances from home, jumps and the take-off.
     Energy is checked by `sim_vehicle.prediction.predict`.
 
-    `items` does not contain home. `needs_takeoff`: the vehicle does not take off by itself to reach the first
-    position. `outside` maps a position (east, north, up) to the reason why the fence excludes the position,
+    `items` does not contain home. `needs_takeoff` is set if the vehicle does not take off by itself to reach
+    the first position. `outside` maps a position (east, north, up) to the reason why the fence excludes it,
     or to None. The fence check covers positions only, not the paths between them, as in real autopilots.
     `home_up_m` is the height of home above the frame's origin.
 

@@ -120,12 +120,12 @@ def expected_flights(
 ) -> list[Prediction]:
     """Predict flights in a wind with gusts that are known only statistically.
 
-    In a wind without gusts the result is that of `predict_flights`. Otherwise each mission is flown in
+    In a wind without gusts the result equals that of `predict_flights`. Otherwise each mission is flown in
     `pairs` pairs of the winds from `rehearsals`. Duration, energy and length are means over these flights,
     and thus include the cost of gusts in power and time. The track is that of the flight with the energy
     nearest to the mean. A mission is infeasible if at most half of its flights complete it.
 
-    `estimate_errors`: the means also extend over the errors of PX4's estimate
+    With `estimate_errors`, the means also extend over the errors of PX4's estimate
     (`sim_vehicle.airframe.estimate_errors`), in `ERROR_REHEARSALS` flights or one per wind, whichever is
     more. Each flight has its own errors, the same in every call. The estimates of other autopilots are exact.
     """

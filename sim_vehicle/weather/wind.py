@@ -89,7 +89,7 @@ class WindShear:
 
 @dataclass(frozen=True, slots=True)
 class Wind:
-    """Wind for a flight; VehicleError if a number is out of range, or both kinds of gusts are given.
+    """Wind for a flight; raises VehicleError if a number is out of range, or both kinds of gusts are given.
 
     Examples
     --------

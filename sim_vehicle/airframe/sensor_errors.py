@@ -85,7 +85,7 @@ class Sensed(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class SensorNoise:
-    """Sizes of the sensor errors of a vehicle; VehicleError if a number is out of range.
+    """Sizes of the sensor errors of a vehicle; raises VehicleError if a number is out of range.
 
     Examples
     --------

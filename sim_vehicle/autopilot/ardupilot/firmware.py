@@ -242,7 +242,7 @@ def vehicle_parameters(spec: VehicleSpec, system_id: int) -> list[MavParameter]:
     """
     return [
         *_SAFETY,
-        # Storage for the plan on the SD card (KiB), read at boot; 0 is the board's own storage.
+        # Storage for the plan on the SD card (KiB), read at boot; 0 selects the storage of the board.
         MavParameter("BRD_SD_FENCE", integer=True, value=0.0, stored=True, bits=16, low=0, high=64),
         MavParameter("BRD_SD_MISSION", integer=True, value=0.0, stored=True, bits=16, low=0, high=64),
         *_battery_parameters(spec),

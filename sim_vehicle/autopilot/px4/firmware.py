@@ -47,7 +47,7 @@ _LAST_API_INSTANCE = 9
 _PAYLOAD_BYTES_S = 4000.0
 _LEAST_SHARE = 0.05
 _OVERHEAD = 12
-# Rates (Hz) on the ground link (mode normal, raised by the start script), in modes onboard and gimbal.
+# Rates (Hz) on the ground link (mode normal, raised by the start script), in mode onboard and in mode gimbal.
 _STREAMS = """
     ALTITUDE                             1   10   0
     ATTITUDE                            50  100   0

@@ -1,4 +1,4 @@
-"""Batches of vehicles, advanced in one compiled call along their own routes, with unchanged results.
+"""Batches of vehicles, advanced in one compiled call along their own routes, each as if alone.
 
 The numbers of the vehicles are rows of arrays, ``[vehicle, number]``. Each vehicle keeps views of its rows,
 so routes, parameters and positions are used as without a batch. The loops call single vehicles' kernels.
@@ -118,11 +118,11 @@ class VehicleBatch:
     Parameters
     ----------
     vehicles : sequence of MotionModel
-        One or more vehicles of the same class; their arrays become views of the batch's. Vehicles are
+        One or more vehicles of the same class; their arrays become views of the batch's arrays. Vehicles are
         advanced one by one if their class has no loop here (`IdealRobot`), or while a multirotor is flown by
         the generic dynamics.
     pool : concurrent.futures.Executor, optional
-        Threads that share the work; the results do not depend on them.
+        Threads that share the work; the results do not depend on the threads.
 
     Raises
     ------

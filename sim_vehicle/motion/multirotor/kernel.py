@@ -62,7 +62,7 @@ STOP_SPEED = 0.1
 # and its initial detour at the slowest speed.
 STALL_S = 30.0
 SLOWEST = 0.3
-# Closer to the region of interest than this, the nose keeps its direction.
+# Distance to the region of interest (m) below which the nose keeps its direction.
 ROI_NEAR = 0.5
 CREEP = 3.0
 

@@ -190,7 +190,7 @@ class Px4Multirotor(Multirotor):
             table[-1, Leg.HEADING] = self._home_yaw_rad % (2.0 * math.pi)
 
     def _leaves_setpoint(self, kind: float) -> bool:
-        """Whether the trajectory must restart because a setpoint was flown without one."""
+        """Whether the trajectory must restart because a setpoint was flown without a trajectory."""
         old = self._route
         return old is not None and kind != LegKind.SETPOINT and old["kind"][self.leg] == LegKind.SETPOINT
 
@@ -289,7 +289,7 @@ class Px4Multirotor(Multirotor):
         self._radius_m = spec.acceptance_radius_m
 
     def set_climb(self, climb_m_s: float | None, descent_m_s: float | None) -> None:
-        """Limit climb and descent speed; None selects the vehicle's own limit."""
+        """Limit climb and descent speed; None selects the vehicle's limit."""
         super().set_climb(climb_m_s, descent_m_s)
         law = self._law_of(self.spec)
         for index, speed in ((Law.AUTO_UP, climb_m_s), (Law.AUTO_DOWN, descent_m_s)):

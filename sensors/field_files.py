@@ -85,7 +85,7 @@ def field_names() -> tuple[str, ...]:
 def read_fields(path: str | Path) -> tuple[Field, ...]:
     """Read the fields of a field file.
 
-    FieldError if the file cannot be read, is not a field file or has an unusable field, which the text names.
+    Raises FieldError, which names the file and the field, if the file or one of its fields cannot be used.
     """
     path = Path(path)
     try:

@@ -236,7 +236,7 @@ class FieldSet:
         return self.fields[self.index(key) if isinstance(key, str) else key]
 
     def index(self, name: str) -> int:
-        """Return the index of a field; FieldError if no field has this name."""
+        """Return the index of a field; raises FieldError if no field has this name."""
         if name not in self.names:
             raise FieldError(f"no field {name!r}, expected one of {', '.join(self.names)}")
         return self.names.index(name)

@@ -116,7 +116,7 @@ class Observations:
     ) -> Observations:
         """Join parts of observations, in order; all must have the fields `fields`.
 
-        ObservationError if a part has other fields.
+        Raises ObservationError if a part has other fields.
         """
         kept = []
         for part in parts:

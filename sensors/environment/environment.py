@@ -154,7 +154,7 @@ class Environment:
     ) -> Environment:
         """Return an environment with these arrays, in the form in which `onset` and `level` return them.
 
-        EnvironmentDataError if the shapes or types of arrays are wrong, or there is no day.
+        Raises EnvironmentDataError if the shapes or types of arrays are wrong, or there is no day.
         """
         kept = tuple(sorted(days))
         if not kept:
@@ -222,7 +222,7 @@ class Environment:
         """Return E on a kept day, float32[n, W, H]; `out` is an array that receives the values.
 
         A disease is 1.0 where plants are healthy or there is no host plant, 0.5 where plants are infected and
-        0.0 where they are lost. EnvironmentDataError if the day is not kept.
+        0.0 where they are lost. Raises EnvironmentDataError if the day is not kept.
         """
         self._check_day(day)
         values = np.empty((len(self.fields), *self.shape), np.float32) if out is None else out
@@ -252,8 +252,8 @@ class Environment:
     def window(self, day: int, x: slice, y: slice) -> NDArray[np.float32]:
         """Return `values` of a window of the farm, float32[n, w, h], a new array.
 
-        The slices have no step; a missing start or stop is the farm's border. Only the chunks that the window
-        touches are decoded. EnvironmentDataError if the day is not kept or the window is not on the farm.
+        The slices have no step; a missing start or stop is the farm's border. Only chunks that the window
+        touches are decoded. Raises EnvironmentDataError if the day is not kept or the window is off the farm.
 
         Examples
         --------
@@ -285,7 +285,7 @@ class Environment:
     def sample(self, day: int, ix: ArrayLike, iy: ArrayLike) -> NDArray[np.float32]:
         """Return the n fields at k cells on a kept day, float32[k, n], without decoding the whole day.
 
-        EnvironmentDataError if the day is not kept, a cell is off the farm, or an index is no integer.
+        Raises EnvironmentDataError if the day is not kept, a cell is off the farm, or an index is no integer.
         """
         self._check_day(day)
         few = _few_cells(ix, iy, self.shape)

@@ -17,8 +17,8 @@ from sensors.errors import EnvironmentDataError
 def save_environment(environment: Environment, path: str | os.PathLike[str]) -> None:
     """Save an environment atomically to a folder (`docs/environment.md`).
 
-    An older environment in the folder is replaced; other content is not. EnvironmentDataError if the folder
-    has other content or cannot be written.
+    An older environment in the folder is replaced; other content is not. Raises EnvironmentDataError if the
+    folder has other content or cannot be written.
     """
     header = Header.of(environment.shape, environment.days, environment.fields, environment.provenance)
     with unfinished_store(path, header) as store:
@@ -32,8 +32,8 @@ def save_environment(environment: Environment, path: str | os.PathLike[str]) -> 
 def load_environment(path: str | os.PathLike[str], *, lazy: bool = True) -> Environment:
     """Load an environment from a folder that `save_environment` or `generate_environment` wrote.
 
-    With `lazy`, data are decoded on demand, not all at once. EnvironmentDataError if a file is missing or
-    invalid; the text names the file. Data that are decoded later are checked then and raise the same error.
+    With `lazy`, data are decoded on demand, not all at once. Raises EnvironmentDataError, which names the
+    file, if a file is missing or invalid. Data that are decoded later are checked then, with the same error.
     """
     store = open_store(path)
     store.check()
@@ -60,8 +60,8 @@ def unfinished_store(
 
     After an exception, Ctrl-C included, an older environment at `path` is unchanged, and finished parts of
     the new environment are kept. With `resume`, a later call with the same header continues with these parts.
-    EnvironmentDataError if the folder `path` holds anything but an older environment, cannot be written, or
-    is being written by another process.
+    Raises EnvironmentDataError if the folder `path` holds anything but an older environment, cannot be
+    written, or is being written by another process.
     """
     target = Path(path).resolve()
     try:

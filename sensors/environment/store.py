@@ -86,7 +86,7 @@ def fields_to_tables(fields: FieldSet) -> tuple[dict[str, Any], ...]:
 
 
 def fields_from_tables(tables: tuple[dict[str, Any], ...], where: str) -> FieldSet:
-    """Return the fields of a header; EnvironmentDataError, beginning with `where`, if a field is invalid."""
+    """Return the fields of a header; raises EnvironmentDataError, which names `where`, if one is invalid."""
     try:
         return FieldSet(tuple(field_from_table(table, where) for table in tables))
     except FieldError as error:
@@ -281,7 +281,7 @@ class EnvironmentStore:
         self.array(name)[self.header.days.index(day)] = level
 
     def read_onset(self, disease: str, x: slice, y: slice) -> NDArray[np.int8]:
-        """Read the onsets of a disease in a window; EnvironmentDataError if they are damaged."""
+        """Read the onsets of a disease in a window; raises EnvironmentDataError if they are damaged."""
         path = self.file(disease)
         onset: NDArray[np.int8] = self._read(path, disease, (x, y))
         if onset.min() < NO_HOST:
@@ -289,7 +289,7 @@ class EnvironmentStore:
         return onset
 
     def read_level(self, name: str, day: int, x: slice, y: slice) -> NDArray[np.float32]:
-        """Read a window of a continuous field on a day; EnvironmentDataError if it is damaged."""
+        """Read a window of a continuous field on a day; raises EnvironmentDataError if it is damaged."""
         path = self.file(name, day)
         level: NDArray[np.float32] = self._read(path, name, (self.header.days.index(day), x, y))
         if not (level.min() >= 0.0 and level.max() < math.inf):
@@ -369,7 +369,7 @@ class EnvironmentStore:
 
 
 def read_header(folder: Path) -> Header:
-    """Read the header of an environment; EnvironmentDataError if it is missing or invalid."""
+    """Read the header of an environment; raises EnvironmentDataError if it is missing or invalid."""
     path = folder / HEADER
     try:
         data = path.read_bytes()

@@ -59,7 +59,7 @@ class Drawn(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaul
             raise ValueError(f"one_of has {len(self.one_of)} values: give 1 to {_MOST_CHOICES}")
 
     def value(self, published: Any, rng: Generator) -> Value:
-        """Draw a value; ValueError if there is a factor but no published number."""
+        """Draw a value; raises ValueError if there is a factor but no published number."""
         if self.one_of is not None:
             return self.one_of[int(rng.integers(len(self.one_of)))]
         assert self.factor is not None
@@ -99,7 +99,7 @@ class World:
     def load(cls, name_or_path: str | Path) -> World:
         """Return a built-in world by name, or read one from a ``.toml`` file.
 
-        EnvironmentDataError if there is no world of this name, or the file cannot be used.
+        Raises EnvironmentDataError if there is no world of this name, or the file cannot be used.
         """
         given = str(name_or_path)
         if given in world_names():
@@ -117,7 +117,7 @@ class World:
 
     @classmethod
     def of_table(cls, table: Mapping[str, Any], where: str) -> World:
-        """Return the world of a table; EnvironmentDataError, beginning with `where`, if it is invalid."""
+        """Return the world of a table; raises EnvironmentDataError, which names `where`, if it is invalid."""
         laws: dict[str, dict[str, Value | Drawn]] = {}
         for name, given in table.items():
             if not isinstance(given, Mapping):
@@ -138,8 +138,8 @@ class World:
         """Return the fields with their true dynamics in the run of a seed.
 
         Names, crops, weights and costs do not change. Tables of benchmark fields that the run does not have
-        are ignored. EnvironmentDataError if a table names an unknown field, no table names a field of the
-        run, or a value is invalid for its field.
+        are ignored. Raises EnvironmentDataError if a table names an unknown field, no table names a field of
+        the run, or a value is invalid for its field.
         """
         strange = [name for name in self.laws if name not in fields and name not in PAPER_FIELDS]
         if strange or not any(name in fields for name in self.laws):

@@ -154,8 +154,8 @@ class BaseEstimator(ABC):
     def partial_fit(self, observations: Observations) -> Self:
         """Learn from further observations, made after all earlier ones.
 
-        ObservationError if an observation lies outside the farm, or has other fields. The estimator then
-        learns none of the observations.
+        Raises ObservationError if an observation lies outside the farm, or has other fields; the estimator
+        then learns none of the observations.
         """
         self._check_fitted("partial_fit")
         observations.check_fields(self.fields.names)
@@ -170,7 +170,7 @@ class BaseEstimator(ABC):
         """Switch to a later day, before any observation of this day.
 
         An estimator with a model of time carries its estimate forward to the day; others keep their estimate.
-        EstimatorError if the estimator has already reached a later day.
+        Raises EstimatorError if the estimator has already reached a later day.
         """
         self._check_fitted("advance")
         if self.latest_day_ is not None and day < self.latest_day_:
@@ -212,7 +212,7 @@ class BaseEstimator(ABC):
     def set_params(self, **params: Any) -> Self:
         """Change parameters by name. The next `fit` validates and applies them.
 
-        EstimatorError if a name is unknown. No parameter is changed then.
+        Raises EstimatorError if a name is unknown. No parameter is changed then.
         """
         known = self._param_names()
         unknown = sorted(set(params) - set(known))

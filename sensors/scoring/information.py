@@ -255,8 +255,8 @@ class InformationModel:
     def probabilities_in(self, disease: str, columns: slice) -> NDArray[np.float32]:
         """Return the class probabilities of a disease in some columns of the farm, float32[3, columns, H].
 
-        Lazy probabilities are computed in these columns alone. EstimatorError if there are no probabilities
-        of the disease.
+        Lazy probabilities are computed in these columns alone. Raises EstimatorError if the disease has no
+        probabilities.
         """
         known = self.probabilities
         if known is None or disease not in known:

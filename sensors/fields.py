@@ -287,7 +287,7 @@ class FieldSet:
         return cast("NDArray[np.bool_]", LazyFields((len(self.fields), *grid.shape), read, np.bool_))
 
     def masks(self, grid: FarmGrid) -> NDArray[np.bool_]:
-        """Return the mask of each field's scored cells, without those of neighbours: bool[n, W, H]."""
+        """Return the mask of each field's scored cells, without the neighbours' cells: bool[n, W, H]."""
         masks = np.empty((len(self.fields), *grid.shape), np.bool_)
         for field, mask in zip(self.fields, masks, strict=True):
             mask[...] = field.mask(grid)

@@ -3,8 +3,8 @@
 An image takes two standard messages: CAMERA_IMAGE_CAPTURED has its time and position, DEBUG_FLOAT_ARRAY its
 readings (`sensors.camera.layout`). A large footprint takes several DEBUG_FLOAT_ARRAY messages. Messages are
 paired by image index (``array_id`` is its low 16 bits) and time since boot. The image's cell is the cell in
-which the optical axis meets flat ground (`ground_offset`), from the reported position with its resolution of
-1e-7 degree. The cells of the footprint follow in the order of `footprint_offsets`.
+which the optical axis meets flat ground (`ground_offset`), computed from the reported position, which has a
+resolution of 1e-7 degree. The cells of the footprint follow in the order of `footprint_offsets`.
 
 No MAVLink library is imported: messages are recognised by their ``id`` and read by their fields.
 """
@@ -31,7 +31,7 @@ DEBUG_FLOAT_ARRAY = 350
 _ID_MASK = 0xFFFF
 _MAX_PENDING = 1024
 _MAX_KNOWN = 131_072
-_MOST_BEFORE = 8  # consecutive images that a link with 50 % loss drops in 1 of 256 cases
+_MOST_BEFORE = 8  # A link with 50 % loss drops as many images in a row in 1 of 256 cases
 _MAX_MISSING = 65_536
 _MOST_IMAGES = 1 << 24
 _E7 = 1e7

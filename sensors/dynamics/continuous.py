@@ -170,7 +170,7 @@ class Measured(ContinuousDynamics):
     def days(self, shape: tuple[int, int], rng: Generator) -> Iterator[NDArray[np.floating]]:  # noqa: ARG002
         """Raise EnvironmentDataError: the field cannot be simulated."""
         raise EnvironmentDataError(
-            'a field that is only measured cannot be simulated; give it a kind that can, such as "continuous"'
+            'a field that is only measured cannot be simulated; give it a kind such as "continuous"'
         )
 
 

@@ -42,7 +42,7 @@ NEVER = -1
 """Onset of a cell that was never infected."""
 NO_HOST = -2
 """Onset of a cell that cannot be infected."""
-_STRIP_ROWS = 64  # Rows whose hosts are listed at once: 2.5 MB on Waterberry
+_STRIP_ROWS = 64  # Rows whose hosts are listed at once; the list takes 2.5 MB on Waterberry
 _VALUES = {SUSCEPTIBLE: 1.0, REMOVED: 0.0, IMMUNE: 1.0}
 
 Draws = Callable[[NDArray[np.intp]], NDArray[np.float64]] | NDArray[np.float64]

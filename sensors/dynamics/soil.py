@@ -126,7 +126,7 @@ def _draw_corners(
 def draw_weather(shape: tuple[int, int], days: int, parameters: SoilParameters, rng: Generator) -> Weather:
     """Draw the weather of the warm-up and of `days` days.
 
-    The order of draws is that of the authors' code: x and y of each initial hump; then for each day whether
+    The order of draws is as in the authors' code: x and y of each initial hump; then for each day whether
     it rains, and on a rainy day the mean rain, and x and y of each hump.
     """
     sides = parameters.hump_sides(shape)

@@ -54,7 +54,7 @@ class EnvironmentCache:
     def of_user(cls) -> EnvironmentCache:
         """Return the cache in the user's cache folder (`geo.system`).
 
-        The variable WBF_MISSION_ENVIRONMENT_CACHE_MB sets the limit (default 2000); 0 turns the cache off.
+        The variable WBF_MISSION_ENVIRONMENT_CACHE_MB sets the limit (MB, default 2000); 0 turns it off.
         """
         text = os.environ.get(LIMIT_VARIABLE, "").strip() or str(DEFAULT_LIMIT_MB)
         if not (text.isascii() and text.isdecimal() and len(text) <= 9):

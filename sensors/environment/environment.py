@@ -323,7 +323,7 @@ class Environment:
 
 
 def _fill_disease(field: NDArray[np.float32], onset: NDArray[np.int8], table: NDArray[np.float32]) -> None:
-    """Write E of a disease, float32[w, h], from the onsets and the table of a value for each onset."""
+    """Write E of a disease, float32[w, h], from the onsets and a table of values by onset."""
     field.fill(1.0)
     # Few cells are ever infected: setting only these is several times faster than a table for all cells.
     if onset.flags.c_contiguous and field.flags.c_contiguous:
@@ -366,7 +366,7 @@ def _part(name: str, cells: slice, size: int) -> slice:
 
 
 def grid_digest(grid: FarmGrid) -> str:
-    """Return the hexadecimal SHA-256 of a crop map: shape, crops beyond the benchmark's, cells."""
+    """Return the hexadecimal SHA-256 of a crop map: shape, cells, and crops that the benchmark lacks."""
     digest = hashlib.sha256(f"{grid.shape[0]}x{grid.shape[1]};{grid.further_crops}".encode())
     digest.update(np.ascontiguousarray(grid.crop, np.int8).data)
     return digest.hexdigest()

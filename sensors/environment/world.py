@@ -81,7 +81,7 @@ def _law(given: Any, where: str) -> Value | Drawn:
 
 @dataclass(frozen=True, slots=True)
 class World:
-    """Parameters of true dynamics that differ from the published ones, by field and parameter.
+    """True parameters of dynamics that differ from the published parameters, by field and name.
 
     Examples
     --------

@@ -78,7 +78,7 @@ class Painting:
 
 
 class DiskMap:
-    """The disks of all observations, and a record of the painted ones.
+    """The disks of all observations, and a record of the painted disks.
 
     The radius is `radius`, or `adaptive_radius` if `radius` is None.
     """

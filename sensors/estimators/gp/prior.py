@@ -1,7 +1,7 @@
 """Priors of the Gaussian process: means and kernels, learned from simulated environments.
 
 The simulations have separate seeds. The results are the mean, and the covariance of cells at each distance.
-Let S be this covariance for a set of cells, and K that of the kernel. The fitted kernel minimises
+Let S be this covariance for a set of cells, and K the kernel's covariance. The fitted kernel minimises
 ``log det K + trace(K^-1 S)``, which is the Kullback-Leibler divergence up to a constant factor and term. The
 link from means to a disease's classes is also learned from simulations (`sensors.estimators.gp.classes`).
 """

@@ -4,8 +4,8 @@ With few observations, the covariance of the observations is factored. With more
 functions, the process is approximated by sine functions on a box around the tile (Solin & Särkkä 2020,
 "Hilbert space methods for reduced-rank Gaussian process regression"), and the precision of their weights is
 factored. Let L be the factor in either case, and c a node's covariance with the observations, or the node's
-function values. The products of ``L^-1 c`` with the solved data give the mean, and its square gives the
-variance.
+function values. The products of ``L^-1 c`` with the solved data give the mean, and the square of
+``L^-1 c`` gives the variance.
 """
 
 from __future__ import annotations

@@ -10,7 +10,7 @@ and not the vehicle.
 
 The numbers are measured on eight flights of quadrotors, a rover and an aeroplane. Velocity errors are the
 difference between the estimated velocity and the rate of the estimated position, on the six flights of
-quadrotors. The push is measured on the two of these flights with attitudes:
+quadrotors. The push is measured on the two of these flights that have attitudes:
 
 ============================  ===================================================================
 jumps of the height           90 % to the other side; size 1.0 m (tenth percentile 1.05 m,

@@ -92,8 +92,8 @@ class VehicleKind:
     """``module:NAME`` of a `Firmware` for each autopilot that does not itself support this kind, by
     autopilot name."""
     shown_as: str = ""
-    """Kind of the firmware that peers see if the autopilot has none for this kind; the procedures of this
-    kind move the vehicle. If empty, an autopilot without a firmware for this kind is refused."""
+    """Kind of the firmware that peers see if the autopilot has no firmware for this kind; the procedures of
+    this kind move the vehicle. If empty, an autopilot without a firmware for this kind is refused."""
     mav_types: tuple[int, ...] = ()
     """MAV_TYPEs of heartbeats of this kind; a type that no kind has is taken for a multirotor."""
 

@@ -134,7 +134,7 @@ class Autopilot:
 
 
 def get_autopilot(name: str = DEFAULT_AUTOPILOT) -> Autopilot:
-    """Return the autopilot with a name; upper and lower case are equal.
+    """Return the autopilot with a name, in upper or lower case.
 
     Raises
     ------

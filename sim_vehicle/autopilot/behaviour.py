@@ -160,7 +160,7 @@ class MissionBehaviour:
     """Whether each item takes effect when it arrives, and the leg to the current waypoint restarts
     (ArduPilot). Otherwise the whole mission takes effect with its acknowledgement."""
     clamps_item: bool = True
-    """Whether a new mission without the number of the current item is continued at its last item (PX4).
+    """Whether a new mission with fewer items than the current number is continued at its last item (PX4).
     Otherwise the vehicle completes the old leg, which ends the mission (ArduPilot)."""
     obeys_mark: bool = True
     """Whether the item with ``current`` = 1 becomes the current item with the acknowledgement (PX4)."""
@@ -172,8 +172,8 @@ class MissionBehaviour:
     """Whether the vehicle stays in the mission mode after the last item, until MISSION_START (ArduPilot).
     Otherwise the vehicle enters the hold mode."""
     return_lag_s: float | None = None
-    """Time until a return as last item ends the mission and enters the return mode (PX4). None if the return
-    is flown as an item in the mission mode."""
+    """Time until a return, as the last item, ends the mission and enters the return mode (PX4). None if the
+    return is flown as an item in the mission mode."""
     finished_texts: tuple[str, str] = ("Mission complete", "Mission complete")
     """Notices at the end of a mission in the air and on the ground."""
     return_text: str = ""

@@ -117,7 +117,7 @@ class MavlinkProfile:
     """Motor pulse (us) as a function of thrust divided by maximum thrust (None on the ground), and of whether
     the vehicle is armed."""
     hover_share: float = 0.49
-    """Hover thrust divided by maximum thrust; in PX4's simulator, weight of SIH_MASS by four SIH_T_MAX."""
+    """Hover thrust divided by maximum thrust; PX4's simulator has the weight of SIH_MASS / (4 SIH_T_MAX)."""
     gps_fix: int = _FIX_3D
     """GPS_FIX_TYPE in GPS_RAW_INT while the position is known."""
     reached_repeats: int = 0
@@ -155,7 +155,7 @@ class MavlinkProfile:
     hover_thrust: Setting | None = None
     """Hover thrust of SET_ATTITUDE_TARGET (0 to 1); None if attitude setpoints are not supported."""
     thrust_climbs: bool = False
-    """Whether the thrust is a climb rate unless GUID_OPTIONS changes the meaning (ArduCopter)."""
+    """Whether thrust setpoints are climb rates, unless GUID_OPTIONS changes their meaning (ArduCopter)."""
     guided_items: bool = False
     """Whether a mission item with ``current`` 2 is a target of the guided mode (ArduPilot)."""
     tells_remaining_time: bool = False

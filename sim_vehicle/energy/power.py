@@ -1,8 +1,8 @@
 """Electric power of a flight state, and endurance and range in steady motion.
 
-**Rotorcraft** (`multirotor_power`). The formula is momentum and blade-element theory (Leishman, *Principles
-of Helicopter Aerodynamics*, 2nd ed., 2006, ch. 2 and 5) for a tilted disc. The thrust T carries the weight,
-overcomes the drag and gives the acceleration::
+**Rotorcraft** (`multirotor_power`). The formula is from momentum and blade-element theory (Leishman,
+*Principles of Helicopter Aerodynamics*, 2nd ed., 2006, ch. 2 and 5) for a tilted disc. The thrust T carries
+the weight, overcomes the drag and gives the acceleration::
 
     P = (T (k v + Vn) + P0 (T/W)^1.5 (1 + 3 Vt^2 / Utip^2)) / efficiency + avionics
     P0 = delta/8 rho s A Utip^3          v: T = 2 rho A v sqrt(Vt^2 + (Vn + v)^2)

@@ -524,7 +524,7 @@ class MissionSequencer:
         before = self.settings.copy()
         self.flight.waiting.step = None
         self._execute(self.flight.waiting.seqs.pop(0), time_s)
-        # During a pause the vehicle is at the position already, so the later conditions end at once.
+        # During a pause the vehicle is at the position already, so further conditions are met at once.
         while self.flight.waiting.seqs and (self.flight.timer is not None or not self._waits()):
             self._execute(self.flight.waiting.seqs.pop(0), time_s)
         if self.flight.timer is None and (self.flight.waiting.seqs or self.settings != before):

@@ -120,7 +120,7 @@ class StatusTexts:
 
 
 class ItemReports:
-    """MISSION_ITEM_REACHED as often as the autopilot sends it, and the delayed MISSION_CURRENT."""
+    """Reports of reached items, as often as the autopilot sends them, and the delayed MISSION_CURRENT."""
 
     def __init__(self, state: WireState) -> None:
         self._state = state

@@ -38,7 +38,7 @@ _CHARGE_STATES = (
 )
 _NO_BATTERY = (0, 1, 1, 32767, [UNUSED] * 10, -1, -1, -1, -1, 0, 0)
 _HOME_Q = [1.0, 0.0, 0.0, 0.0]
-# Flags for attitude, velocities, positions, height above ground; blind, only attitude and vertical motion.
+# Flags of all estimates, and of the estimates without a position (attitude and vertical motion).
 ESTIMATES_OK = 1 | 2 | 4 | 8 | 16 | 32 | 256 | 512
 ESTIMATES_BLIND = 1 | 4 | 32
 _FIX_3D = 3

@@ -235,7 +235,7 @@ class VehicleBatch:
         if self._pool is None or len(members) == 1:
             loop(members, *rest)
             return
-        # More shares than threads, because some shares take longer than others.
+        # More parts than threads, because some parts take longer than others.
         shares = np.array_split(members, min(len(members), _SHARES))
         for future in [self._pool.submit(loop, share, *rest) for share in shares]:
             future.result()

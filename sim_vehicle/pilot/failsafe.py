@@ -199,7 +199,7 @@ class Failsafe:
         return None if breach is Breach.NONE else reason
 
     def why_not_arm(self) -> str | None:
-        """Return the reason of a failsafe against arming, or None."""
+        """Return the reason why a failsafe prevents arming, or None."""
         reason = self.outside(self._controls.state.position_m)
         if reason is not None:
             return f"fence: {reason}"

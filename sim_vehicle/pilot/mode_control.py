@@ -107,7 +107,7 @@ class MissionStatus:
                 self.problems += (ItemProblem(None, 0, "firmware", refusal),)
 
     def why_not_begin(self) -> str | None:
-        """Return the reason against beginning the mission now, or None; in the air it needs no take-off."""
+        """Return why the mission cannot begin now, or None; in the air the mission needs no take-off."""
         controls = self._controls
         in_air = controls.landed is not LandedState.ON_GROUND
         if self.problems and in_air and not self._in_air:
@@ -229,7 +229,7 @@ class ModeControl:
                 raise RefusedError(f"Mode {mode.value} refused: {reason}")
 
     def why_not_arm(self) -> str | None:
-        """Return the reason of an extra against arming, or None."""
+        """Return the reason why an extra prevents arming, or None."""
         reasons = (extra.why_not_arm(self._controls.mode) for extra in self._extras)
         return next((reason for reason in reasons if reason is not None), None)
 

@@ -559,7 +559,7 @@ class Pilot(Controls):
             raise RefusedError("Reposition refused: not flying")
 
     def hold_in(self, mode: Mode) -> None:
-        """Hold, with `mode` as the mode, which is the autopilot's mode for single orders."""
+        """Hold in `mode`, which is the autopilot's mode for single orders."""
         self._check_flying()
         self.set_mode(Mode.HOLD)
         self.modes.override(mode)

@@ -379,7 +379,7 @@ COPTER_STICKS = StickRules(
         Mode.ALTITUDE: None,
         Mode.MANUAL: None,
     },
-    # RC1_DZ and RC4_DZ out of 500 us, THR_DZ out of 500 for the throttle.
+    # RC1_DZ and RC4_DZ as fractions of 500 us; for the throttle, THR_DZ as a fraction of 500.
     level=Axis(0.04),
     vertical=Axis(0.2),
     turning=Axis(0.04),

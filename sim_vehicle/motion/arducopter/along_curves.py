@@ -29,7 +29,7 @@ __all__ = ["AlongCurves"]
 _STEADY = 0.2
 _FAR_M = 200.0
 _SAME_M_S = 0.3
-# Bisections for a time: 24 resolve 6 us of a leg of 100 s.
+# Number of bisections to find a time: 24 resolve 6 us in a leg of 100 s.
 _HALVINGS = 24
 # Indices into the result of `scurve.state_at`.
 _POSITION, _SPEED = 0, 1

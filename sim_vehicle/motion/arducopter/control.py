@@ -89,7 +89,7 @@ the path needs more."""
 
 @compiled(inline="always")
 def rooted(error: float, gain: float, limit: float) -> float:
-    """Return the rate that closes an error: linear for small errors, else the rate that `limit` can stop."""
+    """Return the rate that closes an error: linear for small errors, else as fast as `limit` can stop it."""
     straight = limit / (gain * gain)
     if error > straight:
         return sqrt(2.0 * limit * (error - 0.5 * straight))

@@ -37,7 +37,7 @@ Leg = IntEnum(
     "ACCELERATION_ALONG JERK_ALONG ACCELERATION_ACROSS JERK_ACROSS ACCELERATION_NORMAL JERK_NORMAL "
     "SPEED_ACROSS SPEED_NORMAL BRAKING_DISTANCE "
     "NEAR "  # Distance at which NEAR is reported.
-    "HORIZONTAL "  # Horizontal share of the leg's direction.
+    "HORIZONTAL "  # Horizontal part of the leg's direction.
     "BEYOND "  # Braking distance available beyond this leg.
     "TURN_RATE "  # Heading rate; NaN: the heading decides.
     "CLIMB",  # Vertical speed.

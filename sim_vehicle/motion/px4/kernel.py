@@ -483,7 +483,7 @@ def _feel(
 
 @compiled(allocates=False)
 def _wait_on_ground(g: Record, state: Record) -> None:
-    """Wait for the motors; the trajectory rests on the ground with 0.7 m/s downwards, as in PX4."""
+    """Wait for the motors; the trajectory stays on the ground with 0.7 m/s downwards, as in PX4."""
     g.x, g.y, g.z = state.position_x, state.position_y, state.position_z + g.error
     g.vx = g.vy = g.ax = g.ay = g.az = 0.0
     g.integral_x = g.integral_y = g.integral_z = 0.0

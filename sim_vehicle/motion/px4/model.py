@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 # Delay between the navigator's order to return and the mode change.
 MODE_SWITCH_S = 0.2
-# Part of the jerk-limited braking time that PX4 allows for at the start of a hold.
+# Allowance for the limited jerk in the braking time that PX4 uses at the start of a hold.
 BRAKE_DELAY_S = 0.6
 _SAME_M = 1e-3
 # Number of estimate errors drawn at a time.

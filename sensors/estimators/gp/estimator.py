@@ -54,7 +54,7 @@ class GaussianProcessEstimator(BaseEstimator):
     *Posterior.* The exact posterior costs O(observations x cells) per observation (`ExactPosterior`). Beyond
     `memory_limit_mb`, the kind of posterior depends on the lengthscale. A field with a short lengthscale
     stores a window of cells per observation while the windows fit (`WindowedPosterior`); beyond that, it is
-    solved by tiles. A field with a lengthscale that is long compared with the farm is modelled as a sum of sine
+    solved by tiles. A field whose lengthscale is long compared with the farm is modelled as a sum of sine
     functions (`sensors.estimators.gp.local`). Beyond the memory limit, `predict` returns the same arrays at
     each call. Repeated observations of a cell on a day count as independent. Nearby soil readings have
     reduced weights: on all farms on later days, on farms of more than 128 cells a side on all days.

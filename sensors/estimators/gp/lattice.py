@@ -272,8 +272,8 @@ class NodeLattice:
     ) -> NDArray[np.bool_]:
         """Write value and standard deviation (including noise) of the cells; return the written tiles.
 
-        With `whole`, all cells are written, not only cells changed since the last call. Finally `then` is
-        called with columns, rows, and a mask of written cells (None: all). Each written cell is in one call only.
+        With `whole`, all cells are written, not only those changed since the last call. `then` comes last,
+        with columns, rows, and a mask of written cells (None: all). Each written cell is in one call only.
         """
         kernel = self.kernel
         limits = (0.0, 1.0) if clip else (-math.inf, math.inf)

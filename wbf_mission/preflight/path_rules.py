@@ -341,7 +341,7 @@ _SMALLEST_RADIUS_M = 1.0
         WARNING,
         "the acceptance radius counts in space, and the height estimate is wrong by half a metre: "
         "{autopilot} may wait at the waypoint",
-        "give 2 m, or 0 for the autopilot's own",
+        "give a radius of 2 m, or 0 for the autopilot's own radius",
         rules.at_least("acceptance radius", "m"),
     )
 )

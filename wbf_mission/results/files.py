@@ -107,7 +107,7 @@ def read_flights(
 ) -> tuple[FlightRecord, ...]:
     """Read the flights of a folder."""
     if not entries or not all(1 <= entry.system_id <= len(vehicles) for entry in entries):
-        msg = "the record has no flights, or of vehicles that are not there"
+        msg = "the record has no flights, or flights of vehicles that it does not name"
         raise ValueError(msg)
     tracks = _read_tracks(folder / TRACK)
     true_path = folder / TRUE_TRACK

@@ -16,14 +16,12 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from geo import Farm
 from geo.atomic import atomic_write
 from geo.geojson import farm_document
 from geo.texts import printable
-from mission.model import Command, Frame, Mission
 from mission.outcome import in_words
 from wbf_mission.addons.base.xml_output import add, decimal, document
-from wbf_mission.addons.export.style import OBSTACLE, crop_colour, places_of, vehicle_colour
+from wbf_mission.addons.export.scene import OBSTACLE, crop_colour, places_of, vehicle_colour, waypoints_of
 from wbf_mission.events import Event, FlightEnded, Planned, RunBegun, Seen, VehicleMoved
 
 if TYPE_CHECKING:
@@ -109,21 +107,6 @@ class _Tracks:
     def planned(self, flight: _Flight) -> list[tuple[float, float, float]]:
         """Return latitude, longitude and height above home of the planned waypoints."""
         return [] if flight.plan is None else waypoints_of(flight.plan.mission, self.farm)
-
-
-def waypoints_of(mission: Mission, farm: Farm) -> list[tuple[float, float, float]]:
-    """Return latitude, longitude and height above home of a mission's waypoints."""
-    home_m = farm.frame.altitude_m if mission.home is None else mission.home.altitude_m
-    return [
-        (item.x, item.y, item.z - (home_m if item.frame == Frame.GLOBAL else 0.0))
-        for item in mission.items
-        if item.command == Command.NAV_WAYPOINT
-    ]
-
-
-def highest_m(mission: Mission, farm: Farm) -> float:
-    """Return the height above home of a mission's highest waypoint (m); 0 without waypoints."""
-    return max((height_m for *_, height_m in waypoints_of(mission, farm)), default=0.0)
 
 
 def write_gpx(record: RunRecord, files: tuple[Path, ...], events: Iterable[Event], epoch_s: float) -> None:

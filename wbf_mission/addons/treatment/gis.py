@@ -55,21 +55,13 @@ class UtmCells:
     The cells are not resampled. The affine map contains the rotation of the farm's frame, the meridian
     convergence, and the scale factor of UTM. The error of the map grows with the square of the farm's size:
     half a millimetre on a farm of one kilometre.
-
-    Parameters
-    ----------
-    epsg : int
-        EPSG code of the UTM zone on WGS84.
-    affine : tuple of float
-        a, b, c, d, e, f: ``east = a column + b row + c``, ``north = d column + e row + f`` for the corners of
-        cells. Row 0 is the farm's northernmost row if the frame is not rotated.
-    error_m : float
-        Maximum error of the affine map (m).
     """
 
-    epsg: int
+    epsg: int  # EPSG code of the UTM zone on WGS84
+    # a, b, c, d, e, f: east = a column + b row + c, north = d column + e row + f for the corners of cells.
+    # Row 0 is the farm's northernmost row if the frame is not rotated.
     affine: tuple[float, float, float, float, float, float]
-    error_m: float
+    error_m: float  # Maximum error of the affine map (m)
 
     @classmethod
     def of(cls, farm: Farm) -> UtmCells:

@@ -20,18 +20,13 @@ from geo.atomic import atomic_write
 from geo.geojson import farm_document
 from geo.texts import printable
 from mission.outcome import in_words
-from wbf_mission.addons.base.xml_output import add, decimal, document
+from wbf_mission.addons.base.xml_output import GPX, add, decimal, document
 from wbf_mission.addons.export.scene import OBSTACLE, crop_colour, places_of, vehicle_colour, waypoints_of
 from wbf_mission.events import Event, FlightEnded, Planned, RunBegun, Seen, VehicleMoved
 
 if TYPE_CHECKING:
     from wbf_mission.run.record import RunRecord
 
-_GPX = {
-    "version": "1.1",
-    "creator": "wbf-mission",
-    "xmlns": "http://www.topografix.com/GPX/1/1",
-}
 _KML = {"xmlns": "http://www.opengis.net/kml/2.2", "xmlns:gx": "http://www.google.com/kml/ext/2.2"}
 _CSV = ("time", "time_s", "day", "flight", "vehicle", "latitude_deg", "longitude_deg", "altitude_m")
 _TOLD = ("x_m", "y_m", "height_m", "speed_m_s", "heading_rad", "battery", "mode", "item")
@@ -48,6 +43,11 @@ class _Flight:
     states: list[VehicleMoved] = field(default_factory=list)
     plan: Planned | None = None  # Plan before take-off
     outcome: str = ""
+
+    @property
+    def numbers(self) -> dict[str, int]:
+        """Numbers of the flight, by column."""
+        return {"day": self.day, "flight": self.flight, "vehicle": self.system_id}
 
     @property
     def name(self) -> str:
@@ -112,7 +112,7 @@ class _Tracks:
 def write_gpx(record: RunRecord, files: tuple[Path, ...], events: Iterable[Event], epoch_s: float) -> None:
     """Write tracks with times and altitudes, and the planned waypoints as routes."""
     tracks = _Tracks(record, events, epoch_s)
-    gpx = ElementTree.Element("gpx", _GPX)
+    gpx = ElementTree.Element("gpx", GPX)
     about = add(gpx, "metadata")
     add(about, "name", tracks.title)
     add(about, "time", tracks.time(0.0))
@@ -182,9 +182,8 @@ def write_geojson(
         kind = "obstacle" if feature["properties"].pop("obstacle", False) else "patch"
         feature["properties"] = {"kind": kind, **feature["properties"]}
     for flight in tracks.flights.values():
-        about = {"day": flight.day, "flight": flight.flight, "vehicle": flight.system_id}
         for number, (latitude, longitude, height_m) in enumerate(tracks.planned(flight)):
-            properties = {"kind": "waypoint", **about, "number": number, "height_m": height_m}
+            properties = {"kind": "waypoint", **flight.numbers, "number": number, "height_m": height_m}
             features.append(_feature("Point", [longitude, latitude], properties))
     for flight in tracks.flown:
         rows = tracks.track(flight)
@@ -192,9 +191,7 @@ def write_geojson(
         properties = {
             "kind": "track",
             "name": flight.name,
-            "day": flight.day,
-            "flight": flight.flight,
-            "vehicle": flight.system_id,
+            **flight.numbers,
             "begin": times[0],
             "end": times[-1],
             "outcome": flight.outcome,
@@ -216,11 +213,11 @@ def write_csv(record: RunRecord, files: tuple[Path, ...], events: Iterable[Event
     writer.writerow((*_CSV, *_TOLD))
     for flight in tracks.flown:
         for state, latitude, longitude, altitude_m in tracks.track(flight):
-            numbers = flight.day, flight.flight, flight.system_id
-            told = [getattr(state, name) for name in _TOLD]
+            values = [getattr(state, name) for name in _TOLD]
             writer.writerow(
-                [tracks.time(state.time_s), round(state.time_s, 3), *numbers, latitude, longitude, altitude_m]
-                + [round(one, 4) if isinstance(one, float) else one for one in told]
+                [tracks.time(state.time_s), round(state.time_s, 3), *flight.numbers.values()]
+                + [latitude, longitude, altitude_m]
+                + [round(value, 4) if isinstance(value, float) else value for value in values]
             )
     _write(files, text.getvalue().encode())
 

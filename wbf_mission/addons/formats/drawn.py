@@ -35,20 +35,11 @@ class DrawnPath:
 
 @dataclass(frozen=True, slots=True)
 class Drawing:
-    """The paths in a file of drawings or tracks.
-
-    Parameters
-    ----------
-    paths : sequence of DrawnPath
-    areas : int
-        Number of polygons in the file, which are not read.
-    no_altitudes : str
-        Reason for missing altitudes, for the error message.
-    """
+    """The paths in a file of drawings or tracks."""
 
     paths: Sequence[DrawnPath]
-    areas: int = 0
-    no_altitudes: str = "the file gives none"
+    areas: int = 0  # Number of polygons in the file, which are not read
+    no_altitudes: str = "the file gives none"  # Reason for missing altitudes, for the error message
 
     def mission(self, altitude_m: float | None = None, name: str | None = None) -> tuple[Mission, list[str]]:
         """Return a mission of the path `name` (default: the only path) and notes on the mission.
@@ -62,8 +53,11 @@ class Drawing:
             )
             raise MissionFileError(msg)
         made = make_mission((self._waypoint(point, path, altitude_m) for point in path.points), None)
+        names = {Frame.GLOBAL_RELATIVE_ALT: "above home", Frame.GLOBAL: "above sea level"}
+        frames = {item.frame for item in made.items}
+        above = " and ".join(name for frame, name in names.items() if frame in frames)
         notes = [
-            f"the {len(path.points)} points of {path.name} are waypoints, altitudes {_above(made)};"
+            f"the {len(path.points)} points of {path.name} are waypoints, altitudes {above};"
             " no take-off, landing, speed or home is added"
         ]
         if self.areas:
@@ -102,9 +96,3 @@ class Drawing:
             )
             raise MissionFileError(msg)
         raise MissionFileError("the file has no path; draw a line, or give a mission")
-
-
-def _above(mission: Mission) -> str:
-    names = {Frame.GLOBAL_RELATIVE_ALT: "above home", Frame.GLOBAL: "above sea level"}
-    frames = {item.frame for item in mission.items}
-    return " and ".join(name for frame, name in names.items() if frame in frames)

@@ -18,6 +18,7 @@ from starlette.routing import Route
 
 from geo import Farm
 from geo.errors import FarmError, WbfMissionError
+from geo.geojson import farm_document
 from geo.grid import Crop
 from geo.texts import parse_number
 from mission.planners import make_planner
@@ -102,8 +103,7 @@ class Studio:
 
     def named_farm(self, request: Request, _body: bytes) -> Any:
         """Return a farm by name, for drawing and editing."""
-        farm = self.drafts.farm_named(request.query_params.get("name", ""))
-        return _farm(farm, self.drafts.document(farm))
+        return _farm(self.drafts.farm_named(request.query_params.get("name", "")))
 
     def farm(self, request: Request, body: bytes) -> Any:
         """Return the farm of a file's content, or of a drawing, which has no file name."""
@@ -111,7 +111,7 @@ class Studio:
         name = asked.get("name", "")
         how = {"crop": asked.get("crop") or None, "crs": asked.get("crs") or None}
         try:
-            return _farm(*self.drafts.farm_of_file(body, name, **how, repair=asked.get("repair") == "true"))
+            return _farm(self.drafts.farm_of_file(body, name, **how, repair=asked.get("repair") == "true"))
         except FarmError as error:
             return self._refused(error, body, name, how)
 
@@ -228,11 +228,11 @@ def _json(value: Any, status: int = 200) -> Response:
     return Response(msgspec.json.encode(value), status_code=status, media_type="application/json")
 
 
-def _farm(farm: Farm, document: bytes) -> dict[str, Any]:
+def _farm(farm: Farm) -> dict[str, Any]:
     """Return a farm for drawing and editing."""
     return {
         "farm": farm_shape(farm),
-        "document": msgspec.Raw(document),
+        "document": farm_document(farm),
         "notes": [worded(note) for note in farm.notes],
     }
 

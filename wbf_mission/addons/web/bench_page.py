@@ -27,7 +27,7 @@ _PIECE = re.compile(r"[^\s/:,=-]{1,24}[/:,=-]*|[/:,=-]+|\s+")
 
 
 def write_bench_page(path: Path, page: Page, folder: Path, rows: Sequence[BenchRow] = ()) -> None:
-    """Write a page as one HTML file: a `wbf_mission.addons.base.pages.BenchPage`.
+    """Write a page as one HTML file: the page `bench` (`wbf_mission.addons.base.pages.bench_page`).
 
     Pictures of `folder` are embedded, PDFs linked. `rows`: one table of all standings replaces the sections'.
     """

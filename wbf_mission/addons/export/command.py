@@ -69,7 +69,7 @@ def export_command(
             log=log if log.is_file() else None,
             progress=progress,
         )
-    values = {"folder": str(folder), "format": to, "files": [str(one) for one in files]}
+    values = {"folder": str(folder), "format": to, "files": [str(file) for file in files]}
     rows = {"format": f"{to} ({chosen.what})", "files": ", ".join(map(str, files))}
     output.result(values, rows, title="Exported")
 

@@ -13,7 +13,6 @@ from geo import Farm
 from geo.errors import WbfMissionError
 from mission.model import Command, Frame, Mission
 from mission.outcome import in_words
-from sensors.fields import FieldSet
 from sensors.observations import Observations
 from wbf_mission import events
 from wbf_mission.addons.base.plots import CROP_COLOURS, LINE_COLOURS
@@ -142,7 +141,10 @@ class Scene(ABC):
         self._readings = 0
         seen = Observations.concatenate(self._seen, self.fields.names)
         places_m = self.farm.cell_size_m * (np.stack([seen.x, seen.y], 1) + np.float64(0.5))
-        self._show_readings(time_s, places_m, seen.values, _reading_colours(self.fields, seen.values))
+        # The colour of the worst disease, or of the first field without a disease
+        shown = [k for k, field in enumerate(self.fields) if field.kind == "disease"] or [0]
+        worst = np.fmin.reduce(seen.values[:, shown], axis=1)
+        self._show_readings(time_s, places_m, seen.values, _painted(worst, self.fields[shown[0]].colours))
 
     def _draw(self, time_s: float, what: str, values: Pixels) -> None:
         """Draw the pixel means and colours of each field's values.
@@ -209,9 +211,3 @@ def _painted(shown: NDArray[np.floating], colours: Iterable[str]) -> Colours:
         painted[known, part] = np.rint(np.interp(shown[known], at, scale[:, part]))
     painted[known, 3] = 255
     return painted
-
-
-def _reading_colours(fields: FieldSet, values: NDArray[np.float32]) -> Colours:
-    """Return the colour of each reading: of its worst disease, or of the first field without a disease."""
-    diseases = [k for k, field in enumerate(fields) if field.kind == "disease"] or [0]
-    return _painted(np.fmin.reduce(values[:, diseases], axis=1), fields[diseases[0]].colours)

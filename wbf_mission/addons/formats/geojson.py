@@ -63,10 +63,12 @@ def loads(data: bytes) -> Mission | Drawing:
             features.append(_Feature("Feature", None, shape))
     for number, feature in enumerate(features, 1):
         _check_crs(f"feature {number}", feature.crs)
-    records = [
-        Record(feature.properties or {}, (), _where(number, feature))
-        for number, feature in enumerate(features, 1)
-    ]
+    records = []
+    for number, feature in enumerate(features, 1):
+        fields, where = feature.properties or {}, f"feature {number}"
+        if isinstance(name := fields.get("name"), str):
+            where = one_line(f"{where} ({name[:60]!r})")
+        records.append(Record(fields, (), where))
     if are_ours(records):
         return mission_of(list(map(_placed, records, features)))
     if any("crop" in record.fields for record in records):
@@ -88,11 +90,6 @@ def loads(data: bytes) -> Mission | Drawing:
         paths = [DrawnPath("the points", pins)]
     areas = sum(1 for _, shape in shapes if shape.get("type") in ("Polygon", "MultiPolygon"))
     return Drawing(paths, areas, _NO_ALTITUDES)
-
-
-def _where(number: int, feature: _Feature) -> str:
-    name = (feature.properties or {}).get("name")
-    return one_line(f"feature {number} ({name[:60]!r})" if isinstance(name, str) else f"feature {number}")
 
 
 def _check_crs(where: str, crs: Any) -> None:

@@ -13,7 +13,7 @@ from pathlib import Path
 
 from geo.atomic import atomic_write
 from wbf_mission.addons.base.html_page import data_element, data_uri
-from wbf_mission.addons.base.page import SCORES, Page, Picture, Table, standing_table
+from wbf_mission.addons.base.page import SCORES, Page, Table, standing_table
 from wbf_mission.addons.base.standings import Scored, apart, scored, standings_of
 from wbf_mission.addons.web.document import document
 from wbf_mission.bench.rows import KEY_DIGITS, BenchRow
@@ -60,7 +60,11 @@ def _body(page: Page, folder: Path, whole: Table) -> Iterator[str]:
     for section in page.sections:
         yield f"<h2>{escape(section.title)}</h2>"
         for picture in section.pictures:
-            yield _picture(picture, folder)
+            shows, path = escape(picture.shows), folder / picture.file
+            if path.suffix == ".pdf":
+                yield f'<p><a href="{escape(picture.file)}">{shows} (PDF)</a></p>'
+            else:
+                yield f'<p><img src="{data_uri(path.read_bytes())}" alt="{shows}"></p>'
         if section.text:
             yield f"<p>{escape(section.text)}</p>"
         for listing in section.listings:
@@ -70,13 +74,6 @@ def _body(page: Page, folder: Path, whole: Table) -> Iterator[str]:
                 yield f"<h3>{escape(table.title)}</h3>"
                 yield from _table(table, f"{section.title}: {table.title}")
     yield "</main>"
-
-
-def _picture(picture: Picture, folder: Path) -> str:
-    shows = escape(picture.shows)
-    if Path(picture.file).suffix == ".pdf":
-        return f'<p><a href="{escape(picture.file)}">{shows} (PDF)</a></p>'
-    return f'<p><img src="{data_uri((folder / picture.file).read_bytes())}" alt="{shows}"></p>'
 
 
 def _table(table: Table, label: str, *, name: str = "") -> Iterator[str]:

@@ -40,10 +40,10 @@ def run_title(record: RunRecord) -> str:
 
 def summary_of(record: RunRecord, *, notes: Sequence[str] = ()) -> str:
     """Return the summary of a run as an HTML element; `notes` concern the page below it."""
-    told = _told(record)
+    told, warnings = _told(record), _shown_warnings(record)
     reports = _reports(record)
     shown = [one for one in record.maps if one.field.name in reports]
-    lines = _lines(told.values(), 100) + _lines(_shown_warnings(record), 115)
+    lines = _lines(told.values(), 100) + _lines(warnings, 115)
     height_mm = _map_height_mm(lines, len(shown), _KEY_MM)
     scales = {one.field.name: _scale([one]) for one in shown}
     fields = "".join(
@@ -53,8 +53,13 @@ def summary_of(record: RunRecord, *, notes: Sequence[str] = ()) -> str:
         for one in shown
     )
     title = f"{record.farm.name}: what the flight found"
-    body = f"{_facts(told)}{_warnings(record)}{fields}{_below(notes)}"
-    return f"{_BEGIN}<h1>{escape(title)}</h1>\n{body}</section>"
+    rows = "".join(f"<dt>{escape(name)}</dt><dd>{escape(text)}</dd>" for name, text in told.items())
+    listed = "".join(f"<li>{escape(warning)}</li>" for warning in warnings)
+    listed = f'<ul class="warnings">{listed}</ul>\n' if listed else ""
+    return (
+        f'{_BEGIN}<h1>{escape(title)}</h1>\n<dl class="facts">{rows}</dl>\n'
+        f"{listed}{fields}{_below(notes)}</section>"
+    )
 
 
 def comparison_of(first: RunRecord, second: RunRecord, *, notes: Sequence[str] = ()) -> str:
@@ -149,11 +154,6 @@ def _battery(record: RunRecord) -> str:
     return f"{len(used)} charges, at most {percent(max(used))} of one; {sum(used):.1f} in all"
 
 
-def _facts(told: Mapping[str, str]) -> str:
-    rows = "".join(f"<dt>{escape(name)}</dt><dd>{escape(text)}</dd>" for name, text in told.items())
-    return f'<dl class="facts">{rows}</dl>\n'
-
-
 def _shown_warnings(record: RunRecord) -> list[str]:
     """Return the first warnings, and the number of further ones."""
     warnings = record.warnings
@@ -161,11 +161,6 @@ def _shown_warnings(record: RunRecord) -> list[str]:
     if len(lines) > _TOLD_WARNINGS:
         lines[_TOLD_WARNINGS - 1 :] = [f"and {len(lines) - _TOLD_WARNINGS + 1} more warnings"]
     return lines
-
-
-def _warnings(record: RunRecord) -> str:
-    lines = "".join(f"<li>{escape(shown_warning)}</li>" for shown_warning in _shown_warnings(record))
-    return f'<ul class="warnings">{lines}</ul>\n' if lines else ""
 
 
 def _lines(texts: Iterable[str], columns: int) -> int:

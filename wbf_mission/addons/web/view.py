@@ -8,7 +8,7 @@ import threading
 import time
 import weakref
 from collections.abc import Callable, Sequence
-from functools import partial
+from itertools import compress
 from operator import attrgetter
 from typing import Any, Generic, NewType, TypeAlias, TypeVar
 
@@ -79,10 +79,9 @@ class _Rows(Generic[T]):
                 del rows[: self.limit // 2 : self.step]
             self.thinned = version
 
-    def drop(self, is_meant: Callable[[T], bool]) -> None:
-        """Remove the rows for which `is_meant` holds."""
-        for index in reversed([i for i, row in enumerate(self.rows) if is_meant(row)]):
-            del self.rows[index], self.versions[index]
+    def keep(self, kept: Sequence[bool]) -> None:
+        """Remove the other rows."""
+        self.rows, self.versions = list(compress(self.rows, kept)), list(compress(self.versions, kept))
 
     def after(self, cursor: int, restart: list[str]) -> list[T]:
         """Return the rows newer than a cursor; all rows, noted in `restart`, after a thinning."""
@@ -369,7 +368,7 @@ class View:
             time_s, record = self._records[number - 1]
             state = record.refused, tuple(change.outcome for change in record.changes)
             if state != told:
-                self._decisions.drop(partial(_has_number, number))
+                self._decisions.keep([known.number != number for known in self._decisions.rows])
                 self._decisions.add(_decision(number, time_s, record), self._hear(time_s))
                 self._open[number] = state
             if _UNDER_WAY not in state[1]:
@@ -436,10 +435,6 @@ def _field(field: Field) -> schema.FieldInfo:
     # The page has its own colours for each kind, with monotonic lightness.
     colours = () if field.colours in (HEALTH_COLOURS, WATER_COLOURS) else field.colours
     return schema.FieldInfo(field.name, field.title, kind, field.unit, field.range, colours)
-
-
-def _has_number(number: int, decision: schema.Decision) -> bool:
-    return decision.number == number
 
 
 def _decision(number: int, time_s: float, record: DecisionRecord) -> schema.Decision:

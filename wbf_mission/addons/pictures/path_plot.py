@@ -58,13 +58,7 @@ def plot_run(record: RunRecord, path: Path) -> Path:
 def _draw_flown(axes: Axes, flights: Sequence[FlightRecord]) -> None:
     from matplotlib import colormaps
 
-    # Flights are grouped by the first of these that differs.
-    for kind, attribute in (("day", "day"), ("vehicle", "system_id"), ("flight", "flight")):
-        groups: dict[int, list[FlightRecord]] = {}
-        for flight in flights:
-            groups.setdefault(getattr(flight, attribute), []).append(flight)
-        if len(groups) > 1:
-            break
+    kind, groups = _groups(flights)
     names = sorted(groups)
     width = 0.8 if len(flights) < 4 else 0.6
     for number, name in enumerate(names):
@@ -83,6 +77,18 @@ def _draw_flown(axes: Axes, flights: Sequence[FlightRecord]) -> None:
     starts = np.array([(track.x_m[0], track.y_m[0]) for track in tracks])
     if len(starts):
         axes.plot(*starts.T, marker="o", color="black", markersize=4, linestyle="", label="start", zorder=6)
+
+
+def _groups(flights: Sequence[FlightRecord]) -> tuple[str, dict[int, list[FlightRecord]]]:
+    """Return the kind of grouping (day, vehicle or flight) and the flights of each group."""
+    kinds = {"day": "day", "vehicle": "system_id", "flight": "flight"}
+    for kind, name in kinds.items():
+        groups: dict[int, list[FlightRecord]] = {}
+        for flight in flights:
+            groups.setdefault(getattr(flight, name), []).append(flight)
+        if len(groups) > 1:
+            return kind, groups
+    return "flight", groups
 
 
 def _draw_changes(axes: Axes, decisions: Sequence[DecisionRecord]) -> None:

@@ -157,7 +157,7 @@ def map_command(
     """Make the treatment map of a flight: GeoTIFF, zones, prescriptions, a page for the farmer."""
     from mission.files import Firmware, write_mission
     from wbf_mission.addons.treatment.gis import require_gis
-    from wbf_mission.addons.treatment.treatment_map import write_map
+    from wbf_mission.addons.treatment.map_files import write_map
 
     require_gis()
     inputs = [given.file, log, observations]
@@ -239,7 +239,7 @@ def _folder(out: Path, inputs: list[Path | None], *, overwrite: bool) -> Iterato
     TargetError if the folder holds an input, or holds other files and `overwrite` is false.
     """
     from geo.atomic import AtomicFolder, FolderError
-    from wbf_mission.addons.treatment.treatment_map import SUMMARY, is_part
+    from wbf_mission.addons.treatment.map_files import SUMMARY, is_part
 
     if out.exists() and not out.is_dir():
         raise TargetError(f"{out}: is a file, not a folder for the map; give another name")

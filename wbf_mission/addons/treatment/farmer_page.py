@@ -8,7 +8,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from html import escape
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -16,12 +15,10 @@ from geo import Farm
 from geo.atomic import atomic_write
 from wbf_mission.addons.base.farm_drawing import FarmDrawing
 from wbf_mission.addons.base.html_page import html_document
+from wbf_mission.addons.treatment.treatment_map import TreatmentMap
 from wbf_mission.addons.treatment.zone_shapes import Zone
 from wbf_mission.addons.treatment.zones import HEALTHY, LOOK, TREAT, FieldCosts, ZoneMap, is_water
 from wbf_mission.maps.report import percent
-
-if TYPE_CHECKING:
-    from wbf_mission.addons.treatment.treatment_map import TreatmentMap
 
 _COLOURS = {TREAT: "#b3261e", LOOK: "#f2b705", HEALTHY: "#8fc08b"}
 _LISTED = 3  # Zones of each kind in a table

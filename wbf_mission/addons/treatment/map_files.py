@@ -1,4 +1,4 @@
-"""Files of a treatment map by GDAL: GeoTIFF, zones (GeoJSON, GeoPackage), prescriptions (Shapefile)."""
+"""Files of a treatment map for GIS, sprayer and farmer: GeoTIFF, GeoJSON, GeoPackage, Shapefile, HTML."""
 
 from __future__ import annotations
 
@@ -16,11 +16,60 @@ from numpy.typing import NDArray
 from geo import Farm
 from sensors.fields import Field
 from sensors.scoring.information import InformationModel
-from wbf_mission.addons.treatment.gis import UtmCells, gis, raster
+from wbf_mission.addons.treatment.farmer_page import write_page
+from wbf_mission.addons.treatment.gis import UtmCells, gdal_errors, gis, raster
+from wbf_mission.addons.treatment.treatment_map import TreatmentMap
 from wbf_mission.addons.treatment.zone_shapes import Zone
+from wbf_mission.progress import Progress
+from wbf_mission.results.files import write_json
 
+PAGE, SUMMARY = "report.html", "map.json"
+_VALUES, _RATES = ("map_", ".tif"), ("prescription_", ".zip")
 NODATA = -9999.0
 _STRIP = 512
+
+
+def is_part(name: str) -> bool:
+    """Return whether `name` is a possible file name in the folder of a treatment map."""
+    many = any(name.startswith(start) and name.endswith(end) for start, end in (_VALUES, _RATES))
+    return many or name in (PAGE, "zones.geojson", "zones.gpkg", "observations.parquet", SUMMARY)
+
+
+def write_map(of: TreatmentMap, folder: Path, progress: Progress, **more: Any) -> list[Path]:
+    """Write a treatment map into a folder, and return the files; `more` is added to the summary.
+
+    Each field has map_NAME.tif and prescription_NAME.zip. zones.geojson, zones.gpkg and report.html are for
+    all fields.
+
+    Raises
+    ------
+    MapError
+        If the extra ``gis`` is not installed, or the farm does not fit into UTM.
+    """
+    folder.mkdir(exist_ok=True)
+    with gdal_errors(folder):
+        names = [zones.field.name for zones in of.zone_maps]
+        steps = len(names) + 2
+        progress("writing the map", 0, steps)
+        files = []
+        for number, name in enumerate(names, start=1):
+            files.append(folder / name.join(_VALUES))
+            deviation = of.states_deviation
+            write_geotiff(files[-1], of.farm, of.fields[name], of.model, deviation=deviation, day=of.day)
+            progress("writing the map", number, steps)
+        files += write_zones(folder, of.farm, of.zones)
+        for name in names:
+            zones = [zone for zone in of.zones if zone.field == name]
+            if zones:
+                files.append(folder / name.join(_RATES))
+                write_prescription(files[-1], of.farm, zones)
+        progress("writing the map", steps - 1, steps)
+    files += [folder / name for name in (PAGE, "observations.parquet", SUMMARY)]
+    write_page(files[-3], of)
+    progress("writing the map", steps, steps)
+    of.observations.save(files[-2])
+    write_json(files[-1], {**of.summary(), **more})
+    return files
 
 
 def write_geotiff(

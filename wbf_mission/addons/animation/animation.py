@@ -118,18 +118,14 @@ def animate(
 ) -> Path:
     """Write the animation of a run as .gif or .mp4; parameters and errors are those of `Result.animate`."""
     if not 2 <= frames <= MOST_FRAMES:
-        msg = f"animation: {frames} frames; give 2 to {MOST_FRAMES}"
-        raise AnimationError(msg)
+        raise AnimationError(f"animation: {frames} frames; give 2 to {MOST_FRAMES}")
     if path.suffix not in (".gif", ".mp4"):
-        msg = f"{path}: a moving picture is a .gif or an .mp4 file"
-        raise AnimationError(msg)
+        raise AnimationError(f"{path}: a moving picture is a .gif or an .mp4 file")
     if path.suffix == ".mp4" and not FFMpegWriter.isAvailable():
-        msg = f"{path}: ffmpeg is not installed; give a .gif file"
-        raise AnimationError(msg)
+        raise AnimationError(f"{path}: ffmpeg is not installed; give a .gif file")
     shown = moments(record, frames)
     if not any(len(flight.track.time_s) for flight in record.flights):
-        msg = "animation: nothing was flown"
-        raise AnimationError(msg)
+        raise AnimationError("animation: nothing was flown")
     progress = progress or silent
     with threadpool_limits(1, user_api="blas"):
         learner = fresh_estimator(record, progress, estimator)

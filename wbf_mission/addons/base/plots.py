@@ -43,6 +43,16 @@ _OBSTACLE: dict[str, Any] = {
 _LOW_OBSTACLE: dict[str, Any] = {**_OBSTACLE, "hatch": "///"}
 
 
+def rgb(colour: str) -> tuple[int, int, int]:
+    """Return the red, green and blue of ``#rrggbb``, 0 to 255.
+
+    >>> rgb("#0072b2")
+    (0, 114, 178)
+    """
+    red, green, blue = bytes.fromhex(colour[1:])
+    return red, green, blue
+
+
 def new_figure(width: float, height: float, *, dpi: int = 110) -> Figure:
     """Return a figure; `width` and `height` in inches."""
     from matplotlib.figure import Figure

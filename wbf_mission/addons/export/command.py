@@ -50,15 +50,13 @@ def export_command(
     chosen = FORMATS[to]
     if estimates is not None and not chosen.shows_estimates:
         shown = " or ".join(name for name, one in FORMATS.items() if one.shows_estimates)
-        msg = f"--estimates has an effect only with --to {shown}: leave it out"
-        raise TargetError(msg)
+        raise TargetError(f"--estimates has an effect only with --to {shown}: leave it out")
     path = out or folder.resolve().with_name(folder.resolve().name + chosen.suffix)
     log = folder / "flight.tlog"
     for file in chosen.files(path):
         refuse_overwrite(file, [log])
         if file.is_file() and not overwrite:
-            msg = f"{file}: is there already; give another name (--out), or --overwrite"
-            raise TargetError(msg)
+            raise TargetError(f"{file}: is there already; give another name (--out), or --overwrite")
     result = load_result(folder, probabilities=False, lazy=True)
     with output.progress() as progress:
         files = export(

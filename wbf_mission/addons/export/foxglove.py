@@ -26,6 +26,7 @@ from geo.geojson import farm_document
 from geo.imports import load_extra
 from wbf_mission import events
 from wbf_mission.addons.base.fence_rings import fence_rings
+from wbf_mission.addons.base.plots import rgb
 from wbf_mission.addons.export import scene
 from wbf_mission.addons.export.foxglove_schemas import schemas
 from wbf_mission.version import __version__
@@ -344,7 +345,7 @@ def _points(points: NDArray[np.float64], height_m: float) -> list[_Json]:
 
 
 def _colour(colour: str, opacity: float = 1.0) -> _Json:
-    red, green, blue = (part / 255 for part in scene.rgb(colour))
+    red, green, blue = (part / 255 for part in rgb(colour))
     return {"r": round(red, 4), "g": round(green, 4), "b": round(blue, 4), "a": opacity}
 
 

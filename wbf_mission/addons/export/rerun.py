@@ -15,6 +15,7 @@ from geo.atomic import atomic_path
 from geo.imports import load_extra
 from wbf_mission import events
 from wbf_mission.addons.base.fence_rings import fence_rings
+from wbf_mission.addons.base.plots import rgb
 from wbf_mission.addons.export import scene
 
 if TYPE_CHECKING:
@@ -51,7 +52,7 @@ class RerunRecording(scene.Scene):
             (obstacle.polygon, scene.OBSTACLE, obstacle.height_m or size) for obstacle in farm.obstacles
         ]
         rings = [
-            (shapely.get_coordinates(ring), scene.rgb(colour), height_m)
+            (shapely.get_coordinates(ring), rgb(colour), height_m)
             for polygon, colour, height_m in shapes
             for ring in (polygon.exterior, *polygon.interiors)
         ]
@@ -69,9 +70,9 @@ class RerunRecording(scene.Scene):
         self._recording.log("scene/farm", rr.LineStrips3D(strips, colors=of_strips), static=True)
 
     def _plan(self, event: events.Planned) -> None:
-        rr, number, colour = self._rr, event.system_id, scene.rgb(scene.vehicle_colour(event.system_id))
+        rr, number, colour = self._rr, event.system_id, rgb(scene.vehicle_colour(event.system_id))
         rings = [np.vstack((ring, ring[:1])) for ring, _ in fence_rings(event.mission.fence, self.farm.frame)]
-        colours = [colour] + [scene.rgb(scene.FENCE)] * len(rings)
+        colours = [colour] + [rgb(scene.FENCE)] * len(rings)
         lines = [event.path_m, *rings] if len(event.path_m) else rings
         places = rr.GeoLineStrings(
             lat_lon=[scene.places_of(self.farm, line) for line in lines], colors=colours[-len(lines) :]
@@ -97,7 +98,7 @@ class RerunRecording(scene.Scene):
         flown = np.array([(state.x_m, state.y_m, state.height_m) for state in states])
         places, yaws = scene.places_of(self.farm, flown), _yaws(states, flown, self.farm.frame.rotation_deg)
         turned = np.column_stack([np.zeros((len(yaws), 2)), np.sin(0.5 * yaws), np.cos(0.5 * yaws)])
-        colour = scene.rgb(scene.vehicle_colour(number))
+        colour = rgb(scene.vehicle_colour(number))
 
         def send(path: str, columns: Any) -> None:
             self._recording.send_columns(path, indexes=[times], columns=columns)

@@ -15,7 +15,7 @@ from mission.model import Command, Frame, Mission
 from mission.outcome import in_words
 from sensors.observations import Observations
 from wbf_mission import events
-from wbf_mission.addons.base.plots import CROP_COLOURS, LINE_COLOURS
+from wbf_mission.addons.base.plots import CROP_COLOURS, LINE_COLOURS, rgb
 from wbf_mission.maps.blocks import MapGrid
 from wbf_mission.maps.field_maps import pixel_means
 
@@ -47,16 +47,6 @@ def vehicle_colour(system_id: int) -> str:
 def crop_colour(crop: str) -> str:
     """Return the colour of a crop; an unknown crop gets the colour of bare land."""
     return CROP_COLOURS.get(crop, _LAND)
-
-
-def rgb(colour: str) -> tuple[int, int, int]:
-    """Return the red, green and blue of ``#rrggbb``, 0 to 255.
-
-    >>> rgb("#0072b2")
-    (0, 114, 178)
-    """
-    red, green, blue = bytes.fromhex(colour[1:])
-    return red, green, blue
 
 
 def places_of(farm: Farm, points_m: NDArray[np.floating]) -> NDArray[np.float64]:

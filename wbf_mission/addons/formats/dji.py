@@ -115,11 +115,10 @@ class _Route:
         if item.frame == Frame.GLOBAL and home is not None:
             height_m -= home.altitude_m
         elif item.frame != Frame.GLOBAL_RELATIVE_ALT:
-            msg = (
+            raise MissionFileError(
                 f"its altitude is in frame {item.frame}, a DJI file holds heights above the take-off;"
                 " give frame 3, or frame 0 and a home"
             )
-            raise MissionFileError(msg)
         is_plain = item.command == Command.NAV_WAYPOINT
         self.fly_to(item, height_m, item.param4 if is_plain and item.param4 else None)
         return self.wait(item.param1)

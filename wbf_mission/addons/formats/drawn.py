@@ -48,10 +48,9 @@ class Drawing:
         """
         path = self._chosen(name)
         if len(path.points) > MAX_ITEMS:
-            msg = (
+            raise MissionFileError(
                 f"{path.name}: {len(path.points)} points, but MAVLink numbers {MAX_ITEMS} items; thin it out"
             )
-            raise MissionFileError(msg)
         made = make_mission((self._waypoint(point, path, altitude_m) for point in path.points), None)
         names = {Frame.GLOBAL_RELATIVE_ALT: "above home", Frame.GLOBAL: "above sea level"}
         frames = {item.frame for item in made.items}
@@ -70,11 +69,10 @@ class Drawing:
             altitude_m, frame = point.altitude_m, point.frame
         where = f"{path.name}, {point.where}"
         if altitude_m is None or frame is None:
-            msg = (
+            raise MissionFileError(
                 f"{where}: no altitude to fly at ({self.no_altitudes}); give one above home"
                 " (convert --altitude METRES)"
             )
-            raise MissionFileError(msg)
         place = (point.latitude_deg, point.longitude_deg, altitude_m)
         return make_item(where, Command.NAV_WAYPOINT, frame, (0.0, 0.0, 0.0, None), place, autocontinue=True)
 
@@ -90,9 +88,8 @@ class Drawing:
         if paths:
             raise MissionFileError(one_line(f"{len(paths)} paths: {known}; choose one (convert --path NAME)"))
         if self.areas:
-            msg = (
+            raise MissionFileError(
                 f"{self.areas} areas (polygons) and no path; to plan a flight over a field give the file as a"
                 " farm (wbf-mission plan --farm FILE)"
             )
-            raise MissionFileError(msg)
         raise MissionFileError("the file has no path; draw a line, or give a mission")

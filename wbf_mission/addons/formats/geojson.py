@@ -72,8 +72,9 @@ def loads(data: bytes) -> Mission | Drawing:
     if are_ours(records):
         return mission_of(list(map(_placed, records, features)))
     if any("crop" in record.fields for record in records):
-        msg = "this is a farm file, no mission; plan a flight over it (wbf-mission plan --farm FILE)"
-        raise MissionFileError(msg)
+        raise MissionFileError(
+            "this is a farm file, no mission; plan a flight over it (wbf-mission plan --farm FILE)"
+        )
     shapes = [
         (record, shape)
         for record, feature in zip(records, features, strict=True)
@@ -112,8 +113,9 @@ def _placed(record: Record, feature: _Feature) -> Record:
     if kind == "Point":
         return Record(record.fields, _places([coordinates], record.where), record.where)
     shown = str(kind)[:40]
-    msg = f"{record.where}: the geometry is {shown!r}; give a Point, or for a fence a Polygon without holes"
-    raise MissionFileError(msg)
+    raise MissionFileError(
+        f"{record.where}: the geometry is {shown!r}; give a Point, or for a fence a Polygon without holes"
+    )
 
 
 def _places(positions: Any, where: str) -> list[LatLon]:
@@ -135,10 +137,9 @@ def _positions(positions: Any, where: str) -> list[Point]:
             raise MissionFileError(f"{place}: {shown} is not [longitude, latitude] in degrees")
         longitude_deg, latitude_deg = float(position[0]), float(position[1])
         if abs(latitude_deg) > 90.0 >= abs(longitude_deg):
-            msg = (
+            raise MissionFileError(
                 f"{place}: latitude {latitude_deg:g} is outside -90..90; the longitude comes first in GeoJSON"
             )
-            raise MissionFileError(msg)
         made.append(Point(latitude_deg, longitude_deg, where=place))
     return made
 

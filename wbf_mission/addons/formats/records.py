@@ -211,13 +211,15 @@ def mission_of(records: Sequence[Record]) -> Mission:
             home = home_of(f"{record.where}: home", *record.places[0], altitude_m)
         elif role == "mission":
             if (version := record.number("version") or VERSION) != VERSION:
-                msg = f"{record.where}: version {version:g} is not known, only {VERSION}; update wbf-mission"
-                raise MissionFileError(msg)
+                raise MissionFileError(
+                    f"{record.where}: version {version:g} is not known, only {VERSION}; update wbf-mission"
+                )
             speeds = {name: value for name in _SPEEDS if (value := record.number(name)) is not None}
         elif role != PATH:
             known = ", ".join(sorted(ROLES))
-            msg = f"{record.where}: role {role[:40]!r} is none of {known}; give one, or remove it"
-            raise MissionFileError(msg)
+            raise MissionFileError(
+                f"{record.where}: role {role[:40]!r} is none of {known}; give one, or remove it"
+            )
     ordered = {role: sorted(plan, key=lambda entry: entry[0]) for role, plan in plans.items()}
     items = [(index, record, item) for index, record in ordered["item"] for item in _items(record)]
     return make_mission(

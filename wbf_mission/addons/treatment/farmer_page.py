@@ -15,6 +15,7 @@ from geo import Farm
 from geo.atomic import atomic_write
 from wbf_mission.addons.base.farm_drawing import FarmDrawing
 from wbf_mission.addons.base.html_page import html_document
+from wbf_mission.addons.base.plots import rgb
 from wbf_mission.addons.treatment.treatment_map import TreatmentMap
 from wbf_mission.addons.treatment.zone_shapes import Zone
 from wbf_mission.addons.treatment.zones import HEALTHY, LOOK, TREAT, FieldCosts, ZoneMap, is_water
@@ -156,7 +157,7 @@ def _map(farm: Farm, of: ZoneMap, listed: Sequence[Zone]) -> str:
     drawing = FarmDrawing.of(farm)
     palette = np.zeros((4, 3), np.uint8)
     for zone, colour in _COLOURS.items():
-        palette[zone] = [int(colour[k : k + 2], 16) for k in (1, 3, 5)]
+        palette[zone] = rgb(colour)
     dots = "".join(
         drawing.dot(*farm.frame.from_wgs84(zone.latitude_deg, zone.longitude_deg), str(number))
         for number, zone in enumerate(listed, start=1)

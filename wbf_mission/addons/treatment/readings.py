@@ -131,8 +131,9 @@ def _value(where: str, field: Field, text: str) -> float:
     try:
         value = parse_number(text)
     except ValueError as error:
-        msg = f"{where}: {field.name}: {error}; leave it empty where nothing was read"
-        raise ObservationError(msg) from None
+        raise ObservationError(
+            f"{where}: {field.name}: {error}; leave it empty where nothing was read"
+        ) from None
     low, high = field.range
     if not low <= value <= high:
         raise ObservationError(f"{where}: {field.name} is {value:g}; values lie in {low:g}..{high:g}")

@@ -106,8 +106,9 @@ def _check_farms(first: Farm, second: Farm) -> None:
     same = ("frame", "width_cells", "height_cells", "cell_size_m", "patches", "owner")
     if any(getattr(first, name) != getattr(second, name) for name in same):
         names = f"{first.name} and {second.name}"
-        msg = f"the runs are of different farms, {names}: give two runs of the same farm, or one at a time"
-        raise ReportError(msg)
+        raise ReportError(
+            f"the runs are of different farms, {names}: give two runs of the same farm, or one at a time"
+        )
 
 
 @dataclass(frozen=True, slots=True)

@@ -136,8 +136,9 @@ class LiveServer:
             mend = "give an address of this machine"
             if error.errno in (errno.EADDRINUSE, errno.EACCES):
                 mend = "choose another port, or 0 for any free one"
-            msg = f"live page: cannot listen at {self._host}, port {self.port} ({why}); {mend}"
-            raise LinkError(msg) from None
+            raise LinkError(
+                f"live page: cannot listen at {self._host}, port {self.port} ({why}); {mend}"
+            ) from None
         if hasattr(socket, "TCP_USER_TIMEOUT"):
             # Drop a browser that accepts no data; asyncio would wait without limit.
             self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, round(1e3 * STALLED_S))

@@ -153,7 +153,7 @@ class View:
 
         self._layers: Layers | None = None
         self._version = 1
-        self._replaced: dict[str, int] = {}  # Versions of the members that are replaced as a whole
+        self._replaced = {"status": 1}  # Versions of the members that are replaced as a whole
         self._time_s = 0.0
         self._run: schema.Run | None = None
         self._status = schema.Status(_RUNNING, in_words(_RUNNING), "", None, None, ())
@@ -195,18 +195,14 @@ class View:
         at, restart = int(cursor or 0), list[str]()
         with self._lock:
             self._look_after_decisions()
-            update, version = schema.Update(round(self._time_s, 2)), Cursor(self._version)
+            replaced = {name for name, version in self._replaced.items() if version > at}
+            whole = {name: getattr(self, f"_{name}") for name in replaced - {"layers"}}
+            update, version = schema.Update(self.time_s, **whole), Cursor(self._version)
             plans, said = self._plans.after(at, restart), self._said.after(at, restart)
             decisions, scores = self._decisions.after(at, restart), self._scores.after(at, restart)
             states = {str(key): rows.after(at, restart) for key, rows in self._states.items()}
             readings = self._readings.after(at)
-            if self._replaced.get("run", 0) > at and self._run is not None:
-                update.run = self._run
-            if self._replaced.get("status", 1) > at:
-                update.status = self._status
-            if self._replaced.get("background", 0) > at:
-                update.background = self._background
-            if 0 < at < self._replaced.get("layers", 0):
+            if at and "layers" in replaced:
                 restart.append("tiles")
                 at = 0
             tiles = [] if self._layers is None else self._layers.show(at)

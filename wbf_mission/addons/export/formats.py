@@ -63,16 +63,8 @@ def export(
     """Write a finished run in a format of `FORMATS`, and return the files; each is complete or absent.
 
     The estimate is computed again at `estimates` moments, as of `events_of`. The run's telemetry `log` gives
-    the time of day and more details of the vehicles.
-
-    Raises
-    ------
-    EstimatorError
-        If the run's estimator cannot be created.
-    ResultError
-        If the log cannot be read.
-    OSError
-        If a file cannot be written.
+    the time of day and more details of the vehicles. EstimatorError if the run's estimator cannot be created.
+    ResultError if the log cannot be read. OSError if a file cannot be written.
     """
     chosen = FORMATS[to]
     write: Write = resolve_name(f"wbf_mission.addons.export.{chosen.writer}")

@@ -198,10 +198,7 @@ def write_rrd(
 ) -> None:
     """Write the events of a finished run as a Rerun recording.
 
-    Raises
-    ------
-    scene.ExportError
-        If the packages of the extra ``rerun`` are not installed.
+    ExportError if the packages of the extra ``rerun`` are not installed.
     """
     rr = load_extra("rerun", "rerun", "recordings of Rerun need", scene.ExportError)
     rrb = load_extra("rerun.blueprint", "rerun", "recordings of Rerun need", scene.ExportError)

@@ -74,19 +74,10 @@ class Ground:
     def read(cls, paths: Iterable[str], bounds_deg: tuple[float, float, float, float]) -> Ground:
         """Read the parts of rasters that are within bounds.
 
-        Parameters
-        ----------
-        paths : iterable of str
-            GeoTIFF or another file that GDAL reads, with one band of heights in metres, or in feet if that is
-            the band's unit. The name of an SRTM tile gives its position (N28W083.hgt).
-        bounds_deg : tuple of float
-            South, west, north, east: degrees of WGS84.
-
-        Raises
-        ------
-        GroundError
-            If rasterio is not installed; if a file cannot be read, has no coordinate system or too many
-            pixels; or if no file has a pixel within the bounds.
+        `paths` are GeoTIFF or other files that GDAL reads, with one band of heights in metres, or in feet if
+        that is the band's unit. The name of an SRTM tile gives its position (N28W083.hgt). `bounds_deg`:
+        south, west, north, east, degrees of WGS84. GroundError if rasterio is not installed; if a file cannot
+        be read, has no coordinate system or too many pixels; or if no file has a pixel within the bounds.
         """
         names = [str(path) for path in paths]
         found = [_read(name, bounds_deg) for name in names]

@@ -59,14 +59,8 @@ def plot_field(
 ) -> Path:
     """Write the map sheet of one field as a PNG file: estimate, minimum, standard deviation and truth.
 
-    Parameters
-    ----------
-    truth : FieldMap, optional
-        Map of the true values, if known.
-    flown_m : float64[n, 2], optional
-        Path over ground, metres in the farm's frame.
-    about : str
-        First line of the title.
+    `truth` is the map of the true values, if known; `flown_m`, float64[n, 2], the path over ground in the
+    farm's frame; `about` the first line of the title.
     """
     kind, grid = estimate.field.kind, estimate.grid
     left, low, right, high = farm.owner_area.bounds

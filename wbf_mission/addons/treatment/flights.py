@@ -41,12 +41,8 @@ def treatment_of_log(
 
     Of the scenario, farm, fields, day, footprint, estimator and seed are used. Without a `log` (`read_track`)
     the readings need positions. `observations` is a table of readings (`read_readings`) or a file of
-    `Observations`; a .tlog with a leaf camera needs none. `costs` and `block_m`: see `zones`.
-
-    Raises
-    ------
-    WbfMissionError
-        If a file cannot be read, a value is out of range, or no reading is on the farm.
+    `Observations`; a .tlog with a leaf camera needs none. `costs` and `block_m`: see `zones`. WbfMissionError
+    if a file cannot be read, a value is out of range, or no reading is on the farm.
     """
     farm, fields = farm_of(scenario.farm)
     scenario = naming_estimator(scenario, farm, fields)
@@ -93,10 +89,7 @@ def treatment_of_result(
 ) -> TreatmentMap:
     """Return the treatment map of a run, from the run's estimate at the end of its last day.
 
-    Raises
-    ------
-    WbfMissionError
-        If costs cannot be read, or the run has no observations.
+    WbfMissionError if costs cannot be read, or the run has no observations.
     """
     if result.model is None or not len(result.observations):
         raise ObservationError("the run saw nothing of the farm: there is no estimate to map")

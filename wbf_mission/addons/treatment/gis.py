@@ -67,10 +67,7 @@ class UtmCells:
     def of(cls, farm: Farm) -> UtmCells:
         """Fit the affine map by least squares to a grid of 9 x 9 points over the farm.
 
-        Raises
-        ------
-        MapError
-            If the error is larger than half a cell, or the latitude is beyond 84 degrees.
+        MapError if the error is larger than half a cell, or the latitude is beyond 84 degrees.
         """
         width, height, cell_m = farm.width_cells, farm.height_cells, farm.cell_size_m
         latitude, longitude = farm.frame.to_wgs84(0.5 * width * cell_m, 0.5 * height * cell_m)

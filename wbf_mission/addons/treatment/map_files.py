@@ -39,12 +39,7 @@ def write_map(of: TreatmentMap, folder: Path, progress: Progress, **more: Any) -
     """Write a treatment map into a folder, and return the files; `more` is added to the summary.
 
     Each field has map_NAME.tif and prescription_NAME.zip. zones.geojson, zones.gpkg and report.html are for
-    all fields.
-
-    Raises
-    ------
-    MapError
-        If the extra ``gis`` is not installed, or the farm does not fit into UTM.
+    all fields. MapError if the extra ``gis`` is not installed, or the farm does not fit into UTM.
     """
     folder.mkdir(exist_ok=True)
     with gdal_errors(folder):
@@ -79,12 +74,7 @@ def write_geotiff(
 
     Band 1 is the value in the field's unit, band 2 the uncertainty. Cells outside the owner's land or without
     the field's crops are `NODATA`. `deviation`: the uncertainty is a standard deviation; otherwise it has the
-    estimator's own scale.
-
-    Raises
-    ------
-    MapError
-        If rasterio is not installed, or `UtmCells.of` fails.
+    estimator's own scale. MapError if rasterio is not installed, or `UtmCells.of` fails.
     """
     rasterio, copying = gis("rasterio"), gis("rasterio.shutil")
     cells = UtmCells.of(farm)

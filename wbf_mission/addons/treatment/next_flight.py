@@ -51,12 +51,8 @@ def plan_next(of: TreatmentMap, scenario: Scenario, *, progress: Progress = sile
 
     The default policy is `greedy`. A policy with an acquisition parameter gets the expected saving of each
     cell by the map's costs; other policies use the estimate, as in flight. `greedy` and `orienteering` plan
-    for the whole budget, other policies only up to their next decision.
-
-    Raises
-    ------
-    WbfMissionError
-        If the policy finds no flight that saves anything, or no path fits the budget.
+    for the whole budget, other policies only up to their next decision. WbfMissionError if the policy finds
+    no flight that saves anything, or no path fits the budget.
     """
     farm, fleet = of.farm, scenario.vehicle
     choice = scenario.mission.policy or Choice("greedy")

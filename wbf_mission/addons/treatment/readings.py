@@ -53,12 +53,8 @@ def read_readings(path: Path, fields: FieldSet) -> Readings:
     """Read a table with a key column and a column for each sensed field.
 
     The key is the first entry of `_KEY_READERS` with existing columns. The field of an empty cell was not
-    sensed.
-
-    Raises
-    ------
-    ObservationError
-        If the file cannot be read, has no key or none of the fields, or a value is invalid.
+    sensed. ObservationError if the file cannot be read, has no key or none of the fields, or a value is
+    invalid.
     """
     header, lines = _header(path)
     key = next((names for names in _KEY_READERS if set(names) <= set(header)), None)
@@ -185,13 +181,8 @@ def join(
 
     A reading counts for all cells of the camera's footprint, a square with a side of `footprint` cells.
     Observations are in order of time if the log has the times, else in the order of the table.
-
-    Raises
-    ------
-    ObservationError
-        If the key needs a log, or all readings were discarded.
-    LogError
-        If the log cannot be related to the clock of the times.
+    ObservationError if the key needs a log, or all readings were discarded. LogError if the log cannot be
+    related to the clock of the times.
     """
     latitude, longitude, time_s = _places(readings, track)
     found = np.isfinite(latitude)

@@ -85,12 +85,8 @@ def costs_of(field_set: FieldSet, given: Mapping[str, Iterable[str]]) -> dict[st
     """Return the costs of each field from texts of the form ``[FIELD=]NUMBER[UNIT]``.
 
     The keys of `given` are attributes of `FieldCosts`. If only one of treat and loss is given, the other is
-    scaled in the default proportion. The default of look is `LOOK_SHARE` of treat.
-
-    Raises
-    ------
-    MapError
-        If an entry cannot be read, is not positive, or names no field.
+    scaled in the default proportion. The default of look is `LOOK_SHARE` of treat. MapError if an entry
+    cannot be read, is not positive, or names no field.
 
     Examples
     --------

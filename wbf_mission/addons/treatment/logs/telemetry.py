@@ -70,10 +70,7 @@ def observations_in(
 ) -> tuple[Observations, tuple[str, ...]]:
     """Return the observations of leaf cameras in a .tlog, and notes on lost images.
 
-    Raises
-    ------
-    LogError
-        If the log cannot be read, or the camera senses other fields.
+    LogError if the log cannot be read, or the camera senses other fields.
     """
     cameras: dict[int, ObservationAssembler] = {}
     try:

@@ -71,12 +71,8 @@ class LogTrack:
         """Return latitude and longitude at each time, interpolated linearly between fixes.
 
         Times are UTC from `LEAST_UTC_S` on, otherwise since boot. Positions are NaN before the first fix,
-        after the last fix, and in gaps of more than `LONGEST_GAP_S`.
-
-        Raises
-        ------
-        LogError
-            If the log lacks the clock of the times, or the vehicle was rebooted within the log.
+        after the last fix, and in gaps of more than `LONGEST_GAP_S`. LogError if the log lacks the clock of
+        the times, or the vehicle was rebooted within the log.
         """
         found = np.full((2, len(time_s)), np.nan)
         is_utc = time_s >= LEAST_UTC_S

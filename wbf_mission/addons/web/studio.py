@@ -157,8 +157,25 @@ class Studio:
         one = found.mission(_mission_asked(request))
         if request.query_params.get("confirmed") != "true":
             raise drafts.DraftError(f"confirm that {len(one.plan.mission.items)} items are sent to {link}")
-        system_id = _number(request, "system_id", 1, 255)
-        return _upload(found, one, link, None if system_id is None else int(system_id))
+        wanted = _number(request, "system_id", 1, 255)
+        system_id = None if wanted is None else int(wanted)
+        vehicle = found.vehicles[one.system_id - 1]
+
+        def around(snapshot: VehicleSnapshot) -> Circumstances:
+            heard = Vehicle(snapshot.system_id, 1, snapshot.autopilot, snapshot.vehicle_type)
+            named = {"vehicle": vehicle.vehicle.name, "autopilot": vehicle.vehicle.autopilot, "vehicles": 1}
+            fitted = fitted_to(scenario_with(found.draft.scenario, named), heard)
+            given = Circumstances.of(fitted, one.plan.farm, snapshot)
+            return replace(given, imaging=one.plan.imaging, planner=one.plan.planner, coverage=found.coverage)
+
+        try:
+            report, checked = upload_checked(
+                one.plan.mission, link, around, EventStream(), system_id=system_id
+            )
+        except KeyboardInterrupt:
+            raise drafts.DraftError("the upload was interrupted") from None
+        findings = [worded(finding) for finding in checked.findings]
+        return {**report.summary(), "vehicle": report.vehicle, "findings": findings}
 
     def fly(self, request: Request, body: bytes) -> Any:
         """Fly a draft in the simulator, on the live page."""
@@ -264,30 +281,6 @@ def _mission(one: drafts.PlannedMission) -> dict[str, Any]:
             }
             for each in found
         ],
-    }
-
-
-def _upload(
-    found: drafts.PlannedDraft, one: drafts.PlannedMission, link: str, system_id: int | None
-) -> dict[str, Any]:
-    """Upload a mission; WbfMissionError for errors in the mission, or a failed upload."""
-    vehicle = found.vehicles[one.system_id - 1]
-
-    def around(snapshot: VehicleSnapshot) -> Circumstances:
-        heard = Vehicle(snapshot.system_id, 1, snapshot.autopilot, snapshot.vehicle_type)
-        named = {"vehicle": vehicle.vehicle.name, "autopilot": vehicle.vehicle.autopilot, "vehicles": 1}
-        fitted = fitted_to(scenario_with(found.draft.scenario, named), heard)
-        given = Circumstances.of(fitted, one.plan.farm, snapshot)
-        return replace(given, imaging=one.plan.imaging, planner=one.plan.planner, coverage=found.coverage)
-
-    try:
-        report, checked = upload_checked(one.plan.mission, link, around, EventStream(), system_id=system_id)
-    except KeyboardInterrupt:
-        raise drafts.DraftError("the upload was interrupted") from None
-    return {
-        **report.summary(),
-        "vehicle": report.vehicle,
-        "findings": [worded(finding) for finding in checked.findings],
     }
 
 

@@ -33,9 +33,9 @@ def write_bench_page(path: Path, page: Page, folder: Path, rows: Sequence[BenchR
     """
     groups = list(scored(apart(rows)))
     found = [(group, standings_of(group)) for group in groups]
-    every = [one for _, own in found for one in own]
+    every = [standing for _, own in found for standing in own]
     body = "\n".join(_body(page, folder, standing_table("All standings", every, whole=True)))
-    seeds = [_seeds(group, one.planner, one.estimator) for group, own in found for one in own]
+    seeds = [_seeds(group, standing.planner, standing.estimator) for group, own in found for standing in own]
     data = data_element("seeds", seeds) if seeds else ""
     with atomic_write(path) as file:
         file.write(document(page.title, body, "bench", data))
@@ -83,7 +83,8 @@ def _table(table: Table, label: str, *, name: str = "") -> Iterator[str]:
     def cells(row: Sequence[str], tag: str) -> str:
         # A column of numbers may contain the name of a planner.
         texts = [
-            _numbers(one) if k >= names and _NUMBER.match(one) else _name(one) for k, one in enumerate(row)
+            _numbers(cell) if k >= names and _NUMBER.match(cell) else _name(cell)
+            for k, cell in enumerate(row)
         ]
         kinds = [' class="text"' if k < names else "" for k in range(len(row))]
         made = (f"<{tag}{kind}>{text}</{tag}>" for kind, text in zip(kinds, texts, strict=True))

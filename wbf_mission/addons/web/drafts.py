@@ -296,7 +296,7 @@ def known_names(key: str) -> tuple[str, ...]:
 
 def draft_options() -> dict[str, Option]:
     """Return the options of a draft by key, in the order of the scenario's parts."""
-    return {key: one for key, (_, _, one) in all_options().items() if key not in _FIXED}
+    return {key: option for key, (_, _, option) in all_options().items() if key not in _FIXED}
 
 
 def drawn_farm(body: bytes) -> bytes:
@@ -309,8 +309,8 @@ def planned(draft: Draft, progress: Progress) -> PlannedDraft:
     begun_s = time.perf_counter()
     scenario, vehicles = draft.scenario, single_vehicles(draft.scenario)
 
-    def cut(plan: PlanResult, one: SingleVehicle = vehicles[0]) -> SortiePlan | None:
-        return sorties_of(plan, one) if plan.is_too_long else None
+    def cut(plan: PlanResult, vehicle: SingleVehicle = vehicles[0]) -> SortiePlan | None:
+        return sorties_of(plan, vehicle) if plan.is_too_long else None
 
     results: tuple[PlanResult, ...]
     batteries = batteries_in(scenario.mission.budget)
@@ -322,12 +322,14 @@ def planned(draft: Draft, progress: Progress) -> PlannedDraft:
         results, cuts = (whole,), (sorties,)
     planned_s, missions = time.perf_counter(), []
     coverage = coverage_together(results, scenario.camera.footprint)
-    for number, (result, pieces, one) in enumerate(zip(results, cuts, vehicles, strict=True), start=1):
+    for number, (result, pieces, vehicle) in enumerate(zip(results, cuts, vehicles, strict=True), start=1):
         plans = (result,) if pieces is None else pieces.plans
         for sortie, plan in enumerate(plans, start=1):
             which = [f"vehicle {number}"] * (len(results) > 1) + [f"sortie {sortie}"] * (len(plans) > 1)
             progress("checking", sortie, len(plans))
-            missions.append(PlannedMission(", ".join(which), number, plan, check_plan(plan, one, coverage)))
+            missions.append(
+                PlannedMission(", ".join(which), number, plan, check_plan(plan, vehicle, coverage))
+            )
     ended_s = time.perf_counter()
     return PlannedDraft(
         draft, results, cuts, vehicles, tuple(missions), coverage, planned_s - begun_s, ended_s - planned_s

@@ -79,8 +79,8 @@ def write_report(
     title = " | ".join(run_title(record) for record in records)
     summary = comparison_of if len(records) > 1 else summary_of
     for reduced in _REDUCTIONS:
-        recordings = [one.recording(reduced) for one in kept]
-        notes = (*told, *dict.fromkeys(note for one in kept for note in one.notes(reduced)))
+        recordings = [run.recording(reduced) for run in kept]
+        notes = (*told, *dict.fromkeys(note for run in kept for note in run.notes(reduced)))
         body = f'{summary(*records, notes=notes)}\n<div id="app"></div>'
         page = document(title, body, "live", data_element("recording", recordings, packed=True))
         size = len(page.encode())

@@ -54,10 +54,10 @@ def report_command(
     from wbf_mission.results.storage import ResultError
 
     folders = [folder] if other is None else [folder, other]
-    is_bench = [holds_rows(one) for one in folders]
+    is_bench = [holds_rows(each) for each in folders]
     if other is not None and any(is_bench):
         raise ResultError("a benchmark is shown alone: give one folder, or the results of two runs")
-    names = "-".join(one.resolve().name for one in folders)
+    names = "-".join(each.resolve().name for each in folders)
     path = out or folder.resolve().with_name(f"{names}.html")
     refuse_overwrite(path)
     if path.exists() and not overwrite:

@@ -219,7 +219,9 @@ class LiveServer:
         """Return the data new since a cursor; computed once for all viewers per interval."""
         async with self._making:
             now_s = asyncio.get_running_loop().time()
-            self._shared = {key: one for key, one in self._shared.items() if one.good_for(view, now_s)}
+            self._shared = {
+                key: shared for key, shared in self._shared.items() if shared.good_for(view, now_s)
+            }
             shared = self._shared.get(cursor)
             if shared is None:
                 update, after = await asyncio.to_thread(view.update, cursor)

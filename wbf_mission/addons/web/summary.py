@@ -43,15 +43,15 @@ def summary_of(record: RunRecord, *, notes: Sequence[str] = ()) -> str:
     """Return the summary of a run as an HTML element; `notes` concern the page below it."""
     told, warnings = _told(record), _shown_warnings(record)
     reports = _reports(record)
-    shown = [one for one in record.maps if one.field.name in reports]
+    shown = [field_map for field_map in record.maps if field_map.field.name in reports]
     lines = _lines(told.values(), 100) + _lines(warnings, 115)
     height_mm = _map_height_mm(lines, len(shown), _KEY_MM)
-    scales = {one.field.name: _scale([one]) for one in shown}
+    scales = {field_map.field.name: _scale([field_map]) for field_map in shown}
     fields = "".join(
-        f'<div class="field"><div>{_map(record, one, scales[one.field.name], height_mm, reports)}'
-        f"{_key(one.field, scales[one.field.name])}</div>"
-        f"<div><h2>{escape(one.field.title)}</h2>{_about(reports[one.field.name])}</div></div>\n"
-        for one in shown
+        f'<div class="field"><div>{_map(record, field_map, scales[field_map.field.name], height_mm, reports)}'
+        f"{_key(field_map.field, scales[field_map.field.name])}</div>"
+        f"<div><h2>{escape(field_map.field.title)}</h2>{_about(reports[field_map.field.name])}</div></div>\n"
+        for field_map in shown
     )
     title = f"{record.farm.name}: what the flight found"
     rows = "".join(f"<dt>{escape(name)}</dt><dd>{escape(text)}</dd>" for name, text in told.items())

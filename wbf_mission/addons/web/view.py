@@ -351,7 +351,7 @@ class View:
 
     def _decide(self, time_s: float, record: DecisionRecord) -> None:
         with self._lock:
-            known = (i for i, (_, one) in enumerate(self._records) if one is record)
+            known = (i for i, (_, earlier) in enumerate(self._records) if earlier is record)
             index = next(known, len(self._records))
             if index == len(self._records):
                 self._records.append((time_s, record))
@@ -475,7 +475,9 @@ def _readings(columns: dict[str, NDArray[Any]]) -> schema.Readings:
 
 def _scores(rows: list[_Scored]) -> schema.Scores:
     scores = [row[3] for row in rows]
-    lost = [{} if one is None else dict(zip(one.fields, one.field_loss, strict=True)) for one in scores]
+    lost = [
+        {} if score is None else dict(zip(score.fields, score.field_loss, strict=True)) for score in scores
+    ]
     names = dict.fromkeys(name for losses in lost for name in losses)
     return schema.Scores(
         time_s=[round(row[0], 2) for row in rows],

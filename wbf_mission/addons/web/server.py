@@ -224,8 +224,7 @@ class LiveServer:
             }
             shared = self._shared.get(cursor)
             if shared is None:
-                update, after = await asyncio.to_thread(view.update, cursor)
-                text = (await asyncio.to_thread(update.json)).decode()
+                text, after = await asyncio.to_thread(_encoded, view, cursor)
                 # A new viewer gets the rest with its next update, so the full state may be cached longer.
                 until_s = now_s + INTERVAL_S * (0.9 if cursor else 20.0)
                 shared = self._shared[cursor] = _Shared(view, until_s, text, after)
@@ -344,6 +343,11 @@ class _Shared:
 
     def good_for(self, view: View, now_s: float) -> bool:
         return self.view is view and now_s < self.until_s
+
+
+def _encoded(view: View, cursor: Cursor | None) -> tuple[str, Cursor]:
+    update, after = view.update(cursor)
+    return update.json().decode(), after
 
 
 def _static_routes(home: str) -> list[Route]:

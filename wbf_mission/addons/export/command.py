@@ -49,7 +49,7 @@ def export_command(
 
     chosen = FORMATS[to]
     if estimates is not None and not chosen.shows_estimates:
-        shown = " or ".join(name for name, one in FORMATS.items() if one.shows_estimates)
+        shown = " or ".join(name for name, known in FORMATS.items() if known.shows_estimates)
         raise TargetError(f"--estimates has an effect only with --to {shown}: leave it out")
     path = out or folder.resolve().with_name(folder.resolve().name + chosen.suffix)
     log = folder / "flight.tlog"

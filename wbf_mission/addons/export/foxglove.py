@@ -386,7 +386,7 @@ def _wall(ring: NDArray[np.float64], height_m: float) -> _Json:
 
 def _rings(polygon: shapely.Polygon) -> list[NDArray[np.float64]]:
     """Return the rings of a polygon (outline and holes) without the closing point."""
-    return [shapely.get_coordinates(one)[:-1] for one in (polygon.exterior, *polygon.interiors)]
+    return [shapely.get_coordinates(ring)[:-1] for ring in (polygon.exterior, *polygon.interiors)]
 
 
 def _feature(kind: str, farm: Farm, points_m: Any, **properties: object) -> _Json:

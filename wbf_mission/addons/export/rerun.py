@@ -159,9 +159,9 @@ def _yaws(
     """Return yaws, anticlockwise from the x axis: the heading if known, else the track direction."""
     steps = np.diff(flown[:, :2], axis=0, append=flown[-1:, :2])
     along = np.arctan2(steps[:, 1], steps[:, 0])
-    told = np.array([math.nan if state.heading_rad is None else state.heading_rad for state in states])
-    looks = 0.5 * math.pi - told - math.radians(rotation_deg)
-    return np.where(np.isfinite(looks), looks, along)
+    headings = np.array([math.nan if state.heading_rad is None else state.heading_rad for state in states])
+    yaws = 0.5 * math.pi - headings - math.radians(rotation_deg)
+    return np.where(np.isfinite(yaws), yaws, along)
 
 
 def blueprint_of(rrb: Any, result: RunRecord) -> Any:

@@ -88,8 +88,8 @@ class _Tracks:
 
     def time(self, time_s: float) -> str:
         """Return a time of the run in ISO 8601."""
-        told = self.epoch + timedelta(seconds=time_s)
-        return told.isoformat(timespec="milliseconds").replace("+00:00", "Z")
+        time = self.epoch + timedelta(seconds=time_s)
+        return time.isoformat(timespec="milliseconds").replace("+00:00", "Z")
 
     def places(self, points_m: NDArray[np.floating]) -> NDArray[np.float64]:
         """Return points, float64[n, 2 or more], as latitude and longitude to 8 digits, float64[n, 2]."""

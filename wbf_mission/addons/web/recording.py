@@ -115,8 +115,8 @@ def thinned_moments(
     for number, (moment, is_light) in enumerate(zip(moments, light, strict=True)):
         tiles |= {(tile.layer, tile.x, tile.y): tile for tile in moment.tiles}
         if (len(moments) - 1 - number) % every == 0:
-            told = [key for key in tiles if not is_light or key[0] == _ACQUISITION]
-            kept.append(replace(moment, tiles=[tiles.pop(key) for key in told]))
+            shown = [key for key in tiles if not is_light or key[0] == _ACQUISITION]
+            kept.append(replace(moment, tiles=[tiles.pop(key) for key in shown]))
     if kept:
         kept[-1].tiles += tiles.values()
     return kept

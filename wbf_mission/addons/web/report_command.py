@@ -102,8 +102,8 @@ def _runs(folders: list[Path], path: Path, progress: Progress) -> dict[str, Any]
     progress("reading", len(folders), len(folders))
     logs = [log if (log := folder / "flight.tlog").is_file() else None for folder in folders]
     report = write_report(path, results, logs=logs, progress=progress)
-    told = {"title": report.title, "bytes": report.size, "moments": list(report.moments)}
-    return {**told, "notes": list(report.notes)}
+    values = {"title": report.title, "bytes": report.size, "moments": list(report.moments)}
+    return {**values, "notes": list(report.notes)}
 
 
 COMMAND = Command(report_command, EXAMPLES)

@@ -41,10 +41,10 @@ def run_title(record: RunRecord) -> str:
 
 def summary_of(record: RunRecord, *, notes: Sequence[str] = ()) -> str:
     """Return the summary of a run as an HTML element; `notes` concern the page below it."""
-    told, warnings = _told(record), _shown_warnings(record)
+    facts, warnings = _facts(record), _shown_warnings(record)
     reports = _reports(record)
     shown = [field_map for field_map in record.maps if field_map.field.name in reports]
-    lines = _lines(told.values(), 100) + _lines(warnings, 115)
+    lines = _lines(facts.values(), 100) + _lines(warnings, 115)
     height_mm = _map_height_mm(lines, len(shown), _KEY_MM)
     scales = {field_map.field.name: _scale([field_map]) for field_map in shown}
     fields = "".join(
@@ -54,7 +54,7 @@ def summary_of(record: RunRecord, *, notes: Sequence[str] = ()) -> str:
         for field_map in shown
     )
     title = f"{record.farm.name}: what the flight found"
-    rows = "".join(f"<dt>{escape(name)}</dt><dd>{escape(text)}</dd>" for name, text in told.items())
+    rows = "".join(f"<dt>{escape(name)}</dt><dd>{escape(text)}</dd>" for name, text in facts.items())
     listed = "".join(f"<li>{escape(warning)}</li>" for warning in warnings)
     listed = f'<ul class="warnings">{listed}</ul>\n' if listed else ""
     return (
@@ -65,30 +65,33 @@ def summary_of(record: RunRecord, *, notes: Sequence[str] = ()) -> str:
 
 def comparison_of(first: RunRecord, second: RunRecord, *, notes: Sequence[str] = ()) -> str:
     """Return the summary of two runs over the same farm: their differences, and both maps."""
-    told = [_told(one, short=True) for one in (first, second)]
-    names = list(dict.fromkeys([*told[0], *told[1]]))
+    facts = [_facts(one, short=True) for one in (first, second)]
+    names = list(dict.fromkeys([*facts[0], *facts[1]]))
     rows = []
     for name in names:
-        one, two = (each.get(name, "-") for each in told)
-        kind = "" if one == two else ' class="differs"'
-        rows.append(f"<tr{kind}><th>{escape(name)}</th><td>{escape(one)}</td><td>{escape(two)}</td></tr>")
+        of_first, of_second = (each.get(name, "-") for each in facts)
+        kind = "" if of_first == of_second else ' class="differs"'
+        rows.append(
+            f"<tr{kind}><th>{escape(name)}</th><td>{escape(of_first)}</td><td>{escape(of_second)}</td></tr>"
+        )
     reports = [_reports(record) for record in (first, second)]
     pairs = [
-        (one, two)
-        for one in first.maps
-        for two in second.maps
-        if one.field.name == two.field.name and all(one.field.name in each for each in reports)
+        (first_map, second_map)
+        for first_map in first.maps
+        for second_map in second.maps
+        if first_map.field.name == second_map.field.name
+        and all(first_map.field.name in each for each in reports)
     ]
-    lines = sum(_lines([max((each.get(name, "-") for each in told), key=len)], 45) for name in names)
+    lines = sum(_lines([max((each.get(name, "-") for each in facts), key=len)], 45) for name in names)
     height_mm = _map_height_mm(lines + 1, len(pairs), _KEY_MM + _HEAD_MM)
     fields = ""
     for pair in pairs:
         scale, field = _scale(pair), pair[0].field
         fields += f'<div class="field two"><h2>{escape(field.title)}</h2>'
         for record, shown, of, side in zip((first, second), pair, reports, "ab", strict=True):
-            told_of = escape(brief(of[field.name]))
+            label = escape(brief(of[field.name]))
             fields += (
-                f"<div>{_map(record, shown, scale, height_mm, of, side)}{_key(field, scale, told_of)}</div>"
+                f"<div>{_map(record, shown, scale, height_mm, of, side)}{_key(field, scale, label)}</div>"
             )
         fields += "</div>\n"
     return (
@@ -103,8 +106,8 @@ def _reports(record: RunRecord) -> dict[str, FieldReport]:
 
 
 def _below(notes: Sequence[str]) -> str:
-    told = "".join(f"<li>{escape(note)}</li>" for note in notes)
-    return f'<nav class="below"><a href="#app">Replay it below</a><ul>{told}</ul></nav>\n'
+    items = "".join(f"<li>{escape(note)}</li>" for note in notes)
+    return f'<nav class="below"><a href="#app">Replay it below</a><ul>{items}</ul></nav>\n'
 
 
 def _chooser(record: RunRecord) -> str:
@@ -114,7 +117,7 @@ def _chooser(record: RunRecord) -> str:
     return record.plan.planner or f"mission {mission.file}"
 
 
-def _told(record: RunRecord, *, short: bool = False) -> dict[str, str]:
+def _facts(record: RunRecord, *, short: bool = False) -> dict[str, str]:
     """Return the facts of a run in words, by name; `short` ones are for a comparison."""
     summary, scenario = record.summary(), record.scenario
     vehicles = list(dict.fromkeys(scenario.vehicle.names))
@@ -123,7 +126,7 @@ def _told(record: RunRecord, *, short: bool = False) -> dict[str, str]:
     when = f"day {days[0]}" if len(days) == 1 else f"days {days[0]} to {days[-1]}"
     flights, seed = len(record.flights), str(scenario.seed)
     seen = f"{percent(summary['coverage'])} of the land to be seen"
-    told = {
+    facts = {
         "path": _chooser(record),
         "vehicle": f"{count} x {', '.join(vehicles)}" if count > 1 else ", ".join(vehicles),
         "when": when if short else f"{when}, {flights} flight{'s' if flights != 1 else ''}",
@@ -137,13 +140,15 @@ def _told(record: RunRecord, *, short: bool = False) -> dict[str, str]:
         **({"seed": seed} if short else {}),
     }
     if record.score is not None and record.final_score is not None:
-        told["score"] = f"{record.score:.5f} over the run, {record.final_score:.5f} at its end (0 is perfect)"
+        facts["score"] = (
+            f"{record.score:.5f} over the run, {record.final_score:.5f} at its end (0 is perfect)"
+        )
     for name, value in summary["losses"].items():
         if short and value is not None:
-            told[f"loss a cell, {name}"] = f"{value:.4g}"
+            facts[f"loss a cell, {name}"] = f"{value:.4g}"
     if short and record.warnings:
-        told["warnings"] = str(len(record.warnings))
-    return told
+        facts["warnings"] = str(len(record.warnings))
+    return facts
 
 
 def _battery(record: RunRecord) -> str:
@@ -272,7 +277,7 @@ def _ramp(field: Field) -> NDArray[np.uint8]:
     return np.rint(np.stack([np.interp(at, places, ends[:, k]) for k in range(3)], axis=1)).astype(np.uint8)
 
 
-def _key(field: Field, scale: float, told: str = "") -> str:
+def _key(field: Field, scale: float, label: str = "") -> str:
     """Draw the colour key of a map."""
     bars = "".join(
         f'<rect x="{k}" width="1.05" height="1" fill="#{r:02x}{g:02x}{b:02x}"/>'
@@ -284,5 +289,5 @@ def _key(field: Field, scale: float, told: str = "") -> str:
     else:
         low, high = (f"{field.to_unit(one):.3g}" for one in (0.0, scale))
         high = f"{high} {'' if field.range == (0.0, 1.0) else field.unit}".rstrip()
-    told = f"<strong>{told}</strong>" if told else ""
-    return f'<p class="key">{told}<span>{low}</span>{bar}<span>{escape(high)}</span></p>'
+    label = f"<strong>{label}</strong>" if label else ""
+    return f'<p class="key">{label}<span>{low}</span>{bar}<span>{escape(high)}</span></p>'

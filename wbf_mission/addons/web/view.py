@@ -360,10 +360,10 @@ class View:
 
     def _look_after_decisions(self) -> None:
         """Publish decisions again whose outcomes have changed during their execution."""
-        for number, told in tuple(self._open.items()):
+        for number, sent in tuple(self._open.items()):
             time_s, record = self._records[number - 1]
             state = record.refused, tuple(change.outcome for change in record.changes)
-            if state != told:
+            if state != sent:
                 self._decisions.keep([known.number != number for known in self._decisions.rows])
                 self._decisions.add(_decision(number, time_s, record), self._hear(time_s))
                 self._open[number] = state

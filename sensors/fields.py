@@ -187,10 +187,10 @@ class Field:
         names = [crop for crop in grid.crops if crop not in NOT_GROWN] if every else self.crops
         return grid.of_crops(names, where)
 
-    def mask(self, grid: FarmGrid) -> NDArray[np.bool_]:
-        """Return a new mask of the scored cells, the owner's cells with the field's crops: bool[W, H]."""
-        cells = self.hosts(grid)
-        cells &= grid.owned
+    def mask(self, grid: FarmGrid, where: Any = ...) -> NDArray[np.bool_]:
+        """Return a new mask of the scored cells (the field's crops, the owner's), bool[W, H] or `where`."""
+        cells = self.hosts(grid, where)
+        cells &= grid.owned[where]
         return cells
 
 

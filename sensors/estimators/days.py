@@ -224,5 +224,5 @@ class Crowding:
         rank = np.empty(len(box), np.int64)
         rank[order] = np.arange(len(box)) - first
         found: _Floats = 1.0 / (1 + rank + self._counts[box])
-        self._counts += np.bincount(box, minlength=len(self._counts))
+        np.add.at(self._counts, box, 1)
         return found

@@ -11,6 +11,7 @@ outbreaks: if every tenth plant is observed, the factor is at most ten.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from types import ModuleType
 
@@ -18,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geo import Farm
+from geo.grid import FarmGrid
 from sensors.dynamics.epidemic import Outbreak, outbreak_of
 from sensors.fields import PAPER_FIELDS, Field, FieldSet
 from sensors.observations import Observations
@@ -31,6 +33,35 @@ SHARE_OF_A_HUMP = 0.05
 """Share of the farm over which the errors of a continuous field are fully correlated."""
 _PRIOR_SICK = 10.0  # Weight of the epidemic model's mean illness, in sick plants seen
 _DAY_BEFORE = 6  # Day assumed without observations, the same as in estimators
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _FieldCells:
+    """Masks of a field's cells, made for strips of columns to save memory."""
+
+    field: Field
+    grid: FarmGrid
+    seen_x: NDArray[np.int64]  # The observed cells of the field
+    seen_y: NDArray[np.int64]
+    only_seen: bool
+
+    def mask(self, columns: slice) -> NDArray[np.bool_]:
+        """Return a new mask of the cells to be summed."""
+        mask = self.field.mask(self.grid, columns)
+        if self.only_seen:
+            mask[:] = False
+            mask[self._seen(columns)] = True
+        return mask
+
+    def unseen(self, columns: slice) -> NDArray[np.bool_]:
+        """Return a new mask of those without an observation."""
+        mask = self.mask(columns)
+        mask[self._seen(columns)] = False
+        return mask
+
+    def _seen(self, columns: slice) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        within = (self.seen_x >= columns.start) & (self.seen_x < columns.stop)
+        return self.seen_x[within] - columns.start, self.seen_y[within]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -118,21 +149,16 @@ def field_maps(
     probabilities = model.probabilities or {}
     maps = []
     for k, field in enumerate(fields):
-        mask = field.mask(cells)
         outbreak = outbreak_of(field.epidemic, cells.shape, day) if field.kind == "disease" else None
-        known = np.isfinite(readings[:, k]) & mask[x, y]
+        known = np.isfinite(readings[:, k]) & field.mask(cells, (x, y))
         seen_x, seen_y, seen = x[known], y[known], readings[known, k]
-        if only_seen:
-            mask = np.zeros_like(mask)
-            mask[seen_x, seen_y] = True
+        concerned = _FieldCells(field, cells, seen_x, seen_y, only_seen)
         may_be = None
         if field.name in probabilities:
-            open_ = mask.copy()
-            open_[seen_x, seen_y] = False
-            made, may_be = _from_probabilities(grid, mask, open_, model, k)
+            made, may_be = _from_probabilities(grid, concerned, model, k)
         else:
             deviation = model.uncertainty[k] if states_deviation else None
-            made = _from_values(grid, mask, model.value[k], deviation, seen_x, seen_y, seen, outbreak)
+            made = _from_values(grid, concerned, model.value[k], deviation, seen, outbreak)
         total, variance, count, least = made
         sick = (seen < SICK_BELOW) & (field.kind == "disease")
         at = (seen_x // grid.pixel, seen_y // grid.pixel)
@@ -163,14 +189,14 @@ def field_maps(
 
 def true_map(farm: Farm, field: Field, truth: NDArray[np.float32], k: int) -> FieldMap:
     """Return the map of the true values of a field, number `k` of `truth`, float32[n, W, H]."""
-    grid, mask = MapGrid.of(farm), field.mask(farm.grid())
-    parts = []
-    for columns in column_strips(len(mask), grid.pixel):
-        values = truth[k, columns]
-        parts.append(pixel_sums(replace(grid, shape=values.shape), mask[columns], values))
-    sums, least = (np.concatenate(part) for part in zip(*parts, strict=True))
-    nothing = np.zeros(grid.pixels)
+    grid, cells = MapGrid.of(farm), farm.grid()
+
+    def summed(columns: slice, strip: MapGrid) -> tuple[Floats, Floats]:
+        return pixel_sums(strip, field.mask(cells, columns), truth[k, columns])
+
+    sums, least = _by_strips(grid, summed)
     total = sums[..., SICK] if field.kind == "disease" else sums[..., COUNT] - sums[..., ILLNESS]
+    nothing = np.zeros(grid.pixels)
     return FieldMap(
         field, grid, sums[..., COUNT], total, least, None, nothing, nothing, np.empty((0, 2), np.int32)
     )
@@ -199,51 +225,63 @@ def pixel_means(grid: MapGrid, mask: NDArray[np.bool_], value: NDArray[np.float3
     return np.where(count > 0, 1.0 - sums[..., ILLNESS] / np.maximum(count, 1.0), np.nan)
 
 
-def _from_probabilities(
-    grid: MapGrid, mask: NDArray[np.bool_], open_: NDArray[np.bool_], model: InformationModel, k: int
-) -> tuple[tuple[Floats, Floats | None, Floats, Floats], Floats]:
-    """Return (sick plants, variance, cells, minimum value) and the plants that may be sick, by pixels.
+def _by_strips(grid: MapGrid, sums: Callable[[slice, MapGrid], tuple[Floats, ...]]) -> tuple[Floats, ...]:
+    """Return sums by pixels, joined from those of strips: their columns, and their part of the grid."""
+    parts = [
+        sums(columns, replace(grid, shape=(columns.stop - columns.start, grid.shape[1])))
+        for columns in column_strips(grid.shape[0], grid.pixel)
+    ]
+    return tuple(np.concatenate(part) for part in zip(*parts, strict=True))
 
-    `open_` is a mask of the unobserved plants. It is changed to a mask of the plants that may be sick.
-    """
-    value = model.value[k]
-    parts, sick, counted = [], [], []
-    # Strips save memory: the class probabilities of a whole farm take as much memory as three fields.
-    for columns in column_strips(len(mask), grid.pixel):
+
+def _from_probabilities(
+    grid: MapGrid, cells: _FieldCells, model: InformationModel, k: int
+) -> tuple[tuple[Floats, Floats | None, Floats, Floats], Floats]:
+    """Return (sick plants, variance, cells, minimum value) and the plants that may be sick, by pixels."""
+    sick, counted = [], []
+
+    def expected(columns: slice, strip: MapGrid) -> tuple[Floats, Floats]:
         (healthy, *_) = model.probabilities_in(model.fields[k], columns)
-        strip = replace(grid, shape=healthy.shape)
-        parts.append(pixel_sums(strip, mask[columns], healthy)[0])
-        sick.append(1.0 - healthy[open_[columns]])
+        sick.append(1.0 - healthy[cells.unseen(columns)])
         counted.append(np.unique(sick[-1], return_counts=True))
-    sums = np.concatenate(parts)
-    least_open = least_sick(*(np.concatenate(part) for part in zip(*counted, strict=True)))
-    for columns, unseen in zip(column_strips(len(mask), grid.pixel), sick, strict=True):
-        unread = open_[columns]
-        unread[unread] = unseen >= least_open
-    may_be = pixel_sums(grid, open_, value)[0][..., COUNT]
-    _, least = pixel_sums(grid, mask, value)
-    return (sums[..., ILLNESS], sums[..., SPREAD], sums[..., COUNT], least), may_be
+        mask = cells.mask(columns)
+        return pixel_sums(strip, mask, healthy)[0], pixel_sums(strip, mask, model.value[k, columns])[1]
+
+    sums, least = _by_strips(grid, expected)
+    least_sick_unseen = least_sick(*(np.concatenate(part) for part in zip(*counted, strict=True)))
+    of_strips = iter(sick)
+
+    def suspected(columns: slice, strip: MapGrid) -> tuple[Floats, Floats]:
+        may_be = cells.unseen(columns)
+        may_be[may_be] = next(of_strips) >= least_sick_unseen
+        return pixel_sums(strip, may_be, model.value[k, columns])
+
+    may_be, _ = _by_strips(grid, suspected)
+    return (sums[..., ILLNESS], sums[..., SPREAD], sums[..., COUNT], least), may_be[..., COUNT]
 
 
 def _from_values(
     grid: MapGrid,
-    mask: NDArray[np.bool_],
+    cells: _FieldCells,
     value: NDArray[np.float32],
     deviation: NDArray[np.float32] | None,
-    x: NDArray[np.int64],
-    y: NDArray[np.int64],
     seen: Floats,
     outbreak: Outbreak | None,
 ) -> tuple[Floats, Floats | None, Floats, Floats]:
     """Return by pixels: sick plants or sum of values, variance, number of cells, minimum value."""
-    sums, least = pixel_sums(grid, mask, value)
-    squares = None
-    if deviation is not None:
-        squares = np.zeros(grid.pixels)
-        _summing(grid).sum_squares(mask, deviation, grid.pixel, squares)
+
+    def summed(columns: slice, strip: MapGrid) -> tuple[Floats, Floats, Floats]:
+        mask, squares = cells.mask(columns), np.zeros(strip.pixels)
+        if deviation is not None:
+            _summing(strip).sum_squares(mask, deviation[columns], strip.pixel, squares)
+        return *pixel_sums(strip, mask, value[columns]), squares
+
+    sums, least, squares = _by_strips(grid, summed)
+    variance = None if deviation is None else squares
     if outbreak is None:
-        return sums[..., COUNT] - sums[..., ILLNESS], squares, sums[..., COUNT], least
+        return sums[..., COUNT] - sums[..., ILLNESS], variance, sums[..., COUNT], least
     # Observed plants are counted; unobserved plants contribute their expected number.
+    x, y = cells.seen_x, cells.seen_y
     at = (x // grid.pixel, y // grid.pixel)
     illness = sums[..., ILLNESS].copy()
     np.subtract.at(illness, at, 1.0 - value[x, y].astype(np.float64))
@@ -251,10 +289,10 @@ def _from_values(
     a_plant = (_PRIOR_SICK * outbreak.illness + float((1.0 - seen[sick]).sum())) / (_PRIOR_SICK + sick.sum())
     total = np.clip(illness / a_plant, 0.0, sums[..., COUNT])
     np.add.at(total, at, sick.astype(np.float64))
-    if squares is not None and deviation is not None:
-        np.subtract.at(squares, at, deviation[x, y].astype(np.float64) ** 2)
-        squares = np.maximum(squares, 0.0) / a_plant**2
-    return total, squares, sums[..., COUNT], least
+    if variance is not None and deviation is not None:
+        np.subtract.at(variance, at, deviation[x, y].astype(np.float64) ** 2)
+        variance = np.maximum(variance, 0.0) / a_plant**2
+    return total, variance, sums[..., COUNT], least
 
 
 def _last_readings(

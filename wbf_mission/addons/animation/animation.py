@@ -150,8 +150,7 @@ def _estimates(
 ) -> Iterator[tuple[Moment, _Maps]]:
     """Yield each moment with the pixel means of truth, estimate and uncertainty of each field."""
     farm, fields = record.farm, record.fields
-    grid, cells = MapGrid.of(farm), farm.grid()
-    masks = [field.mask(cells) for field in fields]
+    grid, masks = MapGrid.of(farm), fields.masks(farm.grid())
     environment = cache(partial(make_environment, record.scenario, farm))
     day, truth = None, list[_Floats]()
     known: tuple[list[_Floats], list[_Floats]] | None = None
@@ -176,7 +175,7 @@ def _truth(
     record: RunRecord,
     environment: Callable[[], Environment],
     grid: MapGrid,
-    masks: list[NDArray[np.bool_]],
+    masks: NDArray[np.bool_],
     day: int,
 ) -> list[_Floats]:
     """Return the pixel means of a day's truth, from the record or else from the environment in strips."""

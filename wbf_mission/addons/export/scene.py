@@ -79,8 +79,7 @@ class Scene(ABC):
         """Size of a vehicle's symbol, visible on a view of the whole farm."""
         self._grid = MapGrid((width, height), farm.cell_size_m, -(-max(width, height) // LONGEST), 1)
         self.pixel_m = self._grid.pixel * self._grid.cell_size_m
-        cells = farm.grid()
-        self._masks = [field.mask(cells) for field in fields]
+        self._masks = fields.masks(farm.grid())
         self._scales = _scales(record) if self._grid.pixel > 1 else [1.0] * len(fields)
         self._doubts = [0.0] * len(fields)  # Colour scales of uncertainties, set by the first ones
         self._seen: list[Observations] = []  # Readings of the current day

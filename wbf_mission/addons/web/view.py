@@ -459,12 +459,10 @@ def _states(rows: list[_State]) -> schema.States:
 
 def _of_their_crops(grid: FarmGrid, fields: Sequence[Field], seen: Observations) -> Observations:
     """Return observations without readings of fields outside their crops."""
-    at = seen.x[:, np.newaxis], seen.y[:, np.newaxis]
-    cells = FarmGrid((len(seen), 1), grid.cell_size_m, grid.crop[at], grid.owned[at], grid.crops)
     values = seen.values.copy()
     for field in fields:
         if field.name in seen.fields:
-            values[~field.hosts(cells)[:, 0], seen.fields.index(field.name)] = np.nan
+            values[~field.hosts(grid, (seen.x, seen.y)), seen.fields.index(field.name)] = np.nan
     return Observations(seen.x, seen.y, seen.time_s, seen.day, values, seen.fields)
 
 

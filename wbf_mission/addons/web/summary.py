@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from mission.outcome import in_words
 from sensors.fields import Field
 from wbf_mission.addons.base.farm_drawing import FarmDrawing
-from wbf_mission.addons.base.plots import rgb
+from wbf_mission.addons.base.plots import ramp
 from wbf_mission.maps.field_maps import FieldMap
 from wbf_mission.maps.report import FieldReport, brief, percent
 from wbf_mission.run.record import RunRecord
@@ -271,10 +271,7 @@ def _scale(maps: Sequence[FieldMap]) -> float:
 
 def _ramp(field: Field) -> NDArray[np.uint8]:
     """Return the colours of a field's map from 0 to its scale, uint8[`_STEPS`, 3]."""
-    colours = _SICK if field.kind == "disease" else field.colours
-    ends = np.array([rgb(colour) for colour in colours], np.float64)
-    at, places = np.linspace(0.0, len(ends) - 1.0, _STEPS), np.arange(len(ends))
-    return np.rint(np.stack([np.interp(at, places, ends[:, k]) for k in range(3)], axis=1)).astype(np.uint8)
+    return ramp(_SICK if field.kind == "disease" else field.colours, _STEPS)
 
 
 def _key(field: Field, scale: float, label: str = "") -> str:

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from geo import Crop, Farm, FarmGrid
 from geo.atomic import atomic_write
@@ -41,6 +42,24 @@ _OBSTACLE: dict[str, Any] = {
     "zorder": 2,
 }
 _LOW_OBSTACLE: dict[str, Any] = {**_OBSTACLE, "hatch": "///"}
+
+
+def rgb(colour: str) -> tuple[int, int, int]:
+    """Return the red, green and blue of ``#rrggbb``, 0 to 255.
+
+    >>> rgb("#0072b2")
+    (0, 114, 178)
+    """
+    red, green, blue = bytes.fromhex(colour[1:])
+    return red, green, blue
+
+
+def ramp(colours: Sequence[str], steps: int) -> NDArray[np.uint8]:
+    """Return a gradient through the colours, uint8[steps, 3]."""
+    stops = np.array([rgb(colour) for colour in colours], np.float64)
+    at, places = np.linspace(0.0, len(stops) - 1.0, steps), np.arange(len(stops))
+    parts = [np.interp(at, places, stops[:, part]) for part in range(3)]
+    return np.rint(np.column_stack(parts)).astype(np.uint8)
 
 
 def new_figure(width: float, height: float, *, dpi: int = 110) -> Figure:

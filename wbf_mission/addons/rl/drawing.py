@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
+from wbf_mission.addons.base.plots import ramp, rgb
 from wbf_mission.addons.rl.errors import TrainingError
 from wbf_mission.addons.rl.observing import block_means
 from wbf_mission.addons.rl.task import SurveyTask
@@ -93,7 +94,8 @@ class Drawing:
         # Video codecs require even sizes.
         self.shape = height + height % 2, width + width % 2, 3
         sick = self._field.kind == "disease"
-        self._tones = _ramp(_SICK if sick else self._field.colours), _ramp(_UNCERTAIN)
+        known = _SICK if sick else self._field.colours
+        self._tones = _pack(ramp(known, _TONES)), _pack(ramp(_UNCERTAIN, _TONES))
         self._ends = ("lost", "healthy") if sick else ("0", "1"), ("certain", "uncertain")
         self._land, self._scored = self._farm()
         self._over, self._over_colours = self._lines()
@@ -142,7 +144,7 @@ class Drawing:
     def _farm(self) -> tuple[_Pixels, NDArray[np.bool_]]:
         """Return the land's colour, and whether the field is scored, at the first cell of each block."""
         grid, cells = self._task.grid, np.s_[:: self._block, :: self._block]
-        land = np.array([_rgb(_LAND.get(crop, _OTHER_CROP)) for crop in grid.crops], np.float64)
+        land = np.array([rgb(_LAND.get(crop, _OTHER_CROP)) for crop in grid.crops], np.float64)
         colours = np.array([_pack(land), _pack(255.0 - _NEIGHBOURS * (255.0 - land))])
         scored = self._task.fields.masks(grid)[self._k]
         return colours[1 - grid.owned[cells], grid.crop[cells]], scored[cells]
@@ -209,12 +211,8 @@ def _font() -> Any:
     return ImageFont.load_default(_TEXT)
 
 
-def _rgb(colour: str) -> NDArray[np.uint8]:
-    return np.frombuffer(bytes.fromhex(colour[1:]), np.uint8)
-
-
 def _packed(colour: str) -> np.uint32:
-    return _pack(_rgb(colour))[()]  # type: ignore[no-any-return]
+    return _pack(np.array(rgb(colour), np.uint8))[()]  # type: ignore[no-any-return]
 
 
 def _pack(colours: NDArray[Any]) -> _Pixels:
@@ -222,10 +220,3 @@ def _pack(colours: NDArray[Any]) -> _Pixels:
     four = np.zeros((*colours.shape[:-1], 4), np.uint8)
     four[..., :3] = colours if colours.dtype == np.uint8 else np.rint(colours)
     return four.view(np.uint32)[..., 0]
-
-
-def _ramp(colours: Sequence[str]) -> _Pixels:
-    """Return a gradient through the colours, uint32[_TONES]."""
-    stops = np.array([_rgb(colour) for colour in colours], np.float64)
-    at = np.linspace(0.0, len(stops) - 1.0, _TONES)
-    return _pack(np.column_stack([np.interp(at, np.arange(len(stops)), stops[:, part]) for part in range(3)]))

@@ -1,6 +1,6 @@
 // Panels of messages and of policy decisions.
 import { SICK } from "./colours.js";
-import { button, element, setText } from "./dom.js";
+import { button, element, setText, table } from "./dom.js";
 import { upTo, type Model } from "./model.js";
 import type { Decision, Said } from "./schema.js";
 import { capital, clock, figure, fixed, metres } from "./text.js";
@@ -36,14 +36,13 @@ export class Messages {
       .reverse()
       .map(({ model, one }) => {
         const who = speaker(model, one);
-        const grade = one.severity <= 3 ? "error" : one.severity === WARNS ? "warning" : "plain";
-        const name = SEVERITIES[one.severity] ?? "";
-        const words = grade === "plain" ? "" : `${name}: `;
+        const grade = one.severity < WARNS ? "error" : one.severity === WARNS ? "warning" : "plain";
+        const words = grade === "plain" ? "" : `${SEVERITIES[one.severity] ?? ""}: `;
         return element(
           "li",
           { class: grade },
           element("time", {}, clock(one.time_s)),
-          element("span", { class: "text" }, ...(who ? [element("b", {}, `${who} `)] : []), words + one.text),
+          element("span", { class: "text" }, who ? element("b", {}, `${who} `) : null, words + one.text),
         );
       });
     this.element.replaceChildren(
@@ -130,28 +129,28 @@ export class Decisions {
     const { number, changes, refused, candidates } = decision;
     const outcomes = [...new Set(changes.map((one) => one.outcome).filter(Boolean))];
     const outcome = refused ? "refused" : outcomes.join(", ") || "as it was";
-    const title = element(
-      "summary",
-      {},
-      element("time", {}, clock(decision.time_s)),
-      ` ${capital(decision.event)} `,
-      element("span", { class: "outcome" }, outcome),
-    );
-    const details = element("details", {}, title);
-    details.open = number === this.chosen;
-    details.addEventListener("toggle", () => {
+    const came = outcomeOf(model, decision);
+    const toggled = (details: HTMLDetailsElement): void => {
       if (details.open) {
         this.chosen = number;
         for (const other of this.list.querySelectorAll("details")) if (other !== details) other.open = false;
         this.open(model, decision);
       } else if (this.chosen === number) this.chosen = null;
-    });
-    if (decision.reason) details.append(element("p", {}, capital(decision.reason)));
-    if (refused) details.append(element("p", { class: "refused" }, `Refused: ${refused}`));
-    if (candidates.length) details.append(table(model, decision));
-    const came = outcomeOf(model, decision);
-    if (came) details.append(element("p", { class: "came" }, came));
-    details.append(
+    };
+    const details = element(
+      "details",
+      { open: number === this.chosen, ontoggle: toggled },
+      element(
+        "summary",
+        {},
+        element("time", {}, clock(decision.time_s)),
+        ` ${capital(decision.event)} `,
+        element("span", { class: "outcome" }, outcome),
+      ),
+      decision.reason ? element("p", {}, capital(decision.reason)) : null,
+      refused ? element("p", { class: "refused" }, `Refused: ${refused}`) : null,
+      candidates.length ? considered(model, decision) : null,
+      came ? element("p", { class: "came" }, came) : null,
       element("p", { class: "small" }, `Decision ${number}, thought of for ${figure(decision.compute_s)} s`),
     );
     return element("li", {}, details);
@@ -168,15 +167,14 @@ function outcomeOf(model: Model, { number, time_s }: Decision): string {
   const [from, to] = [upTo(times, time_s), upTo(times, end_s)];
   const diseases = (model.run?.fields ?? []).filter((field) => field.kind === "disease");
   let sick = 0;
-  for (let k = from; k < to; k++)
-    if (diseases.some(({ name }) => (values[name]?.[k] ?? 1) < SICK)) sick++;
+  for (let k = from; k < to; k++) if (diseases.some(({ name }) => (values[name]?.[k] ?? 1) < SICK)) sick++;
   const [before, after] = [model.scoreAt(time_s), model.scoreAt(end_s)];
   const score = after === null ? "" : `; score ${before === null ? "" : `${fixed(before, 4)} to `}${fixed(after, 4)}`;
   const until = next ? "Until the next decision" : "Until the end";
   return `${until}: ${to - from} ${to - from === 1 ? "reading" : "readings"}, ${sick} sick${score}`;
 }
 
-function table(model: Model, { candidates, changes }: Decision): HTMLElement {
+function considered(model: Model, { candidates, changes }: Decision): HTMLElement {
   const rows = [...candidates]
     .sort((a, b) => b.value - a.value)
     .slice(0, 12)
@@ -186,8 +184,7 @@ function table(model: Model, { candidates, changes }: Decision): HTMLElement {
       const cells = [`${model.nameOf(one.system_id)}${taken ? " ✓" : ""}`, figure(one.value), figure(one.cost), length];
       return element("tr", taken ? { class: "taken" } : {}, ...cells.map((text) => element("td", {}, text)));
     });
-  const heads = ["Vehicle", "Value", "Cost", "Path"].map((text) => element("th", { scope: "col" }, text));
-  return element("table", {}, element("thead", {}, element("tr", {}, ...heads)), element("tbody", {}, ...rows));
+  return table(["Vehicle", "Value", "Cost", "Path"], rows);
 }
 
 function lengthOf(path: number[]): number {

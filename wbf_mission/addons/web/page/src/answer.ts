@@ -9,6 +9,11 @@ import { capital, duration, metres } from "./text.js";
 
 const MOST_FINDINGS = 50;
 
+/** A finding with the name of its mission. */
+interface Named extends Finding {
+  name: string;
+}
+
 export class Answer {
   readonly cards = element("dl", { class: "figures" });
   readonly findings = element("ul", { class: "findings" });
@@ -29,15 +34,15 @@ export class Answer {
     this.frame = new Frame(planned.farm.georeference);
     this.draw(planned);
     this.cards.replaceChildren(...figures(planned).map(([name, value, more]) =>
-      element("div", {}, element("dt", {}, name), element("dd", {}, value, ...(more ? [element("small", {}, more)] : [])))));
-    const found = planned.missions.flatMap(({ name, findings, warnings }) => [
-      ...warnings.map((text): [string, Finding] => [name, { severity: "warning", code: "", where: "", text, told: text, fix: null, place_m: null }]),
-      ...findings.map((finding): [string, Finding] => [name, finding]),
+      element("div", {}, element("dt", {}, name), element("dd", {}, value, more ? element("small", {}, more) : null))));
+    const found = planned.missions.flatMap(({ name, findings, warnings }): Named[] => [
+      ...warnings.map((told): Named => ({ name, severity: "warning", told })),
+      ...findings.map((finding) => ({ name, ...finding })),
     ]);
-    const notes = planned.notes.map((text): [string, Finding] => ["farm", { severity: "note", code: "", where: "", text, told: text, fix: null, place_m: null }]);
+    const notes = planned.notes.map((told): Named => ({ name: "farm", severity: "note", told }));
     const rank = ["error", "warning", "note"];
-    const sorted = [...found, ...notes].sort(([, a], [, b]) => rank.indexOf(a.severity) - rank.indexOf(b.severity));
-    this.findings.replaceChildren(...sorted.slice(0, MOST_FINDINGS).map(([name, finding]) => this.row(name, finding)));
+    const sorted = [...found, ...notes].sort((a, b) => rank.indexOf(a.severity) - rank.indexOf(b.severity));
+    this.findings.replaceChildren(...sorted.slice(0, MOST_FINDINGS).map((finding) => this.row(finding)));
     if (sorted.length > MOST_FINDINGS) this.findings.append(element("li", {}, `and ${sorted.length - MOST_FINDINGS} more`));
   }
 
@@ -48,12 +53,13 @@ export class Answer {
     this.findings.replaceChildren();
   }
 
-  private row(name: string, finding: Finding): HTMLElement {
-    const text = [name, finding.told].filter(Boolean).join(": ");
-    const place = finding.place_m;
-    const told = place ? button(text, () => this.point(place), { title: "Show it on the map" }) : element("span", {}, text);
-    const code = finding.code ? [element("code", {}, finding.code)] : [];
-    return element("li", { class: finding.severity }, element("b", {}, capital(finding.severity)), told, ...code);
+  private row({ name, severity, told, code, place_m }: Named): HTMLElement {
+    const text = [name, told].filter(Boolean).join(": ");
+    const what = place_m
+      ? button(text, () => this.point(place_m), { title: "Show it on the map" })
+      : element("span", {}, text);
+    const grade = element("b", {}, capital(severity));
+    return element("li", { class: severity }, grade, what, code ? element("code", {}, code) : null);
   }
 
   private point([x, y]: [number, number]): void {
@@ -86,12 +92,12 @@ export class Answer {
     const shared = { pane: "plans", interactive: false };
     for (const [k, { plan }] of planned.missions.entries()) {
       const path = this.latLngs(plan.path);
-      const [home] = [this.frame!.latLng(...planned.farm.home_m)];
+      const home = this.frame!.latLng(...planned.farm.home_m);
       const halo = L.polyline(path, { ...shared, color: "#ffffff", opacity: 0.75 }).addTo(this.lines);
       const line = L.polyline(path, { ...shared, color: vehicleColour(k) }).addTo(this.lines);
       this.paths.push({ halo, line });
       for (const end of [path[0], path.at(-1)])
-        if (end && home) L.polyline([home, end], { ...shared, color: vehicleColour(k), weight: 1.5, dashArray: "2 6" }).addTo(this.lines);
+        if (end) L.polyline([home, end], { ...shared, color: vehicleColour(k), weight: 1.5, dashArray: "2 6" }).addTo(this.lines);
       for (const fence of plan.fence)
         for (const ring of fence.rings) L.polygon(this.latLngs(ring), { ...shared, color: themed("fence"), weight: 1.5, dashArray: "8 5", fill: false }).addTo(this.lines);
     }

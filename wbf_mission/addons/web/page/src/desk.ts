@@ -1,42 +1,33 @@
-// Requests of the studio page to the program, and the answers.
+// Requests of the studio page to the program, and the parts of the answers that the page reads.
+import { element } from "./dom.js";
 import type { OptionInfo, Parameters, Values } from "./choices.js";
 import type { FarmShape, Plan, Update } from "./schema.js";
 
 export interface Finding {
   severity: "error" | "warning" | "note";
-  code: string;
-  where: string;
-  text: string;
+  code?: string;
   told: string;
-  fix: string | null;
-  place_m: [number, number] | null;
+  place_m?: [number, number] | null;
 }
 
 export interface PlannedMission {
   /** Distinguishes several missions; empty for a single one. */
   name: string;
   plan: Plan;
-  battery_used: number | null;
-  energy_wh: number;
   warnings: string[];
   findings: Finding[];
 }
 
 /** Totals of one vehicle over all its sorties. */
 export interface Summary {
-  vehicle: string;
-  planner: string | null;
-  budget: string;
   predicted_time_s: number;
   time_with_changes_s?: number;
   length_m: number;
-  coverage: number;
   predicted_energy_wh: number;
   battery_used: number | null;
   batteries: number | null;
   spacing_m: number | null;
   waypoints: number;
-  warnings: string[];
 }
 
 export interface Planned {
@@ -73,7 +64,6 @@ export interface Options {
 }
 
 export interface FarmAnswer {
-  farm: FarmShape;
   document: Record<string, unknown>;
   notes: string[];
 }
@@ -84,7 +74,6 @@ export interface Uploaded {
   verified: boolean;
   accepted: boolean | null;
   texts: string[];
-  findings: string[];
 }
 
 /** Input of the planner: a farm by name or as GeoJSON, and options. */
@@ -156,10 +145,7 @@ export const desk = {
 
 /** Save a file in the browser. */
 export function keep(name: string, content: Blob): void {
-  const address = URL.createObjectURL(content);
-  const link = document.createElement("a");
-  link.href = address;
-  link.download = name;
-  link.click();
-  setTimeout(() => URL.revokeObjectURL(address), 10_000);
+  const href = URL.createObjectURL(content);
+  element("a", { href, download: name }).click();
+  setTimeout(() => URL.revokeObjectURL(href), 10_000);
 }

@@ -4,7 +4,8 @@ import { crossings } from "./crossings.js";
 import { cropColour, themed } from "./colours.js";
 import { element } from "./dom.js";
 import {
-  changed, fieldAt, freeName, withoutCorner, withRing, withShape, type Kind, type Position, type Shape, type Sketch,
+  changed, cornersOf, cropsOf, fieldAt, freeName, middleOf, withoutCorner, withRing, withShape,
+  type Kind, type Position, type Shape, type Sketch,
 } from "./sketch.js";
 
 /** Tools of the editor. */
@@ -37,10 +38,6 @@ export interface EditorHost {
 
 const latLng = ([lon, lat]: Position): L.LatLng => L.latLng(lat, lon);
 const position = ({ lat, lng }: L.LatLng): Position => [Number(lng.toFixed(9)), Number(lat.toFixed(9))];
-
-export function crops(sketch: Sketch): string[] {
-  return [...new Set(sketch.shapes.filter(({ kind }) => kind === "field").map(({ crop }) => crop))];
-}
 
 export class Editor {
   private tool: Tool = "select";
@@ -80,7 +77,7 @@ export class Editor {
   show(): void {
     const { sketch, selected } = this.host;
     this.shapes.clearLayers();
-    const names = crops(sketch);
+    const names = cropsOf(sketch);
     this.polygons = sketch.shapes.map((shape, number) => {
       const own = shape.kind === "field" && shape.owner === sketch.owner;
       const colour = shape.kind === "field" ? cropColour(shape.crop, names) : themed("obstacle");
@@ -221,13 +218,12 @@ export class Editor {
     const { sketch, selected } = this.host;
     const shape = selected === null ? undefined : sketch.shapes[selected];
     if (selected === null || !shape || this.tool !== "select") return;
-    const count = shape.rings.reduce((sum, ring) => sum + ring.length, 0);
+    const count = cornersOf(shape);
     if (count > MOST_CORNERS) return this.host.tell(`${count} corners are too many to move one by one: the table has them`);
     for (const [r, ring] of shape.rings.entries())
-      for (const [k, corner] of ring.entries()) {
-        this.corner(selected, r, k, corner);
-        const next = ring[(k + 1) % ring.length]!;
-        if (count <= MOST_MIDDLES) this.middle(selected, r, k, [(corner[0] + next[0]) / 2, (corner[1] + next[1]) / 2]);
+      for (const k of ring.keys()) {
+        this.corner(selected, r, k);
+        if (count <= MOST_MIDDLES) this.middle(selected, r, k);
       }
   }
 
@@ -238,10 +234,11 @@ export class Editor {
     return marker.addTo(this.handles);
   }
 
-  private corner(number: number, r: number, k: number, corner: Position): void {
-    const ring = this.host.sketch.shapes[number]!.rings[r]!;
-    const marker = this.handle(corner, "corner", `Corner ${k + 1}`);
-    const moved = (place: L.LatLng): Position[] => ring.map((one, n) => (n === k ? position(place) : one));
+  private corner(number: number, r: number, k: number): void {
+    const { rings } = this.host.sketch.shapes[number]!;
+    const ring = rings[r]!;
+    const marker = this.handle(ring[k]!, "corner", `Corner ${k + 1}`);
+    const moved = (place: L.LatLng): Position[] => ring.with(k, position(place));
     const remove = (): void => this.host.edit(withoutCorner(this.host.sketch, number, r, k), "Corner deleted");
     marker.on("drag", () => this.preview(number, r, moved(marker.getLatLng())));
     marker.on("dragend", () => this.host.edit(withRing(this.host.sketch, number, r, moved(marker.getLatLng())), "Corner moved"));
@@ -262,26 +259,22 @@ export class Editor {
       event.preventDefault();
       event.stopPropagation();
       const corners = this.map.getContainer().querySelectorAll<HTMLElement>(".corner");
-      corners[Math.min(this.cornersBefore(number, r) + k, corners.length - 1)]?.focus();
+      const before = rings.slice(0, r).flat().length;
+      corners[Math.min(before + k, corners.length - 1)]?.focus();
     });
   }
 
-  private cornersBefore(number: number, r: number): number {
-    return this.host.sketch.shapes[number]?.rings.slice(0, r).reduce((sum, ring) => sum + ring.length, 0) ?? 0;
-  }
-
-  private middle(number: number, r: number, k: number, place: Position): void {
+  private middle(number: number, r: number, k: number): void {
     const ring = this.host.sketch.shapes[number]!.rings[r]!;
-    const marker = this.handle(place, "middle", `New corner after corner ${k + 1}`);
-    const inserted = (): Position[] => [...ring.slice(0, k + 1), position(marker.getLatLng()), ...ring.slice(k + 1)];
-    const insert = (): void => this.host.edit(withRing(this.host.sketch, number, r, inserted()), "Corner added");
+    const marker = this.handle(middleOf(ring, k), "middle", `New corner after corner ${k + 1}`);
+    const inserted = (): Position[] => ring.toSpliced(k + 1, 0, position(marker.getLatLng()));
     marker.on("drag", () => this.preview(number, r, inserted()));
-    marker.on("dragend click", insert);
+    marker.on("dragend click", () => this.host.edit(withRing(this.host.sketch, number, r, inserted()), "Corner added"));
   }
 
   /** Show a ring while it is being dragged. */
   private preview(number: number, r: number, ring: Position[]): void {
-    const rings = this.host.sketch.shapes[number]!.rings.map((one, k) => (k === r ? ring : one));
+    const rings = this.host.sketch.shapes[number]!.rings.with(r, ring);
     this.polygons[number]?.setLatLngs(rings.map((one) => one.map(latLng)));
     this.markAll(rings);
   }

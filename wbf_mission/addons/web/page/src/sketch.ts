@@ -93,26 +93,38 @@ export function changed(sketch: Sketch, change: Partial<Sketch>): Sketch {
 }
 
 export function withShape(sketch: Sketch, number: number, change: Partial<Shape>): Sketch {
-  const shapes = sketch.shapes.map((shape, k) => (k === number ? { ...shape, ...change } : shape));
-  return changed(sketch, { shapes });
+  return changed(sketch, { shapes: sketch.shapes.with(number, { ...sketch.shapes[number]!, ...change }) });
 }
 
 export function withRing(sketch: Sketch, number: number, ring: number, positions: Position[]): Sketch {
-  const rings = sketch.shapes[number]!.rings.map((one, k) => (k === ring ? positions : one));
-  return withShape(sketch, number, { rings });
+  return withShape(sketch, number, { rings: sketch.shapes[number]!.rings.with(ring, positions) });
+}
+
+/** Position of a new corner between a corner and the next one. */
+export function middleOf(ring: Position[], corner: number): Position {
+  const [[ax, ay], [bx, by]] = [ring[corner]!, ring[(corner + 1) % ring.length]!];
+  return [(ax + bx) / 2, (ay + by) / 2];
 }
 
 /** Remove a corner; a ring of two is removed: a hole alone, an outline with its whole shape. */
 export function withoutCorner(sketch: Sketch, number: number, ring: number, corner: number): Sketch {
   const shape = sketch.shapes[number]!;
-  const positions = shape.rings[ring]!.filter((_, k) => k !== corner);
+  const positions = shape.rings[ring]!.toSpliced(corner, 1);
   if (positions.length >= 3) return withRing(sketch, number, ring, positions);
-  if (ring > 0) return withShape(sketch, number, { rings: shape.rings.filter((_, k) => k !== ring) });
+  if (ring > 0) return withShape(sketch, number, { rings: shape.rings.toSpliced(ring, 1) });
   return withoutShape(sketch, number);
 }
 
+export function cropsOf(sketch: Sketch): string[] {
+  return [...new Set(sketch.shapes.filter(({ kind }) => kind === "field").map(({ crop }) => crop))];
+}
+
+export function cornersOf({ rings }: Shape): number {
+  return rings.reduce((sum, ring) => sum + ring.length, 0);
+}
+
 export function withoutShape(sketch: Sketch, number: number): Sketch {
-  return changed(sketch, { shapes: sketch.shapes.filter((_, k) => k !== number) });
+  return changed(sketch, { shapes: sketch.shapes.toSpliced(number, 1) });
 }
 
 /** First unused name. */
@@ -141,41 +153,32 @@ export function fieldAt(sketch: Sketch, place: Position): number | null {
 
 /** Sketches for undo and redo. */
 export class History {
-  private past: Sketch[] = [];
-  private future: Sketch[] = [];
+  private steps: Sketch[];
+  private at = 0;
 
-  constructor(public now: Sketch) {}
+  constructor(first: Sketch) {
+    this.steps = [first];
+  }
+
+  get now(): Sketch {
+    return this.steps[this.at]!;
+  }
 
   /** Drop all undo and redo steps. */
   forget(): void {
-    [this.past, this.future] = [[], []];
+    [this.steps, this.at] = [[this.now], 0];
   }
 
   push(sketch: Sketch): void {
-    if (sketch === this.now) return;
-    this.past.push(this.now);
-    [this.future, this.now] = [[], sketch];
+    if (sketch !== this.now) this.steps.splice(++this.at, Infinity, sketch);
   }
 
-  get canUndo(): boolean {
-    return this.past.length > 0;
+  /** Whether there is a step before (-1) or after (1) the present one. */
+  can(go: -1 | 1): boolean {
+    return this.at + go in this.steps;
   }
 
-  get canRedo(): boolean {
-    return this.future.length > 0;
-  }
-
-  undo(): void {
-    const before = this.past.pop();
-    if (!before) return;
-    this.future.push(this.now);
-    this.now = before;
-  }
-
-  redo(): void {
-    const after = this.future.pop();
-    if (!after) return;
-    this.past.push(this.now);
-    this.now = after;
+  travel(go: -1 | 1): void {
+    if (this.can(go)) this.at += go;
   }
 }

@@ -79,20 +79,9 @@ export function css([red, green, blue]: Rgb): string {
   return `rgb(${red} ${green} ${blue})`;
 }
 
-const looked = new Map<string, string>();
-matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => looked.clear());
+const theme = getComputedStyle(document.documentElement);
 
-/** Drop the cached variables after a change of the theme. */
-export function forgetTheme(): void {
-  looked.clear();
-}
-
-/** Variable of page.css, in the reader's dark or light theme. */
+/** Variable of page.css, in the reader's present dark or light theme. */
 export function themed(name: string): string {
-  let value = looked.get(name);
-  if (value === undefined) {
-    value = getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();
-    looked.set(name, value);
-  }
-  return value;
+  return theme.getPropertyValue(`--${name}`).trim();
 }

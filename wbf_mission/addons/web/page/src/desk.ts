@@ -89,58 +89,65 @@ export class Refused extends Error {
   }
 }
 
-async function ask(path: string, init: RequestInit = {}): Promise<Response> {
+type Query = Record<string, string>;
+
+/** Ask the program; with a body, which may be null, by POST. */
+async function ask(path: string, query: Query, more: RequestInit): Promise<Response> {
+  const address = new URL(`api/${path}`, location.href);
+  address.search = new URLSearchParams(query).toString();
   try {
-    return await fetch(path, init);
+    return await fetch(address, "body" in more ? { method: "POST", ...more } : {});
   } catch (error) {
     if (error instanceof DOMException && error.name === "AbortError") throw new Refused("superseded", "here");
     throw new Refused("The program does not answer: is it still running?");
   }
 }
 
-async function json<T>(asked: Promise<Response>): Promise<T> {
-  const response = await asked;
+async function json<T>(path: string, query: Query = {}, more: RequestInit = {}): Promise<T> {
+  return told(await ask(path, query, more));
+}
+
+async function told<T>(response: Response): Promise<T> {
   const text = await response.text();
-  let told: T & { error?: string; superseded?: "given up" | "another page"; remedy?: Remedy };
+  let answer: T & { error?: string; superseded?: "given up" | "another page"; remedy?: Remedy };
   try {
-    told = JSON.parse(text) as typeof told;
+    answer = JSON.parse(text) as typeof answer;
   } catch {
     throw new Refused(text || response.statusText);
   }
-  if (told.superseded === "another page") throw new Refused("another page of the studio took over: ask again here", told.superseded);
-  if (told.error !== undefined) throw new Refused(told.error, told.superseded, told.remedy);
-  return told;
+  const { error, superseded, remedy } = answer;
+  if (superseded === "another page")
+    throw new Refused("another page of the studio took over: ask again here", superseded);
+  if (error !== undefined) throw new Refused(error, superseded, remedy);
+  return answer;
 }
 
-const query = (given: Record<string, string>): string => new URLSearchParams(given).toString();
-const post = (draft: Draft, signal?: AbortSignal): RequestInit => ({
-  method: "POST",
-  headers: { "Content-Type": "application/json" },
-  body: JSON.stringify(draft),
-  ...(signal ? { signal } : {}),
-});
+const bodyOf = (draft: Draft): Blob => new Blob([JSON.stringify(draft)], { type: "application/json" });
 
 export const desk = {
-  options: (): Promise<Options> => json(ask("api/options")),
-  farm: (name: string): Promise<FarmAnswer> => json(ask(`api/farm?${query({ name })}`)),
-  read: (file: File, how: Record<string, string> = {}): Promise<FarmAnswer> =>
-    json(ask(`api/farm?${query({ name: file.name, ...how })}`, { method: "POST", body: file })),
+  options: () => json<Options>("options"),
+  farm: (name: string) => json<FarmAnswer>("farm", { name }),
+  read: (file: File, how: Query = {}) =>
+    json<FarmAnswer>("farm", { name: file.name, ...how }, { body: file }),
   /** Repair a drawn farm. */
-  mend: (document: Record<string, unknown>): Promise<FarmAnswer> =>
-    json(ask(`api/farm?${query({ repair: "true" })}`, { method: "POST", body: JSON.stringify(document) })),
-  plan: (draft: Draft, signal: AbortSignal): Promise<Planned> => json(ask("api/plan", post(draft, signal))),
-  cancel: (): Promise<unknown> => json(ask("api/cancel", { method: "POST" })),
+  mend: (document: Record<string, unknown>) =>
+    json<FarmAnswer>("farm", { repair: "true" }, { body: JSON.stringify(document) }),
+  plan: (draft: Draft, signal: AbortSignal) => json<Planned>("plan", {}, { body: bodyOf(draft), signal }),
+  cancel: () => json("cancel", {}, { body: null }),
   file: async (draft: Draft, mission: number, format: string): Promise<{ name: string; content: Blob }> => {
-    const response = await ask(`api/export?${query({ mission: String(mission), format })}`, post(draft));
-    if (!response.headers.has("Content-Disposition")) return json(Promise.resolve(response));
-    const name = /filename\*=UTF-8''(.+)/.exec(response.headers.get("Content-Disposition") ?? "")?.[1];
+    const response = await ask("export", { mission: String(mission), format }, { body: bodyOf(draft) });
+    const disposition = response.headers.get("Content-Disposition");
+    if (disposition === null) return told(response);
+    const name = /filename\*=UTF-8''(.+)/.exec(disposition)?.[1];
     return { name: decodeURIComponent(name ?? `mission${format}`), content: await response.blob() };
   },
-  upload: (draft: Draft, mission: number, link: string, system_id: string): Promise<Uploaded> =>
-    json(ask(`api/upload?${query({ mission: String(mission), link, system_id, confirmed: "true" })}`, post(draft))),
-  fly: (draft: Draft, pace: string): Promise<unknown> => json(ask(`api/fly?${query({ pace })}`, post(draft))),
-  flight: (): Promise<FlightState> => json(ask("api/flight")),
-  stop: (): Promise<{ stopped: boolean }> => json(ask("api/stop", { method: "POST" })),
+  upload: (draft: Draft, mission: number, link: string, system_id: string) => {
+    const query = { mission: String(mission), link, system_id, confirmed: "true" };
+    return json<Uploaded>("upload", query, { body: bodyOf(draft) });
+  },
+  fly: (draft: Draft, pace: string) => json("fly", { pace }, { body: bodyOf(draft) }),
+  flight: () => json<FlightState>("flight"),
+  stop: () => json<{ stopped: boolean }>("stop", {}, { body: null }),
 };
 
 /** Save a file in the browser. */

@@ -1,10 +1,9 @@
 // Editor of a farm's shapes on a map, by pointer or keyboard.
 import * as L from "leaflet";
-import { crossings } from "./crossings.js";
 import { cropColour, themed } from "./colours.js";
 import { element } from "./dom.js";
 import {
-  changed, cornersOf, cropsOf, fieldAt, freeName, middleOf, withoutCorner, withRing, withShape,
+  changed, cornersOf, cropsOf, crossings, fieldAt, freeName, middleOf, withoutCorner, withRing, withShape,
   type Kind, type Position, type Shape, type Sketch,
 } from "./sketch.js";
 

@@ -1,9 +1,8 @@
 // Page of a live run, or of recordings of one or two runs.
 import { Charts } from "./charts.js";
-import { forgetTheme } from "./colours.js";
 import { Controls } from "./controls.js";
 import { button, element, panel, setText } from "./dom.js";
-import { Heart, LOOK_MS, TOLD_S, type Link } from "./heart.js";
+import { Heart, TOLD_S, type Link } from "./heart.js";
 import { LayerPanel } from "./layers.js";
 import { MapView, type Choice } from "./map.js";
 import { Decisions, Messages } from "./messages.js";
@@ -62,13 +61,11 @@ class App implements Receiver {
     requestAnimationFrame((now_ms) => this.frame(now_ms));
     // A report opens at its summary, also after a reload.
     if (!this.send && !location.hash) history.scrollRestoration = "manual";
-    if (this.send) setInterval(() => this.linked(), LOOK_MS);
   }
 
   /** Lay out for printing: maps and charts are redrawn at the size on paper. */
   private print(begins: boolean): void {
     document.documentElement.classList.toggle("printing", begins);
-    forgetTheme();
     for (const map of this.maps) map.print(begins);
     this.parts?.charts.redraw();
   }
@@ -89,7 +86,6 @@ class App implements Receiver {
     const fields = this.models[0]?.fields ?? [];
     if (!fields.some((one) => one.name === this.choice.field)) this.choice.field = fields[0]?.name ?? "";
     if (update.reply) this.parts?.controls?.reply(update.reply);
-    if (update.beat) this.linked();
     this.dirty = this.stale = true;
   }
 
@@ -227,7 +223,7 @@ class App implements Receiver {
       });
   }
 
-  /** Show the age of the data; called by a timer, as no data may arrive. */
+  /** Show the age of the data. */
   linked(): void {
     const { link: state, isLost, age_s } = this.heart;
     const model = this.models[0];

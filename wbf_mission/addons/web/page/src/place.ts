@@ -21,7 +21,8 @@ const SPELLINGS: [RegExp, string][] = [
   [/(seconds?|sec)(?![a-z])/gi, '"'],
   [/([nsew])(orth|outh|ast|est)(?![a-z])/gi, "$1"],
 ];
-const TOKEN = /[+-]?\d+(\.\d+)?|[°'"NSEWXY,;]/gy;
+/** A number or a mark; any other text is found without a group. */
+const TOKEN = /([+-]?\d+(?:\.\d+)?|[°'"NSEWXY,;])|\S/g;
 const MARKS = ["°", "'", '"'];
 const SIZES = [1, 60, 3600];
 
@@ -55,19 +56,10 @@ function tokensOf(text: string): string[] {
     if (/\d,\d+,\d/.test(plain)) throw new Unread("its commas may be decimal ones or stand between numbers; write points");
     plain = plain.replace(/(\d),(?=\d)/g, "$1.");
   }
-  const tokens: string[] = [];
-  TOKEN.lastIndex = 0;
-  for (let at = 0; at < plain.length; ) {
-    const space = /^\s+/.exec(plain.slice(at));
-    if (space) at += space[0].length;
-    if (at >= plain.length) break;
-    TOKEN.lastIndex = at;
-    const found = TOKEN.exec(plain);
-    if (!found) throw new Unread(`“${plain.slice(at).trim().slice(0, 12)}” is not understood`);
-    tokens.push(found[0]);
-    at = TOKEN.lastIndex;
-  }
-  return tokens;
+  return [...plain.matchAll(TOKEN)].map(({ 1: token, index }) => {
+    if (token === undefined) throw new Unread(`“${plain.slice(index).trim().slice(0, 12)}” is not understood`);
+    return token;
+  });
 }
 
 const isNumber = (token: string | undefined): boolean => token !== undefined && /\d/.test(token);

@@ -4,7 +4,7 @@ import { Answer } from "./answer.js";
 import { Choices } from "./choices.js";
 import { desk, keep, Refused, type Draft, type FarmAnswer, type Options, type Planned } from "./desk.js";
 import { button, datalist, element, options, panel, setText } from "./dom.js";
-import { Heart, LOOK_MS } from "./heart.js";
+import { Heart } from "./heart.js";
 import { keepDraft, keptDraft } from "./kept.js";
 import { placeOf } from "./place.js";
 import { Editor, type EditorHost, type Tool } from "./editor.js";
@@ -119,11 +119,10 @@ class Studio implements EditorHost {
     window.addEventListener("beforeunload", (event) => this.unsaved && event.preventDefault());
     window.addEventListener("pagehide", () => this.keep());
     listen(this.heart, () => this.look());
-    setInterval(() => this.look(), LOOK_MS);
     void this.begin();
   }
 
-  /** Show whether the program responds; called by a timer. */
+  /** Show whether the program responds. */
   private look(): void {
     const { isOld, isLost } = this.heart;
     setText(this.lost, isOld ? `${this.heart.trouble}: it plans, saves and flies nothing. What is drawn stays in this browser. Trying again …` : "");
